@@ -1,0 +1,77 @@
+"""Robust fractional-order PI design:  a spec in, gains that are checked for every plant of the family out.
+
+    import fopi_tune as ft
+    design = ft.tune("specs/brake.yaml")
+
+Importing this package imports no solver and no plotting library: names are loaded when they are first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fopi_tune.core.controller import FoPi
+    from fopi_tune.core.margins import Margins, margins
+    from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
+    from fopi_tune.design import Status
+    from fopi_tune.errors import DomainError, FopiError, SpecError
+    from fopi_tune.pipeline import prove, tune
+    from fopi_tune.proof import Verification
+    from fopi_tune.result import Check, Design
+    from fopi_tune.spec import load_spec, parse_spec
+    from fopi_tune.spec.model import DesignSpec
+
+__version__ = "0.1.0"
+
+#: public name -> module
+_PUBLIC = {
+    "Check": "fopi_tune.result",
+    "Design": "fopi_tune.result",
+    "DesignSpec": "fopi_tune.spec.model",
+    "DomainError": "fopi_tune.errors",
+    "FoPi": "fopi_tune.core.controller",
+    "FopiError": "fopi_tune.errors",
+    "Margins": "fopi_tune.core.margins",
+    "Plant": "fopi_tune.core.plant",
+    "PlantFamily": "fopi_tune.core.plant",
+    "SpecError": "fopi_tune.errors",
+    "Status": "fopi_tune.design",
+    "Uncertain": "fopi_tune.core.plant",
+    "Verification": "fopi_tune.proof",
+    "load_spec": "fopi_tune.spec",
+    "margins": "fopi_tune.core.margins",
+    "parse_spec": "fopi_tune.spec",
+    "prove": "fopi_tune.pipeline",
+    "tune": "fopi_tune.pipeline",
+}
+
+__all__ = [
+    "Check",
+    "Design",
+    "DesignSpec",
+    "DomainError",
+    "FoPi",
+    "FopiError",
+    "Margins",
+    "Plant",
+    "PlantFamily",
+    "SpecError",
+    "Status",
+    "Uncertain",
+    "Verification",
+    "load_spec",
+    "margins",
+    "parse_spec",
+    "prove",
+    "tune",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PUBLIC:
+        return getattr(import_module(_PUBLIC[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_PUBLIC])

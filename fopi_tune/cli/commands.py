@@ -1,0 +1,166 @@
+"""The commands:  their arguments, and what they call."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fopi_tune import __version__
+from fopi_tune.cli.output import Exit, print_out, reason_of, report_failure, say, to_json, write_file
+from fopi_tune.cli.process import Handling, process
+from fopi_tune.errors import DomainError
+
+if TYPE_CHECKING:
+    from fopi_tune.result import Check, Design
+    from fopi_tune.spec.model import DesignSpec
+
+app = typer.Typer(
+    name="fopi",
+    help="Robust fractional-order PI design: a spec in, gains that are checked for every plant of the family out.",
+    epilog="Exit codes: 0 all requirements met, 1 not met, 2 bad input, 3 the tool failed.",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    no_args_is_help=True,
+)
+
+Specs = Annotated[list[str], typer.Argument(metavar="SPEC", help="Spec files.")]
+Spec = Annotated[str, typer.Argument(metavar="SPEC", help="Spec file.")]
+Out = Annotated[
+    str | None,
+    typer.Option(metavar="DIR", help="Folder of the results, instead of results/NAME; of several specs, DIR/NAME."),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on stdout; of several specs, a list.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback when the tool itself fails.")]
+
+
+@app.callback()
+def _fopi(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=lambda wanted: _version(wanted), is_eager=True, help="Print the version."),
+    ] = False,
+) -> None:
+    pass
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        raise typer.Exit(print_out(f"fopi {__version__}"))
+
+
+@app.command()
+def tune(specs: Specs, out: Out = None, as_json: AsJson = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Find the gains that meet a spec.
+
+    They meet it for every plant of its family, as an independent check confirms.  The result is also written to a file.
+    """
+    _tune(specs, Handling("design.json", out, as_json, quiet, debug, len(specs) > 1))
+
+
+@app.command()
+def run(specs: Specs, out: Out = None, as_json: AsJson = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Run every stage there is on a spec.
+
+    In this version that is what `fopi tune` does.
+    """
+    _tune(specs, Handling("design.json", out, as_json, quiet, debug, len(specs) > 1))
+
+
+@app.command()
+def prove(
+    spec: Spec,
+    kp: Annotated[float, typer.Option(help="Proportional gain.")],
+    ki: Annotated[float, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")],
+    alpha: Annotated[float, typer.Option(help="Order of the integral, between 0 and 2.")],
+    tolerance: Annotated[
+        float, typer.Option(help="How far a requirement may be missed, neper or radian; a delay margin's is relative.")
+    ] = 1e-6,
+    out: Out = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Check given gains against a spec.
+
+    The gains may come from anywhere; the ranges that the spec gives them are not looked at.
+    """
+
+    def make(loaded: DesignSpec) -> Check:
+        from fopi_tune.core.controller import FoPi
+        from fopi_tune.pipeline import prove
+
+        gains = FoPi(kp, ki, alpha)
+        if not 0.0 < tolerance < math.inf:
+            raise DomainError(f"tolerance = {tolerance!r} is not a finite number greater than 0; 1e-6 is usual")
+        return prove(loaded, gains, tolerance)
+
+    handling = Handling("check.json", out, as_json, quiet, debug)
+    raise typer.Exit(process([spec], make, handling, "checking"))
+
+
+@app.command()
+def schema() -> None:
+    """Print the spec language as JSON Schema."""
+    from fopi_tune.spec.schema import json_schema
+
+    raise typer.Exit(print_out(to_json(json_schema())))
+
+
+@app.command()
+def init(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="Name of the design; `design` when left out.")
+    ] = None,
+    out: Annotated[str | None, typer.Option("--out", "-o", metavar="FILE", help="File, instead of NAME.yaml.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+) -> None:
+    """Write a commented spec to start from."""
+    from fopi_tune.spec.template import template
+
+    if name is None:
+        name = Path(out).stem if out else "design"
+    name = name.removesuffix(".yaml")
+    path = Path(out or f"{name}.yaml")
+    try:
+        text = template(name)
+    except DomainError as error:
+        raise _refusal(str(error)) from None
+    if path.is_dir():
+        raise _refusal(f"{path} is a folder; give a file's name with --out")
+    if os.path.lexists(path) and not force:
+        raise _refusal(f"{path} exists already; choose another name, or overwrite it with --force")
+    try:
+        write_file(path, text)
+    except OSError as error:
+        raise _refusal(f"cannot write {path} ({reason_of(error)}); choose another file with --out") from None
+    say(f"wrote {path}; next: fopi tune {path}")
+
+
+def main() -> None:
+    """Entry point of the command `fopi`."""
+    try:
+        app(prog_name="fopi")
+    except Exception as error:
+        sys.exit(report_failure("fopi", error, "--debug" in sys.argv))
+
+
+def _tune(files: Sequence[str], handling: Handling) -> None:
+    def make(spec: DesignSpec) -> Design:
+        from fopi_tune.pipeline import tune
+
+        return tune(spec)
+
+    raise typer.Exit(process(files, make, handling, "tuning"))
+
+
+def _refusal(words: str) -> typer.Exit:
+    say(words)
+    return typer.Exit(Exit.BAD_INPUT)

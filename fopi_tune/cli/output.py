@@ -1,0 +1,98 @@
+"""Printing and writing:  the one place of the library that does either."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+import traceback
+from collections.abc import Callable
+from enum import IntEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+
+class Exit(IntEnum):
+    """The process's exit code; of several specs the worst counts."""
+
+    MET = 0
+    NOT_MET = 1
+    BAD_INPUT = 2
+    TOOL_FAILED = 3
+
+
+def print_out(words: object, write: Callable[..., None] = print) -> Exit:
+    """Print on stdout; a reader that has gone, as in `fopi ... | head`, is no mistake."""
+    try:
+        write(words)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError as error:
+        # What is left in the buffer has nowhere to go: without this the interpreter would complain when it ends.
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        if not isinstance(error, BrokenPipeError):
+            say(f"cannot write to stdout ({reason_of(error)})")
+            return Exit.BAD_INPUT
+    return Exit.MET
+
+
+def print_styled(text: Text) -> Exit:
+    """Print on stdout, in colour where somebody is looking who wants it."""
+    plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    if plain or sys.stdout is None or not sys.stdout.isatty():
+        return print_out(text.plain)
+    from rich.console import Console
+
+    return print_out(text, Console(highlight=False, soft_wrap=True).print)
+
+
+def say(words: str) -> None:
+    """One line on stderr; control characters, as in a file's name, are shown, not obeyed."""
+    line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in words)
+    with contextlib.suppress(OSError):
+        print(line, file=sys.stderr, flush=True)
+
+
+def report_failure(what: str, error: Exception, debug: bool) -> Exit:
+    """A bug of the tool: one line, and the traceback on demand."""
+    if debug:
+        print("".join(traceback.format_exception(error)), file=sys.stderr)
+    hint = "please report it together with the spec" + ("" if debug else " and what --debug adds")
+    say(f"{what}: internal error, {type(error).__name__}: {error}; this is a mistake of fopi-tune: {hint}")
+    return Exit.TOOL_FAILED
+
+
+def to_json(document: object) -> str:
+    """Strict JSON: NaN and infinity are errors of the tool, not output."""
+    return json.dumps(document, indent=2, allow_nan=False)
+
+
+def reason_of(error: OSError) -> str:
+    """What the operating system said."""
+    return error.strerror or str(error)
+
+
+def write_file(path: Path, text: str) -> None:
+    """Write a file at once or not at all, making its folder.
+
+    Raises:
+        OSError: not writable; an existing file is unchanged.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    file = open(temporary, "x", encoding="utf-8", newline="\n")  # noqa: SIM115 - a file that is there is not ours to delete
+    try:
+        with file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise

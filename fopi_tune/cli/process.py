@@ -1,0 +1,127 @@
+"""Specs to results:  load, make, write and print each, and end with the worst exit code."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
+from fopi_tune.errors import DomainError, SpecError
+
+# Solver, NumPy and Rich are imported where they are needed: a mistake must not wait for them.
+if TYPE_CHECKING:
+    from rich.text import Text
+
+    from fopi_tune.result import Check, Design
+    from fopi_tune.spec.model import DesignSpec
+
+
+@dataclass(frozen=True)
+class Handling:
+    """What to do with results and failures."""
+
+    file_name: str
+    out: str | None
+    as_json: bool
+    quiet: bool
+    debug: bool
+    several: bool = False
+
+    def path(self, spec: DesignSpec) -> Path:
+        """Where a spec's result goes."""
+        if self.out is None:
+            return Path("results", spec.name, self.file_name)
+        return Path(self.out, spec.name, self.file_name) if self.several else Path(self.out, self.file_name)
+
+    def note(self, words: str) -> None:
+        """Say something on stderr that is no mistake."""
+        if not self.quiet:
+            say(words)
+
+
+def process(files: Sequence[str], make: Callable[[DesignSpec], Design | Check], handling: Handling, doing: str) -> Exit:
+    """Load every spec, then make, write and print one result each; ends with the worst of the exit codes."""
+    specs, code = _load(files, handling)
+    documents: list[dict[str, Any]] = []
+    for spec in specs:
+        handling.note(f"{spec.name}: {doing} ...")
+        code = max(code, _one(spec, make, handling, documents))
+    if handling.as_json and (documents or handling.several):
+        code = max(code, print_out(to_json(documents if handling.several else documents[0])))
+    return code
+
+
+def _load(files: Sequence[str], handling: Handling) -> tuple[list[DesignSpec], Exit]:
+    """The usable specs; every mistake in the others is reported."""
+    code, specs = Exit.MET, dict[str, tuple[str, "DesignSpec"]]()
+    for file in files:
+        try:
+            from fopi_tune.spec import load_spec
+
+            spec = load_spec(file)
+        except SpecError as error:
+            for problem in error.problems:
+                say(str(problem))
+            code = max(code, Exit.BAD_INPUT)
+            continue
+        except Exception as error:
+            code = max(code, report_failure(file, error, handling.debug))
+            continue
+        # Folders are named after specs, and some file systems do not tell upper from lower case.
+        other, _ = specs.setdefault(spec.name.casefold(), (file, spec))
+        if specs[spec.name.casefold()][1] is not spec:
+            say(f"{file}: {other} has the same name, {spec.name}; their results would overwrite each other")
+            code = max(code, Exit.BAD_INPUT)
+    return [spec for _, spec in specs.values()], code
+
+
+def _one(
+    spec: DesignSpec, make: Callable[[DesignSpec], Design | Check], handling: Handling, documents: list[dict[str, Any]]
+) -> Exit:
+    """Make one result, write it, print it or add it to the documents."""
+    start = time.perf_counter()
+    try:
+        result = make(spec)
+        document = result.to_dict()
+        text = to_json(document)
+        table = None if handling.as_json else _table(result)
+    except DomainError as error:
+        say(f"{spec.name}: {error}")
+        return Exit.BAD_INPUT
+    except Exception as error:
+        return report_failure(spec.name, error, handling.debug)
+    handling.note(f"{spec.name}: {document['status']} after {time.perf_counter() - start:.1f} s")
+    # The file comes before the table, so that a closed stdout costs nothing.
+    code = max(_exit_code(result), _write(handling.path(spec), text + "\n", spec.name, handling))
+    if table is not None:
+        if documents:
+            print_out("")
+        code = max(code, print_styled(table))
+    documents.append(document)
+    return code
+
+
+def _write(path: Path, text: str, name: str, handling: Handling) -> Exit:
+    try:
+        write_file(path, text)
+    except OSError as error:
+        say(f"{name}: cannot write {path} ({reason_of(error)}); choose another folder with --out")
+        return Exit.BAD_INPUT
+    handling.note(f"{name}: wrote {path}")
+    return Exit.MET
+
+
+def _exit_code(result: Design | Check) -> Exit:
+    if result.status in ("solved", "met"):
+        return Exit.MET
+    return Exit.TOOL_FAILED if result.status == "failed" else Exit.NOT_MET
+
+
+def _table(result: Design | Check) -> Text:
+    from fopi_tune.report import check_text, design_text
+    from fopi_tune.result import Design
+
+    return design_text(result) if isinstance(result, Design) else check_text(result)

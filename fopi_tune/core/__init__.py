@@ -1,0 +1,1 @@
+"""What everything is said in: controllers, plants, their responses, margins and stability."""

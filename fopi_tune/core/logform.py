@@ -1,0 +1,138 @@
+"""Transfer functions in logarithmic factors:  the form in which nothing has to be unwrapped and nothing is missed.
+
+With u = ln omega, every response of this package is, exactly,
+
+    ln f = scale + slope0 u + j phase0 + sum_k sign_k ln(1 + e^{nu_k (u - u_k)} e^{j psi_k}) - j delay e^u .      (1)
+
+A root r of a polynomial has nu = 1, u_k = ln|r| and psi = arg(-j/r); kp + ki s^-alpha has nu = alpha,
+u_k = ln|ki/kp|/alpha and psi = alpha pi/2.  As omega grows, w = e^{nu (u - u_k)} e^{j psi} runs along a ray from 0, so
+the principal value of ln(1 + w) is continuous: the imaginary part of (1) is the unwrapped phase from omega -> 0, in
+closed form.  With
+
+    d/du ln(1 + w) = nu w/(1 + w),        d2/du2 ln(1 + w) = nu^2 w/(1 + w)^2,                                     (2)
+
+the second derivative is bounded on an interval of u by the ray's smallest distance from -1, which is what
+`fopi_tune.core.roots` and `fopi_tune.core.peaks` need in order to miss nothing between two points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
+Complex = NDArray[np.complex128]
+
+#: exponents are cut here so that a double, and in bounds its square, stays finite
+_EXPONENT_CAP = 700.0
+_BOUND_EXPONENT_CAP = 300.0
+
+
+@dataclass(frozen=True)
+class LogForm:
+    """m functions of u = ln omega in the form (1).
+
+    Args:
+        scale: shape (m,), ln of the absolute gain of the low-frequency asymptote at omega = 1 rad/s.
+        slope0: shape (m,), exponent of that asymptote (-1 per integrator).
+        phase0: shape (m,), rad, phase as omega -> 0.
+        sign: shape (m, K), +1 for a factor above the line, -1 below.
+        nu: shape (m, K), exponent of a factor's ray.
+        corner: shape (m, K), u_k; inf for a factor that is not there.
+        psi: shape (m, K), rad, angle of a factor's ray, in (-pi, pi).
+        delay: shape (m,), s; negative in the inverse of a delayed function.
+    """
+
+    scale: Array
+    slope0: Array
+    phase0: Array
+    sign: Array
+    nu: Array
+    corner: Array
+    psi: Array
+    delay: Array
+
+    def __add__(self, other: LogForm) -> LogForm:
+        """The product of the functions."""
+        return LogForm(
+            self.scale + other.scale,
+            self.slope0 + other.slope0,
+            self.phase0 + other.phase0,
+            np.concatenate([self.sign, other.sign], axis=1),
+            np.concatenate([self.nu, other.nu], axis=1),
+            np.concatenate([self.corner, other.corner], axis=1),
+            np.concatenate([self.psi, other.psi], axis=1),
+            self.delay + other.delay,
+        )
+
+    def __neg__(self) -> LogForm:
+        """One over the functions."""
+        return LogForm(-self.scale, -self.slope0, -self.phase0, -self.sign, self.nu, self.corner, self.psi, -self.delay)
+
+    def take(self, rows: Rows) -> LogForm:
+        """The functions of these rows."""
+        return LogForm(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+    def undelayed(self) -> LogForm:
+        """The functions without their dead times: the same gain, and a curvature bound that is about the gain alone."""
+        return replace(self, delay=np.zeros_like(self.delay))
+
+    def value(self, rows: Rows, u: Array) -> Complex:
+        """ln f at u, unwrapped; rows and u of equal shape (n,)."""
+        return self.value_and_derivative(rows, u)[0]
+
+    def derivative(self, rows: Rows, u: Array) -> Complex:
+        """d ln f / du at u: the slope of ln|f| and, imaginary, that of the phase in rad."""
+        return self.value_and_derivative(rows, u)[1]
+
+    def value_and_derivative(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
+        """ln f, unwrapped, and d ln f / du at u; rows and u of equal shape (n,)."""
+        nu, sign, slope0 = self.nu[rows], self.sign[rows], self.slope0[rows]
+        exponent = np.clip(nu * (u[:, None] - self.corner[rows]), -_EXPONENT_CAP, _EXPONENT_CAP)
+        w = np.exp(exponent) * self._direction[rows]
+        turn = self.delay[rows] * np.exp(u)
+        value = self.scale[rows] + slope0 * u + 1j * (self.phase0[rows] - turn) + (sign * np.log1p(w)).sum(axis=1)
+        return value, slope0 + (sign * nu * (w / (1.0 + w))).sum(axis=1) - 1j * turn
+
+    def curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
+        """An upper bound of |d2 ln f / du2| on [low, high], by (2)."""
+        return self.gain_curvature_bound(rows, low, high) + np.abs(self.delay[rows]) * np.exp(high)
+
+    def gain_curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
+        """The same without the dead time, which bends only the phase: an upper bound of |d2 ln|f| / du2|."""
+        nu, corner, cosine = self.nu[rows], self.corner[rows], self._direction[rows].real
+        rho_low = np.exp(np.clip(nu * (low[:, None] - corner), -_BOUND_EXPONENT_CAP, _BOUND_EXPONENT_CAP))
+        rho_high = np.exp(np.clip(nu * (high[:, None] - corner), -_BOUND_EXPONENT_CAP, _BOUND_EXPONENT_CAP))
+        # The point of the ray's piece that lies closest to -1 has |w| = -cos psi, or is an end of the piece.
+        closest = np.clip(-cosine, rho_low, rho_high)
+        squared_distance = (closest + cosine) ** 2 + self._direction[rows].imag ** 2
+        return (nu**2 * rho_high / np.maximum(squared_distance, 1e-300)).sum(axis=1)
+
+    def slope_end(self) -> Array:
+        """Shape (m,), d ln|f| / du as omega -> inf."""
+        present = np.isfinite(self.corner)
+        return self.slope0 + (self.sign * self.nu * present).sum(axis=1)
+
+    def end(self) -> tuple[Array, Array]:
+        """High-frequency asymptote c omega^slope_end: ln|c| and its phase (rad, delay left out), shape (m,) each."""
+        present = np.isfinite(self.corner)
+        log_gain = -(np.where(present, self.sign * self.nu * np.where(present, self.corner, 0.0), 0.0)).sum(axis=1)
+        phase = np.where(present, self.sign * self.psi, 0.0).sum(axis=1)
+        return self.scale + log_gain, self.phase0 + phase
+
+    def corners(self) -> tuple[Array, Array]:
+        """Smallest and largest u, outside which the function is its asymptotes to 1e-9, shape (m,) each."""
+        present = np.isfinite(self.corner)
+        reach = np.where(present, np.log(1e9) / np.maximum(self.nu, 1e-6), 0.0)
+        low = np.where(present, self.corner - reach, np.inf).min(axis=1, initial=np.inf)
+        high = np.where(present, self.corner + reach, -np.inf).max(axis=1, initial=-np.inf)
+        none = ~present.any(axis=1)
+        return np.where(none, -1.0, low), np.where(none, 1.0, high)
+
+    @cached_property
+    def _direction(self) -> Complex:
+        return np.exp(1j * self.psi)

@@ -1,0 +1,247 @@
+"""Many loops at once:  gains and plants -> L = C P, unity negative feedback.
+
+Rows are independent: row i has its own gains and its own plant.  Everything here is NumPy and exact up to rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.logform import Array, Complex, LogForm, Rows
+from fopi_tune.core.plant import Plant, PlantFamily
+from fopi_tune.errors import DomainError
+
+#: A root on the imaginary axis is looked at from the right, as one this far (relative) inside the left half-plane.
+_AXIS_TOLERANCE = 1e-9
+
+
+def polynomial_roots(coefficients: Array) -> Complex:
+    """Roots of m polynomials.
+
+    Args:
+        coefficients: shape (m, n + 1), descending powers.
+
+    Returns:
+        Shape (m, n); exact zeros for roots at the origin, inf for the roots that leading zeros leave out.
+    """
+    rows, width = coefficients.shape
+    roots = np.full((rows, width - 1), np.inf + 0j, dtype=complex)
+    nonzero = coefficients != 0.0
+    first = np.argmax(nonzero, axis=1)
+    last = width - 1 - np.argmax(nonzero[:, ::-1], axis=1)
+    for start, stop in {(int(a), int(b)) for a, b in zip(first, last, strict=True)}:
+        group = np.flatnonzero((first == start) & (last == stop))
+        degree = stop - start
+        roots[group, degree : degree + width - 1 - stop] = 0.0
+        if degree:
+            companion = np.zeros((len(group), degree, degree))
+            companion[:, 1:, :-1] = np.eye(degree - 1)
+            companion[:, 0, :] = -coefficients[group, start + 1 : stop + 1] / coefficients[group, start, None]
+            roots[group, :degree] = np.linalg.eigvals(companion)
+    return roots
+
+
+@dataclass(frozen=True)
+class Plants:
+    """m plants of one shape.
+
+    Args:
+        numerator: shape (m, a), descending powers of s.
+        denominator: shape (m, b).
+        dead_time_s: shape (m,).
+    """
+
+    numerator: Array
+    denominator: Array
+    dead_time_s: Array
+
+    @classmethod
+    def of(cls, plant: Plant) -> Plants:
+        """One plant as a batch of one row."""
+        return cls(np.array([plant.numerator]), np.array([plant.denominator]), np.array([plant.dead_time_s]))
+
+    @classmethod
+    def members(cls, family: PlantFamily, points: Array) -> Plants:
+        """The members of a family at these places of its box, shape (m, p)."""
+        return cls(*family.coefficients(points))
+
+    def take(self, rows: Rows) -> Plants:
+        """The plants of these rows, repeated as often as they are named."""
+        return Plants(self.numerator[rows], self.denominator[rows], self.dead_time_s[rows])
+
+    def __len__(self) -> int:
+        return len(self.dead_time_s)
+
+    @cached_property
+    def zeros(self) -> Complex:
+        """Roots of the numerators, shape (m, a - 1)."""
+        return polynomial_roots(self.numerator)
+
+    @cached_property
+    def poles(self) -> Complex:
+        """Roots of the denominators, shape (m, b - 1)."""
+        return polynomial_roots(self.denominator)
+
+    @cached_property
+    def unstable_poles(self) -> NDArrayInt:
+        """Number of poles in the open right half-plane, shape (m,)."""
+        return (np.isfinite(self.poles) & (_nudged(self.poles).real > 0)).sum(axis=1)
+
+    @cached_property
+    def hidden_on_axis(self) -> NDArray[np.bool_]:
+        """Whether N and D share a root on the imaginary axis: no controller moves it, shape (m,)."""
+        poles, zeros = self.poles[:, :, None], self.zeros[:, None, :]
+        on_axis = np.isfinite(poles) & (np.abs(poles.real) <= _AXIS_TOLERANCE * np.abs(poles.imag))
+        both = on_axis & np.isfinite(zeros)
+        pole, zero = np.where(both, poles, 0.0), np.where(both, zeros, 0.0)
+        common = both & (np.abs(zero - pole) <= _AXIS_TOLERANCE * np.abs(pole))
+        return np.asarray(common.any(axis=(1, 2)))
+
+    def response(self, rows: Rows, omega: Array) -> Complex:
+        """P(j omega) without its dead time; rows and omega of shape (n,)."""
+        s = np.asarray(1j * omega, dtype=complex)
+        return _polynomial(self.numerator[rows], s) / _polynomial(self.denominator[rows], s)
+
+    @cached_property
+    def log(self) -> LogForm:
+        """ln P.  Every pole in the right half-plane starts at -180 deg: so Nyquist's count meets the phase margin."""
+        zeros, poles = _nudged(self.zeros), _nudged(self.poles)
+        roots = np.concatenate([zeros, poles], axis=1)
+        sign = np.concatenate([np.ones_like(zeros, dtype=float), -np.ones_like(poles, dtype=float)], axis=1)
+        origin = roots == 0.0
+        inner = np.isfinite(roots) & ~origin
+        safe = np.where(inner, roots, 1.0)
+        leading = _leading(self.numerator) / _leading(self.denominator)
+        # k prod (s - z)/prod (s - p) = k prod(-z)/prod(-p) s^n prod(1 - s/z)/prod(1 - s/p); -r is positive for r < 0.
+        constant = np.log(np.abs(leading)) + (sign * np.where(inner, np.log(np.abs(safe)), 0.0)).sum(axis=1)
+        slope0 = (sign * origin).sum(axis=1)
+        right_zeros = (inner & (sign > 0) & (roots.real > 0)).sum(axis=1)
+        negative = (leading < 0) ^ (right_zeros % 2 == 1)
+        phase0 = np.asarray(-np.pi * negative - np.pi * self.unstable_poles + 0.5 * np.pi * slope0, dtype=float)
+        return LogForm(
+            constant,
+            slope0,
+            phase0,
+            sign,
+            np.ones_like(sign),
+            np.where(inner, np.log(np.abs(safe)), np.inf),
+            np.where(inner, np.angle(-1j / safe), 0.0),
+            self.dead_time_s,
+        )
+
+
+@dataclass(frozen=True)
+class Loops:
+    """m loops L = C P; gains of shape (m,), plants of m rows."""
+
+    kp: Array
+    ki: Array
+    alpha: Array
+    plants: Plants
+
+    @classmethod
+    def of(cls, controller: FoPi, plants: Plants) -> Loops:
+        """One controller with every one of the plants."""
+        rows = len(plants)
+        return cls(np.full(rows, controller.kp), np.full(rows, controller.ki), np.full(rows, controller.alpha), plants)
+
+    def __len__(self) -> int:
+        return len(self.kp)
+
+    def take(self, rows: Rows) -> Loops:
+        """The loops of these rows."""
+        return Loops(self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows))
+
+    @cached_property
+    def log_controller(self) -> LogForm:
+        """ln C of kp + ki s^-alpha: -90 deg alpha as omega -> 0, where the integral reigns.
+
+        Raises:
+            DomainError: kp = ki = 0: there is no loop.
+        """
+        if np.any((self.kp == 0.0) & (self.ki == 0.0)):
+            raise DomainError("kp = ki = 0: there is no controller, so there is no loop; give one of them a value")
+        integral = self.ki != 0.0
+        both = integral & (self.kp != 0.0)
+        log_ratio = np.log(np.abs(np.where(both, self.kp, 1.0))) - np.log(np.abs(np.where(both, self.ki, 1.0)))
+        lead = np.where(integral, self.ki, self.kp)
+        # kp + ki s^-alpha = ki s^-alpha (1 + (kp/ki) s^alpha), where s^alpha = omega^alpha e^{j alpha pi/2}
+        psi = 0.5 * np.pi * self.alpha - np.pi * (np.sign(self.kp) != np.sign(self.ki))
+        return LogForm(
+            np.log(np.abs(lead)),
+            np.where(integral, -self.alpha, 0.0),
+            np.where(lead < 0, -np.pi, 0.0) - np.where(integral, 0.5 * np.pi * self.alpha, 0.0),
+            np.ones((len(self), 1)),
+            self.alpha[:, None],
+            np.where(both, -log_ratio / self.alpha, np.inf)[:, None],
+            np.where(both, psi, 0.0)[:, None],
+            np.zeros(len(self)),
+        )
+
+    @cached_property
+    def log(self) -> LogForm:
+        """ln L.  Two minus signs (a negative gain on a negative plant) cancel instead of adding -360 deg."""
+        plant, controller = self.plants.log, self.log_controller
+        product = plant + controller
+        lead = np.where(self.ki != 0.0, self.ki, self.kp)
+        own_sign = plant.phase0 - 0.5 * np.pi * plant.slope0 + np.pi * self.plants.unstable_poles
+        negative_plant = own_sign < -0.5 * np.pi
+        both = (lead < 0) & negative_plant
+        return LogForm(
+            product.scale, product.slope0, product.phase0 + 2.0 * np.pi * both,
+            product.sign, product.nu, product.corner, product.psi, product.delay,
+        )  # fmt: skip
+
+    def controller_response(self, rows: Rows, omega: Array) -> Complex:
+        """C(j omega) on the principal branch; rows and omega of shape (n,)."""
+        angle = 0.5 * np.pi * self.alpha[rows]
+        return self.kp[rows] + self.ki[rows] * omega ** -self.alpha[rows] * (np.cos(angle) - 1j * np.sin(angle))
+
+    def response(self, rows: Rows, omega: Array) -> Complex:
+        """L(j omega), dead time included; rows and omega of shape (n,)."""
+        delay = np.exp(-1j * omega * self.plants.dead_time_s[rows])
+        return self.controller_response(rows, omega) * self.plants.response(rows, omega) * delay
+
+    def log_response(self, rows: Rows, u: Array) -> Complex:
+        """ln L at u = ln omega, unwrapped.
+
+        The value comes from the polynomials, the sheet of the logarithm from the factors: a multiple root, which no
+        root finder resolves to more than a few digits, does not spoil it.
+        """
+        return self.log_response_and_slope(rows, u)[0]
+
+    def log_response_and_slope(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
+        """ln L as above, and d ln L / du."""
+        factors, slope = self.log.value_and_derivative(rows, u)
+        omega = np.exp(u)
+        with np.errstate(all="ignore"):
+            direct = np.log(self.controller_response(rows, omega) * self.plants.response(rows, omega))
+        direct = direct - 1j * omega * self.plants.dead_time_s[rows]
+        turns = np.round((factors.imag - direct.imag) / (2.0 * np.pi))
+        return np.where(np.isfinite(direct), direct + 2j * np.pi * turns, factors), slope
+
+
+NDArrayInt = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
+
+
+def _polynomial(coefficients: Array, s: Complex) -> Complex:
+    value = np.zeros_like(s)
+    for k in range(coefficients.shape[1]):
+        value = value * s + coefficients[:, k]
+    return value
+
+
+def _leading(coefficients: Array) -> Array:
+    first = np.argmax(coefficients != 0.0, axis=1)
+    return coefficients[np.arange(len(coefficients)), first]
+
+
+def _nudged(roots: Complex) -> Complex:
+    """Roots with those on the imaginary axis (the origin apart) put just inside the left half-plane."""
+    on_axis = np.isfinite(roots) & (roots != 0.0) & (np.abs(roots.real) <= _AXIS_TOLERANCE * np.abs(roots.imag))
+    return np.where(on_axis, -_AXIS_TOLERANCE * np.abs(roots.imag) + 1j * roots.imag, roots)

@@ -1,0 +1,230 @@
+"""Crossovers and margins of loops:  every crossover, exactly.
+
+    gain crossover     |L(j omega)| = 1
+    phase crossover    arg L(j omega) = -180 deg (mod 360)
+
+The phase is unwrapped from omega -> 0, where it is -90 deg alpha for the fractional integral, -90 deg per integrator of
+the plant, and -180 deg for a negative sign and for every open-loop pole in the right half-plane.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.logform import Array, Rows
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.plant import Plant
+from fopi_tune.core.roots import find_roots
+
+#: |u| never exceeds this: omega stays inside what a double can hold
+_U_CAP = 600.0
+#: |ln|L|| never exceeds this in a result: |L| and its logarithm stay finite
+_GAIN_CAP = 700.0
+#: rad; a dead time that turns the phase by less does not yet matter
+_SMALL_TURN = 1e-9
+#: an exponent of omega this small is 0 but for rounding
+_FLAT_SLOPE = 1e-12
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """Points where loops cross a line, sorted by row, then frequency; all of shape (n,).
+
+    Args:
+        row: which loop.
+        omega_rad_s: where.
+        gain: |L| there.
+        phase_rad: unwrapped arg L there.
+        slope_rad: d arg L / d ln omega there.
+    """
+
+    row: Rows
+    omega_rad_s: Array
+    gain: Array
+    phase_rad: Array
+    slope_rad: Array
+
+    @property
+    def phase_margin_deg(self) -> Array:
+        """180 deg + arg L; negative where the unwrapped phase is below -180 deg."""
+        return np.degrees(np.pi + self.phase_rad)
+
+    @property
+    def delay_margin_s(self) -> Array:
+        """Phase margin over omega: the dead time this crossing can still take."""
+        return (np.pi + self.phase_rad) / self.omega_rad_s
+
+
+def _crossings(loops: Loops, rows: Rows, u: Array) -> Crossings:
+    value, slope = loops.log_response_and_slope(rows, u)
+    return Crossings(rows, np.exp(u), np.exp(np.clip(value.real, -_GAIN_CAP, _GAIN_CAP)), value.imag, slope.imag)
+
+
+def _gain_range(loops: Loops, level: Array) -> tuple[Array, Array]:
+    """An interval of u outside which |L| runs along its asymptotes without meeting e^level."""
+    log = loops.log
+    low, high = log.corners()
+    rows = np.arange(len(loops))
+    low, high = np.clip(low, -_U_CAP, _U_CAP), np.clip(high, -_U_CAP, _U_CAP)
+
+    def distance(u: Array, slope: Array) -> Array:
+        flat = np.abs(slope) < _FLAT_SLOPE
+        return np.where(flat, 0.0, (level - loops.log_response(rows, u).real) / np.where(flat, 1.0, slope))
+
+    # Beyond the corners the slope is constant to 1e-8, so this lands beyond the last possible crossing.
+    low = low + np.minimum(1.01 * distance(low, log.slope0), 0.0) - 1.0
+    high = high + np.maximum(1.01 * distance(high, log.slope_end()), 0.0) + 1.0
+    return np.maximum(low, -_U_CAP), np.minimum(high, _U_CAP)
+
+
+def gain_crossovers(loops: Loops, level: Array | None = None) -> Crossings:
+    """Every frequency with |L| = e^level (level 0: the gain crossovers) of every loop.
+
+    Args:
+        loops: m loops.
+        level: shape (m,), in neper; 0 when left out.
+
+    Returns:
+        The crossings; a loop without any has no row in it.
+    """
+    level = np.zeros(len(loops)) if level is None else level
+    low, high = _gain_range(loops, level)
+
+    def function(rows: Rows, u: Array) -> tuple[Array, Array]:
+        value, slope = loops.log_response_and_slope(rows, u)
+        return value.real - level[rows], slope.real
+
+    # |e^{-j omega L}| = 1: the dead time bends only the phase.
+    rows, u = find_roots(function, loops.log.gain_curvature_bound, np.arange(len(loops)), low, high)
+    return _crossings(loops, rows, u)
+
+
+def phase_crossovers(loops: Loops) -> Crossings:
+    """Every phase crossover that stability or a gain margin can depend on.
+
+    With a dead time there are infinitely many; those left out have a higher frequency and a smaller |L| than one that
+    is listed.  Where |L| tends to a constant below 1 they may come ever closer to it from below: that limit is then
+    listed too, as a crossing at omega = inf.
+
+    Returns:
+        The crossings; a loop whose phase never meets -180 deg (mod 360) has no row in it.
+    """
+    low, high = _gain_range(loops, np.zeros(len(loops)))
+    delay = loops.plants.dead_time_s
+    delayed = np.flatnonzero(delay > 0)
+    crossings = _phase_crossings(loops, np.setdiff1d(np.arange(len(loops)), delayed), low, high)
+    if not len(delayed):
+        return crossings
+    low[delayed] = np.minimum(low[delayed], np.log(_SMALL_TURN / delay[delayed]))
+    # From the last gain crossover on, more than one turn of the phase holds at least one crossing with |L| < 1 ...
+    gain = gain_crossovers(loops)
+    last = np.full(len(loops), -np.inf)
+    np.maximum.at(last, gain.row, np.log(gain.omega_rad_s))
+    last = np.where(np.isfinite(last), last, low)
+    factor_turns = 2.0 * np.pi * (2.0 + loops.log.sign.shape[1])
+    first_stop, stop = high.copy(), high.copy()
+    first_stop[delayed] = np.log(np.exp(last[delayed]) + factor_turns / delay[delayed])
+    found = _phase_crossings(loops, delayed, low, first_stop)
+    # ... and nothing beyond the last frequency with a larger |L| than the largest such crossing can set the margin.
+    largest = np.full(len(loops), -np.inf)
+    small = found.gain < 1.0
+    np.maximum.at(largest, found.row[small], np.log(found.gain[small]))
+    known = delayed[np.isfinite(largest[delayed])]
+    level = gain_crossovers(loops.take(known), largest[known] - 1e-9)
+    stop[delayed] = -np.inf
+    np.maximum.at(stop, known[level.row], np.log(level.omega_rad_s))
+    further = np.flatnonzero(stop > first_stop)
+    return _joined(crossings, found, _phase_crossings(loops, further, first_stop, stop), _limit_crossings(loops))
+
+
+def _limit_crossings(loops: Loops) -> Crossings:
+    """The limit omega -> inf of loops with a dead time whose |L| tends to a constant in (0, 1)."""
+    log = loops.log
+    gain, _ = log.end()
+    rows = np.flatnonzero((log.delay > 0) & (log.slope_end() >= -_FLAT_SLOPE) & (gain < 0))
+    inf = np.full(len(rows), np.inf)
+    return Crossings(rows, inf, np.exp(gain[rows]), -inf, -inf)
+
+
+def _phase_crossings(loops: Loops, rows: Rows, low: Array, high: Array) -> Crossings:
+    def function(r: Rows, u: Array) -> tuple[Array, Array]:
+        value, slope = loops.log_response_and_slope(r, u)
+        return value.imag + np.pi, slope.imag
+
+    found, u = find_roots(function, loops.log.curvature_bound, rows, low[rows], high[rows], period=2.0 * np.pi)
+    return _crossings(loops, found, u)
+
+
+def _joined(*parts: Crossings) -> Crossings:
+    columns = [np.concatenate([getattr(part, n) for part in parts]) for n in Crossings.__dataclass_fields__]
+    order = np.lexsort((columns[1], columns[0]))
+    return Crossings(*(column[order] for column in columns))
+
+
+@dataclass(frozen=True)
+class Margins:
+    """The margins of one loop.  A margin that does not exist is None, never a quiet infinity.
+
+    Args:
+        crossover_rad_s: the highest gain crossover; None when |L| never is 1.
+        phase_margin_deg: the smallest over all gain crossovers.
+        phase_margin_rad_s: the crossover where it is smallest.
+        gain_margin_db: the smallest 1/|L| over the phase crossovers with |L| < 1; inf when there is none.
+        gain_margin_rad_s: where; None when infinite.
+        gain_reduction_margin_db: the smallest reduction, negative, that brings a phase crossover with |L| > 1 to 1;
+            -inf when there is none.
+        delay_margin_s: the smallest phase margin / omega.
+        delay_margin_rad_s: where.
+        phase_slope_deg_per_decade: d arg L / d log10 omega at the highest gain crossover.
+        gain_crossovers_rad_s: all of them.
+    """
+
+    crossover_rad_s: float | None
+    phase_margin_deg: float | None
+    phase_margin_rad_s: float | None
+    gain_margin_db: float
+    gain_margin_rad_s: float | None
+    gain_reduction_margin_db: float
+    delay_margin_s: float | None
+    delay_margin_rad_s: float | None
+    phase_slope_deg_per_decade: float | None
+    gain_crossovers_rad_s: tuple[float, ...]
+
+
+def margins(controller: FoPi, plant: Plant) -> Margins:
+    """The margins of one controller with one plant.
+
+    Raises:
+        DomainError: kp = ki = 0.
+    """
+    loops = Loops.of(controller, Plants.of(plant))
+    gain, phase = gain_crossovers(loops), phase_crossovers(loops)
+    gain_db = -20.0 * np.log10(phase.gain)
+    # A loop through -1 itself has no margin: it counts as 0 dB, whichever side rounding puts it on.
+    above, below = gain_db >= 0.0, gain_db < 0.0
+    margin_db, margin_at = _smallest(gain_db[above], phase.omega_rad_s[above])
+    pm_deg, pm_at = _smallest(gain.phase_margin_deg, gain.omega_rad_s)
+    delay_s, delay_at = _smallest(gain.delay_margin_s, gain.omega_rad_s)
+    return Margins(
+        crossover_rad_s=float(gain.omega_rad_s[-1]) if len(gain.row) else None,
+        phase_margin_deg=pm_deg,
+        phase_margin_rad_s=pm_at,
+        gain_margin_db=math.inf if margin_db is None else margin_db,
+        gain_margin_rad_s=margin_at,
+        gain_reduction_margin_db=float(gain_db[below].max()) if below.any() else -math.inf,
+        delay_margin_s=delay_s,
+        delay_margin_rad_s=delay_at,
+        phase_slope_deg_per_decade=float(np.degrees(gain.slope_rad[-1]) * math.log(10.0)) if len(gain.row) else None,
+        gain_crossovers_rad_s=tuple(gain.omega_rad_s.tolist()),
+    )
+
+
+def _smallest(values: Array, where: Array) -> tuple[float | None, float | None]:
+    if not len(values):
+        return None, None
+    k = int(np.argmin(values))
+    return float(values[k]), float(where[k])

@@ -1,0 +1,277 @@
+"""Global extremes over frequency of |S|, |T|, |C S| and |L|:  no peak missed between two points.
+
+Each is one over a sum of one or two functions in logarithmic factors,
+
+    1/S = 1 + L,      1/T = 1 + 1/L,      1/(C S) = 1/C + P,      1/L ,
+
+K(u) = sum_i e^{l_i(u)} with u = ln omega.  On a cell with centre c and half-width h,
+|K - (K(c) + K'(c)(u - c))| <= M h^2/2 where M bounds |K''| = |sum e^{l_i} (l_i'^2 + l_i'')|; so |K| lies between the
+distances of a straight segment from 0, give or take M h^2/2.  Cells that cannot hold the extreme are dropped, the
+others divided, until the bound meets the best value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from fopi_tune.core.logform import Array, Complex, LogForm, Rows
+from fopi_tune.core.loops import Loops
+from fopi_tune.errors import DomainError
+
+_FIRST_CELLS = 24
+_PIECES = 4
+_SMALLEST_WIDTH = 1e-10
+_MOST_CELLS = 2_000_000
+#: the extreme is found to this many neper
+_TOLERANCE = 1e-10
+#: a segment this short is a point
+_NO_LENGTH = 1e-200
+#: |u| and ln|K| are cut here (1e100 and 1e130), so that their products stay finite
+_U_CAP, _GAIN_CAP = 230.0, 300.0
+
+
+class Response(Enum):
+    """The functions of frequency a requirement can bound."""
+
+    SENSITIVITY = "S"
+    COMPLEMENTARY_SENSITIVITY = "T"
+    CONTROL_SENSITIVITY = "CS"
+    LOOP_GAIN = "L"
+
+
+@dataclass(frozen=True)
+class Extremes:
+    """The largest (or smallest) value over a band, a row a loop; shapes (m,).
+
+    Args:
+        value: ln of the absolute value; -inf and inf are limits as omega -> 0 or inf.
+        omega_rad_s: where; 0 or inf when it is approached in that limit.
+    """
+
+    value: Array
+    omega_rad_s: Array
+
+
+@dataclass(frozen=True)
+class _Sum:
+    """K = sum of e^{l_i}; `one` says whether the constant 1 is a summand."""
+
+    one: bool
+    terms: tuple[LogForm, ...]
+
+    def logs(self, rows: Rows, u: Array) -> list[tuple[Complex, Complex]]:
+        """l_i and dl_i/du of every term at u."""
+        return [term.value_and_derivative(rows, u) for term in self.terms]
+
+    def value_and_slope(self, logs: list[tuple[Complex, Complex]]) -> tuple[Complex, Complex]:
+        """K and dK/du from the terms' logarithms."""
+        value = np.full(len(logs[0][0]), 1.0 + 0j if self.one else 0j)
+        slope = np.zeros_like(value)
+        for log_value, log_slope in logs:
+            e = _exp(log_value)
+            value += e
+            slope += e * log_slope
+        return value, slope
+
+    def bounds(
+        self, rows: Rows, low: Array, high: Array, logs: list[tuple[Complex, Complex]]
+    ) -> tuple[Array, Array, Array]:
+        """Of each cell [low, high]: a bound of |K''|, and bounds of |K| from below and above by its terms' sizes alone.
+
+        The latter two do not care how fast a dead time turns the terms, so that they close the tails.  `logs` are the
+        terms at the cells' centres.
+        """
+        h = 0.5 * (high - low)
+        curvature = np.zeros(len(h))
+        ranges = [(np.ones(len(h)), np.ones(len(h)))] if self.one else []
+        for term, (value, slope) in zip(self.terms, logs, strict=True):
+            gain_bound = term.gain_curvature_bound(rows, low, high)
+            bound = gain_bound + np.abs(term.delay[rows]) * np.exp(high)
+            gain, reach = value.real, (np.abs(slope.real) + gain_bound * h) * h
+            largest = np.exp(np.minimum(gain + reach, _GAIN_CAP))
+            ranges.append((np.exp(np.minimum(gain - reach, _GAIN_CAP)), largest))
+            with np.errstate(over="ignore", invalid="ignore"):
+                term_curvature = largest * ((np.abs(slope) + bound * h) ** 2 + bound)
+            curvature += np.where(np.isfinite(term_curvature), term_curvature, np.inf)
+        total = sum(high for _, high in ranges)
+        smallest = np.max([low + high for low, high in ranges], axis=0) - total
+        return curvature, smallest, np.asarray(total)
+
+
+def _exp(z: Complex) -> Complex:
+    return np.exp(np.minimum(z.real, _GAIN_CAP)) * np.exp(1j * z.imag)
+
+
+def inverse_response(loops: Loops, response: Response) -> _Sum:
+    """One over the response, as the sum of the module's first formula."""
+    if response is Response.SENSITIVITY:
+        return _Sum(True, (loops.log,))
+    if response is Response.COMPLEMENTARY_SENSITIVITY:
+        return _Sum(True, (-loops.log,))
+    if response is Response.CONTROL_SENSITIVITY:
+        return _Sum(False, (-loops.log_controller, loops.plants.log))
+    return _Sum(False, (-loops.log.undelayed(),))
+
+
+def log_response_at(loops: Loops, response: Response, rows: Rows, omega_rad_s: Array) -> Array:
+    """ln of the response's absolute value at given frequencies; rows and omega of shape (n,)."""
+    inverse = inverse_response(loops, response)
+    k, _ = inverse.value_and_slope(inverse.logs(rows, np.log(omega_rad_s)))
+    with np.errstate(divide="ignore"):
+        return -np.log(np.abs(k))
+
+
+def extremes(loops: Loops, response: Response, from_rad_s: float, to_rad_s: float, largest: bool = True) -> Extremes:
+    """The global maximum (or minimum) of a response over a band, for every loop.
+
+    Args:
+        loops: m loops.
+        response: which.
+        from_rad_s: lower end; 0 for all low frequencies, the limit included.
+        to_rad_s: upper end; inf for all high frequencies, the limit included.
+        largest: False for the minimum.
+
+    Raises:
+        DomainError: more cells than memory is worth (a dead time far beyond the loop's other times).
+    """
+    inverse = inverse_response(loops, response)
+    low, high = _band(loops, inverse, from_rad_s, to_rad_s)
+    sign = 1.0 if largest else -1.0
+    limits: list[tuple[Array, float]] = []
+    if from_rad_s == 0.0:
+        limits.append((sign * _limit(inverse, at_zero=True, sign=sign), 0.0))
+    if to_rad_s == np.inf:
+        limits.append((sign * _limit(inverse, at_zero=False, sign=sign), np.inf))
+    floor = np.max([limit for limit, _ in limits], axis=0) if limits else np.full(len(loops), -np.inf)
+    best, u = _branch_and_bound(inverse, low, high, sign, floor)
+    where = np.exp(u)
+    for limit, omega in limits:
+        best, where = _better(best, where, limit, omega)
+    return Extremes(sign * best, where)
+
+
+def _better(best: Array, where: Array, candidate: Array, omega: float) -> tuple[Array, Array]:
+    # The ends of the searched range are its limits to 1e-9: the limit itself is the better name for them.
+    wins = candidate > best - 1e-9
+    return np.where(wins, candidate, best), np.where(wins, omega, where)
+
+
+def _band(loops: Loops, inverse: _Sum, from_rad_s: float, to_rad_s: float) -> tuple[Array, Array]:
+    """The part of the band outside which every term is its asymptote and one term outweighs the others 10^4 times."""
+    m = len(loops)
+    low, high = np.full(m, np.inf), np.full(m, -np.inf)
+    asymptotes = [(np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m))] if inverse.one else []
+    for term in inverse.terms:
+        first, last = term.corners()
+        low, high = np.minimum(low, first), np.maximum(high, last)
+        end_gain, _ = term.end()
+        asymptotes.append((term.scale, term.slope0, end_gain, term.slope_end()))
+        delayed = term.delay != 0
+        low = np.minimum(low, np.where(delayed, np.log(1e-9 / np.abs(np.where(delayed, term.delay, 1.0))), np.inf))
+    for i, (scale_i, slope_i, end_i, end_slope_i) in enumerate(asymptotes):
+        for scale_j, slope_j, end_j, end_slope_j in asymptotes[:i]:
+            first, last = slope_i - slope_j, end_slope_i - end_slope_j
+            low = np.minimum(low, _meeting(scale_i - scale_j, first, np.inf) - _apart(first))
+            high = np.maximum(high, _meeting(end_i - end_j, last, -np.inf) + _apart(last))
+    low, high = np.clip(low - 1.0, -_U_CAP, _U_CAP), np.clip(high + 1.0, -_U_CAP, _U_CAP)
+    if from_rad_s > 0.0:
+        low = np.full(m, np.log(from_rad_s))
+    if to_rad_s < np.inf:
+        high = np.full(m, np.log(to_rad_s))
+    # A band that lies wholly in one of the tails keeps its inner end.
+    if from_rad_s == 0.0:
+        low = np.minimum(low, high - 1.0)
+    if to_rad_s == np.inf:
+        high = np.maximum(high, low + 1.0)
+    return low, high
+
+
+def _meeting(offset: Array, slope: Array, otherwise: float) -> Array:
+    """u where two asymptotes cross; `otherwise` when they are parallel."""
+    parallel = np.abs(slope) < 1e-12
+    return np.where(parallel, otherwise, -offset / np.where(parallel, 1.0, slope))
+
+
+def _apart(slope: Array) -> Array:
+    """How far beyond that the two differ 10^4 times."""
+    parallel = np.abs(slope) < 1e-12
+    return np.where(parallel, 0.0, np.log(1e4) / np.abs(np.where(parallel, 1.0, slope)))
+
+
+def _limit(inverse: _Sum, at_zero: bool, sign: float) -> Array:
+    """ln of the response as omega -> 0 or inf, shape (m,); with a dead time at inf the limit superior (or inferior)."""
+    m = len(inverse.terms[0].scale)
+    parts = [(np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m))] if inverse.one else []
+    for term in inverse.terms:
+        if at_zero:
+            parts.append((term.slope0, term.scale, term.phase0, np.zeros(m)))
+        else:
+            parts.append((-term.slope_end(), *term.end(), term.delay))
+    # The term with the smallest exponent (mirrored at inf) outweighs the others.
+    leading = np.min([p[0] for p in parts], axis=0)
+    total, turning = np.zeros(m, dtype=complex), np.zeros(m)
+    for exponent, gain, phase, delay in parts:
+        leads = np.abs(exponent - leading) < 1e-12
+        vector = np.where(leads, np.exp(np.minimum(gain, _GAIN_CAP)), 0.0) * np.exp(1j * phase)
+        total += np.where(delay == 0, vector, 0.0)
+        turning += np.where(delay != 0, np.abs(vector), 0.0)
+    size = np.maximum(np.abs(np.abs(total) - turning), 0.0) if sign > 0 else np.abs(total) + turning
+    with np.errstate(divide="ignore"):
+        constant = -np.log(np.where(size < 1e-15, 0.0, size))
+    return np.where(np.abs(leading) < 1e-12, constant, np.where(leading < 0, -np.inf, np.inf))
+
+
+def _branch_and_bound(inverse: _Sum, low: Array, high: Array, sign: float, floor: Array) -> tuple[Array, Array]:
+    """max over u of sign * (-ln|K|), and where; a row an interval.  Nothing below `floor` is looked for."""
+    m = len(low)
+    r, a, b = _pieces(np.arange(m), low, high, _FIRST_CELLS)
+    best, where = np.full(m, -np.inf), low.copy()
+
+    def offer(rows: Rows, u: Array) -> tuple[list[tuple[Complex, Complex]], Complex, Complex]:
+        logs = inverse.logs(rows, u)
+        k, slope = inverse.value_and_slope(logs)
+        with np.errstate(divide="ignore"):
+            value = -sign * np.log(np.abs(k))
+        order = np.lexsort((value, rows))
+        last = order[np.append(rows[order][1:] != rows[order][:-1], True)] if len(order) else order
+        better = last[value[last] > best[rows[last]]]
+        best[rows[better]], where[rows[better]] = value[better], u[better]
+        return logs, k, slope
+
+    offer(np.arange(m), low)
+    offer(np.arange(m), high)
+    work = 0
+    while len(r):
+        work += len(r)
+        if work > _MOST_CELLS:
+            raise DomainError("the response has too many peaks to search; the dead time is too long for this loop")
+        c, h = 0.5 * (a + b), 0.5 * (b - a)
+        logs, k, slope = offer(r, c)
+        curvature, smallest, largest = inverse.bounds(r, a, b, logs)
+        with np.errstate(over="ignore"):
+            slack = 0.5 * curvature * h**2
+        if sign > 0:
+            size = np.maximum(np.maximum(_distance_of_segment(k, slope * h) - slack, smallest), 0.0)
+        else:
+            size = np.minimum(np.maximum(np.abs(k + slope * h), np.abs(k - slope * h)) + slack, largest)
+        with np.errstate(divide="ignore"):
+            bound = -sign * np.log(size)
+        keep = (bound > np.maximum(best, floor)[r] + _TOLERANCE) & (h > _SMALLEST_WIDTH)
+        r, a, b = _pieces(r[keep], a[keep], b[keep], _PIECES)
+    return best, where
+
+
+def _pieces(rows: Rows, low: Array, high: Array, count: int) -> tuple[Rows, Array, Array]:
+    """Every interval cut into `count` equal ones; neighbours share their ends to the last bit."""
+    edges = low[:, None] + (high - low)[:, None] * (np.arange(count + 1) / count)
+    edges[:, -1] = high
+    return np.repeat(rows, count), edges[:, :-1].ravel(), edges[:, 1:].ravel()
+
+
+def _distance_of_segment(middle: Complex, half: Complex) -> Array:
+    """Distance from 0 of the segment from middle - half to middle + half."""
+    along = -(middle / np.where(np.abs(half) > _NO_LENGTH, half, 1.0)).real
+    return np.abs(middle + np.clip(along, -1.0, 1.0) * half)

@@ -1,0 +1,215 @@
+"""Plants and families of plants.
+
+A plant is  P(s) = N(s)/D(s) e^{-dead_time_s s}  with real polynomials; a family is the whole box of its uncertain
+numbers.  To add a model, add one `PlantModel` to `PLANT_MODELS`: the spec language, the design and the proof read it
+there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.errors import DomainError
+
+Array = NDArray[np.float64]
+#: numerator and denominator coefficients in descending powers of s, then the dead time; of floats, arrays or symbols
+Assembled = tuple[list[Any], list[Any], Any]
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """A number known to lie in [min, max]; `nominal` is the member that nominal requirements look at.
+
+    Raises:
+        DomainError: not finite, min > max, or the nominal value lies outside.
+    """
+
+    nominal: float
+    min: float
+    max: float
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(v) for v in (self.nominal, self.min, self.max)):
+            raise DomainError(f"{self} has a bound that is not finite")
+        if self.min > self.max:
+            raise DomainError(f"min {self.min!r} is greater than max {self.max!r}; swap them")
+        if not self.min <= self.nominal <= self.max:
+            raise DomainError(f"nominal {self.nominal!r} lies outside [{self.min!r}, {self.max!r}]")
+
+    @classmethod
+    def exactly(cls, value: float) -> Uncertain:
+        """A number that is known."""
+        return cls(value, value, value)
+
+    @classmethod
+    def between(cls, low: float, high: float) -> Uncertain:
+        """A number in [low, high] whose nominal value is the midpoint."""
+        return cls(low + 0.5 * (high - low), low, high)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether there is only one possible value."""
+        return self.min == self.max
+
+
+@dataclass(frozen=True)
+class Plant:
+    """One plant, P(s) = N(s)/D(s) e^{-dead_time_s s}.
+
+    Args:
+        numerator: coefficients of N in descending powers of s.
+        denominator: coefficients of D in descending powers of s; the first is not 0.
+        dead_time_s: dead time, >= 0.
+
+    Raises:
+        DomainError: not proper, not finite, a zero polynomial, or a negative dead time.
+    """
+
+    numerator: tuple[float, ...]
+    denominator: tuple[float, ...]
+    dead_time_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(v) for v in (*self.numerator, *self.denominator, self.dead_time_s)):
+            raise DomainError("a plant's coefficients and dead time must be finite numbers")
+        if not any(self.numerator):
+            raise DomainError("the numerator is 0: there is no plant to control")
+        if not self.denominator or self.denominator[0] == 0.0:
+            raise DomainError("the denominator's first coefficient is 0; leave leading zeros out")
+        if len(np.trim_zeros(self.numerator, "f")) > len(self.denominator):
+            raise DomainError("the numerator's degree exceeds the denominator's; a plant must be proper")
+        if self.dead_time_s < 0:
+            raise DomainError(
+                f"dead_time_s = {self.dead_time_s!r} is negative; a plant cannot answer before it is asked"
+            )
+
+
+@dataclass(frozen=True)
+class PlantModel:
+    """A way to write a plant down: which numbers it has and how they make N, D and the dead time.
+
+    Args:
+        name: the word after `model:` in a spec.
+        scalars: names of its numbers, unit included; `dead_time_s` is optional and 0 when left out.
+        lists: names of its coefficient lists; entry i of list x is the parameter "x[i]".
+        assemble: parameters (floats, arrays of equal shape, or CasADi symbols) to coefficients.
+        check: (name, Uncertain) to what is wrong with that number in this model, or None.
+    """
+
+    name: str
+    scalars: tuple[str, ...]
+    lists: tuple[str, ...]
+    assemble: Callable[[Mapping[str, Any]], Assembled]
+    check: Callable[[str, Uncertain], str | None]
+
+
+def _lag(p: Mapping[str, Any]) -> Assembled:
+    # P(s) = static_gain e^{-Ls} / (time_constant_s s + 1)
+    return [p["static_gain"]], [p["time_constant_s"], 1.0], p["dead_time_s"]
+
+
+def _pole(p: Mapping[str, Any]) -> Assembled:
+    # P(s) = gain e^{-Ls} / (s + pole_rad_s)
+    return [p["gain"]], [1.0, p["pole_rad_s"]], p["dead_time_s"]
+
+
+def _transfer_function(p: Mapping[str, Any]) -> Assembled:
+    def coefficients(name: str) -> list[Any]:
+        return [value for key, value in p.items() if key.startswith(name + "[")]
+
+    return coefficients("numerator"), coefficients("denominator"), p["dead_time_s"]
+
+
+def _check_number(name: str, value: Uncertain) -> str | None:
+    if name == "dead_time_s" and value.min < 0:
+        return "must be at least 0; a plant cannot answer before it is asked"
+    if name == "time_constant_s" and value.min <= 0:
+        return "must be greater than 0; write an unstable or integrating plant as model: pole"
+    if name in ("static_gain", "gain", "denominator[0]") and value.min <= 0 <= value.max:
+        return "must not be or contain 0; the family's sign must be known"
+    return None
+
+
+PLANT_MODELS: dict[str, PlantModel] = {
+    model.name: model
+    for model in (
+        PlantModel("lag", ("static_gain", "time_constant_s", "dead_time_s"), (), _lag, _check_number),
+        PlantModel("pole", ("gain", "pole_rad_s", "dead_time_s"), (), _pole, _check_number),
+        PlantModel(
+            "transfer_function", ("dead_time_s",), ("numerator", "denominator"), _transfer_function, _check_number
+        ),
+    )
+}
+
+
+@dataclass(frozen=True)
+class PlantFamily:
+    """Every plant of a model whose numbers lie in their ranges: the whole box, its interior included.
+
+    Args:
+        model: a key of `PLANT_MODELS`.
+        parameters: all of the model's numbers in order, name to `Uncertain`.
+    """
+
+    model: str
+    parameters: Mapping[str, Uncertain]
+
+    @property
+    def uncertain_names(self) -> tuple[str, ...]:
+        """Names of the numbers that are not exact, in order; the axes of the box."""
+        return tuple(name for name, value in self.parameters.items() if not value.is_exact)
+
+    @property
+    def low(self) -> Array:
+        """Lower corner of the box, shape (p,)."""
+        return np.array([self.parameters[n].min for n in self.uncertain_names], dtype=float)
+
+    @property
+    def high(self) -> Array:
+        """Upper corner of the box, shape (p,)."""
+        return np.array([self.parameters[n].max for n in self.uncertain_names], dtype=float)
+
+    @property
+    def nominal_point(self) -> Array:
+        """The nominal member's place in the box, shape (p,)."""
+        return np.array([self.parameters[n].nominal for n in self.uncertain_names], dtype=float)
+
+    def assemble(self, values: Mapping[str, Any]) -> Assembled:
+        """Coefficients from values of the uncertain numbers (floats, arrays or symbols); the exact ones are filled in.
+
+        A value that is missing is the nominal one.
+        """
+        full = {name: values.get(name, number.nominal) for name, number in self.parameters.items()}
+        return PLANT_MODELS[self.model].assemble(full)
+
+    def coefficients(self, points: Array) -> tuple[Array, Array, Array]:
+        """Coefficients of many members at once.
+
+        Args:
+            points: shape (m, p), places in the box, columns as `uncertain_names`.
+
+        Returns:
+            numerators (m, a), denominators (m, b) in descending powers of s, dead times (m,) in s.
+        """
+        numerator, denominator, dead_time = self.assemble(dict(zip(self.uncertain_names, points.T, strict=True)))
+        rows = len(points)
+
+        def table(column: list[Any]) -> Array:
+            return np.stack([np.broadcast_to(np.asarray(c, dtype=float), rows) for c in column], axis=1)
+
+        return table(numerator), table(denominator), table([dead_time])[:, 0]
+
+    def member(self, point: Array) -> Plant:
+        """The plant at one place of the box, shape (p,)."""
+        numerator, denominator, dead_time = self.coefficients(np.asarray(point, dtype=float)[None, :])
+        return Plant(tuple(numerator[0].tolist()), tuple(denominator[0].tolist()), float(dead_time[0]))
+
+    def describe(self, point: Array) -> dict[str, float]:
+        """The uncertain numbers of one member by name: what a result calls its worst plant."""
+        return {name: float(value) for name, value in zip(self.uncertain_names, point, strict=True)}

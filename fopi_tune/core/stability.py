@@ -1,0 +1,90 @@
+"""Closed-loop stability of loops, by counting Nyquist's encirclements from the gain crossovers alone.
+
+F(s) = s^alpha D(s) (1 + L(s)) is analytic right of the imaginary axis, where s^alpha has its principal value and its
+branch point at 0 is passed on the right.  Along the upper half of the contour (+0, around 0 to +j0, up the axis, back
+to +inf) the argument of 1 + L turns by -pi (Z - P), Z and P the numbers of closed- and open-loop poles on the right
+(the zeros of F and of s^alpha D).  Where |L| < 1, arg(1 + L) stays within (-pi/2, pi/2) of a whole turn; where |L| > 1
+it follows arg L across the negative real axis.  With q(phi) the number of whole turns nearest to arg L = phi,
+
+    Z = P - 2 sum (q(phi at the end) - q(phi at the start))    over the intervals of omega with |L| > 1.            (1)
+
+The unwrapped phase is known in closed form, so no phase crossover has to be found, whatever the dead time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Loops
+from fopi_tune.core.margins import Crossings, gain_crossovers
+
+#: A loop that passes -1 closer than this (rad of phase at |L| = 1) is called unstable: it has no margin at all.
+_MARGINAL_RAD = 1e-9
+
+
+def _turns(phase: Array) -> Array:
+    """q(phi): turns of arg(1 + L) when |L| > 1; half-way on the negative real axis itself."""
+    x = (phase + np.pi) / (2.0 * np.pi)
+    nearest = np.round(x)
+    x = np.where(np.abs(x - nearest) < _MARGINAL_RAD / (2.0 * np.pi), nearest, x)
+    return 0.5 * (np.floor(x) + np.ceil(x) - 1.0)
+
+
+def unstable_closed_loop_poles(loops: Loops) -> NDArray[np.float64]:
+    """Closed-loop poles in the closed right half-plane, shape (m,).
+
+    inf: infinitely many (a direct path with |L(inf)| >= 1 around a dead time), or a pole on the axis itself, a loop
+    through -1, the controller's integral cancelled by a zero of the plant at s = 0, or a common root of N and D there.
+    """
+    m = len(loops)
+    log = loops.log
+    crossings = gain_crossovers(loops)
+    total = np.zeros(m)
+    # The contour starts at s = +0 on the real axis, where arg L has not yet turned by slope0 * 90 deg.
+    start_phase = log.phase0 - 0.5 * np.pi * log.slope0
+    starts_large = (log.slope0 < 0) | ((log.slope0 == 0) & (log.scale > 0))
+    total -= np.where(starts_large, _turns(start_phase), 0.0)
+    # Downward crossings of |L| = 1 end an interval, upward ones start it.
+    end_gain, end_phase = log.end()
+    proper = log.slope_end() >= -1e-12
+    ends_large = proper & (end_gain > 0)
+    direction = _direction(loops, crossings, starts_large, ends_large)
+    np.add.at(total, crossings.row, direction * _turns(crossings.phase_rad))
+    total += np.where(ends_large, _turns(end_phase), 0.0)
+    count = loops.plants.unstable_poles - 2.0 * total
+    # On the line itself: through -1 at a crossover, or in the limits omega -> 0 and omega -> inf.
+    off = np.abs(np.mod(crossings.phase_rad, 2.0 * np.pi) - np.pi)
+    marginal = np.zeros(m, dtype=bool)
+    np.logical_or.at(marginal, crossings.row, off < _MARGINAL_RAD)
+    marginal |= (log.slope0 == 0) & _is_minus_one(log.scale, start_phase)
+    marginal |= proper & _is_minus_one(end_gain, end_phase) & (loops.plants.dead_time_s == 0)
+    infinite = proper & (loops.plants.dead_time_s > 0) & (end_gain > -_MARGINAL_RAD)
+    cancelled = (loops.ki != 0) & (loops.plants.numerator[:, -1] == 0.0) | loops.plants.hidden_on_axis
+    return np.where(marginal | infinite | cancelled, np.inf, count)
+
+
+def is_stable(loops: Loops) -> NDArray[np.bool_]:
+    """Whether each closed loop is stable, shape (m,); a pole on the imaginary axis is not."""
+    return unstable_closed_loop_poles(loops) < 0.5
+
+
+def _direction(
+    loops: Loops, crossings: Crossings, starts_large: NDArray[np.bool_], ends_large: NDArray[np.bool_]
+) -> Array:
+    """+1 where |L| falls below 1, -1 where it rises above, 0 where it only touches 1.
+
+    Told from |L| half-way to the neighbouring crossings, since the slope at a touching point is rounding.
+    """
+    row, u = crossings.row, np.log(crossings.omega_rad_s)
+    same = row[1:] == row[:-1]
+    between = loops.log_response(row[1:], 0.5 * (u[1:] + u[:-1])).real > 0
+    before, after = starts_large[row], ends_large[row]
+    before[1:] = np.where(same, between, before[1:])
+    after[:-1] = np.where(same, between, after[:-1])
+    return before.astype(float) - after.astype(float)
+
+
+def _is_minus_one(log_gain: Array, phase: Array) -> NDArray[np.bool_]:
+    return (np.abs(log_gain) < _MARGINAL_RAD) & (np.abs(np.mod(phase, 2.0 * np.pi) - np.pi) < _MARGINAL_RAD)

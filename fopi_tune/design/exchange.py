@@ -1,0 +1,241 @@
+"""Semi-infinite programming by exchange:  solve on few points, add the worst violator, solve again.
+
+A requirement over a family is a constraint for every plant and every frequency.  The solver sees a handful of them;
+the oracle
+finds where the answer is worst; that point joins the handful, until nothing is violated by more than the tolerance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.design.compile import Problem, compile_problem
+from fopi_tune.design.layout import Mode, Point, Task, TooManySlotsError
+from fopi_tune.design.oracle import Finding, Oracle
+from fopi_tune.design.scale import Scale
+from fopi_tune.design.sides import GUARD, Bound, Side
+from fopi_tune.design.solve import Solved, solve
+from fopi_tune.errors import DomainError
+from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.objectives import ObjectiveKind
+from fopi_tune.spec.model import ControllerSpec
+
+#: a requirement is violated beyond this, in natural units
+TOLERANCE = 2e-7
+#: sides this far from violation are not refined
+_NEAR = 0.1
+_MOST_ROUNDS = 40
+#: how far a solve may go from its start (see `Task`), at first and at the least
+_TRUST = 4.0
+_SMALLEST_TRUST = 0.1
+_FIRST_CAPACITY = 8
+
+
+@dataclass(frozen=True)
+class Cuts:
+    """The plants and points in play."""
+
+    points: tuple[Point, ...] = ()
+    plants: tuple[tuple[float, ...], ...] = ()
+    margin_plants: tuple[tuple[int, tuple[float, ...]], ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.points) + len(self.plants) + len(self.margin_plants)
+
+
+@dataclass(frozen=True)
+class Converged:
+    """The end of an exchange.
+
+    Args:
+        solved: the last solve.
+        ok: the solver succeeded and the oracle finds no violation.
+        violation: the largest left, natural units; inf when the solver gave up.
+        cuts: what was in play.
+        rounds: solves it took.
+    """
+
+    solved: Solved
+    ok: bool
+    violation: float
+    cuts: Cuts
+    rounds: int
+
+
+@dataclass
+class Exchange:
+    """The compiled problem, its oracle, and the loop between them.  Recompiled only when it runs out of slots."""
+
+    family: PlantFamily
+    scale: Scale
+    sides: tuple[Side, ...]
+    objective: ObjectiveKind
+    horizon_s: float
+    box: ControllerSpec
+    capacity: int = _FIRST_CAPACITY
+    solves: int = 0
+    problem: Problem = field(init=False)
+    oracle: Oracle = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.oracle = Oracle(self.family, self.scale, self.sides, self.objective, self.horizon_s)
+        self._compile()
+
+    def _compile(self) -> None:
+        self.problem = compile_problem(
+            self.family, self.scale, self.sides, self.objective, self.horizon_s, self.capacity
+        )
+
+    def first_cuts(self) -> Cuts:
+        """What is in play before anything was solved.
+
+        The nominal plant and the box's first corners, where anything is asked of gain crossovers; and for frequency
+        functions
+        a few frequencies of the nominal plant: without them the first solves put a notch where they are looked at.
+        """
+        nominal = tuple(self.family.nominal_point.tolist())
+        asked = any(
+            side.where in (Where.GAIN_CROSSOVERS, Where.HIGHEST_GAIN_CROSSOVER) and side.requirement != GUARD
+            for side in self.sides
+        )
+        spread = self.objective in (ObjectiveKind.PHASE_MARGIN_SPREAD, ObjectiveKind.CROSSOVER_SPREAD)
+        plants: list[tuple[float, ...]] = []
+        if asked or spread or np.any(self.oracle.plants.unstable_poles > 0):
+            plants = [nominal, tuple(self.family.low.tolist()), tuple(self.family.high.tolist())]
+        points = [
+            Point(k, nominal, omega)
+            for k, side in enumerate(self.sides)
+            if side.where is Where.BAND and side.requirement != GUARD
+            for omega in self._seeds(side.from_rad_s, side.to_rad_s)
+        ]
+        if self.objective in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK):
+            points += [Point(None, nominal, omega) for omega in self._seeds(0.0, math.inf)]
+        return Cuts(points=tuple(dict.fromkeys(points)), plants=tuple(dict.fromkeys(plants)))
+
+    def _seeds(self, from_rad_s: float, to_rad_s: float) -> list[float]:
+        """Frequencies around the spec's own, moved into a band."""
+        spread = self.scale.omega_rad_s * 4.0 ** np.arange(-2.0, 3.0)
+        return sorted({float(w) for w in np.clip(spread, max(from_rad_s, spread[0]), min(to_rad_s, spread[-1]))})
+
+    def run(
+        self,
+        start: FoPi,
+        cuts: Cuts,
+        mode: Mode,
+        active: frozenset[int],
+        giving: frozenset[int],
+        limits: Sequence[float],
+        hopeless: Callable[[Solved], bool] = lambda solved: False,
+    ) -> Converged:
+        """Exchange from one start until nothing is violated.
+
+        Args:
+            start: gains to start from.
+            cuts: what is in play from the start.
+            mode, active, giving, limits: see `Task`.
+            hopeless: whether a solve of the relaxation is already no better than what is known.
+        """
+        gains, solved, violation = start, None, math.inf
+        if cuts == self.first_cuts():
+            cuts = self._extended(cuts, self.oracle.worst(start, 0.0), mode, active, limits, None, first=True)
+        trust = _TRUST
+        for rounds in range(1, _MOST_ROUNDS + 1):
+            task = Task(cuts.points, cuts.plants, cuts.margin_plants, tuple(limits), mode, active, giving, trust)
+            solved = self._solve(task, gains)
+            if not solved.success and trust > _SMALLEST_TRUST:
+                # Ipopt lost its way: look closer to where it started.
+                trust *= 0.25
+                continue
+            if not solved.success or (hopeless(solved) and not solved.on_trust_bound):
+                return Converged(solved, False, math.inf, cuts, rounds)
+            gains = solved.gains
+            try:
+                findings = self.oracle.worst(gains, solved.depth + _NEAR)
+            except DomainError:
+                return Converged(solved, False, math.inf, cuts, rounds)
+            violation = max((self._violation(f, mode, active, limits, solved) for f in findings), default=0.0)
+            if violation <= TOLERANCE and not solved.on_trust_bound:
+                return Converged(solved, True, violation, cuts, rounds)
+            larger = self._extended(cuts, findings, mode, active, limits, solved, first=False)
+            if len(larger) == len(cuts) and not solved.on_trust_bound:
+                return Converged(solved, False, violation, cuts, rounds)
+            cuts = larger
+        assert solved is not None
+        return Converged(solved, False, violation, cuts, _MOST_ROUNDS)
+
+    def _solve(self, task: Task, gains: FoPi) -> Solved:
+        while True:
+            try:
+                self.solves += 1
+                return solve(self.problem, self.box, task, gains, 1.0)
+            except TooManySlotsError:
+                self.capacity *= 2
+                self._compile()
+
+    def _violation(
+        self, finding: Finding, mode: Mode, active: frozenset[int], limits: Sequence[float], solved: Solved | None
+    ) -> float:
+        """By how much a finding contradicts the solver's view; <= 0 when it does not."""
+        if finding.side is None:
+            if mode is Mode.FEASIBILITY:
+                return -math.inf
+            return -finding.slack - (solved.worst if solved else -math.inf)
+        side = self.sides[finding.side]
+        if side.requirement not in active and side.requirement != GUARD:
+            return -math.inf
+        # The oracle measures against the sides' own limits, the solve may use others.
+        slack = finding.slack + side.bound.value * (limits[finding.side] - side.limit) * side.scale
+        if solved is None:
+            return -slack
+        k = finding.side
+        give = float(solved.gives[2 * k] + solved.gives[2 * k + 1])
+        return (solved.depth if side.in_depth else 0.0) - slack - give
+
+    def _extended(
+        self,
+        cuts: Cuts,
+        findings: list[Finding],
+        mode: Mode,
+        active: frozenset[int],
+        limits: Sequence[float],
+        solved: Solved | None,
+        first: bool,
+    ) -> Cuts:
+        """The cuts with the findings that are violated (the first time: with the worst of each side)."""
+        points, plants, margin_plants = list(cuts.points), list(cuts.plants), list(cuts.margin_plants)
+        for finding in findings:
+            side = None if finding.side is None else self.sides[finding.side]
+            if not first and self._violation(finding, mode, active, limits, solved) <= 0.5 * TOLERANCE:
+                continue
+            if first and side is not None and side.requirement == GUARD and not side.in_depth:
+                continue
+            theta = tuple(float(v) for v in finding.theta)
+            if side is None:
+                self._add_objective_member(points, plants, finding, theta)
+            elif side.where is Where.BAND:
+                points.append(Point(finding.side, theta, finding.omega_rad_s))
+            elif side.where is Where.PHASE_CROSSOVERS:
+                if not first or side.bound is not Bound.LOWER:
+                    margin_plants.append((finding.side or 0, theta))
+            else:
+                plants.append(theta)
+        return Cuts(tuple(dict.fromkeys(points)), tuple(dict.fromkeys(plants)), tuple(dict.fromkeys(margin_plants)))
+
+    def _add_objective_member(
+        self, points: list[Point], plants: list[tuple[float, ...]], finding: Finding, theta: tuple[float, ...]
+    ) -> None:
+        if self.objective is ObjectiveKind.PHASE_MARGIN_SPREAD:
+            plants.append(theta)
+        else:
+            points.append(Point(None, theta, finding.omega_rad_s))
+
+
+def limits_of(sides: Sequence[Side]) -> tuple[float, ...]:
+    """The sides' own limits, natural units."""
+    return tuple(side.limit for side in sides)

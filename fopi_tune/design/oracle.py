@@ -1,0 +1,270 @@
+"""Where do given gains fail worst?  The exchange's search over plants and frequencies.
+
+Every side is looked at on a grid of plants times frequencies, then the worst plants are refined by shrinking stars
+around them and the worst frequencies by Newton's method or shrinking brackets.  It finds cuts, it proves nothing:
+`fopi_tune.proof` does the checking, by other means, and what it finds comes back here as a cut.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.design.scale import Scale
+from fopi_tune.design.sides import GUARD, Bound, Side
+from fopi_tune.design.table import LoopNumbers, Table, Track, discounted_error, numbers_at, part_of, tracked
+from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.objectives import ObjectiveKind
+
+_ZOOM_ROUNDS = 8
+_ZOOM_FACTOR = 0.35
+_CANDIDATES = 2
+#: offsets of the frequency within a refinement star, in its radius
+_U_STAR = np.array([0.0, -1.0, -0.5, 0.5, 1.0])
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A plant and a frequency where a side (or the objective) is worst.
+
+    Args:
+        side: index of the side; None for the objective.
+        slack: of the side in natural units, negative where violated; of the objective, minus its value.
+        theta: the plant's place in the box, shape (p,).
+        omega_rad_s: the frequency that decides.
+    """
+
+    side: int | None
+    slack: float
+    theta: Array
+    omega_rad_s: float
+
+
+class Oracle:
+    """Search for the worst plants and frequencies of a spec's sides and objective."""
+
+    def __init__(
+        self, family: PlantFamily, scale: Scale, sides: tuple[Side, ...], objective: ObjectiveKind, horizon_s: float
+    ) -> None:
+        self.family, self.scale = family, scale
+        self.low, self.high = family.low, family.high
+        self.points, self.spacing = _box_points(family)
+        self.plants = Plants.members(family, self.points)
+        self.probes = tuple(_probe(k, side) for k, side in enumerate(sides)) + _objective_probe(objective, horizon_s)
+
+    def worst(self, gains: FoPi, within: float = math.inf) -> list[Finding]:
+        """Of every side and of the objective, the worst plants and frequencies.
+
+        Args:
+            gains: what to look at.
+            within: sides with at least this slack everywhere are reported as the grid shows them, unrefined.
+        """
+        table = Table(gains, self.plants, self.scale.omega_grid)
+        nominal_margin, nominal_u = table.nominal()
+        rough: list[Finding] = []
+        for probe in self.probes:
+            value, u = probe.on_grid(table, nominal_margin, nominal_u)
+            rows = [0] if probe.nominal else _distinct_worst(value, self.points, self.low, self.high)
+            rough += [Finding(probe.side, float(value[i]), self.points[i], float(np.exp(u[i]))) for i in rows]
+        exact = [f for f in rough if f.slack > within and f.side is not None]
+        return exact + self._refined(
+            gains, [f for f in rough if not (f.slack > within and f.side is not None)], nominal_margin
+        )
+
+    def _refined(self, gains: FoPi, rough: list[Finding], nominal_margin: float) -> list[Finding]:
+        """Shrinking stars around the findings, in plant and frequency together, all in one batch a round."""
+        by_side = {probe.side: probe for probe in self.probes}
+        tasks = [(by_side[f.side], f) for f in rough]
+        if not tasks:
+            return []
+        p = len(self.low)
+        star, u_radius = _star(p), float(np.diff(np.log(self.scale.omega_grid)).max())
+        radius = self.spacing.copy()
+        best = [f for _, f in tasks]
+        for _ in range(_ZOOM_ROUNDS):
+            offers: list[tuple[int, Array, Array]] = []
+            for i, (probe, _) in enumerate(tasks):
+                around = star[:1] if probe.nominal else star
+                points = np.clip(best[i].theta + around * radius, self.low, self.high)
+                u = probe.clipped(
+                    math.log(best[i].omega_rad_s) + (_U_STAR * u_radius if probe.moves_u else np.zeros(1))
+                )
+                offers.append((i, np.repeat(points, len(u), axis=0), np.tile(u, len(points))))
+            plants = Plants.members(self.family, np.concatenate([points for _, points, _ in offers]))
+            loops = Loops.of(gains, plants)
+            first = 0
+            u_all = np.concatenate([u for _, _, u in offers])
+            u_all = tracked(
+                loops, u_all, np.concatenate([np.full(len(u), _TRACK[tasks[i][0].kind].value) for i, _, u in offers])
+            )
+            numbers = numbers_at(loops, np.arange(len(loops)), u_all)
+            for i, points, u in offers:
+                part = slice(first, first + len(u))
+                first += len(u)
+                value = tasks[i][0].slack_at(part_of(numbers, part), loops, part, nominal_margin)
+                q = int(np.argmin(value))
+                if value[q] < best[i].slack:
+                    best[i] = Finding(best[i].side, float(value[q]), points[q], float(np.exp(u_all[part][q])))
+            radius, u_radius = radius * _ZOOM_FACTOR, u_radius * _ZOOM_FACTOR
+        return best
+
+
+class _Kind(Enum):
+    """How a probe's frequency is found."""
+
+    BAND = "the worst of a band"
+    GAIN_CROSSOVER = "|L| = 1"
+    PHASE_CROSSOVER = "arg L = -180 deg"
+    FIXED = "given"
+
+
+_TRACK = {
+    _Kind.BAND: Track.STAY,
+    _Kind.GAIN_CROSSOVER: Track.GAIN_CROSSOVER,
+    _Kind.PHASE_CROSSOVER: Track.PHASE_CROSSOVER,
+    _Kind.FIXED: Track.STAY,
+}
+
+
+@dataclass(frozen=True)
+class _Probe:
+    """One side or the objective, as the oracle looks at it; slacks are negative where violated."""
+
+    side: int | None
+    kind: _Kind
+    nominal: bool
+    highest: bool
+    low_u: float
+    high_u: float
+    slack: Callable[[LoopNumbers, float], Array]
+    #: the quantity itself, of which the smallest crossing counts
+    value: Callable[[LoopNumbers], Array] = lambda numbers: numbers.phase_rad
+    horizon_s: float = 0.0
+    guard: bool = False
+
+    @property
+    def moves_u(self) -> bool:
+        """Whether the refinement moves the frequency freely."""
+        return self.kind is _Kind.BAND and self.low_u < self.high_u
+
+    def clipped(self, u: Array) -> Array:
+        """Into the band."""
+        return np.clip(u, self.low_u, self.high_u) if self.kind is _Kind.BAND else u
+
+    def slack_at(self, numbers: LoopNumbers, loops: Loops, rows: slice, nominal_margin: float) -> Array:
+        """Slacks at given plants and frequencies."""
+        if self.horizon_s:
+            return -np.log(discounted_error(loops, self.horizon_s)[rows])
+        return self.slack(numbers, nominal_margin)
+
+    def on_grid(self, table: Table, nominal_margin: float, nominal_u: float) -> tuple[Array, Array]:
+        """The smallest slack of each of the table's plants, and its u."""
+        if self.kind is _Kind.BAND:
+            return table.smallest_in_band(lambda n: self.slack(n, nominal_margin), self.low_u, self.high_u)
+        m = len(table.loops)
+        if self.kind is _Kind.FIXED:
+            u = np.full(m, -math.log(self.horizon_s) if self.horizon_s else nominal_u)
+            numbers = numbers_at(table.loops, np.arange(m), u)
+            return self.slack_at(numbers, table.loops, slice(0, m), nominal_margin), u
+        rows, u = table.gain_crossings() if self.kind is _Kind.GAIN_CROSSOVER else table.phase_crossings()
+        numbers = numbers_at(table.loops, rows, u)
+        slack = self.slack(numbers, nominal_margin)
+        order = np.lexsort((-u if self.highest else self.value(numbers), rows))
+        value, where = np.full(m, np.inf), np.zeros(m)
+        if self.kind is _Kind.GAIN_CROSSOVER and (not self.guard or np.any(table.loops.plants.unstable_poles > 0)):
+            # No crossover at all violates whatever is asked of it, the more the farther |L| stays from 1.  A guard asks
+            # nothing of a loop without one, unless the plant is unstable without it.
+            away, where = table.nearest_to_crossover()
+            value = -1.0 - away
+        found, first = np.unique(rows[order], return_index=True)
+        value[found], where[found] = slack[order][first], u[order][first]
+        return value, where
+
+
+def _probe(k: int, side: Side) -> _Probe:
+    quantity = side.quantity
+
+    def slack(numbers: LoopNumbers, _: float) -> Array:
+        distance = (side.limit - quantity.natural(numbers)) * side.scale
+        return -np.abs(distance) if side.bound is Bound.EQUAL else side.bound.value * distance
+
+    kind = {
+        Where.BAND: _Kind.BAND,
+        Where.GAIN_CROSSOVERS: _Kind.GAIN_CROSSOVER,
+        Where.HIGHEST_GAIN_CROSSOVER: _Kind.GAIN_CROSSOVER,
+        Where.PHASE_CROSSOVERS: _Kind.PHASE_CROSSOVER,
+    }[side.where]
+    low = math.log(side.from_rad_s) if side.from_rad_s > 0 else -math.inf
+    high = math.log(side.to_rad_s) if side.to_rad_s < math.inf else math.inf
+    return _Probe(
+        k, kind, side.nominal, side.where is Where.HIGHEST_GAIN_CROSSOVER, low, high, slack,
+        quantity.natural, guard=side.requirement == GUARD,
+    )  # fmt: skip
+
+
+def _objective_probe(objective: ObjectiveKind, horizon_s: float) -> tuple[_Probe, ...]:
+    """The objective as a probe whose slack is minus its value; none for those without a worst member."""
+    ends = (-math.inf, math.inf)
+    if objective is ObjectiveKind.SENSITIVITY_PEAK:
+        return (_Probe(None, _Kind.BAND, False, False, *ends, lambda n, _: n.log_return_difference),)
+    if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK:
+        return (_Probe(None, _Kind.BAND, False, False, *ends, lambda n, _: n.log_return_difference - n.log_controller),)
+    if objective is ObjectiveKind.PHASE_MARGIN_SPREAD:
+        return (_Probe(None, _Kind.GAIN_CROSSOVER, False, False, *ends, lambda n, m: -np.abs(n.phase_rad + np.pi - m)),)
+    if objective is ObjectiveKind.CROSSOVER_SPREAD:
+        return (_Probe(None, _Kind.FIXED, False, False, *ends, lambda n, _: -np.abs(n.log_gain)),)
+    if objective is ObjectiveKind.IAE_DISTURBANCE:
+        return (_Probe(None, _Kind.FIXED, False, False, *ends, lambda n, _: -n.log_gain, horizon_s=horizon_s),)
+    return ()
+
+
+def _star(p: int) -> Array:
+    """Offsets of a refinement star in p dimensions, the centre first; shape (k, p)."""
+    if p <= 2:
+        steps = (-1.0, -0.5, 0.0, 0.5, 1.0) if p == 1 else (-1.0, 0.0, 1.0)
+        return np.array(sorted(itertools.product(steps, repeat=p), key=lambda x: sum(abs(v) for v in x)))
+    axes = np.concatenate([np.eye(p), -np.eye(p)])
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=p))) if p <= 4 else np.zeros((0, p))
+    return np.concatenate([np.zeros((1, p)), axes, corners])
+
+
+def _box_points(family: PlantFamily) -> tuple[Array, Array]:
+    """Places in the box to look at, the nominal one first, and the grid's spacing; shapes (m, p) and (p,)."""
+    low, high, p = family.low, family.high, len(family.low)
+    if p == 0:
+        return np.zeros((1, 0)), np.zeros(0)
+    per_axis = {1: 17, 2: 7, 3: 5, 4: 3}.get(p, 2)
+    axes = [np.linspace(a, b, per_axis) for a, b in zip(low, high, strict=True)]
+    if p <= 8:
+        grid = np.array(list(itertools.product(*axes))).reshape(-1, p)
+    else:
+        generator = np.random.default_rng(0)
+        grid = low + generator.integers(0, 2, (256, p)) * (high - low)
+    inner = np.zeros((0, p))
+    if p >= 4:
+        inner = low + np.random.default_rng(1).random((64, p)) * (high - low)
+    points = np.concatenate([family.nominal_point[None, :], grid, inner])
+    return points, (high - low) / max(per_axis - 1, 1)
+
+
+def _distinct_worst(slack: Array, points: Array, low: Array, high: Array) -> list[int]:
+    """The worst row, and the worst of those far from it in the box."""
+    order = np.argsort(slack)
+    chosen: list[int] = []
+    width = np.where(high > low, high - low, 1.0)
+    for row in order:
+        far = all(np.max(np.abs(points[row] - points[c]) / width, initial=0.0) > 0.3 for c in chosen)
+        if far:
+            chosen.append(int(row))
+        if len(chosen) == _CANDIDATES:
+            break
+    return chosen

@@ -1,0 +1,239 @@
+"""DesignSpec -> Candidate:  compile to a CasADi NLP, solve with Ipopt, exchange until nothing is violated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Loops
+from fopi_tune.core.stability import is_stable
+from fopi_tune.design.exchange import Converged, Cuts, Exchange
+from fopi_tune.design.infeasible import clash_of, explained, reason_without_solving
+from fopi_tune.design.layout import Mode, Point
+from fopi_tune.design.result import Candidate, Status
+from fopi_tune.design.scale import Scale, scale_of
+from fopi_tune.design.sides import GUARD, Bound, Side, sides_of
+from fopi_tune.design.solve import Solved
+from fopi_tune.design.starts import fixed_gains, starts
+from fopi_tune.errors import DomainError
+from fopi_tune.quantities.base import NEPER_PER_DB, Where
+from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
+from fopi_tune.spec.model import DesignSpec
+
+#: inequalities are designed this much tighter (natural units), so that rounding does not undo them
+TIGHTENING = 4e-7
+#: requirements that have to give less than this in sum clash only by rounding
+CLASH_TOLERANCE = 2e-6
+_STARTS = 6
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A plant and frequency at which a check refuted an earlier candidate: a cut for the next design.
+
+    Args:
+        requirement: index in the spec's list.
+        theta: the plant's place in the box, shape (p,).
+        omega_rad_s: the frequency; nan where none decides.
+    """
+
+    requirement: int
+    theta: tuple[float, ...]
+    omega_rad_s: float
+
+
+def design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Candidate:
+    """Search the gains that meet a spec over its whole family and are best by its objective.
+
+    Args:
+        spec: what the loop must do.
+        violations: points that a check found, to be respected from the start.
+
+    Returns:
+        A candidate; confirming it is `fopi_tune.proof`'s business.
+    """
+    fixed = fixed_gains(spec.controller)
+    if fixed is not None:
+        return Candidate(Status.SOLVED, fixed, tuple(None for _ in spec.requirements))
+    search = Search.of(spec, violations)
+    reason = reason_without_solving(spec)
+    if reason is not None:
+        return explained(search, reason)
+    best = search.best()
+    return search.candidate(best) if best is not None else clash_of(search)
+
+
+@dataclass
+class Search:
+    """One spec's exchange and what it is started from."""
+
+    spec: DesignSpec
+    scale: Scale
+    objective: ObjectiveKind
+    exchange: Exchange
+    starts: list[FoPi]
+    first_cuts: Cuts
+    #: the point where all requirements give least, once it was looked for
+    relaxed: Converged | None = None
+
+    @classmethod
+    def of(cls, spec: DesignSpec, violations: Sequence[Violation]) -> Search:
+        """Scale, compile and choose the starts."""
+        sides = sides_of(spec)
+        scale = scale_of(spec)
+        objective = ObjectiveKind(spec.objective.quantity) if spec.objective else ObjectiveKind.DEPTH
+        given = spec.objective.horizon_s if spec.objective else None
+        horizon = given if given is not None else default_horizon_s(spec.plant)
+        exchange = Exchange(spec.plant, scale, sides, objective, horizon, spec.controller)
+        first = starts(spec, scale, sides, objective, _STARTS)
+        return cls(spec, scale, objective, exchange, first, _with(exchange.first_cuts(), sides, violations))
+
+    @property
+    def all_requirements(self) -> frozenset[int]:
+        """Indices of the spec's requirements."""
+        return frozenset(range(len(self.spec.requirements)))
+
+    def limits(self, tightening: float) -> tuple[float, ...]:
+        """The sides' limits, the inequalities' moved inwards."""
+        sides = self.exchange.sides
+        moved = (
+            side.limit - side.bound.value * (0.0 if side.requirement == GUARD else tightening / side.scale)
+            for side in sides
+        )
+        return tuple(moved)
+
+    def stable(self, gains: FoPi) -> bool:
+        """Whether the sampled members of the family are stable."""
+        return bool(is_stable(Loops.of(gains, self.exchange.oracle.plants)).all())
+
+    def best(self) -> Converged | None:
+        """The best of the local optima from all starts; None when no start leads to a feasible point."""
+        found = self._from_all_starts(self.limits(TIGHTENING))
+        if found is not None:
+            return found
+        # Limits that leave no room at all (an inequality at an equality's value) are met without the tightening.
+        limits = self.limits(0.0)
+        relaxed = self.elastic(self.all_requirements, self.all_requirements, limits)
+        self.relaxed = relaxed
+        if relaxed is None or relaxed.solved.gives.sum() > CLASH_TOLERANCE:
+            return None
+        run = self._run(relaxed.solved.gains, relaxed.cuts, limits)
+        if run is not None and run.ok:
+            return run
+        # As many equalities as unknowns leave nothing to optimise: the feasible point is the answer.
+        equalities = sum(side.bound is Bound.EQUAL for side in self.exchange.sides)
+        box = self.spec.controller
+        free = sum(not gain.is_fixed for gain in (box.kp, box.ki, box.alpha))
+        return relaxed if equalities >= free else None
+
+    def _from_all_starts(self, limits: tuple[float, ...]) -> Converged | None:
+        cuts, best = self.first_cuts, None
+        for start in self.starts:
+            run = self._run(start, cuts, limits, best)
+            if run is None or not run.ok:
+                continue
+            # Cuts are valid for all gains: the next start profits from them.
+            cuts = run.cuts
+            if best is None or not self.stable(best.solved.gains) or self.stable(run.solved.gains):
+                best = run
+        return best
+
+    def _run(
+        self, start: FoPi, cuts: Cuts, limits: tuple[float, ...], best: Converged | None = None
+    ) -> Converged | None:
+        def no_better(solved: Solved) -> bool:
+            # A relaxation's optimum bounds what this start can still become.
+            if best is None or not self.stable(best.solved.gains):
+                return False
+            known = self._cost(best.solved)
+            return self._cost(solved) >= known - 1e-7 * max(1e-3, abs(known))
+
+        everything = self.all_requirements
+        try:
+            return self.exchange.run(start, cuts, Mode.OBJECTIVE, everything, frozenset(), limits, no_better)
+        except DomainError:
+            # Both gains ran to 0: no loop is left to judge.
+            return None
+
+    def _cost(self, solved: Solved) -> float:
+        if self.objective is ObjectiveKind.KI:
+            return -solved.gains.ki
+        return -solved.depth if self.objective is ObjectiveKind.DEPTH else solved.worst
+
+    def elastic(self, active: frozenset[int], giving: frozenset[int], limits: tuple[float, ...]) -> Converged | None:
+        """The point where the requirements give least in sum, of several starts; None if Ipopt always gave up."""
+        best = None
+        known = self.relaxed
+        first = (known.solved.gains,) if known else ()
+        cuts = known.cuts if known else self.first_cuts
+        for start in (*first, *self.starts[:3]):
+            try:
+                run = self.exchange.run(start, cuts, Mode.FEASIBILITY, active, giving, limits)
+            except DomainError:
+                continue
+            if not run.ok:
+                continue
+            total = run.solved.gives.sum()
+            again = best is not None and abs(total - best.solved.gives.sum()) < 1e-6
+            if best is None or total < best.solved.gives.sum():
+                best = run
+            if again or best.solved.gives.sum() <= CLASH_TOLERANCE:
+                break
+        return best
+
+    def candidate(self, best: Converged) -> Candidate:
+        """The answer for a feasible spec."""
+        solved = best.solved
+        status, message = Status.SOLVED, ""
+        if solved.at_bound:
+            status = Status.UNBOUNDED
+            verb = "grow" if len(solved.at_bound) > 1 else "grows"
+            message = f"{' and '.join(solved.at_bound)} {verb} without limit while the objective still improves"
+        return Candidate(
+            status, solved.gains, self._multipliers(solved), (), message,
+            self.exchange.solves, best.rounds, len(best.cuts),
+        )  # fmt: skip
+
+    def _multipliers(self, solved: Solved) -> tuple[float | None, ...]:
+        """d objective / d limit in public units, positive where relaxing gains."""
+        unit = {
+            ObjectiveKind.PHASE_MARGIN_SPREAD: math.degrees(1.0),
+            ObjectiveKind.CROSSOVER_SPREAD: 1.0 / NEPER_PER_DB,
+            ObjectiveKind.SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
+            ObjectiveKind.CONTROL_SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
+            ObjectiveKind.KI: solved.ki_scale,
+            ObjectiveKind.IAE_DISTURBANCE: math.exp(min(solved.worst, 600.0)),
+            ObjectiveKind.DEPTH: 1.0,
+        }[self.objective]
+        totals: list[float | None] = [None] * len(self.spec.requirements)
+        for k, side in enumerate(self.exchange.sides):
+            if side.requirement == GUARD:
+                continue
+            # CasADi's lam_p is minus d cost / d parameter.
+            price = float(solved.limit_prices[k]) * side.natural_per_public() * unit
+            gain = abs(price) if side.bound is Bound.EQUAL else side.bound.value * price
+            totals[side.requirement] = max(totals[side.requirement] or 0.0, gain, 0.0)
+        return tuple(totals)
+
+
+def _with(cuts: Cuts, sides: tuple[Side, ...], violations: Sequence[Violation]) -> Cuts:
+    """The cuts with those a check has found."""
+    points, plants, margin_plants = list(cuts.points), list(cuts.plants), list(cuts.margin_plants)
+    for violation in violations:
+        for k, side in enumerate(sides):
+            if side.requirement != violation.requirement:
+                continue
+            if side.where is Where.BAND and 0.0 < violation.omega_rad_s < math.inf:
+                points.append(Point(k, violation.theta, violation.omega_rad_s))
+            elif side.where is Where.PHASE_CROSSOVERS:
+                margin_plants.append((k, violation.theta))
+            elif side.where is not Where.BAND:
+                plants.append(violation.theta)
+    return replace(
+        cuts,
+        points=tuple(dict.fromkeys(points)),
+        plants=tuple(dict.fromkeys(plants)),
+        margin_plants=tuple(dict.fromkeys(margin_plants)),
+    )

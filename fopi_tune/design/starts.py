@@ -1,0 +1,224 @@
+"""Where the solver starts:  closed forms, and a coarse look at what they are worth.
+
+With a crossover omega, a phase margin phi and alpha given, the gains follow (PAPER's eqs. (3)-(6) solved for them):
+
+    X = e^{j (phi - pi)} / P(j omega) ,
+    ki = -Im X omega^alpha / sin(alpha pi/2) ,     kp = Re X - ki omega^-alpha cos(alpha pi/2) .
+
+Where the spec fixes crossover and margin of the nominal plant, alpha alone is left and the starts are exact.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.logform import Array, Complex
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.stability import is_stable
+from fopi_tune.design.scale import Scale
+from fopi_tune.design.sides import Bound, Side
+from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.objectives import ObjectiveKind
+from fopi_tune.spec.model import ControllerSpec, DesignSpec
+
+_SCREEN_OMEGAS = 60
+_PORTION = 200
+
+
+def closed_form_gains(plant_response: Complex, omega_rad_s: Array, phase_margin_rad: Array, alpha: Array) -> Array:
+    """(kp, ki) that give this crossover and margin; all arguments of shape (n,), result (n, 2).
+
+    Args:
+        plant_response: P(j omega), dead time included.
+        omega_rad_s: the crossover.
+        phase_margin_rad: the margin there.
+        alpha: the order, in (0, 2).
+    """
+    x = np.exp(1j * (phase_margin_rad - np.pi)) / plant_response
+    ki = -x.imag * omega_rad_s**alpha / np.sin(0.5 * np.pi * alpha)
+    kp = x.real - ki * omega_rad_s**-alpha * np.cos(0.5 * np.pi * alpha)
+    return np.stack([kp, ki], axis=1)
+
+
+def starts(spec: DesignSpec, scale: Scale, sides: tuple[Side, ...], objective: ObjectiveKind, most: int) -> list[FoPi]:
+    """At most `most` starts, the most promising first, none close to another."""
+    candidates = _candidates(spec, scale, sides)
+    if not len(candidates):
+        return []
+    merit = _merit(spec, scale, sides, objective, candidates)
+    ranked = candidates[np.argsort(merit)]
+    chosen: list[FoPi] = []
+    places: list[Array] = []
+    # Stable ones first, looked for in portions; should there be none, the solver may still find its way.
+    for row in (*_stable_first(spec, ranked, most), *ranked[: 24 * most]):
+        gains = FoPi(*(float(v) for v in row))
+        place = _place(scale.scaled(gains))
+        if all(np.max(np.abs(place - other)) > 0.25 for other in places):
+            chosen.append(gains)
+            places.append(place)
+        if len(chosen) == most:
+            break
+    return chosen
+
+
+def _stable_first(spec: DesignSpec, ranked: Array, most: int) -> Array:
+    """The first rows, in their order, that are stable with the nominal plant; shape (k, 3)."""
+    nominal = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
+    found: list[Array] = []
+    for first in range(0, len(ranked), _PORTION):
+        part = ranked[first : first + _PORTION]
+        rows = np.zeros(len(part), dtype=np.intp)
+        found.append(part[is_stable(Loops(part[:, 0], part[:, 1], part[:, 2], nominal.take(rows)))])
+        if sum(len(f) for f in found) >= 12 * most:
+            break
+    return np.concatenate(found)
+
+
+def _place(scaled: Array) -> Array:
+    return np.array([np.arcsinh(scaled[0] / 0.1), np.arcsinh(scaled[1] / 0.1), 2.0 * scaled[2]])
+
+
+def _candidates(spec: DesignSpec, scale: Scale, sides: tuple[Side, ...]) -> Array:
+    """Gains (n, 3) from a lattice of crossovers, margins and orders, moved into the box."""
+    box = spec.controller
+    omegas, exact_omega = _crossovers(scale, sides)
+    margins, exact_margin = _phase_margins(sides)
+    count = 41 if exact_omega and exact_margin else 13
+    alphas = np.linspace(box.alpha.min, box.alpha.max, 1 if box.alpha.is_fixed else count)
+    lattice = np.array(list(itertools.product(omegas, margins, alphas)))
+    omega, margin, alpha = lattice.T
+    nominal = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
+    rows = np.zeros(len(omega), dtype=np.intp)
+    response = nominal.response(rows, omega) * np.exp(-1j * omega * nominal.dead_time_s[0])
+    gains = closed_form_gains(response, omega, margin, alpha)
+    inside = np.stack(
+        [np.clip(gains[:, 0], box.kp.min, box.kp.max), np.clip(gains[:, 1], box.ki.min, box.ki.max), alpha], axis=1
+    )
+    usable = np.isfinite(inside).all(axis=1) & ((inside[:, 0] != 0) | (inside[:, 1] != 0))
+    return inside[usable]
+
+
+def _crossovers(scale: Scale, sides: tuple[Side, ...]) -> tuple[Array, bool]:
+    low, high = scale.omega_grid[0] * 10.0, scale.omega_grid[-1] / 10.0
+    for side in sides:
+        if side.quantity.name == "crossover_rad_s":
+            if side.bound is Bound.EQUAL:
+                return np.array([side.limit_public]), True
+            if side.bound is Bound.LOWER:
+                low = max(low, side.limit_public)
+            else:
+                high = min(high, side.limit_public)
+    if low > high:
+        low, high = high, low
+    count = int(np.clip(6 * math.log10(high / low), 3, 40))
+    return np.geomspace(low, high, count), False
+
+
+def _phase_margins(sides: tuple[Side, ...]) -> tuple[Array, bool]:
+    low = math.radians(20.0)
+    for side in sides:
+        if side.quantity.name == "phase_margin_deg":
+            if side.bound is Bound.EQUAL:
+                return np.array([side.limit]), True
+            if side.bound is Bound.LOWER:
+                low = max(low, side.limit)
+    return np.linspace(low, max(math.radians(130.0), low + 0.2), 8), False
+
+
+def _merit(
+    spec: DesignSpec, scale: Scale, sides: tuple[Side, ...], objective: ObjectiveKind, candidates: Array
+) -> Array:
+    """Violation of what a coarse grid shows, plus a little of the objective; smaller is better; shape (n,)."""
+    family = spec.plant
+    corners = list(itertools.product(*zip(family.low, family.high, strict=True)))[:8]
+    points = np.array([family.nominal_point, *corners]).reshape(1 + len(corners), len(family.low))
+    plants = Plants.members(family, points)
+    omega = np.unique(np.concatenate([_thinned(scale.omega_grid), *_band_ends(sides)]))
+    rows = np.repeat(np.arange(len(points)), len(omega))
+    tiled = np.tile(omega, len(points))
+    response = plants.response(rows, tiled) * np.exp(-1j * tiled * plants.dead_time_s[rows])
+    response = response.reshape(1, len(points), len(omega))
+    kp, ki, alpha = (candidates[:, i][:, None, None] for i in range(3))
+    controller = kp + ki * np.exp(-alpha * (np.log(omega) + 0.5j * np.pi))
+    loop = controller * response
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        log_sensitivity = -np.log(np.abs(1.0 + loop))
+        log_gain = np.log(np.abs(loop))
+        log_controller = np.log(np.abs(controller)) + 0.0 * log_gain
+    total = np.zeros(len(candidates))
+    responses = {
+        "sensitivity_db": log_sensitivity,
+        "complementary_sensitivity_db": log_gain + log_sensitivity,
+        "control_sensitivity_db": log_controller + log_sensitivity,
+        "loop_gain_db": log_gain,
+    }
+    for side in sides:
+        values = responses.get(side.quantity.name)
+        if values is None:
+            continue
+        band = (omega >= side.from_rad_s * (1 - 1e-9)) & (omega <= side.to_rad_s * (1 + 1e-9))
+        if not band.any():
+            continue
+        violation = np.nan_to_num((values[:, :, band] - side.limit) * (side.bound.value or 1), nan=1e3)
+        if side.nominal:
+            violation = violation[:, :1]
+        total += np.maximum(violation.max(axis=(1, 2)), 0.0)
+    total += _crossing_violation(sides, log_gain, loop, omega)
+    peak = np.nan_to_num(log_sensitivity.max(axis=(1, 2)), nan=1e3, posinf=1e3)
+    return total + 0.02 * peak + 0.01 * _preference(objective, scale, candidates, log_controller + log_sensitivity)
+
+
+def _preference(objective: ObjectiveKind, scale: Scale, candidates: Array, log_cs: Array) -> Array:
+    """A rough idea of the objective, in natural units."""
+    if objective in (ObjectiveKind.KI, ObjectiveKind.IAE_DISTURBANCE):
+        scaled = candidates[:, 1] * scale.gain * scale.omega_rad_s ** -candidates[:, 2]
+        return -np.arcsinh(scaled)
+    if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK:
+        return np.nan_to_num(log_cs.max(axis=(1, 2)), nan=1e3, posinf=1e3)
+    return np.zeros(len(candidates))
+
+
+def _crossing_violation(sides: tuple[Side, ...], log_gain: Array, loop: Complex, omega: Array) -> Array:
+    """Violation of phase margins and crossovers, read off at the grid's last |L| >= 1; shape (n,)."""
+    wanted = [s for s in sides if s.where in (Where.GAIN_CROSSOVERS, Where.HIGHEST_GAIN_CROSSOVER)]
+    if not wanted:
+        return np.zeros(len(log_gain))
+    above = log_gain >= 0
+    last = above.shape[2] - 1 - np.argmax(above[:, :, ::-1], axis=2)
+    nowhere = ~above.any(axis=2)
+    at = np.where(nowhere, 0, last)
+    phase = np.angle(np.take_along_axis(loop, at[:, :, None], axis=2)[:, :, 0])
+    margin = np.pi + np.where(phase > 0.5, phase - 2 * np.pi, phase)
+    log_omega = np.log(omega)[at]
+    values = {"phase_margin_deg": margin, "crossover_rad_s": log_omega, "delay_margin_s": margin * np.exp(-log_omega)}
+    total = 2.0 * np.max(nowhere, axis=1)
+    for side in wanted:
+        value = values.get(side.quantity.name)
+        if value is None or side.bound is Bound.EQUAL:
+            continue
+        violation = (value - side.limit) * side.bound.value * side.scale
+        if side.nominal:
+            violation = violation[:, :1]
+        # The grid is coarse: what is missed by less than half its step is no violation.
+        total += np.maximum(violation.max(axis=1) - 0.1, 0.0)
+    return total
+
+
+def _thinned(grid: Array) -> Array:
+    return np.geomspace(grid[0], grid[-1], _SCREEN_OMEGAS)
+
+
+def _band_ends(sides: tuple[Side, ...]) -> list[Array]:
+    ends = [w for side in sides for w in (side.from_rad_s, side.to_rad_s) if 0.0 < w < math.inf]
+    return [np.array(ends)]
+
+
+def fixed_gains(box: ControllerSpec) -> FoPi | None:
+    """The gains when the spec leaves none of them open."""
+    if box.kp.is_fixed and box.ki.is_fixed and box.alpha.is_fixed:
+        return FoPi(box.kp.min, box.ki.min, box.alpha.min)
+    return None

@@ -1,0 +1,147 @@
+"""Loops over a grid of frequencies:  where they cross, and every number that quantities are made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.logform import Array, Complex, Rows
+from fopi_tune.core.loops import Loops, Plants
+
+
+class Track(Enum):
+    """What a frequency is moved to before it is looked at."""
+
+    STAY = 0
+    GAIN_CROSSOVER = 1
+    PHASE_CROSSOVER = 2
+
+
+@dataclass(frozen=True)
+class LoopNumbers:
+    """`LoopSymbols` in NumPy arrays."""
+
+    log_gain: Array
+    phase_rad: Array
+    phase_slope_rad: Array
+    log_return_difference: Array
+    log_controller: Array
+    log_omega: Array
+    omega_rad_s: Array
+
+
+class Table:
+    """ln L of some plants, the nominal one first, over the frequency grid, and what follows from it."""
+
+    def __init__(self, gains: FoPi, plants: Plants, omega: Array) -> None:
+        self.loops = Loops.of(gains, plants)
+        self.u = np.log(omega)
+        m, n = len(plants), len(omega)
+        rows = np.repeat(np.arange(m), n)
+        self.log_l: Complex = self.loops.log_response(rows, np.tile(self.u, m)).reshape(m, n)
+        with np.errstate(divide="ignore"):
+            controller = self.loops.controller_response(np.zeros(n, dtype=np.intp), omega)
+            self.log_controller = np.log(np.abs(controller))
+        self._gain_crossings: tuple[Rows, Array] | None = None
+
+    def nominal(self) -> tuple[float, float]:
+        """Phase margin (rad) and ln of the highest gain crossover of the first plant; nan and mid-grid without one."""
+        rows, u = self.gain_crossings()
+        mine = u[rows == 0]
+        if not len(mine):
+            return math.nan, float(0.5 * (self.u[0] + self.u[-1]))
+        phases = self.loops.log_response(np.zeros(len(mine), dtype=np.intp), mine).imag
+        return float(np.pi + phases.min()), float(mine.max())
+
+    def smallest_in_band(
+        self, slack: Callable[[LoopNumbers], Array], low_u: float, high_u: float
+    ) -> tuple[Array, Array]:
+        """The smallest slack over the grid's part in a band, and its u, a row a plant."""
+        m = len(self.loops)
+        inside = np.flatnonzero((self.u >= low_u - 1e-12) & (self.u <= high_u + 1e-12))
+        z = self.log_l[:, inside].ravel()
+        u = np.tile(self.u[inside], m)
+        nothing = np.zeros(len(z))
+        controller = np.tile(self.log_controller[inside], m)
+        numbers = LoopNumbers(z.real, z.imag, nothing, _log_one_plus(z), controller, u, np.exp(u))
+        grid = slack(numbers).reshape(m, -1)
+        best = np.argmin(grid, axis=1)
+        return grid[np.arange(m), best], self.u[inside][best]
+
+    def gain_crossings(self) -> tuple[Rows, Array]:
+        """(row, u) of the gain crossovers the grid shows."""
+        if self._gain_crossings is None:
+            self._gain_crossings = self._crossings(self.log_l.real >= 0, Track.GAIN_CROSSOVER)
+        return self._gain_crossings
+
+    def phase_crossings(self) -> tuple[Rows, Array]:
+        """(row, u) of the phase crossovers with |L| < 1 the grid shows."""
+        rows, u = self._crossings(np.floor((self.log_l.imag + np.pi) / (2.0 * np.pi)), Track.PHASE_CROSSOVER)
+        small = self.loops.log_response(rows, u).real < 0
+        return rows[small], u[small]
+
+    def nearest_to_crossover(self) -> tuple[Array, Array]:
+        """The smallest | ln|L| | of each plant and its u."""
+        best = np.argmin(np.abs(self.log_l.real), axis=1)
+        return np.abs(self.log_l.real)[np.arange(len(best)), best], self.u[best]
+
+    def _crossings(self, cell: NDArray[Any], track: Track) -> tuple[Rows, Array]:
+        """Changes of the cell's number along the grid, polished."""
+        rows, i = np.nonzero(cell[:, 1:] != cell[:, :-1])
+        u = 0.5 * (self.u[i] + self.u[i + 1])
+        polished = tracked(self.loops.take(rows), u, np.full(len(u), track.value))
+        return rows, np.clip(polished, self.u[i], self.u[i + 1])
+
+
+def tracked(loops: Loops, u: Array, track: Rows) -> Array:
+    """Newton's method to the crossover that `track` (values of `Track`) names; u itself where it says to stay."""
+    rows = np.flatnonzero(track)
+    if not len(rows):
+        return u
+    u = u.copy()
+    gain = track[rows] == Track.GAIN_CROSSOVER.value
+    for _ in range(6):
+        z, slope = loops.log_response(rows, u[rows]), loops.log.derivative(rows, u[rows])
+        turned = z.imag + np.pi
+        error = np.where(gain, z.real, turned - 2 * np.pi * np.round(turned / (2 * np.pi)))
+        rate = np.where(gain, slope.real, slope.imag)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.nan_to_num(error / rate, nan=0.0, posinf=0.0, neginf=0.0)
+        u[rows] -= np.clip(step, -0.5, 0.5)
+    return u
+
+
+def numbers_at(loops: Loops, rows: Rows, u: Array) -> LoopNumbers:
+    """Everything quantities are made of, at given rows and u."""
+    z = loops.log_response(rows, u)
+    omega = np.exp(u)
+    with np.errstate(divide="ignore"):
+        log_controller = np.log(np.abs(loops.controller_response(rows, omega)))
+    return LoopNumbers(z.real, z.imag, loops.log.derivative(rows, u).imag, _log_one_plus(z), log_controller, u, omega)
+
+
+def part_of(numbers: LoopNumbers, part: slice) -> LoopNumbers:
+    """Some of the rows."""
+    return LoopNumbers(*(getattr(numbers, name)[part] for name in LoopNumbers.__dataclass_fields__))
+
+
+def discounted_error(loops: Loops, horizon_s: float) -> Array:
+    """T |P/(1 + C P)| at s = 1/T, shape (m,)."""
+    s = 1.0 / horizon_s
+    numerator, denominator = (np.polyval(c.T, s) for c in (loops.plants.numerator, loops.plants.denominator))
+    p = numerator / denominator * np.exp(-s * loops.plants.dead_time_s)
+    return horizon_s * np.abs(p / (1.0 + (loops.kp + loops.ki * s**-loops.alpha) * p))
+
+
+def _log_one_plus(z: Complex) -> Array:
+    """ln|1 + e^z| without overflow."""
+    small = np.exp(np.where(z.real > 0, -z, z))
+    with np.errstate(divide="ignore"):
+        return np.maximum(z.real, 0.0) + np.log(np.abs(1.0 + small))

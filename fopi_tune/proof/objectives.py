@@ -1,0 +1,128 @@
+"""The value of a spec's objective for given gains, from its definition."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Loops
+from fopi_tune.core.margins import gain_crossovers
+from fopi_tune.core.peaks import Response, extremes
+from fopi_tune.proof.changes import Samples
+from fopi_tune.proof.results import Place, RequirementResult
+from fopi_tune.proof.sample import Badness, Sample
+from fopi_tune.proof.search import find_worst
+from fopi_tune.proof.stability import sensitivity_peak
+from fopi_tune.quantities import QUANTITIES
+from fopi_tune.quantities.base import NEPER_PER_DB
+from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
+from fopi_tune.spec.model import Objective, Relation
+
+Value = tuple[float | None, Place | None]
+
+
+def evaluate_objective(objective: Objective | None, samples: Samples, results: tuple[RequirementResult, ...]) -> Value:
+    """The objective's value and where it is worst.
+
+    Args:
+        objective: the spec's; None asks for depth.
+        samples: the family with the controller.
+        results: of the requirements, for depth.
+    """
+    if objective is None:
+        return _depth(samples, results)
+    return _VALUES[ObjectiveKind(objective.quantity)](objective, samples)
+
+
+def _depth(samples: Samples, results: tuple[RequirementResult, ...]) -> Value:
+    """The smallest slack of the inequalities; without any, minus ln of the largest |S|."""
+    inequalities = [result for result in results if result.requirement.relation is not Relation.EQUALS]
+    if not inequalities:
+        value, place = _worst(samples.smooth, sensitivity_peak)
+        return (None if value is None else -value), place
+    for result in inequalities:
+        if result.slack is None:
+            return None, result.worst
+    shallowest = min(inequalities, key=lambda result: np.inf if result.slack is None else result.slack)
+    return shallowest.slack, shallowest.worst
+
+
+def _worst(sample: Sample, badness: Badness) -> Value:
+    found = find_worst(sample, badness)
+    return (None if np.isnan(found.value) else found.value), found.place(sample)
+
+
+def _integral_gain(objective: Objective, samples: Samples) -> Value:
+    return samples.smooth.gains.ki, None
+
+
+def _phase_margin_spread(objective: Objective, samples: Samples) -> Value:
+    """max |PM - PM(nominal)|, deg."""
+    measure = QUANTITIES["phase_margin_deg"].measure
+    nominal = measure(samples.smooth.nominal_loop, False, 0.0, np.inf).value[0]
+
+    def badness(loops: Loops) -> tuple[Array, Array]:
+        found = measure(loops, False, 0.0, np.inf)
+        return np.abs(found.value - nominal), found.omega_rad_s
+
+    return _worst(samples.jumping, badness)
+
+
+def _crossover_spread(objective: Objective, samples: Samples) -> Value:
+    """max |20 log10|L(j omega_c)||, dB, at the nominal member's highest crossover."""
+    crossings = gain_crossovers(samples.smooth.nominal_loop)
+    if not len(crossings.row):
+        return None, None
+    omega = float(crossings.omega_rad_s[-1])
+
+    def badness(loops: Loops) -> tuple[Array, Array]:
+        rows = np.arange(len(loops))
+        gain = loops.log_response(rows, np.full(len(rows), np.log(omega))).real
+        return np.abs(gain) / NEPER_PER_DB, np.full(len(rows), omega)
+
+    return _worst(samples.smooth, badness)
+
+
+def _peak(response: Response) -> Callable[[Objective, Samples], Value]:
+    def value(objective: Objective, samples: Samples) -> Value:
+        """The largest gain over all members and frequencies, dB."""
+
+        def badness(loops: Loops) -> tuple[Array, Array]:
+            found = extremes(loops, response, 0.0, np.inf)
+            return found.value / NEPER_PER_DB, found.omega_rad_s
+
+        return _worst(samples.smooth, badness)
+
+    return value
+
+
+def _discounted_error(objective: Objective, samples: Samples) -> Value:
+    """max |int_0^inf e(t) exp(-t/T) dt| after a unit step at the plant's input:  T P/(1 + C P) at s = 1/T."""
+    horizon = default_horizon_s(samples.smooth.family) if objective.horizon_s is None else objective.horizon_s
+    s = 1.0 / horizon
+
+    def badness(loops: Loops) -> tuple[Array, Array]:
+        plants = loops.plants
+        numerator = _at(plants.numerator, s) * np.exp(-s * plants.dead_time_s)
+        controller = loops.kp + loops.ki * s**-loops.alpha
+        with np.errstate(divide="ignore"):
+            error = horizon * numerator / (_at(plants.denominator, s) + controller * numerator)
+        return np.abs(error), np.full(len(loops), np.nan)
+
+    return _worst(samples.smooth, badness)
+
+
+def _at(coefficients: Array, s: float) -> Array:
+    return coefficients @ s ** np.arange(coefficients.shape[1] - 1, -1, -1.0)
+
+
+_VALUES: dict[ObjectiveKind, Callable[[Objective, Samples], Value]] = {
+    ObjectiveKind.KI: _integral_gain,
+    ObjectiveKind.PHASE_MARGIN_SPREAD: _phase_margin_spread,
+    ObjectiveKind.CROSSOVER_SPREAD: _crossover_spread,
+    ObjectiveKind.SENSITIVITY_PEAK: _peak(Response.SENSITIVITY),
+    ObjectiveKind.CONTROL_SENSITIVITY_PEAK: _peak(Response.CONTROL_SENSITIVITY),
+    ObjectiveKind.IAE_DISTURBANCE: _discounted_error,
+}

@@ -1,0 +1,89 @@
+"""One requirement against one controller:  the worst value over its scope and band, and what that means."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Loops
+from fopi_tune.proof.changes import Samples
+from fopi_tune.proof.results import Outcome, Place, RequirementResult
+from fopi_tune.proof.search import find_worst, place_of
+from fopi_tune.quantities import QUANTITIES
+from fopi_tune.spec.model import Relation, Requirement, Scope
+
+#: exp of more than this would not be a number any more
+_LARGEST_EXPONENT = 700.0
+
+
+def check_requirement(requirement: Requirement, samples: Samples, tolerance: float) -> RequirementResult:
+    """Measure the requirement's quantity where it is worst, and score it.
+
+    Args:
+        requirement: what to check.
+        samples: the family with the controller.
+        tolerance: by how much it may be missed, in natural units.
+    """
+    results = [_one_side(requirement, samples, largest) for largest in (False, True) if _has_side(requirement, largest)]
+    for achieved, place in results:
+        if math.isnan(achieved):
+            return RequirementResult(requirement, None, Outcome.NO_CROSSOVER, None, None, place)
+    slacks = [_slack(requirement, achieved) for achieved, _ in results]
+    k = int(np.argmin(slacks))
+    (achieved, place), slack = results[k], slacks[k]
+    score = _score(requirement, slack, tolerance)
+    return RequirementResult(requirement, achieved, _outcome(requirement, achieved, score), slack, score, place)
+
+
+def _has_side(requirement: Requirement, largest: bool) -> bool:
+    return math.isfinite(requirement.upper if largest else requirement.lower)
+
+
+def _one_side(requirement: Requirement, samples: Samples, largest: bool) -> tuple[float, Place]:
+    """The largest or the smallest value over the scope and the band; nan where a member has none."""
+    quantity, sign = QUANTITIES[requirement.quantity], 1.0 if largest else -1.0
+
+    def badness(loops: Loops) -> tuple[Array, Array]:
+        found = quantity.measure(loops, largest, requirement.from_rad_s, requirement.to_rad_s)
+        return sign * found.value, found.omega_rad_s
+
+    # Functions of frequency are continuous over the box; what is read at a crossing jumps with the number of crossings.
+    nominal = requirement.scope is Scope.NOMINAL
+    sample = samples.smooth if nominal or quantity.takes_band else samples.jumping
+    if nominal:
+        value, omega = badness(sample.nominal_loop)
+        return sign * float(value[0]), place_of(sample, sample.nominal_x, float(omega[0]))
+    worst = find_worst(sample, badness)
+    return sign * worst.value, worst.place(sample)
+
+
+def _slack(requirement: Requirement, achieved: float) -> float:
+    """The distance inside the limit or limits, negative outside; minus the distance for `equals`."""
+    above = _distance(requirement, achieved, requirement.lower)
+    below = -_distance(requirement, achieved, requirement.upper)
+    return min(above, below)
+
+
+def _distance(requirement: Requirement, achieved: float, limit: float) -> float:
+    """achieved - limit in natural units; a delay margin's is relative to its limit."""
+    if math.isinf(limit):
+        return -math.copysign(math.inf, limit)
+    if requirement.quantity == "delay_margin_s":
+        return (achieved - limit) / abs(limit)
+    quantity = QUANTITIES[requirement.quantity]
+    natural = math.copysign(math.inf, achieved) if math.isinf(achieved) else quantity.to_natural(achieved)
+    return natural - quantity.to_natural(limit)
+
+
+def _score(requirement: Requirement, slack: float, tolerance: float) -> float:
+    if requirement.relation is Relation.EQUALS:
+        return -slack / tolerance
+    return math.exp(min(-(slack + tolerance), _LARGEST_EXPONENT))
+
+
+def _outcome(requirement: Requirement, achieved: float, score: float) -> Outcome:
+    if requirement.quantity == "gain_margin_db" and math.isinf(achieved):
+        return Outcome.INFINITE
+    return Outcome.MET if score <= 1.0 else Outcome.VIOLATED

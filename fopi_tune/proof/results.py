@@ -1,0 +1,115 @@
+"""What the verification found, as frozen data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.margins import Margins
+from fopi_tune.spec.model import Relation, Requirement
+
+
+class Outcome(StrEnum):
+    """What became of a requirement."""
+
+    MET = "met"
+    VIOLATED = "violated"
+    #: the loop never crosses |L| = 1, so that the quantity does not exist; never met
+    NO_CROSSOVER = "no_crossover"
+    #: a gain margin that does not end: more than any at_least, and never equal to or below anything
+    INFINITE = "infinite"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where something is worst.
+
+    Args:
+        omega_rad_s: the frequency; 0 and inf are limits, None when no frequency decides.
+        plant: the member's uncertain numbers by name; empty when the plant is known.
+        point: the same as a place of the family's box.
+    """
+
+    omega_rad_s: float | None
+    plant: Mapping[str, float]
+    point: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class RequirementResult:
+    """One requirement, looked at over its whole scope and band.
+
+    Args:
+        requirement: what the spec says.
+        achieved: the worst value, in the quantity's public unit; inf for a gain margin that does not end; None
+            without a gain crossover.
+        outcome: what became of it.
+        slack: how far inside the limit, negative outside, in neper or radian (for a delay margin: relative to the
+            limit); for `equals` minus the distance; None without a gain crossover.
+        score: at most 1 exactly when the requirement holds within the tolerance; None without a gain crossover.
+        worst: the member and the frequency that decide.
+    """
+
+    requirement: Requirement
+    achieved: float | None
+    outcome: Outcome
+    slack: float | None
+    score: float | None
+    worst: Place
+
+    @property
+    def is_met(self) -> bool:
+        """Whether the requirement holds within the tolerance."""
+        endless = self.outcome is Outcome.INFINITE and self.requirement.relation is Relation.AT_LEAST
+        return self.outcome is Outcome.MET or endless
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Closed-loop stability of the whole family.
+
+    Args:
+        stable: every member is stable.
+        peak_sensitivity_db: largest |S| over all members and frequencies; of the failing member alone when not stable.
+        worst: where the loop comes closest to -1; a failing member when not stable.
+        unstable_poles: closed-loop poles in the right half-plane of that member; None when they cannot be counted: on
+            the axis, or infinitely many.
+        reason: one sentence.
+    """
+
+    stable: bool
+    peak_sensitivity_db: float
+    worst: Place
+    unstable_poles: int | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What is true of these gains.
+
+    Args:
+        gains: the controller.
+        stability: of the whole family.
+        requirements: in the order of the spec.
+        objective: value of the spec's objective; without one the smallest slack of the inequalities, or -ln of the
+            largest |S| when there are none.  None where a member without a gain crossover leaves it undefined.
+        objective_worst: the member and frequency that decide the objective; None when none does.
+        nominal: margins with the nominal plant.
+        tolerance: by how much (natural units) a requirement may be missed.
+    """
+
+    gains: FoPi
+    stability: Stability
+    requirements: tuple[RequirementResult, ...]
+    objective: float | None
+    objective_worst: Place | None
+    nominal: Margins
+    tolerance: float
+
+    @property
+    def all_met(self) -> bool:
+        """The whole family is stable and every requirement holds."""
+        return self.stability.stable and all(result.is_met for result in self.requirements)

@@ -1,0 +1,148 @@
+"""A dense sample of a family's box, and loops on it.
+
+Places of the box are written as x in [0, 1]^p; a number of one sign runs logarithmically from its minimum to its
+maximum.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.logform import Array, Rows
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.errors import DomainError
+
+#: m loops -> (how bad (m,), the frequency that decides (m,)); nan where a loop has no such thing
+Badness = Callable[[Loops], tuple[Array, Array]]
+
+#: grid points an axis, for one, two and three uncertain numbers
+_GRID = {1: 65, 2: 17, 3: 9}
+_MOST_CORNERS = 256
+_SOBOL_POINTS = 1024
+#: rows worked on together: the crossings of many loops with dead time are many
+_CHUNK = 256
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Members of a family, with one controller.
+
+    Args:
+        family: the plants.
+        gains: the controller.
+        x: shape (m, p), the members' places; the grid's points first, when there is a grid.
+        per_axis: grid points an axis; 0 without a grid.
+        nominal: the nominal member's row.
+    """
+
+    family: PlantFamily
+    gains: FoPi
+    x: Array
+    per_axis: int
+    nominal: int
+
+    @classmethod
+    def of(cls, family: PlantFamily, gains: FoPi) -> Sample:
+        """A grid with up to three uncertain numbers, else corners and a Sobol sequence; and the nominal member."""
+        p = len(family.uncertain_names)
+        per_axis = _GRID.get(p, 0)
+        if p == 0:
+            x = np.zeros((0, 0))
+        elif per_axis:
+            x = np.array(list(itertools.product(np.linspace(0.0, 1.0, per_axis), repeat=p)))
+        else:
+            x = np.concatenate([_corners(p), _sobol(p)])
+        empty = cls(family, gains, x, per_axis, len(x))
+        return replace(empty, x=np.concatenate([x, empty.nominal_x[None, :]]))
+
+    @property
+    def spacing(self) -> float:
+        """Distance of neighbours in x."""
+        return 1.0 / (self.per_axis - 1) if self.per_axis else 0.25
+
+    @cached_property
+    def nominal_x(self) -> Array:
+        """Shape (p,), the nominal member's place."""
+        low, high, nominal = self.family.low, self.family.high, self.family.nominal_point
+        logarithmic = low * high > 0
+        ratio = np.where(logarithmic, high / np.where(logarithmic, low, 1.0), np.e)
+        position = np.where(logarithmic, nominal / np.where(logarithmic, low, 1.0), 1.0)
+        return np.where(logarithmic, np.log(position) / np.log(ratio), (nominal - low) / (high - low))
+
+    def points(self, x: Array) -> Array:
+        """The uncertain numbers at these places, both of shape (m, p); exact at the ends and at the nominal member."""
+        low, high = self.family.low, self.family.high
+        logarithmic = low * high > 0
+        ratio = np.where(logarithmic, high / np.where(logarithmic, low, 1.0), 1.0)
+        points = np.where(logarithmic, low * ratio**x, low + (high - low) * x)
+        points = np.where(x == self.nominal_x, self.family.nominal_point, points)
+        return np.clip(np.where(x == 1.0, high, np.where(x == 0.0, low, points)), low, high)
+
+    def loops_at(self, x: Array) -> Loops:
+        """The loops at these places, shape (m, p)."""
+        return Loops.of(self.gains, Plants.members(self.family, self.points(x)))
+
+    @cached_property
+    def loops(self) -> Loops:
+        """The loops of the sample's own places."""
+        return self.loops_at(self.x)
+
+    @cached_property
+    def nominal_loop(self) -> Loops:
+        """The nominal member's, one row."""
+        return self.loops_at(self.nominal_x[None, :])
+
+    @cached_property
+    def edges(self) -> tuple[Rows, Rows]:
+        """Rows of neighbours: along the grid's axes; without a grid every place and the nominal one."""
+        p, n = self.x.shape[1], self.per_axis
+        if not n:
+            rows = np.arange(len(self.x))
+            return rows, np.full(len(rows), self.nominal)
+        index = np.arange(n**p).reshape((n,) * p)
+        first = [np.take(index, range(n - 1), axis=k).ravel() for k in range(p)]
+        second = [np.take(index, range(1, n), axis=k).ravel() for k in range(p)]
+        return np.concatenate(first), np.concatenate(second)
+
+    def with_more(self, x: Array) -> Sample:
+        """The sample and these places."""
+        return replace(self, x=np.concatenate([self.x, x])) if len(x) else self
+
+
+def evaluate(loops: Loops, badness: Badness) -> tuple[Array, Array]:
+    """Badness of every loop, in portions; a portion with too many crossings to list together is halved."""
+    if len(loops) > _CHUNK:
+        return _halves(loops, badness)
+    try:
+        return badness(loops)
+    except DomainError:
+        if len(loops) <= 1:
+            raise
+        return _halves(loops, badness)
+
+
+def _halves(loops: Loops, badness: Badness) -> tuple[Array, Array]:
+    rows, middle = np.arange(len(loops)), len(loops) // 2
+    first = evaluate(loops.take(rows[:middle]), badness)
+    second = evaluate(loops.take(rows[middle:]), badness)
+    return np.concatenate([first[0], second[0]]), np.concatenate([first[1], second[1]])
+
+
+def _corners(p: int) -> Array:
+    if 2**p <= _MOST_CORNERS:
+        return np.array(list(itertools.product((0.0, 1.0), repeat=p)))
+    chosen = np.random.default_rng(1).integers(0, 2, size=(_MOST_CORNERS, p)).astype(float)
+    return np.concatenate([np.zeros((1, p)), np.ones((1, p)), chosen])
+
+
+def _sobol(p: int) -> Array:
+    from scipy.stats import qmc  # half a second, needed by large boxes only
+
+    return qmc.Sobol(p, scramble=False).random(_SOBOL_POINTS)

@@ -1,0 +1,182 @@
+"""The worst member of a family:  a dense sample, then zooming in on its several worst places.
+
+A candidate is a place x with a window of half-width h around it.  Every round looks at a pattern of places in all
+windows together.  A window moves to a better place at its rim, and shrinks around one inside.  It has converged when
+
+    - along every axis the box ends at x and the badness falls inwards, on two scales (a corner, a trend that points
+      outward), or
+    - along the other axes the badness varies by less than 1e-10 of its size within the window.
+
+Jumps do not converge that way; around them a window shrinks until its width is that of rounding.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fopi_tune.core.logform import Array, Rows
+from fopi_tune.proof.results import Place
+from fopi_tune.proof.sample import Badness, Sample, evaluate
+
+_MOST_CANDIDATES = 6
+_MOST_ROUNDS = 80
+_CONVERGED = 1e-10
+_ROUNDING = 1e-13
+_NARROWEST = 1e-11
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The worst member.
+
+    Args:
+        value: its badness; nan when it has none (no gain crossover), and then it is not the only thing to know.
+        omega_rad_s: the frequency that decides.
+        x: shape (p,), its place.
+        candidates: shape (k, p), every place the search ended at.
+    """
+
+    value: float
+    omega_rad_s: float
+    x: Array
+    candidates: Array
+
+    def place(self, sample: Sample) -> Place:
+        """The member in the user's terms."""
+        return place_of(sample, self.x, self.omega_rad_s)
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    x: Array
+    value: float
+    omega: float
+    width: float
+    #: axes along which the box ends here and the badness falls inwards
+    pinned: Array
+    #: how much the badness varies in the window, the pinned axes apart
+    spread: float
+    done: bool = False
+
+
+def find_worst(sample: Sample, badness: Badness, ceiling: float = np.inf) -> Worst:
+    """The largest badness over the box.
+
+    Args:
+        sample: where to start from.
+        badness: to be maximised.
+        ceiling: a badness beyond this is bad enough to stop.
+    """
+    values, omegas = evaluate(sample.loops, badness)
+    missing = np.isnan(values)
+    k = sample.nominal if missing[sample.nominal] else int(np.argmax(np.where(missing, np.inf, values)))
+    first = Worst(float(values[k]), float(omegas[k]), sample.x[k], sample.x[k][None, :])
+    if sample.x.shape[1] == 0 or not np.isfinite(first.value) or first.value > ceiling:
+        return first
+    finite = values[np.isfinite(values)]
+    scale = max(float(np.abs(finite).max()), 1e-300)
+    if len(finite) == len(values) and np.ptp(finite) <= _ROUNDING * scale:
+        return first
+    active = [_start(sample, values, omegas, int(row)) for row in _distinct_peaks(sample, values)]
+    finished: list[_Candidate] = []
+    for count in range(_MOST_ROUNDS):
+        trial = [_unique(c.x + c.width * _pattern(len(c.x), count)) for c in active]
+        new_values, new_omegas = evaluate(sample.loops_at(np.concatenate(trial)), badness)
+        if np.isnan(new_values).any():
+            row = int(np.argmax(np.isnan(new_values)))
+            x = np.concatenate(trial)[row]
+            return Worst(np.nan, np.nan, x, x[None, :])
+        ends = np.cumsum([len(t) for t in trial])[:-1]
+        parts = zip(active, trial, np.split(new_values, ends), np.split(new_omegas, ends), strict=True)
+        moved = [_step(c, t, v, w, sample.spacing, scale) for c, t, v, w in parts]
+        finished += [c for c in moved if c.done]
+        best = max(c.value for c in moved + finished)
+        if best > ceiling:
+            return _result(moved + finished)
+        active = [c for c in moved if not c.done and c.value + 2.0 * c.spread >= best]
+        if not active:
+            break
+    return _result(finished + active)
+
+
+def place_of(sample: Sample, x: Array, omega_rad_s: float) -> Place:
+    """A place of the box and a frequency in the user's terms; nan is no frequency."""
+    point = sample.points(x[None, :])[0]
+    omega = None if np.isnan(omega_rad_s) else float(omega_rad_s)
+    return Place(omega, sample.family.describe(point), tuple(point.tolist()))
+
+
+def _result(candidates: list[_Candidate]) -> Worst:
+    best = max(candidates, key=lambda c: c.value)
+    return Worst(best.value, best.omega, best.x, np.array([c.x for c in candidates]))
+
+
+def _start(sample: Sample, values: Array, omegas: Array, row: int) -> _Candidate:
+    p = sample.x.shape[1]
+    return _Candidate(
+        sample.x[row], float(values[row]), float(omegas[row]), sample.spacing, np.zeros(p, dtype=bool), np.inf
+    )
+
+
+def _distinct_peaks(sample: Sample, values: Array) -> Rows:
+    """Rows no neighbour of which is worse, the worst first, none twice."""
+    n, p = sample.per_axis, sample.x.shape[1]
+    peak = np.ones(len(values), dtype=bool)
+    if n:
+        grid = values[: n**p].reshape((n,) * p)
+        around = grid
+        for axis in range(p):
+            padded = np.pad(around, [(1, 1) if k == axis else (0, 0) for k in range(p)], constant_values=-np.inf)
+            around = np.max([np.take(padded, range(k, k + n), axis=axis) for k in range(3)], axis=0)
+        peak[: n**p] = (grid >= around).ravel()
+        for row in range(n**p, len(values)):
+            near = np.abs(sample.x[: n**p] - sample.x[row]).max(axis=1) <= sample.spacing
+            peak[row] = values[row] > values[: n**p][near].max()
+    peak &= values > -np.inf
+    rows = np.flatnonzero(peak)
+    chosen: list[int] = []
+    for row in rows[np.argsort(-values[rows], kind="stable")]:
+        distance = np.abs(sample.x[chosen] - sample.x[row]).max(axis=1) if chosen else np.array([np.inf])
+        if distance.min() > 0.75 * sample.spacing:
+            chosen.append(int(row))
+        if len(chosen) == _MOST_CANDIDATES:
+            break
+    return np.array(chosen, dtype=np.intp)
+
+
+def _pattern(p: int, count: int) -> Array:
+    """Where to look in a window, in half-widths."""
+    if p <= 3:
+        steps = np.linspace(-1.0, 1.0, {1: 9, 2: 5, 3: 3}[p])
+        pattern = np.array(list(itertools.product(steps, repeat=p)))
+        return pattern[np.abs(pattern).max(axis=1) > 0]
+    axes = np.concatenate([np.eye(p), -np.eye(p)])
+    scattered = np.random.default_rng(count).uniform(-1.0, 1.0, size=(24, p))
+    return np.concatenate([axes, 0.5 * axes, scattered])
+
+
+def _unique(x: Array) -> Array:
+    return np.unique(np.clip(x, 0.0, 1.0), axis=0)
+
+
+def _step(c: _Candidate, trial: Array, values: Array, omegas: Array, spacing: float, scale: float) -> _Candidate:
+    """The candidate after one round."""
+    k = int(np.argmax(values))
+    smaller = c.width * (0.25 if len(c.x) == 1 else 0.5)
+    if values[k] > c.value + _ROUNDING * scale:
+        reached = (np.abs(trial[k] - c.x) > 0.99 * c.width) & (trial[k] > 0.0) & (trial[k] < 1.0)
+        width = min(2.0 * c.width, spacing) if reached.any() else smaller
+        moved = replace(c, x=trial[k], value=float(values[k]), omega=float(omegas[k]), width=width)
+        free_again = np.zeros(len(c.x), dtype=bool)
+        return replace(moved, pinned=free_again, spread=float(values[k] - values.min()), done=width < _NARROWEST)
+    displaced = np.abs(trial - c.x) > 1e-3 * c.width
+    at_end = (c.x == 0.0) | (c.x == 1.0)
+    falls = np.array([bool(np.all(values[displaced[:, axis]] < c.value)) for axis in range(len(c.x))])
+    pinned = at_end & falls
+    free = ~displaced[:, pinned].any(axis=1)
+    spread = max(float(c.value - values[free].min()), 0.0) if free.any() else 0.0
+    settled = bool(np.all(pinned == c.pinned)) and spread <= _CONVERGED * scale
+    return replace(c, width=smaller, pinned=pinned, spread=spread, done=settled or smaller < _NARROWEST)

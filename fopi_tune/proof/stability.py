@@ -1,0 +1,72 @@
+"""Closed-loop stability of a family:  a count of poles at every sampled member, and |S| bounded between them.
+
+Poles move continuously over the box; to cross the imaginary axis they would have to pass a member with |S| = inf.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Loops
+from fopi_tune.core.peaks import Response, extremes
+from fopi_tune.core.stability import unstable_closed_loop_poles
+from fopi_tune.proof.results import Stability
+from fopi_tune.proof.sample import Sample, evaluate
+from fopi_tune.proof.search import find_worst, place_of
+from fopi_tune.quantities.base import NEPER_PER_DB
+
+#: a loop whose |S| exceeds this is not told from one through -1
+_LARGEST_SENSITIVITY = 1e6
+
+
+def check_stability(sample: Sample) -> Stability:
+    """Whether every member of the family is stable, and where the loop comes closest to -1."""
+    counts = _counts(sample, sample.x)
+    if (counts > 0.5).any():
+        row = sample.nominal if counts[sample.nominal] > 0.5 else int(np.argmax(counts))
+        return _unstable(sample, sample.x[row], float(counts[row]))
+    worst = find_worst(sample, sensitivity_peak, ceiling=float(np.log(_LARGEST_SENSITIVITY)))
+    counts = _counts(sample, worst.candidates)
+    if (counts > 0.5).any():
+        row = int(np.argmax(counts))
+        return _unstable(sample, worst.candidates[row], float(counts[row]))
+    if worst.value > np.log(_LARGEST_SENSITIVITY):
+        return _unstable(sample, worst.x, np.inf)
+    peak_db = worst.value / NEPER_PER_DB
+    reason = f"no member has a closed-loop pole in the right half-plane; |S| stays below {peak_db + 0.005:.2f} dB"
+    return Stability(True, peak_db, worst.place(sample), 0, reason)
+
+
+def sensitivity_peak(loops: Loops) -> tuple[Array, Array]:
+    """ln of the largest |S| over all frequencies, and where; shapes (m,)."""
+    found = extremes(loops, Response.SENSITIVITY, 0.0, np.inf)
+    return found.value, found.omega_rad_s
+
+
+def _counts(sample: Sample, x: Array) -> Array:
+    def count(loops: Loops) -> tuple[Array, Array]:
+        poles = unstable_closed_loop_poles(loops)
+        return poles, poles
+
+    return evaluate(sample.loops_at(x), count)[0]
+
+
+def _unstable(sample: Sample, x: Array, count: float) -> Stability:
+    loop = sample.loops_at(x[None, :])
+    peak, omega = sensitivity_peak(loop)
+    poles = round(count) if np.isfinite(count) else None
+    place = place_of(sample, x, float(omega[0]))
+    return Stability(False, float(peak[0]) / NEPER_PER_DB, place, poles, _reason(loop, count, float(omega[0])))
+
+
+def _reason(loop: Loops, count: float, omega: float) -> str:
+    if loop.ki[0] != 0 and loop.plants.numerator[0, -1] == 0.0:
+        return "the plant's zero at s = 0 cancels the controller's integral"
+    end_gain, _ = loop.log.end()
+    if loop.log.slope_end()[0] >= -1e-12 and loop.plants.dead_time_s[0] > 0 and end_gain[0] >= 0:
+        return "the direct path around the dead time has |L| >= 1 at high frequencies: infinitely many unstable poles"
+    if np.isfinite(count):
+        poles = "pole" if round(count) == 1 else "poles"
+        return f"{round(count)} closed-loop {poles} in the right half-plane"
+    return f"the loop passes through -1 near omega = {omega:.6g} rad/s: a closed-loop pole on the imaginary axis"

@@ -1,0 +1,43 @@
+"""Verify gains against a spec, from these two alone.
+
+Every number comes from the exact crossings and peaks of `core/`, plant by plant, and from a search of the whole box of
+uncertain numbers, its interior included.
+"""
+
+from __future__ import annotations
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.margins import margins
+from fopi_tune.proof.changes import Samples
+from fopi_tune.proof.objectives import evaluate_objective
+from fopi_tune.proof.requirements import check_requirement
+from fopi_tune.proof.results import Verification
+from fopi_tune.proof.sample import Sample
+from fopi_tune.proof.stability import check_stability
+from fopi_tune.spec.model import DesignSpec
+
+
+def verify(spec: DesignSpec, gains: FoPi, tolerance: float = 1e-6) -> Verification:
+    """Check stability, every requirement and the objective.
+
+    Args:
+        spec: what is asked; its box of gains is not looked at.
+        gains: the controller, from anywhere.
+        tolerance: by how much a requirement may be missed, in neper or radian (a delay margin: relative).
+
+    Raises:
+        DomainError: kp = ki = 0, or a dead time so long that the loop's crossings cannot be listed.
+    """
+    samples = Samples(Sample.of(spec.plant, gains))
+    stability = check_stability(samples.smooth)
+    requirements = tuple(check_requirement(requirement, samples, tolerance) for requirement in spec.requirements)
+    objective, objective_worst = evaluate_objective(spec.objective, samples, requirements)
+    return Verification(
+        gains=gains,
+        stability=stability,
+        requirements=requirements,
+        objective=objective,
+        objective_worst=objective_worst,
+        nominal=margins(gains, spec.plant.member(spec.plant.nominal_point)),
+        tolerance=tolerance,
+    )

@@ -1,0 +1,35 @@
+"""The quantities a requirement can limit, one module a kind.
+
+To add one: write its class in a module here and list it below; the spec language, its schema, the design and the proof
+read it from `QUANTITIES`.
+"""
+
+from fopi_tune.quantities.base import Quantity
+from fopi_tune.quantities.crossover import Crossover
+from fopi_tune.quantities.delay_margin import DelayMargin
+from fopi_tune.quantities.gain_margin import GainMargin
+from fopi_tune.quantities.phase_margin import PhaseMargin
+from fopi_tune.quantities.phase_slope import PhaseSlope
+from fopi_tune.quantities.responses import (
+    ComplementarySensitivity,
+    ControlSensitivity,
+    LoopGain,
+    Sensitivity,
+)
+
+QUANTITIES: dict[str, Quantity] = {
+    quantity.name: quantity
+    for quantity in (
+        Crossover(),
+        PhaseMargin(),
+        GainMargin(),
+        DelayMargin(),
+        Sensitivity(),
+        ComplementarySensitivity(),
+        ControlSensitivity(),
+        LoopGain(),
+        PhaseSlope(),
+    )
+}
+
+__all__ = ["QUANTITIES", "Quantity"]

@@ -1,0 +1,32 @@
+"""The slope of the phase."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from fopi_tune.core.loops import Loops
+from fopi_tune.core.margins import gain_crossovers
+from fopi_tune.quantities.base import LoopSymbols, Measured, Quantity, Where, highest_by_row
+
+
+class PhaseSlope(Quantity):
+    name = "phase_slope_deg_per_decade"
+    where = Where.HIGHEST_GAIN_CROSSOVER
+    meaning = "d arg L / d log10 omega at the highest gain crossover; 0 is iso-damping"
+
+    def to_natural(self, value: float) -> float:
+        return math.radians(value)
+
+    def from_natural(self, value: float) -> float:
+        return math.degrees(value)
+
+    def measure(self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float) -> Measured:
+        crossings = gain_crossovers(loops)
+        slope_deg_per_decade = np.degrees(crossings.slope_rad) * math.log(10.0)
+        return highest_by_row(crossings, slope_deg_per_decade, len(loops))
+
+    def natural(self, loop: LoopSymbols) -> Any:
+        return loop.phase_slope_rad * math.log(10.0)

@@ -1,0 +1,202 @@
+"""Design:  what `fopi tune` and `fopi prove` hand to people, files and scripts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.margins import Margins
+from fopi_tune.design.result import Give, Status
+from fopi_tune.proof.results import Place, RequirementResult, Stability, Verification
+from fopi_tune.spec.model import DesignSpec, Relation, Requirement
+from fopi_tune.stamp import Stamp
+
+if TYPE_CHECKING:
+    from fopi_tune.convert import ControlObjects
+
+#: version of the result's JSON; it may only grow
+RESULT_SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class RequirementReport:
+    """One requirement with what was achieved.
+
+    Args:
+        requirement: what the spec says.
+        result: what the verification found; None when there are no gains to verify.
+        multiplier: how much the objective would gain if the limit were relaxed by one unit; None where not known.
+    """
+
+    requirement: Requirement
+    result: RequirementResult | None
+    multiplier: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in the result's JSON; infinite and missing numbers are null, and `outcome` says which."""
+        requirement, result = self.requirement, self.result
+        limits = requirement.limits
+        band = {
+            "from_rad_s": finite(requirement.from_rad_s) or None,
+            "to_rad_s": finite(requirement.to_rad_s),
+        }
+        return {
+            "name": requirement.quantity,
+            "relation": requirement.relation.value,
+            "limit": list(limits) if requirement.relation is Relation.BETWEEN else limits[0],
+            "on": requirement.scope.value,
+            **(band if any(band.values()) else {}),
+            "achieved": finite(result.achieved) if result else None,
+            "outcome": result.outcome.value if result else None,
+            "met": result.is_met if result else False,
+            "score": finite(result.score) if result else None,
+            "worst": place_dict(result.worst) if result else None,
+            "multiplier": finite(self.multiplier),
+        }
+
+
+@dataclass(frozen=True)
+class Design:
+    """The end of a tuning: gains, and what is true of them.
+
+    Args:
+        spec: what was asked.
+        status: `solved` only after the verification confirmed every requirement.
+        gains: kp, ki, alpha; None when there is nothing to show.  Of an infeasible spec, the gains that give least.
+        objective: value of the spec's objective, in its public unit, as the verification found it.
+        requirements: in the order of the spec.
+        stability: of the whole family; None without gains.
+        nominal: margins with the nominal plant; None without gains.
+        clash: of an infeasible spec, the smallest set of requirements that clash, and what each would have to give.
+        message: why, in words; empty when solved.
+        stamp: where this comes from.
+        solves: Ipopt runs.
+    """
+
+    spec: DesignSpec
+    status: Status
+    gains: FoPi | None
+    objective: float | None
+    requirements: tuple[RequirementReport, ...]
+    stability: Stability | None
+    nominal: Margins | None
+    clash: tuple[Give, ...]
+    message: str
+    stamp: Stamp
+    solves: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON."""
+        return {
+            "schema": RESULT_SCHEMA,
+            "status": self.status.value,
+            "gains": asdict(self.gains) if self.gains else None,
+            "objective": finite(self.objective),
+            "requirements": [report.to_dict() for report in self.requirements],
+            "stamp": asdict(self.stamp),
+            "name": self.spec.name,
+            "objective_quantity": objective_name(self.spec),
+            "message": self.message,
+            "advice": self.status.advice,
+            "stability": stability_dict(self.stability),
+            "nominal": margins_dict(self.nominal),
+            "clash": [give_dict(give, self.spec) for give in self.clash],
+        }
+
+    def to_control(self) -> ControlObjects:
+        """The nominal plant, the controller (approximated: its order is fractional) and the loop as `control` objects.
+
+        Raises:
+            DomainError: there are no gains.
+        """
+        from fopi_tune.convert import to_control
+
+        return to_control(self.gains, self.spec.plant)
+
+
+@dataclass(frozen=True)
+class Check:
+    """The verification of given gains against a spec: what `fopi prove` hands out."""
+
+    spec: DesignSpec
+    verification: Verification
+    stamp: Stamp
+
+    @property
+    def status(self) -> str:
+        """`met` or `violated`."""
+        return "met" if self.verification.all_met else "violated"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON, shaped as a design's."""
+        found = self.verification
+        return {
+            "schema": RESULT_SCHEMA,
+            "status": self.status,
+            "gains": asdict(found.gains),
+            "objective": finite(found.objective),
+            "requirements": [RequirementReport(r.requirement, r, None).to_dict() for r in found.requirements],
+            "stamp": asdict(self.stamp),
+            "name": self.spec.name,
+            "objective_quantity": objective_name(self.spec),
+            "tolerance": found.tolerance,
+            "stability": stability_dict(found.stability),
+            "nominal": margins_dict(found.nominal),
+        }
+
+
+def objective_name(spec: DesignSpec) -> str:
+    """The objective in words, unit included."""
+    if spec.objective is None:
+        return "smallest slack (natural units)"
+    return f"{spec.objective.sense.value} {spec.objective.quantity}"
+
+
+def finite(value: float | None) -> float | None:
+    """JSON has no infinity: null there, with the reason beside it; and no negative zero."""
+    return value + 0.0 if value is not None and math.isfinite(value) else None
+
+
+def place_dict(place: Place) -> dict[str, Any]:
+    """A worst place; the frequency is a number, "inf" for a limit, or null where none decides."""
+    omega: float | str | None = place.omega_rad_s
+    if omega is not None and not math.isfinite(omega):
+        omega = "inf" if omega > 0 else None
+    plant: Mapping[str, float] = place.plant
+    return {"omega_rad_s": omega, "plant": dict(plant)}
+
+
+def stability_dict(stability: Stability | None) -> dict[str, Any] | None:
+    """Stability of the family."""
+    if stability is None:
+        return None
+    return {
+        "stable": stability.stable,
+        "peak_sensitivity_db": finite(stability.peak_sensitivity_db),
+        "worst": place_dict(stability.worst),
+        "unstable_poles": stability.unstable_poles,
+        "reason": stability.reason,
+    }
+
+
+def margins_dict(nominal: Margins | None) -> dict[str, Any] | None:
+    """Margins; an infinite gain margin is null."""
+    if nominal is None:
+        return None
+    plain = asdict(nominal)
+    return {k: list(v) if isinstance(v, tuple) else finite(v) for k, v in plain.items()}
+
+
+def give_dict(give: Give, spec: DesignSpec) -> dict[str, Any]:
+    """One member of a clash."""
+    requirement = spec.requirements[give.requirement]
+    return {
+        "requirement": give.requirement,
+        "name": requirement.quantity,
+        "relation": requirement.relation.value,
+        "give": finite(give.amount),
+        "new_limit": finite(give.new_limit),
+    }

@@ -1,0 +1,115 @@
+"""The whole language: the shape of a spec file, and the rules between its sections."""
+
+from __future__ import annotations
+
+from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
+from fopi_tune.spec.model import DesignSpec, DigitalSpec, GainRange, Sense, ValidationSpec
+from fopi_tune.spec.nodes import Table
+from fopi_tune.spec.objectives import objective_shape
+from fopi_tune.spec.places import Place
+from fopi_tune.spec.plants import plant_shape
+from fopi_tune.spec.records import Key, Record, Values
+from fopi_tune.spec.requirements import (
+    PlacedRequirement,
+    refuse_contradictions,
+    refuse_equalities_over_families,
+    requirements_shape,
+)
+from fopi_tune.spec.shapes import Choice, Number, Pair, Shape, Text, Version
+
+SCHEMA_VERSION = 1
+NAME_PATTERN = "[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
+NAME_RULE = "a name becomes a folder's: write 1 to 64 letters, digits, '.', '_' or '-', the first a letter or digit"
+_METHODS = ("oustaloup", "modified_oustaloup", "fit")
+_RULES = ("tustin", "matched")
+_START = "`fopi init` writes one to start from"
+
+
+def spec_shape() -> Record:
+    """The shape of a whole file; reads to the sections' values."""
+    keys = {
+        "schema": Key(Version("version of the spec language", SCHEMA_VERSION)),
+        "name": Key(Text("name of the design and of its results' folder", NAME_PATTERN, NAME_RULE)),
+        "description": Key(Text("one sentence for people"), required=False),
+        "plant": Key(plant_shape()),
+        "controller": Key(controller_shape(), required=False),
+        "requirements": Key(requirements_shape(), required=False),
+        "objective": Key(objective_shape(), required=False),
+        "digital": Key(_digital_shape(), required=False),
+        "validation": Key(_validation_shape(), required=False),
+    }
+    something_to_do = {"required": ["requirements"], "properties": {"requirements": {"minItems": 1}}}
+    rules = {"anyOf": [{"required": ["objective"]}, something_to_do]}
+    return Record("a design problem for fopi-tune", keys, lambda values, place: values, _START, rules=rules)
+
+
+def read_spec(place: Place, sha256: str) -> DesignSpec | None:
+    """The spec a document says, or None after reporting why there is none."""
+    if not isinstance(place.node, Table):
+        place.refuse(f"the file is no spec; {_START}")
+        return None
+    values = spec_shape().readable(place)
+    if values is None:
+        return None
+    placed = [each for each in values.get("requirements") or [] if each is not None]
+    _check_between_sections(values, placed, place)
+    if place.report.problems:
+        return None
+    return DesignSpec(
+        name=values["name"],
+        plant=values["plant"],
+        controller=values.get("controller", DEFAULT_CONTROLLER),
+        requirements=tuple(each.requirement for each in placed),
+        objective=values.get("objective"),
+        digital=values.get("digital"),
+        validation=values.get("validation"),
+        description=values.get("description", ""),
+        sha256=sha256,
+        schema=values["schema"],
+    )
+
+
+def _check_between_sections(values: Values, placed: list[PlacedRequirement], place: Place) -> None:
+    if not place.has("objective") and values.get("requirements", []) == []:
+        where = place.child("requirements") if place.has("requirements") else place
+        where.refuse("there is nothing to design for; write at least one requirement or an objective")
+    if values.get("plant") is not None:
+        refuse_equalities_over_families(placed, values["plant"])
+    refuse_contradictions(placed)
+    objective, controller = values.get("objective"), values.get("controller")
+    if objective is None or controller is None or objective.sense is not Sense.MAXIMIZE:
+        return
+    gain = getattr(controller, objective.quantity, None)
+    if isinstance(gain, GainRange) and gain.is_fixed:
+        line = place.child("controller").child(objective.quantity).mark.line
+        message = f"{objective.quantity} is fixed on line {line}; give it a range there or choose another objective"
+        place.child("objective").child("maximize").refuse(message)
+
+
+def _digital_shape() -> Shape:
+    band = Pair("band of the approximation, rad/s", Number("rad/s", above=0))
+    keys = {
+        "sample_time_s": Key(Number("sampling period, s", above=0)),
+        "method": Key(Choice("approximation of s^(1-alpha)", _METHODS), required=False),
+        "poles": Key(Number("number of its poles", at_least=1, at_most=50, whole=True), required=False),
+        "band_rad_s": Key(band, required=False),
+        "rule": Key(Choice("from s to z", _RULES), required=False),
+        "delay_samples": Key(Number("computing delay in samples", at_least=0), required=False),
+    }
+    return Record("how the gains become a filter", keys, _build_digital, "{sample_time_s: 0.2}")
+
+
+def _build_digital(values: Values, place: Place) -> DigitalSpec:
+    return DigitalSpec(**values)
+
+
+def _validation_shape() -> Shape:
+    keys = {
+        "samples": Key(Number("plants to draw", at_least=1, at_most=10**8, whole=True), required=False),
+        "seed": Key(Number("seed of the draw", at_least=0, at_most=2**63 - 1, whole=True), required=False),
+    }
+    return Record("the Monte-Carlo stage", keys, _build_validation, "{samples: 10000, seed: 1}")
+
+
+def _build_validation(values: Values, place: Place) -> ValidationSpec:
+    return ValidationSpec(**values)

@@ -1,0 +1,98 @@
+"""The shape of `plant:`, made from the registry of plant models."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, PlantModel, Uncertain
+from fopi_tune.errors import DomainError
+from fopi_tune.spec.places import Place
+from fopi_tune.spec.records import Key, Record, Tagged, Values
+from fopi_tune.spec.shapes import Constant, Converted, Either, ListOf, Number, Shape
+
+#: more coefficients than this are no model anybody has identified, and polynomials that long cannot be evaluated well
+MAX_COEFFICIENTS = 32
+_DEAD_TIME = "dead_time_s"
+_EXAMPLE = "{model: lag, static_gain: 1.0, time_constant_s: 2.0}"
+
+
+def plant_shape() -> Shape:
+    """Reads to a `PlantFamily`."""
+    records = {name: _model_record(model) for name, model in PLANT_MODELS.items()}
+    return Tagged("the plant; every number of it may be uncertain", "model", records, _EXAMPLE)
+
+
+def uncertain_shape(meaning: str) -> Shape:
+    """x, {min, max} or {nominal, min, max}; reads to `Uncertain`."""
+    keys = {
+        "nominal": Key(Number("the member nominal requirements look at; the midpoint when left out"), required=False),
+        "min": Key(Number("the smallest possible value")),
+        "max": Key(Number("the largest possible value")),
+    }
+    record = Record(f"{meaning}, known to lie in [min, max]", keys, _build_range, "{nominal: 2.0, min: 1.0, max: 3.0}")
+    return Either(Converted(Number(meaning), Uncertain.exactly), record)
+
+
+def _build_range(values: Values, place: Place) -> Uncertain | None:
+    low, high = values["min"], values["max"]
+    if low > high:
+        place.child("min").refuse(f"min {low} is greater than max {high}; swap them")
+        return None
+    nominal = values.get("nominal")
+    if nominal is not None and not low <= nominal <= high:
+        place.child("nominal").refuse(f"nominal {nominal} lies outside [{low}, {high}]; move it inside")
+        return None
+    try:
+        return Uncertain.between(low, high) if nominal is None else Uncertain(nominal, low, high)
+    except DomainError:  # the midpoint of two huge numbers overflows
+        place.refuse("the midpoint of min and max is too large a number; write nominal, or a narrower range")
+        return None
+
+
+def _model_record(model: PlantModel) -> Record:
+    keys: dict[str, Key] = {"model": Key(Constant("how the plant is written down", model.name))}
+    for name in model.lists:
+        entry = uncertain_shape("a coefficient")
+        keys[name] = Key(ListOf(f"coefficients of the {name}, descending powers of s", entry, 1, MAX_COEFFICIENTS))
+    for name in model.scalars:
+        keys[name] = Key(uncertain_shape(name.replace("_", " ")), required=name != _DEAD_TIME)
+    return Record(f"the plant model {model.name}", keys, partial(_build_family, model), _EXAMPLE)
+
+
+def _build_family(model: PlantModel, values: Values, place: Place) -> PlantFamily | None:
+    placed = list(_parameters(model, values, place))
+    before = len(place.report.problems)
+    for name, number, where in placed:
+        if (wrong := model.check(name, number)) is not None:
+            where.refuse(wrong)
+    _check_lengths(values, place)
+    if len(place.report.problems) > before:
+        return None
+    family = PlantFamily(model.name, {name: number for name, number, _ in placed})
+    try:
+        family.member(family.nominal_point)
+    except DomainError as error:
+        place.refuse(str(error))
+        return None
+    return family
+
+
+def _parameters(model: PlantModel, values: Values, place: Place) -> Iterator[tuple[str, Uncertain, Place]]:
+    for name in model.lists:
+        for index, number in enumerate(values[name]):
+            yield f"{name}[{index}]", number, place.child(name).item(index)
+    for name in model.scalars:
+        yield name, values.get(name, Uncertain.exactly(0.0)), place.child(name)
+
+
+def _check_lengths(values: Values, place: Place) -> None:
+    # what holds for every transfer function N/D that is written as coefficients
+    numerator, denominator = values.get("numerator"), values.get("denominator")
+    if numerator is None or denominator is None:
+        return
+    if len(numerator) > len(denominator):
+        message = "is longer than the denominator; a plant must be proper: leave leading zeros out"
+        place.child("numerator").refuse(message)
+    if all(number.min <= 0.0 <= number.max for number in numerator):
+        place.child("numerator").refuse("can be 0 altogether, and no plant is left; keep one entry away from 0")

@@ -1,0 +1,157 @@
+"""The shape of `requirements:`, made from the registry of quantities, and the contradictions seen without solving."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.quantities import QUANTITIES, Quantity
+from fopi_tune.spec.model import Relation, Requirement, Scope
+from fopi_tune.spec.places import Place
+from fopi_tune.spec.records import Key, OneKeyOf, Record, Values
+from fopi_tune.spec.shapes import Choice, JsonSchema, ListOf, Number, Pair
+
+#: contradictions are looked for between every two of them
+MAX_REQUIREMENTS = 500
+_BAND_KEYS: tuple[str, ...] = ("from_rad_s", "to_rad_s", "at_rad_s")
+_RELATION_EXAMPLE = "{at_least: 60} or {between: [60, 70]}"
+_EXAMPLE = "{phase_margin_deg: {at_least: 60}}"
+
+
+@dataclass(frozen=True)
+class PlacedRequirement:
+    """A requirement and where it is written."""
+
+    requirement: Requirement
+    place: Place
+
+    @property
+    def limit_place(self) -> Place:
+        """Where its limit is written."""
+        return self.place.child(self.requirement.quantity).child(self.requirement.relation.value)
+
+
+def requirements_shape() -> ListOf:
+    """Reads to a list of `PlacedRequirement`, None for each that is wrong."""
+    records = {name: _record(quantity) for name, quantity in QUANTITIES.items()}
+    requirement = OneKeyOf("one quantity with one relation", "quantity", records, _EXAMPLE)
+    return ListOf("what the loop must do; all of them hold together", requirement, 0, MAX_REQUIREMENTS)
+
+
+def refuse_equalities_over_families(placed: Sequence[PlacedRequirement], plant: PlantFamily) -> None:
+    """Reports `equals` where no controller can meet it: over plants that differ."""
+    if not plant.uncertain_names:
+        return
+    for each in placed:
+        if each.requirement.relation is Relation.EQUALS and each.requirement.scope is Scope.FAMILY:
+            message = "not every plant of an uncertain family can have the same value; write between, or on: nominal"
+            each.limit_place.refuse(message)
+
+
+def refuse_contradictions(placed: Sequence[PlacedRequirement]) -> None:
+    """Reports every requirement that contradicts an earlier one, once.
+
+    The nominal plant is a member of the family, so that two limits of the same quantity always meet in it.
+    """
+    for number, later in enumerate(placed):
+        earlier = next((each for each in placed[:number] if _contradict(each.requirement, later.requirement)), None)
+        if earlier is not None:
+            line, here = earlier.limit_place.mark.line, later.limit_place.mark.line
+            message = f"{_said(later)} on line {here} contradicts {_said(earlier)} on line {line}; relax one"
+            later.limit_place.refuse(message)
+
+
+def _contradict(a: Requirement, b: Requirement) -> bool:
+    if a.quantity != b.quantity or (a.lower <= b.upper and b.lower <= a.upper):
+        return False
+    # one number a loop has the default band, all frequencies; bands that touch share that frequency
+    return max(a.from_rad_s, b.from_rad_s) <= min(a.to_rad_s, b.to_rad_s)
+
+
+def _said(placed: PlacedRequirement) -> str:
+    requirement = placed.requirement
+    limits = ", ".join(f"{limit:g}" for limit in requirement.limits)
+    return f"{requirement.relation.value} {limits if len(requirement.limits) == 1 else f'[{limits}]'}"
+
+
+def _record(quantity: Quantity) -> Record:
+    keys = {
+        quantity.name: Key(_relation_shape(quantity)),
+        "on": Key(Choice("every plant, or the nominal one alone", [s.value for s in Scope]), required=False),
+    }
+    build = partial(_build_requirement, quantity)
+    if not quantity.takes_band:
+        reason = f"{quantity.name} is one number a loop, not a function of frequency; remove the key"
+        elsewhere: dict[str, str] = dict.fromkeys(_BAND_KEYS, reason)
+        return Record(quantity.meaning, keys, build, _EXAMPLE, elsewhere)
+    meanings = ("lower end of the band", "upper end of the band", "the only frequency")
+    for key, meaning in zip(_BAND_KEYS, meanings, strict=True):
+        keys[key] = Key(Number(f"{meaning}, rad/s", above=0), required=False)
+    return Record(quantity.meaning, keys, build, _EXAMPLE, rules=_band_rules(quantity.name))
+
+
+def _band_rules(name: str) -> JsonSchema:
+    # at_rad_s excludes the other two, and equals needs it
+    return {
+        "dependentSchemas": {"at_rad_s": {"properties": {"from_rad_s": False, "to_rad_s": False}}},
+        "if": {"properties": {name: {"required": ["equals"]}}},
+        "then": {"required": ["at_rad_s"]},
+    }
+
+
+def _relation_shape(quantity: Quantity) -> OneKeyOf:
+    number = Number("the limit, in the unit of the quantity's name")
+    records = {
+        relation.value: Record(
+            f"{quantity.name} {relation.value.replace('_', ' ')} the limit",
+            {relation.value: Key(Pair("[low, high]", number) if relation is Relation.BETWEEN else number)},
+            partial(_build_limits, quantity, relation),
+            _RELATION_EXAMPLE,
+        )
+        for relation in Relation
+    }
+    return OneKeyOf("how the quantity relates to its limit", "relation", records, _RELATION_EXAMPLE)
+
+
+def _build_limits(quantity: Quantity, relation: Relation, values: Values, place: Place) -> Values | None:
+    limit = place.child(relation.value)
+    value = values[relation.value]
+    ends = value if isinstance(value, tuple) else (value,)
+    places = [limit.item(i) for i in range(2)] if isinstance(value, tuple) else [limit]
+    checked = [(where, quantity.check_limit(end)) for where, end in zip(places, ends, strict=True)]
+    for where, wrong in checked:
+        if wrong is not None:
+            where.refuse(wrong)
+    return {"relation": relation, "limits": ends} if all(wrong is None for _, wrong in checked) else None
+
+
+def _build_requirement(quantity: Quantity, values: Values, place: Place) -> PlacedRequirement | None:
+    limits = values[quantity.name]
+    band = _band(values, place)
+    if quantity.takes_band and limits["relation"] is Relation.EQUALS and "at_rad_s" not in values:
+        where = place.child(quantity.name).child("equals")
+        where.refuse("no controller keeps a function of frequency at one value; add at_rad_s, or write between")
+        return None
+    if band is None:
+        return None
+    scope = Scope(values.get("on", Scope.FAMILY.value))
+    requirement = Requirement(
+        quantity.name, **limits, scope=scope, from_rad_s=band[0], to_rad_s=band[1], line=place.mark.line
+    )
+    return PlacedRequirement(requirement, place)
+
+
+def _band(values: Values, place: Place) -> tuple[float, float] | None:
+    if "at_rad_s" in values:
+        wrong = [key for key in ("from_rad_s", "to_rad_s") if key in values]
+        for key in wrong:
+            place.child(key).refuse("is given beside at_rad_s; keep at_rad_s alone, or from_rad_s and to_rad_s")
+        return None if wrong else (values["at_rad_s"], values["at_rad_s"])
+    low, high = values.get("from_rad_s", 0.0), values.get("to_rad_s", math.inf)
+    if low < high:
+        return low, high
+    place.child("from_rad_s").refuse(f"from {low} is not less than to {high}; swap them, or write at_rad_s for one")
+    return None

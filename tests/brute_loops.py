@@ -1,0 +1,343 @@
+"""A second opinion on loops:  spec and gains -> requirement values on dense grids, by NumPy alone.
+
+Written from DESIGN.md's definitions and sharing no code with the package but the spec's own types: responses by
+`np.polyval`, phases by `np.unwrap` from very low frequency, crossings by scan and bisection, stability by following the
+argument of 1 + L along the whole contour.  Values are in natural units: neper, radian, a delay margin relative to its limit.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Scope
+
+NEPER_PER_DB = np.log(10.0) / 20.0
+#: stands for "not even defined" (no crossover) and for infinite margins, in neper or radian
+FAR = 10.0
+_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+
+
+@dataclass(frozen=True)
+class Gains:
+    kp: float
+    ki: float
+    alpha: float
+
+    def response(self, s):
+        return self.kp + self.ki * s**-self.alpha
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a controller achieves: `objective` rows are to be minimised in their maximum, `excess` rows must be <= 0."""
+
+    objective: np.ndarray
+    excess: np.ndarray
+    equalities: np.ndarray
+    unstable: int
+
+    @property
+    def violation(self) -> float:
+        if self.unstable:
+            return FAR * (1 + self.unstable)
+        return float(max(0.0, *self.excess, *np.abs(self.equalities), 0.0))
+
+
+def coefficients(spec: DesignSpec, per_axis: int):
+    """Members of the family, the nominal one first: numerators (m, a), denominators (m, b), dead times (m,)."""
+    numbers = spec.plant.parameters
+    uncertain = [name for name, number in numbers.items() if number.min < number.max]
+    axes = [np.linspace(numbers[n].min, numbers[n].max, per_axis) for n in uncertain]
+    points = [[numbers[n].nominal for n in uncertain], *map(list, itertools.product(*axes))] if uncertain else [[]]
+    return member_coefficients(spec, np.array(points, dtype=float).reshape(len(points), len(uncertain)))
+
+
+def member_coefficients(spec: DesignSpec, points: np.ndarray):
+    """Coefficients of the members at these places of the box; columns in the order of the uncertain numbers."""
+    numbers = spec.plant.parameters
+    uncertain = [name for name, number in numbers.items() if number.min < number.max]
+    rows = []
+    for point in points:
+        p = {name: number.nominal for name, number in numbers.items()} | dict(zip(uncertain, point, strict=True))
+        if spec.plant.model == "lag":
+            top, bottom = [p["static_gain"]], [p["time_constant_s"], 1.0]
+        elif spec.plant.model == "pole":
+            top, bottom = [p["gain"]], [1.0, p["pole_rad_s"]]
+        else:
+            top = [v for k, v in p.items() if k.startswith("numerator")]
+            bottom = [v for k, v in p.items() if k.startswith("denominator")]
+        rows.append((top, bottom, p["dead_time_s"]))
+    tops, bottoms, delays = zip(*rows, strict=True)
+    return np.array(tops, float), np.array(bottoms, float), np.array(delays, float)
+
+
+class Loops:
+    """The loops of a spec's family on dense grids.
+
+    Args:
+        spec: the problem.
+        per_axis: members along each axis of the box (the nominal one comes first, besides).
+        density: frequencies a decade around the plant's own.
+        exact: whether crossings and extremes are polished between the grid's points.
+    """
+
+    def __init__(self, spec: DesignSpec, per_axis: int | None = None, density: int = 90, exact: bool = True, points=None):
+        axes = sum(number.min < number.max for number in spec.plant.parameters.values())
+        per_axis = per_axis or {0: 1, 1: 21, 2: 9}.get(axes, 5)
+        self.spec, self.exact = spec, exact
+        self.top, self.bottom, self.delay = (
+            coefficients(spec, per_axis) if points is None else member_coefficients(spec, points)
+        )
+        self.poles = [np.roots(b) for b in self.bottom]
+        self.zeros = [np.roots(t) for t in self.top]
+        self.right = np.array([int(np.sum(p.real > 1e-9 * np.abs(p).max(initial=0.0))) for p in self.poles])
+        self.integrators = np.array(
+            [np.sum(p == 0) - np.sum(z == 0) for p, z in zip(self.poles, self.zeros, strict=True)]
+        )
+        self.omega = self._grid(density)
+        rows = np.arange(len(self.top))[:, None]
+        p = self._plant(rows, 1j * self.omega[None, :])
+        self.p_gain, self.p_phase = np.log(np.abs(p)), np.unwrap(np.angle(p), axis=1)
+        self.arc = self.omega[0] * np.exp(1j * np.linspace(0.0, np.pi / 2, 60))
+        self.p_arc = self._plant(rows, self.arc[None, :]) * np.exp(-self.arc[None, :] * self.delay[:, None])
+
+    def _grid(self, density: int) -> np.ndarray:
+        roots = np.concatenate([*self.poles, *self.zeros])
+        corners = [*np.abs(roots[np.abs(roots) > 0]), *(1 / d for d in self.delay if d > 0)]
+        asked = [w for r in self.spec.requirements for w in (r.from_rad_s, r.to_rad_s) if 0 < w < np.inf]
+        asked += [w for r in self.spec.requirements if r.quantity == "crossover_rad_s" for w in r.limits]
+        own = np.array(corners + asked or [1.0])
+        self.own = float(np.exp(np.log(own).mean()))
+        low, high = np.log10(own.min()) - 3, np.log10(own.max()) + 3
+        parts = [10 ** np.arange(low, high, 1 / density), 10 ** np.arange(low - 12, low, 0.1),
+                 10 ** np.arange(high, high + 12, 0.1), np.array(asked)]
+        for root in roots[(np.abs(roots.real) < 0.3 * np.abs(roots)) & (roots.imag > 0)]:  # resonances are narrow
+            parts.append(np.abs(root.imag) + np.abs(root.real) * np.tan(np.linspace(-1.5, 1.5, density // 3)))
+        grid = np.unique(np.concatenate(parts))
+        return grid[grid > 0]
+
+    def _plant(self, rows, s):
+        """P(s) without its dead time; rows and s broadcast."""
+        def polynomial(table):
+            value = np.zeros(np.broadcast_shapes(np.shape(rows), np.shape(s)), dtype=complex)
+            for column in table.T:
+                value = value * s + column[rows]
+            return value
+        return polynomial(self.top) / polynomial(self.bottom)
+
+    def _start_phase(self, gains: Gains) -> np.ndarray:
+        """arg L as omega -> 0: -90 deg alpha, -90 deg an integrator, -180 deg a right pole and for a negative sign."""
+        at_low = self._plant(np.arange(len(self.top)), self.omega[0])  # on the positive real axis
+        sign = np.sign(at_low.real) * (-1.0) ** self.right * np.sign(gains.ki or gains.kp)
+        order = gains.alpha if gains.ki else 0.0
+        return -np.pi * (0.5 * order + 0.5 * self.integrators + self.right + (sign < 0))
+
+    def _loop(self, gains: Gains, rows, omega):
+        s = 1j * omega
+        return gains.response(s) * self._plant(rows, s) * np.exp(-s * self.delay[rows])
+
+    def on_grid(self, gains: Gains):
+        """ln|L| and unwrapped arg L, dead time left out of the second, shape (m, w)."""
+        c = gains.response(1j * self.omega)
+        phase = self.p_phase + np.unwrap(np.angle(c))
+        phase += 2 * np.pi * np.round((self._start_phase(gains) - phase[:, 0]) / (2 * np.pi))[:, None]
+        return self.p_gain + np.log(np.abs(c)), phase
+
+    def unstable_poles(self, gains: Gains) -> np.ndarray:
+        """Closed-loop poles on the right of every member: Z = P - (turn of arg(1 + L) over the upper contour)/pi."""
+        gain, phase = self.on_grid(gains)
+        f = 1 + np.exp(gain + 1j * (phase - self.omega * self.delay[:, None]))
+        angle = np.angle(np.concatenate([1 + self.p_arc * gains.response(self.arc), f], axis=1))
+        steps = (np.diff(angle, axis=1) + np.pi) % (2 * np.pi) - np.pi
+        for row, k in np.argwhere(np.abs(steps) > 0.7):  # look closer where the grid may have lost a turn
+            if k >= len(self.arc):
+                fine = np.geomspace(*self.omega[k - len(self.arc) : k - len(self.arc) + 2], 200)
+                turn = np.unwrap(np.angle(1 + self._loop(gains, np.full(200, row), fine)))
+                steps[row, k] = turn[-1] - turn[0]
+        start = np.where(np.abs(angle[:, 0]) > 1, np.pi, 0.0)
+        end = np.round((start + steps.sum(axis=1)) / np.pi) * np.pi
+        return self.right - np.round((end - start) / np.pi).astype(int)
+
+    def _crossings(self, gains: Gains, values, function):
+        """(row, omega) where `values` on the grid change sign, polished by bisection on `function(row, omega)`."""
+        above = values > 0  # a grid point may lie on the crossing itself
+        row, k = np.nonzero(above[:, 1:] != above[:, :-1])
+        low, high = np.log(self.omega[k]), np.log(self.omega[k + 1])
+        f_low, f_high = values[row, k], values[row, k + 1]
+        middle = low - f_low * (high - low) / (f_high - f_low)
+        for _ in range(7 if self.exact else 1):  # Illinois: bracketed secants, each bracket end halved when it sticks
+            if not len(row):
+                break
+            f = function(row, np.exp(middle))
+            same = np.sign(f) == np.sign(f_low)
+            f_high = np.where(same, 0.5 * f_high, f)
+            high = np.where(same, high, middle)
+            f_low, low = np.where(same, f, 0.5 * f_low), np.where(same, middle, low)
+            middle = low - f_low * (high - low) / np.where(f_high == f_low, 1.0, f_high - f_low)
+        return row, k, np.exp(middle)
+
+    def gain_crossovers(self, gains: Gains, grid):
+        """(row, omega, unwrapped arg L) of every gain crossover."""
+        gain, phase = grid
+        row, k, omega = self._crossings(gains, gain, lambda r, w: np.log(np.abs(self._loop(gains, r, w))))
+        s = 1j * omega
+        angle = np.angle(gains.response(s) * self._plant(row, s))
+        angle += 2 * np.pi * np.round((0.5 * (phase[row, k] + phase[row, k + 1]) - angle) / (2 * np.pi))
+        return row, omega, angle - omega * self.delay[row]
+
+    def gain_margins(self, gains: Gains, grid):
+        """ln of the smallest 1/|L| > 1 at phase crossovers; FAR where there is none."""
+        gain, phase = grid
+        x = (phase - self.omega * self.delay[:, None] + np.pi) / (2 * np.pi)
+        margin = np.full(len(x), FAR)
+        turns = np.floor(x)
+        near = (np.minimum(gain[:, 1:], gain[:, :-1]) < 0) & (np.maximum(gain[:, 1:], gain[:, :-1]) > -FAR)
+        row, k = np.nonzero((turns[:, 1:] != turns[:, :-1]) & near)
+        if not len(row):
+            return margin
+        low, high = np.log(self.omega[k]), np.log(self.omega[k + 1])
+        sign = np.sign(self._loop(gains, row, np.exp(low)).imag)
+        for _ in range(45 if self.exact else 6):
+            middle = 0.5 * (low + high)
+            f = self._loop(gains, row, np.exp(middle))
+            same = np.sign(f.imag) == sign
+            low, high = np.where(same, middle, low), np.where(same, high, middle)
+        at = -np.log(np.abs(self._loop(gains, row, np.exp(low))))
+        np.minimum.at(margin, row[at > 0], at[at > 0])
+        return margin
+
+    def slope(self, gains: Gains, row, omega):
+        """d arg L / d log10 omega by a central difference."""
+        h = 1e-5
+        up, down = omega * np.exp(h), omega * np.exp(-h)
+        ratio = self._loop(gains, row, up) / self._loop(gains, row, down)
+        return np.angle(ratio) / (2 * h) * np.log(10.0)
+
+    def log_function(self, name: str, gains: Gains, loop, omega):
+        """ln of one of the frequency functions, given L."""
+        if name == "loop_gain_db":
+            return np.log(np.abs(loop))
+        top = {"sensitivity_db": 1.0, "complementary_sensitivity_db": loop,
+               "control_sensitivity_db": gains.response(1j * omega)}[name]
+        return np.log(np.abs(top / (1 + loop)))
+
+    def extreme(self, name: str, gains: Gains, loop, band, largest: bool) -> np.ndarray:
+        """Largest or smallest ln of a frequency function over a band, shape (m,)."""
+        inside = np.flatnonzero((self.omega >= band[0]) & (self.omega <= band[1]))
+        sign = 1.0 if largest else -1.0
+        value = sign * self.log_function(name, gains, loop[:, inside], self.omega[inside])
+        best = np.argmax(value, axis=1)
+        found = value[np.arange(len(value)), best]
+        if not self.exact or len(inside) < 3:
+            return sign * found
+        rows = np.arange(len(value))
+
+        def at(u):
+            return sign * self.log_function(name, gains, self._loop(gains, rows, np.exp(u)), np.exp(u))
+
+        low = np.log(self.omega[inside[np.maximum(best - 1, 0)]])
+        high = np.log(self.omega[inside[np.minimum(best + 1, len(inside) - 1)]])
+        for _ in range(18):  # golden section
+            left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+            up = at(left) < at(right)
+            low, high = np.where(up, left, low), np.where(up, high, right)
+        return sign * np.maximum(found, at(0.5 * (low + high)))
+
+    def evaluate(self, gains: Gains) -> Evaluation:
+        """Every requirement and the objective of these gains."""
+        grid = self.on_grid(gains)
+        crossings = self.gain_crossovers(gains, grid)
+        loop = np.exp(grid[0] + 1j * (grid[1] - self.omega * self.delay[:, None]))
+        excess, equal = self._box(gains), [np.zeros(0)]
+        depth = []
+        for r in self.spec.requirements:
+            scale = 1.0 / r.limits[0] if r.quantity == "delay_margin_s" else 1.0
+            for limit, sign in ((r.lower, -1.0), (r.upper, 1.0)):
+                if not np.isfinite(limit):
+                    continue
+                value = self.value(r, gains, grid, crossings, loop, largest=sign > 0)
+                distance = np.nan_to_num(sign * scale * (value - natural(r.quantity, limit)), nan=FAR)
+                (equal if r.relation is Relation.EQUALS else depth).append(distance)
+        rows = [*depth] or [np.array([-FAR])]
+        objective = self._objective(gains, crossings, loop, np.concatenate(rows))
+        return Evaluation(objective, np.concatenate([excess, *rows]), np.concatenate(equal),
+                          int(self.unstable_poles(gains).max()))
+
+    def _box(self, gains: Gains) -> np.ndarray:
+        """How far the gains stick out of their ranges, in parts of the controller's size at the plant's own frequency."""
+        size = abs(gains.kp) + abs(gains.ki) * self.own**-gains.alpha
+        rows = []
+        for name, unit in (("kp", size), ("ki", size * self.own**gains.alpha), ("alpha", 1.0)):
+            limits, value = getattr(self.spec.controller, name), getattr(gains, name)
+            rows += [sign * (value - end) / unit for end, sign in ((limits.min, -1.0), (limits.max, 1.0)) if np.isfinite(end)]
+        return np.array(rows)
+
+    def value(self, r: Requirement, gains: Gains, grid, crossings, loop, largest: bool) -> np.ndarray:
+        """A quantity of every member the requirement is about, in natural units; nan without a crossover."""
+        row, omega, phase = crossings
+        m = len(self.top)
+        if r.quantity == "gain_margin_db":
+            value = self.gain_margins(gains, grid)
+        elif r.quantity in ("phase_margin_deg", "delay_margin_s"):
+            value = smallest(row, (np.pi + phase) / (omega if r.quantity == "delay_margin_s" else 1.0), m)
+        elif r.quantity in ("crossover_rad_s", "phase_slope_deg_per_decade"):
+            highest = -smallest(row, -omega, m)
+            some = np.flatnonzero(np.isfinite(highest))
+            value = np.log(highest)
+            if r.quantity != "crossover_rad_s":
+                value = highest.copy()
+                value[some] = self.slope(gains, some, highest[some])
+        else:
+            value = self.extreme(r.quantity, gains, loop, (r.from_rad_s, r.to_rad_s), largest)
+        return value[:1] if r.scope is Scope.NOMINAL else value
+
+    def _objective(self, gains: Gains, crossings, loop, excess) -> np.ndarray:
+        spec, rows = self.spec, np.arange(len(self.top))
+        if spec.objective is None:
+            return excess
+        quantity = spec.objective.quantity
+        if quantity == "ki":
+            return np.array([-gains.ki])
+        if quantity == "iae_disturbance":
+            s = 1.0 / (spec.objective.horizon_s or self.default_horizon_s())
+            p = self._plant(rows, s).real * np.exp(-s * self.delay)
+            return np.abs(p / (1 + gains.response(s) * p)) / s
+        if quantity.endswith("peak_db"):
+            name = quantity.replace("_peak", "")
+            return self.extreme(name, gains, loop, (0.0, np.inf), True) / NEPER_PER_DB
+        row, omega, phase = crossings
+        if quantity == "phase_margin_spread_deg":
+            margin = np.degrees(smallest(row, np.pi + phase, len(rows)))
+            return np.nan_to_num(np.abs(margin - margin[0]), nan=1e3)
+        at = omega[row == 0].max(initial=self.omega[0])
+        return np.abs(np.log(np.abs(self._loop(gains, rows, np.full(len(rows), at))))) / NEPER_PER_DB
+
+    def default_horizon_s(self) -> float:
+        for roots in (self.poles[0], self.zeros[0]):
+            slow = np.abs(roots[np.abs(roots) > 0])
+            if len(slow):
+                return 10 * (1 / slow.min() + self.delay[0])
+        if self.delay[0] > 0:
+            return 10 * self.delay[0]
+        at_one = self._plant(np.array([0]), 1.0).real[0]  # K s^-n is 1 where omega = K^(1/n)
+        order = len(self.poles[0]) - len(self.zeros[0])
+        return 10 * abs(at_one) ** (-1 / order) if order else 10.0
+
+
+def smallest(row, value, m):
+    """Of every member the smallest of its crossings' values; nan without one."""
+    found = np.full(m, np.inf)
+    np.minimum.at(found, row, value)
+    return np.where(np.isinf(found), np.nan, found)
+
+
+def natural(quantity: str, limit: float) -> float:
+    """A limit in natural units."""
+    if quantity.endswith("_db"):
+        return limit * NEPER_PER_DB
+    if quantity == "crossover_rad_s":
+        return float(np.log(limit))
+    return limit if quantity == "delay_margin_s" else float(np.radians(limit))

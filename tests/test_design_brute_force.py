@@ -1,0 +1,137 @@
+"""The design against a reference optimiser that shares nothing with it (brute_force.py), on shipped and unseen specs.
+
+By default tuning is compared with stored results of the reference (design_references.py); `-m long` recomputes them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from brute_force import Best, brute_force
+from brute_loops import Evaluation, Gains, Loops
+from design_cases import CASES, FLAT, INFEASIBLE, QUICK, SOLVED, UNBOUNDED, Case
+from design_references import REFERENCES
+
+import fopi_tune as ft
+from fopi_tune.core.controller import FoPi
+from fopi_tune.spec.model import Objective, Sense
+
+SPECS = sorted((Path(__file__).resolve().parent.parent / "specs").glob("*.yaml"))
+#: the issue's bar on the objective, relative
+OPTIMAL = 1e-4
+#: natural units; the design keeps 1e-6, and these grids see less than a tenth of that between their points
+MET = 1e-5
+
+
+def chosen(cases: list[Case]) -> list:
+    """Cases as parameters, those that take long only with `-m long`."""
+    return [
+        pytest.param(case, id=case.name, marks=() if case.name in QUICK else pytest.mark.long) for case in cases
+    ]
+
+
+def own(gains: FoPi | None) -> Gains:
+    assert gains is not None
+    return Gains(gains.kp, gains.ki, gains.alpha)
+
+
+def evaluated(design: ft.Design) -> Evaluation:
+    return Loops(design.spec).evaluate(own(design.gains))
+
+
+def minimised(objective: float | None, spec: ft.DesignSpec) -> float:
+    """A design's objective as the reference counts it, the smaller the better."""
+    assert objective is not None
+    what: Objective | None = spec.objective
+    return -objective if what is None or what.sense is Sense.MAXIMIZE else objective
+
+
+def no_worse(found: float, reference: float) -> bool:
+    # An objective of 0 (a peak of 0 dB) has no relative distance: 1e-6 of its unit is nothing to anybody.
+    return found <= reference + OPTIMAL * abs(reference) + 1e-6
+
+
+def check_solved(design: ft.Design, reference: float) -> None:
+    assert design.status is ft.Status.SOLVED, design.message
+    seen = evaluated(design)
+    assert seen.unstable == 0
+    assert seen.violation <= MET
+    objective = minimised(design.objective, design.spec)
+    assert objective == pytest.approx(float(seen.objective.max()), rel=1e-5, abs=1e-5)  # the family's grid is finite
+    assert no_worse(objective, reference), f"{objective} against the reference's {reference}"
+
+
+@pytest.mark.parametrize("path", SPECS, ids=lambda path: path.stem)
+def test_a_shipped_spec_is_solved_to_the_references_optimum(path: Path) -> None:
+    check_solved(ft.tune(path), REFERENCES[f"spec:{path.stem}"])
+
+
+@pytest.mark.parametrize("case", chosen(SOLVED))
+def test_an_unseen_spec_is_solved_to_the_references_optimum(case: Case) -> None:
+    assert case.objective is not None
+    check_solved(ft.tune(ft.parse_spec(case.text)), case.objective)
+
+
+@pytest.mark.parametrize("case", chosen(INFEASIBLE))
+def test_an_infeasible_spec_says_which_requirements_clash(case: Case) -> None:
+    design = ft.tune(ft.parse_spec(case.text))
+    assert design.status is ft.Status.INFEASIBLE, design.message
+    assert design.message
+    assert {give.requirement for give in design.clash} == case.clash
+
+
+@pytest.mark.parametrize("case", chosen(UNBOUNDED))
+def test_an_unbounded_spec_is_called_so(case: Case) -> None:
+    assert ft.tune(ft.parse_spec(case.text)).status is ft.Status.UNBOUNDED
+
+
+@pytest.mark.parametrize("unit", ["hours", "microseconds"])
+def test_another_unit_of_time_gives_the_same_design(unit: str) -> None:
+    named = {case.name: case for case in CASES}
+    seconds, other = (ft.tune(ft.parse_spec(named[f"twin_{name}"].text)) for name in ("seconds", unit))
+    time = {"hours": 2.0e4, "microseconds": 1.0e-6}[unit]
+    a, b = own(seconds.gains), own(other.gains)
+    # Flat directions of an objective leave the gains freer than the objective itself.
+    assert (b.kp, b.ki * time**b.alpha, b.alpha) == pytest.approx((a.kp, a.ki, a.alpha), rel=1e-6, abs=1e-6)
+    assert other.objective == pytest.approx(seconds.objective, rel=1e-6)
+
+
+@pytest.mark.parametrize(("name", "gain"), [("gain_tiny", 1e-6), ("gain_huge", 1e6)])
+def test_another_unit_of_the_plants_gain_gives_the_same_design(name: str, gain: float) -> None:
+    named = {case.name: case for case in CASES}
+    one, other = (own(ft.tune(ft.parse_spec(named[n].text)).gains) for n in ("gain_one", name))
+    expected = (one.kp, one.ki, one.alpha)
+    assert (other.kp * gain, other.ki * gain, other.alpha) == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+# --- the reference itself ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["throttle", "brake"])
+def test_the_stored_references_of_closed_form_specs_are_what_a_scan_of_alpha_finds(name: str) -> None:
+    spec = ft.load_spec(next(path for path in SPECS if path.stem == name))
+    best = brute_force(spec, scan=60)
+    assert best.feasible
+    assert best.objective == pytest.approx(REFERENCES[f"spec:{name}"], rel=1e-7)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", [name for name in REFERENCES if name not in FLAT])
+def test_a_stored_reference_is_what_brute_force_finds(name: str) -> None:
+    best = reference(name)
+    assert best.feasible
+    # The search is local in the end: it may stop a little short, never beyond the stored best.
+    assert best.objective == pytest.approx(REFERENCES[name], rel=OPTIMAL, abs=1e-6)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", INFEASIBLE, ids=lambda case: case.name)
+def test_brute_force_finds_no_gains_for_an_infeasible_spec(case: Case) -> None:
+    assert brute_force(ft.parse_spec(case.text)).violation > 1e-3  # neper or radian; no case is that close to feasible
+
+
+def reference(name: str) -> Best:
+    if name.startswith("spec:"):
+        return brute_force(ft.load_spec(next(path for path in SPECS if path.stem == name.removeprefix("spec:"))))
+    return brute_force(ft.parse_spec(next(case.text for case in CASES if case.name == name)))

@@ -1,0 +1,80 @@
+"""The README keeps its word: its spec, its command, its table, its library example."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import io
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from fopi_tune.cli import app
+from fopi_tune.spec import load_spec, parse_spec
+from fopi_tune.spec.model import DesignSpec
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+INSTALL = "python3 -m venv .venv && .venv/bin/pip install -q -c constraints.txt "
+
+
+def block(language: str, index: int = 0) -> str:
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.DOTALL | re.MULTILINE)[index]
+
+
+def without_lines(spec: DesignSpec) -> DesignSpec:
+    requirements = tuple(dataclasses.replace(requirement, line=0) for requirement in spec.requirements)
+    return dataclasses.replace(
+        spec, requirements=requirements, sha256="", description="", digital=None, validation=None
+    )
+
+
+def test_the_spec_on_the_first_screen_is_the_brakes() -> None:
+    assert without_lines(parse_spec(block("yaml"))) == without_lines(load_spec(ROOT / "specs" / "brake.yaml"))
+
+
+def test_the_main_command_prints_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install, _, command = block("sh").strip().rpartition(" && ")
+    assert install == f"{INSTALL}."
+    program, *arguments = command.split()
+    assert program == ".venv/bin/fopi"
+    # The command names a spec of the checkout; its results must not go there from a test.
+    (tmp_path / "specs").mkdir()
+    (tmp_path / "specs" / "brake.yaml").write_bytes((ROOT / "specs" / "brake.yaml").read_bytes())
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0
+    assert result.stdout == block("text")
+    assert (tmp_path / "results" / "brake" / "design.json").exists()
+
+
+def test_the_library_example_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(block("python"), "README.md", "exec"), {})
+    lines = printed.getvalue().splitlines()
+    assert lines[0].startswith("solved FoPi(kp=0.3851")
+    assert "violated" in lines
+
+
+def test_the_test_command_is_one_line_and_ci_runs_it_as_printed() -> None:
+    command = block("sh", 1)
+    assert command.strip() == f"{INSTALL}'.[test]' && .venv/bin/pytest -q -n 2"
+    script = ROOT / ".ci" / "run"
+    extract = next(line for line in script.read_text(encoding="utf-8").splitlines() if line.startswith("test_command="))
+    shown = subprocess.run(
+        ["bash", "-c", f'{extract}; printf "%s" "$test_command"'], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert shown.stdout == command.strip()
+    assert os.access(script, os.X_OK)
+
+
+def test_every_linked_file_exists() -> None:
+    links = re.findall(r"\]\((?!https?:)([^)#]+)\)", README)
+    assert links
+    assert all((ROOT / link).exists() for link in links)
