@@ -192,7 +192,8 @@ def _step(e: Evaluation, rows, slopes, weight, bounds) -> np.ndarray:
     is_f = np.arange(len(rows)) < n_f
     scale = np.where(is_f, size, 1.0)
     table = np.column_stack([slopes / scale[:, None], -1.0 * is_f, -1.0 * ~is_f])
-    keep = np.isfinite(table).all(axis=1) & np.isfinite(rows)
+    near = is_f & (rows > rows[:n_f].max() - 0.5 * size) | ~is_f & (rows > -0.5)  # others cannot become active
+    keep = near & np.isfinite(table).all(axis=1) & np.isfinite(rows)
     cost = [0.0] * slopes.shape[1] + [1.0, weight / size]
     limits = [*zip(*bounds, strict=True), (None, None), (0, None)]
     found = linprog(cost, A_ub=table[keep], b_ub=-(rows / scale)[keep], bounds=limits, method="highs")

@@ -17,7 +17,8 @@ from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Scope
 NEPER_PER_DB = np.log(10.0) / 20.0
 #: stands for "not even defined" (no crossover) and for infinite margins, in neper or radian
 FAR = 10.0
-_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+#: ln omega; a loop has at most one peak in so narrow a part of a band
+PART = 0.7
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class Loops:
         exact: whether crossings and extremes are polished between the grid's points.
     """
 
-    def __init__(self, spec: DesignSpec, per_axis: int | None = None, density: int = 90, exact: bool = True, points=None):
+    def __init__(self, spec: DesignSpec, per_axis: int | None = None, density: int = 120, exact: bool = True, points=None):
         axes = sum(number.min < number.max for number in spec.plant.parameters.values())
         per_axis = per_axis or {0: 1, 1: 21, 2: 9}.get(axes, 5)
         self.spec, self.exact = spec, exact
@@ -112,12 +113,16 @@ class Loops:
         own = np.array(corners + asked or [1.0])
         self.own = float(np.exp(np.log(own).mean()))
         low, high = np.log10(own.min()) - 3, np.log10(own.max()) + 3
+        self.middle = np.log(own.min()) - 3.0, np.log(own.max()) + 3.0
         parts = [10 ** np.arange(low, high, 1 / density), 10 ** np.arange(low - 12, low, 0.1),
                  10 ** np.arange(high, high + 12, 0.1), np.array(asked)]
         for root in roots[(np.abs(roots.real) < 0.3 * np.abs(roots)) & (roots.imag > 0)]:  # resonances are narrow
             parts.append(np.abs(root.imag) + np.abs(root.real) * np.tan(np.linspace(-1.5, 1.5, density // 3)))
         grid = np.unique(np.concatenate(parts))
-        return grid[grid > 0]
+        # A band's ends stay; others that all but coincide with a neighbour would only magnify rounding.
+        crowded = np.append(False, np.diff(grid) < 1e-4 * grid[1:]) & ~np.isin(grid, asked)
+        late = np.append(np.isin(grid[1:], asked) & (np.diff(grid) < 1e-4 * grid[1:]), False) & ~np.isin(grid, asked)
+        return grid[~crowded & ~late & (grid > 0)]
 
     def _plant(self, rows, s):
         """P(s) without its dead time; rows and s broadcast."""
@@ -225,26 +230,26 @@ class Loops:
         return np.log(np.abs(top / (1 + loop)))
 
     def extreme(self, name: str, gains: Gains, loop, band, largest: bool) -> np.ndarray:
-        """Largest or smallest ln of a frequency function over a band, shape (m,)."""
+        """Largest or smallest ln of a frequency function in each part of a band, one row a member and part.
+
+        Parts, so that an optimiser sees every peak; between the grid's points a parabola finds the peak.
+        """
         inside = np.flatnonzero((self.omega >= band[0]) & (self.omega <= band[1]))
-        sign = 1.0 if largest else -1.0
+        sign, u = (1.0 if largest else -1.0), np.log(self.omega[inside])
         value = sign * self.log_function(name, gains, loop[:, inside], self.omega[inside])
-        best = np.argmax(value, axis=1)
-        found = value[np.arange(len(value)), best]
-        if not self.exact or len(inside) < 3:
-            return sign * found
-        rows = np.arange(len(value))
-
-        def at(u):
-            return sign * self.log_function(name, gains, self._loop(gains, rows, np.exp(u)), np.exp(u))
-
-        low = np.log(self.omega[inside[np.maximum(best - 1, 0)]])
-        high = np.log(self.omega[inside[np.minimum(best + 1, len(inside) - 1)]])
-        for _ in range(18):  # golden section
-            left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-            up = at(left) < at(right)
-            low, high = np.where(up, left, low), np.where(up, high, right)
-        return sign * np.maximum(found, at(0.5 * (low + high)))
+        peak = value.copy()
+        if self.exact and len(inside) > 2:
+            h, k = np.diff(u), np.diff(value, axis=1) / np.diff(u)
+            row, at = np.nonzero((k[:, :-1] > 0) & (k[:, 1:] < 0))
+            left, right, h_left, h_right = k[row, at], k[row, at + 1], h[at], h[at + 1]
+            # The vertex of the parabola through three points; the function itself is taken there.
+            move = 0.5 * (left * h_right + right * h_left) / (left - right)
+            omega = np.exp(u[at + 1] + np.clip(move, -h_left, h_right))
+            there = sign * self.log_function(name, gains, self._loop(gains, row, omega), omega)
+            peak[row, at + 1] = np.maximum(peak[row, at + 1], there)
+        part = np.floor((np.clip(u, *self.middle) - self.middle[0]) / PART)
+        starts = np.flatnonzero(np.diff(part, prepend=-1.0))
+        return sign * np.maximum.reduceat(peak, starts, axis=1).ravel()
 
     def evaluate(self, gains: Gains) -> Evaluation:
         """Every requirement and the objective of these gains."""
@@ -292,7 +297,7 @@ class Loops:
                 value[some] = self.slope(gains, some, highest[some])
         else:
             value = self.extreme(r.quantity, gains, loop, (r.from_rad_s, r.to_rad_s), largest)
-        return value[:1] if r.scope is Scope.NOMINAL else value
+        return value[: len(value) // m] if r.scope is Scope.NOMINAL else value
 
     def _objective(self, gains: Gains, crossings, loop, excess) -> np.ndarray:
         spec, rows = self.spec, np.arange(len(self.top))

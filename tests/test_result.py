@@ -20,7 +20,7 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.design.result import Give
 from fopi_tune.report.terminal import design_text, requirement_phrase, scope_phrase
 from fopi_tune.result import RequirementReport
-from fopi_tune.spec.model import GainRange, Relation, Requirement, Scope
+from fopi_tune.spec.model import Relation, Requirement, Scope
 
 ROOT = Path(__file__).parents[1]
 #: `control` warns of its own future; nothing here depends on it
@@ -53,17 +53,28 @@ def test_a_design_is_strict_json_and_says_why_a_number_is_missing(brake: ft.Desi
     assert document["stamp"]["spec_sha256"] == brake.spec.sha256
 
 
-def test_a_design_without_gains_is_strict_json() -> None:
-    requirement = Requirement("gain_margin_db", Relation.EQUALS, (12.0,), Scope.NOMINAL)
-    spec = plants.spec_of(plants.brake(), requirement)
-    ordinary_pi = dataclasses.replace(spec.controller, alpha=GainRange(1.0, 1.0))
-    document = strict(ft.tune(dataclasses.replace(spec, controller=ordinary_pi)).to_dict())
-    assert document["status"] == "infeasible"
-    assert document["gains"] is None
+def test_a_design_without_gains_is_strict_json_and_readable(brake: ft.Design) -> None:
+    design = dataclasses.replace(
+        brake,
+        status=ft.Status.INFEASIBLE,
+        gains=None,
+        objective=None,
+        requirements=tuple(RequirementReport(r.requirement, None, None) for r in brake.requirements),
+        stability=None,
+        nominal=None,
+        clash=(Give(0, None, None),),
+        message="there is a formula",
+    )
+    document = strict(design.to_dict())
+    assert (document["gains"], document["stability"], document["nominal"]) == (None, None, None)
     assert document["requirements"][0]["met"] is False
     assert document["clash"] == [
-        {"requirement": 0, "name": "gain_margin_db", "relation": "equals", "give": None, "new_limit": None}
+        {"requirement": 0, "name": "crossover_rad_s", "relation": "equals", "give": None, "new_limit": None}
     ]
+    assert design_text(design).plain == (
+        "brake: infeasible. No gains meet all requirements; relax one of those that\nclash.\n"
+        "Why: there is a formula.\n\nThese clash:\n  crossover_rad_s = 0.3 (nominal plant)"
+    )
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, None])

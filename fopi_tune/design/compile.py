@@ -6,6 +6,7 @@ something is asked; a slot's plant, frequency or sheet of the phase are paramete
 numbers:
 
     point      a side of a frequency function at a fixed (plant, frequency)
+    peak       the same at the plant's own peak: an unknown v with  d value / d v = 0
     crossing   a plant with its own unknown v:  ln|L(v)| = 0,  and every quantity read at gain crossovers
     level      ln|L(v)| = -limit and arg L(v) >= -180 deg: a gain margin at a plant, also where the margin is infinite
     phase      arg L(v) = -180 deg: a gain margin's upper limit or equality
@@ -41,6 +42,7 @@ class SlotKind(Enum):
     """What a slot asks; see the module's docstring."""
 
     POINT = "point"
+    PEAK = "peak"
     CROSSING = "crossing"
     LEVEL = "level"
     PHASE = "phase"
@@ -66,7 +68,7 @@ class Block:
     @property
     def has_frequency(self) -> bool:
         """Whether each slot has an unknown v of its own."""
-        return self.kind in (SlotKind.CROSSING, SlotKind.LEVEL, SlotKind.PHASE)
+        return self.kind in (SlotKind.PEAK, SlotKind.CROSSING, SlotKind.LEVEL, SlotKind.PHASE)
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,8 @@ class Problem:
         return 2 * len(self.sides)
 
 
+#: peaks in play at a time, of each side and of the objective
+PEAKS = 3
 #: parameters before the slots': limits of all sides, then these weights
 WEIGHTS = ("worst", "ki", "depth", "give", "ki_scale")
 
@@ -110,12 +114,15 @@ def wanted_blocks(sides: tuple[Side, ...], objective: ObjectiveKind, capacity: i
     for k, side in enumerate(sides):
         if side.where is Where.BAND:
             blocks.append(Block(SlotKind.POINT, (k,), capacity, (f"side {k}",)))
+            if side.from_rad_s < side.to_rad_s:
+                blocks.append(Block(SlotKind.PEAK, (k,), PEAKS, ("equation", f"side {k}")))
         elif side.where is Where.PHASE_CROSSOVERS and side.bound is Bound.LOWER:
             blocks.append(Block(SlotKind.LEVEL, (k,), capacity, ("equation", f"side {k}")))
         elif side.where is Where.PHASE_CROSSOVERS:
             blocks.append(Block(SlotKind.PHASE, (k,), capacity, ("equation", f"side {k}")))
     if objective in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK):
         blocks.append(Block(SlotKind.POINT, (), 2 * capacity, ("objective",)))
+        blocks.append(Block(SlotKind.PEAK, (), PEAKS, ("equation", "objective")))
     elif objective is ObjectiveKind.CROSSOVER_SPREAD:
         blocks.append(Block(SlotKind.MEMBER, (), capacity, ("spread up", "spread down")))
     elif objective is ObjectiveKind.IAE_DISTURBANCE:
@@ -186,7 +193,7 @@ def compile_problem(
                 nominal = {"v": v, "phase": at.phase_rad}
             if block.kind is SlotKind.MEMBER and objective is ObjectiveKind.CROSSOVER_SPREAD:
                 at = SymbolicLoop(*loop(ca.vertcat(kp, ki, alpha), theta, nominal["v"], near))
-            rows = _slot_rows(block, at, symbols, sides, objective, nominal)
+            rows = _slot_rows(block, at, v, symbols, sides, objective, nominal)
             if objective is ObjectiveKind.IAE_DISTURBANCE and block.kind is SlotKind.MEMBER:
                 error = log_discounted_error(family, theta, kp / scale.gain, ki_user, alpha, horizon_s)
                 rows = [symbols.head[WORST] - error]
@@ -230,6 +237,7 @@ IPOPT_OPTIONS: dict[str, Any] = {
 def _slot_rows(
     block: Block,
     at: SymbolicLoop,
+    v: Any,
     symbols: _Symbols,
     sides: tuple[Side, ...],
     objective: ObjectiveKind,
@@ -240,13 +248,13 @@ def _slot_rows(
     spread = {"spread up": 1.0, "spread down": -1.0}
     rows: list[Any] = []
     for name in block.rows:
-        if name == "equation":
+        if name == "equation" and block.kind is SlotKind.PEAK:
+            value = sides[block.sides[0]].quantity.natural(at) if block.sides else _peak_value(objective, at)
+            rows.append(ca.gradient(value, v))
+        elif name == "equation":
             rows.append(_equation(block, at, symbols, sides))
         elif name == "objective":
-            value = -at.log_return_difference
-            if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK:
-                value = value + at.log_controller
-            rows.append(worst - value)
+            rows.append(worst - _peak_value(objective, at))
         elif name in spread and block.kind is SlotKind.CROSSING:
             rows.append(worst + spread[name] * (at.phase_rad - nominal["phase"]))
         elif name in spread:
@@ -254,6 +262,12 @@ def _slot_rows(
         else:
             rows.append(_side_row(int(name.split()[1]), block, at, symbols, sides))
     return rows
+
+
+def _peak_value(objective: ObjectiveKind, at: SymbolicLoop) -> Any:
+    if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK:
+        return at.log_controller - at.log_return_difference
+    return -at.log_return_difference
 
 
 def _equation(block: Block, at: SymbolicLoop, symbols: _Symbols, sides: tuple[Side, ...]) -> Any:

@@ -9,18 +9,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.design.compile import Problem, compile_problem
+from fopi_tune.design.compile import PEAKS, Problem, compile_problem
 from fopi_tune.design.layout import Mode, Point, Task, TooManySlotsError
 from fopi_tune.design.oracle import Finding, Oracle
 from fopi_tune.design.scale import Scale
 from fopi_tune.design.sides import GUARD, Bound, Side
 from fopi_tune.design.solve import Solved, solve
+from fopi_tune.design.table import numbers_at, part_of
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import Where
 from fopi_tune.quantities.objectives import ObjectiveKind
@@ -34,6 +36,9 @@ _MOST_ROUNDS = 40
 #: how far a solve may go from its start (see `Task`), at first and at the least
 _TRUST = 4.0
 _SMALLEST_TRUST = 0.1
+#: points of a plant this near (in ln omega) belong to one peak
+_SAME_PEAK = 0.7
+_PEAK_OBJECTIVES = (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK)
 _FIRST_CAPACITY = 8
 
 
@@ -42,11 +47,12 @@ class Cuts:
     """The plants and points in play."""
 
     points: tuple[Point, ...] = ()
+    peaks: tuple[Point, ...] = ()
     plants: tuple[tuple[float, ...], ...] = ()
     margin_plants: tuple[tuple[int, tuple[float, ...]], ...] = ()
 
     def __len__(self) -> int:
-        return len(self.points) + len(self.plants) + len(self.margin_plants)
+        return len(self.points) + len(self.peaks) + len(self.plants) + len(self.margin_plants)
 
 
 @dataclass(frozen=True)
@@ -116,7 +122,28 @@ class Exchange:
         ]
         if self.objective in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK):
             points += [Point(None, nominal, omega) for omega in self._seeds(0.0, math.inf)]
+        if self.objective in (ObjectiveKind.CROSSOVER_SPREAD, ObjectiveKind.IAE_DISTURBANCE):
+            points.append(Point(None, nominal, self.scale.omega_rad_s))
         return Cuts(points=tuple(dict.fromkeys(points)), plants=tuple(dict.fromkeys(plants)))
+
+    def with_worst_of(self, cuts: Cuts, gains: FoPi) -> Cuts:
+        """The cuts and where these gains are worst: of each requirement, violated or not, and of the objective."""
+        everything = frozenset(side.requirement for side in self.sides)
+        return self._extended(cuts, self.oracle.worst(gains, 0.0), Mode.OBJECTIVE, everything, (), None, first=True)
+
+    def binding(self, cuts: Cuts, gains: FoPi) -> Cuts:
+        """The cuts without the fixed points that are far from binding at these gains."""
+        points = [p for p in cuts.points if p.side is not None]
+        if not points:
+            return cuts
+        loops = Loops.of(gains, Plants.members(self.family, np.array([p.theta for p in points]).reshape(len(points), -1)))
+        numbers = numbers_at(loops, np.arange(len(points)), np.log([p.omega_rad_s for p in points]))
+        far = {
+            point
+            for i, point in enumerate(points)
+            if self.oracle.probes[point.side or 0].slack(part_of(numbers, slice(i, i + 1)), math.nan)[0] > _NEAR
+        }
+        return replace(cuts, points=tuple(p for p in cuts.points if p not in far))
 
     def _seeds(self, from_rad_s: float, to_rad_s: float) -> list[float]:
         """Frequencies around the spec's own, moved into a band."""
@@ -142,12 +169,15 @@ class Exchange:
             hopeless: whether a solve of the relaxation is already no better than what is known.
         """
         gains, solved, violation = start, None, math.inf
-        if cuts == self.first_cuts():
-            cuts = self._extended(cuts, self.oracle.worst(start, 0.0), mode, active, limits, None, first=True)
-        trust = _TRUST
+        trust, follow_from, patience = _TRUST, 0, 2
+        cuts = replace(cuts, peaks=())
         for rounds in range(1, _MOST_ROUNDS + 1):
-            task = Task(cuts.points, cuts.plants, cuts.margin_plants, tuple(limits), mode, active, giving, trust)
+            task = Task(cuts.points, cuts.peaks, cuts.plants, cuts.margin_plants, tuple(limits), mode, active, giving, trust)
             solved = self._solve(task, gains)
+            if not solved.success and cuts.peaks:
+                # A peak that moves may also vanish; the fixed points near it stay in play.
+                cuts, follow_from, patience = replace(cuts, peaks=()), rounds + patience, 2 * patience
+                continue
             if not solved.success and trust > _SMALLEST_TRUST:
                 # Ipopt lost its way: look closer to where it started.
                 trust *= 0.25
@@ -163,6 +193,8 @@ class Exchange:
             if violation <= TOLERANCE and not solved.on_trust_bound:
                 return Converged(solved, True, violation, cuts, rounds)
             larger = self._extended(cuts, findings, mode, active, limits, solved, first=False)
+            if rounds >= follow_from:
+                larger = replace(larger, peaks=self._followed(cuts, larger))
             if len(larger) == len(cuts) and not solved.on_trust_bound:
                 return Converged(solved, False, violation, cuts, rounds)
             cuts = larger
@@ -225,7 +257,28 @@ class Exchange:
                     margin_plants.append((finding.side or 0, theta))
             else:
                 plants.append(theta)
-        return Cuts(tuple(dict.fromkeys(points)), tuple(dict.fromkeys(plants)), tuple(dict.fromkeys(margin_plants)))
+        return Cuts(
+            tuple(dict.fromkeys(points)), cuts.peaks, tuple(dict.fromkeys(plants)), tuple(dict.fromkeys(margin_plants))
+        )
+
+    def _followed(self, before: Cuts, after: Cuts) -> tuple[Point, ...]:
+        """The peaks in play: where a new point lies beside an older one of the same plant, the peak has moved."""
+        peaks = list(before.peaks)
+        for new in set(after.points) - set(before.points):
+            if new.side is None and self.objective not in _PEAK_OBJECTIVES:
+                continue
+            if new.side is not None:
+                side = self.sides[new.side]
+                ends = (side.from_rad_s, side.to_rad_s)
+                if any(0.0 < w < math.inf and abs(math.log(w / new.omega_rad_s)) < 1e-6 for w in ends):
+                    continue
+            same = [p for p in before.points if p.side == new.side and _beside(p, new)]
+            if not same:
+                continue
+            peaks = [p for p in peaks if not (p.side == new.side and _beside(p, new))]
+            if sum(p.side == new.side for p in peaks) < PEAKS:
+                peaks.append(new)
+        return tuple(peaks)
 
     def _add_objective_member(
         self, points: list[Point], plants: list[tuple[float, ...]], finding: Finding, theta: tuple[float, ...]
@@ -234,6 +287,11 @@ class Exchange:
             plants.append(theta)
         else:
             points.append(Point(None, theta, finding.omega_rad_s))
+
+
+def _beside(a: Point, b: Point) -> bool:
+    """Whether two points are of the same plant and the same peak, as far as one can tell from the frequency."""
+    return a.theta == b.theta and abs(math.log(a.omega_rad_s / b.omega_rad_s)) < _SAME_PEAK
 
 
 def limits_of(sides: Sequence[Side]) -> tuple[float, ...]:

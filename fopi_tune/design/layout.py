@@ -21,6 +21,8 @@ from fopi_tune.spec.model import ControllerSpec
 #: a gain the spec leaves open is searched this far, in the plant's own scale
 OPEN_GAIN = 1e4
 _V_CAP = 40.0
+#: no objective's natural value lies outside: e^100 is beyond any gain
+_WORST_CAP = 100.0
 
 #: bounds of a slot's rows by name
 RowBounds = dict[str, tuple[float, float]]
@@ -50,6 +52,7 @@ class Task:
 
     Args:
         points: fixed (side, plant, frequency) cuts of frequency functions and members of the objective.
+        peaks: the same, moving with the plant's own peak; the frequency is where it is looked for.
         plants: plants whose gain crossovers are in play; the nominal one first.
         margin_plants: (side, plant) of gain margins in play.
         limits: of all sides, natural units.
@@ -62,6 +65,7 @@ class Task:
     """
 
     points: tuple[Point, ...]
+    peaks: tuple[Point, ...]
     plants: tuple[tuple[float, ...], ...]
     margin_plants: tuple[tuple[int, tuple[float, ...]], ...]
     limits: tuple[float, ...]
@@ -137,7 +141,7 @@ class Layout:
         elastic = task.mode is Mode.FEASIBILITY
         objective = problem.objective
         named = objective not in (ObjectiveKind.KI, ObjectiveKind.DEPTH) and not elastic
-        self.lbx[WORST], self.ubx[WORST] = (-np.inf, np.inf) if named else (0.0, 0.0)
+        self.lbx[WORST], self.ubx[WORST] = (-_WORST_CAP, _WORST_CAP) if named else (0.0, 0.0)
         self.x0[WORST] = worst if named else 0.0
         deep = objective is ObjectiveKind.DEPTH and not elastic
         self.lbx[DEPTH], self.ubx[DEPTH] = (-1.0, 50.0) if deep else (0.0, 0.0)
@@ -183,18 +187,17 @@ class Layout:
         if block.kind in (SlotKind.LEVEL, SlotKind.PHASE):
             return self._margin_slots(block)
         side = block.sides[0] if block.sides else None
-        if side is not None and not self._counts(side):
-            return []
-        if side is None and self.task.mode is Mode.FEASIBILITY:
+        if (side is not None and not self._counts(side)) or (side is None and self.task.mode is Mode.FEASIBILITY):
             return []
         log_s = math.log(self.problem.scale.omega_rad_s)
         bound = (0.0, np.inf)
         if side is not None and self.problem.sides[side].bound is Bound.EQUAL:
             bound = (0.0, 0.0)
-        rows = dict.fromkeys(block.rows, bound)
+        rows = {name: (0.0, 0.0) if name == "equation" else bound for name in block.rows}
+        chosen = self.task.peaks if block.kind is SlotKind.PEAK else self.task.points
         return [
-            (point.theta, min(max(math.log(point.omega_rad_s) - log_s, -600.0), 600.0), 0.0, rows)
-            for point in self.task.points
+            (point.theta, float(np.clip(math.log(point.omega_rad_s) - log_s, -600.0, 600.0)), 0.0, rows)
+            for point in chosen
             if point.side == side
         ]
 

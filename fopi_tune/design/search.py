@@ -88,7 +88,10 @@ class Search:
         horizon = given if given is not None else default_horizon_s(spec.plant)
         exchange = Exchange(spec.plant, scale, sides, objective, horizon, spec.controller)
         first = starts(spec, scale, sides, objective, _STARTS)
-        return cls(spec, scale, objective, exchange, first, _with(exchange.first_cuts(), sides, violations))
+        cuts = _with(exchange.first_cuts(), sides, violations)
+        if first:
+            cuts = exchange.with_worst_of(cuts, first[0])
+        return cls(spec, scale, objective, exchange, first, cuts)
 
     @property
     def all_requirements(self) -> frozenset[int]:
@@ -134,8 +137,13 @@ class Search:
             run = self._run(start, cuts, limits, best)
             if run is None or not run.ok:
                 continue
-            # Cuts are valid for all gains: the next start profits from them.
-            cuts = run.cuts
+            # Cuts are valid for all gains: the next start profits from those that bind here.
+            binding = self.exchange.binding(run.cuts, run.solved.gains)
+            cuts = replace(
+                binding,
+                points=tuple(dict.fromkeys(self.first_cuts.points + binding.points)),
+                peaks=(),
+            )
             if best is None or not self.stable(best.solved.gains) or self.stable(run.solved.gains):
                 best = run
         return best

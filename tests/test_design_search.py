@@ -1,0 +1,162 @@
+"""The search: what it promises beyond its golden outcomes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fopi_tune as ft
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.stability import is_stable
+from fopi_tune.design import Status, Violation, design
+from fopi_tune.design.layout import Mode
+from fopi_tune.design.search import Search
+from fopi_tune.proof import verify
+from fopi_tune.spec import load_spec, parse_spec
+from fopi_tune.spec.model import DesignSpec
+
+BRAKE, THROTTLE, DELAY = "specs/brake.yaml", "specs/throttle.yaml", "specs/brake_delay.yaml"
+
+
+def moved(spec: DesignSpec, index: int, step: float) -> DesignSpec:
+    requirements = list(spec.requirements)
+    requirements[index] = replace(requirements[index], limits=(requirements[index].limits[0] + step,))
+    return replace(spec, requirements=tuple(requirements))
+
+
+def objective(spec: DesignSpec) -> float:
+    value = ft.tune(spec).objective
+    assert value is not None
+    return value
+
+
+@pytest.mark.parametrize(
+    ("path", "index", "relax"),
+    [(BRAKE, 4, 0.01), (THROTTLE, 2, 0.01), (DELAY, 0, -0.01), (DELAY, 2, 0.005)],
+)
+def test_a_multiplier_is_what_the_objective_gains_when_the_limit_gives(path: str, index: int, relax: float) -> None:
+    spec = load_spec(path)
+    tuned = ft.tune(spec)
+    assert tuned.objective is not None
+    gained = abs(objective(moved(spec, index, relax)) - tuned.objective) / abs(relax)
+    multiplier = tuned.requirements[index].multiplier
+    # A forward difference over a hundredth of a unit: its own error is about a percent.
+    assert multiplier == pytest.approx(gained, rel=0.03)
+
+
+def test_a_requirement_that_does_not_bind_costs_nothing() -> None:
+    tuned = ft.tune(BRAKE)
+    assert tuned.requirements[2].multiplier == pytest.approx(0.0, abs=1e-6)
+    assert tuned.requirements[3].multiplier == pytest.approx(0.0, abs=1e-6)
+
+
+def test_inequalities_hold_strictly_and_equalities_to_rounding() -> None:
+    for path in (BRAKE, THROTTLE, DELAY):
+        tuned = ft.tune(path)
+        assert tuned.gains is not None
+        for result in verify(tuned.spec, tuned.gains).requirements:
+            assert result.slack is not None
+            assert result.slack > (-1e-8 if result.requirement.relation.value == "equals" else 0.0)
+
+
+def test_small_sensitivity_of_an_unstable_loop_is_not_taken_for_an_answer() -> None:
+    # Without a crossover |S| is small and the unstable plant stays unstable: an optimiser left alone goes there.
+    spec = parse_spec(
+        "schema: 1\nname: x\nplant: {model: pole, gain: 1.0, pole_rad_s: -1.0}\n"
+        "requirements: [{sensitivity_db: {at_most: 6}}]\nobjective: {minimize: control_sensitivity_peak_db}\n"
+    )
+    idle = verify(spec, FoPi(0.3, 0.01, 1.0))
+    assert idle.requirements[0].is_met
+    assert not idle.all_met
+    tuned = ft.tune(spec)
+    assert tuned.status is Status.SOLVED
+    assert tuned.stability is not None
+    assert tuned.stability.stable
+    # |C S| at least 2 is what an unstable pole at 1 rad/s costs any controller of 1/(s - 1): kp = 2 attains it.
+    assert tuned.objective == pytest.approx(20 * math.log10(2.0), rel=1e-5)
+
+
+def test_every_member_of_a_solved_family_is_stable() -> None:
+    spec = load_spec("specs/lag_gain_and_delay.yaml")
+    tuned = ft.tune(spec)
+    assert tuned.status is Status.SOLVED
+    assert tuned.gains is not None
+    low, high = spec.plant.low, spec.plant.high
+    points = low + np.random.default_rng(7).random((200, len(low))) * (high - low)
+    assert is_stable(Loops.of(tuned.gains, Plants.members(spec.plant, points))).all()
+
+
+def test_a_violation_found_by_the_check_enters_the_next_design() -> None:
+    spec = load_spec(DELAY)
+    violation = Violation(2, (1.6,), 4.2)
+    search = Search.of(spec, (violation,))
+    assert any(point.side == 2 and point.omega_rad_s == 4.2 for point in search.first_cuts.points)
+    assert design(spec, (violation,)).status is Status.SOLVED
+
+
+def test_peaks_that_move_converge_in_few_rounds() -> None:
+    spec = parse_spec(
+        "schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: {min: 1.6, max: 3.1}, dead_time_s: 0.3}\n"
+        "controller: {kp: {min: 0, max: 10}, ki: {min: 0, max: 10}, alpha: {min: 0.3, max: 1.5}}\n"
+        "requirements: [{sensitivity_db: {at_most: -20}, to_rad_s: 0.05}]\n"
+        "objective: {minimize: control_sensitivity_peak_db}\n"
+    )
+    search = Search.of(spec, ())
+    run = search.exchange.run(
+        search.starts[0], search.first_cuts, Mode.OBJECTIVE, search.all_requirements, frozenset(), search.limits(0.0)
+    )
+    assert run.ok
+    # With fixed frequencies alone the same exchange needs a dozen rounds: its cuts chase the peak.
+    assert run.rounds <= 8
+
+
+def test_starts_lie_in_the_box_and_apart() -> None:
+    search = Search.of(load_spec(DELAY), ())
+    box = search.spec.controller
+    assert len(search.starts) >= 3
+    for start in search.starts:
+        assert box.kp.min <= start.kp <= box.kp.max
+        assert box.ki.min <= start.ki <= box.ki.max
+        assert box.alpha.min <= start.alpha <= box.alpha.max
+    assert len(set(search.starts)) == len(search.starts)
+
+
+def test_the_gain_margin_as_an_equality_without_delay_is_refused_in_words() -> None:
+    spec = parse_spec(
+        "schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: 2.25}\n"
+        "controller: {kp: {min: 0}, ki: {min: 0}, alpha: {min: 0.3, max: 1}}\n"
+        "requirements:\n  - crossover_rad_s: {equals: 0.3}\n  - gain_margin_db: {equals: 12.04}\n"
+    )
+    tuned = ft.tune(spec)
+    assert tuned.status is Status.INFEASIBLE
+    assert "never reaches -180 deg" in tuned.message
+    assert [give.requirement for give in tuned.clash] == [1]
+
+
+def test_the_papers_alpha_is_refused_with_the_alpha_it_would_need() -> None:
+    # PAPER section 7: PM = 90 deg at 0.3 rad/s for tau = 2.25 with kp >= 0 needs alpha >= 0.6220.
+    text = Path(BRAKE).read_text(encoding="utf-8").replace("max: 1.5}", "max: 0.6}")
+    tuned = ft.tune(parse_spec(text))
+    assert tuned.status is Status.INFEASIBLE
+    assert "alpha >= 0.6220" in tuned.message
+    assert {give.requirement for give in tuned.clash} == {0, 1}
+
+
+def test_fixed_gains_are_checked_not_searched() -> None:
+    text = "schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: 2.25}\ncontroller: {kp: 1, ki: 1, alpha: 1}\n"
+    met = ft.tune(parse_spec(text + "requirements: [{phase_margin_deg: {at_least: 30}}]\n"))
+    missed = ft.tune(parse_spec(text + "requirements: [{phase_margin_deg: {at_least: 170}}]\n"))
+    assert met.status is Status.SOLVED
+    assert met.gains == FoPi(1, 1, 1)
+    assert missed.status is Status.INFEASIBLE
+    assert missed.clash[0].amount == pytest.approx(170 - missed.clash[0].new_limit)  # type: ignore[operator]
+
+
+def test_the_same_spec_gives_the_same_gains_twice() -> None:
+    first, second = ft.tune(DELAY), ft.tune(DELAY)
+    assert first.gains == second.gains
