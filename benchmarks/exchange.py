@@ -2,9 +2,9 @@
 
 Run:  python benchmarks/exchange.py [SPEC]
 
-Both sides start at the same gains and use the same compiled expressions, solver and options.  The grid puts every frequency
-and every plant into Ipopt at once; the exchange puts in what its oracle finds.  Both answers are then checked by
-`fopi_tune.proof`, which knows of neither grid.
+Both sides start at the same gains and use the same compiled expressions, solver and options.  The grid puts every
+frequency and every plant into Ipopt at once; the exchange puts in what its oracle finds.  Both answers are then checked
+by `fopi_tune.proof`, which knows of neither grid.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.design import design
 from fopi_tune.design.compile import compile_problem
 from fopi_tune.design.exchange import Exchange
-from fopi_tune.design.layout import Mode, Point, Task
+from fopi_tune.design.layout import MarginPlant, Mode, Point, Task
 from fopi_tune.design.scale import scale_of
 from fopi_tune.design.search import Search
 from fopi_tune.design.sides import GUARD
@@ -44,11 +44,16 @@ def grid_task(search: Search, spec: DesignSpec) -> Task:
     points = []
     for k, side in enumerate(sides):
         if side.where is Where.BAND and side.requirement != GUARD:
-            omegas = np.geomspace(max(side.from_rad_s, min(low, side.to_rad_s / 100)), min(side.to_rad_s, high), _OMEGAS)
+            omegas = np.geomspace(
+                max(side.from_rad_s, min(low, side.to_rad_s / 100)), min(side.to_rad_s, high), _OMEGAS
+            )
             points += [Point(k, plant, float(w)) for plant in plants for w in omegas]
     points += [Point(None, plant, float(w)) for plant in plants for w in np.geomspace(low, high, _OMEGAS)]
     margins = tuple(
-        (k, plant) for k, side in enumerate(sides) if side.where is Where.PHASE_CROSSOVERS for plant in plants
+        MarginPlant(k, plant, crossing=False)
+        for k, side in enumerate(sides)
+        if side.where is Where.PHASE_CROSSOVERS
+        for plant in plants
     )
     limits = tuple(side.limit for side in sides)
     return Task(tuple(points), (), tuple(plants), margins, limits, Mode.OBJECTIVE, search.all_requirements, trust=100.0)
@@ -84,9 +89,7 @@ def main() -> None:
     compile_s = time.perf_counter() - began
     grid_s, grid = timed(lambda: solve(problem, spec.controller, task, start, 1.0))
     limits, everything = search.limits(4e-7), search.all_requirements
-    run_s, run = timed(
-        lambda: exchange.run(start, search.first_cuts, Mode.OBJECTIVE, everything, frozenset(), limits)
-    )
+    run_s, run = timed(lambda: exchange.run(start, search.first_cuts, Mode.OBJECTIVE, everything, frozenset(), limits))
     whole_s, candidate = timed(lambda: design(spec))
     rows = [
         ("full grid, solve only", grid_s, grid.gains, grid.status),  # type: ignore[attr-defined]

@@ -173,7 +173,7 @@ class Loops:
         low, high = np.log(self.omega[k]), np.log(self.omega[k + 1])
         f_low, f_high = values[row, k], values[row, k + 1]
         middle = low - f_low * (high - low) / (f_high - f_low)
-        for _ in range(7 if self.exact else 1):  # Illinois: bracketed secants, each bracket end halved when it sticks
+        for _ in range(14 if self.exact else 1):  # Illinois: bracketed secants, each bracket end halved when it sticks
             if not len(row):
                 break
             f = function(row, np.exp(middle))

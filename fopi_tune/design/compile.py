@@ -118,7 +118,7 @@ def wanted_blocks(sides: tuple[Side, ...], objective: ObjectiveKind, capacity: i
                 blocks.append(Block(SlotKind.PEAK, (k,), PEAKS, ("equation", f"side {k}")))
         elif side.where is Where.PHASE_CROSSOVERS and side.bound is Bound.LOWER:
             blocks.append(Block(SlotKind.LEVEL, (k,), capacity, ("equation", f"side {k}")))
-        elif side.where is Where.PHASE_CROSSOVERS:
+        if side.where is Where.PHASE_CROSSOVERS:
             blocks.append(Block(SlotKind.PHASE, (k,), capacity, ("equation", f"side {k}")))
     if objective in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK):
         blocks.append(Block(SlotKind.POINT, (), 2 * capacity, ("objective",)))

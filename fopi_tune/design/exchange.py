@@ -17,7 +17,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.design.compile import PEAKS, Problem, compile_problem
-from fopi_tune.design.layout import Mode, Point, Task, TooManySlotsError
+from fopi_tune.design.layout import MarginPlant, Mode, Point, Task, TooManySlotsError
 from fopi_tune.design.oracle import Finding, Oracle
 from fopi_tune.design.scale import Scale
 from fopi_tune.design.sides import GUARD, Bound, Side
@@ -32,10 +32,12 @@ from fopi_tune.spec.model import ControllerSpec
 TOLERANCE = 2e-7
 #: sides this far from violation are not refined
 _NEAR = 0.1
-_MOST_ROUNDS = 40
+_MOST_ROUNDS = 60
+_MOST_STALE = 4
 #: how far a solve may go from its start (see `Task`), at first and at the least
 _TRUST = 4.0
 _SMALLEST_TRUST = 0.1
+_SMALLEST_RETREAT = 1e-4
 #: points of a plant this near (in ln omega) belong to one peak
 _SAME_PEAK = 0.7
 _PEAK_OBJECTIVES = (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK)
@@ -49,7 +51,7 @@ class Cuts:
     points: tuple[Point, ...] = ()
     peaks: tuple[Point, ...] = ()
     plants: tuple[tuple[float, ...], ...] = ()
-    margin_plants: tuple[tuple[int, tuple[float, ...]], ...] = ()
+    margin_plants: tuple[MarginPlant, ...] = ()
 
     def __len__(self) -> int:
         return len(self.points) + len(self.peaks) + len(self.plants) + len(self.margin_plants)
@@ -136,7 +138,9 @@ class Exchange:
         points = [p for p in cuts.points if p.side is not None]
         if not points:
             return cuts
-        loops = Loops.of(gains, Plants.members(self.family, np.array([p.theta for p in points]).reshape(len(points), -1)))
+        loops = Loops.of(
+            gains, Plants.members(self.family, np.array([p.theta for p in points]).reshape(len(points), -1))
+        )
         numbers = numbers_at(loops, np.arange(len(points)), np.log([p.omega_rad_s for p in points]))
         far = {
             point
@@ -168,38 +172,51 @@ class Exchange:
             mode, active, giving, limits: see `Task`.
             hopeless: whether a solve of the relaxation is already no better than what is known.
         """
-        gains, solved, violation = start, None, math.inf
-        trust, follow_from, patience = _TRUST, 0, 2
-        cuts = replace(cuts, peaks=())
+        cuts, gains, safe, solved, violation = replace(cuts, peaks=()), start, None, None, math.inf
+        trust, follow_from, patience, stale = _TRUST, 0, 2, 0
         for rounds in range(1, _MOST_ROUNDS + 1):
-            task = Task(cuts.points, cuts.peaks, cuts.plants, cuts.margin_plants, tuple(limits), mode, active, giving, trust)
+            task = Task(
+                cuts.points, cuts.peaks, cuts.plants, cuts.margin_plants, tuple(limits), mode, active, giving, trust
+            )
             solved = self._solve(task, gains)
             if not solved.success and cuts.peaks:
                 # A peak that moves may also vanish; the fixed points near it stay in play.
                 cuts, follow_from, patience = replace(cuts, peaks=()), rounds + patience, 2 * patience
                 continue
-            if not solved.success and trust > _SMALLEST_TRUST:
-                # Ipopt lost its way: look closer to where it started.
-                trust *= 0.25
+            if solved.success and hopeless(solved) and not solved.on_trust_bound:
+                break
+            findings = self._findings(solved)
+            violation = max((self._violation(f, mode, active, limits, solved) for f in findings), default=math.inf)
+            if violation <= TOLERANCE:
+                if not solved.on_trust_bound:
+                    return Converged(solved, True, violation, cuts, rounds)
+                safe, gains = solved, solved.gains
                 continue
-            if not solved.success or (hopeless(solved) and not solved.on_trust_bound):
-                return Converged(solved, False, math.inf, cuts, rounds)
-            gains = solved.gains
-            try:
-                findings = self.oracle.worst(gains, solved.depth + _NEAR)
-            except DomainError:
-                return Converged(solved, False, math.inf, cuts, rounds)
-            violation = max((self._violation(f, mode, active, limits, solved) for f in findings), default=0.0)
-            if violation <= TOLERANCE and not solved.on_trust_bound:
-                return Converged(solved, True, violation, cuts, rounds)
             larger = self._extended(cuts, findings, mode, active, limits, solved, first=False)
             if rounds >= follow_from:
                 larger = replace(larger, peaks=self._followed(cuts, larger))
-            if len(larger) == len(cuts) and not solved.on_trust_bound:
-                return Converged(solved, False, violation, cuts, rounds)
-            cuts = larger
+            # Nothing new to put in: from here the same plants may cross elsewhere, so look again a few times.
+            stale += len(larger) == len(cuts)
+            if solved.success and (len(larger) > len(cuts) or (stale <= _MOST_STALE and safe is None)):
+                cuts, gains = larger, solved.gains
+                continue
+            # Ipopt lost its way, or a crossing appears that no cut speaks of: look closer to where all was well.
+            if trust <= (_SMALLEST_TRUST if safe is None else _SMALLEST_RETREAT):
+                break
+            trust, gains = 0.25 * trust, safe.gains if safe else gains
         assert solved is not None
-        return Converged(solved, False, violation, cuts, _MOST_ROUNDS)
+        if safe is not None and not hopeless(safe):
+            return Converged(safe, True, 0.0, cuts, rounds)
+        return Converged(solved, False, violation, cuts, rounds)
+
+    def _findings(self, solved: Solved) -> list[Finding]:
+        """Where a solve's answer is worst; nothing when there is no answer, or no loop left to look at."""
+        if not solved.success:
+            return []
+        try:
+            return self.oracle.worst(solved.gains, solved.depth + _NEAR)
+        except DomainError:
+            return []
 
     def _solve(self, task: Task, gains: FoPi) -> Solved:
         while True:
@@ -254,7 +271,9 @@ class Exchange:
                 points.append(Point(finding.side, theta, finding.omega_rad_s))
             elif side.where is Where.PHASE_CROSSOVERS:
                 if not first or side.bound is not Bound.LOWER:
-                    margin_plants.append((finding.side or 0, theta))
+                    # First as a level; where the phase dips below -180 deg before that level, as a crossing too.
+                    level = MarginPlant(finding.side or 0, theta, crossing=side.bound is not Bound.LOWER)
+                    margin_plants.append(replace(level, crossing=True) if level in margin_plants else level)
             else:
                 plants.append(theta)
         return Cuts(

@@ -35,8 +35,7 @@ def clash_of(search: Search) -> Candidate:
     nothing = tuple(None for _ in search.spec.requirements)
     relaxed = search.relaxed
     if relaxed is None:
-        message = "Ipopt found no point that could be confirmed from any start, even with every requirement relaxed"
-        return Candidate(Status.FAILED, None, nothing, (), message, search.exchange.solves)
+        return _without_any_point(search)
     near = relaxed.solved.gains
     if relaxed.solved.gives.sum() <= _MEETS:
         message = "the requirements can be met, but Ipopt did not converge on the objective; try narrower gain ranges"
@@ -52,6 +51,21 @@ def clash_of(search: Search) -> Candidate:
     return Candidate(
         Status.INFEASIBLE, near, nothing, gives, _words(search.spec, clash), search.exchange.solves, relaxed.rounds
     )
+
+
+def _without_any_point(search: Search) -> Candidate:
+    """Even relaxed requirements had no answer: is it stability itself?"""
+    nothing = tuple(None for _ in search.spec.requirements)
+    stable = None
+    if search.exchange.oracle.plants.unstable_poles.any():
+        stable = search.elastic(frozenset(), frozenset({GUARD}), search.limits(0.0))
+    if stable is not None and stable.solved.gives.sum() > _MEETS:
+        message = "no gains within their ranges were found that stabilise every plant of the family"
+        return Candidate(
+            Status.INFEASIBLE, stable.solved.gains, nothing, (), message, search.exchange.solves, stable.rounds
+        )
+    message = "Ipopt found no point that could be confirmed from any start, even with every requirement relaxed"
+    return Candidate(Status.FAILED, None, nothing, (), message, search.exchange.solves)
 
 
 def _given(search: Search, gives: Array) -> dict[int, float]:

@@ -26,8 +26,18 @@ _WORST_CAP = 100.0
 
 #: bounds of a slot's rows by name
 RowBounds = dict[str, tuple[float, float]]
-#: (theta, v, phase_near, bounds of rows)
-Slot = tuple[tuple[float, ...], float, float, RowBounds]
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One slot in use: its plant, its frequency (at first, and how far it may go), its sheet of the phase, its rows."""
+
+    theta: tuple[float, ...]
+    v: float
+    near: float
+    rows: RowBounds
+    v_low: float = -_V_CAP
+    v_high: float = _V_CAP
 
 
 class Mode(Enum):
@@ -47,6 +57,15 @@ class Point:
 
 
 @dataclass(frozen=True)
+class MarginPlant:
+    """A plant whose gain margin is in play: at the level that is asked for, or at a phase crossover itself."""
+
+    side: int
+    theta: tuple[float, ...]
+    crossing: bool
+
+
+@dataclass(frozen=True)
 class Task:
     """What to solve.
 
@@ -54,7 +73,7 @@ class Task:
         points: fixed (side, plant, frequency) cuts of frequency functions and members of the objective.
         peaks: the same, moving with the plant's own peak; the frequency is where it is looked for.
         plants: plants whose gain crossovers are in play; the nominal one first.
-        margin_plants: (side, plant) of gain margins in play.
+        margin_plants: plants of gain margins in play.
         limits: of all sides, natural units.
         mode: what for.
         active: requirements that count; others are dropped.
@@ -67,7 +86,7 @@ class Task:
     points: tuple[Point, ...]
     peaks: tuple[Point, ...]
     plants: tuple[tuple[float, ...], ...]
-    margin_plants: tuple[tuple[int, tuple[float, ...]], ...]
+    margin_plants: tuple[MarginPlant, ...]
     limits: tuple[float, ...]
     mode: Mode
     active: frozenset[int]
@@ -103,9 +122,9 @@ class Layout:
             slots = self._slots(block)
             if len(slots) > block.capacity:
                 raise TooManySlotsError
-            for slot, (theta, v, near, bounds) in enumerate(slots):
-                self._place(b, slot, theta, v, near)
-                self._open(b, block, slot, v, bounds)
+            for i, slot in enumerate(slots):
+                self._place(b, i, slot.theta, slot.v, slot.near)
+                self._open(b, block, i, slot)
 
     def _gains(self) -> None:
         scale, box = self.problem.scale, self.box
@@ -171,14 +190,14 @@ class Layout:
         else:
             self.p[first + self.width] = v
 
-    def _open(self, b: int, block: Block, slot: int, v: float, bounds: RowBounds) -> None:
+    def _open(self, b: int, block: Block, place: int, slot: Slot) -> None:
         if block.has_frequency:
-            i = self.problem.first_frequency[b] + slot
-            self.lbx[i], self.ubx[i] = min(v, -_V_CAP), max(v, _V_CAP)
-        first = self.problem.first_row[b] + slot * len(block.rows)
+            i = self.problem.first_frequency[b] + place
+            self.lbx[i], self.ubx[i] = min(slot.v, slot.v_low), max(slot.v, slot.v_high)
+        first = self.problem.first_row[b] + place * len(block.rows)
         for j, name in enumerate(block.rows):
-            if name in bounds:
-                self.lbg[first + j], self.ubg[first + j] = bounds[name]
+            if name in slot.rows:
+                self.lbg[first + j], self.ubg[first + j] = slot.rows[name]
 
     def _slots(self, block: Block) -> list[Slot]:
         """(theta, v, phase_near, bounds of rows) of the block's slots in use."""
@@ -196,7 +215,7 @@ class Layout:
         rows = {name: (0.0, 0.0) if name == "equation" else bound for name in block.rows}
         chosen = self.task.peaks if block.kind is SlotKind.PEAK else self.task.points
         return [
-            (point.theta, float(np.clip(math.log(point.omega_rad_s) - log_s, -600.0, 600.0)), 0.0, rows)
+            Slot(point.theta, float(np.clip(math.log(point.omega_rad_s) - log_s, -600.0, 600.0)), 0.0, rows)
             for point in chosen
             if point.side == side
         ]
@@ -223,14 +242,14 @@ class Layout:
                 # No crossover to start from: ask for one where the spec's own frequency scale is.
                 near = float(loops.log_response(np.array([row]), np.array([log_s]))[0].imag)
                 near += self.problem.scale.omega_rad_s * float(plants.dead_time_s[row])
-                slots.append((theta, 0.0, near, self._crossing_bounds(theta == nominal, True, True)))
+                slots.append(Slot(theta, 0.0, near, self._crossing_bounds(theta == nominal, True, True)))
                 continue
             smallest = mine[np.argmin(crossings.phase_rad[mine])]
             for i in sorted(mine, key=lambda i: i != smallest):
                 omega = float(crossings.omega_rad_s[i])
                 near = float(crossings.phase_rad[i]) + omega * float(plants.dead_time_s[row])
                 bounds = self._crossing_bounds(theta == nominal, i == mine[-1], i == smallest)
-                slots.append((theta, math.log(omega) - log_s, near, bounds))
+                slots.append(Slot(theta, math.log(omega) - log_s, near, bounds))
         return slots
 
     def _crossing_bounds(self, nominal: bool, highest: bool, smallest: bool) -> RowBounds:
@@ -260,13 +279,16 @@ class Layout:
             return []
         side, log_s = self.problem.sides[k], math.log(self.problem.scale.omega_rad_s)
         slots = []
-        for owner, theta in self.task.margin_plants:
-            if owner != k:
+        for plant in self.task.margin_plants:
+            if plant.side != k or plant.crossing is not (block.kind is SlotKind.PHASE):
                 continue
+            theta = plant.theta
             plants = Plants.members(self.problem.family, np.array([theta]).reshape(1, -1))
             loops = Loops.of(self.start, plants)
             found = phase_crossovers(loops)
             small = np.flatnonzero((found.gain <= 1.0) & np.isfinite(found.omega_rad_s))
+            if not len(small) and plant.crossing and side.bound is Bound.LOWER:
+                continue
             turn = 0.0
             v = 0.0
             if len(small):
@@ -282,7 +304,9 @@ class Layout:
             near = float(loops.log_response(np.array([0]), np.array([math.log(omega)]))[0].imag)
             near += omega * float(plants.dead_time_s[0]) - 2 * np.pi * turn
             row = (0.0, 0.0) if side.bound is Bound.EQUAL else (0.0, np.inf)
-            slots.append((theta, v, near, {"equation": (0.0, 0.0), f"side {k}": row}))
+            rows = {"equation": (0.0, 0.0), f"side {k}": row}
+            ends = _between_neighbours(np.log(found.omega_rad_s) - log_s, v) if plant.crossing else (-_V_CAP, _V_CAP)
+            slots.append(Slot(theta, v, near, rows, *ends))
         return slots
 
     def open_gains_at_bound(self, x: Array) -> tuple[str, ...]:
@@ -296,3 +320,11 @@ class Layout:
         if (x[KI] > reach and self.box.ki.max == math.inf) or (x[KI] < -reach and self.box.ki.min == -math.inf):
             names.append("ki")
         return tuple(names)
+
+
+def _between_neighbours(crossings: Array, v: float) -> tuple[float, float]:
+    """Half-way to the crossings on either side: a slot must not slip to one where less is asked."""
+    below, above = crossings[crossings < v - 1e-9], crossings[crossings > v + 1e-9]
+    low = 0.5 * (v + float(below.max())) if len(below) else -_V_CAP
+    high = 0.5 * (v + float(above.min())) if len(above) and np.isfinite(above.min()) else _V_CAP
+    return low, high

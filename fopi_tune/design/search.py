@@ -11,7 +11,7 @@ from fopi_tune.core.loops import Loops
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.exchange import Converged, Cuts, Exchange
 from fopi_tune.design.infeasible import clash_of, explained, reason_without_solving
-from fopi_tune.design.layout import Mode, Point
+from fopi_tune.design.layout import MarginPlant, Mode, Point
 from fopi_tune.design.result import Candidate, Status
 from fopi_tune.design.scale import Scale, scale_of
 from fopi_tune.design.sides import GUARD, Bound, Side, sides_of
@@ -176,7 +176,7 @@ class Search:
         known = self.relaxed
         first = (known.solved.gains,) if known else ()
         cuts = known.cuts if known else self.first_cuts
-        for start in (*first, *self.starts[:3]):
+        for start in (*first, *self.starts[:3], *self._stable_starts()):
             try:
                 run = self.exchange.run(start, cuts, Mode.FEASIBILITY, active, giving, limits)
             except DomainError:
@@ -190,6 +190,11 @@ class Search:
             if again or best.solved.gives.sum() <= CLASH_TOLERANCE:
                 break
         return best
+
+    def _stable_starts(self) -> list[FoPi]:
+        """Starts for stability alone, from which a spec that asks for the impossible can still be relaxed."""
+        guards = tuple(side for side in self.exchange.sides if side.requirement == GUARD)
+        return starts(self.spec, self.scale, guards, ObjectiveKind.DEPTH, 2)
 
     def candidate(self, best: Converged) -> Candidate:
         """The answer for a feasible spec."""
@@ -236,7 +241,8 @@ def _with(cuts: Cuts, sides: tuple[Side, ...], violations: Sequence[Violation]) 
             if side.where is Where.BAND and 0.0 < violation.omega_rad_s < math.inf:
                 points.append(Point(k, violation.theta, violation.omega_rad_s))
             elif side.where is Where.PHASE_CROSSOVERS:
-                margin_plants.append((k, violation.theta))
+                crossing = side.bound is not Bound.LOWER
+                margin_plants.append(MarginPlant(k, violation.theta, crossing))
             elif side.where is not Where.BAND:
                 plants.append(violation.theta)
     return replace(

@@ -18,15 +18,18 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array, Complex
 from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.scale import Scale
 from fopi_tune.design.sides import Bound, Side
+from fopi_tune.design.table import numbers_at
 from fopi_tune.quantities.base import Where
 from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.spec.model import ControllerSpec, DesignSpec
 
 _SCREEN_OMEGAS = 60
 _PORTION = 200
+_EXACT = 240
 
 
 def closed_form_gains(plant_response: Complex, omega_rad_s: Array, phase_margin_rad: Array, alpha: Array) -> Array:
@@ -51,6 +54,9 @@ def starts(spec: DesignSpec, scale: Scale, sides: tuple[Side, ...], objective: O
         return []
     merit = _merit(spec, scale, sides, objective, candidates)
     ranked = candidates[np.argsort(merit)]
+    # What the grid cannot tell, exact crossovers of the nominal plant can, for the best of them.
+    best = ranked[:_EXACT]
+    ranked[:_EXACT] = best[np.argsort(np.sort(merit)[:_EXACT] + _exact_violation(spec, sides, best))]
     chosen: list[FoPi] = []
     places: list[Array] = []
     # Stable ones first, looked for in portions; should there be none, the solver may still find its way.
@@ -170,6 +176,24 @@ def _merit(
     total += _crossing_violation(sides, log_gain, loop, omega)
     peak = np.nan_to_num(log_sensitivity.max(axis=(1, 2)), nan=1e3, posinf=1e3)
     return total + 0.02 * peak + 0.01 * _preference(objective, scale, candidates, log_controller + log_sensitivity)
+
+
+def _exact_violation(spec: DesignSpec, sides: tuple[Side, ...], candidates: Array) -> Array:
+    """Violation of what is read at the nominal plant's gain crossovers, equalities included; shape (n,)."""
+    wanted = [s for s in sides if s.where in (Where.GAIN_CROSSOVERS, Where.HIGHEST_GAIN_CROSSOVER)]
+    n = len(candidates)
+    nominal = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
+    loops = Loops(*candidates.T, nominal.take(np.zeros(n, dtype=np.intp)))
+    crossings = gain_crossovers(loops)
+    numbers = numbers_at(loops, crossings.row, np.log(crossings.omega_rad_s))
+    total = np.zeros(n)
+    for side in wanted:
+        distance = (side.limit - side.quantity.natural(numbers)) * side.scale
+        violation = np.abs(distance) if side.bound is Bound.EQUAL else np.maximum(-side.bound.value * distance, 0.0)
+        worst = np.zeros(n)
+        np.maximum.at(worst, crossings.row, violation)
+        total += worst
+    return total
 
 
 def _preference(objective: ObjectiveKind, scale: Scale, candidates: Array, log_cs: Array) -> Array:

@@ -78,8 +78,39 @@ class Table:
     def gain_crossings(self) -> tuple[Rows, Array]:
         """(row, u) of the gain crossovers the grid shows."""
         if self._gain_crossings is None:
-            self._gain_crossings = self._crossings(self.log_l.real >= 0, Track.GAIN_CROSSOVER)
+            rows, u = self._crossings(self.log_l.real >= 0, Track.GAIN_CROSSOVER)
+            dip_rows, dip_u = self._dips()
+            order = np.lexsort((np.concatenate([u, dip_u]), np.concatenate([rows, dip_rows])))
+            self._gain_crossings = np.concatenate([rows, dip_rows])[order], np.concatenate([u, dip_u])[order]
         return self._gain_crossings
+
+    def _dips(self) -> tuple[Rows, Array]:
+        """Pairs of crossovers between grid points, where ln|L| turns close to 0 and may pass it in between."""
+        gain = self.log_l.real
+        before, at, after = np.abs(gain[:, :-2]), np.abs(gain[:, 1:-1]), np.abs(gain[:, 2:])
+        same = (gain[:, :-2] * gain[:, 1:-1] > 0) & (gain[:, 1:-1] * gain[:, 2:] > 0)
+        rows, i = np.nonzero(same & (at < before) & (at < after) & (at < 0.5 * np.maximum(before, after) + 0.01))
+        low, high = self.u[i].copy(), self.u[i + 2].copy()
+        left, right = low.copy(), high.copy()
+        loops = self.loops.take(rows)
+        every = np.arange(len(rows))
+        sign = np.sign(gain[rows, i + 1])
+        # Where ln|L| turns, its slope changes sign: bisection finds the place.
+        for _ in range(30):
+            middle = 0.5 * (left + right)
+            falling = sign * loops.log.derivative(every, middle).real < 0
+            left, right = np.where(falling, middle, left), np.where(falling, right, middle)
+        turn = 0.5 * (left + right)
+        passes = sign * loops.log_response(every, turn).real < 0
+        ends = []
+        for outer in (low, high):
+            inside, outside = turn[passes], outer[passes]
+            for _ in range(50):
+                middle = 0.5 * (inside + outside)
+                beyond = sign[passes] * loops.log_response(every[passes], middle).real < 0
+                inside, outside = np.where(beyond, middle, inside), np.where(beyond, outside, middle)
+            ends.append(0.5 * (inside + outside))
+        return np.concatenate([rows[passes]] * 2), np.concatenate(ends)
 
     def phase_crossings(self) -> tuple[Rows, Array]:
         """(row, u) of the phase crossovers with |L| < 1 the grid shows."""
