@@ -1,7 +1,8 @@
 """A reference optimiser:  spec -> best gains, by scanning the closed form and refining with small linear programs.
 
-With crossover omega_c, phase margin phi and alpha given for the nominal plant P, the gains are closed form (PAPER.md 3):
-X = e^{j(phi - pi)}/P(j omega_c), ki = -Im X omega_c^alpha / sin(alpha pi/2), kp = Re X - ki omega_c^-alpha cos(alpha pi/2).
+With crossover omega_c, phase margin phi and alpha given for the nominal plant P, the gains are closed form (PAPER.md,
+section 3):  X = e^{j(phi - pi)}/P(j omega_c),
+ki = -Im X omega_c^alpha / sin(alpha pi/2),  kp = Re X - ki omega_c^-alpha cos(alpha pi/2).
 So (ln omega_c, phi, alpha) parametrise every controller whose nominal loop has a crossover, and the spec's nominal
 equalities and a fixed alpha just remove unknowns.
 """
@@ -11,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from brute_loops import Evaluation, Gains, Loops
 from scipy.optimize import linprog
 
-from brute_loops import Evaluation, Gains, Loops
 from fopi_tune.spec.model import DesignSpec, Relation
 
 #: natural units; a reference point may miss a requirement by no more than this
@@ -38,8 +39,9 @@ class Chart:
 
     def __init__(self, spec: DesignSpec, loops: Loops):
         self.loops = loops
-        own = np.concatenate([np.abs(np.concatenate([loops.poles[0], loops.zeros[0]])), 1 / loops.delay[loops.delay > 0]])
-        bounds = {}
+        roots = np.abs(np.concatenate([loops.poles[0], loops.zeros[0]]))
+        own = np.concatenate([roots, 1 / loops.delay[loops.delay > 0]])
+        bounds: dict[str, tuple[float, float]] = {}
         for r in spec.requirements:
             if r.quantity in ("crossover_rad_s", "phase_margin_deg"):
                 low, high = bounds.get(r.quantity, (0.0, np.inf))
@@ -57,7 +59,7 @@ class Chart:
         self.free = np.flatnonzero(self.low < self.high)
 
     def gains(self, x) -> Gains:
-        at = np.log(1.0) + self.low
+        at = self.low.copy()
         at[self.free] = x
         omega, phi, alpha = np.exp(at[0]), at[1], at[2]
         s = 1j * omega
@@ -87,8 +89,8 @@ def brute_force(spec: DesignSpec, scan: int = 3000, per_axis: int | None = None)
     begins = _scan(spec, chart, scan)
     if len(chart.free) > 1:
         begins = _profile(corners, chart, begins)
-    begins = [x for x, _ in sorted((_refined(corners, chart, x, 1e-4) for x in begins), key=lambda pair: _rank(pair[1]))]
-    return min((_refined(loops, chart, x, 1e-8)[1] for x in begins[:2]), key=_rank)
+    rough = sorted((_refined(corners, chart, x, 1e-4) for x in begins), key=lambda pair: _rank(pair[1]))
+    return min((_refined(loops, chart, x, 1e-8)[1] for x, _ in rough[:2]), key=_rank)
 
 
 def _rank(best: Best) -> tuple[float, float]:

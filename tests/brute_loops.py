@@ -1,8 +1,8 @@
 """A second opinion on loops:  spec and gains -> requirement values on dense grids, by NumPy alone.
 
 Written from DESIGN.md's definitions and sharing no code with the package but the spec's own types: responses by
-`np.polyval`, phases by `np.unwrap` from very low frequency, crossings by scan and bisection, stability by following the
-argument of 1 + L along the whole contour.  Values are in natural units: neper, radian, a delay margin relative to its limit.
+polynomials, phases by `np.unwrap` from very low frequency, crossings by scan and bracketing, stability by following the
+argument of 1 + L along the whole contour.  Values are in natural units: neper, radian, a delay margin relative to it.
 """
 
 from __future__ import annotations
@@ -85,7 +85,9 @@ class Loops:
         exact: whether crossings and extremes are polished between the grid's points.
     """
 
-    def __init__(self, spec: DesignSpec, per_axis: int | None = None, density: int = 120, exact: bool = True, points=None):
+    def __init__(
+        self, spec: DesignSpec, per_axis: int | None = None, density: int = 120, exact: bool = True, points=None
+    ):
         axes = sum(number.min < number.max for number in spec.plant.parameters.values())
         per_axis = per_axis or {0: 1, 1: 21, 2: 9}.get(axes, 5)
         self.spec, self.exact = spec, exact
@@ -114,8 +116,12 @@ class Loops:
         self.own = float(np.exp(np.log(own).mean()))
         low, high = np.log10(own.min()) - 3, np.log10(own.max()) + 3
         self.middle = np.log(own.min()) - 3.0, np.log(own.max()) + 3.0
-        parts = [10 ** np.arange(low, high, 1 / density), 10 ** np.arange(low - 12, low, 0.1),
-                 10 ** np.arange(high, high + 12, 0.1), np.array(asked)]
+        parts = [
+            10 ** np.arange(low, high, 1 / density),
+            10 ** np.arange(low - 12, low, 0.1),
+            10 ** np.arange(high, high + 12, 0.1),
+            np.array(asked),
+        ]
         for root in roots[(np.abs(roots.real) < 0.3 * np.abs(roots)) & (roots.imag > 0)]:  # resonances are narrow
             parts.append(np.abs(root.imag) + np.abs(root.real) * np.tan(np.linspace(-1.5, 1.5, density // 3)))
         grid = np.unique(np.concatenate(parts))
@@ -126,11 +132,13 @@ class Loops:
 
     def _plant(self, rows, s):
         """P(s) without its dead time; rows and s broadcast."""
+
         def polynomial(table):
             value = np.zeros(np.broadcast_shapes(np.shape(rows), np.shape(s)), dtype=complex)
             for column in table.T:
                 value = value * s + column[rows]
             return value
+
         return polynomial(self.top) / polynomial(self.bottom)
 
     def _start_phase(self, gains: Gains) -> np.ndarray:
@@ -159,7 +167,7 @@ class Loops:
         steps = (np.diff(angle, axis=1) + np.pi) % (2 * np.pi) - np.pi
         for row, k in np.argwhere(np.abs(steps) > 0.7):  # look closer where the grid may have lost a turn
             if k >= len(self.arc):
-                fine = np.geomspace(*self.omega[k - len(self.arc) : k - len(self.arc) + 2], 200)
+                fine = np.geomspace(self.omega[k - len(self.arc)], self.omega[k - len(self.arc) + 1], 200)
                 turn = np.unwrap(np.angle(1 + self._loop(gains, np.full(200, row), fine)))
                 steps[row, k] = turn[-1] - turn[0]
         start = np.where(np.abs(angle[:, 0]) > 1, np.pi, 0.0)
@@ -173,15 +181,17 @@ class Loops:
         low, high = np.log(self.omega[k]), np.log(self.omega[k + 1])
         f_low, f_high = values[row, k], values[row, k + 1]
         middle = low - f_low * (high - low) / (f_high - f_low)
-        for _ in range(14 if self.exact else 1):  # Illinois: bracketed secants, each bracket end halved when it sticks
-            if not len(row):
-                break
+        side = np.zeros(len(row))
+        for _ in range(12 if self.exact and len(row) else 1):  # Illinois: an end that sticks counts half
             f = function(row, np.exp(middle))
             same = np.sign(f) == np.sign(f_low)
-            f_high = np.where(same, 0.5 * f_high, f)
-            high = np.where(same, high, middle)
-            f_low, low = np.where(same, f, 0.5 * f_low), np.where(same, middle, low)
-            middle = low - f_low * (high - low) / np.where(f_high == f_low, 1.0, f_high - f_low)
+            f_high = np.where(same, np.where(side > 0, 0.5 * f_high, f_high), f)
+            f_low = np.where(same, f, np.where(side < 0, 0.5 * f_low, f_low))
+            low, high = np.where(same, middle, low), np.where(same, high, middle)
+            side = np.where(same, 1.0, -1.0)
+            middle = np.where(
+                f == 0, middle, low - f_low * (high - low) / np.where(f_high == f_low, 1.0, f_high - f_low)
+            )
         return row, k, np.exp(middle)
 
     def gain_crossovers(self, gains: Gains, grid):
@@ -225,8 +235,11 @@ class Loops:
         """ln of one of the frequency functions, given L."""
         if name == "loop_gain_db":
             return np.log(np.abs(loop))
-        top = {"sensitivity_db": 1.0, "complementary_sensitivity_db": loop,
-               "control_sensitivity_db": gains.response(1j * omega)}[name]
+        top = {
+            "sensitivity_db": 1.0,
+            "complementary_sensitivity_db": loop,
+            "control_sensitivity_db": gains.response(1j * omega),
+        }[name]
         return np.log(np.abs(top / (1 + loop)))
 
     def extreme(self, name: str, gains: Gains, loop, band, largest: bool) -> np.ndarray:
@@ -268,16 +281,18 @@ class Loops:
                 (equal if r.relation is Relation.EQUALS else depth).append(distance)
         rows = [*depth] or [np.array([-FAR])]
         objective = self._objective(gains, crossings, loop, np.concatenate(rows))
-        return Evaluation(objective, np.concatenate([excess, *rows]), np.concatenate(equal),
-                          int(self.unstable_poles(gains).max()))
+        return Evaluation(
+            objective, np.concatenate([excess, *rows]), np.concatenate(equal), int(self.unstable_poles(gains).max())
+        )
 
     def _box(self, gains: Gains) -> np.ndarray:
-        """How far the gains stick out of their ranges, in parts of the controller's size at the plant's own frequency."""
+        """How far the gains stick out of their ranges, in parts of |C| at the plant's own frequency."""
         size = abs(gains.kp) + abs(gains.ki) * self.own**-gains.alpha
         rows = []
         for name, unit in (("kp", size), ("ki", size * self.own**gains.alpha), ("alpha", 1.0)):
             limits, value = getattr(self.spec.controller, name), getattr(gains, name)
-            rows += [sign * (value - end) / unit for end, sign in ((limits.min, -1.0), (limits.max, 1.0)) if np.isfinite(end)]
+            ends = ((limits.min, -1.0), (limits.max, 1.0))
+            rows += [sign * (value - end) / unit for end, sign in ends if np.isfinite(end)]
         return np.array(rows)
 
     def value(self, r: Requirement, gains: Gains, grid, crossings, loop, largest: bool) -> np.ndarray:

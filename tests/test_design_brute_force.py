@@ -5,12 +5,13 @@ By default tuning is compared with stored results of the reference (design_refer
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import pytest
-from brute_force import Best, brute_force
+from brute_force import brute_force
 from brute_loops import Evaluation, Gains, Loops
-from design_cases import CASES, FLAT, INFEASIBLE, QUICK, SOLVED, UNBOUNDED, Case
+from design_cases import CASES, INFEASIBLE, SLOW, SOLVED, UNBOUNDED, Case
 from design_references import REFERENCES
 
 import fopi_tune as ft
@@ -26,9 +27,13 @@ MET = 1e-5
 
 def chosen(cases: list[Case]) -> list:
     """Cases as parameters, those that take long only with `-m long`."""
-    return [
-        pytest.param(case, id=case.name, marks=() if case.name in QUICK else pytest.mark.long) for case in cases
-    ]
+    return [pytest.param(case, id=case.name, marks=pytest.mark.long if case.name in SLOW else ()) for case in cases]
+
+
+@cache
+def tuned(name: str) -> ft.Design:
+    """The design of a case; several tests look at some of them."""
+    return ft.tune(ft.parse_spec(next(case.text for case in CASES if case.name == name)))
 
 
 def own(gains: FoPi | None) -> Gains:
@@ -52,11 +57,13 @@ def no_worse(found: float, reference: float) -> bool:
     return found <= reference + OPTIMAL * abs(reference) + 1e-6
 
 
-def check_solved(design: ft.Design, reference: float) -> None:
+def check_solved(design: ft.Design, reference: float | None) -> None:
     assert design.status is ft.Status.SOLVED, design.message
     seen = evaluated(design)
     assert seen.unstable == 0
     assert seen.violation <= MET
+    if reference is None:
+        return
     objective = minimised(design.objective, design.spec)
     assert objective == pytest.approx(float(seen.objective.max()), rel=1e-5, abs=1e-5)  # the family's grid is finite
     assert no_worse(objective, reference), f"{objective} against the reference's {reference}"
@@ -69,13 +76,12 @@ def test_a_shipped_spec_is_solved_to_the_references_optimum(path: Path) -> None:
 
 @pytest.mark.parametrize("case", chosen(SOLVED))
 def test_an_unseen_spec_is_solved_to_the_references_optimum(case: Case) -> None:
-    assert case.objective is not None
-    check_solved(ft.tune(ft.parse_spec(case.text)), case.objective)
+    check_solved(tuned(case.name), case.objective)
 
 
 @pytest.mark.parametrize("case", chosen(INFEASIBLE))
 def test_an_infeasible_spec_says_which_requirements_clash(case: Case) -> None:
-    design = ft.tune(ft.parse_spec(case.text))
+    design = tuned(case.name)
     assert design.status is ft.Status.INFEASIBLE, design.message
     assert design.message
     assert {give.requirement for give in design.clash} == case.clash
@@ -83,13 +89,12 @@ def test_an_infeasible_spec_says_which_requirements_clash(case: Case) -> None:
 
 @pytest.mark.parametrize("case", chosen(UNBOUNDED))
 def test_an_unbounded_spec_is_called_so(case: Case) -> None:
-    assert ft.tune(ft.parse_spec(case.text)).status is ft.Status.UNBOUNDED
+    assert tuned(case.name).status is ft.Status.UNBOUNDED
 
 
 @pytest.mark.parametrize("unit", ["hours", "microseconds"])
 def test_another_unit_of_time_gives_the_same_design(unit: str) -> None:
-    named = {case.name: case for case in CASES}
-    seconds, other = (ft.tune(ft.parse_spec(named[f"twin_{name}"].text)) for name in ("seconds", unit))
+    seconds, other = tuned("twin_seconds"), tuned(f"twin_{unit}")
     time = {"hours": 2.0e4, "microseconds": 1.0e-6}[unit]
     a, b = own(seconds.gains), own(other.gains)
     # Flat directions of an objective leave the gains freer than the objective itself.
@@ -97,12 +102,17 @@ def test_another_unit_of_time_gives_the_same_design(unit: str) -> None:
     assert other.objective == pytest.approx(seconds.objective, rel=1e-6)
 
 
-@pytest.mark.parametrize(("name", "gain"), [("gain_tiny", 1e-6), ("gain_huge", 1e6)])
+@pytest.mark.parametrize(
+    ("name", "gain"), [pytest.param("gain_tiny", 1e-6, marks=pytest.mark.long), ("gain_huge", 1e6)]
+)
 def test_another_unit_of_the_plants_gain_gives_the_same_design(name: str, gain: float) -> None:
-    named = {case.name: case for case in CASES}
-    one, other = (own(ft.tune(ft.parse_spec(named[n].text)).gains) for n in ("gain_one", name))
-    expected = (one.kp, one.ki, one.alpha)
-    assert (other.kp * gain, other.ki * gain, other.alpha) == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    one, other = tuned("gain_one"), tuned(name)
+    assert one.objective is not None
+    assert other.objective is not None
+    assert other.objective * gain == pytest.approx(one.objective, rel=1e-5)
+    a, b = own(one.gains), own(other.gains)
+    # The objective is flat at its best: 1e-5 of it is a few 1e-3 of the gains.
+    assert (b.kp * gain, b.ki * gain, b.alpha) == pytest.approx((a.kp, a.ki, a.alpha), rel=5e-3)
 
 
 # --- the reference itself ------------------------------------------------------------------------------------------
@@ -117,12 +127,11 @@ def test_the_stored_references_of_closed_form_specs_are_what_a_scan_of_alpha_fin
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", [name for name in REFERENCES if name not in FLAT])
-def test_a_stored_reference_is_what_brute_force_finds(name: str) -> None:
-    best = reference(name)
+@pytest.mark.parametrize("name", REFERENCES)
+def test_brute_force_finds_nothing_better_than_a_stored_reference(name: str) -> None:
+    best = brute_force(named(name))
     assert best.feasible
-    # The search is local in the end: it may stop a little short, never beyond the stored best.
-    assert best.objective == pytest.approx(REFERENCES[name], rel=OPTIMAL, abs=1e-6)
+    assert no_worse(REFERENCES[name], best.objective)
 
 
 @pytest.mark.long
@@ -131,7 +140,7 @@ def test_brute_force_finds_no_gains_for_an_infeasible_spec(case: Case) -> None:
     assert brute_force(ft.parse_spec(case.text)).violation > 1e-3  # neper or radian; no case is that close to feasible
 
 
-def reference(name: str) -> Best:
+def named(name: str) -> ft.DesignSpec:
     if name.startswith("spec:"):
-        return brute_force(ft.load_spec(next(path for path in SPECS if path.stem == name.removeprefix("spec:"))))
-    return brute_force(ft.parse_spec(next(case.text for case in CASES if case.name == name)))
+        return ft.load_spec(next(path for path in SPECS if path.stem == name.removeprefix("spec:")))
+    return ft.parse_spec(next(case.text for case in CASES if case.name == name))

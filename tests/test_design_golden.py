@@ -64,12 +64,15 @@ def test_the_published_brake_gains_do_not_meet_the_brake_spec() -> None:
 
 
 @pytest.mark.parametrize(("alpha", "kp", "ki"), [(0.8, 0.3501, 0.4013), (0.7, None, None)])
-def test_two_equalities_and_a_fixed_alpha_give_the_closed_form(alpha: float, kp: float | None, ki: float | None) -> None:
+def test_two_equalities_and_a_fixed_alpha_give_the_closed_form(
+    alpha: float, kp: float | None, ki: float | None
+) -> None:
     # X = e^{j(phi - pi)}/P(j omega_c), phi = 90 deg, omega_c = 0.3 rad/s, tau = 2.25 s (PAPER.md section 3)
     x = -1j * (1 + 0.3j * 2.25)
     ki_closed = -x.imag * 0.3**alpha / np.sin(alpha * np.pi / 2)
     kp_closed = x.real - ki_closed * 0.3**-alpha * np.cos(alpha * np.pi / 2)
-    design = ft.tune(ft.parse_spec(f"""
+    design = ft.tune(
+        ft.parse_spec(f"""
 schema: 1
 name: closed_form
 plant: {{model: lag, static_gain: 1.0, time_constant_s: {{nominal: 2.25, min: 1.6, max: 3.1}}}}
@@ -78,9 +81,12 @@ requirements:
   - {{crossover_rad_s: {{equals: 0.3}}, on: nominal}}
   - {{phase_margin_deg: {{equals: 90}}, on: nominal}}
 objective: {{minimize: phase_margin_spread_deg}}
-"""))
+""")
+    )
     assert design.gains is not None
     # Equalities are met to 1e-6 in natural units; gains follow them with a factor of a few.
     assert (design.gains.kp, design.gains.ki) == pytest.approx((kp_closed, ki_closed), rel=1e-5)
     if kp is not None:
-        assert (design.gains.kp, design.gains.ki) == pytest.approx((kp, ki), abs=5e-5)  # PAPER.md section 7, four digits
+        assert (design.gains.kp, design.gains.ki) == pytest.approx(
+            (kp, ki), abs=5e-5
+        )  # PAPER.md section 7, four digits

@@ -28,7 +28,9 @@ import casadi as ca
 import numpy as np
 
 from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Plants
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.design.integral import low_frequency_control_gain
 from fopi_tune.design.scale import Scale
 from fopi_tune.design.sides import Bound, Side
 from fopi_tune.design.symbols import SymbolicLoop, loop_function
@@ -80,6 +82,8 @@ class Problem:
     sides: tuple[Side, ...]
     objective: ObjectiveKind
     horizon_s: float
+    control_floor: float
+    needs_crossover: bool
     blocks: tuple[Block, ...]
     solver: ca.Function
     n_variables: int
@@ -213,8 +217,11 @@ def compile_problem(
         "f": cost,
         "g": ca.vertcat(*symbols.rows),
     }
+    corners = Plants.members(family, np.array([family.nominal_point, family.low, family.high]))
+    floor, unstable = low_frequency_control_gain(corners), bool(corners.unstable_poles.any())
     return Problem(
-        family, scale, sides, objective, horizon_s, blocks, ca.nlpsol("design", "ipopt", nlp, IPOPT_OPTIONS),
+        family, scale, sides, objective, horizon_s, floor, unstable, blocks,
+        ca.nlpsol("design", "ipopt", nlp, IPOPT_OPTIONS),
         n_var, n_par, n_row, first_frequency, first_parameter, first_row,
     )  # fmt: skip
 
@@ -229,7 +236,7 @@ IPOPT_OPTIONS: dict[str, Any] = {
     "ipopt.acceptable_tol": 1e-7,
     "ipopt.acceptable_constr_viol_tol": 1e-8,
     "ipopt.bound_relax_factor": 0.0,
-    "ipopt.max_iter": 150,
+    "ipopt.max_iter": 100,
     "ipopt.max_wall_time": 10.0,
 }
 

@@ -152,7 +152,7 @@ class Exchange:
     def _seeds(self, from_rad_s: float, to_rad_s: float) -> list[float]:
         """Frequencies around the spec's own, moved into a band."""
         spread = self.scale.omega_rad_s * 4.0 ** np.arange(-2.0, 3.0)
-        return sorted({float(w) for w in np.clip(spread, max(from_rad_s, spread[0]), min(to_rad_s, spread[-1]))})
+        return sorted({float(w) for w in np.clip(spread, from_rad_s, to_rad_s)})
 
     def run(
         self,
@@ -163,6 +163,7 @@ class Exchange:
         giving: frozenset[int],
         limits: Sequence[float],
         hopeless: Callable[[Solved], bool] = lambda solved: False,
+        most_rounds: int = _MOST_ROUNDS,
     ) -> Converged:
         """Exchange from one start until nothing is violated.
 
@@ -171,10 +172,12 @@ class Exchange:
             cuts: what is in play from the start.
             mode, active, giving, limits: see `Task`.
             hopeless: whether a solve of the relaxation is already no better than what is known.
+            most_rounds: solves after which this start is given up.
         """
+        rounds = 0
         cuts, gains, safe, solved, violation = replace(cuts, peaks=()), start, None, None, math.inf
         trust, follow_from, patience, stale = _TRUST, 0, 2, 0
-        for rounds in range(1, _MOST_ROUNDS + 1):
+        for rounds in range(1, most_rounds + 1):
             task = Task(
                 cuts.points, cuts.peaks, cuts.plants, cuts.margin_plants, tuple(limits), mode, active, giving, trust
             )

@@ -21,6 +21,12 @@ from fopi_tune.spec.model import ControllerSpec
 #: a gain the spec leaves open is searched this far, in the plant's own scale
 OPEN_GAIN = 1e4
 _V_CAP = 40.0
+#: how far (in ln omega) a peak may move in one solve
+_PEAK_REACH = 0.7
+#: crossovers with more margin than this are no danger to stability
+_SAFE_MARGIN_RAD = 0.5
+#: a smallest slack of so many neper or radian is no limit at all
+_DEPTH_CAP = 15.0
 #: no objective's natural value lies outside: e^100 is beyond any gain
 _WORST_CAP = 100.0
 
@@ -160,10 +166,16 @@ class Layout:
         elastic = task.mode is Mode.FEASIBILITY
         objective = problem.objective
         named = objective not in (ObjectiveKind.KI, ObjectiveKind.DEPTH) and not elastic
-        self.lbx[WORST], self.ubx[WORST] = (-_WORST_CAP, _WORST_CAP) if named else (0.0, 0.0)
+        spread = objective in (ObjectiveKind.PHASE_MARGIN_SPREAD, ObjectiveKind.CROSSOVER_SPREAD)
+        self.lbx[WORST] = -_WORST_CAP if named and not spread else 0.0
+        self.ubx[WORST] = _WORST_CAP if named else 0.0
+        integral = not (self.box.ki.is_fixed and self.box.ki.min == 0.0)
+        if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK and named and integral:
+            # |C S| tends to 1/|P(0)| under integral action, at frequencies that no cut reaches.
+            self.lbx[WORST] = max(self.lbx[WORST], problem.control_floor)
         self.x0[WORST] = worst if named else 0.0
         deep = objective is ObjectiveKind.DEPTH and not elastic
-        self.lbx[DEPTH], self.ubx[DEPTH] = (-1.0, 50.0) if deep else (0.0, 0.0)
+        self.lbx[DEPTH], self.ubx[DEPTH] = (-1.0, _DEPTH_CAP) if deep else (0.0, 0.0)
         for k, side in enumerate(problem.sides):
             if elastic and side.requirement in task.giving:
                 self.ubx[FIRST_GIVE + 2 * k] = np.inf
@@ -214,11 +226,12 @@ class Layout:
             bound = (0.0, 0.0)
         rows = {name: (0.0, 0.0) if name == "equation" else bound for name in block.rows}
         chosen = self.task.peaks if block.kind is SlotKind.PEAK else self.task.points
-        return [
-            Slot(point.theta, float(np.clip(math.log(point.omega_rad_s) - log_s, -600.0, 600.0)), 0.0, rows)
-            for point in chosen
-            if point.side == side
-        ]
+        slots = []
+        for point in chosen:
+            if point.side == side:
+                v = float(np.clip(math.log(point.omega_rad_s) - log_s, -600.0, 600.0))
+                slots.append(Slot(point.theta, v, 0.0, rows, v - _PEAK_REACH, v + _PEAK_REACH))
+        return slots
 
     def _counts(self, side: int) -> bool:
         return self.problem.sides[side].requirement in self.task.active or (
@@ -236,8 +249,11 @@ class Layout:
         crossings = gain_crossovers(loops)
         log_s = math.log(self.problem.scale.omega_rad_s)
         slots = []
+        asked = self._asks_for_crossovers()
         for row, theta in enumerate(task.plants):
             mine = np.flatnonzero(crossings.row == row)
+            if not len(mine) and not asked:
+                continue
             if not len(mine):
                 # No crossover to start from: ask for one where the spec's own frequency scale is.
                 near = float(loops.log_response(np.array([row]), np.array([log_s]))[0].imag)
@@ -245,12 +261,21 @@ class Layout:
                 slots.append(Slot(theta, 0.0, near, self._crossing_bounds(theta == nominal, True, True)))
                 continue
             smallest = mine[np.argmin(crossings.phase_rad[mine])]
+            if not asked and crossings.phase_rad[smallest] + np.pi > _SAFE_MARGIN_RAD:
+                continue
             for i in sorted(mine, key=lambda i: i != smallest):
                 omega = float(crossings.omega_rad_s[i])
                 near = float(crossings.phase_rad[i]) + omega * float(plants.dead_time_s[row])
                 bounds = self._crossing_bounds(theta == nominal, i == mine[-1], i == smallest)
                 slots.append(Slot(theta, math.log(omega) - log_s, near, bounds))
         return slots
+
+    def _asks_for_crossovers(self) -> bool:
+        """Whether anything that counts needs a crossover; a guard alone must not force one to exist."""
+        kinds = (Where.GAIN_CROSSOVERS, Where.HIGHEST_GAIN_CROSSOVER)
+        asked = any(side.where in kinds and side.requirement in self.task.active for side in self.problem.sides)
+        spread = self.problem.objective in (ObjectiveKind.PHASE_MARGIN_SPREAD, ObjectiveKind.CROSSOVER_SPREAD)
+        return asked or self.problem.needs_crossover or (spread and self.task.mode is Mode.OBJECTIVE)
 
     def _crossing_bounds(self, nominal: bool, highest: bool, smallest: bool) -> RowBounds:
         """Which rows of a crossing's slot count, and as what."""
@@ -293,7 +318,7 @@ class Layout:
             v = 0.0
             if len(small):
                 worst = small[np.argmax(found.gain[small])]
-                turn = np.round((found.phase_rad[worst] + np.pi) / (2 * np.pi))
+                turn = float(np.round((found.phase_rad[worst] + np.pi) / (2 * np.pi)))
                 v = math.log(found.omega_rad_s[worst]) - log_s
             if block.kind is SlotKind.LEVEL:
                 level = gain_crossovers(loops, np.array([-self.task.limits[k]]))
@@ -310,7 +335,7 @@ class Layout:
         return slots
 
     def open_gains_at_bound(self, x: Array) -> tuple[str, ...]:
-        """Gains that the spec leaves open and the solver pushed to the end of what is searched."""
+        """What the solver pushed to the end of what is searched: gains left open by the spec, or the slack itself."""
         scale, names = self.problem.scale, []
         reach = 0.5 * OPEN_GAIN
         if (x[KP] > reach and self.box.kp.max * scale.gain > OPEN_GAIN) or (
@@ -319,6 +344,8 @@ class Layout:
             names.append("kp")
         if (x[KI] > reach and self.box.ki.max == math.inf) or (x[KI] < -reach and self.box.ki.min == -math.inf):
             names.append("ki")
+        if x[DEPTH] > 0.999 * _DEPTH_CAP:
+            names.append("the smallest slack")
         return tuple(names)
 
 

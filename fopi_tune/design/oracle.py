@@ -28,6 +28,10 @@ from fopi_tune.quantities.objectives import ObjectiveKind
 _ZOOM_ROUNDS = 8
 _ZOOM_FACTOR = 0.35
 _CANDIDATES = 2
+#: dips of a plant's slack this near (neper) to the grid's deepest may be deeper between the grid points; the
+#: first few are tried
+_NEAR_DIP = 0.1
+_MOST_DIPS = 3
 #: offsets of the frequency within a refinement star, in its radius
 _U_STAR = np.array([0.0, -1.0, -0.5, 0.5, 1.0])
 
@@ -74,7 +78,8 @@ class Oracle:
         for probe in self.probes:
             value, u = probe.on_grid(table, nominal_margin, nominal_u)
             rows = [0] if probe.nominal else _distinct_worst(value, self.points, self.low, self.high)
-            rough += [Finding(probe.side, float(value[i]), self.points[i], float(np.exp(u[i]))) for i in rows]
+            places = [(i, w) for i in rows for w in probe.frequencies(table, nominal_margin, i, float(np.exp(u[i])))]
+            rough += [Finding(probe.side, float(value[i]), self.points[i], w) for i, w in places]
         exact = [f for f in rough if f.slack > within and f.side is not None]
         return exact + self._refined(
             gains, [f for f in rough if not (f.slack > within and f.side is not None)], nominal_margin
@@ -166,10 +171,24 @@ class _Probe:
             return -np.log(discounted_error(loops, self.horizon_s)[rows])
         return self.slack(numbers, nominal_margin)
 
+    def frequencies(self, table: Table, nominal_margin: float, row: int, worst_rad_s: float) -> list[float]:
+        """Where to refine a plant: of a band, every dip of the slack that comes near the grid's deepest."""
+        if not self.moves_u:
+            return [worst_rad_s]
+        one = np.array([row])
+        grid, band = table.in_band(lambda n: self.slack(n, nominal_margin), self.low_u, self.high_u, one)
+        padded = np.concatenate([[np.inf], grid[0], [np.inf]])
+        dips = np.flatnonzero((padded[1:-1] <= padded[:-2]) & (padded[1:-1] < padded[2:]))
+        near = dips[grid[0][dips] < grid[0].min() + _NEAR_DIP]
+        deepest = near[np.argsort(grid[0][near])][:_MOST_DIPS]
+        return [float(np.exp(band[i])) for i in deepest] or [worst_rad_s]
+
     def on_grid(self, table: Table, nominal_margin: float, nominal_u: float) -> tuple[Array, Array]:
         """The smallest slack of each of the table's plants, and its u."""
         if self.kind is _Kind.BAND:
-            return table.smallest_in_band(lambda n: self.slack(n, nominal_margin), self.low_u, self.high_u)
+            every = np.arange(len(table.loops))
+            grid, band = table.in_band(lambda n: self.slack(n, nominal_margin), self.low_u, self.high_u, every)
+            return grid.min(axis=1), band[np.argmin(grid, axis=1)]
         m = len(table.loops)
         if self.kind is _Kind.FIXED:
             u = np.full(m, -math.log(self.horizon_s) if self.horizon_s else nominal_u)

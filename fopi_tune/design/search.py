@@ -11,6 +11,7 @@ from fopi_tune.core.loops import Loops
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.exchange import Converged, Cuts, Exchange
 from fopi_tune.design.infeasible import clash_of, explained, reason_without_solving
+from fopi_tune.design.integral import branches
 from fopi_tune.design.layout import MarginPlant, Mode, Point
 from fopi_tune.design.result import Candidate, Status
 from fopi_tune.design.scale import Scale, scale_of
@@ -26,7 +27,10 @@ from fopi_tune.spec.model import DesignSpec
 TIGHTENING = 4e-7
 #: requirements that have to give less than this in sum clash only by rounding
 CLASH_TOLERANCE = 2e-6
-_STARTS = 6
+_STARTS = 8
+#: solves a start may take before and after a first answer is known
+_FIRST_ROUNDS = 60
+_LATER_ROUNDS = 20
 
 
 @dataclass(frozen=True)
@@ -57,12 +61,15 @@ def design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Candidate:
     fixed = fixed_gains(spec.controller)
     if fixed is not None:
         return Candidate(Status.SOLVED, fixed, tuple(None for _ in spec.requirements))
-    search = Search.of(spec, violations)
     reason = reason_without_solving(spec)
     if reason is not None:
-        return explained(search, reason)
-    best = search.best()
-    return search.candidate(best) if best is not None else clash_of(search)
+        return explained(Search.of(spec, violations), reason)
+    searches = [Search.of(branch, violations) for branch in branches(spec)]
+    found = [(search, best) for search in searches if (best := search.best()) is not None]
+    if not found:
+        return clash_of(searches[0])
+    search, best = min(found, key=lambda pair: pair[0].cost(pair[1].solved))
+    return search.candidate(best)
 
 
 @dataclass
@@ -155,17 +162,19 @@ class Search:
             # A relaxation's optimum bounds what this start can still become.
             if best is None or not self.stable(best.solved.gains):
                 return False
-            known = self._cost(best.solved)
-            return self._cost(solved) >= known - 1e-7 * max(1e-3, abs(known))
+            known = self.cost(best.solved)
+            return self.cost(solved) >= known - 1e-7 * max(1e-3, abs(known))
 
         everything = self.all_requirements
+        rounds = _FIRST_ROUNDS if best is None else _LATER_ROUNDS
         try:
-            return self.exchange.run(start, cuts, Mode.OBJECTIVE, everything, frozenset(), limits, no_better)
+            return self.exchange.run(start, cuts, Mode.OBJECTIVE, everything, frozenset(), limits, no_better, rounds)
         except DomainError:
             # Both gains ran to 0: no loop is left to judge.
             return None
 
-    def _cost(self, solved: Solved) -> float:
+    def cost(self, solved: Solved) -> float:
+        """What the objective makes of a solve; smaller is better."""
         if self.objective is ObjectiveKind.KI:
             return -solved.gains.ki
         return -solved.depth if self.objective is ObjectiveKind.DEPTH else solved.worst

@@ -18,7 +18,7 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array, Complex
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.margins import gain_crossovers
+from fopi_tune.core.margins import gain_crossovers, phase_crossovers
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.scale import Scale
 from fopi_tune.design.sides import Bound, Side
@@ -30,6 +30,8 @@ from fopi_tune.spec.model import ControllerSpec, DesignSpec
 _SCREEN_OMEGAS = 60
 _PORTION = 200
 _EXACT = 240
+#: what a gain margin that does not end is taken for, neper
+_ENDLESS_MARGIN = 6.0
 
 
 def closed_form_gains(plant_response: Complex, omega_rad_s: Array, phase_margin_rad: Array, alpha: Array) -> Array:
@@ -57,18 +59,33 @@ def starts(spec: DesignSpec, scale: Scale, sides: tuple[Side, ...], objective: O
     # What the grid cannot tell, exact crossovers of the nominal plant can, for the best of them.
     best = ranked[:_EXACT]
     ranked[:_EXACT] = best[np.argsort(np.sort(merit)[:_EXACT] + _exact_violation(spec, sides, best))]
-    chosen: list[FoPi] = []
-    places: list[Array] = []
-    # Stable ones first, looked for in portions; should there be none, the solver may still find its way.
-    for row in (*_stable_first(spec, ranked, most), *ranked[: 24 * most]):
-        gains = FoPi(*(float(v) for v in row))
-        place = _place(scale.scaled(gains))
-        if all(np.max(np.abs(place - other)) > 0.25 for other in places):
-            chosen.append(gains)
-            places.append(place)
-        if len(chosen) == most:
-            break
-    return chosen
+    # Stable ones, looked for in portions; should there be none, the solver may still find its way.
+    shortlist = _stable_first(spec, ranked, most)
+    if not len(shortlist):
+        shortlist = ranked[: 12 * most]
+    return _spread_out(scale, shortlist, most, _preference_alone(objective, scale, shortlist))
+
+
+def _preference_alone(objective: ObjectiveKind, scale: Scale, candidates: Array) -> Array:
+    """The part of `_preference` that needs no frequency response."""
+    if objective not in (ObjectiveKind.KI, ObjectiveKind.IAE_DISTURBANCE):
+        return np.zeros(len(candidates))
+    return _preference(objective, scale, candidates, np.zeros((len(candidates), 1, 1)))
+
+
+def _spread_out(scale: Scale, shortlist: Array, most: int, preference: Array) -> list[FoPi]:
+    """The first, the one the objective likes best, then again and again the one farthest from those chosen.
+
+    Local optima lie apart.
+    """
+    gains = [FoPi(*(float(v) for v in row)) for row in shortlist]
+    places = np.array([_place(scale.scaled(g)) for g in gains])
+    chosen = [0] if not preference.any() else list(dict.fromkeys((0, int(np.argmin(preference)))))
+    distance = np.min([np.max(np.abs(places - places[c]), axis=1) for c in chosen], axis=0)
+    while len(chosen) < min(most, len(gains)) and distance.max() > 0.1:
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.max(np.abs(places - places[chosen[-1]]), axis=1))
+    return [gains[i] for i in chosen]
 
 
 def _stable_first(spec: DesignSpec, ranked: Array, most: int) -> Array:
@@ -183,7 +200,8 @@ def _exact_violation(spec: DesignSpec, sides: tuple[Side, ...], candidates: Arra
     wanted = [s for s in sides if s.where in (Where.GAIN_CROSSOVERS, Where.HIGHEST_GAIN_CROSSOVER)]
     n = len(candidates)
     nominal = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
-    loops = Loops(*candidates.T, nominal.take(np.zeros(n, dtype=np.intp)))
+    kp, ki, alpha = candidates.T
+    loops = Loops(kp, ki, alpha, nominal.take(np.zeros(n, dtype=np.intp)))
     crossings = gain_crossovers(loops)
     numbers = numbers_at(loops, crossings.row, np.log(crossings.omega_rad_s))
     total = np.zeros(n)
@@ -193,6 +211,22 @@ def _exact_violation(spec: DesignSpec, sides: tuple[Side, ...], candidates: Arra
         worst = np.zeros(n)
         np.maximum.at(worst, crossings.row, violation)
         total += worst
+    return total + _gain_margin_violation(sides, loops)
+
+
+def _gain_margin_violation(sides: tuple[Side, ...], loops: Loops) -> Array:
+    """Violation of the gain margins, shape (m,); an infinite margin misses an upper limit by a lot."""
+    wanted = [s for s in sides if s.where is Where.PHASE_CROSSOVERS]
+    total = np.zeros(len(loops))
+    if not wanted:
+        return total
+    crossings = phase_crossovers(loops)
+    margin = np.full(len(loops), _ENDLESS_MARGIN)
+    small = crossings.gain <= 1.0
+    np.minimum.at(margin, crossings.row[small], -np.log(crossings.gain[small]))
+    for side in wanted:
+        distance = (side.limit - margin) * side.scale
+        total += np.abs(distance) if side.bound is Bound.EQUAL else np.maximum(-side.bound.value * distance, 0.0)
     return total
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array, Complex, Rows
 from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.margins import gain_crossovers
 
 
 class Track(Enum):
@@ -60,28 +61,31 @@ class Table:
         phases = self.loops.log_response(np.zeros(len(mine), dtype=np.intp), mine).imag
         return float(np.pi + phases.min()), float(mine.max())
 
-    def smallest_in_band(
-        self, slack: Callable[[LoopNumbers], Array], low_u: float, high_u: float
+    def in_band(
+        self, slack: Callable[[LoopNumbers], Array], low_u: float, high_u: float, rows: Rows
     ) -> tuple[Array, Array]:
-        """The smallest slack over the grid's part in a band, and its u, a row a plant."""
-        m = len(self.loops)
+        """Slacks of some plants over the grid's part in a band, shape (rows, n), and that part's u, shape (n,)."""
         inside = np.flatnonzero((self.u >= low_u - 1e-12) & (self.u <= high_u + 1e-12))
-        z = self.log_l[:, inside].ravel()
-        u = np.tile(self.u[inside], m)
-        nothing = np.zeros(len(z))
-        controller = np.tile(self.log_controller[inside], m)
-        numbers = LoopNumbers(z.real, z.imag, nothing, _log_one_plus(z), controller, u, np.exp(u))
-        grid = slack(numbers).reshape(m, -1)
-        best = np.argmin(grid, axis=1)
-        return grid[np.arange(m), best], self.u[inside][best]
+        z = self.log_l[rows][:, inside].ravel()
+        u = np.tile(self.u[inside], len(rows))
+        controller = np.tile(self.log_controller[inside], len(rows))
+        numbers = LoopNumbers(z.real, z.imag, np.zeros(len(z)), _log_one_plus(z), controller, u, np.exp(u))
+        return slack(numbers).reshape(len(rows), -1), self.u[inside]
 
     def gain_crossings(self) -> tuple[Rows, Array]:
         """(row, u) of the gain crossovers the grid shows."""
         if self._gain_crossings is None:
             rows, u = self._crossings(self.log_l.real >= 0, Track.GAIN_CROSSOVER)
             dip_rows, dip_u = self._dips()
-            order = np.lexsort((np.concatenate([u, dip_u]), np.concatenate([rows, dip_rows])))
-            self._gain_crossings = np.concatenate([rows, dip_rows])[order], np.concatenate([u, dip_u])[order]
+            rows, u = np.concatenate([rows, dip_rows]), np.concatenate([u, dip_u])
+            # Small gains cross below the grid, large ones above: the exact search has no ends.
+            missing = np.setdiff1d(np.arange(len(self.loops)), rows)
+            if len(missing):
+                beyond = gain_crossovers(self.loops.take(missing))
+                rows = np.concatenate([rows, missing[beyond.row]])
+                u = np.concatenate([u, np.log(beyond.omega_rad_s)])
+            order = np.lexsort((u, rows))
+            self._gain_crossings = rows[order], u[order]
         return self._gain_crossings
 
     def _dips(self) -> tuple[Rows, Array]:
