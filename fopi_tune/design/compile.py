@@ -231,6 +231,7 @@ IPOPT_OPTIONS: dict[str, Any] = {
     "ipopt.sb": "yes",
     "print_time": 0,
     "error_on_fail": False,
+    "show_eval_warnings": False,
     "ipopt.tol": 1e-9,
     "ipopt.constr_viol_tol": 1e-9,
     "ipopt.acceptable_tol": 1e-7,

@@ -14,6 +14,7 @@ import itertools
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array, Complex
@@ -30,6 +31,8 @@ from fopi_tune.spec.model import ControllerSpec, DesignSpec
 _SCREEN_OMEGAS = 60
 _PORTION = 200
 _EXACT = 240
+#: starts whose merit is this near (neper) to the best one's count as good
+_NEARLY_AS_GOOD = 0.5
 #: what a gain margin that does not end is taken for, neper
 _ENDLESS_MARGIN = 6.0
 
@@ -55,15 +58,22 @@ def starts(spec: DesignSpec, scale: Scale, sides: tuple[Side, ...], objective: O
     if not len(candidates):
         return []
     merit = _merit(spec, scale, sides, objective, candidates)
-    ranked = candidates[np.argsort(merit)]
+    order = np.argsort(merit)
+    ranked, merit = candidates[order], merit[order]
     # What the grid cannot tell, exact crossovers of the nominal plant can, for the best of them.
-    best = ranked[:_EXACT]
-    ranked[:_EXACT] = best[np.argsort(np.sort(merit)[:_EXACT] + _exact_violation(spec, sides, best))]
-    # Stable ones, looked for in portions; should there be none, the solver may still find its way.
-    shortlist = _stable_first(spec, ranked, most)
-    if not len(shortlist):
-        shortlist = ranked[: 12 * most]
-    return _spread_out(scale, shortlist, most, _preference_alone(objective, scale, shortlist))
+    merit[:_EXACT] += _exact_violation(spec, sides, ranked[:_EXACT])
+    best = np.argsort(merit[:_EXACT])
+    ranked[:_EXACT], merit[:_EXACT] = ranked[best], merit[best]
+    best = np.lexsort((merit, _place_in_group(ranked[:, 2])))
+    ranked, merit = ranked[best], merit[best]
+    # Stable ones; should there be none, the solver may still find its way.
+    stable = _first_stable(spec, ranked, most)
+    shortlist = stable if len(stable) else np.arange(min(len(ranked), 12 * most))
+    shortlist = shortlist[np.argsort(merit[shortlist])]
+    near = shortlist[merit[shortlist] < merit[shortlist[0]] + _NEARLY_AS_GOOD]
+    shortlist = near if len(near) >= most else shortlist[:most]
+    rows = ranked[shortlist]
+    return _spread_out(scale, rows, most, _preference_alone(objective, scale, rows))
 
 
 def _preference_alone(objective: ObjectiveKind, scale: Scale, candidates: Array) -> Array:
@@ -88,14 +98,24 @@ def _spread_out(scale: Scale, shortlist: Array, most: int, preference: Array) ->
     return [gains[i] for i in chosen]
 
 
-def _stable_first(spec: DesignSpec, ranked: Array, most: int) -> Array:
-    """The first rows, in their order, that are stable with the nominal plant; shape (k, 3)."""
+def _place_in_group(alpha: Array) -> NDArray[np.intp]:
+    """Of each row, how many rows before it have the same alpha: the best of every order come before any second best."""
+    place = np.zeros(len(alpha), dtype=np.intp)
+    for value in np.unique(alpha):
+        mine = np.flatnonzero(alpha == value)
+        place[mine] = np.arange(len(mine))
+    return place
+
+
+def _first_stable(spec: DesignSpec, ranked: Array, most: int) -> NDArray[np.intp]:
+    """Indices of the first rows, in their order and looked for in portions, that are stable with the nominal plant."""
     nominal = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
-    found: list[Array] = []
+    found: list[NDArray[np.intp]] = []
     for first in range(0, len(ranked), _PORTION):
         part = ranked[first : first + _PORTION]
         rows = np.zeros(len(part), dtype=np.intp)
-        found.append(part[is_stable(Loops(part[:, 0], part[:, 1], part[:, 2], nominal.take(rows)))])
+        stable = is_stable(Loops(part[:, 0], part[:, 1], part[:, 2], nominal.take(rows)))
+        found.append(first + np.flatnonzero(stable))
         if sum(len(f) for f in found) >= 12 * most:
             break
     return np.concatenate(found)
