@@ -38,7 +38,9 @@ plant: {model: transfer_function, numerator: [0.3, {min: -1, max: 2}], denominat
 
 
 def spec(model: str) -> DesignSpec:
-    return parse_spec("schema: 1\nname: x\n" + SPECS[model].strip() + "\nrequirements: [{sensitivity_db: {at_most: 6}}]\n")
+    return parse_spec(
+        "schema: 1\nname: x\n" + SPECS[model].strip() + "\nrequirements: [{sensitivity_db: {at_most: 6}}]\n"
+    )
 
 
 @pytest.mark.parametrize("model", SPECS)
@@ -113,7 +115,10 @@ def test_closed_form_gains_give_the_published_brake_case() -> None:
 def test_closed_form_gains_put_the_crossover_where_asked(alpha: float, margin: float, omega: float) -> None:
     family = PlantFamily(
         "lag",
-        {name: Uncertain.exactly(v) for name, v in (("static_gain", 1.0), ("time_constant_s", 2.0), ("dead_time_s", 0.1))},
+        {
+            name: Uncertain.exactly(v)
+            for name, v in (("static_gain", 1.0), ("time_constant_s", 2.0), ("dead_time_s", 0.1))
+        },
     )
     plants = Plants.members(family, np.zeros((1, 0)))
     row, at = np.zeros(1, dtype=np.intp), np.array([omega])
@@ -133,8 +138,12 @@ def test_discounted_error_tends_to_one_over_ki_for_a_pi() -> None:
 
 
 def test_scale_moves_with_the_plants_time() -> None:
-    seconds = parse_spec("schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: 2}\nobjective: {maximize: ki}\n")
-    hours = parse_spec("schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: 7200}\nobjective: {maximize: ki}\n")
+    seconds = parse_spec(
+        "schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: 2}\nobjective: {maximize: ki}\n"
+    )
+    hours = parse_spec(
+        "schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: 7200}\nobjective: {maximize: ki}\n"
+    )
     assert scale_of(seconds).omega_rad_s == pytest.approx(3600 * scale_of(hours).omega_rad_s)
     gains = FoPi(1.0, 2.0, 0.7)
     assert scale_of(hours).controller(scale_of(hours).scaled(gains)).ki == pytest.approx(2.0)

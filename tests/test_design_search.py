@@ -101,7 +101,8 @@ def test_a_violation_found_by_the_check_enters_the_next_design() -> None:
 
 def test_peaks_that_move_converge_in_few_rounds() -> None:
     spec = parse_spec(
-        "schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: {min: 1.6, max: 3.1}, dead_time_s: 0.3}\n"
+        "schema: 1\nname: x\n"
+        "plant: {model: lag, static_gain: 1, time_constant_s: {min: 1.6, max: 3.1}, dead_time_s: 0.3}\n"
         "controller: {kp: {min: 0, max: 10}, ki: {min: 0, max: 10}, alpha: {min: 0.3, max: 1.5}}\n"
         "requirements: [{sensitivity_db: {at_most: -20}, to_rad_s: 0.05}]\n"
         "objective: {minimize: control_sensitivity_peak_db}\n"
@@ -148,7 +149,8 @@ def test_the_papers_alpha_is_refused_with_the_alpha_it_would_need() -> None:
 
 
 def test_fixed_gains_are_checked_not_searched() -> None:
-    text = "schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: 2.25}\ncontroller: {kp: 1, ki: 1, alpha: 1}\n"
+    plant = "plant: {model: lag, static_gain: 1, time_constant_s: 2.25}"
+    text = f"schema: 1\nname: x\n{plant}\ncontroller: {{kp: 1, ki: 1, alpha: 1}}\n"
     met = ft.tune(parse_spec(text + "requirements: [{phase_margin_deg: {at_least: 30}}]\n"))
     missed = ft.tune(parse_spec(text + "requirements: [{phase_margin_deg: {at_least: 170}}]\n"))
     assert met.status is Status.SOLVED
