@@ -12,10 +12,10 @@ from fopi_tune.core.stability import is_stable
 from fopi_tune.design.exchange import Converged, Cuts, Exchange
 from fopi_tune.design.infeasible import clash_of, explained, reason_without_solving
 from fopi_tune.design.integral import branches
-from fopi_tune.design.layout import MarginPlant, Mode, Point
 from fopi_tune.design.result import Candidate, Status
 from fopi_tune.design.scale import Scale, scale_of
 from fopi_tune.design.sides import GUARD, Bound, Side, sides_of
+from fopi_tune.design.slots import MarginPlant, Mode, Point
 from fopi_tune.design.solve import Solved
 from fopi_tune.design.starts import fixed_gains, starts
 from fopi_tune.errors import DomainError

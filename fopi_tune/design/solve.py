@@ -9,7 +9,8 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array
 from fopi_tune.design.compile import ALPHA, DEPTH, FIRST_GIVE, WORST, Problem
-from fopi_tune.design.layout import Layout, Task
+from fopi_tune.design.layout import Layout
+from fopi_tune.design.slots import Task
 from fopi_tune.spec.model import ControllerSpec
 
 
