@@ -91,12 +91,13 @@ class LogForm:
 
     def value_and_derivative(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
         """ln f, unwrapped, and d ln f / du at u; rows and u of equal shape (n,)."""
-        nu, sign, slope0 = self.nu[rows], self.sign[rows], self.slope0[rows]
-        exponent = np.clip(nu * (u[:, None] - self.corner[rows]), -_EXPONENT_CAP, _EXPONENT_CAP)
-        w = np.exp(exponent) * self._direction[rows]
-        turn = self.delay[rows] * np.exp(u)
-        value = self.scale[rows] + slope0 * u + 1j * (self.phase0[rows] - turn) + (sign * np.log1p(w)).sum(axis=1)
-        return value, slope0 + (sign * nu * (w / (1.0 + w))).sum(axis=1) - 1j * turn
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            nu, sign, slope0 = self.nu[rows], self.sign[rows], self.slope0[rows]
+            exponent = np.clip(nu * (u[:, None] - self.corner[rows]), -_EXPONENT_CAP, _EXPONENT_CAP)
+            w = np.exp(exponent) * self._direction[rows]
+            turn = self.delay[rows] * np.exp(u)
+            value = self.scale[rows] + slope0 * u + 1j * (self.phase0[rows] - turn) + (sign * np.log1p(w)).sum(axis=1)
+            return value, slope0 + (sign * nu * (w / (1.0 + w))).sum(axis=1) - 1j * turn
 
     def curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
         """An upper bound of |d2 ln f / du2| on [low, high], by (2)."""

@@ -105,7 +105,9 @@ class Plants:
     def response(self, rows: Rows, omega: Array) -> Complex:
         """P(j omega) without its dead time; rows and omega of shape (n,)."""
         s = np.asarray(1j * omega, dtype=complex)
-        return _polynomial(self.numerator[rows], s) / _polynomial(self.denominator[rows], s)
+        # An undamped pole's frequency is met on purpose by grids: P is infinite there.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return _polynomial(self.numerator[rows], s) / _polynomial(self.denominator[rows], s)
 
     @cached_property
     def log(self) -> LogForm:

@@ -7,6 +7,7 @@ there.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -179,6 +180,14 @@ class PlantFamily:
     def nominal_point(self) -> Array:
         """The nominal member's place in the box, shape (p,)."""
         return np.array([self.parameters[n].nominal for n in self.uncertain_names], dtype=float)
+
+    def corners(self, most: int = 64) -> Array:
+        """The nominal place, then the box's corners (only the two extreme ones of a box with more than `most`)."""
+        low, high = self.low, self.high
+        if 2 ** len(low) > most:
+            return np.array([self.nominal_point, low, high])
+        every = list(itertools.product(*zip(low.tolist(), high.tolist(), strict=True)))
+        return np.array([self.nominal_point.tolist(), *map(list, every)]).reshape(1 + len(every), len(low))
 
     def assemble(self, values: Mapping[str, Any]) -> Assembled:
         """Coefficients from values of the uncertain numbers (floats, arrays or symbols); the exact ones are filled in.

@@ -86,6 +86,8 @@ class Problem:
     needs_crossover: bool
     blocks: tuple[Block, ...]
     solver: ca.Function
+    #: (z, parameters, multipliers of the rows) -> d cost / d limits
+    prices: ca.Function
     n_variables: int
     n_parameters: int
     n_rows: int
@@ -211,17 +213,23 @@ def compile_problem(
         - w["depth"] * symbols.head[DEPTH]
         + w["give"] * gives
     )
+    cost_and_rows = cost + ca.dot(lam := ca.SX.sym("lam", n_row), ca.vertcat(*symbols.rows))
+    prices = ca.Function(
+        "prices",
+        [ca.vertcat(*symbols.variables), ca.vertcat(*symbols.parameters), lam],
+        [ca.gradient(cost_and_rows, symbols.limits)],
+    )
     nlp = {
         "x": ca.vertcat(*symbols.variables),
         "p": ca.vertcat(*symbols.parameters),
         "f": cost,
         "g": ca.vertcat(*symbols.rows),
     }
-    corners = Plants.members(family, np.array([family.nominal_point, family.low, family.high]))
+    corners = Plants.members(family, family.corners())
     floor, unstable = low_frequency_control_gain(corners), bool(corners.unstable_poles.any())
     return Problem(
         family, scale, sides, objective, horizon_s, floor, unstable, blocks,
-        ca.nlpsol("design", "ipopt", nlp, IPOPT_OPTIONS),
+        ca.nlpsol("design", "ipopt", nlp, IPOPT_OPTIONS), prices,
         n_var, n_par, n_row, first_frequency, first_parameter, first_row,
     )  # fmt: skip
 
@@ -232,6 +240,7 @@ IPOPT_OPTIONS: dict[str, Any] = {
     "print_time": 0,
     "error_on_fail": False,
     "show_eval_warnings": False,
+    "calc_lam_p": False,
     "ipopt.tol": 1e-9,
     "ipopt.constr_viol_tol": 1e-9,
     "ipopt.acceptable_tol": 1e-7,

@@ -165,6 +165,7 @@ class Exchange:
         limits: Sequence[float],
         hopeless: Callable[[Solved], bool] = lambda solved: False,
         most_rounds: int = _MOST_ROUNDS,
+        trust: float = _TRUST,
     ) -> Converged:
         """Exchange from one start until nothing is violated.
 
@@ -174,10 +175,11 @@ class Exchange:
             mode, active, giving, limits: see `Task`.
             hopeless: whether a solve of the relaxation is already no better than what is known.
             most_rounds: solves after which this start is given up.
+            trust: how far the first solve may go; see `Task`.
         """
         rounds = 0
         cuts, gains, safe, solved, violation = replace(cuts, peaks=()), start, None, None, math.inf
-        trust, follow_from, patience, stale = _TRUST, 0, 2, 0
+        follow_from, patience, stale = 0, 2, 0
         for rounds in range(1, most_rounds + 1):
             task = Task(
                 cuts.points, cuts.peaks, cuts.plants, cuts.margin_plants, tuple(limits), mode, active, giving, trust
@@ -315,8 +317,3 @@ class Exchange:
 def _beside(a: Point, b: Point) -> bool:
     """Whether two points are of the same plant and the same peak, as far as one can tell from the frequency."""
     return a.theta == b.theta and abs(math.log(a.omega_rad_s / b.omega_rad_s)) < _SAME_PEAK
-
-
-def limits_of(sides: Sequence[Side]) -> tuple[float, ...]:
-    """The sides' own limits, natural units."""
-    return tuple(side.limit for side in sides)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Plants
+from fopi_tune.design.integral import branches, forbids_integral, has_negative_gain, low_frequency_control_gain
 from fopi_tune.design.result import Candidate, Give, Status
 from fopi_tune.design.sides import GUARD, Bound, Side, sides_of
 from fopi_tune.design.starts import closed_form_gains
@@ -56,14 +57,13 @@ def clash_of(search: Search) -> Candidate:
 def _without_any_point(search: Search) -> Candidate:
     """Even relaxed requirements had no answer: is it stability itself?"""
     nothing = tuple(None for _ in search.spec.requirements)
-    stable = None
-    if search.exchange.oracle.plants.unstable_poles.any():
-        stable = search.elastic(frozenset(), frozenset({GUARD}), search.limits(0.0))
-    if stable is not None and stable.solved.gives.sum() > _MEETS:
-        message = "no gains within their ranges were found that stabilise every plant of the family"
-        return Candidate(
-            Status.INFEASIBLE, stable.solved.gains, nothing, (), message, search.exchange.solves, stable.rounds
-        )
+    box = search.spec.controller
+    wrong_sign = has_negative_gain(search.exchange.oracle.plants) and box.kp.min >= 0.0 and box.ki.min >= 0.0
+    if wrong_sign or not any(search.stable(gains) for gains in (*search.starts, *search.stable_starts())):
+        message = "no gains within their ranges were found that give every plant of the family a stable loop"
+        if wrong_sign:
+            message += "; the plant's gain is negative, so allow negative kp and ki"
+        return Candidate(Status.INFEASIBLE, None, nothing, (), message, search.exchange.solves)
     message = "Ipopt found no point that could be confirmed from any start, even with every requirement relaxed"
     return Candidate(Status.FAILED, None, nothing, (), message, search.exchange.solves)
 
@@ -135,7 +135,7 @@ class Reason:
 def reason_without_solving(spec: DesignSpec) -> Reason | None:
     """No phase crossover at all, or closed-form gains outside their box; None when no formula decides."""
     sides = sides_of(spec)
-    return _no_phase_crossover(spec, sides) or _closed_form_outside(spec, sides)
+    return _no_phase_crossover(spec, sides) or _limit_at_an_end(spec, sides) or _closed_form_outside(spec, sides)
 
 
 def explained(search: Search, reason: Reason) -> Candidate:
@@ -161,7 +161,7 @@ def _no_phase_crossover(spec: DesignSpec, sides: tuple[Side, ...]) -> Reason | N
     box, family = spec.controller, spec.plant
     if not wanted or box.kp.min < 0 or box.ki.min < 0 or family.parameters["dead_time_s"].max > 0:
         return None
-    plants = Plants.members(family, np.array([family.nominal_point, family.low, family.high]))
+    plants = Plants.members(family, family.corners())
     log = plants.log
     if np.any(plants.unstable_poles > 0) or plants.denominator.shape[1] > 2 or plants.numerator.shape[1] > 1:
         return None
@@ -178,6 +178,46 @@ def _no_phase_crossover(spec: DesignSpec, sides: tuple[Side, ...]) -> Reason | N
     )
     never = frozenset(s.requirement for s in wanted)
     return Reason(never, message, hopeless=never)
+
+
+def _limit_at_an_end(spec: DesignSpec, sides: tuple[Side, ...]) -> Reason | None:
+    """A bound that no gains can hold where omega tends to 0 or to infinity."""
+    plants = Plants.members(spec.plant, spec.plant.corners())
+    floor = low_frequency_control_gain(plants)
+    ki = spec.controller.ki
+    for side in sides:
+        text = describe(spec.requirements[side.requirement]) if side.requirement != GUARD else ""
+        rolls_off = bool(np.all(plants.log.slope_end() < -1e-9))
+        if (
+            side.quantity.name == "loop_gain_db"
+            and side.bound is Bound.LOWER
+            and rolls_off
+            and side.to_rad_s == math.inf
+        ):
+            message = f"{text} has no solution: |L| falls without end as omega grows; say up to where with to_rad_s"
+            return Reason(frozenset({side.requirement}), message, frozenset({side.requirement}))
+        if side.requirement != GUARD and not ki.min <= 0.0 <= ki.max and forbids_integral(side, floor):
+            message = (
+                f"{text} has no solution with ki other than 0: integral action decides the response as omega tends "
+                "to 0; allow ki = 0, or say from where with from_rad_s"
+            )
+            return Reason(frozenset({side.requirement}), message, frozenset({side.requirement}))
+    return None
+
+
+def without_integral(spec: DesignSpec) -> str:
+    """What to add to a message when the search had to do without integral action; empty when it had not."""
+    if branches(spec)[0] is spec:
+        return ""
+    plants = Plants.members(spec.plant, spec.plant.corners())
+    floor = low_frequency_control_gain(plants)
+    texts = [
+        describe(spec.requirements[side.requirement])
+        for side in sides_of(spec)
+        if side.requirement != GUARD and forbids_integral(side, floor)
+    ]
+    cause = " and ".join(texts) if texts else "a zero of the plant at s = 0"
+    return f" (ki = 0 was the only choice: {cause} cannot be had with integral action)"
 
 
 def _closed_form_outside(spec: DesignSpec, sides: tuple[Side, ...]) -> Reason | None:

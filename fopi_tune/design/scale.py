@@ -52,8 +52,7 @@ class Scale:
 def scale_of(spec: DesignSpec) -> Scale:
     """Scale and frequency grid of a spec: from its plants' corners and dead times, and the frequencies it names."""
     family = spec.plant
-    corners_at = np.array([family.nominal_point, family.low, family.high])
-    plants = Plants.members(family, corners_at)
+    plants = Plants.members(family, family.corners())
     roots = np.concatenate([plants.zeros.ravel(), plants.poles.ravel()])
     roots = roots[np.isfinite(roots) & (roots != 0)]
     own = np.concatenate([np.abs(roots), 1.0 / plants.dead_time_s[plants.dead_time_s > 0]])

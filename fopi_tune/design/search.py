@@ -28,6 +28,8 @@ TIGHTENING = 4e-7
 #: requirements that have to give less than this in sum clash only by rounding
 CLASH_TOLERANCE = 2e-6
 _STARTS = 8
+#: multipliers beyond this say only that limits coincide
+_NO_PRICE = 1e5
 #: solves a start may take before and after a first answer is known
 _FIRST_ROUNDS = 60
 _LATER_ROUNDS = 20
@@ -59,6 +61,9 @@ def design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Candidate:
         A candidate; confirming it is `fopi_tune.proof`'s business.
     """
     fixed = fixed_gains(spec.controller)
+    if fixed is not None and fixed.kp == 0.0 and fixed.ki == 0.0:
+        nothing = tuple(None for _ in spec.requirements)
+        return Candidate(Status.INFEASIBLE, None, nothing, (), "kp and ki are fixed at 0: there is no controller")
     if fixed is not None:
         return Candidate(Status.SOLVED, fixed, tuple(None for _ in spec.requirements))
     reason = reason_without_solving(spec)
@@ -95,7 +100,9 @@ class Search:
         horizon = given if given is not None else default_horizon_s(spec.plant)
         exchange = Exchange(spec.plant, scale, sides, objective, horizon, spec.controller)
         first = starts(spec, scale, sides, objective, _STARTS)
-        cuts = _with(exchange.first_cuts(), sides, violations)
+        cuts = _with(
+            exchange.first_cuts(), sides, violations, (float(scale.omega_grid[0]), float(scale.omega_grid[-1]))
+        )
         if first:
             cuts = exchange.with_worst_of(cuts, first[0])
         return cls(spec, scale, objective, exchange, first, cuts)
@@ -116,7 +123,11 @@ class Search:
 
     def stable(self, gains: FoPi) -> bool:
         """Whether the sampled members of the family are stable."""
-        return bool(is_stable(Loops.of(gains, self.exchange.oracle.plants)).all())
+        try:
+            return bool(is_stable(Loops.of(gains, self.exchange.oracle.plants)).all())
+        except DomainError:
+            # |L| stays on 1 over a whole range, or both gains are 0.
+            return False
 
     def best(self) -> Converged | None:
         """The best of the local optima from all starts; None when no start leads to a feasible point."""
@@ -129,9 +140,11 @@ class Search:
         self.relaxed = relaxed
         if relaxed is None or relaxed.solved.gives.sum() > CLASH_TOLERANCE:
             return None
-        run = self._run(relaxed.solved.gains, relaxed.cuts, limits)
-        if run is not None and run.ok:
-            return run
+        # From a point that meets everything, ever smaller steps.
+        for trust in (4.0, 0.5, 0.05):
+            run = self._run(relaxed.solved.gains, relaxed.cuts, limits, trust=trust)
+            if run is not None and run.ok and run.solved.depth >= -TIGHTENING:
+                return run
         # As many equalities as unknowns leave nothing to optimise: the feasible point is the answer.
         equalities = sum(side.bound is Bound.EQUAL for side in self.exchange.sides)
         box = self.spec.controller
@@ -142,7 +155,7 @@ class Search:
         cuts, best = self.first_cuts, None
         for start in self.starts:
             run = self._run(start, cuts, limits, best)
-            if run is None or not run.ok:
+            if run is None or not run.ok or run.solved.depth < -TIGHTENING:
                 continue
             # Cuts are valid for all gains: the next start profits from those that bind here.
             binding = self.exchange.binding(run.cuts, run.solved.gains)
@@ -156,7 +169,7 @@ class Search:
         return best
 
     def _run(
-        self, start: FoPi, cuts: Cuts, limits: tuple[float, ...], best: Converged | None = None
+        self, start: FoPi, cuts: Cuts, limits: tuple[float, ...], best: Converged | None = None, trust: float = 4.0
     ) -> Converged | None:
         def no_better(solved: Solved) -> bool:
             # A relaxation's optimum bounds what this start can still become.
@@ -168,7 +181,8 @@ class Search:
         everything = self.all_requirements
         rounds = _FIRST_ROUNDS if best is None else _LATER_ROUNDS
         try:
-            return self.exchange.run(start, cuts, Mode.OBJECTIVE, everything, frozenset(), limits, no_better, rounds)
+            mode, nobody = Mode.OBJECTIVE, frozenset[int]()
+            return self.exchange.run(start, cuts, mode, everything, nobody, limits, no_better, rounds, trust)
         except DomainError:
             # Both gains ran to 0: no loop is left to judge.
             return None
@@ -185,7 +199,7 @@ class Search:
         known = self.relaxed
         first = (known.solved.gains,) if known else ()
         cuts = known.cuts if known else self.first_cuts
-        for start in (*first, *self.starts[:3], *self._stable_starts()):
+        for start in (*first, *self.starts[:3], *self.stable_starts()):
             try:
                 run = self.exchange.run(start, cuts, Mode.FEASIBILITY, active, giving, limits)
             except DomainError:
@@ -200,7 +214,7 @@ class Search:
                 break
         return best
 
-    def _stable_starts(self) -> list[FoPi]:
+    def stable_starts(self) -> list[FoPi]:
         """Starts for stability alone, from which a spec that asks for the impossible can still be relaxed."""
         guards = tuple(side for side in self.exchange.sides if side.requirement == GUARD)
         return starts(self.spec, self.scale, guards, ObjectiveKind.DEPTH, 2)
@@ -233,22 +247,24 @@ class Search:
         for k, side in enumerate(self.exchange.sides):
             if side.requirement == GUARD:
                 continue
-            # CasADi's lam_p is minus d cost / d parameter.
             price = float(solved.limit_prices[k]) * side.natural_per_public() * unit
-            gain = abs(price) if side.bound is Bound.EQUAL else side.bound.value * price
+            gain = abs(price) if side.bound is Bound.EQUAL else -side.bound.value * price
             totals[side.requirement] = max(totals[side.requirement] or 0.0, gain, 0.0)
-        return tuple(totals)
+        # Limits that leave no room between them have no price: the solver's numbers grow without bound.
+        return tuple(None if total is not None and total > _NO_PRICE else total for total in totals)
 
 
-def _with(cuts: Cuts, sides: tuple[Side, ...], violations: Sequence[Violation]) -> Cuts:
+def _with(cuts: Cuts, sides: tuple[Side, ...], violations: Sequence[Violation], ends: tuple[float, float]) -> Cuts:
     """The cuts with those a check has found."""
     points, plants, margin_plants = list(cuts.points), list(cuts.plants), list(cuts.margin_plants)
     for violation in violations:
         for k, side in enumerate(sides):
             if side.requirement != violation.requirement:
                 continue
-            if side.where is Where.BAND and 0.0 < violation.omega_rad_s < math.inf:
-                points.append(Point(k, violation.theta, violation.omega_rad_s))
+            if side.where is Where.BAND and not math.isnan(violation.omega_rad_s):
+                # What is approached in a limit is asked for at the end of the grid.
+                omega = min(max(violation.omega_rad_s, float(ends[0])), float(ends[1]))
+                points.append(Point(k, violation.theta, omega))
             elif side.where is Where.PHASE_CROSSOVERS:
                 crossing = side.bound is not Bound.LOWER
                 margin_plants.append(MarginPlant(k, violation.theta, crossing))

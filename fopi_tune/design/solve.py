@@ -60,7 +60,7 @@ def solve(problem: Problem, box: ControllerSpec, task: Task, start: FoPi, worst:
         depth=float(x[DEPTH]),
         gives=x[FIRST_GIVE : FIRST_GIVE + 2 * sides],
         cost=float(result["f"]),
-        limit_prices=np.array(result["lam_p"]).ravel()[:sides],
+        limit_prices=np.array(problem.prices(result["x"], layout.p, result["lam_g"])).ravel(),
         at_bound=layout.open_gains_at_bound(x),
         ki_scale=layout.ki_scale,
         on_trust_bound=layout.on_trust_bound(x),

@@ -24,9 +24,10 @@ from fopi_tune.core.stability import is_stable
 from fopi_tune.design.scale import Scale
 from fopi_tune.design.sides import Bound, Side
 from fopi_tune.design.table import numbers_at
+from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import Where
 from fopi_tune.quantities.objectives import ObjectiveKind
-from fopi_tune.spec.model import ControllerSpec, DesignSpec
+from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
 
 _SCREEN_OMEGAS = 60
 _PORTION = 200
@@ -138,11 +139,29 @@ def _candidates(spec: DesignSpec, scale: Scale, sides: tuple[Side, ...]) -> Arra
     rows = np.zeros(len(omega), dtype=np.intp)
     response = nominal.response(rows, omega) * np.exp(-1j * omega * nominal.dead_time_s[0])
     gains = closed_form_gains(response, omega, margin, alpha)
-    inside = np.stack(
-        [np.clip(gains[:, 0], box.kp.min, box.kp.max), np.clip(gains[:, 1], box.ki.min, box.ki.max), alpha], axis=1
-    )
+    inside = np.stack([_clipped(gains[:, 0], box.kp), _clipped(gains[:, 1], box.ki), alpha], axis=1)
+    inside = np.concatenate([inside, _nearly_off(spec, scale, alphas)])
     usable = np.isfinite(inside).all(axis=1) & ((inside[:, 0] != 0) | (inside[:, 1] != 0))
     return inside[usable]
+
+
+def _clipped(values: Array, bounds: GainRange) -> Array:
+    """Into the range, a hair inside a round upper end: kp = 1 on a plant of gain 1 lies on |L(0)| = 1 itself."""
+    inside = np.clip(values, bounds.min, bounds.max)
+    at_end = (inside == bounds.max) & (inside > bounds.min)
+    return np.where(at_end, np.maximum(inside - 1e-6 * np.abs(inside), bounds.min), inside)
+
+
+def _nearly_off(spec: DesignSpec, scale: Scale, alphas: Array) -> Array:
+    """Small gains (n, 3): what meets every bound of a sensitivity of a plant that is stable by itself."""
+    box = spec.controller
+    sizes = np.array([1e-4, 1e-3, 1e-2, 1e-1])
+    rows = []
+    for size, alpha, sign in itertools.product(sizes, alphas, (1.0, -1.0)):
+        gains = scale.controller(np.array([sign * size, sign * size, alpha]))
+        kp, ki = _clipped(np.array([gains.kp]), box.kp)[0], _clipped(np.array([gains.ki]), box.ki)[0]
+        rows.append((kp, ki, alpha))
+    return np.array(rows)
 
 
 def _crossovers(scale: Scale, sides: tuple[Side, ...]) -> tuple[Array, bool]:
@@ -177,8 +196,7 @@ def _merit(
 ) -> Array:
     """Violation of what a coarse grid shows, plus a little of the objective; smaller is better; shape (n,)."""
     family = spec.plant
-    corners = list(itertools.product(*zip(family.low, family.high, strict=True)))[:8]
-    points = np.array([family.nominal_point, *corners]).reshape(1 + len(corners), len(family.low))
+    points = family.corners(8)
     plants = Plants.members(family, points)
     omega = np.unique(np.concatenate([_thinned(scale.omega_grid), *_band_ends(sides)]))
     rows = np.repeat(np.arange(len(points)), len(omega))
@@ -222,7 +240,11 @@ def _exact_violation(spec: DesignSpec, sides: tuple[Side, ...], candidates: Arra
     nominal = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
     kp, ki, alpha = candidates.T
     loops = Loops(kp, ki, alpha, nominal.take(np.zeros(n, dtype=np.intp)))
-    crossings = gain_crossovers(loops)
+    try:
+        crossings, margin_violation = gain_crossovers(loops), _gain_margin_violation(sides, loops)
+    except DomainError:
+        # One of the candidates lies on |L| = 1 or on -180 deg over a whole range: the coarse look has to do.
+        return np.zeros(n)
     numbers = numbers_at(loops, crossings.row, np.log(crossings.omega_rad_s))
     total = np.zeros(n)
     for side in wanted:
@@ -231,7 +253,7 @@ def _exact_violation(spec: DesignSpec, sides: tuple[Side, ...], candidates: Arra
         worst = np.zeros(n)
         np.maximum.at(worst, crossings.row, violation)
         total += worst
-    return total + _gain_margin_violation(sides, loops)
+    return total + margin_violation
 
 
 def _gain_margin_violation(sides: tuple[Side, ...], loops: Loops) -> Array:
