@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from fopi_tune.core.controller import FoPi
     from fopi_tune.core.margins import Margins, margins
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
-    from fopi_tune.design import Status
     from fopi_tune.errors import DomainError, FopiError, SpecError
+    from fopi_tune.outcome import Status
     from fopi_tune.pipeline import prove, tune
     from fopi_tune.proof import Verification
     from fopi_tune.result import Check, Design
@@ -35,7 +35,7 @@ _PUBLIC = {
     "Plant": "fopi_tune.core.plant",
     "PlantFamily": "fopi_tune.core.plant",
     "SpecError": "fopi_tune.errors",
-    "Status": "fopi_tune.design",
+    "Status": "fopi_tune.outcome",
     "Uncertain": "fopi_tune.core.plant",
     "Verification": "fopi_tune.proof",
     "load_spec": "fopi_tune.spec",

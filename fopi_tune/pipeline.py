@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 import os
+from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.design import Candidate, Give, Status, Violation, design, fixed_gains
+from fopi_tune.outcome import Give, Status
 from fopi_tune.proof import Verification, verify
 from fopi_tune.result import Check, Design, RequirementReport
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.stamp import stamp
+
+if TYPE_CHECKING:
+    from fopi_tune.design import Candidate, Violation
 
 #: how often a refuted design is made again
 _MOST_REFUTATIONS = 5
@@ -61,6 +65,8 @@ def prove(source: str | os.PathLike[str] | DesignSpec, gains: FoPi, tolerance: f
 
 def _attempt(spec: DesignSpec, violations: tuple[Violation, ...]) -> tuple[Candidate, Verification | None]:
     """A candidate and what the check says of it; kp = ki = 0 leaves nothing to check."""
+    from fopi_tune.design import design  # loads CasADi, which a check has no need of
+
     candidate = design(spec, violations)
     gains = candidate.gains
     if gains is None or (gains.kp == 0.0 and gains.ki == 0.0):
@@ -74,6 +80,8 @@ def _refutations(
     """Where the check found a candidate wrong that the search took for right, beyond what is known already."""
     if candidate.status is not Status.SOLVED or found is None:
         return ()
+    from fopi_tune.design import Violation
+
     violations = (
         Violation(i, result.worst.point, result.worst.omega_rad_s if result.worst.omega_rad_s is not None else math.nan)
         for i, result in enumerate(found.requirements)
@@ -86,7 +94,8 @@ def _assembled(spec: DesignSpec, candidate: Candidate, found: Verification | Non
     status, message, clash = candidate.status, candidate.message, candidate.clash
     if status is Status.SOLVED and (found is None or not found.all_met):
         status, message = Status.FAILED, _refusal(found)
-        if found is not None and fixed_gains(spec.controller) is not None:
+        box = spec.controller
+        if found is not None and all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
             status, clash = Status.INFEASIBLE, _unmet(found)
             message = "the spec fixes kp, ki and alpha, and they do not meet it"
     results = found.requirements if found else (None,) * len(spec.requirements)

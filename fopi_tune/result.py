@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import Margins
-from fopi_tune.design.result import Give, Status
+from fopi_tune.outcome import Give, Status
 from fopi_tune.proof.results import Place, RequirementResult, Stability, Verification
+from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 from fopi_tune.stamp import Stamp
 
@@ -149,10 +149,14 @@ class Check:
 
 
 def objective_name(spec: DesignSpec) -> str:
-    """The objective in words, unit included."""
+    """The objective in words, unit included; a proxy says what it is."""
     if spec.objective is None:
         return "smallest slack (natural units)"
-    return f"{spec.objective.sense.value} {spec.objective.quantity}"
+    name = f"{spec.objective.sense.value} {spec.objective.quantity}"
+    if spec.objective.quantity != ObjectiveKind.IAE_DISTURBANCE:
+        return name
+    horizon_s = spec.objective.horizon_s or default_horizon_s(spec.plant)
+    return f"{name} (proxy: |integral of e exp(-t/T)| after a unit step at the plant's input, T = {horizon_s:.5g} s)"
 
 
 def finite(value: float | None) -> float | None:
@@ -161,12 +165,11 @@ def finite(value: float | None) -> float | None:
 
 
 def place_dict(place: Place) -> dict[str, Any]:
-    """A worst place; the frequency is a number, "inf" for a limit, or null where none decides."""
-    omega: float | str | None = place.omega_rad_s
-    if omega is not None and not math.isfinite(omega):
-        omega = "inf" if omega > 0 else None
-    plant: Mapping[str, float] = place.plant
-    return {"omega_rad_s": omega, "plant": dict(plant)}
+    """A worst place; the frequency is null where none decides, and where it is only approached (`limit` says so)."""
+    omega = place.omega_rad_s
+    limit = {0.0: "omega -> 0", math.inf: "omega -> inf"}.get(omega) if omega is not None else None
+    described: dict[str, Any] = {"omega_rad_s": finite(omega), "plant": dict(place.plant)}
+    return described | ({"limit": limit} if limit else {})
 
 
 def stability_dict(stability: Stability | None) -> dict[str, Any] | None:

@@ -17,18 +17,20 @@ MODULES = {".".join(p.relative_to(ROOT).with_suffix("").parts): p for p in sorte
 STAGES = ("core", "quantities", "spec")
 #: folder (or module) -> what of this package it may import, besides itself
 ALLOWED = {
-    "__init__": (*STAGES, "errors", "design", "proof", "pipeline", "result"),
+    "__init__": (*STAGES, "errors", "outcome", "proof", "pipeline", "result"),
     "errors": (),
     "core": ("errors",),
     "quantities": ("core", "errors"),
     "spec": ("quantities", "core", "errors"),
-    "design": ("spec.model", "quantities", "core", "errors"),
+    "outcome": (),
+    "design": ("outcome", "spec.model", "quantities", "core", "errors"),
     "proof": ("spec.model", "quantities", "core", "errors"),
     "stamp": ("__version__",),
     "convert": ("core", "errors"),
-    "result": ("convert", "core", "design.result", "proof.results", "spec.model", "stamp"),
-    "report": ("core", "design.result", "proof.results", "spec.model", "result"),
-    "pipeline": ("core", "design", "proof", "result", "spec", "stamp"),
+    "result": ("convert", "core", "outcome", "proof.results", "quantities", "spec.model", "stamp"),
+    "report": ("core", "outcome", "proof.results", "spec.model", "result"),
+    "pipeline": ("core", "design", "outcome", "proof", "result", "spec", "stamp"),
+    "__main__": ("cli",),
     "cli": ("__version__", "core", "errors", "pipeline", "report", "result", "spec"),
 }
 #: these print or write; the loader of specs reads

@@ -162,3 +162,67 @@ def test_fixed_gains_are_checked_not_searched() -> None:
 def test_the_same_spec_gives_the_same_gains_twice() -> None:
     first, second = ft.tune(DELAY), ft.tune(DELAY)
     assert first.gains == second.gains
+
+
+BOX = "controller: {kp: {min: 0, max: 10}, ki: {min: 0, max: 10}, alpha: {min: 0.3, max: 1.5}}\n"
+
+
+def tuned_text(plant: str, rest: str, box: str = BOX) -> ft.Design:
+    return ft.tune(parse_spec(f"schema: 1\nname: x\nplant: {plant}\n{box}{rest}\n"))
+
+
+def test_a_bound_of_the_sensitivity_is_met_by_small_gains_on_any_stable_plant() -> None:
+    plant = (
+        "{model: transfer_function, numerator: [0.136219, 0.558044], "
+        "denominator: [1, 0.0219708, 0.558044], dead_time_s: 0.0429}"
+    )
+    tuned = tuned_text(plant, "requirements: [{sensitivity_db: {at_most: 6}}]\nobjective: {maximize: ki}")
+    assert tuned.status is Status.SOLVED
+
+
+def test_the_better_of_two_local_optima_is_found_on_a_resonance() -> None:
+    plant = "{model: transfer_function, numerator: [1], denominator: [1, 0.04, 1]}"
+    tuned = tuned_text(plant, "requirements: [{sensitivity_db: {at_most: 6}}]\nobjective: {maximize: ki}")
+    # A scan of kp, ki and alpha reaches 0.0321; the other optimum lies at 0.0239.
+    assert tuned.objective == pytest.approx(0.03212, rel=1e-3)
+
+
+def test_without_an_objective_an_infeasible_spec_is_infeasible_too() -> None:
+    plant = "{model: lag, static_gain: 1, time_constant_s: 2, dead_time_s: 0.3}"
+    rest = "requirements: [{phase_margin_deg: {at_least: 60}}, {crossover_rad_s: {at_least: 4}}]"
+    tuned = tuned_text(plant, rest, "controller: {kp: {min: 0, max: 10}, ki: {min: 0, max: 10}, alpha: 1}\n")
+    assert tuned.status is Status.INFEASIBLE
+    assert {give.requirement for give in tuned.clash} == {0, 1}
+
+
+def test_a_loop_gain_that_never_falls_is_refused_in_words() -> None:
+    plant = "{model: lag, static_gain: 1, time_constant_s: 2}"
+    tuned = tuned_text(plant, "requirements: [{loop_gain_db: {at_least: 0}}]\nobjective: {maximize: ki}")
+    assert tuned.status is Status.INFEASIBLE
+    assert "to_rad_s" in tuned.message
+
+
+def test_the_wrong_sign_of_the_gains_is_named() -> None:
+    plant = "{model: lag, static_gain: -2, time_constant_s: 2, dead_time_s: 0.1}"
+    tuned = tuned_text(plant, "requirements: [{phase_margin_deg: {at_least: 60}}]\nobjective: {maximize: ki}")
+    assert tuned.status is Status.INFEASIBLE
+    assert "allow negative kp and ki" in tuned.message
+
+
+def test_what_integral_action_forbids_is_met_without_it() -> None:
+    # |C S| -> 1/|P(0)| = 12 dB at one corner under integral action, so only ki = 0 can stay below 6 dB.
+    plant = (
+        "{model: transfer_function, numerator: [{nominal: 1, min: 0.5, max: 2}], "
+        "denominator: [1, {nominal: 1, min: 0.5, max: 2}], dead_time_s: 0.1}"
+    )
+    rest = "requirements: [{control_sensitivity_db: {at_most: 6}}]\nobjective: {minimize: sensitivity_peak_db}"
+    tuned = tuned_text(plant, rest)
+    assert tuned.status is Status.SOLVED
+    assert tuned.gains is not None
+    assert tuned.gains.ki == 0.0
+
+
+def test_a_gain_that_ends_on_the_unit_circle_is_no_crash() -> None:
+    box = "controller: {kp: {min: 0, max: 1}, ki: 0, alpha: 1}\n"
+    rest = "requirements: [{sensitivity_db: {at_most: 4}}]\nobjective: {minimize: sensitivity_peak_db}"
+    assert tuned_text("{model: lag, static_gain: 1, time_constant_s: 2}", rest, box).status is Status.SOLVED

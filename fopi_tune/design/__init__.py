@@ -2,6 +2,5 @@
 
 from fopi_tune.design.result import Candidate, Give, Status
 from fopi_tune.design.search import Violation, design
-from fopi_tune.design.starts import fixed_gains
 
-__all__ = ["Candidate", "Give", "Status", "Violation", "design", "fixed_gains"]
+__all__ = ["Candidate", "Give", "Status", "Violation", "design"]

@@ -19,7 +19,7 @@ from fopi_tune.spec.model import Relation, Requirement, Scope
 if TYPE_CHECKING:
     from fopi_tune.core.controller import FoPi
     from fopi_tune.core.margins import Margins
-    from fopi_tune.design.result import Give
+    from fopi_tune.outcome import Give
 
 WIDTH = 80
 #: widths of the columns verdict, requirement, achieved, score, multiplier; 80 in sum

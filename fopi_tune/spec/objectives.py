@@ -31,6 +31,6 @@ def _sense_record(sense: Sense, words: tuple[str, ...]) -> Record:
     meaning = f"{sense.value} one number"
     if _HORIZON_OBJECTIVE not in words:
         return Record(meaning, keys, build, "{maximize: ki}", {"horizon_s": reason})
-    keys["horizon_s"] = Key(Number("time over which the error is integrated, s", above=0), required=False)
+    keys["horizon_s"] = Key(Number("discount time T of the error integral, s", above=0), required=False)
     rules = {"dependentSchemas": {"horizon_s": {"properties": {sense.value: {"const": _HORIZON_OBJECTIVE}}}}}
     return Record(meaning, keys, build, "{maximize: ki}", rules=rules)

@@ -1,0 +1,40 @@
+"""How a design ends, in words that files, scripts and every stage share.  Importing it loads no solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Status(StrEnum):
+    """How a design ended; `advice` tells the user what to do."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "infeasible"
+    UNBOUNDED = "unbounded"
+    FAILED = "failed"
+
+    @property
+    def advice(self) -> str:
+        """One sentence."""
+        return {
+            Status.SOLVED: "All requirements hold for the whole family.",
+            Status.INFEASIBLE: "No gains meet all requirements; relax one of those that clash.",
+            Status.UNBOUNDED: "The objective improves without end; bound the gains or add a requirement.",
+            Status.FAILED: "No answer that could be confirmed; the message says why.",
+        }[self]
+
+
+@dataclass(frozen=True)
+class Give:
+    """By how much one of the clashing requirements would have to give for all the others to hold.
+
+    Args:
+        requirement: index in the spec's list.
+        amount: in the quantity's public unit, > 0; None when no amount alone is enough, or none was found.
+        new_limit: the limit that would be met, public unit.
+    """
+
+    requirement: int
+    amount: float | None
+    new_limit: float | None
