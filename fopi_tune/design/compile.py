@@ -95,11 +95,6 @@ class Problem:
     first_parameter: dict[int, int] = field(repr=False)
     first_row: dict[int, int] = field(repr=False)
 
-    @property
-    def n_gives(self) -> int:
-        """Two for every side: up and down."""
-        return 2 * len(self.sides)
-
 
 #: peaks in play at a time, of each side and of the objective
 PEAKS = 3
