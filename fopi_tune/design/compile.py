@@ -1,8 +1,7 @@
 """DesignSpec -> one CasADi NLP with slots, built once and solved many times.
 
 Variables  z = (kp', ki', alpha, worst, depth, give_1 .. give_2n, v_1 .. v_m).  A slot is one plant and one frequency
-at which
-something is asked; a slot's plant, frequency or sheet of the phase are parameters, so that exchange only changes
+at which something is asked; its plant, frequency and sheet of the phase are parameters, so that exchange only changes
 numbers:
 
     point      a side of a frequency function at a fixed (plant, frequency)

@@ -1,8 +1,9 @@
 """Semi-infinite programming by exchange:  solve on few points, add the worst violator, solve again.
 
-A requirement over a family is a constraint for every plant and every frequency.  The solver sees a handful of them;
-the oracle
-finds where the answer is worst; that point joins the handful, until nothing is violated by more than the tolerance.
+A requirement over a family is a constraint for every plant and every frequency.  The solver sees a handful of them; the
+oracle finds where the answer is worst; that point joins the handful, until nothing is violated by more than the
+tolerance.  A peak that keeps moving is followed by a slot with its own frequency, so that few rounds are enough; and
+where a crossing appears that no cut speaks of, the search retreats to the last point where all was well.
 """
 
 from __future__ import annotations
@@ -178,7 +179,8 @@ class Exchange:
             trust: how far the first solve may go; see `Task`.
         """
         rounds = 0
-        cuts, gains, safe, solved, violation = replace(cuts, peaks=()), start, None, None, math.inf
+        cuts, gains, solved, violation = replace(cuts, peaks=()), start, None, math.inf
+        safe, safe_violation = None, math.inf
         follow_from, patience, stale = 0, 2, 0
         for rounds in range(1, most_rounds + 1):
             task = Task(
@@ -196,7 +198,7 @@ class Exchange:
             if violation <= TOLERANCE:
                 if not solved.on_trust_bound:
                     return Converged(solved, True, violation, cuts, rounds)
-                safe, gains = solved, solved.gains
+                safe, safe_violation, gains = solved, violation, solved.gains
                 continue
             larger = self._extended(cuts, findings, mode, active, limits, solved, first=False)
             if rounds >= follow_from:
@@ -212,7 +214,7 @@ class Exchange:
             trust, gains = 0.25 * trust, safe.gains if safe else gains
         assert solved is not None
         if safe is not None and not hopeless(safe):
-            return Converged(safe, True, 0.0, cuts, rounds)
+            return Converged(safe, True, safe_violation, cuts, rounds)
         return Converged(solved, False, violation, cuts, rounds)
 
     def _findings(self, solved: Solved) -> list[Finding]:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from fopi_tune.design.search import Search
 
 #: requirements that give less than this (natural units, in sum) meet
-_MEETS = 2e-6
+MEETS = 2e-6
 
 
 def clash_of(search: Search) -> Candidate:
@@ -38,7 +38,7 @@ def clash_of(search: Search) -> Candidate:
     if relaxed is None:
         return _without_any_point(search)
     near = relaxed.solved.gains
-    if relaxed.solved.gives.sum() <= _MEETS:
+    if relaxed.solved.gives.sum() <= MEETS:
         message = "the requirements can be met, but Ipopt did not converge on the objective; try narrower gain ranges"
         return Candidate(Status.FAILED, near, nothing, (), message, search.exchange.solves)
     clash = everything
@@ -46,7 +46,7 @@ def clash_of(search: Search) -> Candidate:
     for requirement in sorted(everything, key=lambda r: given.get(r, 0.0)):
         rest = clash - {requirement}
         without = search.elastic(rest, rest, limits)
-        if without is not None and without.solved.gives.sum() > _MEETS:
+        if without is not None and without.solved.gives.sum() > MEETS:
             clash = rest
     gives = tuple(_give_alone(search, requirement, limits) for requirement in sorted(clash))
     return Candidate(

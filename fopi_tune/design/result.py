@@ -16,8 +16,7 @@ class Candidate:
         status: SOLVED here only means that the search ended well.
         gains: the best found; None when there is nothing to show.
         multipliers: a number a requirement: how much the objective (public unit) would gain if the limit were
-        relaxed by
-            one public unit; None where it is not known.
+            relaxed by one public unit; None where it is not known.
         clash: the smallest set of requirements found that cannot hold together.
         message: why, in words.
         solves: Ipopt runs.

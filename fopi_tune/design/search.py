@@ -10,7 +10,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.exchange import Converged, Cuts, Exchange
-from fopi_tune.design.infeasible import clash_of, explained, reason_without_solving
+from fopi_tune.design.infeasible import MEETS, clash_of, explained, reason_without_solving
 from fopi_tune.design.integral import branches
 from fopi_tune.design.result import Candidate, Status
 from fopi_tune.design.scale import Scale, scale_of
@@ -25,8 +25,6 @@ from fopi_tune.spec.model import DesignSpec
 
 #: inequalities are designed this much tighter (natural units), so that rounding does not undo them
 TIGHTENING = 4e-7
-#: requirements that have to give less than this in sum clash only by rounding
-CLASH_TOLERANCE = 2e-6
 _STARTS = 8
 #: multipliers beyond this say only that limits coincide
 _NO_PRICE = 1e5
@@ -138,7 +136,7 @@ class Search:
         limits = self.limits(0.0)
         relaxed = self.elastic(self.all_requirements, self.all_requirements, limits)
         self.relaxed = relaxed
-        if relaxed is None or relaxed.solved.gives.sum() > CLASH_TOLERANCE:
+        if relaxed is None or relaxed.solved.gives.sum() > MEETS:
             return None
         # From a point that meets everything, ever smaller steps.
         for trust in (4.0, 0.5, 0.05):
@@ -210,7 +208,7 @@ class Search:
             again = best is not None and abs(total - best.solved.gives.sum()) < 1e-6
             if best is None or total < best.solved.gives.sum():
                 best = run
-            if again or best.solved.gives.sum() <= CLASH_TOLERANCE:
+            if again or best.solved.gives.sum() <= MEETS:
                 break
         return best
 

@@ -78,8 +78,7 @@ class Task:
         active: requirements that count; others are dropped.
         giving: requirements that may give in an elastic solve.
         trust: kp and ki may move this many times their own size, alpha a quarter of it: cuts that are not yet in
-        play cannot
-            hold them back.
+            play cannot hold them back.
     """
 
     points: tuple[Point, ...]
