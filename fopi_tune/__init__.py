@@ -1,4 +1,4 @@
-"""Robust fractional-order PI design:  a spec in, gains that are checked for every plant of the family out.
+"""Robust fractional-order PI design:  a spec in, gains that are proved for every plant of the family out.
 
     import fopi_tune as ft
     design = ft.tune("specs/brake.yaml")
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from fopi_tune.core.controller import FoPi
     from fopi_tune.core.margins import Margins, margins
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
-    from fopi_tune.errors import DomainError, FopiError, SpecError
+    from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
     from fopi_tune.outcome import Status
-    from fopi_tune.pipeline import prove, tune
-    from fopi_tune.proof import Verification
+    from fopi_tune.pipeline import prove, recheck, tune
+    from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
     from fopi_tune.result import Check, Design
     from fopi_tune.spec import load_spec, parse_spec
     from fopi_tune.spec.model import DesignSpec
@@ -25,6 +25,8 @@ __version__ = "0.1.0"
 
 #: public name -> module
 _PUBLIC = {
+    "Certificate": "fopi_tune.proof",
+    "CertificateError": "fopi_tune.errors",
     "Check": "fopi_tune.result",
     "Design": "fopi_tune.result",
     "DesignSpec": "fopi_tune.spec.model",
@@ -34,18 +36,23 @@ _PUBLIC = {
     "Margins": "fopi_tune.core.margins",
     "Plant": "fopi_tune.core.plant",
     "PlantFamily": "fopi_tune.core.plant",
+    "Recheck": "fopi_tune.proof",
     "SpecError": "fopi_tune.errors",
     "Status": "fopi_tune.outcome",
     "Uncertain": "fopi_tune.core.plant",
+    "Verdict": "fopi_tune.proof",
     "Verification": "fopi_tune.proof",
     "load_spec": "fopi_tune.spec",
     "margins": "fopi_tune.core.margins",
     "parse_spec": "fopi_tune.spec",
     "prove": "fopi_tune.pipeline",
+    "recheck": "fopi_tune.pipeline",
     "tune": "fopi_tune.pipeline",
 }
 
 __all__ = [
+    "Certificate",
+    "CertificateError",
     "Check",
     "Design",
     "DesignSpec",
@@ -55,14 +62,17 @@ __all__ = [
     "Margins",
     "Plant",
     "PlantFamily",
+    "Recheck",
     "SpecError",
     "Status",
     "Uncertain",
+    "Verdict",
     "Verification",
     "load_spec",
     "margins",
     "parse_spec",
     "prove",
+    "recheck",
     "tune",
 ]
 

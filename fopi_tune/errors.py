@@ -40,3 +40,7 @@ class SpecError(FopiError, ValueError):
     def __init__(self, problems: tuple[Problem, ...]) -> None:
         self.problems = problems
         super().__init__("\n".join(str(p) for p in problems))
+
+
+class CertificateError(FopiError, ValueError):
+    """A file that is no certificate, or not one that this version can read; the message names the entry."""

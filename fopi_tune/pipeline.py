@@ -1,18 +1,19 @@
-"""The sequence of stages:  spec -> design -> proof -> Design."""
+"""The sequence of stages:  spec -> design -> verification -> certificate -> Design."""
 
 from __future__ import annotations
 
 import math
 import os
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.outcome import Give, Status
-from fopi_tune.proof import Verification, verify
+from fopi_tune.proof import Certificate, Recheck, Verdict, Verification, certify, verify
 from fopi_tune.result import Check, Design, RequirementReport
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.stamp import stamp
+from fopi_tune.stamp import certificate_versions, stamp
 
 if TYPE_CHECKING:
     from fopi_tune.design import Candidate, Violation
@@ -22,11 +23,21 @@ _MOST_REFUTATIONS = 5
 _SOLVER = "ipopt"
 
 
-def tune(source: str | os.PathLike[str] | DesignSpec) -> Design:
-    """Find the gains that meet a spec over its whole family, and check them.
+@dataclass(frozen=True)
+class _Attempt:
+    """A candidate, what the verification says of it, and the certificate; kp = ki = 0 leaves nothing to check."""
+
+    candidate: Candidate
+    found: Verification | None = None
+    certificate: Certificate | None = None
+
+
+def tune(source: str | os.PathLike[str] | DesignSpec, proof: bool = True) -> Design:
+    """Find the gains that meet a spec over its whole family, and prove that they do.
 
     Args:
         source: a spec file, or a spec.
+        proof: False leaves the certificate out: `solved` then means verified in floating point, and the result says so.
 
     Returns:
         A design; `status` says how it ended.  Infeasible, unbounded and failed are answers, not exceptions.
@@ -37,18 +48,18 @@ def tune(source: str | os.PathLike[str] | DesignSpec) -> Design:
     """
     spec = load_spec(source)
     violations: tuple[Violation, ...] = ()
-    candidate, found = _attempt(spec, violations)
+    attempt = _attempt(spec, violations, proof)
     for _ in range(_MOST_REFUTATIONS):
-        new = _refutations(candidate, found, violations)
+        new = _refutations(attempt, violations)
         if not new:
             break
         violations += new
-        candidate, found = _attempt(spec, violations)
-    return _assembled(spec, candidate, found)
+        attempt = _attempt(spec, violations, proof)
+    return _assembled(spec, attempt, proof)
 
 
 def prove(source: str | os.PathLike[str] | DesignSpec, gains: FoPi, tolerance: float = 1e-6) -> Check:
-    """Check gains from anywhere against a spec.
+    """Check gains from anywhere against a spec, and prove or refute what it asks.
 
     Args:
         source: a spec file, or a spec.
@@ -60,37 +71,62 @@ def prove(source: str | os.PathLike[str] | DesignSpec, gains: FoPi, tolerance: f
         DomainError: kp = ki = 0, or a dead time so long that the loop's crossings cannot be listed.
     """
     spec = load_spec(source)
-    return Check(spec, verify(spec, gains, tolerance), stamp(spec.sha256, None))
+    found = verify(spec, gains, tolerance)
+    return Check(spec, found, certify(spec, found, certificate_versions()), stamp(spec.sha256, None))
 
 
-def _attempt(spec: DesignSpec, violations: tuple[Violation, ...]) -> tuple[Candidate, Verification | None]:
-    """A candidate and what the check says of it; kp = ki = 0 leaves nothing to check."""
+def recheck(document: object, source: str | os.PathLike[str] | DesignSpec | None = None) -> Recheck:
+    """Check a certificate without searching.
+
+    Args:
+        document: the certificate's JSON, as `json.load` gives it.
+        source: when given, the certificate must be about this spec.
+
+    Raises:
+        CertificateError: it is no certificate.
+        SpecError: the spec cannot be read, or has mistakes.
+    """
+    from fopi_tune.proof import recheck
+
+    return recheck(document, None if source is None else load_spec(source))
+
+
+def _attempt(spec: DesignSpec, violations: tuple[Violation, ...], proof: bool) -> _Attempt:
     from fopi_tune.design import design  # loads CasADi, which a check has no need of
 
     candidate = design(spec, violations)
     gains = candidate.gains
     if gains is None or (gains.kp == 0.0 and gains.ki == 0.0):
-        return candidate, None
-    return candidate, verify(spec, gains)
+        return _Attempt(candidate)
+    found = verify(spec, gains)
+    if not proof or candidate.status is not Status.SOLVED or not found.all_met:
+        return _Attempt(candidate, found)
+    return _Attempt(candidate, found, certify(spec, found, certificate_versions()))
 
 
-def _refutations(
-    candidate: Candidate, found: Verification | None, known: tuple[Violation, ...]
-) -> tuple[Violation, ...]:
-    """Where the check found a candidate wrong that the search took for right, beyond what is known already."""
-    if candidate.status is not Status.SOLVED or found is None:
+def _refutations(attempt: _Attempt, known: tuple[Violation, ...]) -> tuple[Violation, ...]:
+    """Where a candidate that the search took for right was found wrong, beyond what is known already."""
+    if attempt.candidate.status is not Status.SOLVED or attempt.found is None:
         return ()
     from fopi_tune.design import Violation
 
+    places = [(i, result.worst) for i, result in enumerate(attempt.found.requirements) if not result.is_met]
+    if attempt.certificate is not None:
+        places += [
+            (i, side.worst)
+            for i, proved in enumerate(attempt.certificate.requirements)
+            for side in proved.sides
+            if side.verdict is Verdict.REFUTED
+        ]
     violations = (
-        Violation(i, result.worst.point, result.worst.omega_rad_s if result.worst.omega_rad_s is not None else math.nan)
-        for i, result in enumerate(found.requirements)
-        if not result.is_met
+        Violation(i, place.point, place.omega_rad_s if place.omega_rad_s is not None else math.nan)
+        for i, place in places
     )
     return tuple(v for v in violations if v not in known)
 
 
-def _assembled(spec: DesignSpec, candidate: Candidate, found: Verification | None) -> Design:
+def _assembled(spec: DesignSpec, attempt: _Attempt, proof: bool) -> Design:
+    candidate, found, certificate = attempt.candidate, attempt.found, attempt.certificate
     status, message, clash = candidate.status, candidate.message, candidate.clash
     if status is Status.SOLVED and (found is None or not found.all_met):
         status, message = Status.FAILED, _refusal(found)
@@ -98,10 +134,15 @@ def _assembled(spec: DesignSpec, candidate: Candidate, found: Verification | Non
         if found is not None and all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
             status, clash = Status.INFEASIBLE, _unmet(found)
             message = "the spec fixes kp, ki and alpha, and they do not meet it"
+    if status is Status.SOLVED and certificate is not None and certificate.verdict is not Verdict.PROVED:
+        status, message = Status.FAILED, _unproved(certificate)
     results = found.requirements if found else (None,) * len(spec.requirements)
+    proofs = certificate.requirements if certificate else (None,) * len(spec.requirements)
     reports = tuple(
-        RequirementReport(requirement, result, multiplier)
-        for requirement, result, multiplier in zip(spec.requirements, results, candidate.multipliers, strict=True)
+        RequirementReport(requirement, result, multiplier, proved)
+        for requirement, result, multiplier, proved in zip(
+            spec.requirements, results, candidate.multipliers, proofs, strict=True
+        )
     )
     return Design(
         spec=spec,
@@ -111,6 +152,8 @@ def _assembled(spec: DesignSpec, candidate: Candidate, found: Verification | Non
         requirements=reports,
         stability=found.stability if found else None,
         nominal=found.nominal if found else None,
+        certificate=certificate,
+        proof_wanted=proof,
         clash=clash,
         message=message,
         stamp=stamp(spec.sha256, _SOLVER),
@@ -141,4 +184,18 @@ def _refusal(found: Verification | None) -> str:
     return f"the check refuted the best gains found: {names}"
 
 
-__all__ = ["Check", "Design", "prove", "tune"]
+def _unproved(certificate: Certificate) -> str:
+    """What kept the gains from being called solved."""
+    parts = []
+    if certificate.stability.verdict is not Verdict.PROVED:
+        parts.append(f"stability is {certificate.stability.verdict.value}: {certificate.stability.reason}")
+    for proof in certificate.requirements:
+        parts += [
+            f"{proof.requirement.quantity} is {side.verdict.value}: {side.reason}"
+            for side in proof.sides
+            if side.verdict is not Verdict.PROVED
+        ]
+    return "the gains pass the check in floating point, but the proof is missing: " + "; ".join(parts)
+
+
+__all__ = ["Check", "Design", "prove", "recheck", "tune"]

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import Margins
 from fopi_tune.outcome import Give, Status
+from fopi_tune.proof.certificate import Certificate, RequirementProof, Verdict
+from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.results import Place, RequirementResult, Stability, Verification
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
@@ -29,11 +31,13 @@ class RequirementReport:
         requirement: what the spec says.
         result: what the verification found; None when there are no gains to verify.
         multiplier: how much the objective would gain if the limit were relaxed by one unit; None where not known.
+        proof: what the certificate says; None without one.
     """
 
     requirement: Requirement
     result: RequirementResult | None
     multiplier: float | None
+    proof: RequirementProof | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As in the result's JSON; infinite and missing numbers are null, and `outcome` says which."""
@@ -55,6 +59,7 @@ class RequirementReport:
             "score": finite(result.score) if result else None,
             "worst": place_dict(result.worst) if result else None,
             "multiplier": finite(self.multiplier),
+            "proof": requirement_proof_dict(self.proof),
         }
 
 
@@ -64,12 +69,14 @@ class Design:
 
     Args:
         spec: what was asked.
-        status: `solved` only after the verification confirmed every requirement.
+        status: `solved` only after every requirement was proved (verified, when no proof was wanted).
         gains: kp, ki, alpha; None when there is nothing to show.  Of an infeasible spec, the gains that give least.
         objective: value of the spec's objective, in its public unit, as the verification found it.
         requirements: in the order of the spec.
         stability: of the whole family; None without gains.
         nominal: margins with the nominal plant; None without gains.
+        certificate: the proof; None without gains that pass the verification, and when it was not wanted.
+        proof_wanted: False after --no-proof: `solved` then means verified only.
         clash: of an infeasible spec, the smallest set of requirements that clash, and what each would have to give.
         message: why, in words; empty when solved.
         stamp: where this comes from.
@@ -83,6 +90,8 @@ class Design:
     requirements: tuple[RequirementReport, ...]
     stability: Stability | None
     nominal: Margins | None
+    certificate: Certificate | None
+    proof_wanted: bool
     clash: tuple[Give, ...]
     message: str
     stamp: Stamp
@@ -104,7 +113,12 @@ class Design:
             "stability": stability_dict(self.stability),
             "nominal": margins_dict(self.nominal),
             "clash": [give_dict(give, self.spec) for give in self.clash],
+            "proof": proof_dict(self.certificate, self.proof_wanted),
         }
+
+    def certificate_document(self) -> dict[str, Any] | None:
+        """The certificate's JSON; None without one."""
+        return to_document(self.certificate) if self.certificate else None
 
     def to_control(self) -> ControlObjects:
         """The nominal plant, the controller (approximated: its order is fractional) and the loop as `control` objects.
@@ -119,16 +133,29 @@ class Design:
 
 @dataclass(frozen=True)
 class Check:
-    """The verification of given gains against a spec: what `fopi prove` hands out."""
+    """The verification and the certificate of given gains against a spec: what `fopi prove` hands out."""
 
     spec: DesignSpec
     verification: Verification
+    certificate: Certificate
     stamp: Stamp
 
     @property
     def status(self) -> str:
-        """`met` or `violated`."""
-        return "met" if self.verification.all_met else "violated"
+        """`met` (proved), `violated`, or `undecided` when the verification passed but the proof is missing."""
+        if not self.verification.all_met or self.certificate.verdict is Verdict.REFUTED:
+            return "violated"
+        return "met" if self.certificate.verdict is Verdict.PROVED else "undecided"
+
+    def certificate_document(self) -> dict[str, Any]:
+        """The certificate's JSON."""
+        return to_document(self.certificate)
+
+    @property
+    def reports(self) -> tuple[RequirementReport, ...]:
+        """The requirements, each with its result and its proof."""
+        pairs = zip(self.verification.requirements, self.certificate.requirements, strict=True)
+        return tuple(RequirementReport(r.requirement, r, None, proof) for r, proof in pairs)
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON, shaped as a design's."""
@@ -138,13 +165,14 @@ class Check:
             "status": self.status,
             "gains": asdict(found.gains),
             "objective": finite(found.objective),
-            "requirements": [RequirementReport(r.requirement, r, None).to_dict() for r in found.requirements],
+            "requirements": [report.to_dict() for report in self.reports],
             "stamp": asdict(self.stamp),
             "name": self.spec.name,
             "objective_quantity": objective_name(self.spec),
             "tolerance": found.tolerance,
             "stability": stability_dict(found.stability),
             "nominal": margins_dict(found.nominal),
+            "proof": proof_dict(self.certificate, True),
         }
 
 
@@ -182,6 +210,38 @@ def stability_dict(stability: Stability | None) -> dict[str, Any] | None:
         "worst": place_dict(stability.worst),
         "unstable_poles": stability.unstable_poles,
         "reason": stability.reason,
+    }
+
+
+def requirement_proof_dict(proof: RequirementProof | None) -> dict[str, Any] | None:
+    """A requirement's verdict and what is proved of its value: it lies from one bound to the other, public unit."""
+    if proof is None:
+        return None
+    low, high = proof.bounds
+    reasons = [side.reason for side in proof.sides if side.reason]
+    return {
+        "verdict": proof.verdict.value,
+        "proved_from": finite(low),
+        "proved_to": finite(high),
+        "relative_gap": finite(proof.gap),
+        "boxes": sum(side.boxes for side in proof.sides),
+        "reason": "; ".join(reasons),
+    }
+
+
+def proof_dict(certificate: Certificate | None, wanted: bool) -> dict[str, Any]:
+    """The certificate in short."""
+    if certificate is None:
+        reason = "there are no gains that pass the check" if wanted else "left out on demand: the gains are not proved"
+        return {"verdict": "not_attempted", "reason": reason}
+    stability = certificate.stability
+    return {
+        "verdict": certificate.verdict.value,
+        "reason": certificate.verdict.advice,
+        "tolerance": certificate.tolerance,
+        "stability": {"verdict": stability.verdict.value, "reason": stability.reason},
+        "boxes": certificate.boxes,
+        "certificate_digest": to_document(certificate)["digest"],
     }
 
 

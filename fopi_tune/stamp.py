@@ -42,3 +42,13 @@ def stamp(spec_sha256: str, solver: str | None) -> Stamp:
         except PackageNotFoundError:
             versions[name] = "not installed"
     return Stamp(spec_sha256, versions, platform.python_version(), f"{platform.system()} {platform.machine()}", solver)
+
+
+def certificate_versions() -> dict[str, str]:
+    """What a certificate's balls were computed with."""
+    found = {"fopi-tune": __version__, "python": platform.python_version()}
+    try:
+        found["python-flint"] = version("python-flint")
+    except PackageNotFoundError:
+        found["python-flint"] = "not installed"
+    return found

@@ -27,11 +27,11 @@ ALLOWED = {
     "proof": ("spec.model", "quantities", "core", "errors"),
     "stamp": ("__version__",),
     "convert": ("core", "errors"),
-    "result": ("convert", "core", "outcome", "proof.results", "quantities", "spec.model", "stamp"),
-    "report": ("core", "outcome", "proof.results", "spec.model", "result"),
+    "result": ("convert", "core", "outcome", "proof", "quantities", "spec.model", "stamp"),
+    "report": ("core", "outcome", "proof", "spec.model", "result"),
     "pipeline": ("core", "design", "outcome", "proof", "result", "spec", "stamp"),
     "__main__": ("cli",),
-    "cli": ("__version__", "core", "errors", "pipeline", "report", "result", "spec"),
+    "cli": ("__version__", "core", "errors", "pipeline", "proof", "report", "result", "spec"),
 }
 #: these print or write; the loader of specs reads
 MAY_TOUCH_THE_DISK = {"fopi_tune.cli.output": {"print", "open"}, "fopi_tune.spec.load": {"open"}}

@@ -25,20 +25,20 @@ PUBLISHED = ("--kp", "0.07", "--ki", "0.11", "--alpha", "0.45")
 ROBUST = ("--kp", "0.3851247", "--ki", "0.3877569", "--alpha", "0.8203826", "--tolerance", "1e-5")
 
 BRAKE_TABLE = """\
-brake: solved. All requirements hold for the whole family.
+brake: solved. All requirements are proved for every plant and every frequency.
 
 kp = 0.38512   ki = 0.38776   alpha = 0.82038           C(s) = kp + ki / s^alpha
 
           requirement                               achieved    score multiplier
-met       crossover_rad_s = 0.3                          0.3    0.000      0.373
+proved    crossover_rad_s = 0.3                          0.3    0.000      0.373
             nominal plant; worst at 0.3 rad/s
-met       phase_margin_deg = 90                           90    0.000     0.0729
+proved    phase_margin_deg = 90                           90    0.000     0.0729
             nominal plant; worst at 0.3 rad/s
-met       phase_margin_deg >= 80                      82.906    0.951          0
+proved    phase_margin_deg >= 80                      82.906    0.951          0
             family; worst at 0.26854 rad/s with time_constant_s = 3.1
-met       gain_margin_db >= 12.04                   infinite    0.000          0
+proved    gain_margin_db >= 12.04                   infinite    0.000          0
             family; no phase crossover sets it
-met       sensitivity_db <= -20                          -20    1.000      0.405
+proved    sensitivity_db <= -20                          -20    1.000      0.405
             family, up to 0.02 rad/s; worst at 0.02 rad/s with
             time_constant_s = 3.1
 
@@ -51,6 +51,8 @@ stability stable: no member has a closed-loop pole in the right half-plane; |S|
           time_constant_s = 3.1
 nominal   crossover 0.3 rad/s, phase margin 90 deg, gain margin infinite, delay
           margin 5.236 s
+proof     proved: 290 boxes in ball arithmetic; each bound within 5.0e-07
+          (relative) of a value that a plant reaches
 """
 
 
@@ -94,7 +96,7 @@ def test_tune_writes_what_json_prints_and_prints_nothing_else() -> None:
     document = json.loads(result.stdout)
     assert list(document)[:6] == ["schema", "status", "gains", "objective", "requirements", "stamp"]
     assert document["gains"] == pytest.approx({"kp": 0.38512, "ki": 0.38776, "alpha": 0.82038}, rel=1e-4)
-    assert os.listdir("results/brake") == ["design.json"]
+    assert sorted(os.listdir("results/brake")) == ["certificate.json", "design.json"]
 
 
 def test_notes_go_to_stderr_and_quiet_silences_them() -> None:
@@ -112,7 +114,7 @@ def test_run_does_what_tune_does() -> None:
 def test_out_replaces_the_folder() -> None:
     assert fopi("tune", THROTTLE_FILE, "--out", "a/b").exit_code == 0
     assert os.listdir() == ["a"]
-    assert os.listdir("a/b") == ["design.json"]
+    assert sorted(os.listdir("a/b")) == ["certificate.json", "design.json"]
 
 
 def test_several_specs_get_a_folder_each_and_the_worst_exit_code_counts() -> None:
@@ -202,7 +204,7 @@ def test_prove_refutes_the_published_brake_gains() -> None:
 def test_prove_confirms_good_gains_within_the_tolerance() -> None:
     result = fopi("prove", BRAKE_FILE, *ROBUST)
     assert result.exit_code == 0
-    assert result.stdout.startswith("brake: met. The gains meet every requirement for the whole family.\n")
+    assert result.stdout.startswith("brake: met. All requirements are proved for every plant and every frequency.\n")
 
 
 def test_prove_says_when_a_plant_is_unstable_or_has_no_crossover() -> None:
@@ -283,7 +285,7 @@ def test_a_failed_write_leaves_the_old_result_and_no_litter(monkeypatch: pytest.
     result = fopi("prove", BRAKE_FILE, *ROBUST)
     assert result.exit_code == 2
     assert "No space left on device" in result.stderr
-    assert os.listdir("results/brake") == ["check.json"]
+    assert sorted(os.listdir("results/brake")) == ["certificate.json", "check.json"]
     assert Path("results/brake/check.json").read_bytes() == before
 
 

@@ -62,6 +62,7 @@ def test_a_design_without_gains_is_strict_json_and_readable(brake: ft.Design) ->
         requirements=tuple(RequirementReport(r.requirement, None, None) for r in brake.requirements),
         stability=None,
         nominal=None,
+        certificate=None,
         clash=(Give(0, None, None),),
         message="there is a formula",
     )

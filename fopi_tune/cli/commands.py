@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune import __version__
+from fopi_tune.cli.certificates import gains_of_earlier_design, recheck_file
 from fopi_tune.cli.output import Exit, print_out, reason_of, report_failure, say, to_json, write_file
 from fopi_tune.cli.process import Handling, process
 from fopi_tune.errors import DomainError
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="fopi",
-    help="Robust fractional-order PI design: a spec in, gains that are checked for every plant of the family out.",
-    epilog="Exit codes: 0 all requirements met, 1 not met, 2 bad input, 3 the tool failed.",
+    help="Robust fractional-order PI design: a spec in, gains that are proved for every plant of the family out.",
+    epilog="Exit codes: 0 all requirements met and proved, 1 not met, 2 bad input, 3 the tool failed.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     add_completion=False,
@@ -31,13 +32,13 @@ app = typer.Typer(
 )
 
 Specs = Annotated[list[str], typer.Argument(metavar="SPEC", help="Spec files.")]
-Spec = Annotated[str, typer.Argument(metavar="SPEC", help="Spec file.")]
 Out = Annotated[
     str | None,
     typer.Option(metavar="DIR", help="Folder of the results, instead of results/NAME; of several specs, DIR/NAME."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on stdout; of several specs, a list.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")]
+NoProof = Annotated[bool, typer.Option("--no-proof", help="Leave the certificate out; the result says so.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback when the tool itself fails.")]
 
 
@@ -57,53 +58,89 @@ def _version(wanted: bool) -> None:
 
 
 @app.command()
-def tune(specs: Specs, out: Out = None, as_json: AsJson = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Find the gains that meet a spec.
+def tune(
+    specs: Specs,
+    out: Out = None,
+    as_json: AsJson = False,
+    no_proof: NoProof = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Find the gains that meet a spec, and prove that they do.
 
-    They meet it for every plant of its family, as an independent check confirms.  The result is also written to a file.
+    They meet it for every plant of its family.  The result and the certificate are also written to files.
     """
-    _tune(specs, Handling("design.json", out, as_json, quiet, debug, len(specs) > 1))
+    _tune(specs, Handling("design.json", out, as_json, quiet, debug, len(specs) > 1), not no_proof)
 
 
 @app.command()
-def run(specs: Specs, out: Out = None, as_json: AsJson = False, quiet: Quiet = False, debug: Debug = False) -> None:
+def run(
+    specs: Specs,
+    out: Out = None,
+    as_json: AsJson = False,
+    no_proof: NoProof = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
     """Run every stage there is on a spec.
 
     In this version that is what `fopi tune` does.
     """
-    _tune(specs, Handling("design.json", out, as_json, quiet, debug, len(specs) > 1))
+    _tune(specs, Handling("design.json", out, as_json, quiet, debug, len(specs) > 1), not no_proof)
 
 
 @app.command()
 def prove(
-    spec: Spec,
-    kp: Annotated[float, typer.Option(help="Proportional gain.")],
-    ki: Annotated[float, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")],
-    alpha: Annotated[float, typer.Option(help="Order of the integral, between 0 and 2.")],
+    spec: Annotated[str | None, typer.Argument(metavar="[SPEC]", help="Spec file.")] = None,
+    kp: Annotated[float | None, typer.Option(help="Proportional gain.")] = None,
+    ki: Annotated[float | None, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")] = None,
+    alpha: Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")] = None,
     tolerance: Annotated[
         float, typer.Option(help="How far a requirement may be missed, neper or radian; a delay margin's is relative.")
     ] = 1e-6,
+    recheck: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Check a certificate instead; with SPEC, also that it is about that spec."),
+    ] = None,
     out: Out = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Check given gains against a spec.
+    """Prove or refute that gains meet a spec, for every plant and every frequency.
 
-    The gains may come from anywhere; the ranges that the spec gives them are not looked at.
+    The gains may come from anywhere; the ranges that the spec gives them are not looked at.  Without --kp, --ki and
+    --alpha they are those of DIR/design.json if it is of this spec, and are tuned otherwise.
     """
+    handling = Handling("check.json", out, as_json, quiet, debug)
+    given = (kp, ki, alpha)
+    if recheck is not None:
+        if any(gain is not None for gain in given):
+            raise _refusal("--recheck takes the gains from the certificate; leave --kp, --ki and --alpha out")
+        raise typer.Exit(recheck_file(recheck, spec, handling))
+    if spec is None:
+        raise _refusal("there is no SPEC to prove; name a spec file, or a certificate with --recheck")
+    if any(gain is None for gain in given) and any(gain is not None for gain in given):
+        raise _refusal("give --kp, --ki and --alpha all three, or none of them")
 
-    def make(loaded: DesignSpec) -> Check:
+    def make(loaded: DesignSpec) -> Check | Design:
+        from fopi_tune import pipeline
         from fopi_tune.core.controller import FoPi
-        from fopi_tune.pipeline import prove
 
-        gains = FoPi(kp, ki, alpha)
         if not 0.0 < tolerance < math.inf:
             raise DomainError(f"tolerance = {tolerance!r} is not a finite number greater than 0; 1e-6 is usual")
-        return prove(loaded, gains, tolerance)
+        if kp is not None and ki is not None and alpha is not None:
+            return pipeline.prove(loaded, FoPi(kp, ki, alpha), tolerance)
+        gains = gains_of_earlier_design(loaded, handling)
+        if gains is None:
+            handling.note(f"{loaded.name}: no gains given, and no design of this spec there; tuning first ...")
+            design = pipeline.tune(loaded, proof=False)
+            if design.gains is None or design.status.value != "solved":
+                return design
+            gains = design.gains
+        return pipeline.prove(loaded, gains, tolerance)
 
-    handling = Handling("check.json", out, as_json, quiet, debug)
-    raise typer.Exit(process([spec], make, handling, "checking"))
+    raise typer.Exit(process([spec], make, handling, "proving"))
 
 
 @app.command()
@@ -152,11 +189,11 @@ def main() -> None:
         sys.exit(report_failure("fopi", error, "--debug" in sys.argv))
 
 
-def _tune(files: Sequence[str], handling: Handling) -> None:
+def _tune(files: Sequence[str], handling: Handling, proof: bool) -> None:
     def make(spec: DesignSpec) -> Design:
         from fopi_tune.pipeline import tune
 
-        return tune(spec)
+        return tune(spec) if proof else tune(spec, proof=False)
 
     raise typer.Exit(process(files, make, handling, "tuning"))
 

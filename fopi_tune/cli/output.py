@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 
+#: characters
+_LARGEST_RESULT = 200_000_000
+
+
 class Exit(IntEnum):
     """The process's exit code; of several specs the worst counts."""
 
@@ -75,6 +79,20 @@ def to_json(document: object) -> str:
 def reason_of(error: OSError) -> str:
     """What the operating system said."""
     return error.strerror or str(error)
+
+
+def read_text(path: Path) -> str:
+    """A file of results.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no text, or larger than any result.
+    """
+    with open(path, encoding="utf-8") as file:
+        text = file.read(_LARGEST_RESULT + 1)
+    if len(text) > _LARGEST_RESULT:
+        raise ValueError(f"{path} is larger than any result of this tool")
+    return text
 
 
 def write_file(path: Path, text: str) -> None:

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from fopi_tune.spec.model import DesignSpec
 
 
+CERTIFICATE_FILE = "certificate.json"
+
+
 @dataclass(frozen=True)
 class Handling:
     """What to do with results and failures."""
@@ -94,8 +97,14 @@ def _one(
     except Exception as error:
         return report_failure(spec.name, error, handling.debug)
     handling.note(f"{spec.name}: {document['status']} after {time.perf_counter() - start:.1f} s")
-    # The file comes before the table, so that a closed stdout costs nothing.
+    # The files come before the table, so that a closed stdout costs nothing.
     code = max(_exit_code(result), _write(handling.path(spec), text + "\n", spec.name, handling))
+    certificate = result.certificate_document()
+    if certificate is not None:
+        path = handling.path(spec).with_name(CERTIFICATE_FILE)
+        code = max(code, _write(path, to_json(certificate) + "\n", spec.name, handling))
+    elif handling.path(spec).with_name(CERTIFICATE_FILE).exists():
+        handling.note(f"{spec.name}: the {CERTIFICATE_FILE} there is of an earlier result, not of this one")
     if table is not None:
         if documents:
             print_out("")
@@ -117,7 +126,7 @@ def _write(path: Path, text: str, name: str, handling: Handling) -> Exit:
 def _exit_code(result: Design | Check) -> Exit:
     if result.status in ("solved", "met"):
         return Exit.MET
-    return Exit.TOOL_FAILED if result.status == "failed" else Exit.NOT_MET
+    return Exit.TOOL_FAILED if result.status in ("failed", "undecided") else Exit.NOT_MET
 
 
 def _table(result: Design | Check) -> Text:

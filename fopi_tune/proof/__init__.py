@@ -1,6 +1,21 @@
-"""The second opinion:  spec and gains -> Verification, never looking at how the gains were found."""
+"""The second opinion:  spec and gains -> Verification and Certificate, never looking at how the gains were found."""
 
+from fopi_tune.proof.certificate import Certificate, Verdict
+from fopi_tune.proof.certify import certify
+from fopi_tune.proof.recheck import Recheck, recheck
 from fopi_tune.proof.results import Outcome, Place, RequirementResult, Stability, Verification
 from fopi_tune.proof.verify import verify
 
-__all__ = ["Outcome", "Place", "RequirementResult", "Stability", "Verification", "verify"]
+__all__ = [
+    "Certificate",
+    "Outcome",
+    "Place",
+    "Recheck",
+    "RequirementResult",
+    "Stability",
+    "Verdict",
+    "Verification",
+    "certify",
+    "recheck",
+    "verify",
+]

@@ -9,7 +9,7 @@ import numpy as np
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops
 from fopi_tune.proof.changes import Samples
-from fopi_tune.proof.results import Outcome, Place, RequirementResult
+from fopi_tune.proof.results import Extreme, Outcome, Place, RequirementResult
 from fopi_tune.proof.search import find_worst, place_of
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import Relation, Requirement, Scope
@@ -26,15 +26,21 @@ def check_requirement(requirement: Requirement, samples: Samples, tolerance: flo
         samples: the family with the controller.
         tolerance: by how much it may be missed, in natural units.
     """
-    results = [_one_side(requirement, samples, largest) for largest in (False, True) if _has_side(requirement, largest)]
+    sides = [largest for largest in (False, True) if _has_side(requirement, largest)]
+    results = [_one_side(requirement, samples, largest) for largest in sides]
+    extremes = tuple(
+        Extreme(largest, None if math.isnan(achieved) else achieved, place)
+        for largest, (achieved, place) in zip(sides, results, strict=True)
+    )
     for achieved, place in results:
         if math.isnan(achieved):
-            return RequirementResult(requirement, None, Outcome.NO_CROSSOVER, None, None, place)
+            return RequirementResult(requirement, None, Outcome.NO_CROSSOVER, None, None, place, extremes)
     slacks = [_slack(requirement, achieved) for achieved, _ in results]
     k = int(np.argmin(slacks))
     (achieved, place), slack = results[k], slacks[k]
     score = _score(requirement, slack, tolerance)
-    return RequirementResult(requirement, achieved, _outcome(requirement, achieved, score), slack, score, place)
+    outcome = _outcome(requirement, achieved, score)
+    return RequirementResult(requirement, achieved, outcome, slack, score, place, extremes)
 
 
 def _has_side(requirement: Requirement, largest: bool) -> bool:

@@ -38,6 +38,21 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Extreme:
+    """One end of a quantity's range over a scope and band.
+
+    Args:
+        largest: the largest value, else the smallest.
+        achieved: in the quantity's public unit; None where a member has no gain crossover.
+        worst: where.
+    """
+
+    largest: bool
+    achieved: float | None
+    worst: Place
+
+
+@dataclass(frozen=True)
 class RequirementResult:
     """One requirement, looked at over its whole scope and band.
 
@@ -50,6 +65,7 @@ class RequirementResult:
             limit); for `equals` minus the distance; None without a gain crossover.
         score: at most 1 exactly when the requirement holds within the tolerance; None without a gain crossover.
         worst: the member and the frequency that decide.
+        extremes: the ends that the requirement limits, smallest first.
     """
 
     requirement: Requirement
@@ -58,6 +74,7 @@ class RequirementResult:
     slack: float | None
     score: float | None
     worst: Place
+    extremes: tuple[Extreme, ...] = ()
 
     @property
     def is_met(self) -> bool:

@@ -6,28 +6,39 @@ The layout is fixed and of ASCII characters, so that it reads the same in a term
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rich.text import Text
 
 from fopi_tune.proof.results import Outcome, Place, RequirementResult, Stability
+from fopi_tune.report.certificates import proof_lines
+from fopi_tune.report.phrases import (
+    BAD,
+    QUIET,
+    TIE,
+    VERDICT,
+    Line,
+    entry,
+    gains_line,
+    number,
+    requirement_phrase,
+    scope_phrase,
+    sentence,
+    style_of,
+    styled,
+    to_text,
+    with_unit,
+)
 from fopi_tune.result import Check, Design, RequirementReport, objective_name
-from fopi_tune.spec.model import Relation, Requirement, Scope
+from fopi_tune.spec.model import Requirement, Scope
 
 if TYPE_CHECKING:
-    from fopi_tune.core.controller import FoPi
     from fopi_tune.core.margins import Margins
     from fopi_tune.outcome import Give
 
-WIDTH = 80
-#: widths of the columns verdict, requirement, achieved, score, multiplier; 80 in sum
-_VERDICT, _WHAT, _ACHIEVED, _SCORE, _MULTIPLIER = 10, 38, 12, 9, 11
-_GOOD, _BAD, _QUIET = "bold green", "bold red", "dim"
-#: a space at which no line is broken
-_TIE = "\N{NO-BREAK SPACE}"
-_SIGNS = {Relation.EQUALS: "=", Relation.AT_LEAST: ">=", Relation.AT_MOST: "<="}
+#: widths of the columns requirement, achieved, score, multiplier; 80 in sum with the verdict
+_WHAT, _ACHIEVED, _SCORE, _MULTIPLIER = 38, 12, 9, 11
 #: a multiplier that changes the objective by less than this part of it is rounding
 _ROUNDING = 1e-6
 
@@ -38,94 +49,49 @@ _GAINS_TITLES = {
     "failed": "The best gains found; they are no solution:",
 }
 
-#: a line and its style
-Line = tuple[str, str]
-
 
 def design_text(design: Design) -> Text:
     """A design's status, gains, requirements, objective, stability and margins."""
     status = design.status.value
     solved = status == "solved"
-    lines: list[Line] = [*_styled(f"{design.spec.name}: {status}. {design.status.advice}", _style(solved))]
-    lines += _styled(f"Why: {_sentence(design.message)}" if design.message else "")
+    lines: list[Line] = [*styled(f"{design.spec.name}: {_headline(design)}", style_of(solved))]
+    lines += styled(f"Why: {sentence(design.message)}" if design.message else "")
     lines += _clash(design.clash, design.spec.requirements)
     if design.gains is not None:
-        lines += [("", ""), *_styled(_GAINS_TITLES.get(status, "")), (_gains(design.gains), "bold")]
+        lines += [("", ""), *styled(_GAINS_TITLES.get(status, "")), (gains_line(design.gains), "bold")]
     if design.gains is not None or not design.clash:
         lines += _requirements(design.requirements, design.objective)
     lines += _summary(objective_name(design.spec), design.objective, design.stability, design.nominal)
-    return _text(lines)
+    lines += proof_lines(design.certificate)
+    return to_text(lines)
+
+
+def _headline(design: Design) -> str:
+    status = design.status.value
+    if status != "solved":
+        return f"{status}. {design.status.advice}"
+    if design.certificate is None:
+        return f"{status}, not proved. {design.status.advice[:-1]}, as far as a check in floating point tells."
+    return f"{status}. All requirements are proved for every plant and every frequency."
 
 
 def check_text(check: Check) -> Text:
     """What the verification of given gains found, laid out as a design."""
     found = check.verification
-    if found.all_met:
-        said = "The gains meet every requirement for the whole family."
+    if check.status == "met":
+        said = "All requirements are proved for every plant and every frequency."
+    elif check.status == "undecided":
+        said = "The gains pass the check in floating point; not everything could be proved."
     elif found.stability.stable:
         said = "The gains do not meet the requirements that are marked."
     else:
         said = "The loop is not stable for every plant of the family."
-    lines = [*_styled(f"{check.spec.name}: {check.status}. {said}", _style(found.all_met)), ("", "")]
-    lines.append((_gains(found.gains), "bold"))
-    lines += _requirements([RequirementReport(r.requirement, r, None) for r in found.requirements], found.objective)
+    lines = [*styled(f"{check.spec.name}: {check.status}. {said}", style_of(check.status == "met")), ("", "")]
+    lines.append((gains_line(found.gains), "bold"))
+    lines += _requirements(check.reports, found.objective)
     lines += _summary(objective_name(check.spec), found.objective, found.stability, found.nominal)
-    return _text(lines)
-
-
-def requirement_phrase(requirement: Requirement) -> str:
-    """A requirement as a formula: "phase_margin_deg >= 80"; its scope and band are left out."""
-    limits = [f"{limit:.10g}" for limit in requirement.limits]
-    if requirement.relation is Relation.BETWEEN:
-        return f"{requirement.quantity} in [{', '.join(limits)}]"
-    return f"{requirement.quantity} {_SIGNS[requirement.relation]} {limits[0]}"
-
-
-def scope_phrase(requirement: Requirement) -> str:
-    """For which plants and frequencies a requirement holds: "family, up to 0.02 rad/s"."""
-    low, high = requirement.from_rad_s, requirement.to_rad_s
-    plants = "nominal plant" if requirement.scope is Scope.NOMINAL else "family"
-    if low == high:
-        return f"{plants}, at {_with_unit(low, 'rad/s')}"
-    if low > 0.0 and math.isfinite(high):
-        return f"{plants}, from {_number(low)} to {_with_unit(high, 'rad/s')}"
-    if low > 0.0:
-        return f"{plants}, from {_with_unit(low, 'rad/s')} on"
-    return f"{plants}, up to {_with_unit(high, 'rad/s')}" if math.isfinite(high) else plants
-
-
-def _text(lines: Sequence[Line]) -> Text:
-    text = Text()
-    for line, style in lines:
-        text.append(line.replace(_TIE, " ").rstrip() + "\n", style)
-    text.rstrip()
-    return text
-
-
-def _style(good: bool) -> str:
-    return _GOOD if good else _BAD
-
-
-def _styled(sentence: str, style: str = "", indent: str = "", first: str = "") -> list[Line]:
-    """A sentence broken into lines; none when it is empty."""
-    wrapped = textwrap.wrap(
-        sentence,
-        WIDTH,
-        initial_indent=first or indent,
-        subsequent_indent=indent,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-    return [(line, style) for line in wrapped]
-
-
-def _sentence(words: str) -> str:
-    return words if words.endswith(".") else words + "."
-
-
-def _gains(gains: FoPi) -> str:
-    values = "   ".join(f"{name} = {_number(getattr(gains, name))}" for name in ("kp", "ki", "alpha"))
-    return f"{values:<56}C(s) = kp + ki / s^alpha"
+    lines += proof_lines(check.certificate)
+    return to_text(lines)
 
 
 def _requirements(reports: Sequence[RequirementReport], objective: float | None) -> Iterator[Line]:
@@ -135,31 +101,33 @@ def _requirements(reports: Sequence[RequirementReport], objective: float | None)
         yield "No requirements but stability.", ""
         return
     priced = any(report.multiplier is not None for report in reports)
-    header = f"{'':{_VERDICT}}{'requirement':<{_WHAT}}{'achieved':>{_ACHIEVED}}{'score':>{_SCORE}}"
+    header = f"{'':{VERDICT}}{'requirement':<{_WHAT}}{'achieved':>{_ACHIEVED}}{'score':>{_SCORE}}"
     yield header + (f"{'multiplier':>{_MULTIPLIER}}" if priced else ""), "bold"
     for report in reports:
         yield from _requirement(report, objective, priced)
     yield "", ""
-    yield "A score of at most 1 is met.", _QUIET
+    yield "A score of at most 1 is met.", QUIET
     if priced:
-        yield "The multiplier is what the objective gains for each unit the limit gives.", _QUIET
+        yield "The multiplier is what the objective gains for each unit the limit gives.", QUIET
 
 
 def _requirement(report: RequirementReport, objective: float | None, priced: bool) -> Iterator[Line]:
     requirement, result = report.requirement, report.result
     met = result is not None and result.is_met
     verdict = "open" if result is None else "met" if met else "violated"
+    if met and report.proof is not None:
+        verdict = report.proof.verdict.value
     numbers = f"{_achieved(requirement, result):>{_ACHIEVED}}{_score(result):>{_SCORE}}"
     if priced:
         numbers += f"{_multiplier(report, objective):>{_MULTIPLIER}}"
     what, style = requirement_phrase(requirement), "" if met or result is None else "red"
     if len(what) > _WHAT:
-        yield f"{verdict:<{_VERDICT}}{what}", style
-        yield f"{'':{_VERDICT + _WHAT}}{numbers}", style
+        yield f"{verdict:<{VERDICT}}{what}", style
+        yield f"{'':{VERDICT + _WHAT}}{numbers}", style
     else:
-        yield f"{verdict:<{_VERDICT}}{what:<{_WHAT}}{numbers}", style
+        yield f"{verdict:<{VERDICT}}{what:<{_WHAT}}{numbers}", style
     where = f"{scope_phrase(requirement)}; {_worst(requirement, result)}" if result else scope_phrase(requirement)
-    yield from _styled(where, _QUIET, indent=" " * (_VERDICT + 2))
+    yield from styled(where, QUIET, indent=" " * (VERDICT + 2))
 
 
 def _achieved(requirement: Requirement, result: RequirementResult | None) -> str:
@@ -173,7 +141,7 @@ def _achieved(requirement: Requirement, result: RequirementResult | None) -> str
     digits = 5
     while not result.is_met and digits < 9 and float(f"{result.achieved:.{digits}g}") in requirement.limits:
         digits += 1
-    return _number(result.achieved, digits)
+    return number(result.achieved, digits)
 
 
 def _score(result: RequirementResult | None) -> str:
@@ -212,11 +180,11 @@ def _frequency(omega_rad_s: float | None) -> str:
         return "at no single frequency"
     if omega_rad_s == 0.0 or math.isinf(omega_rad_s):
         return f"as omega tends to {'0' if omega_rad_s == 0.0 else 'infinity'}"
-    return f"at {_with_unit(omega_rad_s, 'rad/s')}"
+    return f"at {with_unit(omega_rad_s, 'rad/s')}"
 
 
 def _plant(plant: Mapping[str, float]) -> str:
-    named = ", ".join(f"{name}{_TIE}={_TIE}{_number(value)}" for name, value in plant.items())
+    named = ", ".join(f"{name}{TIE}={TIE}{number(value)}" for name, value in plant.items())
     return f" with {named}" if named else ""
 
 
@@ -229,9 +197,9 @@ def _clash(clash: Sequence[Give], requirements: Sequence[Requirement]) -> Iterat
     yield "These clash; one of them would have to give:" if known else "These clash:", "bold"
     for give in clash:
         requirement = requirements[give.requirement]
-        yield from _styled(f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})", "", "    ", "  ")
+        yield from styled(f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})", "", "    ", "  ")
         if give.amount is not None and give.new_limit is not None:
-            yield f"      by {_number(give.amount)}, to {_number(give.new_limit)}", ""
+            yield f"      by {number(give.amount)}, to {number(give.new_limit)}", ""
         elif known:
             yield "      no change of this limit alone was found to help", ""
 
@@ -242,18 +210,14 @@ def _summary(
     if stability is None:
         return
     yield "", ""
-    value = "undefined: a plant has no gain crossover" if objective is None else _number(objective)
-    yield from _entry("objective", f"{objective_name}: {value}")
+    value = "undefined: a plant has no gain crossover" if objective is None else number(objective)
+    yield from entry("objective", f"{objective_name}: {value}")
     if stability.stable:
-        yield from _entry("stability", f"stable: {stability.reason}; closest to -1 {_place(stability.worst)}")
+        yield from entry("stability", f"stable: {stability.reason}; closest to -1 {_place(stability.worst)}")
     else:
-        yield from _entry("stability", f"NOT STABLE: {stability.reason}{_plant(stability.worst.plant)}", _BAD)
+        yield from entry("stability", f"NOT STABLE: {stability.reason}{_plant(stability.worst.plant)}", BAD)
     if nominal is not None:
-        yield from _entry("nominal", _margins(nominal))
-
-
-def _entry(label: str, words: str, style: str = "") -> list[Line]:
-    return _styled(words, style, indent=" " * _VERDICT, first=f"{label:<{_VERDICT}}")
+        yield from entry("nominal", _margins(nominal))
 
 
 def _margins(found: Margins) -> str:
@@ -261,25 +225,16 @@ def _margins(found: Margins) -> str:
     if found.crossover_rad_s is None or found.phase_margin_deg is None or found.delay_margin_s is None:
         parts.append("no gain crossover")
     else:
-        all_of_them = ", ".join(_number(omega) for omega in found.gain_crossovers_rad_s)
+        all_of_them = ", ".join(number(omega) for omega in found.gain_crossovers_rad_s)
         plural = "s" if len(found.gain_crossovers_rad_s) > 1 else ""
         parts += [
-            f"crossover{plural} {all_of_them}{_TIE}rad/s",
-            f"phase margin {_with_unit(found.phase_margin_deg, 'deg')}",
+            f"crossover{plural} {all_of_them}{TIE}rad/s",
+            f"phase margin {with_unit(found.phase_margin_deg, 'deg')}",
         ]
     infinite = math.isinf(found.gain_margin_db)
-    parts.append("gain margin infinite" if infinite else f"gain margin {_with_unit(found.gain_margin_db, 'dB')}")
+    parts.append("gain margin infinite" if infinite else f"gain margin {with_unit(found.gain_margin_db, 'dB')}")
     if math.isfinite(found.gain_reduction_margin_db):
-        parts.append(f"gain reduction margin {_with_unit(found.gain_reduction_margin_db, 'dB')}")
+        parts.append(f"gain reduction margin {with_unit(found.gain_reduction_margin_db, 'dB')}")
     if found.delay_margin_s is not None:
-        parts.append(f"delay margin {_with_unit(found.delay_margin_s, 's')}")
+        parts.append(f"delay margin {with_unit(found.delay_margin_s, 's')}")
     return ", ".join(parts)
-
-
-def _number(value: float, digits: int = 5) -> str:
-    # "-0" helps nobody
-    return f"{value + 0.0:.{digits}g}"
-
-
-def _with_unit(value: float, unit: str) -> str:
-    return f"{_number(value)}{_TIE}{unit}"

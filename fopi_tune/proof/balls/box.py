@@ -1,0 +1,75 @@
+"""Boxes of the frequency axis and the uncertain numbers, and how they are cut.
+
+Axis 0 is u = ln omega; its ends may be infinite, and such a tail is a box like any other.  The other axes are the
+family's uncertain numbers.  Ends are doubles and are shared by neighbours, so that pieces cover what was cut.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from flint import arb
+
+#: both ends, finite or not
+Interval = tuple[float, float]
+#: axis 0 is u = ln omega
+Box = tuple[Interval, ...]
+
+#: by how much a tail's end moves outwards when the tail is cut
+_TAIL_STEP = 3.0
+
+
+def middle_of(interval: Interval, origin: float = 0.0) -> float:
+    """Where an interval is cut: half-way, a step inside the end of a tail, at the origin when it has no end at all."""
+    low, high = interval
+    if math.isinf(low):
+        return origin if math.isinf(high) else high - _TAIL_STEP
+    return low + _TAIL_STEP if math.isinf(high) else low + 0.5 * (high - low)
+
+
+def split(box: Box, axis: int, origin: float = 0.0) -> tuple[Box, Box] | None:
+    """The two pieces of a box; None when the axis is too short for another double between its ends."""
+    low, high = box[axis]
+    middle = middle_of(box[axis], origin)
+    if not low < middle < high:
+        return None
+    return with_interval(box, axis, (low, middle)), with_interval(box, axis, (middle, high))
+
+
+def with_interval(box: Box, axis: int, interval: Interval) -> Box:
+    """The box with one axis replaced."""
+    return (*box[:axis], interval, *box[axis + 1 :])
+
+
+def ball_of(interval: Interval) -> arb:
+    """The smallest ball that holds a finite interval."""
+    low, high = interval
+    return arb(low) if low == high else arb(low).union(arb(high))
+
+
+def is_tail(interval: Interval) -> bool:
+    """Whether an end is infinite."""
+    return math.isinf(interval[0]) or math.isinf(interval[1])
+
+
+def centre_of(box: Box) -> tuple[float, ...]:
+    """The place in the middle of a box without tails."""
+    return tuple(low if low == high else low + 0.5 * (high - low) for low, high in box)
+
+
+def outward(low: float, high: float) -> Interval:
+    """[ln low, ln high], a few units in the last place wider than the logarithms of two positive numbers."""
+    ends = math.log(low) if low > 0.0 else -math.inf, math.log(high) if math.isfinite(high) else math.inf
+    steps = [abs(end) * 1e-15 + 1e-300 if math.isfinite(end) else 0.0 for end in ends]
+    first, last = ends[0] - steps[0], ends[1] + steps[1]
+    inside = math.isinf(first) or bool(arb(first).exp() <= arb(low))
+    inside = inside and (math.isinf(last) or bool(arb(last).exp() >= arb(high)))
+    if not inside:
+        raise ArithmeticError(f"the logarithms of {low!r} and {high!r} are not enclosed")
+    return first, last
+
+
+def points(values: Sequence[float]) -> Box:
+    """The box of a single place."""
+    return tuple((value, value) for value in values)

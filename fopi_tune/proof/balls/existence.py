@@ -1,0 +1,168 @@
+"""Claims that every plant has a crossing of some kind:  a change of sign between two frequencies, shown with each box.
+
+A leaf `x-1.25:-1.2` says: for every plant of the box there is a crossing between these values of u, and wherever it
+lies there, its value keeps to the level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from flint import arb
+
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.margins import phase_crossovers
+from fopi_tune.proof.balls.box import Box, centre_of
+from fopi_tune.proof.balls.claim import Claim, Finding, deviations, longest, widest
+from fopi_tune.proof.balls.crossings import changes_sign, combine, zone_of
+from fopi_tune.proof.balls.loop import BallLoop
+from fopi_tune.proof.balls.reading import Reader, Reading, slopes_of
+
+#: half-widths in u of the zones tried for a crossing without a level
+_ZONES = (1e-9, 1.0, 4.0, 16.0)
+_LEAST_HALF_WIDTH = 1e-10
+
+
+@dataclass(frozen=True)
+class SomeCrossover(Claim):
+    """Every plant has a gain crossover with psi <= level (or >= level); without a level, any.
+
+    Args:
+        loop: gains and family.
+        reading: psi.
+        level: in psi's unit; None for a crossover anywhere.
+        upper: True for <=.
+        domain: the plants; axis 0 is not cut.
+        origin: not used.
+    """
+
+    loop: BallLoop
+    reading: Reading
+    level: float | None
+    upper: bool
+    domain: Box
+    origin: float
+    reader: Reader = field(compare=False, repr=False)
+
+    def examine(self, box: Box) -> Finding:
+        theta = centre_of(box[1:])
+        axis = longest(((0.0, 0.0), *box[1:]))
+        for u in self._candidates(theta):
+            if self.level is None:
+                zones = [(u - width, u + width) for width in _ZONES]
+            else:
+                steep = self.loop.at_centre(((u, u), *box[1:]))
+                slope = steep.log_slope.real
+                gains = [g.real for g in steep.log_gradient]
+                moved = [abs(g / slope) for g in gains]
+                reach = sum(float(m.abs_upper()) * 0.5 * (b - a) for m, (a, b) in zip(moved, box[1:], strict=True))
+                zones = [(u - width, u + width) for width in (1.25 * reach + _LEAST_HALF_WIDTH,)]
+                axis = widest(((0.0, 0.0), *box[1:]), [arb(0), *moved]) if len(box) > 1 else 0
+            for zone in zones:
+                leaf = f"x{zone[0]!r}:{zone[1]!r}"
+                if self.holds(box, leaf):
+                    return Finding(leaf)
+        return Finding(None, axis)
+
+    def _candidates(self, theta: tuple[float, ...]) -> list[float]:
+        """Where the central plant crosses |L| = 1, the most favourable first."""
+        found = self.reader.crossings(theta)
+        if len(found) < 2 or self.level is None or self.reading is Reading.CROSSOVER:
+            return found[-1:]
+        values = []
+        for u in found:
+            at = self.loop.at_centre(((u, u), *((value, value) for value in theta)))
+            values.append((float(self.reader.value(self.reading, at, theta).mid()), u))
+        return [u for _, u in sorted(values, reverse=not self.upper)][:2]
+
+    def holds(self, box: Box, leaf: str) -> bool:
+        zone = zone_of(leaf[1:]) if leaf[:1] == "x" else None
+        if zone is None:
+            return False
+        low, high = zone
+        if self.level is None:
+            return changes_sign(self.loop, zone, box[1:])
+        if self.reading is Reading.CROSSOVER:
+            # a crossing in the part of the zone that counts
+            low, high = (low, min(high, self.level)) if self.upper else (max(low, self.level), high)
+            return low < high and changes_sign(self.loop, (low, high), box[1:])
+        return changes_sign(self.loop, zone, box[1:]) and self._keeps_to(self.level, (zone, *box[1:]))
+
+    def _keeps_to(self, level: float, box: Box) -> bool:
+        over, centre, shifts = self.loop.over(box), self.loop.at_centre(box), deviations(box)
+        value = self.reader.value(self.reading, centre, centre_of(box)[1:])
+        slopes = slopes_of(self.reading, over, value, shifts, centre.omega)
+        gains = [over.log_slope.real, *(g.real for g in over.log_gradient)]
+        combined, factor = combine(slopes, gains)
+        total = value + factor * abs(centre.gain).log()
+        total = total + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
+        return bool(total <= level if self.upper else total >= level)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "kind": "some_crossover",
+            "reading": self.reading.value,
+            "level": self.level,
+            "relation": "at_most" if self.upper else "at_least",
+        }
+
+
+@dataclass(frozen=True)
+class SomePhaseCrossover(Claim):
+    """Every plant has arg L = -180 deg (mod 360) with  -level <= ln|L| < 0 : the gain margin is at most `level`.
+
+    Args:
+        loop: gains and family.
+        level: in neper, > 0.
+        domain: the plants; axis 0 is not cut.
+        origin: not used.
+    """
+
+    loop: BallLoop
+    level: float
+    domain: Box
+    origin: float
+
+    def examine(self, box: Box) -> Finding:
+        theta = centre_of(box[1:])
+        plants = Plants.members(self.loop.family, np.array([theta], dtype=float))
+        crossings = phase_crossovers(Loops.of(self.loop.gains, plants))
+        useful = (crossings.gain < 1.0) & np.isfinite(crossings.omega_rad_s)
+        axis = longest(((0.0, 0.0), *box[1:]))
+        if not useful.any():
+            return Finding(None, axis)
+        k = int(np.argmax(np.where(useful, crossings.gain, -1.0)))
+        u = float(np.log(crossings.omega_rad_s[k]))
+        at = self.loop.at_centre(((u, u), *box[1:]))
+        moved = [abs(g.imag / at.log_slope.imag) for g in at.log_gradient]
+        reach = sum(float(m.abs_upper()) * 0.5 * (b - a) for m, (a, b) in zip(moved, box[1:], strict=True))
+        width = 1.25 * reach + _LEAST_HALF_WIDTH
+        leaf = f"x{u - width!r}:{u + width!r}"
+        return Finding(leaf) if self.holds(box, leaf) else Finding(None, axis)
+
+    def holds(self, box: Box, leaf: str) -> bool:
+        zone = zone_of(leaf[1:]) if leaf[:1] == "x" else None
+        if zone is None:
+            return False
+        signs = [self._turn(((end, end), *box[1:]))[0] for end in zone]
+        if not ((signs[0] > 0 and signs[1] < 0) or (signs[0] < 0 and signs[1] > 0)):
+            return False
+        turn, combined = self._turn((zone, *box[1:]))
+        # -L keeps away from the negative real axis, so that its argument is continuous and passes 0
+        return bool(turn.abs_upper() < arb.pi() and combined <= 0 and combined >= -arb(self.level))
+
+    def _turn(self, box: Box) -> tuple[arb, arb]:
+        """b = arg(-L) over a box, and ln|L| + lambda b."""
+        over, shifts = self.loop.over(box), deviations(box)
+        gradient = [over.log_slope, *over.log_gradient]
+        centre = self.loop.at_centre(box).gain
+        turn, log_gain = (-centre).arg(), abs(centre).log()
+        combined, factor = combine([g.real for g in gradient], [g.imag for g in gradient])
+        turned = turn + sum((g.imag * d for g, d in zip(gradient, shifts, strict=True)), arb(0))
+        total = log_gain + factor * turn + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
+        return turned, total
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"kind": "some_phase_crossover", "level_neper": self.level}

@@ -1,0 +1,305 @@
+"""The lag with an uncertain time constant in closed form:  claims in omega alone.
+
+P = K e^{-j omega L}/(1 + jx) with x = omega tau, and G = K C e^{-j omega L} = A - 1 + jb.  For every omega the plants
+are the interval x1 <= x <= x2, x1 = omega tau_min, x2 = omega tau_max.
+
+Responses.  |S|^2 = (1 + x^2)/(A^2 + (x + b)^2), |T|^2 = |G|^2/(...), |C S|^2 = |C|^2 (1 + x^2)/(...), |L|^2 =
+|G|^2/(1 + x^2).  Each bound M is a quadratic that must not be negative on the interval,
+
+    q(x) = qa x^2 + 2 qb x + qc >= 0 ,                                                                             (1)
+
+        |S| <= M :    M^2 - 1,      M^2 b,    M^2 (A^2 + b^2) - 1
+        |T| <= M :    M^2,          M^2 b,    M^2 (A^2 + b^2) - |G|^2
+        |C S| <= M :  M^2 - |C|^2,  M^2 b,    M^2 (A^2 + b^2) - |C|^2
+        |L| <= M :    M^2,          0,        M^2 - |G|^2 ,
+
+and all signs change for >=.  Its least value is at x1 or x2, or at the vertex -qb/qa, where it is (qa qc - qb^2)/qa.
+
+Gain crossovers.  |L| = 1 iff x = sqrt(|G|^2 - 1), hence  PM = pi + arg G - atan x  at that omega alone.             (2)
+
+Phase crossovers.  L = -m < 0 iff G = -m (1 + jx), hence  m = -Re G,  x = Im G/Re G.                                 (3)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from flint import acb, arb
+
+from fopi_tune.core.peaks import Response
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.proof.balls.argument import controller_phase
+from fopi_tune.proof.balls.bound import Bound
+from fopi_tune.proof.balls.box import Box, Interval, ball_of, is_tail
+from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding
+from fopi_tune.proof.balls.crossings import EveryCrossover, EveryPhaseCrossover
+from fopi_tune.proof.balls.loop import BallLoop
+from fopi_tune.proof.balls.reading import Reading
+
+#: a value and its derivative in u
+Pair = tuple[arb, arb]
+_CUT = Finding(None, 0)
+_FLAT_AT_LARGE_GAIN = (Response.COMPLEMENTARY_SENSITIVITY, Response.CONTROL_SENSITIVITY)
+_LARGE_GAIN = 4.0
+
+
+def is_lag_family(family: PlantFamily) -> bool:
+    """Whether only the time constant of a lag is uncertain."""
+    return family.model == "lag" and family.uncertain_names == ("time_constant_s",)
+
+
+class _At:
+    """G and its derivative over an interval of u."""
+
+    __slots__ = ("_loop", "_tau", "_u", "c", "c_slope", "dead_time", "g", "gain", "log_slope", "omega")
+
+    def __init__(self, loop: BallLoop, u: arb, plant: tuple[arb, arb], tau: tuple[arb, arb]) -> None:
+        self._loop, self._u, self._tau = loop, u, tau
+        self.gain, self.dead_time = plant
+        self.omega = u.exp()
+        c, slope = loop.controller(u)
+        # G = K C e^{-j omega L},  d ln G/du = d ln C/du - j omega L
+        g = self.gain * c
+        self.c, self.c_slope = c, slope
+        if not self.dead_time.is_zero():
+            turn = self.omega * self.dead_time
+            sine, cosine = turn.sin_cos()
+            g, slope = g * acb(cosine, -sine), slope - acb(0, turn)
+        self.g, self.log_slope = g, slope
+
+    @property
+    def g_slope(self) -> acb:
+        """dG/du."""
+        return self.g * self.log_slope
+
+    @property
+    def g_squared(self) -> Pair:
+        """|G|^2."""
+        real, imag = self.g.real, self.g.imag
+        size = real * real + imag * imag
+        return size, 2 * size * self.log_slope.real
+
+    @property
+    def c_squared(self) -> Pair:
+        """|C|^2."""
+        real, imag = self.c.real, self.c.imag
+        size = real * real + imag * imag
+        return size, 2 * size * self.c_slope.real
+
+    def x(self, upper: bool) -> arb:
+        """x1 or x2; its own derivative in u."""
+        return self.omega * self._tau[upper]
+
+    @property
+    def g_phase(self) -> arb:
+        """arg G, unwrapped, at one frequency."""
+        phase = controller_phase(self._loop, self._u) - self.omega * self.dead_time
+        gains = self._loop.gains
+        lead = gains.ki if gains.ki != 0.0 else gains.kp
+        if self.gain > 0:
+            return phase
+        return phase + arb.pi() if lead < 0.0 else phase - arb.pi()  # two minus signs cancel
+
+
+@dataclass(frozen=True)
+class _Lag(Claim):
+    """What the closed forms share; boxes have the axis u alone.
+
+    Args:
+        general: the same claim for any plant; it settles the tails.
+    """
+
+    general: Any
+
+    @property
+    def domain(self) -> Box:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The frequencies of the general claim."""
+        return self.general.domain[:1]
+
+    @property
+    def origin(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """u at which an axis without ends is cut first."""
+        return self.general.origin
+
+    @cached_property
+    def _tau(self) -> tuple[arb, arb]:
+        low, high = self.general.domain[1]
+        return arb(low), arb(high)
+
+    @cached_property
+    def _plant(self) -> tuple[arb, arb]:
+        """K and the dead time."""
+        plant = self.general.loop.plant([self._tau[0]])
+        return plant.numerator[0].value, plant.dead_time.value
+
+    def examine(self, box: Box) -> Finding:
+        u = box[0]
+        if is_tail(u):
+            return self._by_the_general_claim(u)
+        ball = ball_of(u)
+        middle = arb(u[0] + 0.5 * (u[1] - u[0]) if u[0] < u[1] else u[0])
+        loop, plant, tau = self.general.loop, self._plant, self._tau
+        return self._examine(u, _At(loop, ball, plant, tau), _At(loop, middle, plant, tau), ball - middle)
+
+    def _by_the_general_claim(self, u: Interval) -> Finding:
+        found = self.general.examine((u, *self.general.domain[1:]))
+        return HOLDS if found.leaf is not None else _CUT
+
+    def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
+        raise NotImplementedError
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**self.general.to_dict(), "form": "lag"}
+
+
+@dataclass(frozen=True)
+class LagBound(_Lag):
+    """A bound of a response, by (1)."""
+
+    general: Bound
+
+    @cached_property
+    def _square(self) -> arb:
+        return (2 * arb(self.general.level)).exp()
+
+    def _quadratic(self, at: _At) -> tuple[Pair, Pair, Pair]:
+        """qa, qb and qc with their derivatives."""
+        m2, zero = self._square, arb(0)
+        response = self.general.response
+        if response is Response.LOOP_GAIN:
+            size, slope = at.g_squared
+            found = (m2, zero), (zero, zero), (m2 - size, -slope)
+        else:
+            g, slope = at.g, at.g_slope
+            a, da, b, db = 1 + g.real, slope.real, g.imag, slope.imag
+            distance, d_distance = m2 * (a * a + b * b), 2 * m2 * (a * da + b * db)
+            linear = m2 * b, m2 * db
+            if response is Response.SENSITIVITY:
+                found = (m2 - 1, zero), linear, (distance - 1, d_distance)
+            elif response is Response.COMPLEMENTARY_SENSITIVITY:
+                size, slope = at.g_squared
+                found = (m2, zero), linear, (distance - size, d_distance - slope)
+            else:
+                size, slope = at.c_squared
+                found = (m2 - size, -slope), linear, (distance - size, d_distance - slope)
+        if self.general.upper:
+            return found
+        return tuple((-value, -slope) for value, slope in found)  # pyright: ignore[reportReturnType]
+
+    def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
+        # Where |L| is large, |T| and |C S| hardly depend on it, while (1) is a difference of large numbers.
+        large = self.general.response in _FLAT_AT_LARGE_GAIN and over.g.abs_lower() > _LARGE_GAIN
+        if large and self._by_the_general_claim(u).leaf is not None:
+            return HOLDS
+        wide, middle = self._quadratic(over), self._quadratic(centre)
+        for upper in (False, True):
+            value = _end(middle, centre.x(upper))
+            if value < 0:
+                return Finding(None, 0, (), counterexample=True)
+            if not value + _end_slope(wide, over.x(upper)) * shift >= 0:
+                return _CUT
+        (qa, _), (qb, _), _ = wide
+        # not convex, or rising already at x1, or still falling at x2: whatever the sign of qa, an end is the least
+        if qa <= 0 or qb + qa * over.x(False) >= 0 or qb + qa * over.x(True) <= 0:
+            return HOLDS
+        discriminant = _discriminant(middle) + _discriminant_slope(wide) * shift
+        return HOLDS if qa > 0 and discriminant >= 0 else _CUT
+
+
+def _end(q: tuple[Pair, Pair, Pair], x: arb) -> arb:
+    """q(x)."""
+    (a, _), (b, _), (c, _) = q
+    return (a * x + 2 * b) * x + c
+
+
+def _end_slope(q: tuple[Pair, Pair, Pair], x: arb) -> arb:
+    """dq(x)/du where dx/du = x."""
+    (a, da), (b, db), (_, dc) = q
+    return (da + 2 * a) * x * x + 2 * (db + b) * x + dc
+
+
+def _discriminant(q: tuple[Pair, Pair, Pair]) -> arb:
+    """qa qc - qb^2, of the sign of q at its vertex when qa > 0."""
+    (a, _), (b, _), (c, _) = q
+    return a * c - b * b
+
+
+def _discriminant_slope(q: tuple[Pair, Pair, Pair]) -> arb:
+    (a, da), (b, db), (c, dc) = q
+    return da * c + a * dc - 2 * b * db
+
+
+@dataclass(frozen=True)
+class LagCrossover(_Lag):
+    """Phase or delay margin at every gain crossover, by (2)."""
+
+    general: EveryCrossover
+
+    def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
+        square, square_slope = over.g_squared
+        y = centre.g_squared[0] - 1
+        for upper in (False, True):
+            x, wide = centre.x(upper), over.x(upper)
+            # y - x^2 has one sign on the box: no plant crosses |L| = 1 here
+            apart = y - x * x + (square_slope - 2 * wide * wide) * shift
+            if apart > 0 if upper else apart < 0:
+                return HOLDS
+        root = (square - 1).sqrt()
+        if not (root.is_finite() and root > 0 and y > 0):
+            return _CUT
+        value = arb.pi() + centre.g_phase - y.sqrt().atan()
+        # d atan(sqrt y)/du = (dy/du)/(2 sqrt y (1 + y)), and dy/du = 2 (1 + y) Re d ln G/du
+        slope = over.log_slope.imag - over.log_slope.real / root
+        if self.general.reading is Reading.DELAY_MARGIN:
+            margin = value + slope * shift
+            value = value / centre.omega
+            slope = (slope - margin) / over.omega
+        total = value + slope * shift
+        level = self.general.level
+        return HOLDS if (total <= level if self.general.upper else total >= level) else _CUT
+
+
+@dataclass(frozen=True)
+class LagPhaseCrossover(_Lag):
+    """No phase crossover with |L| from e^-level to 1, by (3)."""
+
+    general: EveryPhaseCrossover
+
+    def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
+        slope, at = over.g_slope, centre.g
+        real = at.real + slope.real * shift
+        if real > -(-arb(self.general.level)).exp() or real < -1:
+            return HOLDS
+        # Im G - x Re G > 0 is x < Im G/Re G turned round by Re G < 0, and its derivative has dx/du = x
+        for upper, sign in ((False, 1), (True, -1)):
+            value = at.imag - centre.x(upper) * at.real
+            change = slope.imag - over.x(upper) * (slope.real + over.g.real)
+            if sign * (value + change * shift) > 0:
+                return HOLDS
+        return _CUT
+
+
+#: the general claim's class -> the closed form
+CLOSED_FORMS: dict[type[Claim], Callable[[Any], Claim]] = {
+    Bound: LagBound,
+    EveryCrossover: LagCrossover,
+    EveryPhaseCrossover: LagPhaseCrossover,
+}
+
+
+def closed_form(claim: Claim) -> Claim:
+    """The claim in omega alone where the family is a lag with one uncertain time constant; else itself."""
+    form = CLOSED_FORMS.get(type(claim))
+    loop = getattr(claim, "loop", None)
+    if form is None or loop is None or not is_lag_family(loop.family) or len(claim.domain) != 2:
+        return claim
+    low, high = claim.domain[1]
+    if not 0.0 < low < high < math.inf:
+        return claim
+    if isinstance(claim, EveryCrossover) and claim.reading not in (Reading.PHASE_MARGIN, Reading.DELAY_MARGIN):
+        return claim
+    return form(claim)

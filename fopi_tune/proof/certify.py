@@ -1,0 +1,273 @@
+"""Prove, refute or leave undecided what a spec asks of gains, for every plant and every frequency.
+
+The verification in floating point says where each quantity is worst and how bad it is there.  That place is confirmed
+in ball arithmetic (the witness), a level just beyond it is shown for the whole family (the bound), and the distance of
+the two is the gap.  Floats choose what to show; only balls show it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from flint import arb, ctx
+
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.proof.balls.bound import value_of
+from fopi_tune.proof.balls.box import points
+from fopi_tune.proof.balls.claim import Claim
+from fopi_tune.proof.balls.loop import PRECISION
+from fopi_tune.proof.balls.poles import count_unstable_poles
+from fopi_tune.proof.balls.search import Search, search
+from fopi_tune.proof.certificate import (
+    Certificate,
+    Record,
+    RequirementProof,
+    SideProof,
+    StabilityProof,
+    Verdict,
+    relaxed_limit,
+    scale_of,
+)
+from fopi_tune.proof.obligations import Case, breaks, never_crosses, stable_throughout, stays
+from fopi_tune.proof.results import Extreme, Place, RequirementResult, Verification
+from fopi_tune.quantities import QUANTITIES
+from fopi_tune.quantities.base import NEPER_PER_DB
+from fopi_tune.quantities.responses import FrequencyFunction
+from fopi_tune.spec.model import DesignSpec, Relation, Requirement
+
+#: the most boxes a claim may take
+BUDGET = 40_000
+#: relative distance from the worst value to the level that is shown; wider ones are tried in turn
+_GAPS = (5e-7, 5e-5, 5e-4)
+#: the same for `equals`, which is about one plant: its bounds are the enclosure of the value
+_ENCLOSURES = (4e-12, 1e-10, 1e-8)
+#: relative distance to the limit below which a claim at the limit itself would take too many boxes
+_LEAST_ROOM = 1e-8
+#: how far short of its value in floating point a witness is asked to reach
+_WITNESS = 1e-10
+_MOST_ROUNDS = 6
+#: neper beyond the peak of |S|; for stability any bound will do
+_STABILITY_MARGIN = 0.7
+
+
+def certify(spec: DesignSpec, found: Verification, versions: dict[str, str]) -> Certificate:
+    """Turn a verification into a certificate.
+
+    Args:
+        spec: what is asked.
+        found: what the verification of the gains said.
+        versions: what the certificate says computed it.
+    """
+    case = Case(found.gains, spec.plant, _origin(spec, found))
+    with ctx.workprec(PRECISION):
+        stability = _stability(case, found)
+        proofs = tuple(_requirement(case, result, found.tolerance) for result in found.requirements)
+    return Certificate(spec.name, spec.sha256, case, found.tolerance, stability, proofs, versions)
+
+
+def _origin(spec: DesignSpec, found: Verification) -> float:
+    """ln of the nominal crossover, or the middle of the nominal loop's corners."""
+    if found.nominal.crossover_rad_s is not None:
+        return math.log(found.nominal.crossover_rad_s)
+    plants = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
+    low, high = (end[0] for end in Loops.of(found.gains, plants).log.corners())
+    return float(0.5 * (low + high)) if math.isfinite(low + high) else 0.0
+
+
+def _stability(case: Case, found: Verification) -> StabilityProof:
+    worst = found.stability.worst.point
+    if not found.stability.stable:
+        poles = count_unstable_poles(case.loop, worst, case.origin)
+        verdict = Verdict.REFUTED if poles else Verdict.UNDECIDED
+        return StabilityProof(verdict, None, worst, poles, (), found.stability.reason)
+    poles = count_unstable_poles(case.loop, case.nominal, case.origin)
+    if poles:
+        reason = f"the nominal plant has {poles} closed-loop poles in the right half-plane"
+        return StabilityProof(Verdict.REFUTED, None, case.nominal, poles, (), reason)
+    level = found.stability.peak_sensitivity_db * NEPER_PER_DB + _STABILITY_MARGIN
+    records = _shown(stable_throughout(case, level))
+    if poles is None or records is None:
+        what = "the nominal plant's closed-loop poles" if poles is None else "a bound of |S| over the family"
+        return StabilityProof(Verdict.UNDECIDED, None, case.nominal, poles, (), f"{what} could not be settled")
+    reason = f"the nominal plant is stable, and |S| stays below {level / NEPER_PER_DB:.2f} dB over the family"
+    return StabilityProof(Verdict.PROVED, level, case.nominal, 0, records, reason)
+
+
+def _requirement(case: Case, result: RequirementResult, tolerance: float) -> RequirementProof:
+    requirement = result.requirement
+    sides = tuple(_Side(case, requirement, extreme, tolerance).proof() for extreme in result.extremes)
+    return RequirementProof(requirement, sides)
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One limit of one requirement, and where it is worst."""
+
+    case: Case
+    requirement: Requirement
+    extreme: Extreme
+    tolerance: float
+
+    @property
+    def upper(self) -> bool:
+        return self.extreme.largest
+
+    @property
+    def limit(self) -> float:
+        return self.requirement.upper if self.upper else self.requirement.lower
+
+    @property
+    def relaxed(self) -> float:
+        return relaxed_limit(self.requirement, self.upper, self.tolerance)
+
+    def beyond(self, natural: float, amount: float) -> float:
+        """Further out by this amount: up for an upper limit, down for a lower one."""
+        return natural + amount if self.upper else natural - amount
+
+    def is_beyond(self, natural: float, other: float) -> bool:
+        """Whether one value is further out than another."""
+        return natural > other if self.upper else natural < other
+
+    def proof(self) -> SideProof:
+        """Refuted, proved or undecided."""
+        place = self.extreme.worst
+        if self.extreme.achieved is None:
+            return self._without_crossover(place)
+        achieved = self.extreme.achieved
+        if math.isinf(achieved):
+            return self._infinite(achieved, place)
+        worst = QUANTITIES[self.requirement.quantity].to_natural(achieved)
+        for _ in range(_MOST_ROUNDS):
+            if self.is_beyond(worst, self.relaxed):
+                return self._refuted(worst, place)
+            outcome = self._proved(worst, place)
+            if isinstance(outcome, SideProof):
+                return outcome
+            worse = self._at(outcome)
+            if worse is None or not self.is_beyond(worse[0], worst):
+                break
+            worst, place = worse  # a plant worse than the verification had seen
+        return self._result(Verdict.UNDECIDED, None, None, place, (), (), "no bound was shown within the budget")
+
+    def _result(
+        self,
+        verdict: Verdict,
+        level: float | None,
+        witness: float | None,
+        place: Place,
+        records: tuple[Record, ...],
+        witness_records: tuple[Record, ...],
+        reason: str = "",
+    ) -> SideProof:
+        return SideProof(self.upper, verdict, level, witness, place, records, witness_records, reason)
+
+    def _without_crossover(self, place: Place) -> SideProof:
+        records = _shown(never_crosses(self.case, place.point))
+        verdict = Verdict.UNDECIDED if records is None else Verdict.REFUTED
+        return self._result(verdict, None, None, place, (), records or (), "a plant has no gain crossover")
+
+    def _infinite(self, achieved: float, place: Place) -> SideProof:
+        """A gain margin without end: what is asked is shown, and no more; a response without end breaks any limit."""
+        natural = QUANTITIES[self.requirement.quantity].to_natural(self.limit)
+        if (achieved > 0) is not self.upper:
+            records = _shown(stays(self.case, self.requirement, self.upper, natural))
+            if records is not None:
+                return self._result(Verdict.PROVED, natural, None, place, records, ())
+            return self._result(Verdict.UNDECIDED, None, None, place, (), (), "no bound was shown within the budget")
+        return self._refuted(self.beyond(self.relaxed, 1.0), place)
+
+    def _witness(self, worst: float, place: Place) -> tuple[float, tuple[Record, ...]] | None:
+        """A level just short of the worst value that the plant there breaks."""
+        for amount in (_WITNESS, 1e-7):
+            level = self.beyond(worst, -amount * scale_of(self.requirement, worst))
+            claims = breaks(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
+            records = _shown(claims) if claims else None
+            if records is not None:
+                return level, records
+        return None
+
+    def _refuted(self, worst: float, place: Place) -> SideProof:
+        # half-way to the limit when there is no room for more
+        room = abs(worst - self.relaxed)
+        for amount in (1e-10, 1e-7, 1e-3):
+            level = self.beyond(worst, -min(amount * scale_of(self.requirement, worst), 0.5 * room))
+            claims = breaks(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
+            records = _shown(claims) if claims else None
+            if records is not None:
+                value = QUANTITIES[self.requirement.quantity].from_natural(level)
+                reason = f"a plant reaches {value:.10g}"
+                return self._result(Verdict.REFUTED, None, level, place, (), records, reason)
+        return self._result(Verdict.UNDECIDED, None, None, place, (), (), "the violation could not be confirmed")
+
+    def _proved(self, worst: float, place: Place) -> SideProof | tuple[Claim, tuple[float, ...]]:
+        """A proof, an undecided end, or a claim with a place at which it is false."""
+        witness = self._witness(worst, place)
+        reached, witness_records = witness if witness is not None else (None, ())
+        for level in self._levels(worst):
+            claims = stays(self.case, self.requirement, self.upper, level)
+            records: list[Record] = []
+            for claim in claims:
+                found = search(claim, BUDGET)
+                if found.counterexample is not None:
+                    return claim, found.counterexample
+                if not found.shown:
+                    break
+                records.append(Record(found.record, found.boxes))
+            if claims and len(records) == len(claims):
+                return self._result(Verdict.PROVED, level, reached, place, tuple(records), witness_records)
+        return self._undecided(worst, place, reached, witness_records)
+
+    def _levels(self, worst: float) -> list[float]:
+        """What to show, the sharpest first; never beyond the limit."""
+        equal = self.requirement.relation is Relation.EQUALS
+        gaps = (*_ENCLOSURES, *_GAPS) if equal else _GAPS
+        levels = [self.beyond(worst, gap * scale_of(self.requirement, worst)) for gap in gaps]
+        strict = relaxed_limit(self.requirement, self.upper, 0.0)
+        room = _LEAST_ROOM * scale_of(self.requirement, worst)
+        if not equal and self.is_beyond(strict, self.beyond(worst, room)):  # a level beyond the limit gains nothing
+            levels = [strict if self.is_beyond(level, strict) else level for level in levels]
+        inside = [level for level in levels if not self.is_beyond(level, self.relaxed)]
+        return list(dict.fromkeys([*inside, self.relaxed]))
+
+    def _undecided(
+        self, worst: float, place: Place, reached: float | None, witness_records: tuple[Record, ...]
+    ) -> SideProof:
+        """The tightest of a few wider levels that can be shown says how large the gap is."""
+        for width in (0.01, 0.1, 1.0):
+            level = self.beyond(self.relaxed, width * scale_of(self.requirement, worst))
+            records = _shown(stays(self.case, self.requirement, self.upper, level))
+            if records is not None:
+                reason = f"shown only up to {QUANTITIES[self.requirement.quantity].from_natural(level):.6g}"
+                return self._result(Verdict.UNDECIDED, level, reached, place, records, witness_records, reason)
+        reason = "no bound was shown within the budget"
+        return self._result(Verdict.UNDECIDED, None, reached, place, (), witness_records, reason)
+
+    def _at(self, outcome: tuple[Claim, tuple[float, ...]]) -> tuple[float, Place] | None:
+        """The value at a place where a claim of ours turned out false."""
+        _, where = outcome
+        quantity = QUANTITIES[self.requirement.quantity]
+        if not isinstance(quantity, FrequencyFunction):
+            return None
+        point = where[1:] if len(where) == self.case.loop.axes else self.case.nominal
+        value = abs(value_of(self.case.loop.at_centre(points((where[0], *point))), quantity.response)).log()
+        place = Place(math.exp(where[0]), self.case.family.describe(_array(point)), point)
+        return float(arb(value).mid()), place
+
+
+def _array(point: tuple[float, ...]) -> Array:
+    import numpy as np
+
+    return np.array(point, dtype=float)
+
+
+def _shown(claims: list[Claim]) -> tuple[Record, ...] | None:
+    """Records of all claims; None when one of them was not shown."""
+    records: list[Record] = []
+    for claim in claims:
+        found: Search = search(claim, BUDGET)
+        if not found.shown:
+            return None
+        records.append(Record(found.record, found.boxes))
+    return tuple(records)

@@ -1,0 +1,245 @@
+"""Certificates as JSON:  Certificate <-> dictionary, with a digest of the content.
+
+Whatever is read is checked for kind and range here; whether it is true is for `fopi_tune.proof.recheck` to say.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
+from fopi_tune.errors import CertificateError, DomainError
+from fopi_tune.proof.certificate import (
+    Certificate,
+    Record,
+    RequirementProof,
+    SideProof,
+    StabilityProof,
+    Verdict,
+)
+from fopi_tune.proof.entries import Entry
+from fopi_tune.proof.obligations import Case
+from fopi_tune.proof.results import Place
+from fopi_tune.quantities import QUANTITIES
+from fopi_tune.spec.model import Relation, Requirement, Scope
+
+#: version of the file; it may only grow
+CERTIFICATE_SCHEMA = 1
+KIND = "fopi_tune certificate"
+
+
+def to_document(certificate: Certificate) -> dict[str, Any]:
+    """The certificate's JSON."""
+    case = certificate.case
+    document: dict[str, Any] = {
+        "schema": CERTIFICATE_SCHEMA,
+        "kind": KIND,
+        "name": certificate.name,
+        "verdict": certificate.verdict.value,
+        "spec_sha256": certificate.spec_sha256,
+        "tolerance": certificate.tolerance,
+        "gains": asdict(case.gains),
+        "plant": {
+            "model": case.family.model,
+            "parameters": [{"name": name, **asdict(value)} for name, value in case.family.parameters.items()],
+        },
+        "origin_log_rad_s": case.origin,
+        "stability": _stability(certificate.stability, case),
+        "requirements": [_requirement(proof, case) for proof in certificate.requirements],
+        "versions": dict(certificate.versions),
+    }
+    return {**document, "digest": digest(document)}
+
+
+def digest(document: Mapping[str, Any]) -> str:
+    """SHA-256 of everything but the digest itself, in one canonical form."""
+    content = {key: value for key, value in document.items() if key != "digest"}
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _stability(proof: StabilityProof, case: Case) -> dict[str, Any]:
+    return {
+        "verdict": proof.verdict.value,
+        "sensitivity_at_most_neper": proof.level,
+        "plant": case.family.describe(np.array(proof.point, dtype=float)),
+        "point": list(proof.point),
+        "unstable_poles": proof.poles,
+        "records": _records(proof.records),
+        "reason": proof.reason,
+    }
+
+
+def _requirement(proof: RequirementProof, case: Case) -> dict[str, Any]:
+    requirement = proof.requirement
+    return {
+        "name": requirement.quantity,
+        "relation": requirement.relation.value,
+        "limits": list(requirement.limits),
+        "on": requirement.scope.value,
+        "from_rad_s": requirement.from_rad_s,
+        "to_rad_s": _finite(requirement.to_rad_s),
+        "verdict": proof.verdict.value,
+        "proved_from": _finite(proof.bounds[0]),
+        "proved_to": _finite(proof.bounds[1]),
+        "relative_gap": proof.gap,
+        "sides": [_side(side, requirement) for side in proof.sides],
+    }
+
+
+def _side(side: SideProof, requirement: Requirement) -> dict[str, Any]:
+    from_natural = QUANTITIES[requirement.quantity].from_natural
+    omega = side.worst.omega_rad_s
+    return {
+        "side": "at_most" if side.upper else "at_least",
+        "verdict": side.verdict.value,
+        "level_natural": side.level,
+        "witness_natural": side.witness,
+        "witness": None if side.witness is None else _finite(from_natural(side.witness)),
+        "omega_rad_s": _finite(omega) if omega is not None else None,
+        "omega_tends_to_infinity": omega == math.inf,
+        "plant": dict(side.worst.plant),
+        "point": list(side.worst.point),
+        "records": _records(side.records),
+        "witness_records": _records(side.witness_records),
+        "reason": side.reason,
+    }
+
+
+def _records(records: Sequence[Record]) -> list[dict[str, Any]]:
+    return [{"tokens": " ".join(record.tokens), "boxes": record.boxes} for record in records]
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
+
+
+# -- reading --------------------------------------------------------------------------------------------------------
+
+
+def from_document(document: object) -> Certificate:
+    """Read a certificate's JSON.
+
+    Raises:
+        CertificateError: it is none, or an entry is missing or of the wrong kind.
+    """
+    top = Entry(document, "")
+    if top.get("kind") != KIND:
+        raise CertificateError("this is not a certificate of this tool: its kind is another")
+    if top.number("schema") != CERTIFICATE_SCHEMA:
+        raise CertificateError(f"schema {top.number('schema'):g} is not known; this version reads {CERTIFICATE_SCHEMA}")
+    gains = top.child("gains")
+    try:
+        controller = FoPi(gains.number("kp"), gains.number("ki"), gains.number("alpha"))
+        family = _family(top.child("plant"))
+    except DomainError as error:
+        raise CertificateError(str(error)) from None
+    if controller.kp == 0.0 and controller.ki == 0.0:
+        raise CertificateError("gains: kp = ki = 0 is no controller")
+    case = Case(controller, family, top.number("origin_log_rad_s"))
+    tolerance = top.number("tolerance")
+    if tolerance <= 0.0:
+        raise CertificateError("tolerance must be greater than 0")
+    versions = {str(key): str(value) for key, value in top.child("versions").value.items()}
+    return Certificate(
+        name=top.text("name"),
+        spec_sha256=top.text("spec_sha256"),
+        case=case,
+        tolerance=tolerance,
+        stability=_read_stability(top.child("stability"), case),
+        requirements=tuple(_read_requirement(child, case) for child in top.children("requirements")),
+        versions=versions,
+    )
+
+
+def _family(plant: Entry) -> PlantFamily:
+    model = PLANT_MODELS.get(plant.text("model"))
+    if model is None:
+        raise CertificateError(f"{plant.place}.model is none of {', '.join(PLANT_MODELS)}")
+    parameters: dict[str, Uncertain] = {}
+    for entry in plant.children("parameters"):
+        name = entry.text("name")
+        number = Uncertain(entry.number("nominal"), entry.number("min"), entry.number("max"))
+        wrong = model.check(name, number)
+        if name in parameters or wrong is not None:
+            raise CertificateError(f"{entry.place}: {name} {wrong or 'appears twice'}")
+        parameters[name] = number
+    lists = {name: [key for key in parameters if key.partition("[")[0] == name] for name in model.lists}
+    expected = [f"{name}[{k}]" for name, keys in lists.items() for k in range(len(keys))] + list(model.scalars)
+    if list(parameters) != expected or not all(lists.values()):
+        raise CertificateError(f"{plant.place}.parameters are not those of model {model.name}")
+    family = PlantFamily(model.name, parameters)
+    family.member(family.nominal_point)
+    return family
+
+
+def _read_requirement(entry: Entry, case: Case) -> RequirementProof:
+    name = entry.text("name")
+    if name not in QUANTITIES:
+        raise CertificateError(f"{entry.place}.name: {name[:40]!r} is no quantity that this version knows")
+    relation = entry.word("relation", Relation)
+    limits = entry.numbers("limits")
+    if len(limits) != (2 if relation is Relation.BETWEEN else 1):
+        raise CertificateError(f"{entry.place}.limits has the wrong length for {relation.value}")
+    for limit in limits:
+        if (wrong := QUANTITIES[name].check_limit(limit)) is not None:
+            raise CertificateError(f"{entry.place}.limits: {limit!r} {wrong}")
+    low, high = entry.number("from_rad_s"), entry.number_or_none("to_rad_s")
+    high = math.inf if high is None else high
+    if not 0.0 <= low <= high or high == 0.0:
+        raise CertificateError(f"{entry.place}: from_rad_s and to_rad_s are no band")
+    requirement = Requirement(name, relation, limits, entry.word("on", Scope), low, high)
+    return RequirementProof(requirement, tuple(_read_side(side, case) for side in entry.children("sides")))
+
+
+def _read_side(entry: Entry, case: Case) -> SideProof:
+    side = entry.text("side")
+    if side not in ("at_most", "at_least"):
+        raise CertificateError(f"{entry.place}.side is neither at_most nor at_least")
+    omega = math.inf if entry.flag("omega_tends_to_infinity") else entry.number_or_none("omega_rad_s")
+    if omega is not None and omega < 0.0:
+        raise CertificateError(f"{entry.place}.omega_rad_s is negative")
+    point = _read_point(entry, case)
+    return SideProof(
+        upper=side == "at_most",
+        verdict=entry.word("verdict", Verdict),
+        level=entry.number_or_none("level_natural"),
+        witness=entry.number_or_none("witness_natural"),
+        worst=Place(omega, case.family.describe(np.array(point, dtype=float)), point),
+        records=_read_records(entry, "records"),
+        witness_records=_read_records(entry, "witness_records"),
+        reason=entry.text("reason"),
+    )
+
+
+def _read_stability(entry: Entry, case: Case) -> StabilityProof:
+    return StabilityProof(
+        verdict=entry.word("verdict", Verdict),
+        level=entry.number_or_none("sensitivity_at_most_neper"),
+        point=_read_point(entry, case),
+        poles=entry.count_or_none("unstable_poles"),
+        records=_read_records(entry, "records"),
+        reason=entry.text("reason"),
+    )
+
+
+def _read_point(entry: Entry, case: Case) -> tuple[float, ...]:
+    point = entry.numbers("point")
+    box = case.plants
+    if len(point) != len(box) or not all(low <= value <= high for value, (low, high) in zip(point, box, strict=True)):
+        raise CertificateError(f"{entry.place}.point is no plant of the family")
+    return point
+
+
+def _read_records(entry: Entry, key: str) -> tuple[Record, ...]:
+    return tuple(
+        Record(tuple(record.text("tokens").split()), int(record.number("boxes"))) for record in entry.children(key)
+    )

@@ -1,0 +1,191 @@
+"""What has to be shown for a requirement:  one relation at one level -> claims in ball arithmetic.
+
+The search for a proof and the check of a certificate both start here, so that a certificate cannot leave a claim out.
+Whether a member breaks a level is the same question turned round, for that member alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.peaks import Response
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.proof.balls.bound import Bound
+from fopi_tune.proof.balls.box import Box, Interval, ball_of, outward, points
+from fopi_tune.proof.balls.claim import Claim
+from fopi_tune.proof.balls.crossings import EveryCrossover, EveryPhaseCrossover
+from fopi_tune.proof.balls.existence import SomeCrossover, SomePhaseCrossover
+from fopi_tune.proof.balls.lag import closed_form
+from fopi_tune.proof.balls.loop import BallLoop
+from fopi_tune.proof.balls.poles import NoAxisRoot, NoPoleAtTheEnds
+from fopi_tune.proof.balls.reading import Reader, Reading
+from fopi_tune.quantities import QUANTITIES
+from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.responses import FrequencyFunction
+from fopi_tune.spec.model import Requirement, Scope
+
+#: quantity -> what is read off a gain crossover, and natural units per unit of that reading
+READINGS: dict[str, tuple[Reading, float]] = {
+    "phase_margin_deg": (Reading.PHASE_MARGIN, 1.0),
+    "delay_margin_s": (Reading.DELAY_MARGIN, 1.0),
+    "phase_slope_deg_per_decade": (Reading.PHASE_SLOPE, math.log(10.0)),
+    "crossover_rad_s": (Reading.CROSSOVER, 1.0),
+}
+
+_EVERYWHERE: Interval = (-math.inf, math.inf)
+#: below every u
+_NOWHERE = -1e300
+#: u that stands for the limits omega -> 0 and omega -> inf when a member is asked about them
+_FAR = 120.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a certificate is about, short of the requirements.
+
+    Args:
+        gains: the controller.
+        family: the plants.
+        origin: a value of ln omega near the crossover, where the frequency axis is cut first.
+    """
+
+    gains: FoPi
+    family: PlantFamily
+    origin: float
+
+    @cached_property
+    def loop(self) -> BallLoop:
+        """The loop in ball arithmetic."""
+        return BallLoop(self.gains, self.family)
+
+    @cached_property
+    def reader(self) -> Reader:
+        """Evaluates what is read off crossings."""
+        return Reader(self.loop)
+
+    @property
+    def plants(self) -> Box:
+        """The whole box of uncertain numbers."""
+        return self.loop.family_box
+
+    @property
+    def nominal(self) -> tuple[float, ...]:
+        """The nominal member's place in it."""
+        return tuple(self.family.nominal_point.tolist())
+
+    def plants_of(self, requirement: Requirement) -> Box:
+        """The plants a requirement is about."""
+        return points(self.nominal) if requirement.scope is Scope.NOMINAL else self.plants
+
+
+def stays(case: Case, requirement: Requirement, upper: bool, level: float) -> list[Claim]:
+    """Claims that together say: for every plant in the requirement's scope the value is on this side of a level.
+
+    Args:
+        case: gains and family.
+        requirement: gives quantity, scope and band; its limits are not looked at.
+        upper: the value is at most the level; else at least.
+        level: in the quantity's natural unit.
+    """
+    return _closed(_stays(case, requirement, upper, level, case.plants_of(requirement)))
+
+
+def breaks(
+    case: Case, requirement: Requirement, upper: bool, level: float, point: tuple[float, ...], omega: float | None
+) -> list[Claim]:
+    """Claims that together say: this plant's value is at least the level (upper), or at most (not upper).
+
+    Args:
+        case: gains and family.
+        requirement: gives quantity and band.
+        upper: the side that is broken.
+        level: in the quantity's natural unit.
+        point: the plant's place in the box.
+        omega: of a frequency function, where; 0 and inf are far down and far up.
+    """
+    if QUANTITIES[requirement.quantity].takes_band:
+        if omega is None or math.isnan(omega):
+            return []
+        u = math.log(omega) if 0.0 < omega < math.inf else math.copysign(_FAR, omega - 1.0)
+        low, high = _band(requirement)
+        u = min(max(u, low), high)
+        return [_bound(case, requirement, not upper, level, (u, u), points(point))]
+    return _stays(case, requirement, not upper, level, points(point))
+
+
+def never_crosses(case: Case, point: tuple[float, ...]) -> list[Claim]:
+    """Claims that together say: this plant has no gain crossover."""
+    domain = (_EVERYWHERE, *points(point))
+    return [EveryCrossover(case.loop, Reading.CROSSOVER, _NOWHERE, True, domain, case.origin, case.reader)]
+
+
+def stable_throughout(case: Case, level: float) -> list[Claim]:
+    """Claims that together say: no closed-loop pole passes the imaginary axis within the family.
+
+    Args:
+        case: gains and family.
+        level: |S| is at most e^level for every plant at every frequency.
+    """
+    domain = (_EVERYWHERE, *case.plants)
+    bound = Bound(case.loop, Response.SENSITIVITY, level, True, domain, case.origin)
+    return _closed([NoPoleAtTheEnds(case.loop, domain, case.origin), bound])
+
+
+def _closed(claims: list[Claim]) -> list[Claim]:
+    return [closed_form(claim) for claim in claims]
+
+
+def _band(requirement: Requirement) -> Interval:
+    return outward(requirement.from_rad_s, requirement.to_rad_s)
+
+
+def _bound(case: Case, requirement: Requirement, upper: bool, level: float, band: Interval, plants: Box) -> Bound:
+    quantity = QUANTITIES[requirement.quantity]
+    assert isinstance(quantity, FrequencyFunction)
+    return Bound(case.loop, quantity.response, level, upper, (band, *plants), case.origin)
+
+
+def _stays(case: Case, requirement: Requirement, upper: bool, level: float, plants: Box) -> list[Claim]:
+    loop, origin = case.loop, case.origin
+    quantity = QUANTITIES[requirement.quantity]
+    if quantity.takes_band:
+        return [_bound(case, requirement, upper, level, _band(requirement), plants)]
+    domain = (_EVERYWHERE, *plants)
+    if quantity.where is Where.PHASE_CROSSOVERS:
+        if upper:
+            return [SomePhaseCrossover(loop, level, domain, origin)]
+        return [EveryPhaseCrossover(loop, level, domain, origin)]
+    if requirement.quantity not in READINGS:
+        return []
+    reading, scale = READINGS[requirement.quantity]
+    level = level / scale
+    some = SomeCrossover(loop, reading, level, upper, domain, origin, case.reader)
+    every = EveryCrossover(loop, reading, level, upper, domain, origin, case.reader)
+    crosses = replace(some, level=None)
+    if reading is Reading.CROSSOVER:
+        above = replace(every, domain=((level, math.inf), *plants))
+        return [above, crosses] if upper else [some]
+    if reading is Reading.PHASE_SLOPE:
+        return [every, crosses]
+    sheets = _sheets(case, plants)
+    return [*sheets, some] if upper else [*sheets, every, crosses]
+
+
+def _sheets(case: Case, plants: Box) -> list[Claim]:
+    """That no open-loop root passes the imaginary axis: the unwrapped phase is then continuous over the family.
+
+    One plant alone needs no such claim, and neither does a first-order denominator, whose pole is real.
+    """
+    if all(low == high for low, high in plants):
+        return []
+    whole = case.loop.plant([ball_of(side) for side in plants])
+    claims: list[Claim] = []
+    domain = (_EVERYWHERE, *plants)
+    if len(whole.numerator) > 1 and any(c.gradient for c in whole.numerator):
+        claims.append(NoAxisRoot(case.loop, False, domain, case.origin))
+    if len(whole.denominator) > 2 and any(c.gradient for c in whole.denominator):
+        claims.append(NoAxisRoot(case.loop, True, domain, case.origin))
+    return claims

@@ -1,0 +1,101 @@
+"""Phrases, numbers and lines that every text for a terminal is made of."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+
+from fopi_tune.spec.model import Relation, Requirement, Scope
+
+if TYPE_CHECKING:
+    from fopi_tune.core.controller import FoPi
+
+WIDTH = 80
+#: width of the first column
+VERDICT = 10
+GOOD, BAD, QUIET = "bold green", "bold red", "dim"
+#: a space at which no line is broken
+TIE = "\N{NO-BREAK SPACE}"
+_SIGNS = {Relation.EQUALS: "=", Relation.AT_LEAST: ">=", Relation.AT_MOST: "<="}
+
+#: a line and its style
+Line = tuple[str, str]
+
+
+def requirement_phrase(requirement: Requirement) -> str:
+    """A requirement as a formula: "phase_margin_deg >= 80"; its scope and band are left out."""
+    limits = [f"{limit:.10g}" for limit in requirement.limits]
+    if requirement.relation is Relation.BETWEEN:
+        return f"{requirement.quantity} in [{', '.join(limits)}]"
+    return f"{requirement.quantity} {_SIGNS[requirement.relation]} {limits[0]}"
+
+
+def scope_phrase(requirement: Requirement) -> str:
+    """For which plants and frequencies a requirement holds: "family, up to 0.02 rad/s"."""
+    low, high = requirement.from_rad_s, requirement.to_rad_s
+    plants = "nominal plant" if requirement.scope is Scope.NOMINAL else "family"
+    if low == high:
+        return f"{plants}, at {with_unit(low, 'rad/s')}"
+    if low > 0.0 and math.isfinite(high):
+        return f"{plants}, from {number(low)} to {with_unit(high, 'rad/s')}"
+    if low > 0.0:
+        return f"{plants}, from {with_unit(low, 'rad/s')} on"
+    return f"{plants}, up to {with_unit(high, 'rad/s')}" if math.isfinite(high) else plants
+
+
+def gains_line(gains: FoPi) -> str:
+    """The gains and the controller's formula in one line."""
+    values = "   ".join(f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha"))
+    return f"{values:<56}C(s) = kp + ki / s^alpha"
+
+
+def entry(label: str, words: str, style: str = "") -> list[Line]:
+    """A label in the first column and words beside it."""
+    return styled(words, style, indent=" " * VERDICT, first=f"{label:<{VERDICT}}")
+
+
+def styled(sentence: str, style: str = "", indent: str = "", first: str = "") -> list[Line]:
+    """A sentence broken into lines; none when it is empty."""
+    wrapped = textwrap.wrap(
+        sentence,
+        WIDTH,
+        initial_indent=first or indent,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [(line, style) for line in wrapped]
+
+
+def sentence(words: str) -> str:
+    """With its full stop."""
+    return words if words.endswith(".") else words + "."
+
+
+def style_of(good: bool) -> str:
+    """Green or red."""
+    return GOOD if good else BAD
+
+
+def number(value: float, digits: int = 5) -> str:
+    """Five digits, or more on demand."""
+    # "-0" helps nobody
+    return f"{value + 0.0:.{digits}g}"
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A number and its unit, which no line break parts."""
+    return f"{number(value)}{TIE}{unit}"
+
+
+def to_text(lines: Sequence[Line]) -> Text:
+    """Lines as one text."""
+    text = Text()
+    for line, style in lines:
+        text.append(line.replace(TIE, " ").rstrip() + "\n", style)
+    text.rstrip()
+    return text
