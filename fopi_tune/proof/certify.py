@@ -17,6 +17,7 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.proof.balls.bound import value_of
 from fopi_tune.proof.balls.box import points
 from fopi_tune.proof.balls.claim import Claim
+from fopi_tune.proof.balls.existence import SomeCrossover, SomePhaseCrossover
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.balls.poles import count_unstable_poles
 from fopi_tune.proof.balls.search import Search, search
@@ -37,8 +38,8 @@ from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 
-#: the most boxes a claim may take
-BUDGET = 40_000
+#: the most boxes a claim may take; of one about the presence of crossings, whose boxes cost more; of a last attempt
+BUDGET, CROSSING_BUDGET, LAST_BUDGET = 40_000, 8_000, 4_000
 #: relative distance from the worst value to the level that is shown; wider ones are tried in turn
 _GAPS = (5e-7, 5e-5, 5e-4)
 #: the same for `equals`, which is about one plant: its bounds are the enclosure of the value
@@ -60,7 +61,8 @@ def certify(spec: DesignSpec, found: Verification, versions: dict[str, str]) -> 
         found: what the verification of the gains said.
         versions: what the certificate says computed it.
     """
-    case = Case(found.gains, spec.plant, _origin(spec, found))
+    crossings = tuple(math.log(omega) for omega in found.nominal.gain_crossovers_rad_s)
+    case = Case(found.gains, spec.plant, _origin(spec, found), crossings)
     with ctx.workprec(PRECISION):
         stability = _stability(case, found)
         proofs = tuple(_requirement(case, result, found.tolerance) for result in found.requirements)
@@ -209,7 +211,7 @@ class _Side:
             claims = stays(self.case, self.requirement, self.upper, level)
             records: list[Record] = []
             for claim in claims:
-                found = search(claim, BUDGET)
+                found = search(claim, _budget(claim))
                 if found.counterexample is not None:
                     return claim, found.counterexample
                 if not found.shown:
@@ -237,7 +239,7 @@ class _Side:
         """The tightest of a few wider levels that can be shown says how large the gap is."""
         for width in (0.01, 0.1, 1.0):
             level = self.beyond(self.relaxed, width * scale_of(self.requirement, worst))
-            records = _shown(stays(self.case, self.requirement, self.upper, level))
+            records = _shown(stays(self.case, self.requirement, self.upper, level), LAST_BUDGET)
             if records is not None:
                 reason = f"shown only up to {QUANTITIES[self.requirement.quantity].from_natural(level):.6g}"
                 return self._result(Verdict.UNDECIDED, level, reached, place, records, witness_records, reason)
@@ -262,11 +264,15 @@ def _array(point: tuple[float, ...]) -> Array:
     return np.array(point, dtype=float)
 
 
-def _shown(claims: list[Claim]) -> tuple[Record, ...] | None:
+def _budget(claim: Claim) -> int:
+    return CROSSING_BUDGET if isinstance(claim, SomeCrossover | SomePhaseCrossover) else BUDGET
+
+
+def _shown(claims: list[Claim], most: int = BUDGET) -> tuple[Record, ...] | None:
     """Records of all claims; None when one of them was not shown."""
     records: list[Record] = []
     for claim in claims:
-        found: Search = search(claim, BUDGET)
+        found: Search = search(claim, min(_budget(claim), most))
         if not found.shown:
             return None
         records.append(Record(found.record, found.boxes))

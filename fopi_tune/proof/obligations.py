@@ -50,11 +50,13 @@ class Case:
         gains: the controller.
         family: the plants.
         origin: a value of ln omega near the crossover, where the frequency axis is cut first.
+        nominal_crossings: ln omega of the nominal plant's gain crossovers; None when they are not known.
     """
 
     gains: FoPi
     family: PlantFamily
     origin: float
+    nominal_crossings: tuple[float, ...] | None = None
 
     @cached_property
     def loop(self) -> BallLoop:
@@ -64,7 +66,7 @@ class Case:
     @cached_property
     def reader(self) -> Reader:
         """Evaluates what is read off crossings."""
-        return Reader(self.loop)
+        return Reader(self.loop, self.nominal_crossings)
 
     @property
     def plants(self) -> Box:

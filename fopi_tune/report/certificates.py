@@ -39,7 +39,8 @@ def recheck_text(found: Recheck) -> Text:
         return to_text(lines)
     proved = certificate.verdict is Verdict.PROVED
     said = (
-        f"What it says, that the requirements are {certificate.verdict.value}, is shown again by {found.boxes} boxes."
+        f"What it says, that the requirements are {certificate.verdict.value}, is shown again by {found.boxes} boxes, "
+        f"each limit within a tolerance of {certificate.tolerance:g}."
     )
     lines = styled(f"{certificate.name}: sound. {said}", style_of(proved))
     lines += [("", ""), (gains_line(gains), "bold"), ("", "")]

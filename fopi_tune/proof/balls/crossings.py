@@ -85,7 +85,7 @@ class EveryCrossover(Claim):
 
     def _not_the_highest(self, box: Box) -> str | None:
         """A change of sign of ln|L| at higher frequencies, for every plant of the box."""
-        higher = [u for u in self.reader.crossings(centre_of(box[1:])) if u > box[0][1]]
+        higher = [u for u in self.reader.all_crossings(centre_of(box[1:])) if u > box[0][1]]
         if not higher:
             return None
         below = max(box[0][1], higher[-2]) if len(higher) > 1 else box[0][1]

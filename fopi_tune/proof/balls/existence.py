@@ -6,23 +6,25 @@ lies there, its value keeps to the level.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from flint import arb
+from flint import acb, arb
 
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import phase_crossovers
-from fopi_tune.proof.balls.box import Box, centre_of
-from fopi_tune.proof.balls.claim import Claim, Finding, deviations, longest, widest
+from fopi_tune.proof.balls.box import Box, Interval, centre_of
+from fopi_tune.proof.balls.claim import Claim, Finding, deviations, longest, size_of, widest
 from fopi_tune.proof.balls.crossings import changes_sign, combine, zone_of
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.reading import Reader, Reading, slopes_of
 
-#: half-widths in u of the zones tried for a crossing without a level
-_ZONES = (1e-9, 1.0, 4.0, 16.0)
+#: widths in u of the zones tried for a crossing of which only its presence counts
+_WIDTHS = (1.0, 4.0, 16.0)
 _LEAST_HALF_WIDTH = 1e-10
+_FARTHEST = 16.0
 
 
 @dataclass(frozen=True)
@@ -47,35 +49,46 @@ class SomeCrossover(Claim):
     reader: Reader = field(compare=False, repr=False)
 
     def examine(self, box: Box) -> Finding:
-        theta = centre_of(box[1:])
         axis = longest(((0.0, 0.0), *box[1:]))
-        for u in self._candidates(theta):
-            if self.level is None:
-                zones = [(u - width, u + width) for width in _ZONES]
-            else:
-                steep = self.loop.at_centre(((u, u), *box[1:]))
-                slope = steep.log_slope.real
-                gains = [g.real for g in steep.log_gradient]
-                moved = [abs(g / slope) for g in gains]
-                reach = sum(float(m.abs_upper()) * 0.5 * (b - a) for m, (a, b) in zip(moved, box[1:], strict=True))
-                zones = [(u - width, u + width) for width in (1.25 * reach + _LEAST_HALF_WIDTH,)]
-                axis = widest(((0.0, 0.0), *box[1:]), [arb(0), *moved]) if len(box) > 1 else 0
-            for zone in zones:
+        for u in self._candidates(centre_of(box[1:])):
+            over = self.loop.over(((u, u), *box[1:]))
+            reach = reach_of(over.log_slope.real, [g.real for g in over.log_gradient], box)
+            axis = axis_of([g.real for g in over.log_gradient] if self._only_its_place else over.log_gradient, box)
+            for zone in self._zones(u, reach):
                 leaf = f"x{zone[0]!r}:{zone[1]!r}"
                 if self.holds(box, leaf):
                     return Finding(leaf)
         return Finding(None, axis)
 
-    def _candidates(self, theta: tuple[float, ...]) -> list[float]:
-        """Where the central plant crosses |L| = 1, the most favourable first."""
-        found = self.reader.crossings(theta)
-        if len(found) < 2 or self.level is None or self.reading is Reading.CROSSOVER:
-            return found[-1:]
+    @property
+    def _only_its_place(self) -> bool:
+        """Whether nothing but the crossing's frequency matters, and so |L| alone."""
+        return self.level is None or self.reading is Reading.CROSSOVER
+
+    def _zones(self, u: float, reach: float) -> list[Interval]:
+        """Where to look for the crossing at u: close by where its value counts, else as far as it takes."""
+        near = (u - reach, u + reach)
+        if self.level is None:
+            return [near, *((u - width, u + width) for width in _WIDTHS)]
+        if self.reading is not Reading.CROSSOVER:
+            return [near]
+        return [near, *((self.level, max(u, self.level) + width) for width in _WIDTHS)]
+
+    def _candidates(self, theta: tuple[float, ...]) -> Iterator[float]:
+        """Where the central plant crosses |L| = 1: what the nominal crossover becomes, then the most favourable."""
+        followed = self.reader.followed_crossing(theta)
+        yield from followed
+        if followed and not self.reader.may_cross_often:
+            return
+        found = self.reader.all_crossings(theta)
+        if len(found) < 2 or self._only_its_place:
+            yield from found[-1:]
+            return
         values = []
         for u in found:
             at = self.loop.at_centre(((u, u), *((value, value) for value in theta)))
             values.append((float(self.reader.value(self.reading, at, theta).mid()), u))
-        return [u for _, u in sorted(values, reverse=not self.upper)][:2]
+        yield from [u for _, u in sorted(values, reverse=not self.upper)][:2]
 
     def holds(self, box: Box, leaf: str) -> bool:
         zone = zone_of(leaf[1:]) if leaf[:1] == "x" else None
@@ -130,17 +143,14 @@ class SomePhaseCrossover(Claim):
         plants = Plants.members(self.loop.family, np.array([theta], dtype=float))
         crossings = phase_crossovers(Loops.of(self.loop.gains, plants))
         useful = (crossings.gain < 1.0) & np.isfinite(crossings.omega_rad_s)
-        axis = longest(((0.0, 0.0), *box[1:]))
         if not useful.any():
-            return Finding(None, axis)
+            return Finding(None, longest(((0.0, 0.0), *box[1:])))
         k = int(np.argmax(np.where(useful, crossings.gain, -1.0)))
         u = float(np.log(crossings.omega_rad_s[k]))
-        at = self.loop.at_centre(((u, u), *box[1:]))
-        moved = [abs(g.imag / at.log_slope.imag) for g in at.log_gradient]
-        reach = sum(float(m.abs_upper()) * 0.5 * (b - a) for m, (a, b) in zip(moved, box[1:], strict=True))
-        width = 1.25 * reach + _LEAST_HALF_WIDTH
+        over = self.loop.over(((u, u), *box[1:]))
+        width = reach_of(over.log_slope.imag, [g.imag for g in over.log_gradient], box)
         leaf = f"x{u - width!r}:{u + width!r}"
-        return Finding(leaf) if self.holds(box, leaf) else Finding(None, axis)
+        return Finding(leaf) if self.holds(box, leaf) else Finding(None, axis_of(over.log_gradient, box))
 
     def holds(self, box: Box, leaf: str) -> bool:
         zone = zone_of(leaf[1:]) if leaf[:1] == "x" else None
@@ -166,3 +176,18 @@ class SomePhaseCrossover(Claim):
 
     def to_dict(self) -> dict[str, Any]:
         return {"kind": "some_phase_crossover", "level_neper": self.level}
+
+
+def reach_of(slope: arb, gradient: list[arb], box: Box) -> float:
+    """How far a crossing moves from the central plant's, with a little to spare."""
+    moved = [abs(g / slope) for g in gradient]
+    reach = sum(size_of(m) * 0.5 * (b - a) for m, (a, b) in zip(moved, box[1:], strict=True) if a < b)
+    return 1.25 * reach + _LEAST_HALF_WIDTH if reach < _FARTHEST else _FARTHEST
+
+
+def axis_of(gradient: Sequence[arb | acb], box: Box) -> int:
+    """The uncertain number along which what is described by this gradient changes most."""
+    sizes = [abs(g) for g in gradient]
+    if not sizes or not all(size.is_finite() for size in sizes):
+        return longest(((0.0, 0.0), *box[1:]))
+    return widest(((0.0, 0.0), *box[1:]), [arb(0), *sizes])

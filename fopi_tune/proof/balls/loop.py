@@ -31,6 +31,8 @@ from fopi_tune.proof.balls.dual import Dual
 
 #: bits of the balls' centres
 PRECISION = 64
+#: below this size S (or T) is not computed as 1 - T (1 - S)
+_TINY = arb(1e-3)
 _ZERO = arb(0)
 _UNIT_DISC = acb(arb(0, 1), arb(0, 1))
 
@@ -256,13 +258,14 @@ class LoopBalls:
 
     @cached_property
     def _closed(self) -> tuple[acb, acb]:
-        """S and T, by whichever of L and 1/L is the smaller."""
+        """S and T, by whichever of L and 1/L is the smaller; a tiny one as a product, which does not cancel."""
         gain = self.gain
         if gain.is_finite() and not gain.abs_lower() > 1:
             s = 1 / (1 + gain)
-            return s, 1 - s
-        t = 1 / (1 + self.inverse_gain)
-        return 1 - t, t
+            return s, gain * s if gain.abs_upper() < _TINY else 1 - s
+        inverse = self.inverse_gain
+        t = 1 / (1 + inverse)
+        return inverse * t if inverse.abs_upper() < _TINY else 1 - t, t
 
     @property
     def sensitivity(self) -> acb:
@@ -276,8 +279,8 @@ class LoopBalls:
 
     @cached_property
     def control_sensitivity(self) -> acb:
-        """C S = T/P; the former where the integral does not end it."""
-        if self.x is None:
+        """C S = T/P; the latter where L is large, and C may have no end."""
+        if self.x is None and not self.gain.abs_lower() > 1:
             return self.c * self.sensitivity
         return self.d / self.n * self.complementary
 

@@ -41,11 +41,17 @@ class Reading(StrEnum):
 
 
 class Reader:
-    """Evaluates readings of one loop; it remembers how plants' phases run along the axis."""
+    """Evaluates readings of one loop; it remembers how plants' phases run along the axis.
 
-    def __init__(self, loop: BallLoop) -> None:
+    Args:
+        loop: gains and family.
+        nominal_crossings: ln omega of the nominal plant's gain crossovers, where they are known already.
+    """
+
+    def __init__(self, loop: BallLoop, nominal_crossings: Sequence[float] | None = None) -> None:
         self.loop = loop
         self._tracks: dict[tuple[float, ...], tuple[Argument, Argument]] = {}
+        self._known = None if nominal_crossings is None else list(nominal_crossings)
 
     def phase(self, at: LoopBalls, theta: tuple[float, ...]) -> arb:
         """arg L, unwrapped, at one frequency of one plant."""
@@ -57,25 +63,29 @@ class Reader:
 
     @cached_property
     def _nominal_crossings(self) -> list[float]:
-        return self._all_crossings(tuple(self.loop.family.nominal_point.tolist()))
+        if self._known is not None:
+            return self._known
+        return self.all_crossings(tuple(self.loop.family.nominal_point.tolist()))
 
-    def _all_crossings(self, theta: tuple[float, ...]) -> list[float]:
+    def all_crossings(self, theta: tuple[float, ...]) -> list[float]:
+        """ln omega of one plant's gain crossovers, ascending, in floating point: where to look, no more."""
         plants = Plants.members(self.loop.family, np.array([theta], dtype=float))
         return np.log(gain_crossovers(Loops.of(self.loop.gains, plants)).omega_rad_s).tolist()
 
     @cached_property
     def may_cross_often(self) -> bool:
-        """Whether one of the box's corners has more than one gain crossover."""
+        """Whether the nominal plant or one of the box's corners has more than one gain crossover."""
+        if len(self._nominal_crossings) > 1:
+            return True
         loops = Loops.of(self.loop.gains, Plants.members(self.loop.family, self.loop.family.corners()))
         return bool(np.bincount(gain_crossovers(loops).row, minlength=1).max() > 1)
 
-    def crossings(self, theta: tuple[float, ...]) -> list[float]:
-        """ln omega of one plant's gain crossovers, ascending, in floating point: where to look, no more."""
-        if self.may_cross_often:
-            return self._all_crossings(theta)
-        followed = [self._follow(u, theta) for u in self._nominal_crossings]
-        found = [u for u in followed if u is not None]
-        return found if found and len(found) == len(followed) else self._all_crossings(theta)
+    def followed_crossing(self, theta: tuple[float, ...]) -> list[float]:
+        """The crossover that the nominal plant's only one becomes; none where it has several or is lost."""
+        if len(self._nominal_crossings) != 1:
+            return []
+        found = self._follow(self._nominal_crossings[0], theta)
+        return [] if found is None else [found]
 
     def _follow(self, u: float, theta: tuple[float, ...]) -> float | None:
         """Newton's method from the nominal plant's crossover."""
