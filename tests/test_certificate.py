@@ -201,9 +201,14 @@ def test_every_quantity_is_decided_and_its_bound_is_tight(requirement: str, gain
     certificate = proved(spec_with(requirement, plant), gains)
     (proof,) = certificate.requirements
     assert proof.verdict is not ft.Verdict.UNDECIDED
-    if proof.verdict is ft.Verdict.PROVED:
+    if proof.verdict is ft.Verdict.PROVED and not endless(spec_with(requirement, plant), gains):
         assert proof.gap is not None
         assert proof.gap <= 1e-4
+
+
+def endless(spec: DesignSpec, gains: ft.FoPi) -> bool:
+    """Whether the quantity is a gain margin without end."""
+    return math.inf in [end.achieved for end in verify(spec, gains).requirements[0].extremes]
 
 
 def test_a_margin_beyond_the_limit_by_less_than_the_tolerance_is_proved_and_says_by_how_much() -> None:
