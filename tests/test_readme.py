@@ -59,7 +59,8 @@ def test_the_library_example_runs(monkeypatch: pytest.MonkeyPatch) -> None:
         exec(compile(block("python"), "README.md", "exec"), {})
     lines = printed.getvalue().splitlines()
     assert lines[0].startswith("solved FoPi(kp=0.3851")
-    assert "violated" in lines
+    assert "violated refuted" in lines
+    assert "True" in lines
 
 
 def test_the_test_command_is_one_line_and_ci_runs_it_as_printed() -> None:

@@ -101,17 +101,6 @@ class Bound(Claim):
             return 0
         return widest(box, [arb(0) if s is None else s for s in slopes])
 
-    def bound_on(self, box: Box) -> arb | None:
-        """sign * ln|R| is at most this on the box."""
-        if is_tail(box[0]):
-            return None
-        over = self.loop.over(box)
-        slopes = self._slopes(over, False)
-        middle = abs(value_of(self.loop.at_centre(box), self.response)).log()
-        spread = sum((s * d for s, d in zip(slopes, deviations(box), strict=True) if s is not None), arb(0))
-        found = middle + spread
-        return (found if self.upper else -found).upper() if found.is_finite() else None
-
     def to_dict(self) -> dict[str, Any]:
         return {
             "kind": "bound",

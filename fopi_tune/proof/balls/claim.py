@@ -66,10 +66,6 @@ class Claim(ABC):
         """Whether the claim holds on a box; `leaf` is what `examine` once said of it."""
         return leaf == PLAIN and self.examine(box).leaf == PLAIN
 
-    def bound_on(self, box: Box) -> arb | None:
-        """What can be said at least of a box on which the claim was not shown: h is at most this."""
-        return None
-
     def to_dict(self) -> dict[str, Any]:
         """Its parameters, as `from_dict` of its kind reads them."""
         raise NotImplementedError

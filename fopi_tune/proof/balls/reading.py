@@ -34,11 +34,6 @@ class Reading(StrEnum):
     PHASE_SLOPE = "phase_slope_rad"
     CROSSOVER = "log_crossover_neper"
 
-    @property
-    def at_highest(self) -> bool:
-        """Whether only the highest gain crossover counts."""
-        return self in (Reading.PHASE_SLOPE, Reading.CROSSOVER)
-
 
 class Reader:
     """Evaluates readings of one loop; it remembers how plants' phases run along the axis.
