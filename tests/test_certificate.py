@@ -185,6 +185,7 @@ def test_a_plant_without_gain_crossover_refutes_a_phase_margin() -> None:
         ("{loop_gain_db: {at_most: -3}, from_rad_s: 5}", ft.FoPi(2.0, 0.5, 1.2)),
         ("{loop_gain_db: {at_least: 10}, to_rad_s: 0.02}", ft.FoPi(2.0, 0.5, 1.2)),
         ("{sensitivity_db: {between: [-60, -10]}, from_rad_s: 0.01, to_rad_s: 0.05}", ft.FoPi(2.0, 0.5, 1.2)),
+        ("{sensitivity_db: {at_most: 6}, at_rad_s: 1.0}", ft.FoPi(2.0, 0.5, 1.2)),
     ],
 )
 @pytest.mark.parametrize(
@@ -302,5 +303,6 @@ def test_a_worse_plant_than_the_verification_had_seen_is_taken_up() -> None:
     )
     found = dataclasses.replace(found, requirements=(dataclasses.replace(result, extremes=(blind,)),))
     certificate = certify(spec, found, {})
-    assert certificate.verdict is not ft.Verdict.PROVED
+    assert certificate.verdict is ft.Verdict.REFUTED
+    assert certificate.requirements[0].sides[0].worst.plant["time_constant_s"] == pytest.approx(3.1)
     assert recheck(to_document(certificate), spec).problems == ()

@@ -141,17 +141,29 @@ class _Side:
         if math.isinf(achieved):
             return self._infinite(achieved, place)
         worst = QUANTITIES[self.requirement.quantity].to_natural(achieved)
+        if self.is_beyond(worst, self.relaxed):
+            return self._refuted(worst, place)
         for _ in range(_MOST_ROUNDS):
-            if self.is_beyond(worst, self.relaxed):
-                return self._refuted(worst, place)
             outcome = self._proved(worst, place)
             if isinstance(outcome, SideProof):
                 return outcome
+            # A plant worse than the verification had seen: is there one that breaks the limit itself?
+            breaking = self._at(self._broken(self.relaxed))
+            if breaking is not None:
+                return self._refuted(*breaking)
             worse = self._at(outcome)
             if worse is None or not self.is_beyond(worse[0], worst):
                 break
-            worst, place = worse  # a plant worse than the verification had seen
-        return self._result(Verdict.UNDECIDED, None, None, place, (), (), "no bound was shown within the budget")
+            worst, place = worse
+        return self._undecided(worst, place, None, ())
+
+    def _broken(self, level: float) -> tuple[float, ...]:
+        """A place (u, then the plant) beyond a level; empty when the search for a proof meets none."""
+        for claim in stays(self.case, self.requirement, self.upper, level):
+            found = search(claim, _budget(claim))
+            if found.counterexample is not None:
+                return found.counterexample if len(found.counterexample) > 1 else self._with_plant(claim)
+        return ()
 
     def _result(
         self,
@@ -203,8 +215,13 @@ class _Side:
                 return self._result(Verdict.REFUTED, None, level, place, (), records, reason)
         return self._result(Verdict.UNDECIDED, None, None, place, (), (), "the violation could not be confirmed")
 
-    def _proved(self, worst: float, place: Place) -> SideProof | tuple[Claim, tuple[float, ...]]:
-        """A proof, an undecided end, or a claim with a place at which it is false."""
+    def _with_plant(self, claim: Claim) -> tuple[float, ...]:
+        """Where a closed form, which knows of no plants, is false; empty when the general claim does not tell."""
+        general = getattr(claim, "general", None)
+        return () if general is None else search(general, BUDGET).counterexample or ()
+
+    def _proved(self, worst: float, place: Place) -> SideProof | tuple[float, ...]:
+        """A proof, an undecided end, or a place (u, then the plant) beyond a level just outside the worst."""
         witness = self._witness(worst, place)
         reached, witness_records = witness if witness is not None else (None, ())
         for level in self._levels(worst):
@@ -213,7 +230,7 @@ class _Side:
             for claim in claims:
                 found = search(claim, _budget(claim))
                 if found.counterexample is not None:
-                    return claim, found.counterexample
+                    return found.counterexample if len(found.counterexample) > 1 else self._with_plant(claim)
                 if not found.shown:
                     break
                 records.append(Record(found.record, found.boxes))
@@ -237,22 +254,23 @@ class _Side:
         self, worst: float, place: Place, reached: float | None, witness_records: tuple[Record, ...]
     ) -> SideProof:
         """The tightest of a few wider levels that can be shown says how large the gap is."""
-        for width in (0.01, 0.1, 1.0):
+        for width in (0.0, 0.01, 0.1, 1.0):
             level = self.beyond(self.relaxed, width * scale_of(self.requirement, worst))
             records = _shown(stays(self.case, self.requirement, self.upper, level), LAST_BUDGET)
+            if records is not None and width == 0.0:
+                return self._result(Verdict.PROVED, level, reached, place, records, witness_records)
             if records is not None:
                 reason = f"shown only up to {QUANTITIES[self.requirement.quantity].from_natural(level):.6g}"
                 return self._result(Verdict.UNDECIDED, level, reached, place, records, witness_records, reason)
         reason = "no bound was shown within the budget"
         return self._result(Verdict.UNDECIDED, None, reached, place, (), witness_records, reason)
 
-    def _at(self, outcome: tuple[Claim, tuple[float, ...]]) -> tuple[float, Place] | None:
+    def _at(self, where: tuple[float, ...]) -> tuple[float, Place] | None:
         """The value at a place where a claim of ours turned out false."""
-        _, where = outcome
         quantity = QUANTITIES[self.requirement.quantity]
-        if not isinstance(quantity, FrequencyFunction):
+        if not isinstance(quantity, FrequencyFunction) or len(where) != self.case.loop.axes:
             return None
-        point = where[1:] if len(where) == self.case.loop.axes else self.case.nominal
+        point = where[1:]
         value = abs(value_of(self.case.loop.at_centre(points((where[0], *point))), quantity.response)).log()
         place = Place(math.exp(where[0]), self.case.family.describe(_array(point)), point)
         return float(arb(value).mid()), place

@@ -61,7 +61,7 @@ def centre_of(box: Box) -> tuple[float, ...]:
 def outward(low: float, high: float) -> Interval:
     """[ln low, ln high], a few units in the last place wider than the logarithms of two positive numbers."""
     ends = math.log(low) if low > 0.0 else -math.inf, math.log(high) if math.isfinite(high) else math.inf
-    steps = [abs(end) * 1e-15 + 1e-300 if math.isfinite(end) else 0.0 for end in ends]
+    steps = [max(abs(end), 1.0) * 1e-15 if math.isfinite(end) else 0.0 for end in ends]
     first, last = ends[0] - steps[0], ends[1] + steps[1]
     inside = math.isinf(first) or bool(arb(first).exp() <= arb(low))
     inside = inside and (math.isinf(last) or bool(arb(last).exp() >= arb(high)))
