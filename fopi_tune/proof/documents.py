@@ -17,6 +17,7 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
 from fopi_tune.errors import CertificateError, DomainError
+from fopi_tune.proof.balls.box import ball_of
 from fopi_tune.proof.certificate import (
     Certificate,
     Record,
@@ -140,11 +141,12 @@ def from_document(document: object) -> Certificate:
     try:
         controller = FoPi(gains.number("kp"), gains.number("ki"), gains.number("alpha"))
         family = _family(top.child("plant"))
+        case = Case(controller, family, top.number("origin_log_rad_s"))
+        case.loop.plant([ball_of(side) for side in case.plants])
     except DomainError as error:
         raise CertificateError(str(error)) from None
     if controller.kp == 0.0 and controller.ki == 0.0:
         raise CertificateError("gains: kp = ki = 0 is no controller")
-    case = Case(controller, family, top.number("origin_log_rad_s"))
     tolerance = top.number("tolerance")
     if tolerance <= 0.0:
         raise CertificateError("tolerance must be greater than 0")

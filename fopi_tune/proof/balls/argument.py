@@ -24,7 +24,8 @@ from itertools import pairwise
 from flint import acb, arb
 
 from fopi_tune.proof.balls.box import ball_of
-from fopi_tune.proof.balls.loop import BallLoop, LoopBalls, own_derivative, polynomial
+from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
+from fopi_tune.proof.balls.plant import own_derivative, polynomial
 
 _NARROWEST = 1e-7
 _TAIL_STEP = 1.0

@@ -20,14 +20,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from flint import acb, arb
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.plant import PLANT_MODELS, PlantFamily
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of, is_tail
 from fopi_tune.proof.balls.dual import Dual
+from fopi_tune.proof.balls.plant import PlantBalls, assemble, own_derivative, polynomial
 
 #: bits of the balls' centres
 PRECISION = 64
@@ -35,15 +35,6 @@ PRECISION = 64
 _TINY = arb(1e-3)
 _ZERO = arb(0)
 _UNIT_DISC = acb(arb(0, 1), arb(0, 1))
-
-
-@dataclass(frozen=True)
-class PlantBalls:
-    """A plant's coefficients over a box of its uncertain numbers; gradients' axes count from 1."""
-
-    numerator: tuple[Dual, ...]
-    denominator: tuple[Dual, ...]
-    dead_time: Dual
 
 
 @dataclass(frozen=True)
@@ -67,14 +58,6 @@ class BallLoop:
     def family_box(self) -> tuple[Interval, ...]:
         """The box of the uncertain numbers."""
         return tuple(zip(self.family.low.tolist(), self.family.high.tolist(), strict=True))
-
-    @cached_property
-    def _exact(self) -> dict[str, Any]:
-        return {name: arb(value.nominal) for name, value in self.family.parameters.items() if value.is_exact}
-
-    @cached_property
-    def _names(self) -> tuple[str, ...]:
-        return self.family.uncertain_names
 
     @cached_property
     def kp(self) -> arb:
@@ -114,14 +97,12 @@ class BallLoop:
         return c, self.alpha * (self.kp / c - 1)
 
     def plant(self, theta: Sequence[arb]) -> PlantBalls:
-        """The plants whose uncertain numbers lie in these balls."""
-        values = dict(self._exact)
-        for axis, (name, ball) in enumerate(zip(self._names, theta, strict=True), 1):
-            values[name] = Dual(ball, {axis: arb(1)})
-        # in the model's own order: lists of coefficients are read off by it
-        ordered = {name: values[name] for name in self.family.parameters}
-        numerator, denominator, dead_time = PLANT_MODELS[self.family.model].assemble(ordered)
-        return PlantBalls(tuple(map(Dual.of, numerator)), tuple(map(Dual.of, denominator)), Dual.of(dead_time))
+        """The plants whose uncertain numbers lie in these balls.
+
+        Raises:
+            DomainError: not proper.
+        """
+        return assemble(self.family, theta)
 
     def over(self, box: Box) -> LoopBalls:
         """The loop over a box, tails included."""
@@ -135,20 +116,6 @@ class BallLoop:
             middle = centre_of((u,))[0]
             u = (middle, middle)
         return LoopBalls(self, u, self.plant(theta))
-
-
-def polynomial(coefficients: Sequence[arb], s: acb) -> acb:
-    """Horner's rule, descending powers."""
-    value = acb(coefficients[0])
-    for coefficient in coefficients[1:]:
-        value = value * s + coefficient
-    return value
-
-
-def own_derivative(coefficients: Sequence[arb], s: acb) -> acb:
-    """s X'(s), descending powers."""
-    degree = len(coefficients) - 1
-    return polynomial([*((degree - k) * c for k, c in enumerate(coefficients[:-1])), _ZERO], s)
 
 
 class LoopBalls:

@@ -20,7 +20,8 @@ from flint import acb, arb
 
 from fopi_tune.proof.balls.box import Box, ball_of
 from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding, longest, tail_axis
-from fopi_tune.proof.balls.loop import BallLoop, LoopBalls, PlantBalls, polynomial
+from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
+from fopi_tune.proof.balls.plant import PlantBalls, polynomial
 
 _NARROWEST = 1e-9
 _MOST_PIECES = 200_000
