@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.errors import DomainError
 from fopi_tune.outcome import Give, Status
 from fopi_tune.proof import Certificate, Recheck, Verdict, Verification, certify, verify
+from fopi_tune.proof.certificate import LARGEST_TOLERANCE
 from fopi_tune.result import Check, Design, RequirementReport
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import DesignSpec
@@ -68,9 +70,14 @@ def prove(source: str | os.PathLike[str] | DesignSpec, gains: FoPi, tolerance: f
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
-        DomainError: kp = ki = 0, or a dead time so long that the loop's crossings cannot be listed.
+        DomainError: kp = ki = 0, a tolerance outside (0, 0.01], or a dead time so long that the loop's crossings
+            cannot be listed.
     """
     spec = load_spec(source)
+    if not 0.0 < tolerance <= LARGEST_TOLERANCE:
+        raise DomainError(
+            f"tolerance = {tolerance!r} must be greater than 0 and at most {LARGEST_TOLERANCE:g}; 1e-6 is usual"
+        )
     found = verify(spec, gains, tolerance)
     return Check(spec, found, certify(spec, found, certificate_versions()), stamp(spec.sha256, None))
 
@@ -190,11 +197,8 @@ def _unproved(certificate: Certificate) -> str:
     if certificate.stability.verdict is not Verdict.PROVED:
         parts.append(f"stability is {certificate.stability.verdict.value}: {certificate.stability.reason}")
     for proof in certificate.requirements:
-        parts += [
-            f"{proof.requirement.quantity} is {side.verdict.value}: {side.reason}"
-            for side in proof.sides
-            if side.verdict is not Verdict.PROVED
-        ]
+        if proof.verdict is not Verdict.PROVED:
+            parts.append(f"{proof.requirement.quantity} is {proof.verdict.value}: {proof.reason}")
     return "the gains pass the check in floating point, but the proof is missing: " + "; ".join(parts)
 
 

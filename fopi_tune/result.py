@@ -143,9 +143,10 @@ class Check:
     @property
     def status(self) -> str:
         """`met` (proved), `violated`, or `undecided` when the verification passed but the proof is missing."""
-        if not self.verification.all_met or self.certificate.verdict is Verdict.REFUTED:
+        found, verdict = self.verification, self.certificate.verdict
+        if verdict is Verdict.REFUTED or not all(result.is_met for result in found.requirements):
             return "violated"
-        return "met" if self.certificate.verdict is Verdict.PROVED else "undecided"
+        return "met" if verdict is Verdict.PROVED and found.all_met else "undecided"
 
     def certificate_document(self) -> dict[str, Any]:
         """The certificate's JSON."""
@@ -218,14 +219,13 @@ def requirement_proof_dict(proof: RequirementProof | None) -> dict[str, Any] | N
     if proof is None:
         return None
     low, high = proof.bounds
-    reasons = [side.reason for side in proof.sides if side.reason]
     return {
         "verdict": proof.verdict.value,
         "proved_from": finite(low),
         "proved_to": finite(high),
         "relative_gap": finite(proof.gap),
         "boxes": sum(side.boxes for side in proof.sides),
-        "reason": "; ".join(reasons),
+        "reason": proof.reason,
     }
 
 

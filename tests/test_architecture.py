@@ -29,7 +29,7 @@ ALLOWED = {
     "convert": ("core", "errors"),
     "result": ("convert", "core", "outcome", "proof", "quantities", "spec.model", "stamp"),
     "report": ("core", "outcome", "proof", "spec.model", "result"),
-    "pipeline": ("core", "design", "outcome", "proof", "result", "spec", "stamp"),
+    "pipeline": ("core", "design", "errors", "outcome", "proof", "result", "spec", "stamp"),
     "__main__": ("cli",),
     "cli": ("__version__", "core", "errors", "pipeline", "proof", "report", "result", "spec"),
 }

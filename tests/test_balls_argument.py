@@ -214,7 +214,7 @@ def test_roots_at_the_origin_are_taken_out_and_leading_zeros_are_none() -> None:
 
 @pytest.mark.parametrize(
     "coefficients",
-    [(1, 0, 1), (1, 1, 1, 1), (1, -1, 4, -4), (1, 0, 2, 0, 1), (1, 0.5, 2, 0.5, 1)],
+    [(1, 1, 1, 1), (1, -1, 4, -4), (1, 0, 2, 0, 1), (1, 0.5, 2, 0.5, 1), (1, 0, 5, 0, 4)],
 )
 @pytest.mark.parametrize("below", [True, False])
 def test_a_root_on_the_imaginary_axis_leaves_the_sheet_open(coefficients: tuple[float, ...], below: bool) -> None:
@@ -223,6 +223,17 @@ def test_a_root_on_the_imaginary_axis_leaves_the_sheet_open(coefficients: tuple[
     loop = BallLoop(FoPi(1.0, 0.5, 0.7), transfer_function(top, bottom))
     for u in (-2.0, 3.0):
         assert not phase_of(loop, u).is_finite()
+
+
+@pytest.mark.parametrize(("numerator", "denominator"), [([1.0], [2.0, 0.0, 3.0]), ([-2.0, 0.0, -3.0], [1.0, 3.0, 2.0])])
+def test_an_undamped_pair_alone_counts_as_damped_like_everywhere(
+    numerator: list[float], denominator: list[float]
+) -> None:
+    assert polynomial(2.0, 0.0, 3.0).right == 0
+    loop = BallLoop(FoPi(0.7, 0.5, 0.8), transfer_function(numerator, denominator, 0.1))
+    places = [-3.0, 0.1, 0.3, 2.0]  # the pair is at u = ln sqrt 1.5 = 0.203
+    found = [float(phase_of(loop, u).mid()) for u in places]
+    np.testing.assert_allclose(found, core_phase(loop, places), atol=PHASE)
 
 
 def test_a_coefficient_that_may_be_zero_leaves_the_count_open() -> None:

@@ -17,7 +17,7 @@ from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.bound import Bound, value_of
 from fopi_tune.proof.balls.box import Box, Interval, split, with_interval
-from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding, longest
+from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding
 from fopi_tune.proof.balls.crossings import EveryCrossover
 from fopi_tune.proof.balls.existence import SomeCrossover
 from fopi_tune.proof.balls.lag import closed_form
@@ -214,7 +214,7 @@ def test_a_search_that_gives_up_says_so() -> None:
 
 
 class NaiveBound(Bound):
-    """The same claim by the enclosure of the response alone, longest axis first."""
+    """The same claim by the enclosure of the response alone, cut along its tail or its longest axis."""
 
     def examine(self, box: Box) -> Finding:
         if box[0] == EVERYWHERE:
@@ -222,7 +222,9 @@ class NaiveBound(Bound):
         value = value_of(self.loop.over(box), self.response)
         if value.is_finite() and value.abs_upper() <= arb(self.level).exp():
             return HOLDS
-        return Finding(None, longest(box))
+        widths = [high - low for low, high in box]
+        parts = [w / (high - low) for w, (low, high) in zip(widths[1:], self.domain[1:], strict=True)]
+        return Finding(None, int(np.argmax([widths[0], *parts])))
 
 
 @pytest.mark.parametrize("name", ["lag", "second"])

@@ -223,7 +223,10 @@ SLIPS = [
     ("slope.imag - over.x(upper) * (slope.real", "slope.imag + over.x(upper) * (slope.real"),
     ("(slope.real + over.g.real)", "(slope.real - over.g.real)"),
     ("((False, 1), (True, -1))", "((False, -1), (True, 1))"),
-    ("> -(-arb(self.general.level)).exp()", "> -arb(self.general.level).exp()"),
+    ("smallest = (-arb(self.general.level)).exp()", "smallest = arb(self.general.level).exp()"),
+    ("or size > 1 + x2", "or size > 1 - x2"),
+    ("smallest * smallest * (1 + x1 * x1)", "smallest * smallest * (1 + x2 * x2)"),
+    ("if real > -smallest or", "if real > -1 / smallest or"),
     ("or real < -1:", "or real < 1:"),
 ]  # fmt: skip
 

@@ -198,7 +198,7 @@ def test_one_unstable_member_makes_the_family_unstable_and_is_named():
     [
         (transfer_function([1.0, 0.0], [1.0, 2.0, 1.0]), FoPi(1.0, 1.0, 0.5), "cancels"),
         (transfer_function([1.0, 1.0], [1.0, 2.0], 0.1), FoPi(1.1, 0.1, 1.0), "direct path"),
-        (pole(1.0, 0.0), FoPi(0.0, 1.0, 1.0), "passes through -1"),
+        (pole(1.0, 0.0), FoPi(0.0, 1.0, 1.0), "told from one through -1"),
         (transfer_function([1.0], [1.0, 0.0, 1.0, 0.0]), FoPi(1.0, 1.0, 1.0), "2 closed-loop poles"),
     ],
 )

@@ -9,15 +9,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import plants
 import pytest
 from typer.testing import CliRunner, Result
 
 import fopi_tune as ft
 from fopi_tune.cli import app
+from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.proof import certify, verify
+from fopi_tune.proof.balls.search import search
 from fopi_tune.proof.documents import digest, from_document, to_document
+from fopi_tune.proof.obligations import Case, stays
 from fopi_tune.spec import load_spec
+from fopi_tune.spec.model import Relation, Requirement
 
 ROOT = Path(__file__).parents[1]
 BRAKE_FILE = str(ROOT / "specs" / "brake.yaml")
@@ -130,7 +135,10 @@ TAMPERINGS = {
     "no bound for stability": (set_to("stability", "sensitivity_at_most_neper", None), "stability"),
     "a bound of S that is too small": (set_to("stability", "sensitivity_at_most_neper", 0.01), "stability"),
     "a plant with poles on the right": (set_to("stability", "unstable_poles", 1), "unstable"),
-    "a reading that is not there": (lambda d: d.update(extra=1), "extra"),
+    "an entry that is not there": (lambda d: d.update(extra=None), "extra"),
+    "a reason of one's own": (set_to("stability", "reason", "|S| stays below -100 dB"), "reason"),
+    "more boxes than there are": (set_to("requirements", 2, "sides", 0, "records", 0, "boxes", 10**9), "boxes"),
+    "an undecided stability with a bound": (set_to("stability", "verdict", "undecided"), "stability"),
 }
 
 
@@ -158,6 +166,36 @@ def test_a_refutation_needs_a_witness_that_breaks_the_limit(refuting: Document) 
         document.update(to_document(from_document(document)))
 
     assert ft.recheck(changed(refuting, harmless)).problems
+
+
+def test_a_missing_crossover_refutes_no_sensitivity(refuting: Document) -> None:
+    """Only what is read off a gain crossover can be refuted by its absence."""
+
+    def claim(document: Document) -> None:
+        entry, part = document["requirements"][4], side(document, 4)
+        part.update(witness_natural=None, witness=None)
+        entry["reason"] = "a plant has no gain crossover"
+
+    assert "no witness" in " ".join(ft.recheck(changed(refuting, claim)).problems)
+
+
+def test_a_certificate_of_another_file_is_refused(sound: Document) -> None:
+    other = changed(sound, lambda d: d.update(spec_sha256="f" * 64))
+    assert ft.recheck(other).is_sound
+    assert ft.recheck(other, BRAKE).problems
+
+
+@pytest.mark.parametrize("numerator", [[0.0, 1.0, 2.0], [0.0, 0.0, 1.0]])
+def test_leading_zeros_prove_nothing_that_is_false(numerator: list[float]) -> None:
+    """A numerator that is longer than the denominator but for its zeros: |L| falls no faster for them."""
+    names = [f"numerator[{k}]" for k in range(3)] + ["denominator[0]", "denominator[1]", "dead_time_s"]
+    values = [*numerator, 1.0, 3.0, 0.0]
+    family = PlantFamily("transfer_function", {n: Uncertain.exactly(v) for n, v in zip(names, values, strict=True)})
+    case = Case(ft.FoPi(0.8, 1.0, 1.0), family, 0.0)
+    asked = Requirement("loop_gain_db", Relation.AT_MOST, (-20.0,), from_rad_s=10.0)
+    s = 10j
+    true = abs((0.8 + 1 / s) * np.polyval(numerator, s) / (s + 3.0))
+    assert [search(claim, 500).shown for claim in stays(case, asked, True, math.log(true) - 1e-6)] == [False]
 
 
 def test_a_certificate_about_another_spec_is_refused(sound: Document) -> None:
@@ -196,6 +234,10 @@ def removed(*path: Any) -> Callable[[Document], None]:
         (set_to("gains", "kp", True), "gains.kp is no finite number"),
         (set_to("gains", "alpha", 3.0), "alpha"),
         (set_to("tolerance", 0.0), "tolerance"),
+        (set_to("tolerance", 1000.0), "tolerance"),
+        (set_to("gains", "kp", 10**400), "gains.kp is no finite number"),
+        (set_to("name", "brake: sound\x1b[8m"), "cannot be printed"),
+        (set_to("requirements", 0, "sides", 0, "level_natural", 1e4), "beyond"),
         (set_to("plant", "model", "engine"), "plant.model"),
         (set_to("plant", "parameters", 1, "min", 9.0), "min"),
         (removed("plant", "parameters", 0), "parameters"),
@@ -279,6 +321,7 @@ def test_a_sound_refutation_ends_with_1(folder: Path, refuting: Document) -> Non
         ("{", ("--recheck", "c.json"), "is no JSON"),
         ('{"kind": NaN}', ("--recheck", "c.json"), "is no JSON"),
         ("[" * 100_000, ("--recheck", "c.json"), "is no JSON"),
+        ('{"kind": 1, "kind": 2}', ("--recheck", "c.json"), "twice"),
         ("{}", ("--recheck", "d.json"), "cannot be read"),
         ("{}", ("--recheck", "c.json", "--kp", "1"), "leave --kp"),
         ("{}", (), "no SPEC"),

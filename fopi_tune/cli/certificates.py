@@ -24,7 +24,7 @@ def recheck_file(file: str, spec_file: str | None, handling: Handling) -> Exit:
         say(f"{file}: cannot be read ({reason_of(error)}); check the path")
         return Exit.BAD_INPUT
     except (ValueError, RecursionError):
-        say(f"{file}: is no JSON; give the certificate.json of a result")
+        say(f"{file}: is no JSON, or names an entry twice; give the certificate.json of a result")
         return Exit.BAD_INPUT
     try:
         from fopi_tune.pipeline import recheck
@@ -87,4 +87,9 @@ def _json(path: str | Path) -> Any:
     def refuse(constant: str) -> None:
         raise ValueError(f"{constant} is no JSON")
 
-    return json.loads(read_text(Path(path)), parse_constant=refuse)
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        if len({key for key, _ in pairs}) < len(pairs):
+            raise ValueError("an entry appears twice")
+        return dict(pairs)
+
+    return json.loads(read_text(Path(path)), parse_constant=refuse, object_pairs_hook=once)

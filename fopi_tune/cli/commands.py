@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 from collections.abc import Sequence
@@ -127,8 +126,6 @@ def prove(
         from fopi_tune import pipeline
         from fopi_tune.core.controller import FoPi
 
-        if not 0.0 < tolerance < math.inf:
-            raise DomainError(f"tolerance = {tolerance!r} is not a finite number greater than 0; 1e-6 is usual")
         if kp is not None and ki is not None and alpha is not None:
             return pipeline.prove(loaded, FoPi(kp, ki, alpha), tolerance)
         gains = gains_of_earlier_design(loaded, handling)

@@ -13,7 +13,11 @@ from enum import StrEnum
 from fopi_tune.proof.obligations import Case
 from fopi_tune.proof.results import Place
 from fopi_tune.quantities import QUANTITIES
+from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.spec.model import Relation, Requirement
+
+#: a requirement that may be missed by more has not been proved in any sense of the word; natural units
+LARGEST_TOLERANCE = 1e-2
 
 
 class Verdict(StrEnum):
@@ -45,12 +49,15 @@ class Record:
     """How one claim was shown.
 
     Args:
-        tokens: the tree of boxes, as `fopi_tune.proof.balls.search` describes it.
-        boxes: boxes looked at to find it.
+        tokens: the tree of boxes, as `fopi_tune.proof.balls.search` describes it, one token a box that was looked at.
     """
 
     tokens: tuple[str, ...]
-    boxes: int
+
+    @property
+    def boxes(self) -> int:
+        """Boxes looked at."""
+        return len(self.tokens)
 
 
 @dataclass(frozen=True)
@@ -67,7 +74,6 @@ class SideProof:
         worst: the plant and frequency of the witness.
         records: of the claims that show the level, in the order of `obligations.stays`.
         witness_records: of those that show the witness, in the order of `obligations.breaks`.
-        reason: why it is not proved; empty when it is.
     """
 
     upper: bool
@@ -77,7 +83,6 @@ class SideProof:
     worst: Place
     records: tuple[Record, ...]
     witness_records: tuple[Record, ...]
-    reason: str = ""
 
     @property
     def boxes(self) -> int:
@@ -96,6 +101,21 @@ class RequirementProof:
     def verdict(self) -> Verdict:
         """What became of it."""
         return overall(tuple(side.verdict for side in self.sides))
+
+    @property
+    def reason(self) -> str:
+        """Why it is not proved; empty when it is."""
+        from_natural = QUANTITIES[self.requirement.quantity].from_natural
+        parts = []
+        for side in self.sides:
+            if side.verdict is Verdict.REFUTED:
+                reached = None if side.witness is None else f"a plant reaches {from_natural(side.witness):.10g}"
+                parts.append(reached or "a plant has no gain crossover")
+            elif side.verdict is Verdict.UNDECIDED and side.level is not None:
+                parts.append(f"shown only up to {from_natural(side.level):.6g}")
+            elif side.verdict is Verdict.UNDECIDED:
+                parts.append("neither a bound nor a violation could be shown")
+        return "; ".join(parts)
 
     @property
     def bounds(self) -> tuple[float | None, float | None]:
@@ -144,7 +164,6 @@ class StabilityProof:
         point: the plant whose poles were counted.
         poles: its closed-loop poles in the right half-plane; None when they could not be counted.
         records: of the claims of `obligations.stable_throughout`.
-        reason: one sentence.
     """
 
     verdict: Verdict
@@ -152,7 +171,20 @@ class StabilityProof:
     point: tuple[float, ...]
     poles: int | None
     records: tuple[Record, ...]
-    reason: str
+
+    @property
+    def reason(self) -> str:
+        """One sentence."""
+        if self.verdict is Verdict.PROVED:
+            peak_db = (self.level or 0.0) / NEPER_PER_DB
+            return f"the nominal plant is stable, and |S| stays below {peak_db:.2f} dB over the family"
+        if self.verdict is Verdict.REFUTED and self.poles is None:
+            return "a plant's integral is cancelled, or its dead time is inside a direct path with |L| > 1"
+        if self.poles is None:
+            return "a plant's closed-loop poles could not be told from the imaginary axis"
+        if self.verdict is Verdict.REFUTED:
+            return f"a plant has {self.poles} closed-loop pole{'s' * (self.poles > 1)} in the right half-plane"
+        return "no bound of |S| over the family could be shown"
 
 
 @dataclass(frozen=True)

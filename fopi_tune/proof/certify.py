@@ -19,7 +19,7 @@ from fopi_tune.proof.balls.box import points
 from fopi_tune.proof.balls.claim import Claim
 from fopi_tune.proof.balls.existence import SomeCrossover, SomePhaseCrossover
 from fopi_tune.proof.balls.loop import PRECISION
-from fopi_tune.proof.balls.poles import count_unstable_poles
+from fopi_tune.proof.balls.poles import NoAxisRoot, count_unstable_poles, is_unstable_by_structure
 from fopi_tune.proof.balls.search import Search, search
 from fopi_tune.proof.certificate import (
     Certificate,
@@ -50,7 +50,7 @@ _LEAST_ROOM = 1e-8
 _WITNESS = 1e-10
 _MOST_ROUNDS = 6
 #: neper beyond the peak of |S|; for stability any bound will do
-_STABILITY_MARGIN = 0.7
+_STABILITY_MARGINS = (0.7, 2.0, 6.0)
 
 
 def certify(spec: DesignSpec, found: Verification, versions: dict[str, str]) -> Certificate:
@@ -64,8 +64,9 @@ def certify(spec: DesignSpec, found: Verification, versions: dict[str, str]) -> 
     crossings = tuple(math.log(omega) for omega in found.nominal.gain_crossovers_rad_s)
     case = Case(found.gains, spec.plant, _origin(spec, found), crossings)
     with ctx.workprec(PRECISION):
-        stability = _stability(case, found)
-        proofs = tuple(_requirement(case, result, found.tolerance) for result in found.requirements)
+        searches = _Searches()
+        stability = _stability(case, found, searches)
+        proofs = tuple(_requirement(case, result, found.tolerance, searches) for result in found.requirements)
     return Certificate(spec.name, spec.sha256, case, found.tolerance, stability, proofs, versions)
 
 
@@ -78,28 +79,27 @@ def _origin(spec: DesignSpec, found: Verification) -> float:
     return float(0.5 * (low + high)) if math.isfinite(low + high) else 0.0
 
 
-def _stability(case: Case, found: Verification) -> StabilityProof:
-    worst = found.stability.worst.point
+def _stability(case: Case, found: Verification, searches: _Searches) -> StabilityProof:
     if not found.stability.stable:
+        worst = found.stability.worst.point
         poles = count_unstable_poles(case.loop, worst, case.origin)
-        verdict = Verdict.REFUTED if poles else Verdict.UNDECIDED
-        return StabilityProof(verdict, None, worst, poles, (), found.stability.reason)
+        if poles or (poles is None and is_unstable_by_structure(case.loop, worst)):
+            return StabilityProof(Verdict.REFUTED, None, worst, poles, ())
     poles = count_unstable_poles(case.loop, case.nominal, case.origin)
     if poles:
-        reason = f"the nominal plant has {poles} closed-loop poles in the right half-plane"
-        return StabilityProof(Verdict.REFUTED, None, case.nominal, poles, (), reason)
-    level = found.stability.peak_sensitivity_db * NEPER_PER_DB + _STABILITY_MARGIN
-    records = _shown(stable_throughout(case, level))
-    if poles is None or records is None:
-        what = "the nominal plant's closed-loop poles" if poles is None else "a bound of |S| over the family"
-        return StabilityProof(Verdict.UNDECIDED, None, case.nominal, poles, (), f"{what} could not be settled")
-    reason = f"the nominal plant is stable, and |S| stays below {level / NEPER_PER_DB:.2f} dB over the family"
-    return StabilityProof(Verdict.PROVED, level, case.nominal, 0, records, reason)
+        return StabilityProof(Verdict.REFUTED, None, case.nominal, poles, ())
+    if poles == 0:
+        for margin in _STABILITY_MARGINS:
+            level = found.stability.peak_sensitivity_db * NEPER_PER_DB + margin
+            records = searches.shown(stable_throughout(case, level))
+            if records is not None:
+                return StabilityProof(Verdict.PROVED, level, case.nominal, 0, records)
+    return StabilityProof(Verdict.UNDECIDED, None, case.nominal, poles, ())
 
 
-def _requirement(case: Case, result: RequirementResult, tolerance: float) -> RequirementProof:
+def _requirement(case: Case, result: RequirementResult, tolerance: float, searches: _Searches) -> RequirementProof:
     requirement = result.requirement
-    sides = tuple(_Side(case, requirement, extreme, tolerance).proof() for extreme in result.extremes)
+    sides = tuple(_Side(case, requirement, extreme, tolerance, searches).proof() for extreme in result.extremes)
     return RequirementProof(requirement, sides)
 
 
@@ -111,6 +111,7 @@ class _Side:
     requirement: Requirement
     extreme: Extreme
     tolerance: float
+    searches: _Searches
 
     @property
     def upper(self) -> bool:
@@ -160,7 +161,7 @@ class _Side:
     def _broken(self, level: float) -> tuple[float, ...]:
         """A place (u, then the plant) beyond a level; empty when the search for a proof meets none."""
         for claim in stays(self.case, self.requirement, self.upper, level):
-            found = search(claim, _budget(claim))
+            found = self.searches.run(claim)
             if found.counterexample is not None:
                 return found.counterexample if len(found.counterexample) > 1 else self._with_plant(claim)
         return ()
@@ -173,23 +174,22 @@ class _Side:
         place: Place,
         records: tuple[Record, ...],
         witness_records: tuple[Record, ...],
-        reason: str = "",
     ) -> SideProof:
-        return SideProof(self.upper, verdict, level, witness, place, records, witness_records, reason)
+        return SideProof(self.upper, verdict, level, witness, place, records, witness_records)
 
     def _without_crossover(self, place: Place) -> SideProof:
-        records = _shown(never_crosses(self.case, place.point))
+        records = self.searches.shown(never_crosses(self.case, place.point))
         verdict = Verdict.UNDECIDED if records is None else Verdict.REFUTED
-        return self._result(verdict, None, None, place, (), records or (), "a plant has no gain crossover")
+        return self._result(verdict, None, None, place, (), records or ())
 
     def _infinite(self, achieved: float, place: Place) -> SideProof:
         """A gain margin without end: what is asked is shown, and no more; a response without end breaks any limit."""
         natural = QUANTITIES[self.requirement.quantity].to_natural(self.limit)
         if (achieved > 0) is not self.upper:
-            records = _shown(stays(self.case, self.requirement, self.upper, natural))
+            records = self.searches.shown(stays(self.case, self.requirement, self.upper, natural))
             if records is not None:
                 return self._result(Verdict.PROVED, natural, None, place, records, ())
-            return self._result(Verdict.UNDECIDED, None, None, place, (), (), "no bound was shown within the budget")
+            return self._result(Verdict.UNDECIDED, None, None, place, (), ())
         return self._refuted(self.beyond(self.relaxed, 1.0), place)
 
     def _witness(self, worst: float, place: Place) -> tuple[float, tuple[Record, ...]] | None:
@@ -197,7 +197,7 @@ class _Side:
         for amount in (_WITNESS, 1e-7):
             level = self.beyond(worst, -amount * scale_of(self.requirement, worst))
             claims = breaks(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
-            records = _shown(claims) if claims else None
+            records = self.searches.shown(claims)
             if records is not None:
                 return level, records
         return None
@@ -208,32 +208,33 @@ class _Side:
         for amount in (1e-10, 1e-7, 1e-3):
             level = self.beyond(worst, -min(amount * scale_of(self.requirement, worst), 0.5 * room))
             claims = breaks(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
-            records = _shown(claims) if claims else None
+            records = self.searches.shown(claims)
             if records is not None:
-                value = QUANTITIES[self.requirement.quantity].from_natural(level)
-                reason = f"a plant reaches {value:.10g}"
-                return self._result(Verdict.REFUTED, None, level, place, (), records, reason)
-        return self._result(Verdict.UNDECIDED, None, None, place, (), (), "the violation could not be confirmed")
+                return self._result(Verdict.REFUTED, None, level, place, (), records)
+        return self._result(Verdict.UNDECIDED, None, None, place, (), ())
 
     def _with_plant(self, claim: Claim) -> tuple[float, ...]:
         """Where a closed form, which knows of no plants, is false; empty when the general claim does not tell."""
         general = getattr(claim, "general", None)
-        return () if general is None else search(general, BUDGET).counterexample or ()
+        return () if general is None else self.searches.run(general).counterexample or ()
 
     def _proved(self, worst: float, place: Place) -> SideProof | tuple[float, ...]:
         """A proof, an undecided end, or a place (u, then the plant) beyond a level just outside the worst."""
         witness = self._witness(worst, place)
         reached, witness_records = witness if witness is not None else (None, ())
-        for level in self._levels(worst):
+        levels = self._levels(worst)
+        for level in levels:
+            # full effort for the sharpest level and for the last; what lies between is a courtesy
+            most = BUDGET if level in (levels[0], levels[-1]) else LAST_BUDGET
             claims = stays(self.case, self.requirement, self.upper, level)
             records: list[Record] = []
             for claim in claims:
-                found = search(claim, _budget(claim))
+                found = self.searches.run(claim, most)
                 if found.counterexample is not None:
                     return found.counterexample if len(found.counterexample) > 1 else self._with_plant(claim)
                 if not found.shown:
                     break
-                records.append(Record(found.record, found.boxes))
+                records.append(Record(found.record))
             if claims and len(records) == len(claims):
                 return self._result(Verdict.PROVED, level, reached, place, tuple(records), witness_records)
         return self._undecided(worst, place, reached, witness_records)
@@ -256,14 +257,12 @@ class _Side:
         """The tightest of a few wider levels that can be shown says how large the gap is."""
         for width in (0.0, 0.01, 0.1, 1.0):
             level = self.beyond(self.relaxed, width * scale_of(self.requirement, worst))
-            records = _shown(stays(self.case, self.requirement, self.upper, level), LAST_BUDGET)
+            records = self.searches.shown(stays(self.case, self.requirement, self.upper, level), LAST_BUDGET)
             if records is not None and width == 0.0:
                 return self._result(Verdict.PROVED, level, reached, place, records, witness_records)
             if records is not None:
-                reason = f"shown only up to {QUANTITIES[self.requirement.quantity].from_natural(level):.6g}"
-                return self._result(Verdict.UNDECIDED, level, reached, place, records, witness_records, reason)
-        reason = "no bound was shown within the budget"
-        return self._result(Verdict.UNDECIDED, None, reached, place, (), witness_records, reason)
+                return self._result(Verdict.UNDECIDED, level, reached, place, records, witness_records)
+        return self._result(Verdict.UNDECIDED, None, reached, place, (), witness_records)
 
     def _at(self, where: tuple[float, ...]) -> tuple[float, Place] | None:
         """The value at a place where a claim of ours turned out false."""
@@ -282,16 +281,31 @@ def _array(point: tuple[float, ...]) -> Array:
     return np.array(point, dtype=float)
 
 
-def _budget(claim: Claim) -> int:
-    return CROSSING_BUDGET if isinstance(claim, SomeCrossover | SomePhaseCrossover) else BUDGET
+class _Searches:
+    """Runs searches within their budgets; what does not depend on a level is searched for once."""
 
+    def __init__(self) -> None:
+        self._known: dict[tuple[object, ...], Search] = {}
 
-def _shown(claims: list[Claim], most: int = BUDGET) -> tuple[Record, ...] | None:
-    """Records of all claims; None when one of them was not shown."""
-    records: list[Record] = []
-    for claim in claims:
-        found: Search = search(claim, min(_budget(claim), most))
-        if not found.shown:
-            return None
-        records.append(Record(found.record, found.boxes))
-    return tuple(records)
+    def run(self, claim: Claim, most: int = BUDGET) -> Search:
+        """The search for one claim."""
+        budget = min(CROSSING_BUDGET if isinstance(claim, SomeCrossover | SomePhaseCrossover) else BUDGET, most)
+        if isinstance(claim, NoAxisRoot):
+            key: tuple[object, ...] = (NoAxisRoot, claim.denominator, claim.domain)
+        elif isinstance(claim, SomeCrossover) and claim.level is None:
+            key = (SomeCrossover, claim.domain)
+        else:
+            return search(claim, budget)
+        if key not in self._known:
+            self._known[key] = search(claim, budget)
+        return self._known[key]
+
+    def shown(self, claims: list[Claim], most: int = BUDGET) -> tuple[Record, ...] | None:
+        """Records of all claims; None when there is none, or one of them was not shown."""
+        records: list[Record] = []
+        for claim in claims:
+            found = self.run(claim, most)
+            if not found.shown:
+                return None
+            records.append(Record(found.record))
+        return tuple(records) or None

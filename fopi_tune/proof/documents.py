@@ -19,6 +19,7 @@ from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.balls.box import ball_of
 from fopi_tune.proof.certificate import (
+    LARGEST_TOLERANCE,
     Certificate,
     Record,
     RequirementProof,
@@ -92,6 +93,7 @@ def _requirement(proof: RequirementProof, case: Case) -> dict[str, Any]:
         "proved_from": _finite(proof.bounds[0]),
         "proved_to": _finite(proof.bounds[1]),
         "relative_gap": proof.gap,
+        "reason": proof.reason,
         "sides": [_side(side, requirement) for side in proof.sides],
     }
 
@@ -111,7 +113,6 @@ def _side(side: SideProof, requirement: Requirement) -> dict[str, Any]:
         "point": list(side.worst.point),
         "records": _records(side.records),
         "witness_records": _records(side.witness_records),
-        "reason": side.reason,
     }
 
 
@@ -148,8 +149,8 @@ def from_document(document: object) -> Certificate:
     if controller.kp == 0.0 and controller.ki == 0.0:
         raise CertificateError("gains: kp = ki = 0 is no controller")
     tolerance = top.number("tolerance")
-    if tolerance <= 0.0:
-        raise CertificateError("tolerance must be greater than 0")
+    if not 0.0 < tolerance <= LARGEST_TOLERANCE:
+        raise CertificateError(f"tolerance must be greater than 0 and at most {LARGEST_TOLERANCE:g}")
     versions = {str(key): str(value) for key, value in top.child("versions").value.items()}
     return Certificate(
         name=top.text("name"),
@@ -218,7 +219,6 @@ def _read_side(entry: Entry, case: Case) -> SideProof:
         worst=Place(omega, case.family.describe(np.array(point, dtype=float)), point),
         records=_read_records(entry, "records"),
         witness_records=_read_records(entry, "witness_records"),
-        reason=entry.text("reason"),
     )
 
 
@@ -229,7 +229,6 @@ def _read_stability(entry: Entry, case: Case) -> StabilityProof:
         point=_read_point(entry, case),
         poles=entry.count_or_none("unstable_poles"),
         records=_read_records(entry, "records"),
-        reason=entry.text("reason"),
     )
 
 
@@ -242,6 +241,4 @@ def _read_point(entry: Entry, case: Case) -> tuple[float, ...]:
 
 
 def _read_records(entry: Entry, key: str) -> tuple[Record, ...]:
-    return tuple(
-        Record(tuple(record.text("tokens").split()), int(record.number("boxes"))) for record in entry.children(key)
-    )
+    return tuple(Record(tuple(record.text("tokens").split())) for record in entry.children(key))

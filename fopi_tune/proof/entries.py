@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 
 from fopi_tune.errors import CertificateError
 
+#: beyond this a double would not hold it
+_LARGEST_INTEGER = 2**1000
 Word = TypeVar("Word", bound=StrEnum)
 
 
@@ -32,7 +34,8 @@ class Entry:
     def number(self, key: str) -> float:
         """A finite number."""
         found = self.get(key)
-        if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found):
+        huge = isinstance(found, int) and abs(found) > _LARGEST_INTEGER
+        if isinstance(found, bool) or not isinstance(found, int | float) or huge or not math.isfinite(found):
             raise CertificateError(f"{self._at(key)} is no finite number")
         return float(found)
 
@@ -52,6 +55,8 @@ class Entry:
         found = self.get(key)
         if not isinstance(found, str):
             raise CertificateError(f"{self._at(key)} is no text")
+        if not found.isprintable():  # what could be obeyed by a terminal is never printed
+            raise CertificateError(f"{self._at(key)} holds characters that cannot be printed")
         return found
 
     def word(self, key: str, words: type[Word]) -> Word:

@@ -14,7 +14,7 @@ from flint import ctx
 from fopi_tune.errors import CertificateError
 from fopi_tune.proof.balls.claim import Claim
 from fopi_tune.proof.balls.loop import PRECISION
-from fopi_tune.proof.balls.poles import count_unstable_poles
+from fopi_tune.proof.balls.poles import count_unstable_poles, is_unstable_by_structure
 from fopi_tune.proof.balls.search import check
 from fopi_tune.proof.certificate import (
     Certificate,
@@ -25,7 +25,7 @@ from fopi_tune.proof.certificate import (
     relaxed_limit,
 )
 from fopi_tune.proof.documents import digest, from_document, to_document
-from fopi_tune.proof.obligations import breaks, never_crosses, stable_throughout, stays
+from fopi_tune.proof.obligations import READINGS, breaks, never_crosses, stable_throughout, stays
 from fopi_tune.spec.model import DesignSpec, Requirement, Scope
 
 
@@ -59,9 +59,12 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
     Raises:
         CertificateError: it is no certificate, or an entry has the wrong kind.
     """
-    certificate = from_document(document)
-    assert isinstance(document, dict)
-    problems = _integrity(certificate, document)
+    try:
+        certificate = from_document(document)
+        assert isinstance(document, dict)
+        problems = _integrity(certificate, document)
+    except (OverflowError, RecursionError) as error:
+        raise CertificateError("a number or the nesting is beyond what a certificate of this tool holds") from error
     if spec is not None:
         problems += _about(certificate, spec)
     with ctx.workprec(PRECISION):
@@ -77,7 +80,8 @@ def _integrity(certificate: Certificate, document: dict[str, Any]) -> list[str]:
     if document.get("digest") != digest(document):
         problems.append("the content does not have the digest that it states: it was changed after it was made")
     again = to_document(certificate)
-    for key in again.keys() | document.keys():
+    problems += [f"{key[:40]!r} is no entry of a certificate" for key in document if key not in again]
+    for key in again:
         if key == "digest":
             continue
         difference = _difference(document.get(key), again.get(key), key)
@@ -111,6 +115,8 @@ def _about(certificate: Certificate, spec: DesignSpec) -> list[str]:
     """That the certificate is about this spec."""
     problems = []
     case = certificate.case
+    if (certificate.name, certificate.spec_sha256) != (spec.name, spec.sha256):
+        problems.append("the name or the digest of the spec's file is another")
     if case.family.model != spec.plant.model or dict(case.family.parameters) != dict(spec.plant.parameters):
         problems.append("the plants are not those of the spec")
     stated = [_meaning(proof.requirement) for proof in certificate.requirements]
@@ -126,13 +132,18 @@ def _meaning(requirement: Requirement) -> tuple[object, ...]:
 
 def _stability(certificate: Certificate) -> list[str]:
     proof, case = certificate.stability, certificate.case
-    if proof.verdict is Verdict.UNDECIDED:
-        return []
+    if proof.verdict is Verdict.UNDECIDED and (proof.level is not None or proof.records):
+        return ["stability: a bound of |S| is stated beside a verdict that has none"]
     poles = count_unstable_poles(case.loop, proof.point, case.origin)
-    if poles != proof.poles or poles is None or (poles == 0) is not (proof.verdict is Verdict.PROVED):
+    if poles != proof.poles:
         return [f"stability: the plant stated has {poles} unstable poles"]
+    if proof.verdict is Verdict.UNDECIDED:
+        return [] if not poles else ["stability: the plant stated refutes it"]
     if proof.verdict is Verdict.REFUTED:
-        return []
+        structural = poles is None and is_unstable_by_structure(case.loop, proof.point)
+        return [] if poles or structural else ["stability: the plant stated does not refute it"]
+    if poles != 0:
+        return ["stability: the plant stated is not stable"]
     if proof.level is None:
         return ["stability: no bound of |S| is stated"]
     claims = stable_throughout(case, proof.level)
@@ -166,6 +177,8 @@ def _side(certificate: Certificate, requirement: Requirement, side: SideProof) -
         problems += _records(stays(case, requirement, side.upper, side.level), side.records)
     if side.verdict is Verdict.REFUTED:
         if side.witness is None:
+            if requirement.quantity not in READINGS:
+                return [*problems, "no witness is stated"]
             return problems + _records(never_crosses(case, point), side.witness_records)
         if not _is_beyond(side, side.witness, limit):
             return [*problems, "the witness does not break the limit"]

@@ -69,4 +69,4 @@ def _reason(loop: Loops, count: float, omega: float) -> str:
     if np.isfinite(count):
         poles = "pole" if round(count) == 1 else "poles"
         return f"{round(count)} closed-loop {poles} in the right half-plane"
-    return f"the loop passes through -1 near omega = {omega:.6g} rad/s: a closed-loop pole on the imaginary axis"
+    return f"near omega = {omega:.6g} rad/s the loop cannot be told from one through -1, on the verge of instability"

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from fopi_tune.proof import Certificate, Recheck
     from fopi_tune.proof.certificate import RequirementProof
 
+_USUAL_TOLERANCE = 1e-6
+
 
 def recheck_text(found: Recheck) -> Text:
     """What the check of a certificate found."""
@@ -56,7 +58,7 @@ def _bounds(proof: RequirementProof) -> str:
     low, high = proof.bounds
     where = scope_phrase(proof.requirement)
     if low is None and high is None:
-        return f"{where}; {'; '.join(side.reason for side in proof.sides if side.reason)}"
+        return f"{where}; {proof.reason}"
     if low is None or high is None:
         edge = f"at least {number(low, 9)}" if low is not None else f"at most {number(high or 0.0, 9)}"
         return f"{where}; shown to be {edge}"
@@ -70,12 +72,13 @@ def proof_lines(certificate: Certificate | None) -> Iterator[Line]:
     verdict = certificate.verdict
     words = f"{verdict.value}: {certificate.boxes} boxes in ball arithmetic"
     gaps = [proof.gap for proof in certificate.requirements if proof.gap is not None]
+    if certificate.tolerance != _USUAL_TOLERANCE:
+        words += f", each limit within a tolerance of {certificate.tolerance:g}"
     if verdict is Verdict.PROVED and gaps:
         words += f"; each bound within {max(gaps):.1e} (relative) of a value that a plant reaches"
     open_ones = [proof for proof in certificate.requirements if proof.verdict is Verdict.UNDECIDED]
     for proof in open_ones:
-        reasons = "; ".join(side.reason for side in proof.sides if side.reason)
-        words += f"; {requirement_phrase(proof.requirement)} is undecided: {reasons}"
+        words += f"; {requirement_phrase(proof.requirement)} is undecided: {proof.reason}"
     if certificate.stability.verdict is Verdict.UNDECIDED:
         words += f"; stability is undecided: {certificate.stability.reason}"
     yield from entry("proof", words, "" if verdict is Verdict.PROVED else BAD)

@@ -116,6 +116,8 @@ class Argument:
             first, second = c[0] / c[2], c[1] / c[2]
             if first < 0:
                 return 1
+            if c[1].is_zero():  # undamped: counted as left, like everywhere in this package
+                return 0
             return None if second.contains(0) else 0 if second > 0 else 2
         return self._path.right if self._path is not None else None
 

@@ -12,7 +12,7 @@ from flint import acb, arb
 
 from fopi_tune.core.peaks import Response
 from fopi_tune.proof.balls.box import Box, is_tail
-from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding, deviations, longest, widest
+from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding, deviations, longest, tail_axis, widest
 from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
 
 
@@ -40,19 +40,16 @@ class Bound(Claim):
         if box[0][0] == -float("inf") and box[0][1] == float("inf"):
             return Finding(None, 0)
         over = self.loop.over(box)
-        value = value_of(over, self.response)
-        limit = arb(self.level).exp()
-        if value.is_finite() and (value.abs_upper() <= limit if self.upper else value.abs_lower() >= limit):
+        if self._holds_by_values(over):
             return HOLDS
-        if self.response is Response.LOOP_GAIN and not self.upper and not value.is_finite():
-            inverse = over.inverse_gain
-            if inverse.is_finite() and inverse.abs_upper() * limit <= 1:
-                return HOLDS
         tail = is_tail(box[0])
         slopes = self._slopes(over, tail)
         known = [slope for slope in slopes if slope is not None]
         if not all(slope.is_finite() for slope in known):
-            return Finding(None, self._axis_of_gain(box, over, tail))
+            if tail:
+                far = tail_axis(box, self.domain, lambda far: self._holds_by_values(self.loop.over(far)))
+                return Finding(None, far)
+            return Finding(None, self._axis_of_gain(box, over))
         centre = value_of(self.loop.at_centre(box), self.response)
         middle = abs(centre).log()
         if not tail and (middle > self.level if self.upper else middle < self.level):
@@ -68,6 +65,33 @@ class Bound(Claim):
         if tail:
             return Finding(None, self._tail_axis(box, slopes, middle), pins)
         return Finding(None, widest(box, known), pins)
+
+    def _holds_by_values(self, over: LoopBalls) -> bool:
+        """Whether the range of R over the box, without any derivative, is on the right side."""
+        value, limit = value_of(over, self.response), arb(self.level).exp()
+        if value.is_finite() and (value.abs_upper() <= limit if self.upper else value.abs_lower() >= limit):
+            return True
+        if self.response is Response.LOOP_GAIN and not self.upper and not value.is_finite():
+            inverse = over.inverse_gain
+            return bool(inverse.is_finite() and inverse.abs_upper() * limit <= 1)
+        return over.high_tail and over.delay is not None and self._holds_by_size(over, limit)
+
+    def _holds_by_size(self, over: LoopBalls, limit: arb) -> bool:
+        """By 1 - |L| <= |1 + L| <= 1 + |L|, where a dead time turns L through a whole disc."""
+        size = over.size
+        if not size < 1:
+            return False
+        if self.upper:
+            top = {
+                Response.SENSITIVITY: arb(1),
+                Response.COMPLEMENTARY_SENSITIVITY: size,
+                Response.CONTROL_SENSITIVITY: over.c.abs_upper(),
+                Response.LOOP_GAIN: size * (1 - size),
+            }[self.response]
+            return bool(top / (1 - size) <= limit)
+        if self.response is Response.SENSITIVITY:
+            return bool(1 / (1 + size) >= limit)
+        return self.response is Response.CONTROL_SENSITIVITY and bool(over.c.abs_lower() / (1 + size) >= limit)
 
     def _slopes(self, over: LoopBalls, tail: bool) -> list[arb | None]:
         """d ln|R| along every axis; None along a tail."""
@@ -85,13 +109,11 @@ class Bound(Claim):
             found[0] = found[0] + over.controller_slope.real
         return slopes + found
 
-    def _axis_of_gain(self, box: Box, over: LoopBalls, tail: bool) -> int:
+    def _axis_of_gain(self, box: Box, over: LoopBalls) -> int:
         """The axis along which L varies most."""
-        if tail:
-            return 0
         gradient = [over.log_slope, *over.log_gradient]
         if not all(g.is_finite() for g in gradient):
-            return longest(box)
+            return longest(box, self.domain)
         return widest(box, [abs(g) for g in gradient])
 
     def _tail_axis(self, box: Box, slopes: list[arb | None], middle: arb) -> int:

@@ -19,7 +19,7 @@ from typing import Any
 
 from flint import arb
 
-from fopi_tune.proof.balls.box import Box, Interval, ball_of, is_tail
+from fopi_tune.proof.balls.box import Box, ball_of, is_tail
 
 #: how far out in u a tail is looked at to see whether its plants are what is in the way
 _FAR = 60.0
@@ -33,7 +33,7 @@ class Finding:
 
     Args:
         leaf: the token with which it holds here; None when it was not shown.
-        axis: otherwise the axis to cut.
+        axis: otherwise the axis to cut; -1 when there is none left.
         pins: axes along which the worst point lies at an end: (axis, upper end).
         counterexample: whether the claim is false at the box's centre.
     """
@@ -91,8 +91,8 @@ def size_of(ball: arb) -> float:
 
 
 def widest(box: Box, slopes: Sequence[arb]) -> int:
-    """The axis along which h varies most; an axis without width is never named unless all are."""
-    best, where = -1.0, 0
+    """The axis along which h varies most; -1 when none has a width."""
+    best, where = -1.0, -1
     for axis, (side, slope) in enumerate(zip(box, slopes, strict=True)):
         width = side[1] - side[0]
         if width == 0.0:
@@ -105,32 +105,37 @@ def widest(box: Box, slopes: Sequence[arb]) -> int:
     return where
 
 
-def longest(box: Box) -> int:
-    """The axis to cut when nothing is known: a tail, else the relatively longest."""
-    best, where = -1.0, 0
-    for axis, (low, high) in enumerate(box):
+def longest(box: Box, domain: Box) -> int:
+    """The axis to cut when nothing is known: a tail, else the longest; -1 when none has a width.
+
+    The width of an uncertain number counts as a part of the family's own, which is comparable with a width of u and
+    does not care whether the number passes 0.
+    """
+    best, where = -1.0, -1
+    for axis, ((low, high), (first, last)) in enumerate(zip(box, domain, strict=True)):
         if low == high:
             continue
-        length = relative_length((low, high)) if axis else high - low
+        length = (high - low) / (last - first) if axis else high - low
         if length > best:
             best, where = length, axis
     return where
 
 
-def tail_axis(box: Box, is_settled: Callable[[Box], bool]) -> int:
+def longest_number(box: Box, domain: Box) -> int:
+    """The same among the uncertain numbers alone: u is not for this claim to cut."""
+    return longest(((0.0, 0.0), *box[1:]), domain)
+
+
+def tail_axis(box: Box, domain: Box, is_settled: Callable[[Box], bool]) -> int:
     """The axis along which to cut a tail that was not settled: its own end, if that settles it far out; else a plant's.
 
     Args:
         box: with a tail.
+        domain: of the claim.
         is_settled: whether a box is settled as a whole.
     """
     low, high = box[0]
     far = (low, high - _FAR) if low == -math.inf else (low + _FAR, high)
     if all(a == b for a, b in box[1:]) or is_settled((far, *box[1:])):
         return 0
-    return longest(((0.0, 0.0), *box[1:]))
-
-
-def relative_length(side: Interval) -> float:
-    """Width over the larger end: comparable with a width of u."""
-    return (side[1] - side[0]) / max(abs(side[0]), abs(side[1]))
+    return longest_number(box, domain)

@@ -49,11 +49,11 @@ class EveryCrossover(Claim):
         if is_off(over):
             return HOLDS
         if is_tail(box[0]):
-            return Finding(None, tail_axis(box, lambda far: is_off(self.loop.over(far))))
+            return Finding(None, tail_axis(box, self.domain, lambda far: is_off(self.loop.over(far))))
         shifts = deviations(box)
         gradient = [over.log_slope, *over.log_gradient]
         if not all(g.is_finite() for g in gradient):
-            return Finding(None, longest(box))
+            return Finding(None, longest(box, self.domain))
         centre = self.loop.at_centre(box)
         log_gain = abs(centre.gain).log()
         variation = sum((g.real * d for g, d in zip(gradient, shifts, strict=True)), arb(0))
@@ -105,7 +105,7 @@ def is_off(over: LoopBalls) -> bool:
     """Whether |L| = 1 nowhere in the box."""
     gain = over.gain
     if gain.is_finite():
-        return bool(gain.abs_upper() < 1 or gain.abs_lower() > 1)
+        return bool(over.size < 1 or gain.abs_lower() > 1)
     inverse = over.inverse_gain
     return bool(inverse.is_finite() and inverse.abs_upper() < 1)
 
@@ -175,11 +175,11 @@ class EveryPhaseCrossover(Claim):
         if self._is_apart(over):
             return HOLDS
         if is_tail(box[0]):
-            return Finding(None, tail_axis(box, lambda far: self._is_apart(self.loop.over(far))))
+            return Finding(None, tail_axis(box, self.domain, lambda far: self._is_apart(self.loop.over(far))))
         shifts = deviations(box)
         gradient = [over.log_slope, *over.log_gradient]
         if not all(g.is_finite() for g in gradient):
-            return Finding(None, longest(box))
+            return Finding(None, longest(box, self.domain))
         centre = self.loop.at_centre(box).gain
         log_gain = abs(centre).log()
         larger = log_gain + sum((g.real * d for g, d in zip(gradient, shifts, strict=True)), arb(0))
@@ -203,7 +203,7 @@ class EveryPhaseCrossover(Claim):
         if not gain.is_finite():
             inverse = over.inverse_gain
             return bool(inverse.is_finite() and inverse.abs_upper() < 1)
-        small, large = gain.abs_upper() < (-arb(self.level)).exp(), gain.abs_lower() > 1
+        small, large = over.size < (-arb(self.level)).exp(), gain.abs_lower() > 1
         return bool(small or large or gain.real > 0 or not gain.imag.contains(0))
 
     def to_dict(self) -> dict[str, Any]:

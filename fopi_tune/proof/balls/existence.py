@@ -16,7 +16,7 @@ from flint import acb, arb
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import phase_crossovers
 from fopi_tune.proof.balls.box import Box, Interval, centre_of
-from fopi_tune.proof.balls.claim import Claim, Finding, deviations, longest, size_of, widest
+from fopi_tune.proof.balls.claim import Claim, Finding, deviations, longest_number, size_of, widest
 from fopi_tune.proof.balls.crossings import changes_sign, combine, zone_of
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.reading import Reader, Reading, slopes_of
@@ -49,11 +49,12 @@ class SomeCrossover(Claim):
     reader: Reader = field(compare=False, repr=False)
 
     def examine(self, box: Box) -> Finding:
-        axis = longest(((0.0, 0.0), *box[1:]))
+        axis = longest_number(box, self.domain)
         for u in self._candidates(centre_of(box[1:])):
             over = self.loop.over(((u, u), *box[1:]))
             reach = reach_of(over.log_slope.real, [g.real for g in over.log_gradient], box)
-            axis = axis_of([g.real for g in over.log_gradient] if self._only_its_place else over.log_gradient, box)
+            gradient = [g.real for g in over.log_gradient] if self._only_its_place else over.log_gradient
+            axis = axis_of(gradient, box, self.domain)
             for zone in self._zones(u, reach):
                 leaf = f"x{zone[0]!r}:{zone[1]!r}"
                 if self.holds(box, leaf):
@@ -144,13 +145,13 @@ class SomePhaseCrossover(Claim):
         crossings = phase_crossovers(Loops.of(self.loop.gains, plants))
         useful = (crossings.gain < 1.0) & np.isfinite(crossings.omega_rad_s)
         if not useful.any():
-            return Finding(None, longest(((0.0, 0.0), *box[1:])))
+            return Finding(None, longest_number(box, self.domain))
         k = int(np.argmax(np.where(useful, crossings.gain, -1.0)))
         u = float(np.log(crossings.omega_rad_s[k]))
         over = self.loop.over(((u, u), *box[1:]))
         width = reach_of(over.log_slope.imag, [g.imag for g in over.log_gradient], box)
         leaf = f"x{u - width!r}:{u + width!r}"
-        return Finding(leaf) if self.holds(box, leaf) else Finding(None, axis_of(over.log_gradient, box))
+        return Finding(leaf) if self.holds(box, leaf) else Finding(None, axis_of(over.log_gradient, box, self.domain))
 
     def holds(self, box: Box, leaf: str) -> bool:
         zone = zone_of(leaf[1:]) if leaf[:1] == "x" else None
@@ -185,9 +186,9 @@ def reach_of(slope: arb, gradient: list[arb], box: Box) -> float:
     return 1.25 * reach + _LEAST_HALF_WIDTH if reach < _FARTHEST else _FARTHEST
 
 
-def axis_of(gradient: Sequence[arb | acb], box: Box) -> int:
+def axis_of(gradient: Sequence[arb | acb], box: Box, domain: Box) -> int:
     """The uncertain number along which what is described by this gradient changes most."""
     sizes = [abs(g) for g in gradient]
     if not sizes or not all(size.is_finite() for size in sizes):
-        return longest(((0.0, 0.0), *box[1:]))
+        return longest_number(box, domain)
     return widest(((0.0, 0.0), *box[1:]), [arb(0), *sizes])

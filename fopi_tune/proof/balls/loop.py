@@ -218,6 +218,14 @@ class LoopBalls:
         return top / self.d if self.x is None else top / (self.x * self.d)
 
     @cached_property
+    def size(self) -> arb:
+        """An upper bound of |L|; sharp in the high tail of a dead time, where L turns through a whole disc."""
+        if self.high_tail and self.delay is not None:
+            top, bottom = self.c.abs_upper() * self.numerator.abs_upper(), self.d.abs_lower()
+            return top / bottom if bottom > 0 else arb.pos_inf()
+        return self.gain.abs_upper()
+
+    @cached_property
     def inverse_gain(self) -> acb:
         """1/L; not finite where L may be 0."""
         bottom = self.c * self.n

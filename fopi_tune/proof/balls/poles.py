@@ -19,7 +19,7 @@ from typing import Any
 from flint import acb, arb
 
 from fopi_tune.proof.balls.box import Box, ball_of
-from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding, longest, tail_axis
+from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding, longest, longest_number, tail_axis
 from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
 from fopi_tune.proof.balls.plant import PlantBalls, polynomial
 
@@ -68,6 +68,20 @@ def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float
     return None if count is None or count < 0 else int(count)
 
 
+def is_unstable_by_structure(loop: BallLoop, theta: tuple[float, ...]) -> bool:
+    """Whether a plant's loop is unstable without counting poles.
+
+    Its integral is cancelled by a zero of the plant at s = 0, or a dead time is inside a direct path with
+    |kp n_n/d_n| > 1, which has infinitely many poles on the right.
+    """
+    plant = loop.plant([arb(value) for value in theta])
+    if loop.gains.ki != 0.0 and plant.numerator[-1].value.is_zero():
+        return True
+    if len(plant.numerator) < len(plant.denominator) or not plant.dead_time.value > 0:
+        return False
+    return bool(abs(loop.kp * plant.numerator[0].value / plant.denominator[0].value) > 1)
+
+
 def _power(loop: BallLoop, u: float) -> acb:
     """s^alpha on the axis; 1 without an integral."""
     if loop.gains.ki == 0.0:
@@ -91,6 +105,12 @@ def _change_along_axis(loop: BallLoop, plant: PlantBalls, low: float, high: floa
             after = LoopBalls(loop, (b, b), plant).characteristic
             total += (after / before).arg()
             before = after
+            continue
+        if abs(over.c * over.numerator) < abs(over.d) and not over.d.contains(0):
+            # |L| < 1: 1 + L stays in the right half-plane, however often the dead time turns it
+            ends = LoopBalls(loop, (a, a), plant), LoopBalls(loop, (b, b), plant)
+            total += (ends[1].d / ends[0].d).arg() + (1 + ends[1].gain).arg() - (1 + ends[0].gain).arg()
+            before = ends[1].characteristic
             continue
         if b - a < _NARROWEST or pieces > _MOST_PIECES:
             return None
@@ -179,7 +199,7 @@ class NoPoleAtTheEnds(Claim):
     def examine(self, box: Box) -> Finding:
         plant = self.loop.plant([ball_of(side) for side in box[1:]])
         ends = _low_end(self.loop, plant, self.origin), _high_end(self.loop, plant, self.origin)
-        return HOLDS if None not in ends else Finding(None, longest(((0.0, 0.0), *box[1:])))
+        return HOLDS if None not in ends else Finding(None, longest_number(box, self.domain))
 
     def to_dict(self) -> dict[str, Any]:
         return {"kind": "no_pole_at_the_ends"}
@@ -208,8 +228,8 @@ class NoAxisRoot(Claim):
         if self._is_not_0(over):
             return HOLDS
         if over.low_tail or over.high_tail:
-            return Finding(None, tail_axis(box, lambda far: self._is_not_0(self.loop.over(far))))
-        return Finding(None, longest(box))
+            return Finding(None, tail_axis(box, self.domain, lambda far: self._is_not_0(self.loop.over(far))))
+        return Finding(None, longest(box, self.domain))
 
     def _is_not_0(self, over: LoopBalls) -> bool:
         coefficients = [c.value for c in (over.plant.denominator if self.denominator else over.plant.numerator)]

@@ -64,7 +64,7 @@ def search(claim: Claim, budget: int) -> Search:
             record.append("p" + "".join(f"{axis}{'+' if upper else '-'}" for axis, upper in found.pins))
             pending.append(_face(box, found.pins))
             continue
-        pieces = split(box, found.axis, claim.origin)
+        pieces = split(box, found.axis, claim.origin) if found.axis >= 0 else None
         if pieces is None:
             return Search((), boxes, open_boxes=(box, *pending))
         record.append(f"s{found.axis}")
