@@ -41,7 +41,7 @@ from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 #: the most boxes a claim may take; of one about the presence of crossings, whose boxes cost more; of a last attempt
 BUDGET, CROSSING_BUDGET, LAST_BUDGET = 40_000, 8_000, 4_000
 #: relative distance from the worst value to the level that is shown; wider ones are tried in turn
-_GAPS = (5e-7, 5e-5, 5e-4)
+_GAPS = (5e-7, 5e-5, 5e-4, 1e-2)
 #: the same for `equals`, which is about one plant: its bounds are the enclosure of the value
 _ENCLOSURES = (4e-12, 1e-10, 1e-8)
 #: relative distance to the limit below which a claim at the limit itself would take too many boxes
