@@ -115,7 +115,10 @@ def breaks(
         low, high = _band(requirement)
         u = min(max(u, low), high)
         return [_bound(case, requirement, not upper, level, (u, u), points(point))]
-    return _stays(case, requirement, not upper, level, points(point))
+    claims = _stays(case, requirement, not upper, level, points(point))
+    if omega is None or not 0.0 < omega < math.inf:
+        return claims
+    return [replace(c, hint=math.log(omega)) if isinstance(c, SomePhaseCrossover) else c for c in claims]
 
 
 def never_crosses(case: Case, point: tuple[float, ...]) -> list[Claim]:

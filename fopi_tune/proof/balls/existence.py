@@ -132,14 +132,18 @@ class SomePhaseCrossover(Claim):
         level: in neper, > 0.
         domain: the plants; axis 0 is not cut.
         origin: not used.
+        hint: u of a crossing, where it is known already.
     """
 
     loop: BallLoop
     level: float
     domain: Box
     origin: float
+    hint: float | None = field(default=None, compare=False)
 
     def examine(self, box: Box) -> Finding:
+        if self.hint is not None and (leaf := self._leaf(self.hint, box)) is not None:
+            return Finding(leaf)
         theta = centre_of(box[1:])
         plants = Plants.members(self.loop.family, np.array([theta], dtype=float))
         crossings = phase_crossovers(Loops.of(self.loop.gains, plants))
@@ -148,10 +152,16 @@ class SomePhaseCrossover(Claim):
             return Finding(None, longest_number(box, self.domain))
         k = int(np.argmax(np.where(useful, crossings.gain, -1.0)))
         u = float(np.log(crossings.omega_rad_s[k]))
+        leaf = self._leaf(u, box)
+        gradient = self.loop.over(((u, u), *box[1:])).log_gradient
+        return Finding(leaf) if leaf is not None else Finding(None, axis_of(gradient, box, self.domain))
+
+    def _leaf(self, u: float, box: Box) -> str | None:
+        """The zone around a crossing of the central plant, where the claim holds with it."""
         over = self.loop.over(((u, u), *box[1:]))
         width = reach_of(over.log_slope.imag, [g.imag for g in over.log_gradient], box)
         leaf = f"x{u - width!r}:{u + width!r}"
-        return Finding(leaf) if self.holds(box, leaf) else Finding(None, axis_of(over.log_gradient, box, self.domain))
+        return leaf if self.holds(box, leaf) else None
 
     def holds(self, box: Box, leaf: str) -> bool:
         zone = zone_of(leaf[1:]) if leaf[:1] == "x" else None

@@ -45,6 +45,8 @@ Pair = tuple[arb, arb]
 _CUT = Finding(None, 0)
 _FLAT_AT_LARGE_GAIN = (Response.COMPLEMENTARY_SENSITIVITY, Response.CONTROL_SENSITIVITY)
 _LARGE_GAIN = 4.0
+#: rad; a box over which the dead time turns L by more is better judged by the size of L
+_MUCH_OF_A_TURN = 0.3
 #: in u; a box that is still not settled at this width may be for want of digits
 _NARROW = 1e-5
 
@@ -217,7 +219,8 @@ class LagBound(_Lag):
 
     def _where_the_phase_does_not_matter(self, u: Interval, over: _At) -> Finding:
         """A long dead time turns L often where it is small already: there its size settles the claim."""
-        return self._by_the_general_claim(u) if over.g.abs_upper() < over.x(False).abs_lower() else _CUT
+        turns = over.omega.rad() * over.dead_time > _MUCH_OF_A_TURN
+        return self._by_the_general_claim(u) if turns and over.g.abs_upper() < over.x(False).abs_lower() else _CUT
 
 
 def _end(q: tuple[Pair, Pair, Pair], x: arb) -> arb:
