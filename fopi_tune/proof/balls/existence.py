@@ -24,6 +24,8 @@ from fopi_tune.proof.balls.reading import Reader, Reading, slopes_of
 #: widths in u of the zones tried for a crossing of which only its presence counts
 _WIDTHS = (1.0, 4.0, 16.0)
 _LEAST_HALF_WIDTH = 1e-10
+#: added to a zone in turn: where the crossing is flat its sign cannot be told so close to it
+_MORE = (0.0, 1e-7, 1e-4)
 _FARTHEST = 16.0
 
 
@@ -68,12 +70,12 @@ class SomeCrossover(Claim):
 
     def _zones(self, u: float, reach: float) -> list[Interval]:
         """Where to look for the crossing at u: close by where its value counts, else as far as it takes."""
-        near = (u - reach, u + reach)
+        near = [(u - reach - more, u + reach + more) for more in _MORE]
         if self.level is None:
-            return [near, *((u - width, u + width) for width in _WIDTHS)]
+            return [near[0], *((u - width, u + width) for width in _WIDTHS)]
         if self.reading is not Reading.CROSSOVER:
-            return [near]
-        return [near, *((self.level, max(u, self.level) + width) for width in _WIDTHS)]
+            return near
+        return [near[0], *((self.level, max(u, self.level) + width) for width in _WIDTHS)]
 
     def _candidates(self, theta: tuple[float, ...]) -> Iterator[float]:
         """Where the central plant crosses |L| = 1: what the nominal crossover becomes, then the most favourable."""
@@ -159,9 +161,9 @@ class SomePhaseCrossover(Claim):
     def _leaf(self, u: float, box: Box) -> str | None:
         """The zone around a crossing of the central plant, where the claim holds with it."""
         over = self.loop.over(((u, u), *box[1:]))
-        width = reach_of(over.log_slope.imag, [g.imag for g in over.log_gradient], box)
-        leaf = f"x{u - width!r}:{u + width!r}"
-        return leaf if self.holds(box, leaf) else None
+        reach = reach_of(over.log_slope.imag, [g.imag for g in over.log_gradient], box)
+        leaves = (f"x{u - reach - more!r}:{u + reach + more!r}" for more in _MORE)
+        return next((leaf for leaf in leaves if self.holds(box, leaf)), None)
 
     def holds(self, box: Box, leaf: str) -> bool:
         zone = zone_of(leaf[1:]) if leaf[:1] == "x" else None
