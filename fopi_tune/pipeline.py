@@ -12,7 +12,7 @@ from fopi_tune.errors import DomainError
 from fopi_tune.outcome import Give, Status
 from fopi_tune.proof import Certificate, Recheck, Verdict, Verification, certify, verify
 from fopi_tune.proof.certificate import LARGEST_TOLERANCE
-from fopi_tune.result import Check, Design, RequirementReport
+from fopi_tune.result import Check, Design, Discretized, RequirementReport
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.stamp import certificate_versions, stamp
@@ -80,6 +80,29 @@ def prove(source: str | os.PathLike[str] | DesignSpec, gains: FoPi, tolerance: f
         )
     found = verify(spec, gains, tolerance)
     return Check(spec, found, certify(spec, found, certificate_versions()), stamp(spec.sha256, None))
+
+
+def discretize(source: str | os.PathLike[str] | DesignSpec, gains: FoPi) -> Discretized:
+    """Make the digital controller that a spec's `digital:` section asks for.
+
+    Args:
+        source: a spec file, or a spec.
+        gains: the controller, usually from a design.
+
+    Raises:
+        SpecError: the file cannot be read, or has mistakes.
+        DomainError: the spec has no such section, or it cannot be met (band, sample time, precision).
+    """
+    from fopi_tune.core.margins import margins
+    from fopi_tune.digital import discretize
+
+    spec = load_spec(source)
+    if spec.digital is None:
+        raise DomainError(
+            "the spec has no section digital; add digital: {sample_time_s: 0.2} with your sampling period"
+        )
+    crossover = margins(gains, spec.plant.member(spec.plant.nominal_point)).crossover_rad_s
+    return Discretized(spec, discretize(gains, spec.digital, crossover), stamp(spec.sha256, None))
 
 
 def recheck(document: object, source: str | os.PathLike[str] | DesignSpec | None = None) -> Recheck:
@@ -202,4 +225,4 @@ def _unproved(certificate: Certificate) -> str:
     return "the gains pass the check in floating point, but the proof is missing: " + "; ".join(parts)
 
 
-__all__ = ["Check", "Design", "prove", "recheck", "tune"]
+__all__ = ["Check", "Design", "Discretized", "discretize", "prove", "recheck", "tune"]

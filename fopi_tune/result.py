@@ -18,6 +18,7 @@ from fopi_tune.stamp import Stamp
 
 if TYPE_CHECKING:
     from fopi_tune.convert import ControlObjects
+    from fopi_tune.digital import DigitalController
 
 #: version of the result's JSON; it may only grow
 RESULT_SCHEMA = 1
@@ -175,6 +176,22 @@ class Check:
             "nominal": margins_dict(found.nominal),
             "proof": proof_dict(self.certificate, True),
         }
+
+
+@dataclass(frozen=True)
+class Discretized:
+    """The digital controller of a spec: what `fopi discretize` hands out."""
+
+    spec: DesignSpec
+    controller: DigitalController
+    stamp: Stamp
+    status: str = "discretized"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON."""
+        from fopi_tune.digital import to_document as digital_document
+
+        return {**digital_document(self.controller, self.spec.name), "stamp": asdict(self.stamp)}
 
 
 def objective_name(spec: DesignSpec) -> str:

@@ -17,7 +17,7 @@ from fopi_tune.cli.process import Handling, process
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
-    from fopi_tune.result import Check, Design
+    from fopi_tune.result import Check, Design, Discretized
     from fopi_tune.spec.model import DesignSpec
 
 app = typer.Typer(
@@ -138,6 +138,44 @@ def prove(
         return pipeline.prove(loaded, gains, tolerance)
 
     raise typer.Exit(process([spec], make, handling, "proving"))
+
+
+@app.command()
+def discretize(
+    spec: Annotated[str, typer.Argument(metavar="SPEC", help="Spec file with a section `digital`.")],
+    kp: Annotated[float | None, typer.Option(help="Proportional gain.")] = None,
+    ki: Annotated[float | None, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")] = None,
+    alpha: Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")] = None,
+    out: Out = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Turn gains into a filter at the spec's sample time, and measure how far it is from the ideal controller.
+
+    Gains are taken as `fopi prove` takes them.  The sampled loop is not verified in this version.
+    """
+    handling = Handling("digital.json", out, as_json, quiet, debug)
+    given = (kp, ki, alpha)
+    if any(gain is None for gain in given) and any(gain is not None for gain in given):
+        raise _refusal("give --kp, --ki and --alpha all three, or none of them")
+
+    def make(loaded: DesignSpec) -> Discretized | Design:
+        from fopi_tune import pipeline
+        from fopi_tune.core.controller import FoPi
+
+        if kp is not None and ki is not None and alpha is not None:
+            return pipeline.discretize(loaded, FoPi(kp, ki, alpha))
+        gains = gains_of_earlier_design(loaded, handling)
+        if gains is None:
+            handling.note(f"{loaded.name}: no gains given, and no design of this spec there; tuning first ...")
+            design = pipeline.tune(loaded, proof=False)
+            if design.gains is None or design.status.value != "solved":
+                return design
+            gains = design.gains
+        return pipeline.discretize(loaded, gains)
+
+    raise typer.Exit(process([spec], make, handling, "discretizing"))
 
 
 @app.command()

@@ -15,8 +15,10 @@ from fopi_tune.errors import DomainError, SpecError
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from fopi_tune.result import Check, Design
+    from fopi_tune.result import Check, Design, Discretized
     from fopi_tune.spec.model import DesignSpec
+
+    Result = Design | Check | Discretized
 
 
 CERTIFICATE_FILE = "certificate.json"
@@ -45,7 +47,7 @@ class Handling:
             say(words)
 
 
-def process(files: Sequence[str], make: Callable[[DesignSpec], Design | Check], handling: Handling, doing: str) -> Exit:
+def process(files: Sequence[str], make: Callable[[DesignSpec], Result], handling: Handling, doing: str) -> Exit:
     """Load every spec, then make, write and print one result each; ends with the worst of the exit codes."""
     specs, code = _load(files, handling)
     documents: list[dict[str, Any]] = []
@@ -82,7 +84,7 @@ def _load(files: Sequence[str], handling: Handling) -> tuple[list[DesignSpec], E
 
 
 def _one(
-    spec: DesignSpec, make: Callable[[DesignSpec], Design | Check], handling: Handling, documents: list[dict[str, Any]]
+    spec: DesignSpec, make: Callable[[DesignSpec], Result], handling: Handling, documents: list[dict[str, Any]]
 ) -> Exit:
     """Make one result, write it, print it or add it to the documents."""
     start = time.perf_counter()
@@ -99,18 +101,28 @@ def _one(
     handling.note(f"{spec.name}: {document['status']} after {time.perf_counter() - start:.1f} s")
     # The files come before the table, so that a closed stdout costs nothing.
     code = max(_exit_code(result), _write(handling.path(spec), text + "\n", spec.name, handling))
-    certificate = result.certificate_document()
-    if certificate is not None:
-        path = handling.path(spec).with_name(CERTIFICATE_FILE)
-        code = max(code, _write(path, to_json(certificate) + "\n", spec.name, handling))
-    elif handling.path(spec).with_name(CERTIFICATE_FILE).exists():
-        handling.note(f"{spec.name}: the {CERTIFICATE_FILE} there is of an earlier result, not of this one")
+    code = max(code, _write_certificate(result, spec, handling))
     if table is not None:
         if documents:
             print_out("")
         code = max(code, print_styled(table))
     documents.append(document)
     return code
+
+
+def _write_certificate(result: Result, spec: DesignSpec, handling: Handling) -> Exit:
+    """The certificate beside the result, or a word about one that is of another."""
+    from fopi_tune.result import Discretized
+
+    if isinstance(result, Discretized):  # the certificate there stays the gains' own
+        return Exit.MET
+    certificate = result.certificate_document()
+    path = handling.path(spec).with_name(CERTIFICATE_FILE)
+    if certificate is not None:
+        return _write(path, to_json(certificate) + "\n", spec.name, handling)
+    if path.exists():
+        handling.note(f"{spec.name}: the {CERTIFICATE_FILE} there is of an earlier result, not of this one")
+    return Exit.MET
 
 
 def _write(path: Path, text: str, name: str, handling: Handling) -> Exit:
@@ -123,14 +135,16 @@ def _write(path: Path, text: str, name: str, handling: Handling) -> Exit:
     return Exit.MET
 
 
-def _exit_code(result: Design | Check) -> Exit:
-    if result.status in ("solved", "met"):
+def _exit_code(result: Result) -> Exit:
+    if result.status in ("solved", "met", "discretized"):
         return Exit.MET
     return Exit.TOOL_FAILED if result.status in ("failed", "undecided") else Exit.NOT_MET
 
 
-def _table(result: Design | Check) -> Text:
-    from fopi_tune.report import check_text, design_text
-    from fopi_tune.result import Design
+def _table(result: Result) -> Text:
+    from fopi_tune.report import check_text, design_text, digital_text
+    from fopi_tune.result import Check, Design
 
-    return design_text(result) if isinstance(result, Design) else check_text(result)
+    if isinstance(result, Design):
+        return design_text(result)
+    return check_text(result) if isinstance(result, Check) else digital_text(result)

@@ -1,6 +1,7 @@
 """Results as something to read; computes nothing and writes nothing."""
 
 from fopi_tune.report.certificates import recheck_text
+from fopi_tune.report.digital import digital_text
 from fopi_tune.report.terminal import check_text, design_text
 
-__all__ = ["check_text", "design_text", "recheck_text"]
+__all__ = ["check_text", "design_text", "digital_text", "recheck_text"]

@@ -1,0 +1,138 @@
+"""From gains to a digital controller:  gains and the spec's digital section -> DigitalController.
+
+What comes out is the sum of first-order sections, how far it is from C(j omega), and what it becomes in the forms and
+precisions that targets use.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.digital.fit import FIT_UP_TO, fit
+from fopi_tune.digital.integrator import Array, ZeroPoleGain, modified_oustaloup, oustaloup
+from fopi_tune.digital.realise import Form, Precision, Realisation, accepted, realise
+from fopi_tune.digital.sections import Sections, matched, tustin
+from fopi_tune.errors import DomainError
+from fopi_tune.spec.model import DigitalSpec
+
+_FREQUENCIES = 600
+#: samples that a realisation is run on
+_SAMPLES = 2000
+#: what the parallel form may lose in float32 before it is refused
+_TOLERANCE = 1e-3
+#: relative error that counts as accurate
+_ACCURATE = 0.05
+#: parts of Nyquist's frequency up to which the error is stated
+_PARTS = (0.1, FIT_UP_TO, 1.0)
+
+
+class Method(StrEnum):
+    """How s^-alpha is approximated; the value is the word in the spec."""
+
+    OUSTALOUP = "oustaloup"
+    MODIFIED_OUSTALOUP = "modified_oustaloup"
+    FIT = "fit"
+
+
+class Rule(StrEnum):
+    """How a continuous approximation is sampled; the value is the word in the spec."""
+
+    TUSTIN = "tustin"
+    MATCHED = "matched"
+
+
+@dataclass(frozen=True)
+class DigitalController:
+    """A controller that runs on samples.
+
+    Args:
+        gains: what it approximates.
+        digital: how it was asked for.
+        sections: the filter; sections without an integrator have ki = 0.
+        errors: (frequency in rad/s, largest |C_d/C - 1| from the band's lower end up to it), ascending.
+        accurate_rad_s: the frequencies around the band's middle between which |C_d/C - 1| stays within 5 %; None where
+            it does not even there.
+        realisations: forms and precisions with their measured errors.
+    """
+
+    gains: FoPi
+    digital: DigitalSpec
+    sections: Sections
+    errors: tuple[tuple[float, float], ...]
+    accurate_rad_s: tuple[float, float] | None
+    realisations: tuple[Realisation, ...]
+
+
+def discretize(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None = None) -> DigitalController:
+    """Make and measure the digital controller.
+
+    Args:
+        gains: from a design.
+        digital: the spec's section.
+        crossover_rad_s: where `matched` keeps the gain; the middle of the band when it is not known.
+
+    Raises:
+        DomainError: the band does not fit the sample time, or the parallel form loses too much in float32.
+    """
+    with np.errstate(all="ignore"):
+        sections = _sections(gains, digital, crossover_rad_s)
+    if not np.all(np.isfinite([sections.direct, *sections.poles, *sections.residues])):
+        raise DomainError("the filter's numbers are beyond what a double holds; use fewer poles or a narrower band")
+    if any(abs(pole) >= 1.0 for pole in sections.poles[1:]) or len(set(sections.poles)) < len(sections.poles):
+        raise DomainError("poles of the filter fall together at this sample time; use fewer poles or a narrower band")
+    errors, accurate = _errors(gains, digital, sections)
+    inputs = _test_input()
+    pairs = [(form, precision) for form in Form for precision in Precision]
+    realisations = tuple(realise(sections, form, precision, inputs) for form, precision in pairs)
+    for realisation in realisations:
+        if realisation.form is Form.PARALLEL:
+            accepted(realisation, _TOLERANCE)
+    return DigitalController(gains, digital, sections, errors, accurate, realisations)
+
+
+def _sections(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None) -> Sections:
+    low, high = digital.band_rad_s
+    sample_time_s, method = digital.sample_time_s, Method(digital.method)
+    nyquist = np.pi / sample_time_s
+    if low >= nyquist:
+        raise DomainError(f"the band begins at {low:g} rad/s, above Nyquist's frequency {nyquist:g} rad/s; lower it")
+    if method is Method.FIT:
+        return fit(gains, sample_time_s, digital.poles, digital.band_rad_s)
+    make = oustaloup if method is Method.OUSTALOUP else modified_oustaloup
+    integral: ZeroPoleGain = make(gains.alpha, digital.poles, digital.band_rad_s)
+    if Rule(digital.rule) is Rule.TUSTIN:
+        return tustin(gains, integral, sample_time_s)
+    middle = float(np.sqrt(low * min(high, nyquist)))
+    at = crossover_rad_s if crossover_rad_s is not None and crossover_rad_s < nyquist else middle
+    return matched(gains, integral, sample_time_s, at)
+
+
+def _errors(
+    gains: FoPi, digital: DigitalSpec, sections: Sections
+) -> tuple[tuple[tuple[float, float], ...], tuple[float, float] | None]:
+    """Largest relative errors up to parts of Nyquist's frequency, and between where 5 % is kept."""
+    nyquist = np.pi / digital.sample_time_s
+    omega = np.geomspace(digital.band_rad_s[0], nyquist, _FREQUENCIES)
+    ideal = gains.kp + gains.ki * (1j * omega) ** -gains.alpha
+    error = np.abs(sections.response(omega) / ideal - 1.0)
+    largest = np.maximum.accumulate(error)
+    parts = [part * nyquist for part in _PARTS if part * nyquist > digital.band_rad_s[0]]
+    stated = tuple((end, float(largest[omega <= end * (1.0 + 1e-12)][-1])) for end in parts)
+    good = error <= _ACCURATE
+    middle = int(np.argmin(np.abs(np.log(omega) - 0.5 * np.log(omega[0] * min(omega[-1], digital.band_rad_s[1])))))
+    if not good[middle]:
+        return stated, None
+    below, above = np.flatnonzero(~good[:middle]), np.flatnonzero(~good[middle:])
+    first = below[-1] + 1 if len(below) else 0
+    last = middle + above[0] - 1 if len(above) else len(omega) - 1
+    return stated, (float(omega[first]), float(omega[last]))
+
+
+def _test_input() -> Array:
+    """A step with noise: what a loop's error looks like; seeded, so that equal inputs give equal results."""
+    rng = np.random.default_rng(20)
+    return 0.3 + rng.normal(size=_SAMPLES)
