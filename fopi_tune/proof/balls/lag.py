@@ -23,6 +23,7 @@ Phase crossovers.  L = -m < 0 iff G = -m (1 + jx), hence  m = -Re G,  x = Im G/R
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -157,8 +158,9 @@ class _Lag(Claim):
         found = self.general.examine((u, *self.general.domain[1:]))
         return HOLDS if found.leaf is not None else _CUT
 
+    @abstractmethod
     def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
-        raise NotImplementedError
+        """By the closed form: over a box, with its centre and its distance from it."""
 
     def to_dict(self) -> dict[str, Any]:
         return {**self.general.to_dict(), "form": "lag"}
