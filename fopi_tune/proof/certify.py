@@ -17,9 +17,11 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.proof.balls.bound import value_of
 from fopi_tune.proof.balls.box import points
 from fopi_tune.proof.balls.claim import Claim
+from fopi_tune.proof.balls.crossings import EveryCrossover
 from fopi_tune.proof.balls.existence import SomeCrossover, SomePhaseCrossover
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.balls.poles import NoAxisRoot, count_unstable_poles, is_unstable_by_structure
+from fopi_tune.proof.balls.reading import Reading
 from fopi_tune.proof.balls.search import Search, search
 from fopi_tune.proof.certificate import (
     Certificate,
@@ -289,7 +291,8 @@ class _Searches:
 
     def run(self, claim: Claim, most: int = BUDGET) -> Search:
         """The search for one claim."""
-        budget = min(CROSSING_BUDGET if isinstance(claim, SomeCrossover | SomePhaseCrossover) else BUDGET, most)
+        listing = isinstance(claim, SomeCrossover | SomePhaseCrossover) or _lists_crossings(claim)
+        budget = min(CROSSING_BUDGET if listing else BUDGET, most)
         if isinstance(claim, NoAxisRoot):
             key: tuple[object, ...] = (NoAxisRoot, claim.denominator, claim.domain)
         elif isinstance(claim, SomeCrossover) and claim.level is None:
@@ -309,3 +312,10 @@ class _Searches:
                 return None
             records.append(Record(found.record))
         return tuple(records) or None
+
+
+def _lists_crossings(claim: Claim) -> bool:
+    """Whether a box costs a list of all crossings: which of several is the highest decides."""
+    if not isinstance(claim, EveryCrossover) or claim.reading is not Reading.PHASE_SLOPE:
+        return False
+    return claim.reader.may_cross_often
