@@ -137,7 +137,9 @@ def test_a_phase_crossover_lies_where_formula_3_says_and_has_its_gain() -> None:
         tau = float(rng.uniform(loop.family.low[0], loop.family.high[0]))
         form = closed_form(bound(loop, Response.LOOP_GAIN, 0.0, True))
         found = phase_crossovers(Loops.of(loop.gains, Plants.members(loop.family, np.array([[tau]]))))
-        for omega, gain in list(zip(found.omega_rad_s.tolist(), found.gain.tolist(), strict=True))[:5]:
+        inner = found.omega_rad_s > 0.0  # at an end of the axis there is no u
+        places = zip(found.omega_rad_s[inner].tolist(), found.gain[inner].tolist(), strict=True)
+        for omega, gain in list(places)[:5]:
             g = at(form, math.log(omega)).g
             assert float(g.real.mid()) == pytest.approx(-gain, rel=1e-9)
             assert float((g.imag / g.real).mid()) == pytest.approx(omega * tau, rel=1e-9)

@@ -173,12 +173,12 @@ def is_caught(module: Any) -> bool:
 T_LINE = "(m2, zero), linear, (distance - size, d_distance - slope)"
 #: what a slip would change, and into what
 SLIPS = [
-    ("acb(cosine, -sine)", "acb(cosine, sine)"),
-    ("slope - acb(0, turn)", "slope + acb(0, turn)"),
+    ("return acb(cosine, -sine)", "return acb(cosine, sine)"),
+    ("acb(0, -turn)", "acb(0, turn)"),
     ("2 * size * self.log_slope.real", "-2 * size * self.log_slope.real"),
     ("2 * size * self.c_slope.real", "-2 * size * self.c_slope.real"),
-    ("self._u) - self.omega * self.dead_time", "self._u) + self.omega * self.dead_time"),
-    ("phase + arb.pi() if lead < 0.0", "phase + arb.pi() if lead > 0.0"),
+    ("return -omega * dead_time", "return omega * dead_time"),
+    ("phase - arb.pi() if (self.gain < 0) !=", "phase - arb.pi() if (self.gain < 0) =="),
     # the quadratics (1)
     ("(m2 - size, -slope)\n        else", "(m2 + size, slope)\n        else"),
     ("(m2 - size, -slope)\n        else", "(m2 - size, slope)\n        else"),
@@ -217,7 +217,7 @@ SLIPS = [
     ("arb.pi() + centre.g_phase - y.sqrt().atan()", "arb.pi() - centre.g_phase - y.sqrt().atan()"),
     ("arb.pi() + centre.g_phase - y.sqrt().atan()", "-arb.pi() + centre.g_phase - y.sqrt().atan()"),
     ("over.log_slope.imag - over.log_slope.real / root", "over.log_slope.imag + over.log_slope.real / root"),
-    ("slope = (slope - margin) / over.omega", "slope = (slope + margin) / over.omega"),
+    ("slope = (slope - margin * over.stretch)", "slope = (slope + margin * over.stretch)"),
     # phase crossovers (3)
     ("at.imag - centre.x(upper) * at.real", "at.imag + centre.x(upper) * at.real"),
     ("slope.imag - over.x(upper) * (slope.real", "slope.imag + over.x(upper) * (slope.real"),

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from fopi_tune.cli import app
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.sections import Sections
 from fopi_tune.digital import discretize
 from fopi_tune.digital.fit import fit
 from fopi_tune.digital.integrator import modified_oustaloup, oustaloup
@@ -23,7 +24,7 @@ from fopi_tune.digital.realise import (
     second_order_sections,
     zeros_poles_gain,
 )
-from fopi_tune.digital.sections import Sections, matched, tustin
+from fopi_tune.digital.sections import matched, tustin
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DigitalSpec
 

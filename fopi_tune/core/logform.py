@@ -40,7 +40,7 @@ class LogForm:
         scale: shape (m,), ln of the absolute gain of the low-frequency asymptote at omega = 1 rad/s.
         slope0: shape (m,), exponent of that asymptote (-1 per integrator).
         phase0: shape (m,), rad, phase as omega -> 0.
-        sign: shape (m, K), +1 for a factor above the line, -1 below.
+        sign: shape (m, K), how often a factor stands above the line; negative below.
         nu: shape (m, K), exponent of a factor's ray.
         corner: shape (m, K), u_k; inf for a factor that is not there.
         psi: shape (m, K), rad, angle of a factor's ray, in (-pi, pi).
@@ -111,7 +111,7 @@ class LogForm:
         # The point of the ray's piece that lies closest to -1 has |w| = -cos psi, or is an end of the piece.
         closest = np.clip(-cosine, rho_low, rho_high)
         squared_distance = (closest + cosine) ** 2 + self._direction[rows].imag ** 2
-        return (nu**2 * rho_high / np.maximum(squared_distance, 1e-300)).sum(axis=1)
+        return (np.abs(self.sign[rows]) * nu**2 * rho_high / np.maximum(squared_distance, 1e-300)).sum(axis=1)
 
     def slope_end(self) -> Array:
         """Shape (m,), d ln|f| / du as omega -> inf."""

@@ -159,6 +159,28 @@ class Loops:
         """The loops of these rows."""
         return Loops(self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows))
 
+    @property
+    def highest_rad_s(self) -> float:
+        """The highest frequency there is: no end in continuous time."""
+        return np.inf
+
+    def omega_of(self, u: Array) -> Array:
+        """The frequency in rad/s at a place u of the factors' axis."""
+        return np.exp(u)
+
+    def u_of(self, omega_rad_s: Array) -> Array:
+        """The inverse of `omega_of`."""
+        return np.log(omega_rad_s)
+
+    def stretch(self, u: Array) -> Array:
+        """d ln omega/du."""
+        return np.ones_like(u)
+
+    @cached_property
+    def integral_is_cancelled(self) -> NDArray[np.bool_]:
+        """Whether the controller's integral meets a zero of the plant at s = 0, shape (m,)."""
+        return np.asarray((self.ki != 0.0) & (self.plants.numerator[:, -1] == 0.0))
+
     @cached_property
     def log_controller(self) -> LogForm:
         """ln C of kp + ki s^-alpha: -90 deg alpha as omega -> 0, where the integral reigns.

@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array, Rows
@@ -28,6 +29,8 @@ _GAIN_CAP = 700.0
 _SMALL_TURN = 1e-9
 #: an exponent of omega this small is 0 but for rounding
 _FLAT_SLOPE = 1e-12
+#: rad; a phase this close to 180 deg at an end of the axis is 180 deg
+_HALF_TURN = 1e-9
 
 
 @dataclass(frozen=True)
@@ -36,13 +39,15 @@ class Crossings:
 
     Args:
         row: which loop.
-        omega_rad_s: where.
+        u: where, on the loops' own axis.
+        omega_rad_s: the same as a frequency.
         gain: |L| there.
         phase_rad: unwrapped arg L there.
         slope_rad: d arg L / d ln omega there.
     """
 
     row: Rows
+    u: Array
     omega_rad_s: Array
     gain: Array
     phase_rad: Array
@@ -61,7 +66,8 @@ class Crossings:
 
 def _crossings(loops: Loops, rows: Rows, u: Array) -> Crossings:
     value, slope = loops.log_response_and_slope(rows, u)
-    return Crossings(rows, np.exp(u), np.exp(np.clip(value.real, -_GAIN_CAP, _GAIN_CAP)), value.imag, slope.imag)
+    gain = np.exp(np.clip(value.real, -_GAIN_CAP, _GAIN_CAP))
+    return Crossings(rows, u, loops.omega_of(u), gain, value.imag, slope.imag / loops.stretch(u))
 
 
 def _gain_range(loops: Loops, level: Array) -> tuple[Array, Array]:
@@ -108,7 +114,8 @@ def phase_crossovers(loops: Loops) -> Crossings:
 
     With a dead time there are infinitely many; those left out have a higher frequency and a smaller |L| than one that
     is listed.  Where |L| tends to a constant below 1 they may come ever closer to it from below: that limit is then
-    listed too, as a crossing at omega = inf.
+    listed too, as a crossing at omega = inf.  So are the ends of the axis where L tends to a negative number: there a
+    gain of 1/|L| puts a closed-loop pole on s = 0, at infinity, or, on samples, on z = -1.
 
     Returns:
         The crossings; a loop whose phase never meets -180 deg (mod 360) has no row in it.
@@ -116,7 +123,8 @@ def phase_crossovers(loops: Loops) -> Crossings:
     low, high = _gain_range(loops, np.zeros(len(loops)))
     delay = loops.plants.dead_time_s
     delayed = np.flatnonzero(delay > 0)
-    crossings = _phase_crossings(loops, np.setdiff1d(np.arange(len(loops)), delayed), low, high)
+    inner = _phase_crossings(loops, np.setdiff1d(np.arange(len(loops)), delayed), low, high)
+    crossings = _joined(inner, *_negative_ends(loops))
     if not len(delayed):
         return crossings
     low[delayed] = np.minimum(low[delayed], np.log(_SMALL_TURN / delay[delayed]))
@@ -141,13 +149,35 @@ def phase_crossovers(loops: Loops) -> Crossings:
     return _joined(crossings, found, _phase_crossings(loops, further, first_stop, stop), _limit_crossings(loops))
 
 
+def _negative_ends(loops: Loops) -> tuple[Crossings, Crossings]:
+    """omega -> 0 and, without a dead time, omega -> inf of loops whose L tends to a negative number there."""
+    log, end = loops.log, loops.log.end()
+    first = np.flatnonzero((log.slope0 == 0) & _is_half_turn(log.phase0))
+    flat = np.abs(log.slope_end()) < _FLAT_SLOPE
+    last = np.flatnonzero(flat & (log.delay == 0) & _is_half_turn(end[1]))
+    return (
+        _end_crossings(first, -np.inf, 0.0, log.scale[first], log.phase0[first]),
+        _end_crossings(last, np.inf, loops.highest_rad_s, end[0][last], end[1][last]),
+    )
+
+
+def _is_half_turn(phase: Array) -> NDArray[np.bool_]:
+    return np.abs(np.mod(phase, 2.0 * np.pi) - np.pi) < _HALF_TURN
+
+
+def _end_crossings(rows: Rows, u: float, omega_rad_s: float, log_gain: Array, phase: Array) -> Crossings:
+    one = np.ones(len(rows))
+    gain = np.exp(np.clip(log_gain, -_GAIN_CAP, _GAIN_CAP))
+    return Crossings(rows, u * one, omega_rad_s * one, gain, phase, np.zeros(len(rows)))
+
+
 def _limit_crossings(loops: Loops) -> Crossings:
     """The limit omega -> inf of loops with a dead time whose |L| tends to a constant in (0, 1)."""
     log = loops.log
     gain, _ = log.end()
     rows = np.flatnonzero((log.delay > 0) & (log.slope_end() >= -_FLAT_SLOPE) & (gain < 0))
     inf = np.full(len(rows), np.inf)
-    return Crossings(rows, inf, np.exp(gain[rows]), -inf, -inf)
+    return Crossings(rows, inf, inf, np.exp(gain[rows]), -inf, -inf)
 
 
 def _phase_crossings(loops: Loops, rows: Rows, low: Array, high: Array) -> Crossings:
@@ -201,7 +231,12 @@ def margins(controller: FoPi, plant: Plant) -> Margins:
     Raises:
         DomainError: kp = ki = 0.
     """
-    loops = Loops.of(controller, Plants.of(plant))
+    return margins_of(Loops.of(controller, Plants.of(plant)))
+
+
+def margins_of(loops: Loops) -> Margins:
+    """The margins of one loop, the first row's alone."""
+    loops = loops.take(np.zeros(1, dtype=np.intp))
     gain, phase = gain_crossovers(loops), phase_crossovers(loops)
     gain_db = -20.0 * np.log10(phase.gain)
     # A loop through -1 itself has no margin: it counts as 0 dB, whichever side rounding puts it on.

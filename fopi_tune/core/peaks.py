@@ -119,7 +119,7 @@ def inverse_response(loops: Loops, response: Response) -> _Sum:
 def log_response_at(loops: Loops, response: Response, rows: Rows, omega_rad_s: Array) -> Array:
     """ln of the response's absolute value at given frequencies; rows and omega of shape (n,)."""
     inverse = inverse_response(loops, response)
-    k, _ = inverse.value_and_slope(inverse.logs(rows, np.log(omega_rad_s)))
+    k, _ = inverse.value_and_slope(inverse.logs(rows, loops.u_of(omega_rad_s)))
     with np.errstate(divide="ignore"):
         return -np.log(np.abs(k))
 
@@ -131,12 +131,14 @@ def extremes(loops: Loops, response: Response, from_rad_s: float, to_rad_s: floa
         loops: m loops.
         response: which.
         from_rad_s: lower end; 0 for all low frequencies, the limit included.
-        to_rad_s: upper end; inf for all high frequencies, the limit included.
+        to_rad_s: upper end; inf for all high frequencies, the limit included.  Sampled loops end at Nyquist's
+            frequency, below which `from_rad_s` must lie.
         largest: False for the minimum.
 
     Raises:
         DomainError: more cells than memory is worth (a dead time far beyond the loop's other times).
     """
+    to_rad_s = to_rad_s if to_rad_s < loops.highest_rad_s else np.inf
     inverse = inverse_response(loops, response)
     low, high = _band(loops, inverse, from_rad_s, to_rad_s)
     sign = 1.0 if largest else -1.0
@@ -144,10 +146,10 @@ def extremes(loops: Loops, response: Response, from_rad_s: float, to_rad_s: floa
     if from_rad_s == 0.0:
         limits.append((sign * _limit(inverse, at_zero=True, sign=sign), 0.0))
     if to_rad_s == np.inf:
-        limits.append((sign * _limit(inverse, at_zero=False, sign=sign), np.inf))
+        limits.append((sign * _limit(inverse, at_zero=False, sign=sign), loops.highest_rad_s))
     floor = np.max([limit for limit, _ in limits], axis=0) if limits else np.full(len(loops), -np.inf)
     best, u = _branch_and_bound(inverse, low, high, sign, floor)
-    where = np.exp(u)
+    where = loops.omega_of(u)
     for limit, omega in limits:
         best, where = _better(best, where, limit, omega)
     return Extremes(sign * best, where)
@@ -178,9 +180,9 @@ def _band(loops: Loops, inverse: _Sum, from_rad_s: float, to_rad_s: float) -> tu
             high = np.maximum(high, _meeting(end_i - end_j, last, -np.inf) + _apart(last))
     low, high = np.clip(low - 1.0, -_U_CAP, _U_CAP), np.clip(high + 1.0, -_U_CAP, _U_CAP)
     if from_rad_s > 0.0:
-        low = np.full(m, np.log(from_rad_s))
+        low = np.full(m, loops.u_of(np.array(from_rad_s)))
     if to_rad_s < np.inf:
-        high = np.full(m, np.log(to_rad_s))
+        high = np.full(m, loops.u_of(np.array(to_rad_s)))
     # A band that lies wholly in one of the tails keeps its inner end.
     if from_rad_s == 0.0:
         low = np.minimum(low, high - 1.0)

@@ -61,7 +61,7 @@ def unstable_closed_loop_poles(loops: Loops) -> NDArray[np.float64]:
     marginal |= (log.slope0 == 0) & _is_minus_one(log.scale, start_phase)
     marginal |= proper & _is_minus_one(end_gain, end_phase) & (loops.plants.dead_time_s == 0)
     infinite = proper & (loops.plants.dead_time_s > 0) & (end_gain > -_MARGINAL_RAD)
-    cancelled = (loops.ki != 0) & (loops.plants.numerator[:, -1] == 0.0) | loops.plants.hidden_on_axis
+    cancelled = loops.integral_is_cancelled | loops.plants.hidden_on_axis
     return np.where(marginal | infinite | cancelled, np.inf, count)
 
 
@@ -77,7 +77,7 @@ def _direction(
 
     Told from |L| half-way to the neighbouring crossings, since the slope at a touching point is rounding.
     """
-    row, u = crossings.row, np.log(crossings.omega_rad_s)
+    row, u = crossings.row, crossings.u
     same = row[1:] == row[:-1]
     between = loops.log_response(row[1:], 0.5 * (u[1:] + u[:-1])).real > 0
     before, after = starts_large[row], ends_large[row]

@@ -12,8 +12,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.sections import Sections
 from fopi_tune.digital.integrator import Array
-from fopi_tune.digital.sections import Sections
 from fopi_tune.errors import DomainError
 
 Matrix = NDArray[np.float64]

@@ -12,39 +12,12 @@ Matched poles and zeros, z = e^{s Ts}, keep the gain at one frequency; the zero 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.digital.integrator import Array, ZeroPoleGain
+from fopi_tune.core.sections import Sections
+from fopi_tune.digital.integrator import ZeroPoleGain
 from fopi_tune.errors import DomainError
-
-
-@dataclass(frozen=True)
-class Sections:
-    """C(z) = direct + sum_k residue_k/(z - pole_k).
-
-    Args:
-        sample_time_s: Ts.
-        direct: the path without memory.
-        poles: real, inside the unit circle but for the integrator's, which is exactly 1 and comes first; empty
-            without ki.
-        residues: of the same length.
-    """
-
-    sample_time_s: float
-    direct: float
-    poles: tuple[float, ...]
-    residues: tuple[float, ...]
-
-    def response(self, omega_rad_s: Array) -> NDArray[np.complex128]:
-        """C(e^{j omega Ts}), shape (n,)."""
-        z = np.exp(1j * omega_rad_s * self.sample_time_s)[:, None]
-        if not self.poles:
-            return np.full(len(omega_rad_s), self.direct, dtype=complex)
-        return self.direct + (np.array(self.residues) / (z - np.array(self.poles))).sum(axis=1)
 
 
 def tustin(gains: FoPi, integral: ZeroPoleGain, sample_time_s: float, prewarp_rad_s: float | None = None) -> Sections:

@@ -8,12 +8,12 @@ the two is the gap.  Floats choose what to show; only balls show it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flint import arb, ctx
 
 from fopi_tune.core.logform import Array
-from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.sections import Implementation
 from fopi_tune.proof.balls.bound import value_of
 from fopi_tune.proof.balls.box import points
 from fopi_tune.proof.balls.claim import Claim
@@ -34,7 +34,7 @@ from fopi_tune.proof.certificate import (
     scale_of,
 )
 from fopi_tune.proof.obligations import Case, breaks, never_crosses, stable_throughout, stays
-from fopi_tune.proof.results import Extreme, Place, RequirementResult, Verification
+from fopi_tune.proof.results import Extreme, Outcome, Place, RequirementResult, Verification
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.responses import FrequencyFunction
@@ -55,16 +55,20 @@ _MOST_ROUNDS = 6
 _STABILITY_MARGINS = (0.7, 2.0, 6.0)
 
 
-def certify(spec: DesignSpec, found: Verification, versions: dict[str, str]) -> Certificate:
+def certify(
+    spec: DesignSpec, found: Verification, versions: dict[str, str], implementation: Implementation | None = None
+) -> Certificate:
     """Turn a verification into a certificate.
 
     Args:
         spec: what is asked.
         found: what the verification of the gains said.
         versions: what the certificate says computed it.
+        implementation: the digital controller that the verification was about; None in continuous time.
     """
-    crossings = tuple(math.log(omega) for omega in found.nominal.gain_crossovers_rad_s)
-    case = Case(found.gains, spec.plant, _origin(spec, found), crossings)
+    case = Case(found.gains, spec.plant, 0.0, None, implementation)
+    crossings = tuple(case.loop.place(math.log(omega)) for omega in found.nominal.gain_crossovers_rad_s)
+    case = replace(case, origin=_origin(case, crossings), nominal_crossings=crossings)
     with ctx.workprec(PRECISION):
         searches = _Searches()
         stability = _stability(case, found, searches)
@@ -72,12 +76,11 @@ def certify(spec: DesignSpec, found: Verification, versions: dict[str, str]) -> 
     return Certificate(spec.name, spec.sha256, case, found.tolerance, stability, proofs, versions)
 
 
-def _origin(spec: DesignSpec, found: Verification) -> float:
-    """ln of the nominal crossover, or the middle of the nominal loop's corners."""
-    if found.nominal.crossover_rad_s is not None:
-        return math.log(found.nominal.crossover_rad_s)
-    plants = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
-    low, high = (end[0] for end in Loops.of(found.gains, plants).log.corners())
+def _origin(case: Case, crossings: tuple[float, ...]) -> float:
+    """u of the nominal crossover, or the middle of the nominal loop's corners."""
+    if crossings and math.isfinite(crossings[-1]):
+        return crossings[-1]
+    low, high = (end[0] for end in case.loop.loops_at(case.family.nominal_point[None, :]).log.corners())
     return float(0.5 * (low + high)) if math.isfinite(low + high) else 0.0
 
 
@@ -101,6 +104,10 @@ def _stability(case: Case, found: Verification, searches: _Searches) -> Stabilit
 
 def _requirement(case: Case, result: RequirementResult, tolerance: float, searches: _Searches) -> RequirementProof:
     requirement = result.requirement
+    if result.outcome is Outcome.BEYOND_NYQUIST:
+        ends = [upper for upper in (False, True) if math.isfinite(requirement.upper if upper else requirement.lower)]
+        unknown = (SideProof(upper, Verdict.UNDECIDED, None, None, result.worst, (), ()) for upper in ends)
+        return RequirementProof(requirement, tuple(unknown))
     sides = tuple(_Side(case, requirement, extreme, tolerance, searches).proof() for extreme in result.extremes)
     return RequirementProof(requirement, sides)
 
@@ -273,7 +280,8 @@ class _Side:
             return None
         point = where[1:]
         value = abs(value_of(self.case.loop.at_centre(points((where[0], *point))), quantity.response)).log()
-        place = Place(math.exp(where[0]), self.case.family.describe(_array(point)), point)
+        omega = float(self.case.loop.frequency(arb(where[0]).exp()).mid())
+        place = Place(omega, self.case.family.describe(_array(point)), point)
         return float(arb(value).mid()), place
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
+from fopi_tune.core.sections import Implementation, Sections
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.balls.box import ball_of
 from fopi_tune.proof.certificate import (
@@ -54,6 +55,7 @@ def to_document(certificate: Certificate) -> dict[str, Any]:
             "parameters": [{"name": name, **asdict(value)} for name, value in case.family.parameters.items()],
         },
         "origin_log_rad_s": case.origin,
+        **({"implementation": _implementation(case.implementation)} if case.implementation else {}),
         "stability": _stability(certificate.stability, case),
         "requirements": [_requirement(proof, case) for proof in certificate.requirements],
         "versions": dict(certificate.versions),
@@ -66,6 +68,17 @@ def digest(document: Mapping[str, Any]) -> str:
     content = {key: value for key, value in document.items() if key != "digest"}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _implementation(implementation: Implementation) -> dict[str, Any]:
+    sections = implementation.sections
+    return {
+        "sample_time_s": sections.sample_time_s,
+        "delay_samples": implementation.delay_samples,
+        "direct": sections.direct,
+        "poles": list(sections.poles),
+        "residues": list(sections.residues),
+    }
 
 
 def _stability(proof: StabilityProof, case: Case) -> dict[str, Any]:
@@ -142,7 +155,8 @@ def from_document(document: object) -> Certificate:
     try:
         controller = FoPi(gains.number("kp"), gains.number("ki"), gains.number("alpha"))
         family = _family(top.child("plant"))
-        case = Case(controller, family, top.number("origin_log_rad_s"))
+        implementation = _read_implementation(top.child("implementation")) if "implementation" in top.value else None
+        case = Case(controller, family, top.number("origin_log_rad_s"), None, implementation)
         case.loop.plant([ball_of(side) for side in case.plants])
     except DomainError as error:
         raise CertificateError(str(error)) from None
@@ -161,6 +175,17 @@ def from_document(document: object) -> Certificate:
         requirements=tuple(_read_requirement(child, case) for child in top.children("requirements")),
         versions=versions,
     )
+
+
+def _read_implementation(entry: Entry) -> Implementation:
+    poles, residues = entry.numbers("poles"), entry.numbers("residues")
+    sample_time_s, delay_samples = entry.number("sample_time_s"), entry.number("delay_samples")
+    inside = all(abs(pole) < 1.0 for pole in poles[1:]) and all(-1.0 < pole <= 1.0 for pole in poles[:1])
+    if len(poles) != len(residues) or len(set(poles)) < len(poles) or not inside:
+        raise CertificateError(f"{entry.place}: poles and residues are no stable sum of first-order sections")
+    if not sample_time_s > 0.0 or not delay_samples >= 0.0:
+        raise CertificateError(f"{entry.place}: the sample time must be greater than 0 and the delay at least 0")
+    return Implementation(Sections(sample_time_s, entry.number("direct"), poles, residues), delay_samples)
 
 
 def _family(plant: Entry) -> PlantFamily:

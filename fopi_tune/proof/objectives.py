@@ -10,6 +10,7 @@ from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.peaks import Response, extremes
+from fopi_tune.core.sampled import SampledLoops
 from fopi_tune.proof.changes import Samples
 from fopi_tune.proof.results import Place, RequirementResult
 from fopi_tune.proof.sample import Badness, Sample
@@ -79,7 +80,7 @@ def _crossover_spread(objective: Objective, samples: Samples) -> Value:
 
     def badness(loops: Loops) -> tuple[Array, Array]:
         rows = np.arange(len(loops))
-        gain = loops.log_response(rows, np.full(len(rows), np.log(omega))).real
+        gain = loops.log_response(rows, np.full(len(rows), loops.u_of(np.array(omega)))).real
         return np.abs(gain) / NEPER_PER_DB, np.full(len(rows), omega)
 
     return _worst(samples.smooth, badness)
@@ -99,12 +100,24 @@ def _peak(response: Response) -> Callable[[Objective, Samples], Value]:
 
 
 def _discounted_error(objective: Objective, samples: Samples) -> Value:
-    """max |int_0^inf e(t) exp(-t/T) dt| after a unit step at the plant's input:  T P/(1 + C P) at s = 1/T."""
+    """max |int_0^inf e(t) exp(-t/T) dt| after a unit step at the plant's input:  T P/(1 + C P) at s = 1/T.
+
+    On samples the sum Ts sum_k e_k exp(-k Ts/T) = Ts z/(z - 1) z^delay P(z)/(1 + C(z) P(z)) at z = e^{Ts/T}: the
+    computing delay is in the loop, not between the step and the plant.
+    """
     horizon = default_horizon_s(samples.smooth.family) if objective.horizon_s is None else objective.horizon_s
-    s = 1.0 / horizon
+    s, implementation = 1.0 / horizon, samples.smooth.implementation
 
     def badness(loops: Loops) -> tuple[Array, Array]:
         plants = loops.plants
+        if isinstance(loops, SampledLoops) and implementation is not None:
+            step = s * implementation.sample_time_s
+            delta = float(np.expm1(step))
+            gain = _at(plants.numerator, delta) / _at(plants.denominator, delta) * np.exp(-step * loops.plants.late)
+            loop = gain * implementation.sections.at(np.array([delta + 0j])).real
+            early = np.exp(step * (1.0 + implementation.delay_samples)) * implementation.sample_time_s / delta
+            with np.errstate(divide="ignore"):
+                return np.abs(early * gain / (1.0 + loop)), np.full(len(loops), np.nan)
         numerator = _at(plants.numerator, s) * np.exp(-s * plants.dead_time_s)
         controller = loops.kp + loops.ki * s**-loops.alpha
         with np.errstate(divide="ignore"):

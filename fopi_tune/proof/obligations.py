@@ -13,8 +13,9 @@ from functools import cached_property
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.sections import Implementation
 from fopi_tune.proof.balls.bound import Bound
-from fopi_tune.proof.balls.box import Box, Interval, ball_of, outward, points
+from fopi_tune.proof.balls.box import Box, Interval, ball_of, points
 from fopi_tune.proof.balls.claim import Claim
 from fopi_tune.proof.balls.crossings import EveryCrossover, EveryPhaseCrossover
 from fopi_tune.proof.balls.existence import SomeCrossover, SomePhaseCrossover
@@ -22,6 +23,7 @@ from fopi_tune.proof.balls.lag import closed_form
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.poles import NoAxisRoot, NoPoleAtTheEnds
 from fopi_tune.proof.balls.reading import Reader, Reading
+from fopi_tune.proof.balls.sampled import SampledBallLoop
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import Where
 from fopi_tune.quantities.responses import FrequencyFunction
@@ -49,19 +51,24 @@ class Case:
     Args:
         gains: the controller.
         family: the plants.
-        origin: a value of ln omega near the crossover, where the frequency axis is cut first.
-        nominal_crossings: ln omega of the nominal plant's gain crossovers; None when they are not known.
+        origin: a value of u near the crossover, where the frequency axis is cut first; u = ln omega, on samples
+            ln tan(omega Ts/2).
+        nominal_crossings: u of the nominal plant's gain crossovers; None when they are not known.
+        implementation: the digital controller, when the loop is the one on samples.
     """
 
     gains: FoPi
     family: PlantFamily
     origin: float
     nominal_crossings: tuple[float, ...] | None = None
+    implementation: Implementation | None = None
 
     @cached_property
     def loop(self) -> BallLoop:
         """The loop in ball arithmetic."""
-        return BallLoop(self.gains, self.family)
+        if self.implementation is None:
+            return BallLoop(self.gains, self.family)
+        return SampledBallLoop(self.gains, self.family, self.implementation)
 
     @cached_property
     def reader(self) -> Reader:
@@ -111,14 +118,21 @@ def breaks(
     if QUANTITIES[requirement.quantity].takes_band:
         if omega is None or math.isnan(omega):
             return []
-        u = math.log(omega) if 0.0 < omega < math.inf else math.copysign(_FAR, omega - 1.0)
-        low, high = _band(requirement)
+        u = min(max(_place(case, omega), -_FAR), _FAR)
+        low, high = _band(case, requirement)
         u = min(max(u, low), high)
         return [_bound(case, requirement, not upper, level, (u, u), points(point))]
     claims = _stays(case, requirement, not upper, level, points(point))
-    if omega is None or not 0.0 < omega < math.inf:
+    if omega is None or math.isnan(omega):
         return claims
-    return [replace(c, hint=math.log(omega)) if isinstance(c, SomePhaseCrossover) else c for c in claims]
+    return [replace(c, hint=_place(case, omega)) if isinstance(c, SomePhaseCrossover) else c for c in claims]
+
+
+def _place(case: Case, omega: float) -> float:
+    """u at a frequency; infinite at the ends of the axis."""
+    if omega == 0.0:
+        return -math.inf
+    return math.inf if case.loop.is_beyond(omega) else case.loop.place(math.log(omega))
 
 
 def never_crosses(case: Case, point: tuple[float, ...]) -> list[Claim]:
@@ -136,15 +150,17 @@ def stable_throughout(case: Case, level: float) -> list[Claim]:
     """
     domain = (_EVERYWHERE, *case.plants)
     bound = Bound(case.loop, Response.SENSITIVITY, level, True, domain, case.origin)
-    return _closed([NoPoleAtTheEnds(case.loop, domain, case.origin), bound])
+    # on samples the ends are points of the unit circle, of which the bound speaks too
+    ends = [] if case.implementation is not None else [NoPoleAtTheEnds(case.loop, domain, case.origin)]
+    return _closed([*ends, bound])
 
 
 def _closed(claims: list[Claim]) -> list[Claim]:
     return [closed_form(claim) for claim in claims]
 
 
-def _band(requirement: Requirement) -> Interval:
-    return outward(requirement.from_rad_s, requirement.to_rad_s)
+def _band(case: Case, requirement: Requirement) -> Interval:
+    return case.loop.band(requirement.from_rad_s, requirement.to_rad_s)
 
 
 def _bound(case: Case, requirement: Requirement, upper: bool, level: float, band: Interval, plants: Box) -> Bound:
@@ -157,7 +173,7 @@ def _stays(case: Case, requirement: Requirement, upper: bool, level: float, plan
     loop, origin = case.loop, case.origin
     quantity = QUANTITIES[requirement.quantity]
     if quantity.takes_band:
-        return [_bound(case, requirement, upper, level, _band(requirement), plants)]
+        return [_bound(case, requirement, upper, level, _band(case, requirement), plants)]
     domain = (_EVERYWHERE, *plants)
     if quantity.where is Where.PHASE_CROSSOVERS:
         if upper:
@@ -167,6 +183,12 @@ def _stays(case: Case, requirement: Requirement, upper: bool, level: float, plan
         return []
     reading, scale = READINGS[requirement.quantity]
     level = level / scale
+    if reading is Reading.PHASE_SLOPE and case.implementation is not None:
+        return []  # its second derivatives are not written for loops on samples
+    if reading is Reading.CROSSOVER:
+        level = loop.inner_place(level, upper)
+        if math.isinf(level):
+            return []
     some = SomeCrossover(loop, reading, level, upper, domain, origin, case.reader)
     every = EveryCrossover(loop, reading, level, upper, domain, origin, case.reader)
     crosses = replace(some, level=None)

@@ -20,6 +20,8 @@ class Outcome(StrEnum):
     NO_CROSSOVER = "no_crossover"
     #: a gain margin that does not end: more than any at_least, and never equal to or below anything
     INFINITE = "infinite"
+    #: a band of frequencies above Nyquist's, where a loop on samples has no response; never met
+    BEYOND_NYQUIST = "beyond_nyquist"
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array, Rows
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.sampled import SampledLoops
+from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
 
 #: m loops -> (how bad (m,), the frequency that decides (m,)); nan where a loop has no such thing
@@ -40,6 +42,7 @@ class Sample:
         x: shape (m, p), the members' places; the grid's points first, when there is a grid.
         per_axis: grid points an axis; 0 without a grid.
         nominal: the nominal member's row.
+        implementation: the digital controller, of a loop on samples; None in continuous time.
     """
 
     family: PlantFamily
@@ -47,9 +50,10 @@ class Sample:
     x: Array
     per_axis: int
     nominal: int
+    implementation: Implementation | None = None
 
     @classmethod
-    def of(cls, family: PlantFamily, gains: FoPi) -> Sample:
+    def of(cls, family: PlantFamily, gains: FoPi, implementation: Implementation | None = None) -> Sample:
         """A grid with up to three uncertain numbers, else corners and a Sobol sequence; and the nominal member."""
         p = len(family.uncertain_names)
         per_axis = _GRID.get(p, 0)
@@ -59,7 +63,7 @@ class Sample:
             x = np.array(list(itertools.product(np.linspace(0.0, 1.0, per_axis), repeat=p)))
         else:
             x = np.concatenate([_corners(p), _sobol(p)])
-        empty = cls(family, gains, x, per_axis, len(x))
+        empty = cls(family, gains, x, per_axis, len(x), implementation)
         return replace(empty, x=np.concatenate([x, empty.nominal_x[None, :]]))
 
     @property
@@ -87,7 +91,10 @@ class Sample:
 
     def loops_at(self, x: Array) -> Loops:
         """The loops at these places, shape (m, p)."""
-        return Loops.of(self.gains, Plants.members(self.family, self.points(x)))
+        plants = Plants.members(self.family, self.points(x))
+        if self.implementation is None:
+            return Loops.of(self.gains, plants)
+        return SampledLoops.implemented(self.gains, self.implementation, plants)
 
     @cached_property
     def loops(self) -> Loops:

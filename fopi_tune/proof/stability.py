@@ -61,7 +61,7 @@ def _unstable(sample: Sample, x: Array, count: float) -> Stability:
 
 
 def _reason(loop: Loops, count: float, omega: float) -> str:
-    if loop.ki[0] != 0 and loop.plants.numerator[0, -1] == 0.0:
+    if loop.integral_is_cancelled[0]:
         return "the plant's zero at s = 0 cancels the controller's integral"
     end_gain, _ = loop.log.end()
     if loop.log.slope_end()[0] >= -1e-12 and loop.plants.dead_time_s[0] > 0 and end_gain[0] >= 0:

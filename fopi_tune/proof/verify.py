@@ -7,7 +7,8 @@ uncertain numbers, its interior included.
 from __future__ import annotations
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.margins import margins
+from fopi_tune.core.margins import margins_of
+from fopi_tune.core.sections import Implementation
 from fopi_tune.proof.changes import Samples
 from fopi_tune.proof.objectives import evaluate_objective
 from fopi_tune.proof.requirements import check_requirement
@@ -17,18 +18,22 @@ from fopi_tune.proof.stability import check_stability
 from fopi_tune.spec.model import DesignSpec
 
 
-def verify(spec: DesignSpec, gains: FoPi, tolerance: float = 1e-6) -> Verification:
+def verify(
+    spec: DesignSpec, gains: FoPi, tolerance: float = 1e-6, implementation: Implementation | None = None
+) -> Verification:
     """Check stability, every requirement and the objective.
 
     Args:
         spec: what is asked; its box of gains is not looked at.
         gains: the controller, from anywhere.
         tolerance: by how much a requirement may be missed, in neper or radian (a delay margin: relative).
+        implementation: the digital controller that approximates the gains; the loop is then the one on its samples,
+            up to Nyquist's frequency.  None checks the ideal controller in continuous time.
 
     Raises:
         DomainError: kp = ki = 0, or a dead time so long that the loop's crossings cannot be listed.
     """
-    samples = Samples(Sample.of(spec.plant, gains))
+    samples = Samples(Sample.of(spec.plant, gains, implementation))
     stability = check_stability(samples.smooth)
     requirements = tuple(check_requirement(requirement, samples, tolerance) for requirement in spec.requirements)
     objective, objective_worst = evaluate_objective(spec.objective, samples, requirements)
@@ -38,6 +43,6 @@ def verify(spec: DesignSpec, gains: FoPi, tolerance: float = 1e-6) -> Verificati
         requirements=requirements,
         objective=objective,
         objective_worst=objective_worst,
-        nominal=margins(gains, spec.plant.member(spec.plant.nominal_point)),
+        nominal=margins_of(samples.smooth.nominal_loop),
         tolerance=tolerance,
     )

@@ -44,33 +44,20 @@ def unwrapped_phase(at: LoopBalls, tracks: tuple[Argument, Argument]) -> arb:
     if numerator.right is None or denominator.right is None:
         return arb.nan()
     loop = at.loop
-    phase = (
-        controller_phase(loop, ball_of(at.u)) + numerator.change(at.u[0], omega) - denominator.change(at.u[0], omega)
-    )
+    phase = loop.controller_phase(ball_of(at.u)) + numerator.change(at.u[0], omega) - denominator.change(at.u[0], omega)
     negative = (numerator.leading_sign != denominator.leading_sign) ^ (numerator.right % 2 == 1)
-    half_turns = -int(negative) - denominator.right
-    lead = loop.gains.ki if loop.gains.ki != 0.0 else loop.gains.kp
-    if lead < 0.0 and negative:  # two minus signs cancel
-        half_turns += 2
+    # two minus signs cancel
+    half_turns = -int(negative != loop.controller_is_negative) - denominator.right
     quarter_turns = 2 * half_turns + numerator.at_origin - denominator.at_origin
-    return phase + quarter_turns * arb.pi() / 2 - omega * at.plant.dead_time.value
-
-
-def controller_phase(loop: BallLoop, u: arb) -> arb:
-    """arg C: -90 deg alpha as omega -> 0, -180 deg for a negative lead."""
-    kp, ki = loop.gains.kp, loop.gains.ki
-    lead = -arb.pi() if (ki if ki != 0.0 else kp) < 0.0 else arb(0)
-    if ki == 0.0:
-        return lead
-    # kp + ki s^-alpha = ki s^-alpha (1 + w), and w = (kp/ki) s^alpha runs along a ray from 0 that misses -1
-    w = (loop.kp / loop.ki) * ((loop.alpha * u).exp() * loop.turn)
-    return lead - loop.alpha * arb.pi() / 2 + (1 + w).arg()
+    return phase + quarter_turns * arb.pi() / 2 + loop.delay_phase(at)
 
 
 def tracks_of(loop: BallLoop, theta: Sequence[float]) -> tuple[Argument, Argument]:
     """Numerator and denominator of one plant."""
     plant = loop.plant([arb(value) for value in theta])
-    return Argument.of([c.value for c in plant.numerator]), Argument.of([c.value for c in plant.denominator])
+    return Argument.of([plant.gain.value * c.value for c in plant.numerator]), Argument.of(
+        [c.value for c in plant.denominator]
+    )
 
 
 @dataclass(frozen=True)

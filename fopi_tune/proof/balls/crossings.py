@@ -175,7 +175,9 @@ class EveryPhaseCrossover(Claim):
         if self._is_apart(over):
             return HOLDS
         if is_tail(box[0]):
-            return Finding(None, tail_axis(box, self.domain, lambda far: self._is_apart(self.loop.over(far))))
+            if self._is_small(box, over):
+                return HOLDS
+            return Finding(None, tail_axis(box, self.domain, self._settles))
         shifts = deviations(box)
         gradient = [over.log_slope, *over.log_gradient]
         if not all(g.is_finite() for g in gradient):
@@ -196,6 +198,20 @@ class EveryPhaseCrossover(Claim):
         if total < -arb(self.level):
             return HOLDS
         return Finding(None, widest(box, combined))
+
+    def _settles(self, far: Box) -> bool:
+        over = self.loop.over(far)
+        return self._is_apart(over) or self._is_small(far, over)
+
+    def _is_small(self, box: Box, over: LoopBalls) -> bool:
+        """Whether |L| < e^-level over a tail, by its mean-value form in the plants, at their worse ends."""
+        gradient = [g.real for g in over.log_gradient]
+        if not gradient or not all(g.is_finite() for g in gradient):
+            return False
+        ends = ((b, b) if g > 0 else (a, a) if g < 0 else (a, b) for g, (a, b) in zip(gradient, box[1:], strict=True))
+        face = (box[0], *ends)
+        variation = sum((g * d for g, d in zip(gradient, deviations(face)[1:], strict=True)), arb(0))
+        return bool(self.loop.at_centre(face).size.log() + variation < -arb(self.level))
 
     def _is_apart(self, over: LoopBalls) -> bool:
         """Whether L keeps away from [-1, -e^-level]."""

@@ -6,6 +6,7 @@ lies there, its value keeps to the level.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,7 +14,6 @@ from typing import Any
 import numpy as np
 from flint import acb, arb
 
-from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import phase_crossovers
 from fopi_tune.proof.balls.box import Box, Interval, centre_of
 from fopi_tune.proof.balls.claim import Claim, Finding, deviations, longest_number, size_of, widest
@@ -27,6 +27,9 @@ _LEAST_HALF_WIDTH = 1e-10
 #: added to a zone in turn: where the crossing is flat its sign cannot be told so close to it
 _MORE = (0.0, 1e-7, 1e-4)
 _FARTHEST = 16.0
+#: tokens of the ends of the frequency axis, and u beyond which nothing but the limit is left
+_LOW_END, _HIGH_END = "e-", "e+"
+_FAR_OUT = 1e12
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,7 @@ class SomePhaseCrossover(Claim):
         level: in neper, > 0.
         domain: the plants; axis 0 is not cut.
         origin: not used.
-        hint: u of a crossing, where it is known already.
+        hint: u of a crossing, where it is known already; infinite at the ends of the axis.
     """
 
     loop: BallLoop
@@ -147,25 +150,32 @@ class SomePhaseCrossover(Claim):
         if self.hint is not None and (leaf := self._leaf(self.hint, box)) is not None:
             return Finding(leaf)
         theta = centre_of(box[1:])
-        plants = Plants.members(self.loop.family, np.array([theta], dtype=float))
-        crossings = phase_crossovers(Loops.of(self.loop.gains, plants))
-        useful = (crossings.gain < 1.0) & np.isfinite(crossings.omega_rad_s)
+        crossings = phase_crossovers(self.loop.loops_at(np.array([theta], dtype=float)))
+        useful = crossings.gain < 1.0
         if not useful.any():
             return Finding(None, longest_number(box, self.domain))
         k = int(np.argmax(np.where(useful, crossings.gain, -1.0)))
-        u = float(np.log(crossings.omega_rad_s[k]))
+        u = float(crossings.u[k])
+        if math.isinf(u):
+            leaf = self._leaf(u, box)
+            return Finding(leaf) if leaf is not None else Finding(None, longest_number(box, self.domain))
         leaf = self._leaf(u, box)
         gradient = self.loop.over(((u, u), *box[1:])).log_gradient
         return Finding(leaf) if leaf is not None else Finding(None, axis_of(gradient, box, self.domain))
 
     def _leaf(self, u: float, box: Box) -> str | None:
-        """The zone around a crossing of the central plant, where the claim holds with it."""
+        """The zone around a crossing of the central plant, or the end of the axis, where the claim holds with it."""
+        if math.isinf(u):
+            end = _LOW_END if u < 0.0 else _HIGH_END
+            return end if self.holds(box, end) else None
         over = self.loop.over(((u, u), *box[1:]))
         reach = reach_of(over.log_slope.imag, [g.imag for g in over.log_gradient], box)
         leaves = (f"x{u - reach - more!r}:{u + reach + more!r}" for more in _MORE)
         return next((leaf for leaf in leaves if self.holds(box, leaf)), None)
 
     def holds(self, box: Box, leaf: str) -> bool:
+        if leaf in (_LOW_END, _HIGH_END):
+            return self._is_negative_at_the_end(box, leaf == _HIGH_END)
         zone = zone_of(leaf[1:]) if leaf[:1] == "x" else None
         if zone is None:
             return False
@@ -175,6 +185,16 @@ class SomePhaseCrossover(Claim):
         turn, combined = self._turn((zone, *box[1:]))
         # -L keeps away from the negative real axis, so that its argument is continuous and passes 0
         return bool(turn.abs_upper() < arb.pi() and combined <= 0 and combined >= -arb(self.level))
+
+    def _is_negative_at_the_end(self, box: Box, high: bool) -> bool:
+        """Whether L tends to a number from -1 to -e^-level as omega -> 0, or at the axis' upper end."""
+        u = (_FAR_OUT, math.inf) if high else (-math.inf, -_FAR_OUT)
+        over = self.loop.over((u, *box[1:]))
+        # a dead time in continuous time turns L for ever: there is no limit; else L is real there
+        if high and not self.loop.has_upper_limit(over):
+            return False
+        gain = over.gain.real
+        return bool(gain < 0 and gain > -1 and -gain >= (-arb(self.level)).exp())
 
     def _turn(self, box: Box) -> tuple[arb, arb]:
         """b = arg(-L) over a box, and ln|L| + lambda b."""

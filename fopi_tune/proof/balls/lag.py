@@ -1,7 +1,7 @@
 """The lag with an uncertain time constant in closed form:  claims in omega alone.
 
-P = K e^{-j omega L}/(1 + jx) with x = omega tau, and G = K C e^{-j omega L} = A - 1 + jb.  For every omega the plants
-are the interval x1 <= x <= x2, x1 = omega tau_min, x2 = omega tau_max.
+P = K h/(1 + jx) with x = omega tau, h = e^{-j omega L}, and G = K C h = A - 1 + jb.  For every omega the plants are
+the interval x1 <= x <= x2, x1 = omega tau_min, x2 = omega tau_max.
 
 Responses.  |S|^2 = (1 + x^2)/(A^2 + (x + b)^2), |T|^2 = |G|^2/(...), |C S|^2 = |C|^2 (1 + x^2)/(...), |L|^2 =
 |G|^2/(1 + x^2).  Each bound M is a quadratic that must not be negative on the interval,
@@ -32,14 +32,14 @@ from typing import Any
 from flint import acb, arb
 
 from fopi_tune.core.peaks import Response
-from fopi_tune.core.plant import PlantFamily
-from fopi_tune.proof.balls.argument import controller_phase
 from fopi_tune.proof.balls.bound import Bound
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, is_tail
 from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding
 from fopi_tune.proof.balls.crossings import EveryCrossover, EveryPhaseCrossover
 from fopi_tune.proof.balls.loop import BallLoop
+from fopi_tune.proof.balls.plant import assemble
 from fopi_tune.proof.balls.reading import Reading
+from fopi_tune.proof.balls.sampled import SampledBallLoop
 
 #: a value and its derivative in u
 Pair = tuple[arb, arb]
@@ -52,9 +52,40 @@ _MUCH_OF_A_TURN = 0.3
 _NARROW = 1e-5
 
 
-def is_lag_family(family: PlantFamily) -> bool:
-    """Whether only the time constant of a lag is uncertain."""
-    return family.model == "lag" and family.uncertain_names == ("time_constant_s",)
+def has_lag_form(loop: BallLoop) -> bool:
+    """Whether only the time constant of a lag is uncertain; on samples, late by whole samples."""
+    lag = loop.family.model == "lag" and loop.family.uncertain_names == ("time_constant_s",)
+    return lag and not (isinstance(loop, SampledBallLoop) and loop.whole_samples is None)
+
+
+def _lag_of(loop: BallLoop, time_constant: arb) -> arb:
+    """tau in x = omega tau; on samples coth(Ts/(2 tau)) in x = nu tau:  m/(z - 1 + m), m = 1 - e^{-Ts/tau}, is
+    (1 - w)/(1 + w (2/m - 1))."""
+    if not isinstance(loop, SampledBallLoop):
+        return time_constant
+    return (loop.sample_time / (2 * time_constant)).coth()
+
+
+def _hold(loop: BallLoop, omega: arb, dead_time: arb) -> tuple[acb, acb]:
+    """h = e^{-j omega L} and d ln h/du; on samples (1 - w) z^-l."""
+    if not isinstance(loop, SampledBallLoop):
+        if dead_time.is_zero():
+            return acb(1), acb(0)
+        turn = omega * dead_time
+        sine, cosine = turn.sin_cos()
+        return acb(cosine, -sine), acb(0, -turn)
+    late = loop.whole_samples or 0
+    sine, cosine = (2 * late * omega.atan()).sin_cos()
+    # d ln(1 - w)/du = -w/(1 - w),  d ln z^-1/du = -2j nu/(1 + nu^2)
+    slope = -1 / acb(-1, -1 / omega) - acb(0, 2 * late / (omega + 1 / omega))
+    return acb(1, -omega) * acb(cosine, -sine), slope
+
+
+def _hold_phase(loop: BallLoop, omega: arb, dead_time: arb) -> arb:
+    """arg h."""
+    if not isinstance(loop, SampledBallLoop):
+        return -omega * dead_time
+    return -(2 * (loop.whole_samples or 0) + 1) * omega.atan()
 
 
 class _At:
@@ -67,14 +98,10 @@ class _At:
         self.gain, self.dead_time = plant
         self.omega = u.exp()
         c, slope = loop.controller(u)
-        # G = K C e^{-j omega L},  d ln G/du = d ln C/du - j omega L
-        g = self.gain * c
+        # G = K C h,  d ln G/du = d ln C/du + d ln h/du
+        hold, hold_slope = _hold(loop, self.omega, self.dead_time)
         self.c, self.c_slope = c, slope
-        if not self.dead_time.is_zero():
-            turn = self.omega * self.dead_time
-            sine, cosine = turn.sin_cos()
-            g, slope = g * acb(cosine, -sine), slope - acb(0, turn)
-        self.g, self.log_slope = g, slope
+        self.g, self.log_slope = self.gain * c * hold, slope + hold_slope
 
     @property
     def g_slope(self) -> acb:
@@ -102,12 +129,19 @@ class _At:
     @property
     def g_phase(self) -> arb:
         """arg G, unwrapped, at one frequency."""
-        phase = controller_phase(self._loop, self._u) - self.omega * self.dead_time
-        gains = self._loop.gains
-        lead = gains.ki if gains.ki != 0.0 else gains.kp
-        if self.gain > 0:
-            return phase
-        return phase + arb.pi() if lead < 0.0 else phase - arb.pi()  # two minus signs cancel
+        phase = self._loop.controller_phase(self._u) + _hold_phase(self._loop, self.omega, self.dead_time)
+        # two minus signs cancel
+        return phase - arb.pi() if (self.gain < 0) != self._loop.controller_is_negative else phase
+
+    @property
+    def frequency(self) -> arb:
+        """rad/s."""
+        return self._loop.frequency(self.omega)
+
+    @property
+    def stretch(self) -> arb:
+        """d ln frequency/du."""
+        return self._loop.stretch(self.omega)
 
 
 @dataclass(frozen=True)
@@ -133,12 +167,12 @@ class _Lag(Claim):
     @cached_property
     def _tau(self) -> tuple[arb, arb]:
         low, high = self.general.domain[1]
-        return arb(low), arb(high)
+        return _lag_of(self.general.loop, arb(low)), _lag_of(self.general.loop, arb(high))
 
     @cached_property
     def _plant(self) -> tuple[arb, arb]:
         """K and the dead time."""
-        plant = self.general.loop.plant([self._tau[0]])
+        plant = assemble(self.general.loop.family, [arb(self.general.domain[1][0])])
         return plant.numerator[0].value, plant.dead_time.value
 
     def examine(self, box: Box) -> Finding:
@@ -271,8 +305,8 @@ class LagCrossover(_Lag):
         slope = over.log_slope.imag - over.log_slope.real / root
         if self.general.reading is Reading.DELAY_MARGIN:
             margin = value + slope * shift
-            value = value / centre.omega
-            slope = (slope - margin) / over.omega
+            value = value / centre.frequency
+            slope = (slope - margin * over.stretch) / over.frequency
         total = value + slope * shift
         level = self.general.level
         return HOLDS if (total <= level if self.general.upper else total >= level) else _CUT
@@ -315,11 +349,13 @@ def closed_form(claim: Claim) -> Claim:
     """The claim in omega alone where the family is a lag with one uncertain time constant; else itself."""
     form = CLOSED_FORMS.get(type(claim))
     loop = getattr(claim, "loop", None)
-    if form is None or loop is None or not is_lag_family(loop.family) or len(claim.domain) != 2:
+    if form is None or loop is None or not has_lag_form(loop) or len(claim.domain) != 2:
         return claim
     low, high = claim.domain[1]
     if not 0.0 < low < high < math.inf:
         return claim
+    if isinstance(claim, EveryPhaseCrossover) and isinstance(loop, SampledBallLoop):
+        return claim  # next to z = -1, x has no end and (3) is a small difference of large numbers
     if isinstance(claim, EveryCrossover) and claim.reading not in (Reading.PHASE_MARGIN, Reading.DELAY_MARGIN):
         return claim
     return form(claim)

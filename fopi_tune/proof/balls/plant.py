@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from flint import acb, arb
@@ -17,11 +17,21 @@ _ZERO = arb(0)
 
 @dataclass(frozen=True)
 class PlantBalls:
-    """A plant's coefficients over a box of its uncertain numbers; gradients' axes count from 1."""
+    """A plant's coefficients over a box of its uncertain numbers; gradients' axes count from 1.
+
+    Args:
+        numerator: descending powers.
+        denominator: descending powers.
+        dead_time: s.
+        late: of a plant behind a hold, the factor z^-late.
+        gain: a factor of the numerator that is kept apart, so that its derivative costs nothing.
+    """
 
     numerator: tuple[Dual, ...]
     denominator: tuple[Dual, ...]
     dead_time: Dual
+    late: int = 0
+    gain: Dual = field(default_factory=lambda: Dual.of(1))
 
 
 def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantBalls:

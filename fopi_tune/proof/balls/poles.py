@@ -21,7 +21,8 @@ from flint import acb, arb
 from fopi_tune.proof.balls.box import Box, ball_of
 from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding, longest, longest_number, tail_axis
 from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
-from fopi_tune.proof.balls.plant import PlantBalls, polynomial
+from fopi_tune.proof.balls.plant import PlantBalls, assemble, polynomial
+from fopi_tune.proof.balls.sampled import SampledBallLoop, count_unstable_roots
 
 _NARROWEST = 1e-9
 _MOST_PIECES = 200_000
@@ -38,7 +39,7 @@ class _End:
 
 
 def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float) -> int | None:
-    """Closed-loop poles with Re s > 0 of one plant, by (1).
+    """Closed-loop poles with Re s > 0 of one plant, by (1); on samples those outside the unit circle.
 
     Args:
         loop: gains and family.
@@ -48,6 +49,8 @@ def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float
     Returns:
         The number; None when F comes too close to 0 on the imaginary axis to be told from it.
     """
+    if isinstance(loop, SampledBallLoop):
+        return count_unstable_roots(loop, theta)
     plant = loop.plant([arb(value) for value in theta])
     low, high = _low_end(loop, plant, origin), _high_end(loop, plant, origin)
     if low is None or high is None:
@@ -55,7 +58,7 @@ def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float
     along = _change_along_axis(loop, plant, low.u, high.u)
     if along is None:
         return None
-    first, last = LoopBalls(loop, (low.u, low.u), plant), LoopBalls(loop, (high.u, high.u), plant)
+    first, last = loop.balls((low.u, low.u), plant), loop.balls((high.u, high.u), plant)
     degree = len(plant.denominator) - 1
     alpha = loop.alpha if loop.gains.ki != 0.0 else arb(0)
     quarter = arb.pi() / 2
@@ -74,9 +77,11 @@ def is_unstable_by_structure(loop: BallLoop, theta: tuple[float, ...]) -> bool:
     Its integral is cancelled by a zero of the plant at s = 0, or a dead time is inside a direct path with
     |kp n_n/d_n| > 1, which has infinitely many poles on the right.
     """
-    plant = loop.plant([arb(value) for value in theta])
+    plant = assemble(loop.family, [arb(value) for value in theta])
     if loop.gains.ki != 0.0 and plant.numerator[-1].value.is_zero():
         return True
+    if isinstance(loop, SampledBallLoop):
+        return False
     if len(plant.numerator) < len(plant.denominator) or not plant.dead_time.value > 0:
         return False
     return bool(abs(loop.kp * plant.numerator[0].value / plant.denominator[0].value) > 1)
@@ -92,23 +97,23 @@ def _power(loop: BallLoop, u: float) -> acb:
 def _change_along_axis(loop: BallLoop, plant: PlantBalls, low: float, high: float) -> arb | None:
     """Change of arg (D + C N e^{-Ls}) over pieces on each of which it stays in a rectangle without 0."""
     total, pieces = arb(0), 0
-    before = LoopBalls(loop, (low, low), plant).characteristic
+    before = loop.balls((low, low), plant).characteristic
     pending = [(low, high)]
     while pending:
         pieces += 1
         a, b = pending.pop()
         middle = 0.5 * (a + b)
-        over = LoopBalls(loop, (a, b), plant)
-        centre = LoopBalls(loop, (middle, middle), plant).characteristic
+        over = loop.balls((a, b), plant)
+        centre = loop.balls((middle, middle), plant).characteristic
         values = centre + over.characteristic_slope * (ball_of((a, b)) - arb(middle))
         if values.is_finite() and not values.contains(0):
-            after = LoopBalls(loop, (b, b), plant).characteristic
+            after = loop.balls((b, b), plant).characteristic
             total += (after / before).arg()
             before = after
             continue
         if abs(over.c * over.numerator) < abs(over.d) and not over.d.contains(0):
             # |L| < 1: 1 + L stays in the right half-plane, however often the dead time turns it
-            ends = LoopBalls(loop, (a, a), plant), LoopBalls(loop, (b, b), plant)
+            ends = loop.balls((a, a), plant), loop.balls((b, b), plant)
             total += (ends[1].d / ends[0].d).arg() + (1 + ends[1].gain).arg() - (1 + ends[0].gain).arg()
             before = ends[1].characteristic
             continue
@@ -243,6 +248,9 @@ class NoAxisRoot(Claim):
         value = polynomial(coefficients, over.s)
         if value.is_finite() and not value.contains(0):
             return True
+        if over.high_tail and not self.denominator:
+            # of X/s^k in 1/s: a real zero may pass through infinity, where the other part of X does not vanish
+            return _odd_part_is_not_0(coefficients, over.omega)
         return over.low_tail and self.denominator and _odd_part_is_not_0(coefficients, over.omega)
 
     def to_dict(self) -> dict[str, Any]:
@@ -250,7 +258,10 @@ class NoAxisRoot(Claim):
 
 
 def _odd_part_is_not_0(coefficients: list[arb], omega: arb) -> bool:
-    """Im X(j omega)/omega = x1 - x3 omega^2 + ... keeps away from 0: a real pole may pass through the origin."""
+    """Im X(j omega)/omega = x1 - x3 omega^2 + ... keeps away from 0: a real pole may pass through the origin.
+
+    In the high tail the same of X's reversed coefficients in 1/omega.
+    """
     odd = [*reversed(coefficients)][1::2]
     value = arb(0)
     for coefficient in reversed(odd):

@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 from flint import arb
 
-from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.proof.balls.argument import Argument, tracks_of, unwrapped_phase
 from fopi_tune.proof.balls.box import ball_of
@@ -40,7 +39,7 @@ class Reader:
 
     Args:
         loop: gains and family.
-        nominal_crossings: ln omega of the nominal plant's gain crossovers, where they are known already.
+        nominal_crossings: u of the nominal plant's gain crossovers, where they are known already.
     """
 
     def __init__(self, loop: BallLoop, nominal_crossings: Sequence[float] | None = None) -> None:
@@ -63,16 +62,15 @@ class Reader:
         return self.all_crossings(tuple(self.loop.family.nominal_point.tolist()))
 
     def all_crossings(self, theta: tuple[float, ...]) -> list[float]:
-        """ln omega of one plant's gain crossovers, ascending, in floating point: where to look, no more."""
-        plants = Plants.members(self.loop.family, np.array([theta], dtype=float))
-        return np.log(gain_crossovers(Loops.of(self.loop.gains, plants)).omega_rad_s).tolist()
+        """u of one plant's gain crossovers, ascending, in floating point: where to look, no more."""
+        return gain_crossovers(self.loop.loops_at(np.array([theta], dtype=float))).u.tolist()
 
     @cached_property
     def may_cross_often(self) -> bool:
         """Whether the nominal plant or one of the box's corners has more than one gain crossover."""
         if len(self._nominal_crossings) > 1:
             return True
-        loops = Loops.of(self.loop.gains, Plants.members(self.loop.family, self.loop.family.corners()))
+        loops = self.loop.loops_at(self.loop.family.corners())
         return bool(np.bincount(gain_crossovers(loops).row, minlength=1).max() > 1)
 
     def followed_crossing(self, theta: tuple[float, ...]) -> list[float]:
@@ -86,7 +84,7 @@ class Reader:
         """Newton's method from the nominal plant's crossover."""
         plant = self.loop.plant([arb(value) for value in theta])
         for _ in range(_MOST_STEPS):
-            at = LoopBalls(self.loop, (u, u), plant)
+            at = self.loop.balls((u, u), plant)
             value, slope = float(abs(at.gain).log().mid()), float(at.log_slope.real.mid())
             if not abs(slope) > _FLAT or not abs(value / slope) < _LONGEST_STEP:
                 return None
@@ -102,7 +100,7 @@ class Reader:
         if reading is Reading.PHASE_SLOPE:
             return at.log_slope.imag
         margin = self.phase(at, theta) + arb.pi()
-        return margin if reading is Reading.PHASE_MARGIN else margin / at.omega
+        return margin if reading is Reading.PHASE_MARGIN else margin / self.loop.frequency(at.omega)
 
 
 def slopes_of(reading: Reading, over: LoopBalls, centre: arb, shifts: Sequence[arb], omega: arb) -> list[arb]:
@@ -113,7 +111,7 @@ def slopes_of(reading: Reading, over: LoopBalls, centre: arb, shifts: Sequence[a
         over: the loop over the box.
         centre: psi at the centre.
         shifts: X_i - c_i.
-        omega: at the centre.
+        omega: e^u at the centre.
     """
     if reading is Reading.CROSSOVER:
         return [arb(1), *(arb(0) for _ in over.log_gradient)]
@@ -122,7 +120,8 @@ def slopes_of(reading: Reading, over: LoopBalls, centre: arb, shifts: Sequence[a
     phase = [over.log_slope.imag, *(g.imag for g in over.log_gradient)]
     if reading is Reading.PHASE_MARGIN:
         return phase
-    # d/du (phi/omega) = (phi_u - phi)/omega, phi by its own mean-value form
-    margin = centre * omega + sum((p * d for p, d in zip(phase, shifts, strict=True)), arb(0))
-    first = (phase[0] - margin) / over.omega
-    return [first, *(p / over.omega for p in phase[1:])]
+    # d/du (phi/omega) = (phi_u - phi d ln omega/du)/omega, phi by its own mean-value form
+    loop, frequency = over.loop, over.loop.frequency(over.omega)
+    margin = centre * loop.frequency(omega) + sum((p * d for p, d in zip(phase, shifts, strict=True)), arb(0))
+    first = (phase[0] - margin * loop.stretch(over.omega)) / frequency
+    return [first, *(p / frequency for p in phase[1:])]

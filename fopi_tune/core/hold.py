@@ -1,0 +1,98 @@
+"""Plants behind a zero-order hold, exactly:  the polynomials Q and R of `fopi_tune.core.sampled`, many at once."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: terms of the exponential series: 0.5^16/16! = 1e-18
+_TERMS = 17
+
+
+def exponentials_less_one(matrices: Array) -> Array:
+    """e^A - 1 of m small matrices, shape (m, n, n), each to rounding of its largest entry.
+
+    With A/2^k of norm below 1/2, e^{A/2^k} - 1 by its series, and e^{2A} - 1 = 2 (e^A - 1) + (e^A - 1)^2 so often.
+    Written out rather than by scipy's expm: a thousand calls of a threaded library for 2 x 2 matrices can take seconds.
+    """
+    norm = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
+    halvings = max(0, math.ceil(math.log2(max(norm, 1e-300))) + 1)
+    small = np.asarray(matrices * 0.5**halvings, dtype=float)
+    less = power = small
+    for k in range(2, _TERMS):
+        power = power @ small / k
+        less = less + power
+    for _ in range(halvings):
+        less = 2.0 * less + less @ less
+    return less
+
+
+def behind_hold(numerator: Array, denominator: Array, sample_time_s: float, part: Array) -> tuple[Array, Array]:
+    """Q and R in powers of delta = z - 1 of m plants without their whole samples of delay.
+
+    Args:
+        numerator: shape (m, a), descending powers of s.
+        denominator: shape (m, n + 1).
+        sample_time_s: Ts.
+        part: f, shape (m,), the part of a sample by which they are late.
+
+    Returns:
+        Shape (m, n + 1) each; R's first column is 1.
+    """
+    m, width = denominator.shape
+    n = width - 1
+    # s Ts = sigma: coefficients of falling powers take Ts^0, Ts^1, ...
+    scale = sample_time_s ** np.arange(width)
+    bottom = denominator * scale
+    top = np.concatenate([np.zeros((m, width - numerator.shape[1])), numerator], axis=1) * scale
+    top, bottom = top / bottom[:, :1], bottom / bottom[:, :1]
+    direct = top[:, 0]
+    if n == 0:
+        return direct[:, None], np.ones((m, 1))
+    c = top[:, 1:] - direct[:, None] * bottom[:, 1:]
+    a = np.zeros((m, n, n))
+    a[:, 1:, :-1] = np.eye(n - 1)
+    a[:, 0, :] = -bottom[:, 1:]
+    whole, first, second = _integrals(a, np.ones(m)), _integrals(a, 1.0 - part), _integrals(a, part)
+    g0 = first[:, :, 0]
+    # int_{1-f}^1 = e^{A(1-f)} int_0^f, and e^{At} = I + A int_0^t
+    g1 = second[:, :, 0] + np.einsum("mij,mjk,mk->mi", a, first, second[:, :, 0])
+    q, r = _polynomials(a @ whole, c, g0, g1)
+    # an integrator's pole is at z = 1 to the last bit, and the gain at rest is the plant's own
+    for k in range(1, n + 1):
+        r[:, k] = np.where((denominator[:, k:] == 0.0).all(axis=1), 0.0, r[:, k])
+    q = q + direct[:, None] * r
+    end = denominator[:, -1]
+    steady = end != 0.0
+    q[:, -1] = np.where(steady, numerator[:, -1] / np.where(steady, end, 1.0) * r[:, -1], q[:, -1])
+    return q, r
+
+
+def _integrals(a: Array, t: Array) -> Array:
+    """int_0^t e^{As} ds of m matrices, shape (m, n, n)."""
+    m, n, _ = a.shape
+    block = np.zeros((m, 2 * n, 2 * n))
+    block[:, :n, :n] = a
+    block[:, :n, n:] = np.eye(n)
+    return exponentials_less_one(block * t[:, None, None])[:, :n, n:]
+
+
+def _polynomials(e: Array, c: Array, g0: Array, g1: Array) -> tuple[Array, Array]:
+    """By Faddeev and LeVerrier's recursion for adj(delta I - E) = sum_k B_k delta^(n-1-k), E = Phi - I."""
+    m, n = c.shape
+    r = np.zeros((m, n + 1))
+    r[:, 0] = 1.0
+    q = np.zeros((m, n + 1))
+    b = np.broadcast_to(np.eye(n), (m, n, n))
+    for k in range(n):
+        # c B_k ((g_0 + g_1) + g_0 delta)
+        q[:, k] += np.einsum("mi,mij,mj->m", c, b, g0)
+        q[:, k + 1] += np.einsum("mi,mij,mj->m", c, b, g0 + g1)
+        eb = e @ b
+        r[:, k + 1] = -np.trace(eb, axis1=1, axis2=2) / (k + 1)
+        b = eb + r[:, k + 1, None, None] * np.eye(n)
+    return q, r

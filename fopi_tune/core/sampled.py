@@ -1,0 +1,274 @@
+"""Loops as they are on samples:  a digital controller, a zero-order hold, a plant with its delays, and the sampler.
+
+At the samples the plant behind the hold, its dead time and the computing delay d + f samples late (d whole,
+0 <= f < 1), is exactly
+
+    P(z) = z^-(d+1) Q(z)/R(z),    Q(z) = c adj(zI - Phi) (g_0 z + g_1) + q0 R(z),    R(z) = det(zI - Phi),           (1)
+
+with Phi = e^{A Ts}, g_0 = int_0^{(1-f)Ts} e^{As} b ds, g_1 = int_{(1-f)Ts}^{Ts} e^{As} b ds, q0 the direct path; the
+measurement is taken just before the new control acts.  Both are kept as polynomials in delta = z - 1, so that poles
+next to 1 cost no digits.
+
+With z = (1 + w)/(1 - w) the unit circle is the imaginary axis, w = j nu,  nu = tan(omega Ts/2), its outside the right
+half-plane, and the loop is rational in w: everything that holds for continuous loops, every crossing and every peak
+included, is read off the same factors (`fopi_tune.core.logform`), with u = ln nu.  A root z0 gives
+
+    z - z0 = (-delta_0 + w (2 + delta_0))/(1 - w),    delta_0 = z0 - 1,    z^-1 = (1 - w)/(1 + w) .                  (2)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.hold import behind_hold
+from fopi_tune.core.logform import Array, Complex, LogForm, Rows
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.sections import Implementation, Sections
+from fopi_tune.errors import DomainError
+
+_AXIS_TOLERANCE = 1e-9
+#: exponents of omega are cut here, so that nu and 1/nu stay finite
+_U_CAP = 600.0
+#: a delay this close to a whole number of samples is one
+_WHOLE = 1e-12
+_MOST_DELAY_SAMPLES = 10_000
+
+
+@dataclass(frozen=True)
+class SampledPlants(Plants):
+    """m plants behind a hold, as in (1).
+
+    Args:
+        numerator: Q in descending powers of delta, shape (m, n + 1).
+        denominator: R, shape (m, n + 1).
+        dead_time_s: 0: what is late is in `late`.
+        late: d + 1, shape (m,), whole numbers.
+    """
+
+    late: Array
+
+    @classmethod
+    def behind_hold(cls, plants: Plants, sample_time_s: float, delay_s: float) -> SampledPlants:
+        """Sample plants exactly.
+
+        Args:
+            plants: m continuous plants.
+            sample_time_s: Ts.
+            delay_s: computing delay, on top of the plants' dead times.
+
+        Raises:
+            DomainError: more than 10,000 samples of delay.
+        """
+        samples = (plants.dead_time_s + delay_s) / sample_time_s
+        if np.any(samples > _MOST_DELAY_SAMPLES):
+            raise DomainError(
+                f"the dead time is {samples.max():.3g} samples long; take a sample time that is not that much shorter"
+            )
+        whole = np.floor(samples + _WHOLE)
+        part = np.clip(samples - whole, 0.0, 1.0)
+        numerator, denominator = behind_hold(plants.numerator, plants.denominator, sample_time_s, part)
+        return cls(numerator, denominator, np.zeros(len(plants)), whole + 1.0)
+
+    def take(self, rows: Rows) -> SampledPlants:
+        """The plants of these rows, repeated as often as they are named."""
+        return SampledPlants(self.numerator[rows], self.denominator[rows], self.dead_time_s[rows], self.late[rows])
+
+    @cached_property
+    def unstable_poles(self) -> NDArray[np.int_]:
+        """Number of poles outside the unit circle, shape (m,)."""
+        rho = _nudged(_ray(self.poles))
+        return (np.isfinite(self.poles) & (self.poles != 0.0) & (rho.real < 0.0)).sum(axis=1)
+
+    @cached_property
+    def hidden_on_axis(self) -> NDArray[np.bool_]:
+        """Whether Q and R share a root on the unit circle: no controller moves it, shape (m,)."""
+        poles, zeros = self.poles[:, :, None], self.zeros[:, None, :]
+        on_circle = np.isfinite(poles) & (np.abs(np.abs(1.0 + poles) - 1.0) <= _AXIS_TOLERANCE * np.abs(poles))
+        return np.asarray((on_circle & (np.abs(zeros - poles) <= _AXIS_TOLERANCE * np.abs(poles))).any(axis=(1, 2)))
+
+    def at(self, rows: Rows, u: Array) -> Complex:
+        """P at nu = e^u; rows and u of shape (n,)."""
+        delta = shifted(u)
+        late = np.exp(-2j * self.late[rows] * np.arctan(np.exp(u)))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return late * _polynomial(self.numerator[rows], delta) / _polynomial(self.denominator[rows], delta)
+
+    @cached_property
+    def log(self) -> LogForm:
+        """ln P; every pole outside the unit circle starts at -180 deg, as in continuous time."""
+        leading = _leading(self.numerator) / _leading(self.denominator)
+        return _log_form(leading, self.zeros, self.poles, self.late)
+
+
+@dataclass(frozen=True)
+class SampledLoops(Loops):
+    """m loops of one digital controller; `kp`, `ki`, `alpha` are the gains it approximates.
+
+    Args:
+        sections: the controller.
+    """
+
+    plants: SampledPlants  # pyright: ignore[reportIncompatibleVariableOverride]
+    sections: Sections
+
+    @classmethod
+    def implemented(cls, gains: FoPi, implementation: Implementation, plants: Plants) -> SampledLoops:
+        """One digital controller with every one of these continuous plants."""
+        rows = np.ones(len(plants))
+        sampled = SampledPlants.behind_hold(plants, implementation.sample_time_s, implementation.delay_s)
+        return cls(gains.kp * rows, gains.ki * rows, gains.alpha * rows, sampled, implementation.sections)
+
+    def take(self, rows: Rows) -> SampledLoops:
+        """The loops of these rows."""
+        return SampledLoops(self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows), self.sections)
+
+    @property
+    def highest_rad_s(self) -> float:
+        """Nyquist's frequency pi/Ts."""
+        return float(np.pi / self.sections.sample_time_s)
+
+    def omega_of(self, u: Array) -> Array:
+        """omega = (2/Ts) atan(e^u)."""
+        return 2.0 / self.sections.sample_time_s * np.arctan(np.exp(np.clip(u, -700.0, 700.0)))
+
+    def u_of(self, omega_rad_s: Array) -> Array:
+        """ln tan(omega Ts/2); inf from Nyquist's frequency on."""
+        half = 0.5 * np.asarray(omega_rad_s, dtype=float) * self.sections.sample_time_s
+        inside = np.minimum(half, 0.5 * np.pi)
+        with np.errstate(divide="ignore"):
+            u = np.log(np.sin(inside)) - np.log(np.maximum(np.cos(inside), 0.0))
+        return np.where(half >= 0.5 * np.pi, np.inf, u)
+
+    def stretch(self, u: Array) -> Array:
+        """d ln omega/du = sin(2x)/(2x) at x = omega Ts/2 = atan(e^u)."""
+        cut = np.clip(u, -_U_CAP, _U_CAP)
+        return 1.0 / (2.0 * np.cosh(cut) * np.arctan(np.exp(cut)))
+
+    @cached_property
+    def log_controller(self) -> LogForm:
+        """ln C."""
+        zeros, poles, gain = zeros_and_poles(self.sections)
+        one = _log_form(np.array([gain]), zeros[None, :], poles[None, :], np.zeros(1))
+        return one.take(np.zeros(len(self), dtype=np.intp))
+
+    @cached_property
+    def log(self) -> LogForm:
+        """ln L."""
+        zeros, poles, gain = zeros_and_poles(self.sections)
+        rows, plants = len(self), self.plants
+        return _log_form(
+            gain * _leading(plants.numerator) / _leading(plants.denominator),
+            np.concatenate([np.broadcast_to(zeros, (rows, len(zeros))), plants.zeros], axis=1),
+            np.concatenate([np.broadcast_to(poles, (rows, len(poles))), plants.poles], axis=1),
+            plants.late,
+        )
+
+    def response(self, rows: Rows, omega: Array) -> Complex:
+        """L(e^{j omega Ts}); rows and omega of shape (n,)."""
+        u = np.clip(self.u_of(omega), -_U_CAP, _U_CAP)
+        return self.sections.at(shifted(u)) * self.plants.at(rows, u)
+
+    def log_response_and_slope(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
+        """ln L, the value from the sections and the polynomials, the sheet from the factors; and d ln L/du."""
+        factors, slope = self.log.value_and_derivative(rows, u)
+        with np.errstate(all="ignore"):
+            gain: Complex = self.sections.at(shifted(u)) * self.plants.at(rows, u)
+            direct: Complex = np.log(gain)
+        turns = np.round((factors.imag - direct.imag) / (2.0 * np.pi))
+        return np.where(np.isfinite(direct), direct + 2j * np.pi * turns, factors), slope
+
+
+def shifted(u: Array) -> Complex:
+    """delta = z - 1 = 2j nu/(1 - j nu) at nu = e^u, shape (n,)."""
+    return 2j / (np.exp(-np.clip(u, -_U_CAP, _U_CAP)) - 1j)
+
+
+def zeros_and_poles(sections: Sections) -> tuple[Complex, Complex, float]:
+    """Zeros and poles of C in delta = z - 1, and its leading coefficient.
+
+    The zeros are the eigenvalues of the sections' own state space with the feedback -1/direct; without a direct path
+    those of the polynomial sum r_k prod_{i != k} (delta - p_i).
+    """
+    shifts, residues = np.array(sections.poles) - 1.0, np.array(sections.residues)
+    poles = shifts.astype(complex)
+    if not len(shifts):
+        return poles, poles, sections.direct
+    if sections.direct != 0.0:
+        zeros = np.linalg.eigvals(np.diag(shifts) - np.outer(residues, np.ones(len(shifts))) / sections.direct)
+        return zeros.astype(complex), poles, sections.direct
+    top = np.zeros(len(shifts))
+    for k, residue in enumerate(residues):
+        top = top + residue * np.real(np.poly(np.delete(shifts, k)))
+    top = np.trim_zeros(top, "f")
+    if not len(top):
+        raise DomainError("the digital controller is 0: there is no loop; use other gains or another filter")
+    return np.roots(top).astype(complex), poles, float(top[0])
+
+
+def _log_form(gain: Array, zeros: Complex, poles: Complex, late: Array) -> LogForm:
+    """gain prod(delta - zeros)/prod(delta - poles) z^-late as factors of w, by (2); inf is no root."""
+    roots = np.concatenate([zeros, poles], axis=1)
+    sign = np.concatenate([np.ones(zeros.shape), -np.ones(poles.shape)], axis=1)
+    there = np.isfinite(roots)
+    origin = there & (roots == 0.0)
+    inner = there & ~origin
+    safe: Complex = np.where(inner, roots, 1.0)
+    rho: Complex = np.where(inner, _nudged(_ray(safe)), 0.0)
+    moving = inner & (rho != 0.0)
+    constant = np.log(np.abs(gain)) + (sign * np.where(inner, np.log(np.abs(safe)), 0.0)).sum(axis=1)
+    slope0 = (sign * origin).sum(axis=1)
+    constant = constant + slope0 * np.log(2.0)
+    unstable = (moving & (sign < 0) & (rho.real < 0.0)).sum(axis=1)
+    # the sign at rest: a real root delta_0 > 0 gives -delta_0 < 0
+    flips = (inner & (np.abs(safe.imag) <= 1e-12 * np.abs(safe)) & (safe.real > 0.0)).sum(axis=1)
+    negative = ((gain < 0) ^ (flips % 2 == 1)) ^ (unstable % 2 == 1)
+    phase0 = np.asarray(-np.pi * negative - np.pi * unstable + 0.5 * np.pi * slope0, dtype=float)
+    excess = -(sign * there).sum(axis=1) + late
+    m = len(gain)
+    rays = np.where(moving, rho, 1.0)
+    return LogForm(
+        constant,
+        slope0,
+        phase0,
+        np.concatenate([sign, excess[:, None], -late[:, None]], axis=1),
+        np.ones((m, roots.shape[1] + 2)),
+        np.concatenate([np.where(moving, -np.log(np.abs(rays)), np.inf), np.zeros((m, 2))], axis=1),
+        np.concatenate(
+            [
+                np.where(moving, np.angle(1j * rays), 0.0),
+                np.full((m, 1), -0.5 * np.pi),
+                np.full((m, 1), 0.5 * np.pi),
+            ],
+            axis=1,
+        ),
+        np.zeros(m),
+    )
+
+
+def _ray(roots: Complex) -> Complex:
+    """rho of -delta_0 (1 + rho w): -(2 + delta_0)/delta_0."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(-(2.0 + roots) / roots, dtype=complex)
+
+
+def _nudged(rho: Complex) -> Complex:
+    """Rays of roots on the unit circle turned as if the root lay just inside."""
+    on_axis = np.isfinite(rho) & (np.abs(rho.real) <= _AXIS_TOLERANCE * np.abs(rho.imag))
+    return np.where(on_axis, _AXIS_TOLERANCE * np.abs(rho.imag) + 1j * rho.imag, rho)
+
+
+def _polynomial(coefficients: Array, at: Complex) -> Complex:
+    value = np.zeros_like(at)
+    for k in range(coefficients.shape[1]):
+        value = value * at + coefficients[:, k]
+    return value
+
+
+def _leading(coefficients: Array) -> Array:
+    first = np.argmax(coefficients != 0.0, axis=1)
+    return coefficients[np.arange(len(coefficients)), first]

@@ -1,0 +1,69 @@
+"""A digital controller as a sum of first-order sections:  C(z) = direct + sum_k r_k/(z - p_k)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sections:
+    """C(z) = direct + sum_k residue_k/(z - pole_k).
+
+    Args:
+        sample_time_s: Ts.
+        direct: the path without memory.
+        poles: real, inside the unit circle but for the integrator's, which is exactly 1 and comes first; empty
+            without ki.
+        residues: of the same length.
+    """
+
+    sample_time_s: float
+    direct: float
+    poles: tuple[float, ...]
+    residues: tuple[float, ...]
+
+    def response(self, omega_rad_s: Array) -> NDArray[np.complex128]:
+        """C(e^{j omega Ts}), shape (n,)."""
+        half = 0.5 * omega_rad_s * self.sample_time_s
+        return self.at(2j * np.sin(half) * np.exp(1j * half))
+
+    def at(self, shifted: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """C(z) at z = 1 + shifted, shape (n,): with z - 1 given, poles next to 1 cost no digits."""
+        total = np.full(len(shifted), self.direct, dtype=complex)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for pole, residue in zip(self.poles, self.residues, strict=True):
+                total += residue / (shifted - (pole - 1.0))
+        return total
+
+
+@dataclass(frozen=True)
+class Implementation:
+    """A controller as it runs on a computer.
+
+    Args:
+        sections: what is computed at every sample.
+        delay_samples: time from the measurement to the new control, in samples; whole or not, >= 0.
+    """
+
+    sections: Sections
+    delay_samples: float = 0.0
+
+    @property
+    def sample_time_s(self) -> float:
+        """Ts."""
+        return self.sections.sample_time_s
+
+    @property
+    def delay_s(self) -> float:
+        """The computing delay in s."""
+        return self.delay_samples * self.sections.sample_time_s
+
+    @property
+    def nyquist_rad_s(self) -> float:
+        """The highest frequency of sampled signals, pi/Ts."""
+        return float(np.pi / self.sections.sample_time_s)

@@ -1,0 +1,271 @@
+"""A plant behind a zero-order hold, seen at the samples, in ball arithmetic, with its derivatives.
+
+    P(z) = sum_j z^-j c adj(zI - Phi) g_j / det(zI - Phi),    j = m, ..., m + K .                                   (1)
+
+The control of j samples ago acts with the weight
+
+    g_j = W(1 - clip(l - j)) - W(1 - clip(l - j + 1)),    W(t) = int_0^t e^{As} b ds ,                              (2)
+
+l the delay in samples, t in samples and clip to [0, 1]: one formula for a delay that is uncertain across several
+samples; clip has kinks, where its derivative is enclosed by [0, 1].  Both polynomials are given in
+w = (z - 1)/(z + 1), the factor z^-(m + 1) apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+from flint import arb, arb_mat
+
+from fopi_tune.errors import DomainError
+from fopi_tune.proof.balls.dual import Dual
+from fopi_tune.proof.balls.plant import PlantBalls
+
+_ONE, _ZERO = arb(1), arb(0)
+#: an argument below which a difference of reciprocals is a series
+_SMALL = arb(1e-4)
+
+
+def behind_hold(plant: PlantBalls, sample_time: arb, samples: Dual, axes: int) -> PlantBalls:
+    """Numerator and denominator of (1) in w, over a box.
+
+    Args:
+        plant: in s.
+        sample_time: Ts, s.
+        samples: l, the dead time and the computing delay.
+        axes: of the box, frequency included.
+
+    Returns:
+        The same plants in w; not a number where a direct path's delay is uncertain across a whole number of samples.
+    """
+    first, last = _floor(samples.value.lower()), _floor(samples.value.upper())
+    times = [1 - _clip(samples - j) for j in range(first, last + 1)]
+    leading = plant.denominator[0]
+    degree, span = len(plant.denominator) - 1, len(times)
+    direct = plant.numerator[0] / leading if len(plant.numerator) == degree + 1 else None
+    if direct is not None and direct.value.is_zero() and not direct.gradient:
+        direct = None
+    if direct is not None and span > 1:
+        # the direct path jumps by whole samples: its value is not continuous in the dead time
+        return PlantBalls((Dual(arb.nan()),), (Dual.of(1),), Dual.of(0), first + 1)
+    if degree == 1 and direct is None and not plant.denominator[1].value.contains(0):
+        return _first_order(plant, sample_time, times, first)
+    weights, characteristic = _any_order(plant, direct, sample_time, times, axes)
+    return _in_w(weights, characteristic, direct, first)
+
+
+def _clip(x: Dual) -> Dual:
+    """x cut to [0, 1]."""
+    low, high = x.value.lower(), x.value.upper()
+    if low >= 0 and high <= 1:
+        return x
+    if high <= 0:
+        return Dual(_ZERO)
+    if low >= 1:
+        return Dual(_ONE)
+    ends = [arb(0) if end < 0 else arb(1) if end > 1 else arb(end) for end in (low, high)]
+    between = arb(0).union(arb(1))
+    return Dual(ends[0].union(ends[1]), {axis: slope * between for axis, slope in x.gradient.items()})
+
+
+def _first_order(plant: PlantBalls, ts: arb, times: list[Dual], first: int) -> PlantBalls:
+    """(1) for n1/(d0 s + d1), x = Ts d1/d0, with everything in it as seldom as can be:
+
+    P = (n1/d1) z^-(m+1) z^(1-K) (1 - w) (1 + sum_j phi_j z^(k_j - 1) (z - 1))/(1 + w coth(x/2)),
+    phi_j = (1 - e^{-x t_j})/(1 - e^{-x}),   k_j = K - j,   j = 0 ... K - 1 .
+    """
+    rate = plant.denominator[0] / plant.denominator[1]
+    x = ts / rate
+    half = x.value / 2
+    lag = Dual(half.coth(), {axis: -slope / (2 * half.sinh() ** 2) for axis, slope in x.gradient.items()})
+    span = len(times)
+    top = [Dual.of(c) for c in _monomial(0, 0, span)]
+    for j, t in enumerate(times):
+        _add(top, _share(x, t), _monomial(span - 1 - j, 1, span))
+    gain = plant.numerator[-1] / plant.denominator[1]
+    return PlantBalls(tuple(top), tuple(_with_poles(span, [lag, Dual.of(1)])), Dual.of(0), first + 1, gain)
+
+
+def _share(x: Dual, t: Dual) -> Dual:
+    """phi = (1 - e^{-xt})/(1 - e^{-x}), 0 <= t <= 1, x != 0:  it rises with x and with t, so that its ends enclose it.
+
+    d phi/dt = e^{-xt}/g(x),  d phi/dx = phi (t h(xt) - h(x)),  g(y) = (1 - e^{-y})/y falls, h = g'/g rises.
+    """
+    if t.value == 1 and not t.gradient:
+        return Dual.of(1)
+    low, high = _ends(x.value), _ends(t.value)
+    values = [(-a * b).expm1() / (-a).expm1() for a, b in zip(low, high, strict=True)]
+    phi = values[0].union(values[1])
+    g = _between(x.value, lambda y: -(-y).expm1() / y)
+    along_t = (-x.value * t.value).exp() / g
+    along_x = phi * (t.value * _between(x.value * t.value, _bend) - _between(x.value, _bend))
+    gradient = {axis: along_x * slope for axis, slope in x.gradient.items()}
+    for axis, slope in t.gradient.items():
+        gradient[axis] = gradient.get(axis, _ZERO) + along_t * slope
+    return Dual(phi, gradient)
+
+
+def _ends(ball: arb) -> tuple[arb, arb]:
+    return arb(ball.lower()), arb(ball.upper())
+
+
+def _between(ball: arb, monotone: Callable[[arb], arb]) -> arb:
+    """The range of a monotone function over a ball."""
+    low, high = _ends(ball)
+    return monotone(low) if low == high else monotone(low).union(monotone(high))
+
+
+def _bend(y: arb) -> arb:
+    """h(y) = 1/(e^y - 1) - 1/y; -1/2 at 0."""
+    if abs(y) < _SMALL:
+        # |h(y) + 1/2 - y/12| <= |y|^3/720
+        return arb(-0.5) + y / 12 + arb(0, 1) * abs(y) ** 3
+    return 1 / y.expm1() - 1 / y
+
+
+#: per time t_j the coefficients of c adj(delta - E) W(t_j), and those of det(delta - E), descending powers of delta
+_Weights = tuple[list[list[Dual]], list[Dual]]
+
+
+def _any_order(plant: PlantBalls, direct: Dual | None, ts: arb, times: list[Dual], axes: int) -> _Weights:
+    """By the exponential of the companion form, the derivatives by that of [[A, dA], [0, A]].
+
+    The last weight, of t = 1, is that of every earlier control together.
+    """
+    leading = plant.denominator[0]
+    n = len(plant.denominator) - 1
+    if n == 0:
+        return [[] for _ in range(len(times) + 1)], [Dual.of(1)]
+    # in samples, s Ts: coefficients of falling powers take Ts^0, Ts^1, ...
+    missing = n + 1 - len(plant.numerator)
+    scaled = [c / leading * ts**k for k, c in enumerate(plant.denominator)]
+    c = [Dual.of(0)] * (missing - 1) + [
+        b / leading * ts ** (n + 1 - len(plant.numerator) + k) for k, b in enumerate(plant.numerator)
+    ]
+    c = c[-n:]
+    a = [-value for value in scaled[1:]]
+    if direct is not None:
+        c = [value + direct * coefficient for value, coefficient in zip(c, a, strict=True)]
+    phi, whole = _hold(a, Dual.of(1), axes)
+    columns = [whole if t.value == 1 and not t.gradient else _hold(a, t, axes)[1] for t in times] + [whole]
+    e = [[phi[i][j] - 1 if i == j else phi[i][j] for j in range(n)] for i in range(n)]
+    characteristic, weights = [Dual.of(1)], [[] for _ in columns]
+    b = [[Dual.of(int(i == j)) for j in range(n)] for i in range(n)]
+    for k in range(n):
+        cb = [_sum([c[i] * b[i][j] for i in range(n)]) for j in range(n)]
+        for weight, column in zip(weights, columns, strict=True):
+            weight.append(_sum([x * y for x, y in zip(cb, column, strict=True)]))
+        eb = [[_sum([e[i][h] * b[h][j] for h in range(n)]) for j in range(n)] for i in range(n)]
+        characteristic.append(_sum([eb[i][i] for i in range(n)]) * (arb(-1) / (k + 1)))
+        b = [[eb[i][j] + characteristic[-1] if i == j else eb[i][j] for j in range(n)] for i in range(n)]
+    return weights, characteristic
+
+
+def _sum(terms: list[Dual]) -> Dual:
+    total = terms[0]
+    for term in terms[1:]:
+        total = total + term
+    return total
+
+
+def _hold(a: list[Dual], t: Dual, axes: int) -> tuple[list[list[Dual]], list[Dual]]:
+    """e^{At} and W(t) = int_0^t e^{As} b ds of a companion form with its top row a, with their gradients."""
+    n = len(a)
+    value = (arb_mat(_block([x.value for x in a])) * t.value).exp()
+    gradients: list[list[dict[int, arb]]] = [[{} for _ in range(n + 1)] for _ in range(n)]
+    for axis in range(1, axes):
+        slopes = [x.gradient.get(axis) for x in a]
+        if any(slope is not None for slope in slopes):
+            moved = _derivative(a, [s if s is not None else _ZERO for s in slopes], t.value)
+            for i in range(n):
+                for j in range(n + 1):
+                    gradients[i][j][axis] = moved[i, n + 1 + j]
+        if axis in t.gradient:
+            # dW/dt = e^{At} b; Phi itself is asked for at t = 1 alone
+            for i in range(n):
+                gradients[i][n][axis] = gradients[i][n].get(axis, _ZERO) + value[i, 0] * t.gradient[axis]
+    phi = [[Dual(value[i, j], gradients[i][j]) for j in range(n)] for i in range(n)]
+    return phi, [Dual(value[i, n], gradients[i][n]) for i in range(n)]
+
+
+def _block(a: list[arb]) -> list[list[arb]]:
+    """[[A, b], [0, 0]], whose exponential holds e^A and int_0^1 e^{As} b ds."""
+    n = len(a)
+    rows = [[_ZERO] * (n + 1) for _ in range(n + 1)]
+    rows[0][:n] = a
+    rows[0][n] = _ONE
+    for i in range(1, n):
+        rows[i][i - 1] = _ONE
+    return rows
+
+
+def _derivative(a: list[Dual], slopes: list[arb], t: arb) -> arb_mat:
+    """exp of [[M, dM], [0, M]]: its upper right block is the derivative of exp M."""
+    block = _block([x.value for x in a])
+    zeros = [_ZERO] * len(block)
+    top = [[*row, *zeros] for row in block]
+    top[0][len(block) : len(block) + len(slopes)] = slopes
+    return (arb_mat([*top, *([*zeros, *row] for row in block)]) * t).exp()
+
+
+def _in_w(weights: list[list[Dual]], characteristic: list[Dual], direct: Dual | None, first: int) -> PlantBalls:
+    """(1) with delta = 2w/(1 - w), both polynomials times (1 - w)^degree.
+
+    sum_j g_j z^(K - j) with g_j = W_j - W_(j-1) is W_K + sum_(j<K) W_j z^(K - j - 1) (z - 1).  The numerator has degree
+    n - 1 + K in z: the factor (1 - w)^(1 - K) that is left over is one part of z^-(K-1), whose other part,
+    (1 + w)^-(K-1), goes to the denominator.
+    """
+    n, span = len(characteristic) - 1, len(weights) - 1
+    top = [Dual.of(0)] * (n + span)
+    for j, weight in enumerate(weights):
+        for i, coefficient in enumerate(weight):
+            power = n - 1 - i
+            if j < span:
+                _add(top, coefficient, _monomial(span - j - 1, power + 1, span + n - 1))
+            else:
+                _add(top, coefficient, _monomial(0, power, span + n - 1))
+    bottom = [Dual.of(0)] * (n + 1)
+    for i, coefficient in enumerate(characteristic):
+        _add(bottom, coefficient, _monomial(0, n - i, n))
+    if direct is not None:
+        # z^-late direct R: there is no other power of z
+        top = [x + direct * y for x, y in zip(top, bottom, strict=True)]
+    return PlantBalls(tuple(top), tuple(_with_poles(span, bottom)), Dual.of(0), first + 1)
+
+
+def _with_poles(span: int, bottom: list[Dual]) -> list[Dual]:
+    """The denominator times (1 + w)^(K - 1)."""
+    for _ in range(span - 1):
+        bottom = [x + y for x, y in zip([*bottom, Dual.of(0)], [Dual.of(0), *bottom], strict=True)]
+    return bottom
+
+
+@cache
+def _monomial(later: int, power: int, degree: int) -> tuple[int, ...]:
+    """(1 + w)^later (2w)^power (1 - w)^(degree - later - power), descending powers."""
+    rising, falling = [1], [1]
+    for _ in range(later):
+        rising = [a + b for a, b in zip([*rising, 0], [0, *rising], strict=True)]
+    for _ in range(degree - later - power):
+        # times (1 - w) = -w + 1
+        falling = [b - a for a, b in zip([*falling, 0], [0, *falling], strict=True)]
+    product = [0] * (len(rising) + len(falling) - 1)
+    for i, x in enumerate(rising):
+        for j, y in enumerate(falling):
+            product[i + j] += x * y
+    return (*(value * 2**power for value in product), *(0,) * power)
+
+
+def _add(total: list[Dual], coefficient: Dual, polynomial: Sequence[int]) -> None:
+    """total += coefficient * polynomial."""
+    for i, value in enumerate(polynomial):
+        if value:
+            total[i] = total[i] + coefficient * value
+
+
+def _floor(number: arb) -> int:
+    whole = number.floor().unique_fmpz()
+    if whole is None:
+        raise DomainError("the delay cannot be counted in samples; its bounds are too wide")
+    return int(whole)

@@ -1,0 +1,289 @@
+"""L on samples over a box of frequencies and plants, in ball arithmetic:  digital controller, hold, delays, sampler.
+
+With z = (1 + w)/(1 - w), w = j nu, nu = tan(omega Ts/2) (see `fopi_tune.core.sampled`), u = ln nu, the loop is rational
+in w, and what was written for continuous loops holds as it stands with w in the place of s:
+
+    C(w) = d + sum_k rho_k/(w + sigma_k),   sigma_k = (1 - p_k)/(1 + p_k),  rho_k = 2 r_k/(1 + p_k)^2,
+                                            d = direct - sum_k r_k/(1 + p_k) .                                      (1)
+
+The plant behind the hold is made in `fopi_tune.proof.balls.hold`; z^-1 = (1 - w)/(1 + w) = e^{-2j atan nu}.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from flint import acb, acb_poly, arb, arb_poly
+
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.sampled import SampledLoops
+from fopi_tune.core.sections import Implementation
+from fopi_tune.proof.balls.argument import Argument
+from fopi_tune.proof.balls.box import Interval
+from fopi_tune.proof.balls.dual import Dual
+from fopi_tune.proof.balls.hold import behind_hold
+from fopi_tune.proof.balls.loop import BallLoop
+from fopi_tune.proof.balls.plant import PlantBalls
+from fopi_tune.proof.balls.values import LoopBalls
+
+#: relative steps by which a place is rounded to one side
+_STEPS = (0.0, 1e-15, 1e-14, 1e-12, 1e-9, 1e-6, 1e-3)
+
+
+@dataclass(frozen=True)
+class SampledBallLoop(BallLoop):
+    """A digital controller with a family of plants behind a hold.
+
+    Args:
+        gains: what the controller approximates.
+        family: the plants.
+        implementation: the controller.
+    """
+
+    implementation: Implementation
+
+    @cached_property
+    def sample_time(self) -> arb:
+        """Ts, s."""
+        return arb(self.implementation.sample_time_s)
+
+    @cached_property
+    def sections(self) -> tuple[arb, tuple[tuple[arb, arb], ...]]:
+        """d and (sigma_k, rho_k) of (1)."""
+        sections = self.implementation.sections
+        direct, pairs = arb(sections.direct), []
+        for pole, residue in zip(sections.poles, sections.residues, strict=True):
+            above = 1 + arb(pole)
+            direct = direct - arb(residue) / above
+            pairs.append(((1 - arb(pole)) / above, 2 * arb(residue) / (above * above)))
+        return direct, tuple(pairs)
+
+    @cached_property
+    def has_integrator(self) -> bool:
+        """Whether the controller has a pole at z = 1."""
+        return any(sigma.is_zero() for sigma, _ in self.sections[1])
+
+    def samples(self, dead_time: Dual) -> Dual:
+        """The whole delay in samples."""
+        return dead_time / self.sample_time + arb(self.implementation.delay_samples)
+
+    @cached_property
+    def whole_samples(self) -> int | None:
+        """The family's delay when it is known and a whole number of samples."""
+        number = self.family.parameters["dead_time_s"]
+        samples = self.samples(Dual.of(number.min)).value
+        whole = samples.unique_fmpz()
+        return int(whole) if number.is_exact and whole is not None and samples == whole else None
+
+    def controller(self, u: arb) -> tuple[acb, acb]:
+        """C and d ln C/du over a ball of u."""
+        nu = u.exp()
+        return self._controller(acb(0, nu))
+
+    def _controller(self, w: acb) -> tuple[acb, acb]:
+        direct, pairs = self.sections
+        value, slope = acb(direct), acb(0)
+        for sigma, rho in pairs:
+            part = 1 / (w + sigma)
+            term = rho * part
+            value, slope = value + term, slope - w * part * term
+        return value, slope / value
+
+    def controller_phase(self, u: arb) -> arb:
+        """arg C without the sign of `controller_is_negative`."""
+        nu, top = u.exp(), self.numerator_track
+        if top.right is None:
+            return arb.nan()
+        phase = top.change(float(u.mid()), nu)
+        for sigma, _ in self.sections[1]:
+            phase = phase - (arb.pi() / 2 if sigma.is_zero() else (nu / sigma).atan())
+        return phase
+
+    @property
+    def controller_is_negative(self) -> bool:
+        """Whether C < 0 as w -> 0, up to its integral's turn."""
+        top = self.numerator_track
+        return (not top.leading_sign) != ((top.right or 0) % 2 == 1)
+
+    def delay_phase(self, at: LoopBalls) -> arb:
+        """-2 late atan nu."""
+        return -2 * at.plant.late * at.omega.atan()
+
+    @cached_property
+    def numerator(self) -> tuple[arb, ...]:
+        """C(w) prod_k (w + sigma_k), descending powers."""
+        direct, pairs = self.sections
+        top = arb_poly([direct])
+        for sigma, _ in pairs:
+            top = top * arb_poly([sigma, 1])
+        for k, (_, rho) in enumerate(pairs):
+            part = arb_poly([rho])
+            for i, (sigma, _) in enumerate(pairs):
+                part = part * arb_poly([sigma, 1]) if i != k else part
+            top = top + part
+        return tuple(reversed([top[i] for i in range(len(pairs) + 1)]))
+
+    @cached_property
+    def numerator_track(self) -> Argument:
+        """How the controller's numerator turns along the axis."""
+        return Argument.of(self.numerator)
+
+    def plant(self, theta: Sequence[arb]) -> PlantBalls:
+        """The plants behind the hold, as polynomials in w without the whole samples of delay.
+
+        Raises:
+            DomainError: not proper.
+        """
+        plant = super().plant(theta)
+        return behind_hold(plant, self.sample_time, self.samples(plant.dead_time), self.axes)
+
+    def loops_at(self, points: Array) -> Loops:
+        """The same loops in floating point, for plants at these places of the box, shape (m, p): where to look."""
+        return SampledLoops.implemented(self.gains, self.implementation, Plants.members(self.family, points))
+
+    def balls(self, u: Interval, plant: PlantBalls) -> LoopBalls:
+        """The loop with these plants over an interval of u."""
+        return SampledLoopBalls(self, u, plant)
+
+    # -- the frequency axis -----------------------------------------------------------------------------------------
+
+    def place(self, log_omega: float) -> float:
+        """u at a frequency given by its logarithm; inf from Nyquist's frequency on."""
+        half = 0.5 * math.exp(min(log_omega, 700.0)) * self.implementation.sample_time_s
+        return math.log(math.tan(half)) if 0.0 < half < 0.5 * math.pi else math.copysign(math.inf, half - 1.0)
+
+    def inner_place(self, log_omega: float, upper: bool) -> float:
+        """The same, rounded down for an upper limit and up for a lower one: what holds there holds at the limit."""
+        u, limit = self.place(log_omega), arb(log_omega).exp()
+        for step in _STEPS:
+            inside = u - step * max(abs(u), 1.0) if upper else u + step * max(abs(u), 1.0)
+            found = self.frequency(arb(inside).exp())
+            if found <= limit if upper else found >= limit:
+                return inside
+        raise ArithmeticError(f"the place of omega = e^{log_omega!r} rad/s is not enclosed")
+
+    def band(self, from_rad_s: float, to_rad_s: float) -> Interval:
+        """Places of all frequencies of a band; from Nyquist's frequency on there are none."""
+        low = self.inner_place(math.log(from_rad_s), True) if from_rad_s > 0.0 else -math.inf
+        if to_rad_s >= self.implementation.nyquist_rad_s * (1.0 - 1e-12):
+            return low, math.inf
+        return low, self.inner_place(math.log(to_rad_s), False)
+
+    def frequency(self, omega: arb) -> arb:
+        """omega = (2/Ts) atan nu, rad/s."""
+        return 2 * omega.atan() / self.sample_time
+
+    def stretch(self, omega: arb) -> arb:
+        """d ln omega/du = (nu/(1 + nu^2))/atan nu."""
+        return 1 / ((omega + 1 / omega) * omega.atan())
+
+    def has_upper_limit(self, over: LoopBalls) -> bool:
+        """At z = -1."""
+        return True
+
+    def is_beyond(self, omega_rad_s: float) -> bool:
+        """Whether no sampled signal has this frequency or a higher one: it is Nyquist's, but for rounding."""
+        return omega_rad_s >= self.implementation.nyquist_rad_s * (1.0 - 1e-15)
+
+
+class SampledLoopBalls(LoopBalls):
+    """The loop on samples over one box; `omega` and `s` are nu and w."""
+
+    loop: SampledBallLoop
+
+    @cached_property
+    def c(self) -> acb:
+        """The controller's piece; w C(w) in the low tail of a loop with an integrator."""
+        direct, pairs = self.loop.sections
+        w = self.s
+        if self.high_tail:
+            # w = 1/t:  rho/(w + sigma) = rho t/(1 + sigma t)
+            return acb(direct) + sum((rho * w / (1 + sigma * w) for sigma, rho in pairs), acb(0))
+        if not self.low_tail or not self.loop.has_integrator:
+            return acb(direct) + sum((rho / (w + sigma) for sigma, rho in pairs), acb(0))
+        rest = sum((rho / (w + sigma) for sigma, rho in pairs if not sigma.is_zero()), acb(direct))
+        return w * rest + sum((rho for sigma, rho in pairs if sigma.is_zero()), arb(0))
+
+    @cached_property
+    def x(self) -> acb | None:
+        """w in the low tail of a loop with an integrator; None is 1."""
+        return self.s if self.low_tail and self.loop.has_integrator else None
+
+    @cached_property
+    def delay(self) -> acb | None:
+        """z^-late and the plant's gain."""
+        angle, gain = 2 * self.plant.late * self.omega.atan(), self.plant.gain.value
+        if not self.high_tail:
+            return gain * acb(angle.cos(), -angle.sin())
+        return (-gain if self.plant.late % 2 else gain) * acb(angle.cos(), angle.sin())
+
+    @cached_property
+    def size(self) -> arb:
+        """An upper bound of |L|."""
+        return self.gain.abs_upper()
+
+    @cached_property
+    def controller_slope(self) -> acb:
+        """d ln C/du."""
+        return self.loop._controller(self.s)[1]
+
+    @cached_property
+    def _delay_slope(self) -> acb:
+        """d ln z^-late/du = -2j late nu/(1 + nu^2)."""
+        nu = self.omega
+        return acb(0, -2 * self.plant.late / (nu + 1 / nu))
+
+    @cached_property
+    def log_gradient(self) -> list[acb]:
+        """d ln L/dtheta_k, k = 1 ... p."""
+        gradient = list(super().log_gradient)
+        gain = self.plant.gain
+        for axis, slope in gain.gradient.items():
+            gradient[axis - 1] = gradient[axis - 1] + slope / gain.value
+        return gradient
+
+    @cached_property
+    def log_slope(self) -> acb:
+        """d ln L/du; not in a tail."""
+        plant = self.plant
+        slope = self.controller_slope + self._own_slope(plant.numerator, self.numerator)
+        return slope - self._own_slope(plant.denominator, self.d) + self._delay_slope
+
+
+def count_unstable_roots(loop: SampledBallLoop, theta: Sequence[float]) -> int | None:
+    """Closed-loop poles outside the unit circle of one plant, from certified roots of
+
+        (1 + w)^late prod_k (w + sigma_k) D(w) + C(w) prod_k (w + sigma_k) N(w) (1 - w)^late .
+
+    Returns:
+        The number; None when a root cannot be told from the circle, or roots fall together.
+    """
+    plant = loop.plant([arb(value) for value in theta])
+    bottom = arb_poly([c.value for c in reversed(plant.denominator)])
+    for sigma, _ in loop.sections[1]:
+        bottom = bottom * arb_poly([sigma, 1])
+    top = arb_poly([plant.gain.value * c.value for c in reversed(plant.numerator)]) * arb_poly(
+        list(reversed(loop.numerator))
+    )
+    polynomial = bottom * arb_poly([1, 1]) ** plant.late + top * arb_poly([1, -1]) ** plant.late
+    return None if polynomial.degree() < 1 and polynomial[0].contains(0) else _right_roots(polynomial)
+
+
+def _right_roots(polynomial: arb_poly) -> int | None:
+    coefficients = [polynomial[i] for i in range(polynomial.length())]
+    # a root at w = infinity is one at z = -1
+    if not all(c.is_finite() for c in coefficients) or coefficients[-1].contains(0):
+        return None
+    if len(coefficients) == 1:
+        return 0
+    try:
+        roots = acb_poly([acb(c) for c in coefficients]).roots()
+    except ValueError:
+        return None  # roots that fall together cannot be told apart
+    if any(root.real.contains(0) for root in roots):
+        return None
+    return sum(bool(root.real > 0) for root in roots)
