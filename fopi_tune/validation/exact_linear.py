@@ -1,17 +1,17 @@
 """Exact responses in time of the linear fractional loop:  FoPi, Plant, times -> array.
 
-C(s) = kp + ki s^-alpha, P = N/D e^{-Ls}, P0 = N/D, L0 = C P0, chi = D + C N e^{-Ls}, and a stimulus s^-j (j = 1 a step):
+C(s) = kp + ki s^-alpha, P = N/D e^{-Ls}, P0 = N/D, L0 = C P0, chi = D + C N e^{-Ls}, stimulus s^-j (j = 1 a step):
 
-    output after a reference   C N e^{-Ls}/(chi s^j),      control after it   C D/(chi s^j),                          (1)
+    output after a reference   C N e^{-Ls}/(chi s^j),      control after it   C D/(chi s^j),                         (1)
     output after a load at the plant's input   N e^{-Ls}/(chi s^j).
 
 Without dead time the transform is inverted on a hyperbola, the poles of the principal sheet taken out.  With dead time
 there are two ways, which overlap:
 
-    steps: 1/(1 + L0 e^{-Ls}) = sum_k (-L0)^k e^{-kLs}, exact with the terms k <= t/L, each free of delay;            (2)
+    steps: 1/(1 + L0 e^{-Ls}) = sum_k (-L0)^k e^{-kLs}, exact with the terms k <= t/L, each free of delay;           (2)
     a bent line, for t >> L and a stable loop: no pole lies where |L0 e^{-Ls}| < 1, and there the line may go left
     as long as |s|^{-r} e^{-L Re s}, r the relative degree of L0, stays small; with a direct path, as long as
-    |L0(inf)| e^{-L Re s} does, which is of use once |L0(inf)|^{t/L}, the size of the jumps, has died out.            (3)
+    |L0(inf)| e^{-L Re s} does, which is of use once |L0(inf)|^{t/L}, the size of the jumps, has died out.           (3)
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
@@ -97,7 +98,7 @@ def exact_response(
     if not 0.0 < tolerance <= WORST_TOLERANCE:
         raise DomainError(f"tolerance = {tolerance!r} lies outside (0, {WORST_TOLERANCE}]")
     times = checked_times(times_s)
-    loop = _Loop(gains, plant, signal, stimulus)
+    loop = LoopTransform(gains, plant, signal, stimulus)
     answer = response_and_error(gains, plant, signal, times, stimulus)
     size = float(np.abs(answer.value).max(initial=0.0))
     failed = ~(answer.error <= tolerance * size)
@@ -126,7 +127,7 @@ def response_and_error(
         DomainError: times that are none, or a loop that is not well posed.
     """
     times = checked_times(times_s)
-    loop = _Loop(gains, plant, signal, stimulus)
+    loop = LoopTransform(gains, plant, signal, stimulus)
     way = _without_dead_time if plant.dead_time_s == 0.0 else _with_dead_time
     value, error = np.full_like(times, loop.initial_value), np.zeros_like(times)
     later = times > 0.0
@@ -137,8 +138,15 @@ def response_and_error(
 
 
 @dataclass(frozen=True)
-class _Loop:
-    """One of the transforms (1)."""
+class LoopTransform:
+    """One of the transforms (1).
+
+    Args:
+        gains, plant, signal, stimulus: as in `exact_response`.
+
+    Raises:
+        DomainError: no controller, or a loop that is not well posed.
+    """
 
     gains: FoPi
     plant: Plant
@@ -198,7 +206,7 @@ class _Loop:
     def parts(self, s: Complex) -> tuple[Complex, Complex, Complex, Complex]:
         """s^alpha, s^alpha C, N and D: so that neither s -> 0 nor alpha -> 2 overflows."""
         power = s**self.gains.alpha
-        n, d = np.polyval(self.plant.numerator, s), np.polyval(self.plant.denominator, s)
+        n, d = (np.asarray(np.polyval(p, s), dtype=complex) for p in (self.plant.numerator, self.plant.denominator))
         return power, self.gains.kp * power + self.gains.ki, n, d
 
     def transform(self, s: Complex) -> Complex:
@@ -232,7 +240,7 @@ class _Loop:
         return transform
 
 
-def _without_dead_time(loop: _Loop, times: Array) -> Inverse:
+def _without_dead_time(loop: LoopTransform, times: Array) -> Inverse:
     poles = principal_poles(loop.gains, loop.plant)
     with np.errstate(all="ignore"):
         power, c, n, d = loop.parts(poles)
@@ -247,11 +255,11 @@ def _without_dead_time(loop: _Loop, times: Array) -> Inverse:
         return invert(loop.transform, times, poles, above / (slope * poles**loop.stimulus.value))
 
 
-def _with_dead_time(loop: _Loop, times: Array) -> Inverse:
+def _with_dead_time(loop: LoopTransform, times: Array) -> Inverse:
     value, error = np.zeros_like(times), np.full_like(times, np.inf)
     dead_time = loop.plant.dead_time_s
 
-    def improve(rows: Array, way: Callable[[_Loop, Array], Inverse]) -> None:
+    def improve(rows: NDArray[np.intp], way: Callable[[LoopTransform, Array], Inverse]) -> None:
         if len(rows):
             answer = way(loop, times[rows])
             better = answer.error < error[rows]
@@ -266,7 +274,7 @@ def _with_dead_time(loop: _Loop, times: Array) -> Inverse:
     return Inverse(value, error)
 
 
-def response_by_steps(loop: _Loop, times: Array) -> Inverse:
+def response_by_steps(loop: LoopTransform, times: Array) -> Inverse:
     """The method of steps (2), exact but for cancellation, which the error estimate includes.
 
     Args:
@@ -292,7 +300,7 @@ def response_by_steps(loop: _Loop, times: Array) -> Inverse:
     return Inverse(value, error)
 
 
-def _open_response(loop: _Loop, k: int, times: Array) -> Inverse:
+def _open_response(loop: LoopTransform, k: int, times: Array) -> Inverse:
     """Term k of (2): no other poles than the plant's, which are multiple."""
     order = math.floor(k * loop.degree)
     poles = np.roots(loop.plant.denominator)
@@ -303,7 +311,7 @@ def _open_response(loop: _Loop, k: int, times: Array) -> Inverse:
     return invert_beside(loop.term(k), times, bend)
 
 
-def response_beside(loop: _Loop, times: Array) -> Inverse:
+def response_beside(loop: LoopTransform, times: Array) -> Inverse:
     """The bent line (3); infinite errors where it is of no use: an unstable loop, jumps that have not died out.
 
     Args:
@@ -326,12 +334,12 @@ def response_beside(loop: _Loop, times: Array) -> Inverse:
     return Inverse(value, error)
 
 
-def _loop_gain(loop: _Loop, s: Complex) -> Array:
+def _loop_gain(loop: LoopTransform, s: Complex) -> Array:
     power, c, n, d = loop.parts(s)
     return np.abs(c / power * n / d) * np.exp(-loop.plant.dead_time_s * s.real)
 
 
-def _bend(loop: _Loop, horizon: float) -> Bend | None:
+def _bend(loop: LoopTransform, horizon: float) -> Bend | None:
     """Where |L0 e^{-Ls}| < 1 from the axis to the line, by the maximum principle; None if nowhere within reach."""
     poles, zeros = np.roots(loop.plant.denominator), np.roots(loop.plant.numerator)
     aside = poles[np.abs(np.angle(poles)) < SECTOR_RAD]

@@ -1,21 +1,22 @@
 """The exact fractional loop step by step: saturation, a reference of any shape, loads, a start away from rest.
 
-u = kp e + ki (I0 + I^alpha e), v = u cut to the actuator's limits, w = v(t - L) + load, x' = A x + B w, y = C x + g w.
+u = kp e + ki (I0 + I^alpha e), v = u cut to the actuator's limits, w = v(t - L) + load(t - L), x' = A x + B w, y = C x + g w.
 Over one step e is a line between its values just after and just before the nodes, and its integral with full memory
 is exact (product trapezoidal rule; Diethelm, The Analysis of Fractional Differential Equations, 2010, appendix C):
 
-    I^alpha e(t_n) = sum_{j < n} (l_{n-j} e(t_j+) + r_{n-j} e(t_{j+1}-)),                                             (1)
-    r_k = h^alpha/Gamma(alpha) int_0^1 (k - v)^{alpha-1} v dv,   l_k the same with 1 - v for v.                       (2)
+    I^alpha e(t_n) = sum_{j < n} (l_{n-j} e(t_j+) + r_{n-j} e(t_{j+1}-)),                                            (1)
+    r_k = h^alpha/Gamma(alpha) int_0^1 (k - v)^{alpha-1} v dv,   l_k the same with 1 - v for v.                      (2)
 
 A jump E_j of e makes u start as ki E_j (t - t_j)^alpha/Gamma(1 + alpha), which no line follows.  That part,
 
-    q(t) = c sum_j E_j (t - t_j)^alpha/Gamma(1 + alpha),   c = ki/(1 + kp g) without dead time, else ki,              (3)
+    q(t) = c sum_j E_j (t - t_j)^alpha/Gamma(1 + alpha),   c = ki/(1 + kp g) without dead time, else ki,             (3)
 
 goes through the plant exactly as long as the actuator is within its limits, and only v - q is a line over a step:
 
-    x_{n+1} = e^{Ah} x_n + int_0^h e^{A(h-v)} B (line of w - q, plus q) dv.                                           (4)
+    x_{n+1} = e^{Ah} x_n + int_0^h e^{A(h-v)} B (line of w - q, plus q) dv.                                          (4)
 
-So the error falls as h^2 (as h^{1+alpha} for alpha < 1 in a loop with a direct path g, where the output starts with a power of t too).
+So the error falls as h^2; as h^{1+alpha} for alpha < 1 in a loop with a direct path g, or with a lag far shorter than
+h, where the error too goes on from a jump with a power of t.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ def simulate_exactly(
         step_s: h, s, > 0.
         steps: n, >= 1.
         limits: least and greatest control, in the control's unit; they need not be symmetric.
-        load: added to the control at the plant's input, after the limits and the dead time.
+        load: added to the control at the plant's input, after the limits; the dead time holds it back too.
         start: the state, integral and past control at t = 0; None: at rest.
 
     Returns:
@@ -103,8 +104,11 @@ def simulate_exactly(
         raise DomainError(f"limits = {limits!r} leave no room for the control; the lower one comes first")
     model = state_space(plant)
     run = _Run(gains, model, step_s, steps, limits, _lag(plant.dead_time_s, step_s), start or Start())
-    run.follow(_sides(reference, step_s, steps, "reference"), _sides(load, step_s, steps, "load"))
-    return TimeResponse(step_s * np.arange(steps + 1), run.output, run.control, run.demand, run.error)
+    arriving = _later(_sides(load, step_s, steps, "load"), run.lag)
+    run.follow(_sides(reference, step_s, steps, "reference"), arriving)
+    return TimeResponse(
+        np.asarray(step_s * np.arange(steps + 1.0), dtype=float), run.output, run.control, run.demand, run.error
+    )
 
 
 def _lag(dead_time: float, step: float) -> int:
@@ -116,9 +120,9 @@ def _lag(dead_time: float, step: float) -> int:
 
 
 def _sides(course: Course, step: float, steps: int, name: str) -> tuple[Array, Array]:
-    """Values just before and just after the nodes; 0 before the first."""
+    """Values just before and just after the nodes."""
     if callable(course):
-        after = np.array(course(step * np.arange(steps + 1)), dtype=float)
+        after = np.array(course(np.asarray(step * np.arange(steps + 1.0), dtype=float)), dtype=float)
         before = after.copy()
     else:
         held = np.asarray(course, dtype=float)
@@ -127,6 +131,16 @@ def _sides(course: Course, step: float, steps: int, name: str) -> tuple[Array, A
     if after.shape != (steps + 1,) or not np.all(np.isfinite(after)):
         raise DomainError(f"the {name} needs {steps + 1} finite values, one a node; it has shape {after.shape}")
     return before, after
+
+
+def _later(sides: tuple[Array, Array], lag: int) -> tuple[Array, Array]:
+    """The same, so many nodes later, and 0 until then."""
+    before, after = sides
+    if lag == 0:
+        return sides
+    kept, rest = max(len(after) - lag, 0), np.zeros(min(lag, len(after)))
+    before = np.concatenate([rest, [0.0], before[1:kept]])[: len(after)]
+    return before, np.concatenate([rest, after[:kept]])
 
 
 class _Run:
@@ -152,8 +166,8 @@ class _Run:
         self.factor = gains.ki / (1.0 + (gains.kp * model.direct if lag == 0 else 0.0))
         self.steps = steps
         self.output, self.control, self.demand, self.error = np.zeros((4, steps + 1))
-        self.error_before, self.control_before, self.singular = np.zeros((3, steps + 1))
-        self.at_limit = np.zeros(steps + 1, dtype=bool)
+        self.error_before, self.control_before, self.demand_before, self.singular = np.zeros((4, steps + 1))
+        self.at_limit, self.at_jump = np.zeros((2, steps + 1), dtype=bool)
         self.jump_nodes: list[int] = []
         self.jumps: list[float] = []
 
@@ -181,7 +195,8 @@ class _Run:
     def _before(self, n: int, reference: float, load: float, load_begin: float) -> float:
         """Step (4) to node n and the values just before it; returns the integral there."""
         model, kp, ki = self.model, self.gains.kp, self.gains.ki
-        self.singular[n] = self.factor * sum(e * self.power[n - j] for j, e in zip(self.jump_nodes, self.jumps, strict=True))
+        at, jumps = np.array(self.jump_nodes), np.array(self.jumps)
+        self.singular[n] = self.factor * float(jumps @ self.power[n - at])
         cell = n - 1 - self.lag
         within = cell >= 0 and not self.at_limit[cell]
         line_begin = self._delayed(n - 1, self.control) + load_begin
@@ -190,9 +205,8 @@ class _Run:
         if within:
             line_begin -= self.singular[cell]
             line_end -= self.singular[cell + 1]
-            for j, jump in zip(self.jump_nodes, self.jumps, strict=True):
-                if j <= cell:
-                    self.x = self.x + self.factor * jump * self.through[cell - j]
+            begun = at <= cell
+            self.x = self.x + self.factor * (jumps[begun] @ self.through[cell - at[begun]])
         # without dead time the control at the step's end is not yet known
         known = self.lag > 0
         own = 0.0 if not known else (self.control_before[n - self.lag] if n > self.lag else self.start.past_control)
@@ -207,28 +221,28 @@ class _Run:
         cut = self._cut(demand)
         if not known:
             self.x = self.x + self.end * cut
-        self.control_before[n] = cut
+        self.control_before[n], self.demand_before[n] = cut, demand
         self.error_before[n] = rest - through * cut
         return self.start.integral + float(history + weight * self.error_before[n])
 
     def _after(self, n: int, integral: float, reference: tuple[Array, Array], load: tuple[Array, Array]) -> None:
         """The values just after node n, and what of the error jumped there."""
         model, kp, ki = self.model, self.gains.kp, self.gains.ki
-        late = self._delayed(n, self.control) if self.lag else 0.0
-        rest = reference[1][n] - float(model.c @ self.x) - model.direct * (load[1][n] + late)
-        own = model.direct if self.lag == 0 else 0.0
-        demand = self._solve(kp * rest + ki * integral, kp * own)
-        self.demand[n], self.control[n] = demand, self._cut(demand)
-        self.at_limit[n] = self.control[n] != demand
-        self.error[n] = rest - own * self.control[n]
-        self.output[n] = reference[1][n] - self.error[n]
-        jump = self.error[n]
-        if n:
-            # by its causes, which are exactly 0 where nothing jumps
-            before = self.control_before[n - self.lag] if n > self.lag else self.start.past_control
-            jump = reference[1][n] - reference[0][n] - model.direct * (
-                self._delayed(n, self.control) - before + load[1][n] - load[0][n]
-            )  # fmt: skip
-        if jump != 0.0:
+        outside = reference[1][n] != reference[0][n] or load[1][n] != load[0][n]
+        arriving = model.direct != 0.0 and n >= self.lag > 0 and self.at_jump[n - self.lag]
+        self.at_jump[n] = n == 0 or outside or arriving
+        if not self.at_jump[n]:
+            self.demand[n], self.control[n] = self.demand_before[n], self.control_before[n]
+            self.error[n] = self.error_before[n]
+        else:
+            late = self._delayed(n, self.control) if self.lag else 0.0
+            rest = reference[1][n] - float(model.c @ self.x) - model.direct * (load[1][n] + late)
+            own = model.direct if self.lag == 0 else 0.0
+            self.demand[n] = self._solve(kp * rest + ki * integral, kp * own)
+            self.control[n] = self._cut(self.demand[n])
+            self.error[n] = rest - own * self.control[n]
+            # before t = 0 there is no error, so that its first value is a jump
             self.jump_nodes.append(n)
-            self.jumps.append(float(jump))
+            self.jumps.append(float(self.error[n] - self.error_before[n]))
+        self.at_limit[n] = self.control[n] != self.demand[n]
+        self.output[n] = reference[1][n] - self.error[n]

@@ -6,11 +6,11 @@ For F with F(conj s) = conj F(s), and a contour s(u), u in R, symmetric about th
 
 whose error falls exponentially with 1/h (Trefethen and Weideman, SIAM Review 56 (2014), section 15).  Two contours:
 
-    hyperbola   s = (mu/t) (1 + sin(ju - phi))                    (Weideman and Trefethen, Math. Comp. 76 (2007))     (2)
+    hyperbola   s = (mu/t) (1 + sin(ju - phi))                    (Weideman and Trefethen, Math. Comp. 76 (2007))    (2)
     bent line   s = sigma + m/T - depth(omega) + j omega,   psi(v) = (1 + v^8)^(1/8) - 1,
                 depth = w psi(omega/w)                          or, where e^{-Ls} keeps one from going further left,
                 depth = a/L ln(1 + (L w/a) psi(omega/w)),  or even never further left than a/L,
-                depth = w psi/(1 + (L w/a) psi)                                                                       (3)
+                depth = w psi/(1 + (L w/a) psi)                                                                      (3)
 
 The hyperbola wants F free of singularities but for the poles it is told, whose parts r/(s - p) are taken out and put
 back as r e^{pt}; its work does not depend on t.  The bent line goes right of whatever lies below omega = w; its work
@@ -101,8 +101,8 @@ def invert(
     """Invert F on the hyperbola (2).
 
     Args:
-        transform: F, from complex s of any shape to F(s) of that shape; F(conj s) = conj F(s), F -> 0 as |s| -> inf, and
-            analytic for |arg s| < SECTOR_RAD but for the poles named here.  No e^{-Ls}.
+        transform: F, from complex s of any shape to F(s) of that shape; F(conj s) = conj F(s), F -> 0 as |s| -> inf,
+            and analytic for |arg s| < SECTOR_RAD but for the poles named here.  No e^{-Ls}.
         times_s: shape (n,), s, > 0, any order.
         poles_rad_s: shape (m,), simple poles, conjugates included.
         residues: shape (m,), F's residues there.
@@ -174,7 +174,8 @@ def line(omega: Array, horizon_s: float, bend: Bend, margin: float = 6.0) -> tup
     else:
         depth = w * psi if stretch == 0.0 else w / stretch * np.log1p(stretch * psi)
         slope = slope * falling
-    return bend.sigma_rad_s + margin / horizon_s - depth + 1j * omega, 1j - slope
+    s = bend.sigma_rad_s + margin / horizon_s - depth + 1j * omega
+    return np.asarray(s, dtype=complex), np.asarray(1j - slope, dtype=complex)
 
 
 def corner(horizon_s: float, bend: Bend) -> float:
@@ -204,7 +205,7 @@ def _on_hyperbola(
     for start in range(0, len(times), 1 + _CHUNK // count):
         part = slice(start, start + 1 + _CHUNK // count)
         t = times[part, None]
-        s = z / t
+        s = np.asarray(z / t, dtype=complex)
         regular = transform(s)
         for pole, residue in zip(poles, residues, strict=True):
             regular = regular - np.where(np.abs(pole) * t > _ENCLOSED, residue, 0.0) / (s - pole)
@@ -233,7 +234,7 @@ def _on_line(transform: Transform, times: Array, bend: Bend, margin: float, wide
 
 def _end(transform: Transform, shortest: float, horizon: float, bend: Bend, margin: float) -> float:
     """omega from which the rest of (1) is below e^{-38} of its largest part; inf if that is nowhere near."""
-    omega = corner(horizon, bend) * np.geomspace(1e-3, 1e8, 400)
+    omega = np.asarray(corner(horizon, bend) * np.geomspace(1e-3, 1e8, 400), dtype=float)
     s, slope = line(omega, horizon, bend, margin)
     log_size = np.log(np.abs(transform(s) * slope) * omega) + s.real * shortest
     loud = np.flatnonzero(~(log_size < np.nanmax(log_size) - _NEPERS + 6.0))

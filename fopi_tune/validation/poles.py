@@ -1,11 +1,11 @@
 """Poles of the fractional closed loop without dead time on the principal sheet.
 
-    chi(s) = D(s) + (kp + ki s^-alpha) N(s),   |arg s| < pi.                                                          (1)
+    chi(s) = D(s) + (kp + ki s^-alpha) N(s),   |arg s| < pi.                                                         (1)
 
-With alpha near p/q, s^alpha chi is a polynomial in w = s^{1/q}, whose roots with |arg w| < pi/q start Newton's method on
-chi(e^v), an entire function of v = ln s, while p/q moves to alpha.  None is missed: the argument principle counts them
+With alpha near p/q, s^alpha chi is a polynomial in w = s^{1/q}, whose roots with |arg w| < pi/q start Newton's method
+on chi(e^v), an entire function of v = ln s, while p/q moves to alpha.  None is missed: the argument principle counts them
 
-    number = (1/pi) (change of arg chi along  +R -> R e^{j theta} -> r e^{j theta} -> +r),                            (2)
+    number = (1/pi) (change of arg chi along  +R -> R e^{j theta} -> r e^{j theta} -> +r),                           (2)
 
 twice the upper half of the sector's border.
 """
@@ -113,10 +113,9 @@ def principal_poles(gains: FoPi, plant: Plant) -> Complex:
             low = min(reach[0], float(inside.real.min(initial=0.0)) - 1.0)
             high = max(reach[1], float(inside.real.max(initial=0.0)) + 1.0)
             if _count(scaled, theta, low, high) == len(inside):
-                return unit * np.exp(inside)
+                return np.asarray(unit * np.exp(inside), dtype=complex)
     raise DomainError(
-        f"the closed loop's poles cannot be told apart (kp = {gains.kp!r}, ki = {gains.ki!r}, alpha = {gains.alpha!r}); "
-        "two of them almost coincide: change a gain a little"
+        f"the closed loop's poles cannot be told apart for {gains}; two of them almost coincide: change a gain a little"
     )
 
 
@@ -130,12 +129,16 @@ def _seeds(chi: Characteristic, most: int) -> Complex:
     p, q = _fraction(chi.alpha, most)
     width = p + (len(chi.denominator) - 1) * q + 1
     total = np.zeros(width)
-    for coefficients, gain, shift in ((chi.denominator, 1.0, p), (chi.numerator, chi.kp, p), (chi.numerator, chi.ki, 0)):
+    for coefficients, gain, shift in (
+        (chi.denominator, 1.0, p),
+        (chi.numerator, chi.kp, p),
+        (chi.numerator, chi.ki, 0),
+    ):
         degree = len(coefficients) - 1
         for k, coefficient in enumerate(coefficients):
             total[width - 1 - shift - (degree - k) * q] += gain * coefficient
     roots = np.roots(total)
-    log = q * np.log(roots[roots != 0.0].astype(complex))
+    log = np.asarray(q * np.log(roots[roots != 0.0].astype(complex)), dtype=complex)
     return log[np.isfinite(log) & (np.abs(log.imag) < 1.2 * math.pi)]
 
 

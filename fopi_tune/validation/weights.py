@@ -76,7 +76,9 @@ def integral_weights(alpha: float, step_s: float, steps: int) -> tuple[Array, Ar
     """
     k = np.arange(1.0, steps + 1.0)
     near = k[:_SMOOTH]
-    right = (near ** (alpha + 1) - (near - 1) ** (alpha + 1)) / gamma(alpha + 2) - (near - 1) ** alpha / gamma(alpha + 1)
+    right = (near ** (alpha + 1) - (near - 1) ** (alpha + 1)) / gamma(alpha + 2) - (near - 1) ** alpha / gamma(
+        alpha + 1
+    )
     left = (near**alpha - (near - 1) ** alpha) / gamma(alpha + 1) - right
     x, weight = leggauss(_POINTS)
     v, weight = 0.5 * (1.0 + x), 0.5 * weight / gamma(alpha)
@@ -111,13 +113,17 @@ def kernel(model: StateSpace, step_s: float) -> tuple[Array, Array, Array, StepN
     v = (border[:-1, None] + 0.5 * width[:, None] * (1.0 + x)).ravel()
     weights = (0.5 * width[:, None] * weight).ravel()
     # nodes near the step's end by their distance from it, which 1 - v would round away
-    since, left, weights = np.concatenate([v, 1.0 - v]), np.concatenate([1.0 - v, v]), np.concatenate([weights, weights])
+    since, left, weights = (
+        np.concatenate([v, 1.0 - v]),
+        np.concatenate([1.0 - v, v]),
+        np.concatenate([weights, weights]),
+    )
     degree = len(model.a)
     vectors = np.zeros((len(since), degree))
     if degree:
         vectors = expm(model.a * (step_s * left)[:, None, None]) @ model.b * (step_s * weights)[:, None]
     nodes = StepNodes(since, vectors)
-    transition = expm(model.a * step_s) if degree else model.a
+    transition = np.asarray(expm(model.a * step_s) if degree else model.a, dtype=float)
     return transition, left @ vectors, since @ vectors, nodes
 
 
