@@ -57,13 +57,15 @@ def commensurate_model(kp: float, ki: float, alpha: Fraction, gain: float, pole_
         The model with p + q states.
 
     Raises:
-        DomainError: alpha outside (0, 2), a number that is not finite, or more than 200 states.
+        DomainError: alpha outside (0, 2), no integral, a number that is not finite, or more than 200 states.
     """
     p, q = alpha.numerator, alpha.denominator
     if not 0 < alpha < 2:
         raise DomainError(f"alpha = {alpha} lies outside (0, 2)")
     if not all(math.isfinite(number) for number in (kp, ki, gain, pole_rad_s)):
         raise DomainError("the gains and the plant's numbers must be finite")
+    if gain * ki == 0.0:
+        raise DomainError("ki = 0 or gain = 0: the loop has no integral and needs no fraction of alpha")
     if p + q > MOST_STATES:
         raise DomainError(f"alpha = {alpha} needs {p + q} states; take a fraction with a smaller denominator")
     n = p + q
@@ -96,8 +98,8 @@ def step_response(model: Commensurate, times_s: object) -> Inverse:
         return np.linalg.solve(resolvent, model.b[:, None] + 0j)[..., 0] @ model.c / s
 
     # near w = lambda, s = w^q:  1/(w - lambda) ~ q lambda^{q-1}/(s - lambda^q), and 1/s is lambda^-q
-    values, vectors = np.linalg.eig(model.a)
-    parts = (model.c @ vectors) * np.linalg.solve(vectors, model.b + 0j)
-    seen = model.q * np.abs(np.angle(values)) < SECTOR_RAD
-    poles, residues = values[seen] ** model.q, parts[seen] * model.q / values[seen]
-    return invert(transform, times, poles, residues)
+    values = np.linalg.eigvals(model.a)
+    seen = values[model.q * np.abs(np.angle(values)) < SECTOR_RAD] + 0j
+    characteristic = np.concatenate([[1.0], -model.a[-1, ::-1]])
+    parts = np.polyval(model.c[::-1], seen) / np.polyval(np.polyder(characteristic), seen)
+    return invert(transform, times, seen**model.q, parts * model.q / seen)

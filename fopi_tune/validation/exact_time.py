@@ -1,6 +1,6 @@
 """The exact fractional loop step by step: saturation, a reference of any shape, loads, a start away from rest.
 
-u = kp e + ki (I0 + I^alpha e), v = u cut to the actuator's limits, w = v(t - L) + load(t - L), x' = A x + B w, y = C x + g w.
+u = kp e + ki (I0 + I^alpha e), v = u within the actuator's limits, w = (v + load)(t - L), x' = Ax + Bw, y = Cx + gw.
 Over one step e is a line between its values just after and just before the nodes, and its integral with full memory
 is exact (product trapezoidal rule; Diethelm, The Analysis of Fractional Differential Equations, 2010, appendix C):
 

@@ -227,7 +227,7 @@ def _on_line(transform: Transform, times: Array, bend: Bend, margin: float, wide
     width = max(1, _CHUNK // len(times))
     for start in range(0, count, width):
         omega = (np.arange(start, min(start + width, count)) + 0.5) * h
-        s, slope = line(omega, horizon, wide, margin)
+        s, slope = line(np.asarray(omega, dtype=float), horizon, wide, margin)
         value += (np.exp(times[:, None] * s) * (transform(s) * slope)).sum(axis=1).imag
     return value * h / math.pi
 

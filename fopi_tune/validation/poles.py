@@ -3,7 +3,7 @@
     chi(s) = D(s) + (kp + ki s^-alpha) N(s),   |arg s| < pi.                                                         (1)
 
 With alpha near p/q, s^alpha chi is a polynomial in w = s^{1/q}, whose roots with |arg w| < pi/q start Newton's method
-on chi(e^v), an entire function of v = ln s, while p/q moves to alpha.  None is missed: the argument principle counts them
+on chi(e^v), an entire function of v = ln s, while p/q moves to alpha.  None is missed: the argument principle counts
 
     number = (1/pi) (change of arg chi along  +R -> R e^{j theta} -> r e^{j theta} -> +r),                           (2)
 
@@ -137,8 +137,8 @@ def _seeds(chi: Characteristic, most: int) -> Complex:
         degree = len(coefficients) - 1
         for k, coefficient in enumerate(coefficients):
             total[width - 1 - shift - (degree - k) * q] += gain * coefficient
-    roots = np.roots(total)
-    log = np.asarray(q * np.log(roots[roots != 0.0].astype(complex)), dtype=complex)
+    roots = np.asarray(np.roots(total), dtype=complex)
+    log = np.asarray(q * np.log(roots[roots != 0.0]), dtype=complex)
     return log[np.isfinite(log) & (np.abs(log.imag) < 1.2 * math.pi)]
 
 
@@ -160,7 +160,8 @@ def _refined(chi: Characteristic, v: Complex, most: int) -> Complex:
 
 def _distinct(v: Complex) -> Complex:
     """Each once, with its conjugate; real ones are made real."""
-    upper = np.where(np.abs(v.imag) < _SAME, v.real, v.real + 1j * np.abs(v.imag))
+    height = np.where(np.abs(v.imag) < _SAME, 0.0, np.abs(v.imag))
+    upper = v.real + 1j * height
     kept: list[complex] = []
     for candidate in upper:
         if all(abs(candidate - other) > _SAME for other in kept):
