@@ -99,7 +99,9 @@ def step_response(model: Commensurate, times_s: object) -> Inverse:
 
     # near w = lambda, s = w^q:  1/(w - lambda) ~ q lambda^{q-1}/(s - lambda^q), and 1/s is lambda^-q
     values = np.linalg.eigvals(model.a)
-    seen = values[model.q * np.abs(np.angle(values)) < SECTOR_RAD] + 0j
+    seen = np.asarray(values[model.q * np.abs(np.angle(values)) < SECTOR_RAD], dtype=complex)
     characteristic = np.concatenate([[1.0], -model.a[-1, ::-1]])
     parts = np.polyval(model.c[::-1], seen) / np.polyval(np.polyder(characteristic), seen)
-    return invert(transform, times, seen**model.q, parts * model.q / seen)
+    return invert(
+        transform, times, np.asarray(seen**model.q, dtype=complex), np.asarray(parts * model.q / seen, dtype=complex)
+    )

@@ -139,7 +139,7 @@ def _seeds(chi: Characteristic, most: int) -> Complex:
             total[width - 1 - shift - (degree - k) * q] += gain * coefficient
     roots = np.asarray(np.roots(total), dtype=complex)
     log = np.asarray(q * np.log(roots[roots != 0.0]), dtype=complex)
-    return log[np.isfinite(log) & (np.abs(log.imag) < 1.2 * math.pi)]
+    return log[np.isfinite(log) & (np.abs(np.imag(log)) < 1.2 * math.pi)]
 
 
 def _refined(chi: Characteristic, v: Complex, most: int) -> Complex:
