@@ -26,6 +26,7 @@ ALLOWED = {
     "design": ("outcome", "spec.model", "quantities", "core", "errors"),
     "proof": ("spec.model", "quantities", "core", "errors"),
     "digital": ("spec.model", "core", "errors"),
+    "validation": ("digital", "proof", "quantities", "spec.model", "core", "errors"),
     "stamp": ("__version__",),
     "convert": ("core", "errors"),
     "result": ("convert", "core", "digital", "outcome", "proof", "quantities", "spec.model", "stamp"),

@@ -1,0 +1,6 @@
+"""Reference answers in time of the exact fractional loop, against which filters and other simulators are judged.
+
+`exact_linear` inverts the linear loop's Laplace transform; `exact_time` steps through time where saturation or a
+reference of any shape forbids that; `commensurate` is the pseudo-state model with orders that are fractions p/q.
+Nothing here approximates s^-alpha by a filter.
+"""
