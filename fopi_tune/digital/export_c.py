@@ -1,8 +1,8 @@
 """The controller as C99:  a digital controller -> {file name: text}.
 
-Two translation units, double and float, that allocate nothing and call nothing; test vectors, and a program that replays
-them bit for bit.  The arithmetic is `runtime`'s.  Equal inputs give equal bytes: nothing of the machine or the hour is in
-them.  Names and texts come from strangers: what goes into a comment cannot leave it.
+Two translation units, double and float, that allocate nothing and call nothing; test vectors, and a program that
+replays them bit for bit.  The arithmetic is `runtime`'s.  Equal inputs give equal bytes: nothing of the machine or the
+hour is in them.  Names and texts come from strangers: what goes into a comment cannot leave it.
 """
 
 from __future__ import annotations
@@ -83,13 +83,11 @@ def export_c(export: Export) -> dict[str, str]:
         DomainError: the name is no name, the limits are empty, or the controller does not survive rounding.
     """
     if not _NAME.fullmatch(export.name):
-        raise DomainError(
-            f"{ascii(export.name[:80])} cannot name files; use letters, digits, dot, underscore or hyphen"
-        )
+        raise DomainError(f"{export.name[:80]!a} cannot name files; use letters, digits, dot, underscore or hyphen")
     runtimes = {precision: Runtime.of(export.controller.sections, precision, export.limits) for precision in Precision}
     double, single = runtimes[Precision.FLOAT64], runtimes[Precision.FLOAT32]
     files = {"test_vectors.csv": vector_table(double, single, standard_operations(double))}
-    for precision, runtime in runtimes.items():
+    for runtime in runtimes.values():
         values = _values(export, runtime)
         stem = f"fopi_{export.identifier}_{values['suffix']}"
         files[f"{stem}.h"] = _rendered("controller.h.jinja", values)
@@ -171,8 +169,7 @@ def _values(export: Export, runtime: Runtime) -> dict[str, Any]:
         "tracking_gain": numbers((runtime.tracking_gain,))[0],
         "low": numbers(runtime.limits)[0],
         "high": numbers(runtime.limits)[1],
-        "rows": [("poles", numbers(runtime.poles)), ("residues", numbers(runtime.residues))]
-        + [("weights", numbers(runtime.weights))],
+        "rows": [(label, numbers(getattr(runtime, label))) for label in ("poles", "residues", "weights")],
     }
 
 

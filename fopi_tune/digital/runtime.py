@@ -8,20 +8,21 @@
 
 A sample with a number that is not finite, anywhere, is held: the last output again, the states as they were.
 
-Anti-windup is back-calculation by weights that sum to 1.  With w_k = r_k/sum r_j (over p_j > 0) what the correction takes
-from a section while the output is limited is what a constant error adds to it: nothing winds up, slow sections included.
-g = min(1, |sum r_j/direct|) lets the output leave a limit as the error changes sign.  Were it 1, a sample of noise beyond
-the limit would cost the integrator all of its excess, and the output would settle away from the setpoint.
+Anti-windup is back-calculation by weights that sum to 1.  With w_k = r_k/sum r_j (over p_j > 0) what the correction
+takes from a section while the output is limited is what a constant error adds to it: nothing winds up, slow sections
+included.  g = min(1, |sum r_j/direct|) lets the output leave a limit as the error changes sign.  Were it 1, a sample of
+noise beyond the limit would cost the integrator all of its excess, and the output would settle off the setpoint.
 
 Since u is always what (1) feeds back, the states obey, limited or not,
 
     x <- P (I - g w 1') x + g P w (u - direct e) + r e,       P = diag(p_k) ,                                      (2)
 
-and stay bounded with u and e when P (I - g w 1') is stable.  For w >= 0 it always is: over the sections with w_k > 0 and
-in the inner product sum x_k y_k/w_k the matrix w 1' is the orthogonal projection on w, so I - g w 1' does not expand for
-g in (0, 1]; nor does P, and what P leaves as it is, a multiple of the integrator's axis, is not orthogonal to w and is
-shortened by the other.  (Its eigenvalues lie between neighbouring poles, and one in [0, p_min].)  Residues of both signs,
-alpha > 1, have weights of both signs: those are used when the eigenvalues are inside, and |r_k| in place of r_k if not.
+and stay bounded with u and e when P (I - g w 1') is stable.  For w >= 0 it always is: over the sections with w_k > 0
+and in the inner product sum x_k y_k/w_k the matrix w 1' is the orthogonal projection on w, so that I - g w 1' does not
+expand for g in (0, 1]; nor does P, and what P leaves as it is, a multiple of the integrator's axis, is not orthogonal
+to w and is shortened by the other.  (A rank-one update: the eigenvalues lie between neighbouring poles, and one in
+[0, p_min].)  Residues of both signs, alpha > 1, give weights of both signs: they are used when the eigenvalues are
+inside, and |r_k| in place of r_k if not.
 
 To track an output that another controller applied, u is that output and g = 1: direct e + sum(x_k + w_k d) = u, so that
 the controller takes over where the other one left off, up to one sample's movement.
@@ -55,7 +56,7 @@ class Runtime:
         direct: the path without memory.
         poles: the integrator's, exactly 1, comes first.
         residues: of the same length.
-        weights: w_k of the anti-windup; they sum to 1 up to rounding, or are all 0 when no section can take a correction.
+        weights: w_k of the anti-windup; they sum to 1 up to rounding; all 0 when no section takes a correction.
         tracking_gain: g, in [0, 1].
         limits: of the output, lower first.
     """
