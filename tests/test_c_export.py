@@ -273,12 +273,12 @@ def test_positive_weights_put_the_eigenvalues_between_neighbouring_poles() -> No
         tried += 1
         # the others feed nothing back: their poles stay
         ascending = np.sort(poles[weights > 0.0])
-        values = np.sort_complex(observer(poles[weights > 0.0], weights[weights > 0.0], 1.0))
+        values: np.ndarray = np.sort_complex(observer(poles[weights > 0.0], weights[weights > 0.0], 1.0))
         # the eigenvalues of a matrix that is not symmetric, in double
-        assert np.abs(values.imag).max() < 1e-7
+        assert np.abs(np.imag(values)).max() < 1e-7
         assert abs(values[0]) < 1e-7
-        assert np.all(values.real[1:] > ascending[:-1] - 1e-9)
-        assert np.all(values.real[1:] < ascending[1:] + 1e-9)
+        assert np.all(np.real(values[1:]) > ascending[:-1] - 1e-9)
+        assert np.all(np.real(values[1:]) < ascending[1:] + 1e-9)
     assert tried > 20
 
 
@@ -498,7 +498,7 @@ def test_the_objects_call_nothing(tmp_path: Path) -> None:
         pytest.skip("nm is not found")
     written(export_c(export(made(0.4, 0.4, 0.8))), tmp_path)
     for suffix in ("f64", "f32"):
-        # -Os and no loop idioms: a compiler may turn any loop into memcpy, which every target has
+        # a compiler may turn any loop into memcpy, which every target has
         command = [COMPILERS[0], *FLAGS, "-O1", "-c", f"fopi_brake_1_2_{suffix}.c", "-o", "c.o"]
         subprocess.run(command, cwd=tmp_path, check=True)
         done = subprocess.run(["nm", "-u", "c.o"], cwd=tmp_path, capture_output=True, text=True, check=True)
