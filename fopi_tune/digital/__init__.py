@@ -2,5 +2,6 @@
 
 from fopi_tune.digital.discretize import DigitalController, discretize
 from fopi_tune.digital.document import to_document
+from fopi_tune.digital.export_c import Export, Units, export_c
 
-__all__ = ["DigitalController", "discretize", "to_document"]
+__all__ = ["DigitalController", "Export", "Units", "discretize", "export_c", "to_document"]

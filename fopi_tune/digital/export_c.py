@@ -1,0 +1,207 @@
+"""The controller as C99:  a digital controller -> {file name: text}.
+
+Two translation units, double and float, that allocate nothing and call nothing; test vectors, and a program that
+replays them bit for bit.  The arithmetic is `runtime`'s.  Equal inputs give equal bytes: nothing of the machine or the
+hour is in them.  Names and texts come from strangers: what goes into a comment cannot leave it.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fopi_tune.digital.discretize import DigitalController, Method
+from fopi_tune.digital.realise import Form, Precision
+from fopi_tune.digital.runtime import Runtime
+from fopi_tune.digital.vectors import COLUMNS, standard_operations, vector_table
+from fopi_tune.errors import DomainError
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+#: characters of a comment's line after " * ", of a description, and of other texts
+_WIDTH, _DESCRIPTION, _SHORT = 96, 600, 80
+#: of a comment's lines after its first
+_INDENT = 13
+#: what differs between the two precisions in C
+_TYPES = {
+    Precision.FLOAT64: {"suffix": "f64", "type": "double", "largest": "DBL_MAX", "literal": ""},
+    Precision.FLOAT32: {"suffix": "f32", "type": "float", "largest": "FLT_MAX", "literal": "f"},
+}
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of the controller's signals, as text.
+
+    Args:
+        measurement: of setpoint and measurement.
+        output: of the output.
+    """
+
+    measurement: str = ""
+    output: str = ""
+
+
+@dataclass(frozen=True)
+class Export:
+    """What is exported.
+
+    Args:
+        name: of the spec; letters, digits, dot, underscore and hyphen, at most 64.
+        description: of the spec; any text.
+        spec_sha256: of the spec file's bytes.
+        tool: name and version of what makes the files.
+        controller: the filter with its measured errors.
+        units: of the signals; any text.
+        limits: of the output in its unit, lower first; None where there are none.
+    """
+
+    name: str
+    description: str
+    spec_sha256: str
+    tool: str
+    controller: DigitalController
+    units: Units = Units()
+    limits: tuple[float, float] | None = None
+
+    @property
+    def identifier(self) -> str:
+        """The name as a part of C's names:  Brake-1.2 -> brake_1_2."""
+        return re.sub(r"[^a-z0-9]+", "_", self.name.lower()).strip("_")
+
+
+def export_c(export: Export) -> dict[str, str]:
+    """The files: a header and a source for double and for float, test vectors, a program that replays them, a Makefile.
+
+    Args:
+        export: the controller and what its header says.
+
+    Raises:
+        DomainError: the name is no name, the limits are empty, or the controller does not survive rounding.
+    """
+    if not _NAME.fullmatch(export.name):
+        raise DomainError(f"{export.name[:80]!a} cannot name files; use letters, digits, dot, underscore or hyphen")
+    runtimes = {precision: Runtime.of(export.controller.sections, precision, export.limits) for precision in Precision}
+    double, single = runtimes[Precision.FLOAT64], runtimes[Precision.FLOAT32]
+    files = {"test_vectors.csv": vector_table(double, single, standard_operations(double))}
+    for runtime in runtimes.values():
+        values = _values(export, runtime)
+        stem = f"fopi_{export.identifier}_{values['suffix']}"
+        files[f"{stem}.h"] = _rendered("controller.h.jinja", values)
+        files[f"{stem}.c"] = _rendered("controller.c.jinja", values)
+    for name in ("main.c", "Makefile"):
+        files[name] = _rendered(f"{name}.jinja", {"identifier": export.identifier, "columns": COLUMNS})
+    return files
+
+
+def comment(text: str) -> str:
+    """Any text as lines of a C comment, each after " * "; the comment cannot be left from inside."""
+    return "\n".join(f" * {line}" for line in textwrap.wrap(text, _WIDTH, subsequent_indent=" " * _INDENT)) or " *"
+
+
+def harmless(text: str, longest: int = _SHORT) -> str:
+    """Any text as printable ASCII of one line without comment marks, trigraphs and continued lines.
+
+    Args:
+        text: from anywhere.
+        longest: in characters; more end in "...".
+    """
+    # what is cut later need not be cleaned; cleaning never shortens by more than white space
+    text = " ".join(text[: 20 * longest].split())
+    text = re.sub(r"[^ -~]", "?", text).replace("\\", "/")
+    text = re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)|(?<=\?)(?=\?)", " ", text)
+    return text if len(text) <= longest else text[: longest - 3] + "..."
+
+
+def literal(value: float, suffix: str = "") -> str:
+    """A number as C99's hexadecimal constant: exact, whatever the compiler's reader does."""
+    digits, _, exponent = value.hex().partition("p")
+    if "." in digits:
+        digits = digits.rstrip("0").rstrip(".")
+    return f"{digits}p{exponent}{suffix}"
+
+
+def _rendered(template: str, values: dict[str, Any]) -> str:
+    # where C is asked for only: what starts in a hurry does not read templates
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("fopi_tune.digital", "c"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    environment.filters["comment"] = comment
+    return environment.get_template(template).render(values)
+
+
+def _values(export: Export, runtime: Runtime) -> dict[str, Any]:
+    """What the templates name."""
+    controller, kind = export.controller, _TYPES[runtime.precision]
+
+    def numbers(row: tuple[float, ...]) -> list[tuple[str, str]]:
+        return [(literal(number, kind["literal"]), repr(number)) for number in row]
+
+    return {
+        **kind,
+        "prefix": f"fopi_{export.identifier}_{kind['suffix']}",
+        "macro": f"FOPI_{export.identifier}_{kind['suffix']}".upper(),
+        "name": export.name,
+        "description": harmless(export.description, _DESCRIPTION),
+        "sha256": harmless(export.spec_sha256),
+        "tool": harmless(export.tool),
+        "measurement_unit": harmless(export.units.measurement) or "unit not given",
+        "output_unit": harmless(export.units.output) or "unit not given",
+        "gains": controller.gains,
+        "digital": controller.digital,
+        "filter": harmless(_filter(controller), _DESCRIPTION),
+        "errors": _errors(controller),
+        "rounding": _rounding(controller, runtime),
+        "limits": "none" if export.limits is None else f"{runtime.limits[0]!r} to {runtime.limits[1]!r}",
+        "integrator": runtime.has_integrator,
+        "sections": len(runtime.poles),
+        "direct": numbers((runtime.direct,))[0],
+        "tracking_gain": numbers((runtime.tracking_gain,))[0],
+        "low": numbers(runtime.limits)[0],
+        "high": numbers(runtime.limits)[1],
+        "rows": [(label, numbers(getattr(runtime, label))) for label in ("poles", "residues", "weights")],
+    }
+
+
+def _filter(controller: DigitalController) -> str:
+    digital = controller.digital
+    rule = "" if digital.method == Method.FIT.value else f", sampled by {digital.rule}"
+    low, high = digital.band_rad_s
+    return f"{digital.method}{rule}, {digital.poles} poles for {low:g} to {high:g} rad/s"
+
+
+def _errors(controller: DigitalController) -> str:
+    """How far the filter is from the ideal controller."""
+    low = controller.digital.band_rad_s[0]
+    stated = "; ".join(f"at most {100.0 * error:.3g} % up to {omega:.4g} rad/s" for omega, error in controller.errors)
+    text = f"relative error |C_d/C - 1| from {low:g} rad/s: {stated or 'not stated'}"
+    if controller.accurate_rad_s is not None:
+        first, last = controller.accurate_rad_s
+        text += f"; within 5 % from {first:.4g} to {last:.4g} rad/s"
+    return text
+
+
+def _rounding(controller: DigitalController, runtime: Runtime) -> str:
+    """What this precision costs: measured, and the smallest error that still moves the integrator."""
+    measured = [
+        f"largest error over largest output {one.error:.2g}, measured on a seeded noisy step"
+        for one in controller.realisations
+        if one.form is Form.PARALLEL and one.precision is runtime.precision
+    ]
+    text = measured[0] if measured else "not measured"
+    largest = max(abs(limit) for limit in runtime.limits)
+    if runtime.has_integrator and largest < 0.5 * float(runtime.stored.largest):
+        # x + r e rounds to x for |r e| below half of x's last place, which is at most epsneg |x|
+        lost = largest * float(np.finfo(runtime.precision.dtype).epsneg) / abs(runtime.residues[0])
+        text += f"; with the integrator at a limit an error below {lost:.2g} may be too small to move it"
+    return text

@@ -1,0 +1,305 @@
+"""The controller as it runs on the target, in NumPy:  the same roundings in the same order as the exported C.
+
+    e = setpoint - measurement
+    v = direct e + x_0 + x_1 + ...                          from left to right
+    u = v within the limits
+    d = g (u - v)
+    x_k <- p_k (x_k + w_k d) + r_k e                                                                               (1)
+
+A sample with a number that is not finite, anywhere, is held: the last output again, the states as they were.
+
+Anti-windup is back-calculation by weights that sum to 1.  With w_k = r_k/sum r_j (over p_j > 0) what the correction
+takes from a section while the output is limited is what a constant error adds to it: nothing winds up, slow sections
+included.  g = min(1, |sum r_j/direct|) lets the output leave a limit as the error changes sign.  Were it 1, a sample of
+noise beyond the limit would cost the integrator all of its excess, and the output would settle off the setpoint.
+
+Since u is always what (1) feeds back, the states obey, limited or not,
+
+    x <- P (I - g w 1') x + g P w (u - direct e) + r e,       P = diag(p_k) ,                                      (2)
+
+and stay bounded with u and e when P (I - g w 1') is stable.  For w >= 0 it always is: over the sections with w_k > 0
+and in the inner product sum x_k y_k/w_k the matrix w 1' is the orthogonal projection on w, so that I - g w 1' does not
+expand for g in (0, 1]; nor does P, and what P leaves as it is, a multiple of the integrator's axis, is not orthogonal
+to w and is shortened by the other.  (A rank-one update: the eigenvalues lie between neighbouring poles, and one in
+[0, p_min].)  Residues of both signs, alpha > 1, give weights of both signs: they are used when the eigenvalues are
+inside, and |r_k| in place of r_k if not.
+
+To track an output that another controller applied, u is that output and g = 1: direct e + sum(x_k + w_k d) = u, so that
+the controller takes over where the other one left off, up to one sample's movement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.digital.integrator import Array
+from fopi_tune.digital.realise import Precision, parallel_rows
+from fopi_tune.digital.sections import Sections
+from fopi_tune.errors import DomainError
+
+#: how far inside the unit circle eigenvalues have to be before weights of both signs are used; above eig's rounding
+_INSIDE = 1e-9
+
+
+@dataclass(frozen=True)
+class Runtime:
+    """A controller in the numbers that its target stores; each is representable in `precision`.
+
+    Args:
+        precision: of coefficients, states and arithmetic.
+        direct: the path without memory.
+        poles: the integrator's, exactly 1, comes first.
+        residues: of the same length.
+        weights: w_k of the anti-windup; they sum to 1 up to rounding; all 0 when no section takes a correction.
+        tracking_gain: g, in [0, 1].
+        limits: of the output, lower first.
+    """
+
+    precision: Precision
+    direct: float
+    poles: tuple[float, ...]
+    residues: tuple[float, ...]
+    weights: tuple[float, ...]
+    tracking_gain: float
+    limits: tuple[float, float]
+
+    @classmethod
+    def of(cls, sections: Sections, precision: Precision, limits: tuple[float, float] | None = None) -> Runtime:
+        """Round a controller to a precision, once.
+
+        Args:
+            sections: the controller.
+            precision: of the target.
+            limits: of the output, lower first; infinite, or None for both, where there is none.
+
+        Raises:
+            DomainError: the limits are empty, a coefficient is beyond the precision's range, or a rounded pole is not
+                inside the unit circle.
+        """
+        within = _limits(limits, precision)
+        with np.errstate(over="ignore", under="ignore"):
+            rows = parallel_rows(sections, precision).astype(np.float64)
+        direct, poles, residues = float(rows[0, 1]), rows[1:, 0], rows[1:, 1]
+        _usable(sections, rows, precision)
+        weights, gain = _anti_windup(direct, poles, residues, precision)
+        return cls(precision, direct, _floats(poles), _floats(residues), _floats(weights), gain, within)
+
+    @property
+    def has_integrator(self) -> bool:
+        """Whether the first section is an integrator; `reset` starts it at the output."""
+        return bool(self.poles) and self.poles[0] == 1.0
+
+    @cached_property
+    def stored(self) -> Stored:
+        """The same numbers in the type of the precision."""
+        dtype = self.precision.dtype
+        direct, gain, low, high = (dtype(number) for number in (self.direct, self.tracking_gain, *self.limits))
+        poles, residues, weights = (np.array(row, dtype=dtype) for row in (self.poles, self.residues, self.weights))
+        return Stored(direct, poles, residues, weights, gain, low, high, np.finfo(dtype).max)
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """A runtime's numbers as NumPy's scalars and arrays of its precision."""
+
+    direct: np.floating
+    poles: NDArray[np.floating]
+    residues: NDArray[np.floating]
+    weights: NDArray[np.floating]
+    tracking_gain: np.floating
+    low: np.floating
+    high: np.floating
+    largest: np.floating
+
+    def finite(self, value: np.floating) -> bool:
+        """By comparison, as the target does it: it has no isfinite."""
+        return bool(-self.largest <= value <= self.largest)
+
+    def limited(self, value: np.floating) -> np.floating:
+        """The value within the limits."""
+        if value < self.low:
+            return self.low
+        return self.high if value > self.high else value
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What the controller remembers.
+
+    Args:
+        x: shape (n,), of the precision's type, a section's state each.
+        output: the last output, of the precision's type.
+    """
+
+    x: NDArray[np.floating]
+    output: np.floating
+
+
+class Op(StrEnum):
+    """What a caller can do; the value is the word in a table of operations."""
+
+    INIT = "init"
+    STEP = "step"
+    TRACK = "track"
+    RESET = "reset"
+
+
+@dataclass(frozen=True)
+class Operation:
+    """A call of the controller.
+
+    Args:
+        op: which one.
+        setpoint: of step and track.
+        measurement: of step and track.
+        output: what was applied, of track; where to start, of reset.
+    """
+
+    op: Op
+    setpoint: float = 0.0
+    measurement: float = 0.0
+    output: float = 0.0
+
+
+def init(runtime: Runtime) -> State:
+    """The state to start from: output 0, or the limit next to it."""
+    return reset(runtime, 0.0)
+
+
+@np.errstate(all="ignore")
+def reset(runtime: Runtime, output: float) -> State:
+    """The state of a controller that has rested at an output with no error.
+
+    Args:
+        runtime: the controller.
+        output: taken within the limits; 0 in place of one that is not finite.
+    """
+    numbers, dtype = runtime.stored, runtime.precision.dtype
+    wanted = dtype(output)
+    start = numbers.limited(wanted if numbers.finite(wanted) else dtype(0.0))
+    x = np.zeros(len(runtime.poles), dtype=dtype)
+    if runtime.has_integrator:
+        x[0] = start
+    return State(x, start)
+
+
+def step(runtime: Runtime, state: State, setpoint: float, measurement: float) -> State:
+    """One sample; `output` of what is returned goes to the actuator."""
+    return _sampled(runtime, state, setpoint, measurement, None)
+
+
+def track(runtime: Runtime, state: State, setpoint: float, measurement: float, applied: float) -> State:
+    """One sample in which the actuator had another output than this controller's.
+
+    Args:
+        runtime: the controller.
+        state: before the sample.
+        setpoint: as for `step`.
+        measurement: as for `step`.
+        applied: what the actuator had; taken within the limits.
+    """
+    return _sampled(runtime, state, setpoint, measurement, applied)
+
+
+def replay(runtime: Runtime, operations: Iterable[Operation]) -> Array:
+    """The output after each operation, from a fresh `init`; shape (n,)."""
+    state, outputs = init(runtime), []
+    for operation in operations:
+        if operation.op is Op.STEP:
+            state = step(runtime, state, operation.setpoint, operation.measurement)
+        elif operation.op is Op.TRACK:
+            state = track(runtime, state, operation.setpoint, operation.measurement, operation.output)
+        else:
+            state = init(runtime) if operation.op is Op.INIT else reset(runtime, operation.output)
+        outputs.append(float(state.output))
+    return np.array(outputs)
+
+
+@np.errstate(all="ignore")
+def _sampled(runtime: Runtime, state: State, setpoint: float, measurement: float, applied: float | None) -> State:
+    """(1); the state itself when a number is not finite."""
+    c, dtype = runtime.stored, runtime.precision.dtype
+    e = dtype(setpoint) - dtype(measurement)
+    v = c.direct * e
+    for x in state.x:
+        v = v + x
+    if not (c.finite(e) and c.finite(v)):
+        return state
+    if applied is None:
+        u = c.limited(v)
+        d = c.tracking_gain * (u - v)
+    else:
+        if not c.finite(dtype(applied)):
+            return state
+        u = c.limited(dtype(applied))
+        d = u - v
+    following = c.poles * (state.x + c.weights * d) + c.residues * e
+    if not np.all(np.isfinite(following)):
+        return state
+    return State(following, u)
+
+
+def _floats(values: Array) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)
+
+
+def _limits(limits: tuple[float, float] | None, precision: Precision) -> tuple[float, float]:
+    """The limits in a precision, rounded inwards: what the target allows is never beyond what was asked for."""
+    low, high = limits if limits is not None else (-np.inf, np.inf)
+    what = f"output limits ({low!r}, {high!r})"
+    if not low < high:
+        raise DomainError(f"{what} are empty; the lower one must be smaller than the upper one")
+    dtype = precision.dtype
+    with np.errstate(over="ignore"):
+        lower, upper = dtype(low), dtype(high)
+    if float(lower) < low or lower == -np.inf:
+        lower = np.nextafter(lower, dtype(np.inf))
+    if float(upper) > high or upper == np.inf:
+        upper = np.nextafter(upper, dtype(-np.inf))
+    if not lower < upper:
+        raise DomainError(f"{what} hold no two numbers of {precision.value}; widen them")
+    return float(lower), float(upper)
+
+
+def _usable(sections: Sections, rows: Array, precision: Precision) -> None:
+    """Refuse rounded coefficients (pole, residue) that are no controller any more."""
+    poles, residues = rows[1:, 0], rows[1:, 1]
+    if not np.all(np.isfinite(rows)):
+        raise DomainError(f"a coefficient of the filter is beyond the range of {precision.value}; scale the signals")
+    # the integrator is one before rounding too; another pole may round to 1
+    integrates = bool(sections.poles) and sections.poles[0] == 1.0
+    if np.any(np.abs(poles[int(integrates) :]) >= 1.0):
+        what = f"the filter has a pole outside the unit circle after rounding to {precision.value}"
+        raise DomainError(f"{what}; use a higher lower end of the band or a longer sample time")
+    if integrates and residues[0] == 0.0:
+        raise DomainError(f"the integrator's residue is 0 in {precision.value}; scale the signals")
+
+
+def _anti_windup(direct: float, poles: Array, residues: Array, precision: Precision) -> tuple[Array, float]:
+    """Weights and gain: r_k/sum r_j where that is stable, |r_k|/sum |r_j| where it is not, 0 where there is nothing."""
+    dtype = precision.dtype
+    taking = np.where(poles > 0.0, residues, 0.0)
+    for shares in (taking, np.abs(taking)):
+        with np.errstate(all="ignore"):
+            weights = (shares / shares.sum()).astype(dtype).astype(np.float64)
+        if not np.all(np.isfinite(weights)):
+            continue
+        # g = min(1, |sum r_j/direct|)
+        ratio = abs(float(shares.sum()))
+        gain = float(dtype(1.0 if ratio >= abs(direct) else ratio / abs(direct)))
+        if np.all(weights >= 0.0) or _stable(poles, weights, (gain, 1.0)):
+            return weights, gain
+    return np.zeros(len(poles)), 0.0
+
+
+def _stable(poles: Array, weights: Array, gains: tuple[float, ...]) -> bool:
+    """Whether the eigenvalues of P (I - g w 1') are inside the unit circle, for every g."""
+    ones = np.ones(len(poles))
+    matrices = [np.diag(poles) - gain * np.outer(poles * weights, ones) for gain in gains]
+    return all(np.abs(np.linalg.eigvals(matrix)).max() < 1.0 - _INSIDE for matrix in matrices)

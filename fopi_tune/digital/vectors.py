@@ -1,0 +1,107 @@
+"""Test vectors of the exported controller:  operations, and what they must give in float64 and float32.
+
+Inputs are representable in float32, so that both precisions read the same; numbers are hexadecimal, so that nothing is
+rounded on the way.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from fopi_tune.digital.runtime import Op, Operation, Runtime, replay
+
+#: first line of the table
+COLUMNS = "op,setpoint,measurement,applied_or_output,expected_f64,expected_f32"
+#: float32's largest number, its smallest, and numbers whose differences or products overflow in one precision or both
+_WILD = (3.4028234663852886e38, -3.4028234663852886e38, 1e38, -3e37, 1e30, -1e20, 1.4e-45, -1e-40, 0.0, -0.0)
+_NOT_FINITE = (float("nan"), float("inf"), float("-inf"))
+#: part of the output's range that a signal of size 1 moves it by
+_PART = 0.3
+_SEED = 20
+
+
+def vector_table(float64: Runtime, float32: Runtime, operations: Sequence[Operation]) -> str:
+    """The table as CSV.
+
+    Args:
+        float64: the controller in this precision.
+        float32: the same controller in that one.
+        operations: from a fresh controller.
+    """
+    expected = zip(replay(float64, operations), replay(float32, operations), strict=True)
+    rows = [
+        ",".join([one.op.value, *(float(x).hex() for x in (one.setpoint, one.measurement, one.output, *outputs))])
+        for one, outputs in zip(operations, expected, strict=True)
+    ]
+    return "\n".join([COLUMNS, *rows, ""])
+
+
+def standard_operations(runtime: Runtime, seed: int = _SEED, mixed: int = 800) -> tuple[Operation, ...]:
+    """Steps, noise, saturation, numbers that are not finite or huge, hand-overs and resets; equal for equal arguments.
+
+    Args:
+        runtime: whose limits and gains scale the signals.
+        seed: of the noise.
+        mixed: rows of everything at random at the end.
+    """
+    size, draw = _size(runtime), random.Random(seed)
+
+    def noise(scale: float) -> float:
+        return size * scale * draw.uniform(-1.0, 1.0)
+
+    rows = [Operation(Op.INIT), *_steps(240, lambda k: size * (k >= 10), lambda k: size * (1.0 - 0.99**k))]
+    rows += _steps(300, lambda k: size * 0.5, lambda k: noise(1.0))
+    for sign in (1.0, -1.0, 1.0):
+        rows += _steps(120, lambda k, s=sign: s * 40.0 * size, lambda k: noise(0.2))
+    for value in _NOT_FINITE:
+        rows += [Operation(Op.STEP, value, 0.0), Operation(Op.STEP, size, value), Operation(Op.STEP, value, value)]
+        rows += [Operation(Op.TRACK, value, 0.0, size), Operation(Op.TRACK, size, 0.0, value)]
+        rows += [Operation(Op.RESET, output=value), *_steps(10, lambda k: size, lambda k: noise(1.0))]
+    for first in _WILD:
+        for second in (0.0, first, -first):
+            rows += [Operation(Op.STEP, first, second), Operation(Op.TRACK, size, second, first)]
+        rows += [Operation(Op.RESET, output=first), *_steps(5, lambda k: size, lambda k: noise(1.0))]
+    for applied in (0.0, 0.5 * size, -100.0 * size):
+        rows += [Operation(Op.TRACK, size, 0.5 * size, applied) for _ in range(60)]
+        rows += _steps(40, lambda k: size, lambda k: 0.5 * size)
+    rows += [_any(draw, size) for _ in range(mixed)]
+    return tuple(_in_float32(row) for row in rows)
+
+
+def _steps(count: int, setpoint: Callable[[int], float], measurement: Callable[[int], float]) -> Iterable[Operation]:
+    return [Operation(Op.STEP, setpoint(k), measurement(k)) for k in range(count)]
+
+
+def _any(draw: random.Random, size: float) -> Operation:
+    """One of everything, mostly ordinary steps."""
+    chance, scale = draw.random(), size * (20.0 if draw.random() < 0.1 else 1.0)
+    setpoint, measurement, output = (scale * draw.uniform(-1.0, 1.0) for _ in range(3))
+    if chance < 0.02:
+        setpoint = draw.choice(_NOT_FINITE)
+    elif chance < 0.04:
+        measurement = draw.choice(_NOT_FINITE + _WILD)
+    elif chance < 0.05:
+        return Operation(Op.RESET, output=draw.choice((output, *_NOT_FINITE, *_WILD)))
+    elif chance < 0.06:
+        return Operation(Op.INIT)
+    elif chance < 0.15:
+        return Operation(Op.TRACK, setpoint, measurement, draw.choice((output, output, *_NOT_FINITE)))
+    return Operation(Op.STEP, setpoint, measurement)
+
+
+def _size(runtime: Runtime) -> float:
+    """A signal's size that moves the output through a good part of its range; 1 where there is no range."""
+    gain = abs(runtime.direct) + sum(abs(residue) for residue in runtime.residues)
+    span = max(abs(limit) for limit in runtime.limits)
+    size = _PART * span / gain if gain > 0.0 else 1.0
+    # beyond these the controller has no limits that a signal could reach
+    return size if 1e-12 < size < 1e12 else 1.0
+
+
+def _in_float32(row: Operation) -> Operation:
+    with np.errstate(all="ignore"):
+        numbers = (float(np.float32(number)) for number in (row.setpoint, row.measurement, row.output))
+    return Operation(row.op, *numbers)
