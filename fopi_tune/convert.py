@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Plants
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.sampled import SampledPlants
+from fopi_tune.core.sections import Sections
 from fopi_tune.errors import DomainError
 
 #: two poles a decade of the filter's own band
@@ -62,6 +65,56 @@ def to_control(gains: FoPi | None, family: PlantFamily) -> ControlObjects:
     reserve = 10.0**_RESERVE_DECADES
     c = gains.kp + gains.ki * integrator * _oustaloup(1.0 - gains.alpha, (band[0] / reserve, band[1] * reserve))
     return ControlObjects(c, p, c * p, band)
+
+
+@dataclass(frozen=True)
+class SampledObjects:
+    """Discrete `control.StateSpace`s of a digital controller's loop, nominal plant, with dt = the sample time.
+
+    Args:
+        controller: the sum of first-order sections, exact.
+        plant: behind the zero-order hold, with its dead time and the computing delay, exact at the samples.
+        loop: controller times plant.
+    """
+
+    controller: Any
+    plant: Any
+    loop: Any
+
+
+def to_sampled(sections: Sections, family: PlantFamily, delay_samples: float) -> SampledObjects:
+    """Controller, nominal plant and loop on samples as state-space systems of python-control.
+
+    Args:
+        sections: the controller.
+        family: whose nominal member is the plant.
+        delay_samples: computing delay.
+    """
+    import control
+
+    step = sections.sample_time_s
+    n = len(sections.poles)
+    diagonal = np.diag(sections.poles) if n else np.zeros((0, 0))
+    residues = np.array(sections.residues).reshape(n, 1)
+    controller = control.ss(diagonal, residues, np.ones((1, n)), [[sections.direct]], step)
+    plants = Plants.of(family.member(family.nominal_point))
+    plant = _behind_hold(SampledPlants.behind_hold(plants, step, delay_samples * step), step)
+    return SampledObjects(controller, plant, controller * plant)
+
+
+def _behind_hold(plants: SampledPlants, step: float) -> Any:
+    """z^-late Q/R as a state space: the companion form of R in delta = z - 1, and a line of delays behind it."""
+    import control
+
+    q, r, late = plants.numerator[0], plants.denominator[0], int(plants.late[0])
+    n = len(r) - 1
+    companion = np.eye(n, k=-1)
+    companion[:1, :] -= r[1:]
+    start = np.zeros((n, 1))
+    start[:1] = 1.0
+    moving = control.ss(np.eye(n) + companion, start, (q[1:] - q[0] * r[1:])[None, :], [[q[0]]], step)
+    delays = control.ss(np.eye(late, k=-1), np.eye(late, 1), np.eye(late)[-1:, :], [[0.0]], step)
+    return delays * moving
 
 
 def _oustaloup(order: float, band_rad_s: tuple[float, float]) -> Any:

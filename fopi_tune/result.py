@@ -17,7 +17,7 @@ from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 from fopi_tune.stamp import Stamp
 
 if TYPE_CHECKING:
-    from fopi_tune.convert import ControlObjects
+    from fopi_tune.convert import ControlObjects, SampledObjects
     from fopi_tune.digital import DigitalController
 
 #: version of the result's JSON; it may only grow
@@ -108,6 +108,7 @@ class Design:
             "requirements": [report.to_dict() for report in self.requirements],
             "stamp": asdict(self.stamp),
             "name": self.spec.name,
+            "loop": loop_name(self.spec),
             "objective_quantity": objective_name(self.spec),
             "message": self.message,
             "advice": self.status.advice,
@@ -144,10 +145,7 @@ class Check:
     @property
     def status(self) -> str:
         """`met` (proved), `violated`, or `undecided` when the verification passed but the proof is missing."""
-        found, verdict = self.verification, self.certificate.verdict
-        if verdict is Verdict.REFUTED or not all(result.is_met for result in found.requirements):
-            return "violated"
-        return "met" if verdict is Verdict.PROVED and found.all_met else "undecided"
+        return status_of(self.verification, self.certificate)
 
     def certificate_document(self) -> dict[str, Any]:
         """The certificate's JSON."""
@@ -170,6 +168,7 @@ class Check:
             "requirements": [report.to_dict() for report in self.reports],
             "stamp": asdict(self.stamp),
             "name": self.spec.name,
+            "loop": loop_name(self.spec),
             "objective_quantity": objective_name(self.spec),
             "tolerance": found.tolerance,
             "stability": stability_dict(found.stability),
@@ -180,18 +179,108 @@ class Check:
 
 @dataclass(frozen=True)
 class Discretized:
-    """The digital controller of a spec: what `fopi discretize` hands out."""
+    """The digital controller of a spec, and what is true of the loop on samples: what `fopi discretize` hands out.
+
+    Args:
+        spec: what was asked.
+        controller: the filter, measured.
+        verification: of the loop with the filter, the hold and the delays.
+        certificate: of the same loop; None when it was not wanted.
+        stamp: where this comes from.
+    """
 
     spec: DesignSpec
     controller: DigitalController
+    verification: Verification
+    certificate: Certificate | None
     stamp: Stamp
-    status: str = "discretized"
+
+    @property
+    def status(self) -> str:
+        """`met`, `violated` or `undecided`, of the loop on samples; without a proof as far as the check tells."""
+        return status_of(self.verification, self.certificate)
+
+    @property
+    def reports(self) -> tuple[RequirementReport, ...]:
+        """The requirements, each with its result and its proof."""
+        found = self.verification.requirements
+        proofs = self.certificate.requirements if self.certificate else (None,) * len(found)
+        return tuple(RequirementReport(r.requirement, r, None, p) for r, p in zip(found, proofs, strict=True))
+
+    def certificate_document(self) -> dict[str, Any] | None:
+        """The certificate's JSON; None without one."""
+        return to_document(self.certificate) if self.certificate else None
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON."""
         from fopi_tune.digital import to_document as digital_document
 
-        return {**digital_document(self.controller, self.spec.name), "stamp": asdict(self.stamp)}
+        found = self.verification
+        return {
+            "schema": RESULT_SCHEMA,
+            "status": self.status,
+            "gains": asdict(found.gains),
+            "objective": finite(found.objective),
+            "requirements": [report.to_dict() for report in self.reports],
+            "stamp": asdict(self.stamp),
+            "name": self.spec.name,
+            "loop": "sampled",
+            "objective_quantity": objective_name(self.spec),
+            "tolerance": found.tolerance,
+            "stability": stability_dict(found.stability),
+            "nominal": margins_dict(found.nominal),
+            "proof": proof_dict(self.certificate, self.certificate is not None),
+            **digital_document(self.controller),
+        }
+
+    def to_control(self) -> SampledObjects:
+        """The digital controller, the nominal plant behind its hold and the loop as discrete `control` objects."""
+        from fopi_tune.convert import to_sampled
+
+        return to_sampled(self.controller.sections, self.spec.plant, self.controller.digital.delay_samples)
+
+
+@dataclass(frozen=True)
+class Run:
+    """Every stage of one spec: what `fopi run` hands out.
+
+    Args:
+        design: the gains.
+        digital: their digital controller; None when there is nothing to discretise.
+    """
+
+    design: Design
+    digital: Discretized | None
+
+    @property
+    def spec(self) -> DesignSpec:
+        """What was asked."""
+        return self.design.spec
+
+    @property
+    def status(self) -> str:
+        """The design's, unless it is solved and the loop on samples does not meet the spec."""
+        solved = self.design.status is Status.SOLVED
+        return self.design.status.value if not solved or self.digital is None else self.digital.status
+
+    def to_dict(self) -> dict[str, Any]:
+        """The design's JSON, and the digital controller's in it."""
+        return {**self.design.to_dict(), "digital": self.digital.to_dict() if self.digital else None}
+
+
+def status_of(found: Verification, certificate: Certificate | None) -> str:
+    """`met`, `violated`, or `undecided` when the verification passed but the proof is missing."""
+    verdict = certificate.verdict if certificate else Verdict.PROVED
+    if verdict is Verdict.REFUTED or not all(result.is_met for result in found.requirements):
+        return "violated"
+    if not found.stability.stable and certificate is None:
+        return "violated"
+    return "met" if verdict is Verdict.PROVED and found.all_met else "undecided"
+
+
+def loop_name(spec: DesignSpec) -> str:
+    """Which loop the requirements are about."""
+    return "sampled" if spec.digital is not None and spec.digital.designs_sampled else "continuous"
 
 
 def objective_name(spec: DesignSpec) -> str:

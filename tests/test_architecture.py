@@ -31,9 +31,17 @@ ALLOWED = {
     "convert": ("core", "errors"),
     "result": ("convert", "core", "digital", "outcome", "proof", "quantities", "spec.model", "stamp"),
     "report": ("core", "outcome", "proof", "spec.model", "result"),
-    "pipeline": ("core", "design", "digital", "errors", "outcome", "proof", "result", "spec", "stamp"),
+    "assemble": ("design", "outcome", "proof", "result", "spec.model", "stamp"),
+    "implement": (
+        *("assemble", "core", "design", "digital", "errors", "outcome", "proof"),
+        *("quantities", "spec.model", "stamp"),
+    ),
+    "pipeline": (
+        *("assemble", "core", "design", "digital", "errors", "implement", "outcome", "proof"),
+        *("result", "spec", "stamp"),
+    ),
     "__main__": ("cli",),
-    "cli": ("__version__", "core", "errors", "pipeline", "proof", "report", "result", "spec"),
+    "cli": ("__version__", "core", "digital", "errors", "pipeline", "proof", "report", "result", "spec"),
 }
 #: these print or write; the loader of specs reads
 MAY_TOUCH_THE_DISK = {"fopi_tune.cli.output": {"print", "open"}, "fopi_tune.spec.load": {"open"}}

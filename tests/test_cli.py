@@ -107,8 +107,13 @@ def test_notes_go_to_stderr_and_quiet_silences_them() -> None:
     assert (quiet.stderr, quiet.stdout) == ("", loud.stdout)
 
 
-def test_run_does_what_tune_does() -> None:
-    assert fopi("run", THROTTLE_FILE, "--json").stdout == fopi("tune", THROTTLE_FILE, "--json").stdout
+def test_run_without_a_digital_section_does_what_tune_does() -> None:
+    text = Path(THROTTLE_FILE).read_text(encoding="utf-8")
+    Path("t.yaml").write_text(
+        "".join(line for line in text.splitlines(True) if not line.startswith("digital")), "utf-8"
+    )
+    ran, tuned = json.loads(fopi("run", "t.yaml", "--json").stdout), json.loads(fopi("tune", "t.yaml", "--json").stdout)
+    assert ran == {**tuned, "digital": None}
 
 
 def test_out_replaces_the_folder() -> None:

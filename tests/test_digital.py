@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import signal
-from typer.testing import CliRunner
 
-from fopi_tune.cli import app
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.sections import Sections
 from fopi_tune.digital import discretize
@@ -28,7 +23,6 @@ from fopi_tune.digital.sections import matched, tustin
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DigitalSpec
 
-ROOT = Path(__file__).parents[1]
 BAND, TS = (1e-3, 1e3), 0.2
 ALPHAS = [0.05, 0.3, 0.45, 0.55, 0.8, 1.0, 1.2, 1.5, 1.95]
 #: where the fit is judged: from 10^-2.5 rad/s to 0.3 of Nyquist's frequency
@@ -243,33 +237,3 @@ def test_four_digits_of_the_expanded_denominator_are_not_stable() -> None:
     made = discretize(FoPi(0.09, 0.025, 0.8), DigitalSpec(TS, "modified_oustaloup", 7))
     printed = np.round(np.poly(made.sections.poles), 4)
     assert np.abs(np.roots(printed)).max() > 1.0
-
-
-# -- the command ----------------------------------------------------------------------------------------------------
-
-
-def test_discretize_writes_what_it_prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    arguments = ["discretize", str(ROOT / "specs" / "brake.yaml"), "--kp", "0.385", "--ki", "0.388", "--alpha", "0.82"]
-    result = CliRunner().invoke(app, [*arguments, "--json"])
-    assert result.exit_code == 0
-    assert Path("results/brake/digital.json").read_text(encoding="utf-8") == result.stdout
-    document = json.loads(result.stdout)
-    assert document["status"] == "discretized"
-    assert len(document["controller"]["sections"]) == 8
-    assert {(r["form"], r["precision"]) for r in document["realisations"]} == {
-        (form, precision) for form in ("parallel", "second_order", "cmsis") for precision in ("float64", "float32")
-    }
-    text = CliRunner().invoke(app, arguments).stdout
-    assert text.startswith("brake: discretized at 0.2 s (oustaloup, 7 poles, tustin).")
-    assert all(len(line) <= 80 for line in text.splitlines())
-    assert "not verified" in text
-
-
-def test_a_spec_without_a_digital_section_is_bad_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    text = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
-    Path("s.yaml").write_text("\n".join(line for line in text.splitlines() if not line.startswith("digital")), "utf-8")
-    result = CliRunner().invoke(app, ["discretize", "s.yaml", "--kp", "1", "--ki", "1", "--alpha", "0.5"])
-    assert result.exit_code == 2
-    assert "no section digital" in result.stderr

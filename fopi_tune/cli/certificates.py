@@ -70,7 +70,7 @@ def gains_of_earlier_design(spec: DesignSpec, handling: Handling) -> FoPi | None
     box = spec.controller
     if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
         return FoPi(box.kp.min, box.ki.min, box.alpha.min)
-    path = handling.path(spec).with_name("design.json")
+    path = handling.folder(spec) / "design.json"
     try:
         document = _json(path)
         solved = document["status"] == "solved" and document["stamp"]["spec_sha256"] == spec.sha256

@@ -14,10 +14,11 @@ from fopi_tune import __version__
 from fopi_tune.cli.certificates import gains_of_earlier_design, recheck_file
 from fopi_tune.cli.output import Exit, print_out, reason_of, report_failure, say, to_json, write_file
 from fopi_tune.cli.process import Handling, process
+from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
-    from fopi_tune.result import Check, Design, Discretized
+    from fopi_tune.result import Check, Design, Discretized, Run
     from fopi_tune.spec.model import DesignSpec
 
 app = typer.Typer(
@@ -69,7 +70,7 @@ def tune(
 
     They meet it for every plant of its family.  The result and the certificate are also written to files.
     """
-    _tune(specs, Handling("design.json", out, as_json, quiet, debug, len(specs) > 1), not no_proof)
+    _tune(specs, Handling(out, as_json, quiet, debug, len(specs) > 1), not no_proof)
 
 
 @app.command()
@@ -81,11 +82,17 @@ def run(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Run every stage there is on a spec.
+    """Run every stage on a spec: the design, its proof, the digital controller, the proof of its loop, and C code.
 
-    In this version that is what `fopi tune` does.
+    Without a section `digital` that is what `fopi tune` does.
     """
-    _tune(specs, Handling("design.json", out, as_json, quiet, debug, len(specs) > 1), not no_proof)
+
+    def make(spec: DesignSpec) -> Run:
+        from fopi_tune.pipeline import run
+
+        return run(spec, not no_proof)
+
+    raise typer.Exit(process(specs, make, Handling(out, as_json, quiet, debug, len(specs) > 1), "running"))
 
 
 @app.command()
@@ -111,31 +118,20 @@ def prove(
     The gains may come from anywhere; the ranges that the spec gives them are not looked at.  Without --kp, --ki and
     --alpha they are those of DIR/design.json if it is of this spec, and are tuned otherwise.
     """
-    handling = Handling("check.json", out, as_json, quiet, debug)
-    given = (kp, ki, alpha)
+    handling = Handling(out, as_json, quiet, debug)
     if recheck is not None:
-        if any(gain is not None for gain in given):
+        if any(gain is not None for gain in (kp, ki, alpha)):
             raise _refusal("--recheck takes the gains from the certificate; leave --kp, --ki and --alpha out")
         raise typer.Exit(recheck_file(recheck, spec, handling))
     if spec is None:
         raise _refusal("there is no SPEC to prove; name a spec file, or a certificate with --recheck")
-    if any(gain is None for gain in given) and any(gain is not None for gain in given):
-        raise _refusal("give --kp, --ki and --alpha all three, or none of them")
+    given = _given(kp, ki, alpha)
 
     def make(loaded: DesignSpec) -> Check | Design:
         from fopi_tune import pipeline
-        from fopi_tune.core.controller import FoPi
 
-        if kp is not None and ki is not None and alpha is not None:
-            return pipeline.prove(loaded, FoPi(kp, ki, alpha), tolerance)
-        gains = gains_of_earlier_design(loaded, handling)
-        if gains is None:
-            handling.note(f"{loaded.name}: no gains given, and no design of this spec there; tuning first ...")
-            design = pipeline.tune(loaded, proof=False)
-            if design.gains is None or design.status.value != "solved":
-                return design
-            gains = design.gains
-        return pipeline.prove(loaded, gains, tolerance)
+        gains = given if given is not None else _found_or_tuned(loaded, handling)
+        return gains if not isinstance(gains, FoPi) else pipeline.prove(loaded, gains, tolerance)
 
     raise typer.Exit(process([spec], make, handling, "proving"))
 
@@ -148,32 +144,22 @@ def discretize(
     alpha: Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")] = None,
     out: Out = None,
     as_json: AsJson = False,
+    no_proof: NoProof = False,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Turn gains into a filter at the spec's sample time, and measure how far it is from the ideal controller.
+    """Turn gains into a digital controller, prove what the loop on samples keeps of the requirements, and export C.
 
-    Gains are taken as `fopi prove` takes them.  The sampled loop is not verified in this version.
+    Gains are taken as `fopi prove` takes them.
     """
-    handling = Handling("digital.json", out, as_json, quiet, debug)
-    given = (kp, ki, alpha)
-    if any(gain is None for gain in given) and any(gain is not None for gain in given):
-        raise _refusal("give --kp, --ki and --alpha all three, or none of them")
+    handling = Handling(out, as_json, quiet, debug)
+    given = _given(kp, ki, alpha)
 
     def make(loaded: DesignSpec) -> Discretized | Design:
         from fopi_tune import pipeline
-        from fopi_tune.core.controller import FoPi
 
-        if kp is not None and ki is not None and alpha is not None:
-            return pipeline.discretize(loaded, FoPi(kp, ki, alpha))
-        gains = gains_of_earlier_design(loaded, handling)
-        if gains is None:
-            handling.note(f"{loaded.name}: no gains given, and no design of this spec there; tuning first ...")
-            design = pipeline.tune(loaded, proof=False)
-            if design.gains is None or design.status.value != "solved":
-                return design
-            gains = design.gains
-        return pipeline.discretize(loaded, gains)
+        gains = given if given is not None else _found_or_tuned(loaded, handling)
+        return gains if not isinstance(gains, FoPi) else pipeline.discretize(loaded, gains, not no_proof)
 
     raise typer.Exit(process([spec], make, handling, "discretizing"))
 
@@ -231,6 +217,30 @@ def _tune(files: Sequence[str], handling: Handling, proof: bool) -> None:
         return tune(spec) if proof else tune(spec, proof=False)
 
     raise typer.Exit(process(files, make, handling, "tuning"))
+
+
+def _given(kp: float | None, ki: float | None, alpha: float | None) -> FoPi | None:
+    """The gains of the command line; None without any."""
+    if kp is None and ki is None and alpha is None:
+        return None
+    if kp is None or ki is None or alpha is None:
+        raise _refusal("give --kp, --ki and --alpha all three, or none of them")
+    try:
+        return FoPi(kp, ki, alpha)
+    except DomainError as error:
+        raise _refusal(str(error)) from None
+
+
+def _found_or_tuned(spec: DesignSpec, handling: Handling) -> FoPi | Design:
+    """Gains of an earlier design or of one made now; the design itself when it is no solution."""
+    from fopi_tune import pipeline
+
+    gains = gains_of_earlier_design(spec, handling)
+    if gains is not None:
+        return gains
+    handling.note(f"{spec.name}: no gains given, and no design of this spec there; tuning first ...")
+    design = pipeline.tune(spec, proof=False)
+    return design if design.gains is None or design.status.value != "solved" else design.gains
 
 
 def _refusal(words: str) -> typer.Exit:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fopi_tune.cli.files import CERTIFICATE, CHECK, CODE, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, files_of
 from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
 from fopi_tune.errors import DomainError, SpecError
 
@@ -15,31 +16,25 @@ from fopi_tune.errors import DomainError, SpecError
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from fopi_tune.result import Check, Design, Discretized
+    from fopi_tune.cli.files import Result
     from fopi_tune.spec.model import DesignSpec
-
-    Result = Design | Check | Discretized
-
-
-CERTIFICATE_FILE = "certificate.json"
 
 
 @dataclass(frozen=True)
 class Handling:
     """What to do with results and failures."""
 
-    file_name: str
     out: str | None
     as_json: bool
     quiet: bool
     debug: bool
     several: bool = False
 
-    def path(self, spec: DesignSpec) -> Path:
-        """Where a spec's result goes."""
+    def folder(self, spec: DesignSpec) -> Path:
+        """Where a spec's results go."""
         if self.out is None:
-            return Path("results", spec.name, self.file_name)
-        return Path(self.out, spec.name, self.file_name) if self.several else Path(self.out, self.file_name)
+            return Path("results", spec.name)
+        return Path(self.out, spec.name) if self.several else Path(self.out)
 
     def note(self, words: str) -> None:
         """Say something on stderr that is no mistake."""
@@ -91,17 +86,16 @@ def _one(
     try:
         result = make(spec)
         document = result.to_dict()
-        text = to_json(document)
+        files = list(files_of(result))
         table = None if handling.as_json else _table(result)
     except DomainError as error:
         say(f"{spec.name}: {error}")
         return Exit.BAD_INPUT
     except Exception as error:
         return report_failure(spec.name, error, handling.debug)
-    handling.note(f"{spec.name}: {document['status']} after {time.perf_counter() - start:.1f} s")
+    handling.note(f"{spec.name}: {result.status} after {time.perf_counter() - start:.1f} s")
     # The files come before the table, so that a closed stdout costs nothing.
-    code = max(_exit_code(result), _write(handling.path(spec), text + "\n", spec.name, handling))
-    code = max(code, _write_certificate(result, spec, handling))
+    code = max(_exit_code(result), _write(handling.folder(spec), files, spec.name, handling))
     if table is not None:
         if documents:
             print_out("")
@@ -110,41 +104,41 @@ def _one(
     return code
 
 
-def _write_certificate(result: Result, spec: DesignSpec, handling: Handling) -> Exit:
-    """The certificate beside the result, or a word about one that is of another."""
-    from fopi_tune.result import Discretized
-
-    if isinstance(result, Discretized):  # the certificate there stays the gains' own
-        return Exit.MET
-    certificate = result.certificate_document()
-    path = handling.path(spec).with_name(CERTIFICATE_FILE)
-    if certificate is not None:
-        return _write(path, to_json(certificate) + "\n", spec.name, handling)
-    if path.exists():
-        handling.note(f"{spec.name}: the {CERTIFICATE_FILE} there is of an earlier result, not of this one")
-    return Exit.MET
-
-
-def _write(path: Path, text: str, name: str, handling: Handling) -> Exit:
-    try:
-        write_file(path, text)
-    except OSError as error:
-        say(f"{name}: cannot write {path} ({reason_of(error)}); choose another folder with --out")
-        return Exit.BAD_INPUT
-    handling.note(f"{name}: wrote {path}")
+def _write(folder: Path, files: Sequence[tuple[str, str]], name: str, handling: Handling) -> Exit:
+    """Each file at once or not at all, and a word about those there that belong to an earlier result."""
+    for file, text in files:
+        path = folder / file
+        try:
+            write_file(path, text)
+        except OSError as error:
+            say(f"{name}: cannot write {path} ({reason_of(error)}); choose another folder with --out")
+            return Exit.BAD_INPUT
+        if path.parent == folder:
+            handling.note(f"{name}: wrote {path}")
+    written = {file for file, _ in files}
+    if any(file.startswith(f"{CODE}/") for file in written):
+        handling.note(f"{name}: wrote {folder / CODE}")
+    for result, certificate in ((DESIGN, CERTIFICATE), (CHECK, CERTIFICATE), (DIGITAL, DIGITAL_CERTIFICATE)):
+        if result in written and certificate not in written and (folder / certificate).exists():
+            handling.note(f"{name}: the {certificate} there is of an earlier result, not of this one")
     return Exit.MET
 
 
 def _exit_code(result: Result) -> Exit:
-    if result.status in ("solved", "met", "discretized"):
+    if result.status in ("solved", "met"):
         return Exit.MET
     return Exit.TOOL_FAILED if result.status in ("failed", "undecided") else Exit.NOT_MET
 
 
 def _table(result: Result) -> Text:
     from fopi_tune.report import check_text, design_text, digital_text
-    from fopi_tune.result import Check, Design
+    from fopi_tune.result import Check, Design, Discretized
 
     if isinstance(result, Design):
         return design_text(result)
-    return check_text(result) if isinstance(result, Check) else digital_text(result)
+    if isinstance(result, Discretized):
+        return digital_text(result)
+    if isinstance(result, Check):
+        return check_text(result)
+    text = design_text(result.design)
+    return text if result.digital is None else text.append("\n\n").append_text(digital_text(result.digital))

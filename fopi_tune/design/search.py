@@ -48,12 +48,13 @@ class Violation:
     omega_rad_s: float
 
 
-def design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Candidate:
+def design(spec: DesignSpec, violations: Sequence[Violation] = (), start: FoPi | None = None) -> Candidate:
     """Search the gains that meet a spec over its whole family and are best by its objective.
 
     Args:
         spec: what the loop must do.
         violations: points that a check found, to be respected from the start.
+        start: gains that are nearly right; the only start unless it leads nowhere.
 
     Returns:
         A candidate; confirming it is `fopi_tune.proof`'s business.
@@ -67,6 +68,11 @@ def design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Candidate:
     reason = reason_without_solving(spec)
     if reason is not None:
         return explained(Search.of(spec, violations), reason)
+    if start is not None:
+        near = Search.of(spec, violations, start)
+        best = near.best()
+        if best is not None:
+            return near.candidate(best)
     searches = [Search.of(branch, violations) for branch in branches(spec)]
     found = [(search, best) for search in searches if (best := search.best()) is not None]
     if not found:
@@ -89,7 +95,7 @@ class Search:
     relaxed: Converged | None = None
 
     @classmethod
-    def of(cls, spec: DesignSpec, violations: Sequence[Violation]) -> Search:
+    def of(cls, spec: DesignSpec, violations: Sequence[Violation], start: FoPi | None = None) -> Search:
         """Scale, compile and choose the starts."""
         sides = sides_of(spec)
         scale = scale_of(spec)
@@ -97,7 +103,7 @@ class Search:
         given = spec.objective.horizon_s if spec.objective else None
         horizon = given if given is not None else default_horizon_s(spec.plant)
         exchange = Exchange(spec.plant, scale, sides, objective, horizon, spec.controller)
-        first = starts(spec, scale, sides, objective, _STARTS)
+        first = [start] if start is not None else starts(spec, scale, sides, objective, _STARTS)
         cuts = _with(
             exchange.first_cuts(), sides, violations, (float(scale.omega_grid[0]), float(scale.omega_grid[-1]))
         )

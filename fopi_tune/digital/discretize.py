@@ -74,17 +74,13 @@ def discretize(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None 
     Args:
         gains: from a design.
         digital: the spec's section.
-        crossover_rad_s: where `matched` keeps the gain; the middle of the band when it is not known.
+        crossover_rad_s: where `matched` keeps the gain and a prewarped `tustin` is exact; the band's middle when it is
+            not known.
 
     Raises:
         DomainError: the band does not fit the sample time, or the parallel form loses too much in float32.
     """
-    with np.errstate(all="ignore"):
-        sections = _sections(gains, digital, crossover_rad_s)
-    if not np.all(np.isfinite([sections.direct, *sections.poles, *sections.residues])):
-        raise DomainError("the filter's numbers are beyond what a double holds; use fewer poles or a narrower band")
-    if any(abs(pole) >= 1.0 for pole in sections.poles[1:]) or len(set(sections.poles)) < len(sections.poles):
-        raise DomainError("poles of the filter fall together at this sample time; use fewer poles or a narrower band")
+    sections = sections_of(gains, digital, crossover_rad_s)
     errors, accurate = _errors(gains, digital, sections)
     inputs = _test_input()
     pairs = [(form, precision) for form in Form for precision in Precision]
@@ -93,6 +89,17 @@ def discretize(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None 
         if realisation.form is Form.PARALLEL:
             accepted(realisation, _TOLERANCE)
     return DigitalController(gains, digital, sections, errors, accurate, realisations)
+
+
+def sections_of(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None = None) -> Sections:
+    """The digital controller alone, not measured; arguments and errors as for `discretize`."""
+    with np.errstate(all="ignore"):
+        sections = _sections(gains, digital, crossover_rad_s)
+    if not np.all(np.isfinite([sections.direct, *sections.poles, *sections.residues])):
+        raise DomainError("the filter's numbers are beyond what a double holds; use fewer poles or a narrower band")
+    if any(abs(pole) >= 1.0 for pole in sections.poles[1:]) or len(set(sections.poles)) < len(sections.poles):
+        raise DomainError("poles of the filter fall together at this sample time; use fewer poles or a narrower band")
+    return sections
 
 
 def _sections(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None) -> Sections:
@@ -105,10 +112,10 @@ def _sections(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None) 
         return fit(gains, sample_time_s, digital.poles, digital.band_rad_s)
     make = oustaloup if method is Method.OUSTALOUP else modified_oustaloup
     integral: ZeroPoleGain = make(gains.alpha, digital.poles, digital.band_rad_s)
-    if Rule(digital.rule) is Rule.TUSTIN:
-        return tustin(gains, integral, sample_time_s)
     middle = float(np.sqrt(low * min(high, nyquist)))
     at = crossover_rad_s if crossover_rad_s is not None and crossover_rad_s < nyquist else middle
+    if Rule(digital.rule) is Rule.TUSTIN:
+        return tustin(gains, integral, sample_time_s, at if digital.prewarp == "crossover" else None)
     return matched(gains, integral, sample_time_s, at)
 
 

@@ -7,24 +7,12 @@ from typing import Any
 
 from fopi_tune.digital.discretize import DigitalController
 
-#: version of the file; it may only grow
-DIGITAL_SCHEMA = 1
 
-
-def to_document(controller: DigitalController, name: str) -> dict[str, Any]:
-    """The JSON of `fopi discretize`.
-
-    Args:
-        controller: what was made.
-        name: of the spec.
-    """
+def to_document(controller: DigitalController) -> dict[str, Any]:
+    """What the JSON of `fopi discretize` says of the controller itself."""
     sections = controller.sections
     return {
-        "schema": DIGITAL_SCHEMA,
-        "status": "discretized",
-        "gains": asdict(controller.gains),
-        "name": name,
-        "digital": {**asdict(controller.digital), "band_rad_s": list(controller.digital.band_rad_s)},
+        "digital": {key: list(v) if isinstance(v, tuple) else v for key, v in asdict(controller.digital).items()},
         "controller": {
             "form": "direct + sum of residue/(z - pole)",
             "direct": sections.direct,

@@ -2,6 +2,7 @@
 
 from fopi_tune.report.certificates import recheck_text
 from fopi_tune.report.digital import digital_text
+from fopi_tune.report.figures import controller_bode_svg
 from fopi_tune.report.terminal import check_text, design_text
 
-__all__ = ["check_text", "design_text", "digital_text", "recheck_text"]
+__all__ = ["check_text", "controller_bode_svg", "design_text", "digital_text", "recheck_text"]

@@ -30,7 +30,7 @@ from fopi_tune.report.phrases import (
     to_text,
     with_unit,
 )
-from fopi_tune.result import Check, Design, RequirementReport, objective_name
+from fopi_tune.result import Check, Design, RequirementReport, loop_name, objective_name
 from fopi_tune.spec.model import Requirement, Scope
 
 if TYPE_CHECKING:
@@ -60,8 +60,8 @@ def design_text(design: Design) -> Text:
     if design.gains is not None:
         lines += [("", ""), *styled(_GAINS_TITLES.get(status, "")), (gains_line(design.gains), "bold")]
     if design.gains is not None or not design.clash:
-        lines += _requirements(design.requirements, design.objective)
-    lines += _summary(objective_name(design.spec), design.objective, design.stability, design.nominal)
+        lines += requirement_lines(design.requirements, design.objective)
+    lines += summary_lines(objective_name(design.spec), design.objective, design.stability, design.nominal)
     lines += proof_lines(design.certificate)
     return to_text(lines)
 
@@ -72,14 +72,16 @@ def _headline(design: Design) -> str:
         return f"{status}. {design.status.advice}"
     if design.certificate is None:
         return f"{status}, not proved. {design.status.advice[:-1]}, as far as a check in floating point tells."
-    return f"{status}. All requirements are proved for every plant and every frequency."
+    on_samples = " of the loop on samples" if loop_name(design.spec) == "sampled" else ""
+    return f"{status}. All requirements{on_samples} are proved for every plant and every frequency."
 
 
 def check_text(check: Check) -> Text:
     """What the verification of given gains found, laid out as a design."""
     found = check.verification
     if check.status == "met":
-        said = "All requirements are proved for every plant and every frequency."
+        on_samples = " of the loop on samples" if loop_name(check.spec) == "sampled" else ""
+        said = f"All requirements{on_samples} are proved for every plant and every frequency."
     elif check.status == "undecided":
         said = "The gains pass the check in floating point; not everything could be proved."
     elif found.stability.stable:
@@ -88,13 +90,13 @@ def check_text(check: Check) -> Text:
         said = "The loop is not stable for every plant of the family."
     lines = [*styled(f"{check.spec.name}: {check.status}. {said}", style_of(check.status == "met")), ("", "")]
     lines.append((gains_line(found.gains), "bold"))
-    lines += _requirements(check.reports, found.objective)
-    lines += _summary(objective_name(check.spec), found.objective, found.stability, found.nominal)
+    lines += requirement_lines(check.reports, found.objective)
+    lines += summary_lines(objective_name(check.spec), found.objective, found.stability, found.nominal)
     lines += proof_lines(check.certificate)
     return to_text(lines)
 
 
-def _requirements(reports: Sequence[RequirementReport], objective: float | None) -> Iterator[Line]:
+def requirement_lines(reports: Sequence[RequirementReport], objective: float | None) -> Iterator[Line]:
     """The table: two lines a requirement, numbers in columns and below them where they are worst."""
     yield "", ""
     if not reports:
@@ -131,7 +133,7 @@ def _requirement(report: RequirementReport, objective: float | None, priced: boo
 
 
 def _achieved(requirement: Requirement, result: RequirementResult | None) -> str:
-    if result is None:
+    if result is None or result.outcome is Outcome.BEYOND_NYQUIST:
         return "-"
     if result.achieved is None:
         return "no crossover"
@@ -164,6 +166,8 @@ def _multiplier(report: RequirementReport, objective: float | None) -> str:
 def _worst(requirement: Requirement, result: RequirementResult) -> str:
     if result.outcome is Outcome.INFINITE:
         return "no phase crossover sets it"
+    if result.outcome is Outcome.BEYOND_NYQUIST:
+        return "its band lies above Nyquist's frequency: sample faster"
     if result.outcome is Outcome.NO_CROSSOVER:
         return f"|L| never crosses 1{_plant(result.worst.plant)}"
     if requirement.scope is Scope.NOMINAL:
@@ -204,9 +208,10 @@ def _clash(clash: Sequence[Give], requirements: Sequence[Requirement]) -> Iterat
             yield "      no change of this limit alone was found to help", ""
 
 
-def _summary(
+def summary_lines(
     objective_name: str, objective: float | None, stability: Stability | None, nominal: Margins | None
 ) -> Iterator[Line]:
+    """Objective, stability and nominal margins, a paragraph each."""
     if stability is None:
         return
     yield "", ""

@@ -22,6 +22,8 @@ NAME_PATTERN = "[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 NAME_RULE = "a name becomes a folder's: write 1 to 64 letters, digits, '.', '_' or '-', the first a letter or digit"
 _METHODS = ("oustaloup", "modified_oustaloup", "fit")
 _RULES = ("tustin", "matched")
+_PREWARPS = ("none", "crossover")
+_DESIGNS = ("continuous", "sampled")
 _START = "`fopi init` writes one to start from"
 
 
@@ -95,12 +97,25 @@ def _digital_shape() -> Shape:
         "band_rad_s": Key(band, required=False),
         "rule": Key(Choice("from s to z", _RULES), required=False),
         "delay_samples": Key(Number("computing delay in samples", at_least=0), required=False),
+        "prewarp": Key(Choice("where Tustin's rule is exact", _PREWARPS), required=False),
+        "design": Key(Choice("which loop the requirements are about", _DESIGNS), required=False),
+        "output_limits": Key(Pair("limits of the control, in its unit", Number("limit")), required=False),
+        "measurement_unit": Key(Text("unit of setpoint and measurement, for people"), required=False),
+        "output_unit": Key(Text("unit of the control, for people"), required=False),
     }
-    return Record("how the gains become a filter", keys, _build_digital, "{sample_time_s: 0.2}")
+    prewarps = {"properties": {"prewarp": {"const": "crossover"}}, "required": ["prewarp"]}
+    by_tustin = {"properties": {"rule": {"const": "tustin"}, "method": {"enum": [m for m in _METHODS if m != "fit"]}}}
+    rules = {"if": prewarps, "then": by_tustin}
+    return Record("how the gains become a filter", keys, _build_digital, "{sample_time_s: 0.2}", rules=rules)
 
 
-def _build_digital(values: Values, place: Place) -> DigitalSpec:
-    return DigitalSpec(**values)
+def _build_digital(values: Values, place: Place) -> DigitalSpec | None:
+    found = DigitalSpec(**values)
+    if found.prewarp != "none" and (found.rule != "tustin" or found.method == "fit"):
+        used = f"method {found.method}" if found.method == "fit" else f"rule {found.rule}"
+        place.child("prewarp").refuse(f"prewarping belongs to rule tustin, and {used} does not use it; leave it out")
+        return None
+    return found
 
 
 def _validation_shape() -> Shape:

@@ -101,7 +101,21 @@ class Objective:
 
 @dataclass(frozen=True)
 class DigitalSpec:
-    """How the gains become a filter; read by the digital stage."""
+    """How the gains become a controller on a computer.
+
+    Args:
+        sample_time_s: Ts.
+        method: how s^-alpha is approximated.
+        poles: of the approximation.
+        band_rad_s: where it holds.
+        rule: from s to z.
+        delay_samples: from the measurement to the new control, in samples.
+        prewarp: where Tustin's rule is exact: "none" (omega -> 0) or "crossover" (the nominal gain crossover).
+        design: which loop the requirements are about, the "continuous" one or the "sampled" one.
+        output_limits: of the control, lower first; None without.
+        measurement_unit: text for people who read the exported code.
+        output_unit: the same, of the control.
+    """
 
     sample_time_s: float
     method: str = "oustaloup"
@@ -109,6 +123,16 @@ class DigitalSpec:
     band_rad_s: tuple[float, float] = (1e-3, 1e3)
     rule: str = "tustin"
     delay_samples: float = 0.0
+    prewarp: str = "none"
+    design: str = "continuous"
+    output_limits: tuple[float, float] | None = None
+    measurement_unit: str = ""
+    output_unit: str = ""
+
+    @property
+    def designs_sampled(self) -> bool:
+        """Whether the requirements are about the loop on samples."""
+        return self.design == "sampled"
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of, is_tail, outward
+from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of, is_tail, outward, points
 from fopi_tune.proof.balls.plant import PlantBalls, assemble
 from fopi_tune.proof.balls.values import LoopBalls
 
@@ -142,19 +142,22 @@ class BallLoop:
         """The same loops in floating point, for plants at these places of the box, shape (m, p): where to look."""
         return Loops.of(self.gains, Plants.members(self.family, points))
 
+    def plants(self, box: Box) -> PlantBalls:
+        """The plants whose uncertain numbers lie in a box."""
+        return self.plant([ball_of(side) for side in box])
+
     def balls(self, u: Interval, plant: PlantBalls) -> LoopBalls:
         """The loop with these plants over an interval of u."""
         return LoopBalls(self, u, plant)
 
     def over(self, box: Box) -> LoopBalls:
         """The loop over a box, tails included."""
-        return self.balls(box[0], self.plant([ball_of(side) for side in box[1:]]))
+        return self.balls(box[0], self.plants(box[1:]))
 
     def at_centre(self, box: Box) -> LoopBalls:
         """The loop at the centre of a box; in a tail the whole tail with the central plant."""
-        theta = [arb(value) for value in centre_of(box[1:])]
         u = box[0]
         if not is_tail(u):
             middle = centre_of((u,))[0]
             u = (middle, middle)
-        return self.balls(u, self.plant(theta))
+        return self.balls(u, self.plants(points(centre_of(box[1:]))))

@@ -16,14 +16,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from flint import acb, acb_poly, arb, arb_poly
+from flint import acb, acb_poly, arb, arb_poly, ctx
 
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.sampled import SampledLoops
 from fopi_tune.core.sections import Implementation
 from fopi_tune.proof.balls.argument import Argument
-from fopi_tune.proof.balls.box import Interval
+from fopi_tune.proof.balls.box import Box, Interval
 from fopi_tune.proof.balls.dual import Dual
 from fopi_tune.proof.balls.hold import behind_hold
 from fopi_tune.proof.balls.loop import BallLoop
@@ -32,6 +32,14 @@ from fopi_tune.proof.balls.values import LoopBalls
 
 #: relative steps by which a place is rounded to one side
 _STEPS = (0.0, 1e-15, 1e-14, 1e-12, 1e-9, 1e-6, 1e-3)
+
+
+#: d and (sigma_k, rho_k)
+_Sections = tuple[arb, tuple[tuple[arb, arb], ...]]
+#: bits for a polynomial's roots
+_ROOT_PRECISION = 256
+#: boxes of plants that are remembered
+_MOST_KNOWN = 4096
 
 
 @dataclass(frozen=True)
@@ -52,15 +60,9 @@ class SampledBallLoop(BallLoop):
         return arb(self.implementation.sample_time_s)
 
     @cached_property
-    def sections(self) -> tuple[arb, tuple[tuple[arb, arb], ...]]:
+    def sections(self) -> _Sections:
         """d and (sigma_k, rho_k) of (1)."""
-        sections = self.implementation.sections
-        direct, pairs = arb(sections.direct), []
-        for pole, residue in zip(sections.poles, sections.residues, strict=True):
-            above = 1 + arb(pole)
-            direct = direct - arb(residue) / above
-            pairs.append(((1 - arb(pole)) / above, 2 * arb(residue) / (above * above)))
-        return direct, tuple(pairs)
+        return _sections_of(self.implementation)
 
     @cached_property
     def has_integrator(self) -> bool:
@@ -116,16 +118,7 @@ class SampledBallLoop(BallLoop):
     @cached_property
     def numerator(self) -> tuple[arb, ...]:
         """C(w) prod_k (w + sigma_k), descending powers."""
-        direct, pairs = self.sections
-        top = arb_poly([direct])
-        for sigma, _ in pairs:
-            top = top * arb_poly([sigma, 1])
-        for k, (_, rho) in enumerate(pairs):
-            part = arb_poly([rho])
-            for i, (sigma, _) in enumerate(pairs):
-                part = part * arb_poly([sigma, 1]) if i != k else part
-            top = top + part
-        return tuple(reversed([top[i] for i in range(len(pairs) + 1)]))
+        return tuple(reversed(_coefficients(_numerator(self.sections))))
 
     @cached_property
     def numerator_track(self) -> Argument:
@@ -144,6 +137,19 @@ class SampledBallLoop(BallLoop):
     def loops_at(self, points: Array) -> Loops:
         """The same loops in floating point, for plants at these places of the box, shape (m, p): where to look."""
         return SampledLoops.implemented(self.gains, self.implementation, Plants.members(self.family, points))
+
+    def plants(self, box: Box) -> PlantBalls:
+        """The plants whose uncertain numbers lie in a box; known boxes come back, as cuts along u leave them alone."""
+        key = (ctx.prec, box)
+        if key not in self._known:
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            self._known[key] = super().plants(box)
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> dict[tuple[int, Box], PlantBalls]:
+        return {}
 
     def balls(self, u: Interval, plant: PlantBalls) -> LoopBalls:
         """The loop with these plants over an interval of u."""
@@ -254,36 +260,65 @@ class SampledLoopBalls(LoopBalls):
         return slope - self._own_slope(plant.denominator, self.d) + self._delay_slope
 
 
+def _sections_of(implementation: Implementation) -> _Sections:
+    """(1), at the precision of the moment."""
+    sections = implementation.sections
+    direct, pairs = arb(sections.direct), []
+    for pole, residue in zip(sections.poles, sections.residues, strict=True):
+        above = 1 + arb(pole)
+        direct = direct - arb(residue) / above
+        pairs.append(((1 - arb(pole)) / above, 2 * arb(residue) / (above * above)))
+    return direct, tuple(pairs)
+
+
+def _numerator(sections: _Sections) -> arb_poly:
+    direct, pairs = sections
+    top = arb_poly([direct])
+    for sigma, _ in pairs:
+        top = top * arb_poly([sigma, 1])
+    for k, (_, rho) in enumerate(pairs):
+        part = arb_poly([rho])
+        for i, (sigma, _) in enumerate(pairs):
+            part = part * arb_poly([sigma, 1]) if i != k else part
+        top = top + part
+    return top
+
+
+def _coefficients(polynomial: arb_poly) -> list[arb]:
+    """Ascending powers."""
+    return [polynomial[i] for i in range(polynomial.length())]
+
+
 def count_unstable_roots(loop: SampledBallLoop, theta: Sequence[float]) -> int | None:
-    """Closed-loop poles outside the unit circle of one plant, from certified roots of
+    """Closed-loop poles outside the unit circle of one plant, from the roots in w of
 
         (1 + w)^late prod_k (w + sigma_k) D(w) + C(w) prod_k (w + sigma_k) N(w) (1 - w)^late .
 
     Returns:
-        The number; None when a root cannot be told from the circle, or roots fall together.
+        The number; None when a root cannot be told from the circle.
     """
-    plant = loop.plant([arb(value) for value in theta])
-    bottom = arb_poly([c.value for c in reversed(plant.denominator)])
-    for sigma, _ in loop.sections[1]:
-        bottom = bottom * arb_poly([sigma, 1])
-    top = arb_poly([plant.gain.value * c.value for c in reversed(plant.numerator)]) * arb_poly(
-        list(reversed(loop.numerator))
-    )
-    polynomial = bottom * arb_poly([1, 1]) ** plant.late + top * arb_poly([1, -1]) ** plant.late
-    return None if polynomial.degree() < 1 and polynomial[0].contains(0) else _right_roots(polynomial)
+    with ctx.workprec(_ROOT_PRECISION):
+        plant = loop.plant([arb(value) for value in theta])
+        sections = _sections_of(loop.implementation)
+        bottom = arb_poly([c.value for c in reversed(plant.denominator)])
+        for sigma, _ in sections[1]:
+            bottom = bottom * arb_poly([sigma, 1])
+        top = arb_poly([plant.gain.value * c.value for c in reversed(plant.numerator)]) * _numerator(sections)
+        polynomial = bottom * arb_poly([1, 1]) ** plant.late + top * arb_poly([1, -1]) ** plant.late
+        return _right_roots(_coefficients(polynomial))
 
 
-def _right_roots(polynomial: arb_poly) -> int | None:
-    coefficients = [polynomial[i] for i in range(polynomial.length())]
-    # a root at w = infinity is one at z = -1
-    if not all(c.is_finite() for c in coefficients) or coefficients[-1].contains(0):
+def _right_roots(coefficients: list[arb]) -> int | None:
+    """Roots with Re w > 0 of a polynomial, ascending powers."""
+    # a root at w = 0 is one at z = 1, a root at w = infinity one at z = -1
+    ends = (coefficients[0], coefficients[-1]) if coefficients else ()
+    if not ends or not all(c.is_finite() for c in coefficients) or any(end.contains(0) for end in ends):
         return None
     if len(coefficients) == 1:
         return 0
     try:
         roots = acb_poly([acb(c) for c in coefficients]).roots()
     except ValueError:
-        return None  # roots that fall together cannot be told apart
-    if any(root.real.contains(0) for root in roots):
-        return None
-    return sum(bool(root.real > 0) for root in roots)
+        # roots that fall together, as those of a fast filter at z = 0, cannot be told apart; they can be counted
+        return Argument.of(list(reversed(coefficients))).right
+    return None if any(root.real.contains(0) for root in roots) else sum(bool(root.real > 0) for root in roots)

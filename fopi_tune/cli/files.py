@@ -1,0 +1,70 @@
+"""Results to files:  result -> (name in the folder of results, text), in the order they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from fopi_tune import __version__
+from fopi_tune.cli.output import to_json
+
+if TYPE_CHECKING:
+    from fopi_tune.result import Check, Design, Discretized, Run
+
+    Result = Design | Check | Discretized | Run
+
+DESIGN, CHECK, DIGITAL = "design.json", "check.json", "digital.json"
+CERTIFICATE, DIGITAL_CERTIFICATE = "certificate.json", "digital_certificate.json"
+#: the folder of the exported code, and the figure of the controller
+CODE, FIGURE = "c", "controller.svg"
+
+
+def files_of(result: Result) -> Iterator[tuple[str, str]]:
+    """What a result leaves on the disk.
+
+    Raises:
+        DomainError: the controller cannot be exported as code.
+    """
+    from fopi_tune.result import Check, Discretized, Run
+
+    if isinstance(result, Run):
+        yield from files_of(result.design)
+        if result.digital is not None:
+            yield from files_of(result.digital)
+        return
+    if isinstance(result, Discretized):
+        yield DIGITAL, to_json(result.to_dict()) + "\n"
+        yield from _certificate(result, DIGITAL_CERTIFICATE)
+        yield from _code(result)
+        yield FIGURE, _figure(result)
+        return
+    yield CHECK if isinstance(result, Check) else DESIGN, to_json(result.to_dict()) + "\n"
+    yield from _certificate(result, CERTIFICATE)
+
+
+def _certificate(result: Design | Check | Discretized, name: str) -> Iterator[tuple[str, str]]:
+    document = result.certificate_document()
+    if document is not None:
+        yield name, to_json(document) + "\n"
+
+
+def _code(result: Discretized) -> Iterator[tuple[str, str]]:
+    from fopi_tune.digital import Export, Units, export_c
+
+    spec, digital = result.spec, result.controller.digital
+    export = Export(
+        name=spec.name,
+        description=spec.description,
+        spec_sha256=spec.sha256,
+        tool=f"fopi-tune {__version__}",
+        controller=result.controller,
+        units=Units(digital.measurement_unit, digital.output_unit),
+        limits=digital.output_limits,
+    )
+    yield from ((f"{CODE}/{name}", text) for name, text in export_c(export).items())
+
+
+def _figure(result: Discretized) -> str:
+    from fopi_tune.report import controller_bode_svg
+
+    return controller_bode_svg(result)
