@@ -1,17 +1,18 @@
 """One pedal's closed loop between events: linear, so propagated exactly, and with bounds on how far it can bend.
 
-    y' = -p y + g v,   v = u cut to the limits,   u = kp e + ki sum_k rho_k x_k,   x_k' = p_k x_k + e,   e = r - y,    (1)
+    y' = -p y + g v,   v = u cut to the limits,   u = kp e + ki sum_k rho_k x_k,   x_k' = p_k x_k + e,   e = r - y,  (1)
 
 with r' = slope.  w = (y, x, r, slope, 1) obeys w' = M w as long as u stays within the limits, at the lower or at the
 upper one; w goes ahead by e^{Mh} - 1 for the steps h = H 2^-k, which are tabulated.
 
 Bounds.  Let d_k = x_k' and B the greatest |y''| on [t, t + h].  As d_k' = p_k d_k + e' and 1 - e^{-a} <= min(1, a),
 
-    |d_k(s) - d_k(t)| <= |d_k(t)| min(1, |p_k| h) + (|e'(t)| + h B) min(h, 1/|p_k|),                                  (2)
+    |d_k(s) - d_k(t)| <= |d_k(t)| min(1, |p_k| h) + (|e'(t)| + h B) min(h, 1/|p_k|),                                (2)
 
-and with y'' = -p y' + g (kp e' + ki sum_k rho_k d_k), G = g or, at a limit, 0, c = |G ki| sum_k |rho_k| min(h, 1/|p_k|),
+and with y'' = -p y' + G (kp e' + ki sum_k rho_k d_k), G = g or, at a limit, 0, and
+c = |G ki| sum_k |rho_k| min(h, 1/|p_k|),
 
-    |y''(s) - y''(t)| <= |G ki| sum_k |rho_k d_k(t)| min(1, |p_k| h) + c (|e'(t)| + h B) + (|p| + |G kp|) h B,         (3)
+    |y''(s) - y''(t)| <= |G ki| sum_k |rho_k d_k(t)| min(1, |p_k| h) + c (|e'(t)| + h B) + (|p| + |G kp|) h B,       (3)
 
 so that B <= (|y''(t)| + the first term + c |e'(t)|)/(1 - h c - h |p| - h |G kp|).  The same one derivative further
 bounds u''.  Fast poles count for no more than they have left to give, so steps are as long as the answer is smooth.
@@ -117,6 +118,18 @@ class Pedal:
         shifted[0] += (demand - self.demand(error, memory)) / float(self.weights[0])
         return shifted
 
+    def regimes(self) -> list[Regime]:
+        """Those that this pedal can be in."""
+        low, high = (math.isfinite(limit) for limit in self.limits)
+        return [Regime.WITHIN, *[Regime.LOW] * low, *[Regime.HIGH] * high]
+
+    def bounds(self, regime: Regime) -> list[tuple[int, float]]:
+        """(sign, limit) such that sign (u - limit) < 0 within the regime."""
+        low, high = self.limits
+        if regime is Regime.WITHIN:
+            return [(sign, limit) for sign, limit in ((1, high), (-1, low)) if math.isfinite(limit)]
+        return [(-1, high)] if regime is Regime.HIGH else [(1, low)]
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -158,7 +171,7 @@ class Flow:
         self.through = abs(pedal.gain) if regime is Regime.WITHIN else 0.0
         self.weights = np.abs(pedal.weights)
         self.longest_s = self._longest()
-        steps = self.longest_s * 0.5 ** np.arange(FINEST + 1)
+        steps = np.asarray(self.longest_s * 0.5 ** np.arange(FINEST + 1), dtype=float)
         self.steps_s = [float(step) for step in steps]
         self.ahead = _table(self.matrix, steps)
         fast = np.abs(pedal.poles)

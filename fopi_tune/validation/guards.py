@@ -2,7 +2,7 @@
 
 On [t, t + h] let f'' stay within a known R of f''(t) (`flow`, formula (3)).  Then for 0 <= s <= h
 
-    f(t + s) <= f + f' s + (f'' + R) s^2/2,     f' + (f'' - R) s <= f'(t + s) <= f' + (f'' + R) s.                    (1)
+    f(t + s) <= f + f' s + (f'' + R) s^2/2,     f' + (f'' - R) s <= f'(t + s) <= f' + (f'' + R) s.                  (1)
 
 Either the first bound is negative throughout: no zero; or f' keeps its sign: no zero when it falls, and when it rises
 exactly one if f at the step's end says so; or the step is too long to tell and is halved.  Only a touching (f' and f

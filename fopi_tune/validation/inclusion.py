@@ -2,7 +2,7 @@
 
 Flow in mode 1 (throttle) while y < r + eps, in mode 2 (brake) while y > r - eps; jump to mode 3 - i, y kept,
 
-    in mode 1 on y >= r + eps,   in mode 2 on y <= r - eps.                                                           (1)
+    in mode 1 on y >= r + eps,   in mode 2 on y <= r - eps.                                                          (1)
 
 The paper writes = in (1), with < and > in the flow sets: then a step of the reference can leave the car where it can
 neither flow nor jump, and with eps = 0 it can never flow away from y = r.  Here
@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -45,12 +46,11 @@ from fopi_tune.validation.hybrid import (
     checked_samples,
 )
 from fopi_tune.validation.inversion import Array
-from fopi_tune.validation.weights import exponentials_less_one
+from fopi_tune.validation.sampling import Node, sampled
 
 #: y - r and u count as 0 below this share of the greatest numbers in play
 _ROUNDING = 2.0**-46
 _MOST_STEPS = 1e6
-_SAMPLES_AT_ONCE = 500
 #: numbers after the memory in w: r, slope, 1
 _TAIL = 3
 
@@ -80,7 +80,8 @@ def simulate_hybrid(
     times = checked_samples(times_s, end_s)
     run = _Run(car, corners, end_s, start or HybridStart(), watch or Watch())
     run.follow(corners, end_s)
-    return run.response(times)
+    times = times[times <= run.time]
+    return HybridResponse(times, *sampled(run.nodes, times), tuple(run.events), run.outcome, run.reason, run.time)
 
 
 class _Run:
@@ -90,9 +91,8 @@ class _Run:
         self, car: HybridCar, corners: Sequence[Corner], end_s: float, start: HybridStart, watch: Watch
     ) -> None:
         self.car, self.watch, self.mode, self.time = car, watch, start.mode, 0.0
-        self.flows = {
-            (mode, regime): Flow(car.pedal(mode), regime) for mode in Mode for regime in _regimes(car.pedal(mode))
-        }
+        pedals = {mode: car.pedal(mode) for mode in Mode}
+        self.flows = {(m, regime): Flow(pedals[m], regime) for m in Mode for regime in pedals[m].regimes()}
         shortest = min(flow.longest_s for flow in self.flows.values())
         if end_s > _MOST_STEPS * shortest:
             raise DomainError(f"end_s = {end_s!r} s is more than {_MOST_STEPS:g} steps of {shortest:g} s; end earlier")
@@ -112,8 +112,7 @@ class _Run:
         #: how fast each mode went beyond its line when it was left
         self.leaving: list[float] = []
         self.outcome, self.reason = HybridOutcome.FINISHED, f"ran to the end at {end_s:g} s"
-        #: time, mode, regime and w after every step
-        self.nodes: list[tuple[float, Mode, Regime, Array]] = []
+        self.nodes: list[Node] = []
 
     @property
     def pedal(self) -> Pedal:
@@ -145,8 +144,6 @@ class _Run:
             if self.outcome is not HybridOutcome.FINISHED:
                 return
         self._note()
-
-    # --- one step ----------------------------------------------------------------------------------------------------
 
     def _advance(self, until: float) -> None:
         """One step at most to `until`, or to the first event on the way."""
@@ -188,14 +185,12 @@ class _Run:
 
     def _guards(self, reading: Reading) -> list[Guard]:
         """The mode's guard, and those of the limits that bound the regime."""
-        side, flow = self.mode.outwards, self.flow
-        y, slope, bend = reading.offset
-        guard = Guard(side * y - self.car.eps, side * slope, side * bend, self.rounding)
+        guard = self._mode_guard(reading)
         near = abs(guard.value) <= self.rounding
-        rests = near and guard.resting(flow.longest_s, flow.changes(reading, 0)[0])
-        guards = [Guard(guard.value, guard.slope, guard.bend, guard.rounding, near and self.on_line, rests)]
+        rests = near and guard.resting(self.flow.longest_s, self.flow.changes(reading, 0)[0])
+        guards = [replace(guard, on_line=near and self.on_line, at_rest=rests)]
         u, slope, bend = reading.demand
-        for sign, limit in _bounds(self.pedal, self.regime):
+        for sign, limit in self.pedal.bounds(self.regime):
             rounding = self._control_rounding(limit)
             value = sign * (u - limit)
             guards.append(Guard(value, sign * slope, sign * bend, rounding, abs(value) <= rounding))
@@ -205,7 +200,7 @@ class _Run:
         """The guard i alone."""
         if i == 0:
             return self.mode.outwards * float(w[0] - w[-_TAIL]) - self.car.eps
-        sign, limit = _bounds(self.pedal, self.regime)[i - 1]
+        sign, limit = self.pedal.bounds(self.regime)[i - 1]
         return sign * (self.pedal.demand(float(w[-_TAIL] - w[0]), w[1:-_TAIL]) - limit)
 
     def _control_rounding(self, limit: float) -> float:
@@ -241,8 +236,6 @@ class _Run:
             self.switched_at = self.time
             self._choose_regime()
 
-    # --- jumps -------------------------------------------------------------------------------------------------------
-
     def _choose_regime(self) -> None:
         """By u, and on a limit by where u goes: the flow is the same on both sides there."""
         reading = self.flows[self.mode, Regime.WITHIN].read(self.w)
@@ -255,15 +248,18 @@ class _Run:
                 if Guard(sign * (u - limit), sign * slope, sign * bend, rounding).leaves(longest):
                     self.regime = regime
 
-    def _mode_guard(self) -> Guard:
-        side, (y, slope, bend) = self.mode.outwards, self.flow.read(self.w).offset
+    def _mode_guard(self, reading: Reading) -> Guard:
+        side, (y, slope, bend) = self.mode.outwards, reading.offset
         return Guard(side * y - self.car.eps, side * slope, side * bend, self.rounding)
 
     def _settle(self) -> None:
         """Jump as long as the mode is left at once."""
-        while self._mode_guard().leaves(self.flow.longest_s) and self.outcome is HybridOutcome.FINISHED:
+        while self.outcome is HybridOutcome.FINISHED:
+            guard = self._mode_guard(self.flow.read(self.w))
+            self.on_line = abs(guard.value) <= self.rounding
+            if not guard.leaves(self.flow.longest_s):
+                return
             self._jump()
-        self.on_line = abs(self._mode_guard().value) <= self.rounding
 
     def _jump_and_settle(self) -> None:
         self._jump()
@@ -275,7 +271,7 @@ class _Run:
         y, r = float(self.w[0]), float(self.w[-_TAIL])
         control = self.pedal.cut(self.pedal.demand(r - y, self.w[1:-_TAIL]))
         self.memory[self.mode] = self.w[1:-_TAIL].copy()
-        self.leaving.append(self._mode_guard().slope)
+        self.leaving.append(self._mode_guard(self.flow.read(self.w)).slope)
         self.events.append(Event(self.time, self.mode, self.mode.other, y, r))
         self.mode = self.mode.other
         memory = self.memory[self.mode]
@@ -304,43 +300,5 @@ class _Run:
         self.outcome, self.reason = outcome, f"{reason}; {place}"
         self._note()
 
-    # --- samples -----------------------------------------------------------------------------------------------------
-
     def _note(self) -> None:
-        self.nodes.append((self.time, self.mode, self.regime, self.w.copy()))
-
-    def response(self, times: Array) -> HybridResponse:
-        """Samples by the exact flow from the last node before each."""
-        times = times[times <= self.time]
-        nodes = self.nodes
-        last = np.searchsorted(np.array([node[0] for node in nodes]), times, side="right") - 1
-        output, rate, control, error = np.zeros((4, len(times)))
-        mode = np.zeros(len(times), dtype=int)
-        for key, flow in self.flows.items():
-            mine = [i for i, k in enumerate(last) if (nodes[k][1], nodes[k][2]) == key]
-            for rows in (mine[i : i + _SAMPLES_AT_ONCE] for i in range(0, len(mine), _SAMPLES_AT_ONCE)):
-                w = np.array([nodes[last[i]][3] for i in rows])
-                since = times[rows] - np.array([nodes[last[i]][0] for i in rows])
-                w = w + np.einsum("mij,mj->mi", exponentials_less_one(flow.matrix * since[:, None, None]), w)
-                output[rows], error[rows], mode[rows] = w[:, 0], w[:, -_TAIL] - w[:, 0], key[0].value
-                rate[rows] = w @ flow.matrix[0]
-                pedal = flow.pedal
-                demand = pedal.gains.kp * error[rows] + w[:, 1:-_TAIL] @ pedal.weights
-                control[rows] = np.clip(demand, *pedal.limits)
-        return HybridResponse(
-            times, output, rate, control, error, mode, tuple(self.events), self.outcome, self.reason, self.time
-        )
-
-
-def _regimes(pedal: Pedal) -> list[Regime]:
-    """Those that this pedal can be in."""
-    low, high = (math.isfinite(limit) for limit in pedal.limits)
-    return [Regime.WITHIN, *[Regime.LOW] * low, *[Regime.HIGH] * high]
-
-
-def _bounds(pedal: Pedal, regime: Regime) -> list[tuple[int, float]]:
-    """(sign, limit) such that sign (u - limit) < 0 within the regime."""
-    low, high = pedal.limits
-    if regime is Regime.WITHIN:
-        return [(sign, limit) for sign, limit in ((1, high), (-1, low)) if math.isfinite(limit)]
-    return [(-1, high)] if regime is Regime.HIGH else [(1, low)]
+        self.nodes.append(Node(self.time, self.mode.value, self.flow, self.w.copy()))
