@@ -67,9 +67,11 @@ class Guard:
         if self.at_rest:
             return Verdict.CLEAR
         if self.on_line:
-            if self.slope <= 0.0 and self.slope + 0.5 * above * step_s < 0.0:
+            # from 0, and by rounding perhaps just short of the top of what touches the line
+            leaving, end = self._highest(0.0, step_s, above), step_s * (self.slope + 0.5 * above * step_s)
+            if leaving <= 0.0 > end or (leaving <= self.rounding and end < -2.0 * self.rounding):
                 return Verdict.CLEAR
-        elif self._highest(step_s, above) < -self.rounding:
+        elif self._highest(self.value, step_s, above) < -self.rounding:
             return Verdict.CLEAR
         if self.slope + max(0.0, step_s * above) <= 0.0:
             return Verdict.CLEAR
@@ -77,9 +79,9 @@ class Guard:
             return Verdict.CROSSED if at_end >= 0.0 else Verdict.CLEAR
         return Verdict.OPEN
 
-    def _highest(self, step: float, above: float) -> float:
-        """The greatest value of the parabola (1)."""
-        highest = max(self.value, self.value + step * (self.slope + 0.5 * above * step))
+    def _highest(self, value: float, step: float, above: float) -> float:
+        """The greatest value of the parabola (1) that starts from this value."""
+        highest = max(value, value + step * (self.slope + 0.5 * above * step))
         if above < 0.0 < self.slope < -above * step:
-            highest = max(highest, self.value - 0.5 * self.slope**2 / above)
+            highest = max(highest, value - 0.5 * self.slope**2 / above)
         return highest

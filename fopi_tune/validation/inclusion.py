@@ -150,44 +150,43 @@ class _Run:
         if not abs(self.w[0]) <= self.watch.most_output:
             return self._give_up(HybridOutcome.DIVERGED, f"the output goes beyond {self.watch.most_output:g}")
         self._note()
-        reading = self.flow.read(self.w)
-        if self._beyond(reading):
+        left, reading = until - self.time, self.flow.read(self.w)
+        guards = self._guards(reading, left)
+        if self._beyond(guards):
             return None
-        left = until - self.time
         level = self.level
         while level < FINEST and self.flow.steps_s[level] > left:
             level += 1
         while True:
             end = self.w + self.flow.ahead[level] @ self.w
-            verdicts = self._verdicts(reading, level, end)
+            verdicts = self._verdicts(guards, self.flow.changes(reading, level), level, end)
             if level == FINEST or Verdict.OPEN not in verdicts:
                 break
             level += 1
         self.level = max(level - 1, 0)
-        crossed = [i for i, verdict in enumerate(verdicts) if verdict is Verdict.CROSSED]
         if verdicts[0] is Verdict.OPEN:
             return self._jump_and_settle()
         # a limit that is crossed again at once: the flow is the same on both sides of it, so only rounding can do that
-        if crossed and not (0 not in crossed and self.switched_at == self.time):
+        seen = 1 if self.switched_at == self.time else len(verdicts)
+        crossed = [i for i, verdict in enumerate(verdicts[:seen]) if verdict is Verdict.CROSSED]
+        if crossed:
             return self._locate(level, crossed)
         step = self.flow.steps_s[level]
         self.w, self.time = end, until if step >= left else self.time + step
         return None
 
-    def _verdicts(self, reading: Reading, level: int, end: Array) -> list[Verdict]:
+    def _verdicts(self, guards: Sequence[Guard], changes: tuple[float, float], level: int, end: Array) -> list[Verdict]:
         """Of the mode's guard and of the limits', over the step of this level."""
-        flow = self.flow
-        changes = flow.changes(reading, level)
-        verdicts: list[Verdict] = []
-        for i, guard in enumerate(self._guards(reading)):
-            verdicts.append(guard.judge(flow.steps_s[level], changes[min(i, 1)], self._value(i, end)))
-        return verdicts
+        step = self.flow.steps_s[level]
+        return [guard.judge(step, changes[min(i, 1)], self._value(i, end)) for i, guard in enumerate(guards)]
 
-    def _guards(self, reading: Reading) -> list[Guard]:
-        """The mode's guard, and those of the limits that bound the regime."""
-        guard = self._mode_guard(reading)
+    def _guards(self, reading: Reading, left: float) -> list[Guard]:
+        """The mode's guard, and those of the limits that bound the regime; `left` is the time to the next corner."""
+        guard, longest = self._mode_guard(reading), self.flow.longest_s
         near = abs(guard.value) <= self.rounding
-        rests = near and guard.resting(self.flow.longest_s, self.flow.changes(reading, 0)[0])
+        # a car that has just jumped need not leave its line before the next corner
+        time = min(left, longest) if self.on_line else longest
+        rests = near and guard.resting(time, self.flow.changes(reading, 0)[0])
         guards = [replace(guard, on_line=near and self.on_line, at_rest=rests)]
         u, slope, bend = reading.demand
         for sign, limit in self.pedal.bounds(self.regime):
@@ -206,9 +205,8 @@ class _Run:
     def _control_rounding(self, limit: float) -> float:
         return _ROUNDING * abs(limit) + abs(self.pedal.gains.kp) * self.rounding
 
-    def _beyond(self, reading: Reading) -> bool:
+    def _beyond(self, guards: Sequence[Guard]) -> bool:
         """Whether rounding left the car beyond a line; then that is mended."""
-        guards = self._guards(reading)
         if guards[0].value > self.rounding or (guards[0].value >= 0.0 and not self.on_line and not guards[0].at_rest):
             self._jump_and_settle()
             return True
@@ -225,7 +223,7 @@ class _Run:
             if all(self._value(i, middle) < 0.0 for i in crossed):
                 self.w, self.time = middle, self.time + flow.steps_s[finer]
         reading = flow.read(self.w)
-        guards = self._guards(reading)
+        guards = self._guards(reading, 0.0)
         left = [-guards[i].value / guards[i].slope if guards[i].slope > 0.0 else 0.0 for i in crossed]
         left = [min(max(rest, 0.0), flow.steps_s[FINEST]) for rest in left]
         rest = min(left)
@@ -258,6 +256,8 @@ class _Run:
             guard = self._mode_guard(self.flow.read(self.w))
             self.on_line = abs(guard.value) <= self.rounding
             if not guard.leaves(self.flow.longest_s):
+                # the longest step first: a short one would not tell that the line is left
+                self.level = 0
                 return
             self._jump()
 
