@@ -223,7 +223,7 @@ def test_events_agree_with_an_integrator_at_tight_tolerances(limited: bool) -> N
         run = simulate_hybrid(car, corners, 18.0, [18.0], start=start)
         events, state = ByScipy(car, corners).run(start.output, start.mode, 18.0)
         # the integrator's own error where it steps over a corner of the clip
-        tolerance = 1e-6 if limited else LOCATED_S
+        tolerance = 1e-8 if limited else LOCATED_S
         np.testing.assert_allclose(times_of(run), events, rtol=0.0, atol=tolerance, err_msg=str(seed))
         assert run.output[0] == pytest.approx(state[0], abs=10.0 * tolerance)
         jumps += len(events)
