@@ -2,5 +2,6 @@
 
 `exact_linear` inverts the linear loop's Laplace transform; `exact_time` steps through time where saturation or a
 reference of any shape forbids that; `commensurate` is the pseudo-state model with orders that are fractions p/q.
-Nothing here approximates s^-alpha by a filter.
+None of these approximates s^-alpha by a filter.
+`inclusion` runs the car with throttle and brake, whose controllers are filters, in continuous time with located jumps.
 """

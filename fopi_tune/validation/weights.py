@@ -103,7 +103,12 @@ class StepNodes:
 
 
 def exponentials(matrices: Array) -> Array:
-    """e^A of many small matrices, shape (m, n, n), each to rounding of the largest entry.
+    """e^A of many small matrices, shape (m, n, n), each to rounding of the largest entry."""
+    return exponentials_less_one(matrices) + np.eye(matrices.shape[-1])
+
+
+def exponentials_less_one(matrices: Array) -> Array:
+    """e^A - 1 of many small matrices, shape (m, n, n), to rounding of its own largest entry, however short the step.
 
     With A/2^k of norm below 1/2, e^{A/2^k} - 1 by its series, and e^{2A} - 1 = 2 (e^A - 1) + (e^A - 1)^2 so often.
     Written out rather than by scipy's expm: a thousand calls of a threaded library for 2 x 2 matrices can take seconds.
@@ -117,7 +122,7 @@ def exponentials(matrices: Array) -> Array:
         less = less + power
     for _ in range(halvings):
         less = 2.0 * less + np.einsum("mij,mjk->mik", less, less)
-    return less + np.eye(matrices.shape[-1])
+    return less
 
 
 def kernel(model: StateSpace, step_s: float) -> tuple[Array, Array, Array, StepNodes]:
