@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
     from fopi_tune.outcome import Status
-    from fopi_tune.pipeline import prove, recheck, tune
+    from fopi_tune.pipeline import discretize, prove, recheck, run, tune
     from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
-    from fopi_tune.result import Check, Design
+    from fopi_tune.result import Check, Design, Discretized, Run
     from fopi_tune.spec import load_spec, parse_spec
     from fopi_tune.spec.model import DesignSpec
 
@@ -30,6 +30,7 @@ _PUBLIC = {
     "Check": "fopi_tune.result",
     "Design": "fopi_tune.result",
     "DesignSpec": "fopi_tune.spec.model",
+    "Discretized": "fopi_tune.result",
     "DomainError": "fopi_tune.errors",
     "FoPi": "fopi_tune.core.controller",
     "FopiError": "fopi_tune.errors",
@@ -37,16 +38,19 @@ _PUBLIC = {
     "Plant": "fopi_tune.core.plant",
     "PlantFamily": "fopi_tune.core.plant",
     "Recheck": "fopi_tune.proof",
+    "Run": "fopi_tune.result",
     "SpecError": "fopi_tune.errors",
     "Status": "fopi_tune.outcome",
     "Uncertain": "fopi_tune.core.plant",
     "Verdict": "fopi_tune.proof",
     "Verification": "fopi_tune.proof",
+    "discretize": "fopi_tune.pipeline",
     "load_spec": "fopi_tune.spec",
     "margins": "fopi_tune.core.margins",
     "parse_spec": "fopi_tune.spec",
     "prove": "fopi_tune.pipeline",
     "recheck": "fopi_tune.pipeline",
+    "run": "fopi_tune.pipeline",
     "tune": "fopi_tune.pipeline",
 }
 
@@ -56,6 +60,7 @@ __all__ = [
     "Check",
     "Design",
     "DesignSpec",
+    "Discretized",
     "DomainError",
     "FoPi",
     "FopiError",
@@ -63,16 +68,19 @@ __all__ = [
     "Plant",
     "PlantFamily",
     "Recheck",
+    "Run",
     "SpecError",
     "Status",
     "Uncertain",
     "Verdict",
     "Verification",
+    "discretize",
     "load_spec",
     "margins",
     "parse_spec",
     "prove",
     "recheck",
+    "run",
     "tune",
 ]
 

@@ -232,8 +232,18 @@ def test_the_papers_printed_filters_are_unstable_and_ours_are_not() -> None:
         assert max(abs(pole) for pole in made.sections.poles[1:]) < 1.0
 
 
+def test_the_printed_coefficients_are_filters_with_poles_outside_the_unit_circle() -> None:
+    """The paper's R_dT and R_dB as they are printed, 1 + sum a_k z^-k: one pole at 1.0487, two at 1.0151 and -1.001."""
+    throttle = [1.0, -0.8662, -2.746, 2.339, 2.507, -2.095, -0.7602, 0.6211]
+    brake = [1.0, -0.54, -2.88062, 1.5053, 2.7658, -1.3952, -0.8852, 0.4299]
+    poles = [np.roots(denominator) for denominator in (throttle, brake)]
+    assert np.sort(np.abs(poles[0]))[-1] == pytest.approx(1.0487, abs=5e-5)
+    outside = np.sort(poles[1][np.abs(poles[1]) > 1.0].real)
+    assert outside == pytest.approx([-1.001, 1.0151], abs=5e-4)
+
+
 def test_four_digits_of_the_expanded_denominator_are_not_stable() -> None:
-    """PAPER.md: the printed direct form has poles outside the unit circle; that is what rounding does to ours too."""
+    """That is what rounding the expanded form does to ours too."""
     made = discretize(FoPi(0.09, 0.025, 0.8), DigitalSpec(TS, "modified_oustaloup", 7))
     printed = np.round(np.poly(made.sections.poles), 4)
     assert np.abs(np.roots(printed)).max() > 1.0

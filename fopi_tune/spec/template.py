@@ -53,7 +53,7 @@ requirements:
 {objectives}
 objective: {{minimize: phase_margin_spread_deg}}
 
-# How the gains become a filter on the computer.  Remove the section if there is none.
+# How the gains become a controller on the computer (`fopi run` exports C code).  Remove the section if there is none.
 digital:
   sample_time_s: 0.2
   method: oustaloup           # or modified_oustaloup, fit
@@ -61,6 +61,9 @@ digital:
   band_rad_s: [1.0e-3, 1.0e3] # where it holds
   rule: tustin                # or matched
   delay_samples: 0            # computing delay
+  design: sampled             # the requirements are about the loop on samples; or continuous
+  # output_limits: [-1.0, 1.0]                  # of the control; also in the exported C code
+  # measurement_unit: km/h
 
 # How many plants the Monte-Carlo test draws from the family, and its seed.
 validation:

@@ -28,10 +28,10 @@ from functools import cached_property
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.hold import exponentials_less_one
 from fopi_tune.digital.integrator import ZeroPoleGain
 from fopi_tune.errors import DomainError
 from fopi_tune.validation.inversion import Array
-from fopi_tune.validation.weights import exponentials_less_one
 
 #: halvings of the longest step: 2^-44 = 6e-14
 FINEST = 44

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fopi_tune.core.hold import exponentials_less_one
 from fopi_tune.validation.flow import Flow
 from fopi_tune.validation.inversion import Array
-from fopi_tune.validation.weights import exponentials_less_one
 
 #: matrices held at once
 _AT_ONCE = 500

@@ -6,13 +6,13 @@ the step, so that neither a power t^alpha at its start nor a pole much faster th
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.special import gamma
 
+from fopi_tune.core.hold import exponentials_less_one
 from fopi_tune.core.plant import Plant
 from fopi_tune.validation.inversion import Array
 
@@ -22,8 +22,6 @@ _PANELS, _POINTS = 48, 8
 _SMOOTH = 20
 #: the same for (k + v)^alpha, with as many Chebyshev points as digits need
 _CHEBYSHEV, _SINGULAR_STEPS = 10, 4
-#: terms of the exponential series: 0.5^16/16! = 1e-18
-_TERMS = 17
 
 
 @dataclass(frozen=True)
@@ -105,24 +103,6 @@ class StepNodes:
 def exponentials(matrices: Array) -> Array:
     """e^A of many small matrices, shape (m, n, n), each to rounding of the largest entry."""
     return exponentials_less_one(matrices) + np.eye(matrices.shape[-1])
-
-
-def exponentials_less_one(matrices: Array) -> Array:
-    """e^A - 1 of many small matrices, shape (m, n, n), to rounding of its own largest entry, however short the step.
-
-    With A/2^k of norm below 1/2, e^{A/2^k} - 1 by its series, and e^{2A} - 1 = 2 (e^A - 1) + (e^A - 1)^2 so often.
-    Written out rather than by scipy's expm: a thousand calls of a threaded library for 2 x 2 matrices can take seconds.
-    """
-    norm = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
-    halvings = max(0, math.ceil(math.log2(max(norm, 1e-300))) + 1)
-    small = np.asarray(matrices * 0.5**halvings, dtype=float)
-    less = power = small
-    for k in range(2, _TERMS):
-        power = np.einsum("mij,mjk->mik", power, small) / k
-        less = less + power
-    for _ in range(halvings):
-        less = 2.0 * less + np.einsum("mij,mjk->mik", less, less)
-    return less
 
 
 def kernel(model: StateSpace, step_s: float) -> tuple[Array, Array, Array, StepNodes]:
