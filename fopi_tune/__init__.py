@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
     from fopi_tune.outcome import Status
-    from fopi_tune.pipeline import discretize, prove, recheck, run, tune
+    from fopi_tune.pipeline import discretize, prove, recheck, run, simulate, tune, validate
     from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
-    from fopi_tune.result import Check, Design, Discretized, Run
+    from fopi_tune.result import Check, Design, Discretized, Run, Validated
+    from fopi_tune.simulated import Simulated
     from fopi_tune.spec import load_spec, parse_spec
     from fopi_tune.spec.model import DesignSpec
 
@@ -39,9 +40,11 @@ _PUBLIC = {
     "PlantFamily": "fopi_tune.core.plant",
     "Recheck": "fopi_tune.proof",
     "Run": "fopi_tune.result",
+    "Simulated": "fopi_tune.simulated",
     "SpecError": "fopi_tune.errors",
     "Status": "fopi_tune.outcome",
     "Uncertain": "fopi_tune.core.plant",
+    "Validated": "fopi_tune.result",
     "Verdict": "fopi_tune.proof",
     "Verification": "fopi_tune.proof",
     "discretize": "fopi_tune.pipeline",
@@ -51,7 +54,9 @@ _PUBLIC = {
     "prove": "fopi_tune.pipeline",
     "recheck": "fopi_tune.pipeline",
     "run": "fopi_tune.pipeline",
+    "simulate": "fopi_tune.pipeline",
     "tune": "fopi_tune.pipeline",
+    "validate": "fopi_tune.pipeline",
 }
 
 __all__ = [
@@ -69,9 +74,11 @@ __all__ = [
     "PlantFamily",
     "Recheck",
     "Run",
+    "Simulated",
     "SpecError",
     "Status",
     "Uncertain",
+    "Validated",
     "Verdict",
     "Verification",
     "discretize",
@@ -81,7 +88,9 @@ __all__ = [
     "prove",
     "recheck",
     "run",
+    "simulate",
     "tune",
+    "validate",
 ]
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.assemble import Attempt, assembled, refutations
@@ -12,13 +14,15 @@ from fopi_tune.errors import DomainError
 from fopi_tune.outcome import Status
 from fopi_tune.proof import Recheck, certify, verify
 from fopi_tune.proof.certificate import LARGEST_TOLERANCE
-from fopi_tune.result import Check, Design, Discretized, Run
+from fopi_tune.result import Check, Design, Discretized, Run, Validated
 from fopi_tune.spec import load_spec
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, ValidationSpec
 from fopi_tune.stamp import certificate_versions, stamp
 
 if TYPE_CHECKING:
     from fopi_tune.design import Violation
+    from fopi_tune.simulated import Simulated
+    from fopi_tune.validation.montecarlo import Progress
 
 #: how often a refuted design is made again
 _MOST_REFUTATIONS = 5
@@ -124,6 +128,76 @@ def run(source: Source, proof: bool = True) -> Run:
     return Run(design, discretize(spec, design.gains, proof) if wanted and design.gains is not None else None)
 
 
+def validate(
+    source: Source,
+    gains: FoPi,
+    *,
+    samples: int | None = None,
+    seed: int | None = None,
+    progress: Progress | None = None,
+) -> Validated:
+    """Draw plants from the family and say how often the digital controller's loop meets everything.
+
+    Args:
+        source: a spec file, or a spec, with a section `digital`.
+        gains: the controller, usually from a design.
+        samples: plants to draw, in place of the spec's.
+        seed: in place of the spec's.
+        progress: told how many plants are done, of how many.
+
+    Raises:
+        SpecError: the file cannot be read, or has mistakes.
+        DomainError: as for `discretize`, or a number of samples that is not positive.
+    """
+    from fopi_tune.validation.contradict import contradictions
+    from fopi_tune.validation.montecarlo import monte_carlo
+
+    spec = load_spec(source)
+    wanted = spec.validation or ValidationSpec()
+    wanted = replace(
+        wanted,
+        samples=wanted.samples if samples is None else samples,
+        seed=wanted.seed if seed is None else seed,
+    )
+    if wanted.samples < 1:
+        raise DomainError(f"samples = {wanted.samples} must be at least 1")
+    spec = replace(spec, validation=wanted)
+    digital = discretize(spec, gains)
+    implementation = Implementation(digital.controller.sections, digital.controller.digital.delay_samples)
+    evidence = monte_carlo(spec, gains, implementation, progress)
+    return Validated(digital, evidence, contradictions(evidence, digital.certificate))
+
+
+def simulate(
+    source: Source,
+    gains: FoPi,
+    *,
+    scenario: str | None = None,
+    plant: Mapping[str, float] | None = None,
+    replay: int | None = None,
+) -> Simulated:
+    """Drive one plant through the spec's scenarios with its digital controller.
+
+    Args:
+        source: a spec file, or a spec, with sections `digital` and `scenarios`.
+        gains: the controller, usually from a design.
+        scenario: name of the only one.
+        plant: uncertain numbers by name; the nominal ones where left out.
+        replay: index of a plant that `validate` drew, to make it and its noise again.
+
+    Raises:
+        SpecError: the file cannot be read, or has mistakes.
+        DomainError: as for `discretize`, or an unknown scenario, number or index.
+    """
+    from fopi_tune.implement import implementation_of
+    from fopi_tune.simulated import drive
+
+    spec = load_spec(source)
+    made = stamp(spec.sha256, None)
+    implementation = implementation_of(spec, gains)
+    return drive(spec, gains, implementation, made, only=scenario, plant=plant, index=replay)
+
+
 def recheck(document: object, source: Source | None = None) -> Recheck:
     """Check a certificate without searching.
 
@@ -153,4 +227,17 @@ def _attempt(spec: DesignSpec, violations: tuple[Violation, ...], proof: bool) -
     return Attempt(candidate, found, certify(spec, found, certificate_versions()))
 
 
-__all__ = ["Check", "Design", "Discretized", "Run", "discretize", "prove", "recheck", "run", "tune"]
+__all__ = [
+    "Check",
+    "Design",
+    "Discretized",
+    "Run",
+    "Validated",
+    "discretize",
+    "prove",
+    "recheck",
+    "run",
+    "simulate",
+    "tune",
+    "validate",
+]

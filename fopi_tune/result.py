@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import Margins
+from fopi_tune.dicts import (
+    finite,
+    give_dict,
+    margins_dict,
+    place_dict,
+    proof_dict,
+    requirement_proof_dict,
+    stability_dict,
+)
 from fopi_tune.outcome import Give, Status
 from fopi_tune.proof.certificate import Certificate, RequirementProof, Verdict
 from fopi_tune.proof.documents import to_document
-from fopi_tune.proof.results import Place, RequirementResult, Stability, Verification
+from fopi_tune.proof.results import RequirementResult, Stability, Verification
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 from fopi_tune.stamp import Stamp
@@ -19,6 +27,7 @@ from fopi_tune.stamp import Stamp
 if TYPE_CHECKING:
     from fopi_tune.convert import ControlObjects, SampledObjects
     from fopi_tune.digital import DigitalController
+    from fopi_tune.validation.montecarlo import Evidence
 
 #: version of the result's JSON; it may only grow
 RESULT_SCHEMA = 1
@@ -241,6 +250,47 @@ class Discretized:
 
 
 @dataclass(frozen=True)
+class Validated:
+    """Evidence from sampled plants: what `fopi validate` hands out.
+
+    Args:
+        digital: the digital controller, its verification and its proof.
+        evidence: how often everything held.
+        contradictions: where a sampled plant breaks what is proved; none unless the tool is wrong.
+    """
+
+    digital: Discretized
+    evidence: Evidence
+    contradictions: tuple[str, ...]
+
+    @property
+    def spec(self) -> DesignSpec:
+        """What was asked."""
+        return self.digital.spec
+
+    @property
+    def status(self) -> str:
+        """`met`, `violated`, or `contradiction`."""
+        if self.contradictions:
+            return "contradiction"
+        return "met" if self.evidence.all_met else "violated"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON."""
+        from fopi_tune.validation.document import to_document as evidence_document
+
+        return {
+            "schema": RESULT_SCHEMA,
+            "status": self.status,
+            "gains": asdict(self.digital.controller.gains),
+            "name": self.spec.name,
+            "contradictions": list(self.contradictions),
+            **evidence_document(self.evidence),
+            "stamp": {**asdict(self.digital.stamp), "seed": self.evidence.validation.seed},
+        }
+
+
+@dataclass(frozen=True)
 class Run:
     """Every stage of one spec: what `fopi run` hands out.
 
@@ -292,80 +342,3 @@ def objective_name(spec: DesignSpec) -> str:
         return name
     horizon_s = spec.objective.horizon_s or default_horizon_s(spec.plant)
     return f"{name} (proxy: |integral of e exp(-t/T)| after a unit step at the plant's input, T = {horizon_s:.5g} s)"
-
-
-def finite(value: float | None) -> float | None:
-    """JSON has no infinity: null there, with the reason beside it; and no negative zero."""
-    return value + 0.0 if value is not None and math.isfinite(value) else None
-
-
-def place_dict(place: Place) -> dict[str, Any]:
-    """A worst place; the frequency is null where none decides, and where it is only approached (`limit` says so)."""
-    omega = place.omega_rad_s
-    limit = {0.0: "omega -> 0", math.inf: "omega -> inf"}.get(omega) if omega is not None else None
-    described: dict[str, Any] = {"omega_rad_s": finite(omega), "plant": dict(place.plant)}
-    return described | ({"limit": limit} if limit else {})
-
-
-def stability_dict(stability: Stability | None) -> dict[str, Any] | None:
-    """Stability of the family."""
-    if stability is None:
-        return None
-    return {
-        "stable": stability.stable,
-        "peak_sensitivity_db": finite(stability.peak_sensitivity_db),
-        "worst": place_dict(stability.worst),
-        "unstable_poles": stability.unstable_poles,
-        "reason": stability.reason,
-    }
-
-
-def requirement_proof_dict(proof: RequirementProof | None) -> dict[str, Any] | None:
-    """A requirement's verdict and what is proved of its value: it lies from one bound to the other, public unit."""
-    if proof is None:
-        return None
-    low, high = proof.bounds
-    return {
-        "verdict": proof.verdict.value,
-        "proved_from": finite(low),
-        "proved_to": finite(high),
-        "relative_gap": finite(proof.gap),
-        "boxes": sum(side.boxes for side in proof.sides),
-        "reason": proof.reason,
-    }
-
-
-def proof_dict(certificate: Certificate | None, wanted: bool) -> dict[str, Any]:
-    """The certificate in short."""
-    if certificate is None:
-        reason = "there are no gains that pass the check" if wanted else "left out on demand: the gains are not proved"
-        return {"verdict": "not_attempted", "reason": reason}
-    stability = certificate.stability
-    return {
-        "verdict": certificate.verdict.value,
-        "reason": certificate.verdict.advice,
-        "tolerance": certificate.tolerance,
-        "stability": {"verdict": stability.verdict.value, "reason": stability.reason},
-        "boxes": certificate.boxes,
-        "certificate_digest": to_document(certificate)["digest"],
-    }
-
-
-def margins_dict(nominal: Margins | None) -> dict[str, Any] | None:
-    """Margins; an infinite gain margin is null."""
-    if nominal is None:
-        return None
-    plain = asdict(nominal)
-    return {k: list(v) if isinstance(v, tuple) else finite(v) for k, v in plain.items()}
-
-
-def give_dict(give: Give, spec: DesignSpec) -> dict[str, Any]:
-    """One member of a clash."""
-    requirement = spec.requirements[give.requirement]
-    return {
-        "requirement": give.requirement,
-        "name": requirement.quantity,
-        "relation": requirement.relation.value,
-        "give": finite(give.amount),
-        "new_limit": finite(give.new_limit),
-    }

@@ -17,7 +17,7 @@ MODULES = {".".join(p.relative_to(ROOT).with_suffix("").parts): p for p in sorte
 STAGES = ("core", "quantities", "spec")
 #: folder (or module) -> what of this package it may import, besides itself
 ALLOWED = {
-    "__init__": (*STAGES, "errors", "outcome", "proof", "pipeline", "result"),
+    "__init__": (*STAGES, "errors", "outcome", "proof", "pipeline", "result", "simulated"),
     "errors": (),
     "core": ("errors",),
     "quantities": ("core", "errors"),
@@ -29,8 +29,13 @@ ALLOWED = {
     "validation": ("digital", "proof", "quantities", "spec.model", "core", "errors"),
     "stamp": ("__version__",),
     "convert": ("core", "errors"),
-    "result": ("convert", "core", "digital", "outcome", "proof", "quantities", "spec.model", "stamp"),
-    "report": ("core", "outcome", "proof", "spec.model", "result"),
+    "dicts": ("core", "outcome", "proof", "spec.model"),
+    "result": (
+        *("convert", "core", "dicts", "digital", "outcome", "proof", "quantities"),
+        *("spec.model", "stamp", "validation"),
+    ),
+    "report": ("core", "outcome", "proof", "simulated", "spec.model", "result", "validation"),
+    "simulated": ("core", "errors", "spec.model", "stamp", "validation"),
     "assemble": ("design", "outcome", "proof", "result", "spec.model", "stamp"),
     "implement": (
         *("assemble", "core", "design", "digital", "errors", "outcome", "proof"),
@@ -38,10 +43,13 @@ ALLOWED = {
     ),
     "pipeline": (
         *("assemble", "core", "design", "digital", "errors", "implement", "outcome", "proof"),
-        *("result", "spec", "stamp"),
+        *("result", "simulated", "spec", "stamp", "validation"),
     ),
     "__main__": ("cli",),
-    "cli": ("__version__", "core", "digital", "errors", "pipeline", "proof", "report", "result", "spec"),
+    "cli": (
+        *("__version__", "core", "digital", "errors", "pipeline", "proof"),
+        *("report", "result", "simulated", "spec"),
+    ),
 }
 #: these print or write; the loader of specs reads
 MAY_TOUCH_THE_DISK = {"fopi_tune.cli.output": {"print", "open"}, "fopi_tune.spec.load": {"open"}}

@@ -75,7 +75,8 @@ extra: 1
         "write it with a decimal point",
         "s.yaml:17:23: objective.maximize: 'kp' is not known here; write ki",
         "s.yaml:18:1: name: the key is on line 2 and again on line 18; keep one",
-        "s.yaml:19:1: extra: the key is not known here; remove it or write description, digital or validation",
+        "s.yaml:19:1: extra: the key is not known here; remove it or write description, digital, validation, "
+        "scenarios or limits",
     ]
 
 

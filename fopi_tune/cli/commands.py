@@ -18,7 +18,8 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
-    from fopi_tune.result import Check, Design, Discretized, Run
+    from fopi_tune.result import Check, Design, Discretized, Run, Validated
+    from fopi_tune.simulated import Simulated
     from fopi_tune.spec.model import DesignSpec
 
 app = typer.Typer(
@@ -165,6 +166,75 @@ def discretize(
 
 
 @app.command()
+def validate(
+    spec: Annotated[str, typer.Argument(metavar="SPEC", help="Spec file with a section `digital`.")],
+    kp: Annotated[float | None, typer.Option(help="Proportional gain.")] = None,
+    ki: Annotated[float | None, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")] = None,
+    alpha: Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")] = None,
+    samples: Annotated[int | None, typer.Option(help="Plants to draw, in place of the spec's.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the draw, in place of the spec's.")] = None,
+    out: Out = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Draw plants and say, with intervals, how often the digital controller's loop meets requirements and limits.
+
+    Gains are taken as `fopi prove` takes them.
+    """
+    handling = Handling(out, as_json, quiet, debug)
+    given = _given(kp, ki, alpha)
+
+    def make(loaded: DesignSpec) -> Validated | Design:
+        from fopi_tune import pipeline
+        from fopi_tune.cli.output import progress_bar
+
+        gains = given if given is not None else _found_or_tuned(loaded, handling)
+        if not isinstance(gains, FoPi):
+            return gains
+        with progress_bar("plants", quiet) as progress:
+            return pipeline.validate(loaded, gains, samples=samples, seed=seed, progress=progress)
+
+    raise typer.Exit(process([spec], make, handling, "validating"))
+
+
+@app.command()
+def simulate(
+    spec: Annotated[str, typer.Argument(metavar="SPEC", help="Spec file with sections `digital` and `scenarios`.")],
+    kp: Annotated[float | None, typer.Option(help="Proportional gain.")] = None,
+    ki: Annotated[float | None, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")] = None,
+    alpha: Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")] = None,
+    scenario: Annotated[str | None, typer.Option(metavar="NAME", help="Only this scenario.")] = None,
+    plant: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An uncertain number; nominal where left out.")
+    ] = None,
+    replay: Annotated[int | None, typer.Option(metavar="INDEX", help="A plant that `fopi validate` drew.")] = None,
+    out: Out = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Drive one plant through the spec's scenarios, with the digital controller's own arithmetic.
+
+    Gains are taken as `fopi prove` takes them.  The signals are written to a CSV file and a figure a scenario.
+    """
+    handling = Handling(out, as_json, quiet, debug)
+    given, numbers = _given(kp, ki, alpha), _numbers(plant or [])
+    if replay is not None and numbers:
+        raise _refusal("--replay makes a plant again that was drawn; leave --plant out")
+
+    def make(loaded: DesignSpec) -> Simulated | Design:
+        from fopi_tune import pipeline
+
+        gains = given if given is not None else _found_or_tuned(loaded, handling)
+        if not isinstance(gains, FoPi):
+            return gains
+        return pipeline.simulate(loaded, gains, scenario=scenario, plant=numbers, replay=replay)
+
+    raise typer.Exit(process([spec], make, handling, "simulating"))
+
+
+@app.command()
 def schema() -> None:
     """Print the spec language as JSON Schema."""
     from fopi_tune.spec.schema import json_schema
@@ -229,6 +299,18 @@ def _given(kp: float | None, ki: float | None, alpha: float | None) -> FoPi | No
         return FoPi(kp, ki, alpha)
     except DomainError as error:
         raise _refusal(str(error)) from None
+
+
+def _numbers(pairs: Sequence[str]) -> dict[str, float]:
+    """NAME=VALUE as a mapping."""
+    numbers: dict[str, float] = {}
+    for pair in pairs:
+        name, _, value = pair.partition("=")
+        try:
+            numbers[name] = float(value)
+        except ValueError:
+            raise _refusal(f"--plant {pair} is not NAME=VALUE, as in --plant time_constant_s=3.1") from None
+    return numbers
 
 
 def _found_or_tuned(spec: DesignSpec, handling: Handling) -> FoPi | Design:

@@ -9,14 +9,16 @@ from fopi_tune import __version__
 from fopi_tune.cli.output import to_json
 
 if TYPE_CHECKING:
-    from fopi_tune.result import Check, Design, Discretized, Run
+    from fopi_tune.result import Check, Design, Discretized, Run, Validated
+    from fopi_tune.simulated import Driven, Simulated
 
-    Result = Design | Check | Discretized | Run
+    Result = Design | Check | Discretized | Run | Validated | Simulated
 
 DESIGN, CHECK, DIGITAL = "design.json", "check.json", "digital.json"
 CERTIFICATE, DIGITAL_CERTIFICATE = "certificate.json", "digital_certificate.json"
 #: the folder of the exported code, and the figure of the controller
 CODE, FIGURE = "c", "controller.svg"
+EVIDENCE, SIMULATION = "evidence.json", "simulation.json"
 
 
 def files_of(result: Result) -> Iterator[tuple[str, str]]:
@@ -25,8 +27,18 @@ def files_of(result: Result) -> Iterator[tuple[str, str]]:
     Raises:
         DomainError: the controller cannot be exported as code.
     """
-    from fopi_tune.result import Check, Discretized, Run
+    from fopi_tune.result import Check, Discretized, Run, Validated
+    from fopi_tune.simulated import Simulated
 
+    if isinstance(result, Validated):
+        yield EVIDENCE, to_json(result.to_dict()) + "\n"
+        return
+    if isinstance(result, Simulated):
+        yield SIMULATION, to_json(result.to_dict()) + "\n"
+        for driven in result.driven:
+            yield f"simulation_{driven.scenario.name}.csv", _table(driven)
+            yield f"simulation_{driven.scenario.name}.svg", _simulation_figure(result, driven)
+        return
     if isinstance(result, Run):
         yield from files_of(result.design)
         if result.digital is not None:
@@ -62,6 +74,20 @@ def _code(result: Discretized) -> Iterator[tuple[str, str]]:
         limits=digital.output_limits,
     )
     yield from ((f"{CODE}/{name}", text) for name, text in export_c(export).items())
+
+
+def _table(driven: Driven) -> str:
+    """CSV; numbers as they are, so that they can be read back to the last bit."""
+    from fopi_tune.simulated import COLUMNS
+
+    lines = (",".join(repr(value) for value in row) for row in driven.rows())
+    return "\n".join([",".join(COLUMNS), *lines]) + "\n"
+
+
+def _simulation_figure(result: Simulated, driven: Driven) -> str:
+    from fopi_tune.report import simulation_svg
+
+    return simulation_svg(result, driven)
 
 
 def _figure(result: Discretized) -> str:

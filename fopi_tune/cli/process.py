@@ -127,13 +127,18 @@ def _write(folder: Path, files: Sequence[tuple[str, str]], name: str, handling: 
 def _exit_code(result: Result) -> Exit:
     if result.status in ("solved", "met"):
         return Exit.MET
-    return Exit.TOOL_FAILED if result.status in ("failed", "undecided") else Exit.NOT_MET
+    return Exit.TOOL_FAILED if result.status in ("failed", "undecided", "contradiction") else Exit.NOT_MET
 
 
 def _table(result: Result) -> Text:
-    from fopi_tune.report import check_text, design_text, digital_text
-    from fopi_tune.result import Check, Design, Discretized
+    from fopi_tune.report import check_text, design_text, digital_text, evidence_text, simulation_text
+    from fopi_tune.result import Check, Design, Discretized, Validated
+    from fopi_tune.simulated import Simulated
 
+    if isinstance(result, Validated):
+        return evidence_text(result)
+    if isinstance(result, Simulated):
+        return simulation_text(result)
     if isinstance(result, Design):
         return design_text(result)
     if isinstance(result, Discretized):

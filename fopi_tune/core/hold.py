@@ -43,20 +43,10 @@ def behind_hold(numerator: Array, denominator: Array, sample_time_s: float, part
     Returns:
         Shape (m, n + 1) each; R's first column is 1.
     """
-    m, width = denominator.shape
-    n = width - 1
-    # s Ts = sigma: coefficients of falling powers take Ts^0, Ts^1, ...
-    scale = sample_time_s ** np.arange(width)
-    bottom = denominator * scale
-    top = np.concatenate([np.zeros((m, width - numerator.shape[1])), numerator], axis=1) * scale
-    top, bottom = top / bottom[:, :1], bottom / bottom[:, :1]
-    direct = top[:, 0]
+    a, c, direct = companion(numerator, denominator, sample_time_s)
+    m, n = c.shape
     if n == 0:
         return direct[:, None], np.ones((m, 1))
-    c = top[:, 1:] - direct[:, None] * bottom[:, 1:]
-    a = np.zeros((m, n, n))
-    a[:, 1:, :-1] = np.eye(n - 1)
-    a[:, 0, :] = -bottom[:, 1:]
     whole, first, second = _integrals(a, np.ones(m)), _integrals(a, 1.0 - part), _integrals(a, part)
     g0 = first[:, :, 0]
     # int_{1-f}^1 = e^{A(1-f)} int_0^f, and e^{At} = I + A int_0^t
@@ -70,6 +60,52 @@ def behind_hold(numerator: Array, denominator: Array, sample_time_s: float, part
     steady = end != 0.0
     q[:, -1] = np.where(steady, numerator[:, -1] / np.where(steady, end, 1.0) * r[:, -1], q[:, -1])
     return q, r
+
+
+def companion(numerator: Array, denominator: Array, sample_time_s: float) -> tuple[Array, Array, Array]:
+    """m plants without their dead time as x' = A x + e_1 u, y = c x + direct u, time counted in samples.
+
+    Args:
+        numerator: shape (m, a), descending powers of s.
+        denominator: shape (m, n + 1); no first coefficient is 0.
+        sample_time_s: Ts.
+
+    Returns:
+        A, shape (m, n, n); c, shape (m, n); the direct path, shape (m,).
+    """
+    m, width = denominator.shape
+    n = width - 1
+    # s Ts = sigma: coefficients of falling powers take Ts^0, Ts^1, ...
+    scale = sample_time_s ** np.arange(width)
+    bottom = denominator * scale
+    top = np.concatenate([np.zeros((m, width - numerator.shape[1])), numerator], axis=1) * scale
+    top, bottom = top / bottom[:, :1], bottom / bottom[:, :1]
+    direct = top[:, 0]
+    a = np.zeros((m, n, n))
+    if n:
+        a[:, 1:, :-1] = np.eye(n - 1)
+        a[:, 0, :] = -bottom[:, 1:]
+    return a, top[:, 1:] - direct[:, None] * bottom[:, 1:], direct
+
+
+def segment(a: Array, part: Array) -> tuple[Array, Array]:
+    """A part of a sample under a constant input:  x <- e^{At} x + int_0^t e^{As} e_1 ds u.
+
+    Args:
+        a: the companion matrices, shape (m, n, n).
+        part: t, shape (m,), in samples.
+
+    Returns:
+        e^{At}, shape (m, n, n), and the input's weight, shape (m, n).
+    """
+    if a.shape[1] == 1:
+        # (e^{at} - 1)/a, and t for an integrator
+        exponent = a[:, 0, 0] * part
+        still = exponent == 0.0
+        ratio = np.where(still, 1.0, np.expm1(exponent) / np.where(still, 1.0, exponent))
+        return np.exp(exponent)[:, None, None], (part * ratio)[:, None]
+    integral = _integrals(a, part)
+    return np.eye(a.shape[1]) + a @ integral, integral[:, :, :1].sum(axis=2)
 
 
 def _integrals(a: Array, t: Array) -> Array:

@@ -124,7 +124,7 @@ def phase_crossovers(loops: Loops) -> Crossings:
     delay = loops.plants.dead_time_s
     delayed = np.flatnonzero(delay > 0)
     inner = _phase_crossings(loops, np.setdiff1d(np.arange(len(loops)), delayed), low, high)
-    crossings = _joined(inner, *_negative_ends(loops))
+    crossings = _joined(inner, *negative_ends(loops))
     if not len(delayed):
         return crossings
     low[delayed] = np.minimum(low[delayed], np.log(_SMALL_TURN / delay[delayed]))
@@ -149,7 +149,7 @@ def phase_crossovers(loops: Loops) -> Crossings:
     return _joined(crossings, found, _phase_crossings(loops, further, first_stop, stop), _limit_crossings(loops))
 
 
-def _negative_ends(loops: Loops) -> tuple[Crossings, Crossings]:
+def negative_ends(loops: Loops) -> tuple[Crossings, Crossings]:
     """omega -> 0 and, without a dead time, omega -> inf of loops whose L tends to a negative number there."""
     log, end = loops.log, loops.log.end()
     first = np.flatnonzero((log.slope0 == 0) & _is_half_turn(log.phase0))

@@ -38,9 +38,13 @@ def unstable_closed_loop_poles(loops: Loops) -> NDArray[np.float64]:
     inf: infinitely many (a direct path with |L(inf)| >= 1 around a dead time), or a pole on the axis itself, a loop
     through -1, the controller's integral cancelled by a zero of the plant at s = 0, or a common root of N and D there.
     """
+    return unstable_poles_from(loops, gain_crossovers(loops))
+
+
+def unstable_poles_from(loops: Loops, crossings: Crossings) -> NDArray[np.float64]:
+    """The same from gain crossovers that are known already: all of them, sorted by row and frequency."""
     m = len(loops)
     log = loops.log
-    crossings = gain_crossovers(loops)
     total = np.zeros(m)
     # The contour starts at s = +0 on the real axis, where arg L has not yet turned by slope0 * 90 deg.
     start_phase = log.phase0 - 0.5 * np.pi * log.slope0

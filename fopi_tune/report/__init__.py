@@ -2,7 +2,18 @@
 
 from fopi_tune.report.certificates import recheck_text
 from fopi_tune.report.digital import digital_text
-from fopi_tune.report.figures import controller_bode_svg
+from fopi_tune.report.evidence import evidence_text
+from fopi_tune.report.figures import controller_bode_svg, simulation_svg
+from fopi_tune.report.simulation import simulation_text
 from fopi_tune.report.terminal import check_text, design_text
 
-__all__ = ["check_text", "controller_bode_svg", "design_text", "digital_text", "recheck_text"]
+__all__ = [
+    "check_text",
+    "controller_bode_svg",
+    "design_text",
+    "digital_text",
+    "evidence_text",
+    "recheck_text",
+    "simulation_svg",
+    "simulation_text",
+]

@@ -9,6 +9,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from fopi_tune.result import Discretized
+    from fopi_tune.simulated import Driven, Simulated
 
 _POINTS = 500
 #: blue and orange that colour-blind people tell apart, and that differ in print by their dashes too
@@ -47,6 +48,34 @@ def controller_bode_svg(result: Discretized) -> str:
             axes.axvline(nyquist, color="grey", linewidth=0.8)
         title = f"{result.spec.name}: controller, ideal and at {digital.sample_time_s:g} s"
         gain.set_title(_plain(title))
+        buffer = io.StringIO()
+        canvas.print_svg(buffer, metadata={"Date": None, "Title": title, "Creator": "fopi-tune"})
+    return buffer.getvalue()
+
+
+def simulation_svg(result: Simulated, driven: Driven) -> str:
+    """Output with its setpoint, its rate, and the control, over time."""
+    import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    t = driven.traces
+    named = ", ".join(f"{name} = {value:g}" for name, value in result.plant.items())
+    title = f"{result.spec.name}, {driven.scenario.name}" + (f": {named}" if named else "")
+    with matplotlib.rc_context({"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fonttype": "none"}):
+        figure = Figure(figsize=(6.4, 6.0), layout="constrained")
+        canvas = FigureCanvasSVG(figure)
+        output, rate, control = figure.subplots(3, 1, sharex=True)
+        output.step(t.time_s, driven.reference, "--", where="post", color="grey", label="setpoint")
+        output.plot(t.time_s, t.output[0], color=_IDEAL, label="output")
+        rate.plot(t.time_s, t.rate[0], color=_IDEAL)
+        control.step(t.time_s, t.applied[0], where="post", color=_DIGITAL)
+        for axes, label in ((output, "output"), (rate, "output's rate, 1/s"), (control, "control")):
+            axes.set_ylabel(label)
+            axes.grid(True, linewidth=0.3)
+        control.set_xlabel("time, s")
+        output.legend(loc="best")
+        output.set_title(_plain(title))
         buffer = io.StringIO()
         canvas.print_svg(buffer, metadata={"Date": None, "Title": title, "Creator": "fopi-tune"})
     return buffer.getvalue()

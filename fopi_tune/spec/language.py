@@ -15,6 +15,12 @@ from fopi_tune.spec.requirements import (
     refuse_equalities_over_families,
     requirements_shape,
 )
+from fopi_tune.spec.scenarios import (
+    limits_shape,
+    refuse_too_many_samples,
+    refuse_unknown_scenarios,
+    scenarios_shape,
+)
 from fopi_tune.spec.shapes import Choice, Number, Pair, Shape, Text, Version
 
 SCHEMA_VERSION = 1
@@ -24,6 +30,7 @@ _METHODS = ("oustaloup", "modified_oustaloup", "fit")
 _RULES = ("tustin", "matched")
 _PREWARPS = ("none", "crossover")
 _DESIGNS = ("continuous", "sampled")
+_DRAWS = ("random", "latin_hypercube", "sobol")
 _START = "`fopi init` writes one to start from"
 
 
@@ -39,6 +46,8 @@ def spec_shape() -> Record:
         "objective": Key(objective_shape(), required=False),
         "digital": Key(_digital_shape(), required=False),
         "validation": Key(_validation_shape(), required=False),
+        "scenarios": Key(scenarios_shape(), required=False),
+        "limits": Key(limits_shape(), required=False),
     }
     something_to_do = {"required": ["requirements"], "properties": {"requirements": {"minItems": 1}}}
     rules = {"anyOf": [{"required": ["objective"]}, something_to_do]}
@@ -65,6 +74,8 @@ def read_spec(place: Place, sha256: str) -> DesignSpec | None:
         objective=values.get("objective"),
         digital=values.get("digital"),
         validation=values.get("validation"),
+        scenarios=tuple(values.get("scenarios") or ()),
+        limits=tuple(each.limit for each in values.get("limits") or ()),
         description=values.get("description", ""),
         sha256=sha256,
         schema=values["schema"],
@@ -78,6 +89,7 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
     if values.get("plant") is not None:
         refuse_equalities_over_families(placed, values["plant"])
     refuse_contradictions(placed)
+    _check_scenarios(values, place)
     objective, controller = values.get("objective"), values.get("controller")
     if objective is None or controller is None or objective.sense is not Sense.MAXIMIZE:
         return
@@ -86,6 +98,20 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
         line = place.child("controller").child(objective.quantity).mark.line
         message = f"{objective.quantity} is fixed on line {line}; give it a range there or choose another objective"
         place.child("objective").child("maximize").refuse(message)
+
+
+def _check_scenarios(values: Values, place: Place) -> None:
+    scenarios, limits, digital = values.get("scenarios"), values.get("limits"), values.get("digital")
+    if (scenarios is None and place.has("scenarios")) or (limits is None and place.has("limits")):
+        return  # reported already
+    refuse_unknown_scenarios(scenarios or [], limits or [], place)
+    if not scenarios:
+        return
+    if not place.has("digital"):
+        message = "scenarios are simulated with the digital controller; add digital: {sample_time_s: 0.2}"
+        place.child("scenarios").refuse(message)
+    elif digital is not None:
+        refuse_too_many_samples(scenarios, digital.sample_time_s, place)
 
 
 def _digital_shape() -> Shape:
@@ -122,6 +148,8 @@ def _validation_shape() -> Shape:
     keys = {
         "samples": Key(Number("plants to draw", at_least=1, at_most=10**8, whole=True), required=False),
         "seed": Key(Number("seed of the draw", at_least=0, at_most=2**63 - 1, whole=True), required=False),
+        "design": Key(Choice("how the plants are spread", _DRAWS), required=False),
+        "confidence": Key(Number("of the intervals", above=0.5, below=1), required=False),
     }
     return Record("the Monte-Carlo stage", keys, _build_validation, "{samples: 10000, seed: 1}")
 

@@ -136,11 +136,118 @@ class DigitalSpec:
 
 
 @dataclass(frozen=True)
+class Knot:
+    """A value from a time on, reached at once or in a straight line."""
+
+    at_s: float
+    value: float
+    ramp_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class ScenarioSpec:
+    """One thing to simulate on samples.
+
+    Args:
+        name: of the scenario.
+        duration_s: how long it lasts.
+        reference: the setpoint, in the output's unit; the initial output before its first entry.
+        load: added to the control at the plant's input; 0 before its first entry.
+        initial_output: at the start.
+        before: "rest", the input was what holds the plant there; "free", there was none.
+        bumpless: whether the controller starts at that input instead of 0.
+        noise_std: standard deviation of the measurement's noise, output unit.
+        quantum: step of the measurement, output unit; 0 for none.
+        rate_per_s: fastest change of the control.
+        settling_band: half-width around the last setpoint that counts as settled, output unit; None is 2 % of the last
+            step.
+        judged_from_s: from when on it is judged.
+    """
+
+    name: str
+    duration_s: float
+    reference: tuple[Knot, ...]
+    load: tuple[Knot, ...] = ()
+    initial_output: float = 0.0
+    before: str = "rest"
+    bumpless: bool = False
+    noise_std: float = 0.0
+    quantum: float = 0.0
+    rate_per_s: float = math.inf
+    settling_band: float | None = None
+    judged_from_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class MeasureKind:
+    """A number that a simulation is judged by.
+
+    Args:
+        name: the word in the spec, unit included where it has one of its own.
+        unit: of the number.
+        meaning: one sentence.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+
+
+#: the words after `limits:`
+MEASURES: dict[str, MeasureKind] = {
+    kind.name: kind
+    for kind in (
+        MeasureKind("acceleration_m_s2", "m/s^2", "largest |dy/dt| of a velocity in km/h, divided by 3.6"),
+        MeasureKind("peak_rate_per_s", "output unit per s", "largest |dy/dt| at the samples"),
+        MeasureKind(
+            "overshoot", "output unit", "how far the output goes beyond the last setpoint, in the step's direction"
+        ),
+        MeasureKind(
+            "settling_time_s", "s", "until the output stays within the settling band, up to the scenario's end"
+        ),
+        MeasureKind("iae", "output unit times s", "Ts times the sum of |r - y|"),
+        MeasureKind("ise", "output unit squared times s", "Ts times the sum of (r - y)^2"),
+        MeasureKind("saturation_time_s", "s", "time with the control at a limit"),
+        MeasureKind("peak_control", "control unit", "largest |u|"),
+        MeasureKind("final_error", "output unit", "|r - y| at the last sample"),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One line of `limits:`.
+
+    Args:
+        measure: a key of `MEASURES`.
+        relation: at_most or at_least.
+        limit: in the measure's unit.
+        scenario: the only one it is about; None for all.
+        line: in the file, 0 when the spec did not come from a file.
+    """
+
+    measure: str
+    relation: Relation
+    limit: float
+    scenario: str | None = None
+    line: int = 0
+
+
+@dataclass(frozen=True)
 class ValidationSpec:
-    """How many plants the Monte-Carlo stage draws, and from which seed."""
+    """How many plants the Monte-Carlo stage draws, how, and how sure its intervals are.
+
+    Args:
+        samples: plants.
+        seed: of every random number.
+        design: random, latin_hypercube or sobol.
+        confidence: of each interval, between 0 and 1.
+    """
 
     samples: int = 10_000
     seed: int = 1
+    design: str = "random"
+    confidence: float = 0.99
 
 
 @dataclass(frozen=True)
@@ -154,6 +261,8 @@ class DesignSpec:
     objective: Objective | None = None
     digital: DigitalSpec | None = None
     validation: ValidationSpec | None = None
+    scenarios: tuple[ScenarioSpec, ...] = ()
+    limits: tuple[Limit, ...] = ()
     description: str = ""
     sha256: str = ""
     schema: int = 1

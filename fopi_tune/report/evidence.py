@@ -1,0 +1,101 @@
+"""Evidence from sampled plants as text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+
+from fopi_tune.report.phrases import (
+    BAD,
+    QUIET,
+    VERDICT,
+    Line,
+    entry,
+    gains_line,
+    number,
+    requirement_phrase,
+    style_of,
+    styled,
+    to_text,
+)
+
+if TYPE_CHECKING:
+    from fopi_tune.result import Validated
+    from fopi_tune.validation.montecarlo import Judged
+    from fopi_tune.validation.statistics import Fraction
+
+_SAID = {
+    "met": "Every plant that was drawn is stable and meets everything.",
+    "violated": "Not every plant that was drawn meets everything.",
+    "contradiction": "A plant contradicts the proof: this is a defect of the tool, please report it.",
+}
+_WHAT, _SHARE, _INTERVAL = 36, 12, 22
+
+
+def evidence_text(result: Validated) -> Text:
+    """How often each requirement and limit held, with intervals, and the worst plants."""
+    evidence, status = result.evidence, result.status
+    drawn = evidence.validation
+    lines: list[Line] = [
+        *styled(f"{result.spec.name}, validated: {status}. {_SAID[status]}", style_of(status == "met"))
+    ]
+    lines += [("", ""), (gains_line(result.digital.controller.gains), "bold")]
+    outside = f", {evidence.outside} of them outside the family" if evidence.outside else ""
+    lines += entry("drawn", f"{drawn.samples} plants, {drawn.design}, seed {drawn.seed}{outside}")
+    lines.append(("", ""))
+    share = f"{100 * drawn.confidence:g} % interval"
+    lines.append((f"{'':{VERDICT}}{'requirement or limit':<{_WHAT}}{'met':>{_SHARE}}{share:>{_INTERVAL}}", "bold"))
+    lines += _row("stable loop", evidence.stable)
+    for judged in (*evidence.requirements, *evidence.limits):
+        lines += _row(_phrase(judged), judged.fraction)
+        lines += styled(_below(judged), QUIET, indent=" " * (VERDICT + 2))
+    for problem in result.contradictions:
+        lines += styled(problem, BAD)
+    lines += [("", "")]
+    lines += styled(
+        "Requirements are about the loop on samples; those about the nominal plant alone are not sampled.", QUIET
+    )
+    lines += styled("`fopi simulate SPEC --replay INDEX` makes a plant again by its index.", QUIET)
+    return to_text(lines)
+
+
+def _row(what: str, found: Fraction) -> Iterator[Line]:
+    met = found.met == found.total
+    share = f"{100 * found.met / found.total:.4g} %"
+    interval = f"{100 * found.low:.4g} .. {100 * found.high:.4g} %"
+    numbers = f"{share:>{_SHARE}}{interval:>{_INTERVAL}}"
+    verdict = "met" if met else "violated"
+    style = "" if met else "red"
+    if len(what) > _WHAT:
+        yield f"{verdict:<{VERDICT}}{what}", style
+        yield f"{'':{VERDICT + _WHAT}}{numbers}", style
+    else:
+        yield f"{verdict:<{VERDICT}}{what:<{_WHAT}}{numbers}", style
+
+
+def _phrase(judged: Judged) -> str:
+    if judged.requirement is not None:
+        return requirement_phrase(judged.requirement)
+    assert judged.limit is not None
+    sign = "<=" if judged.upper else ">="
+    return f"{judged.limit.measure} {sign} {number(judged.limit.limit)}"
+
+
+def _below(judged: Judged) -> str:
+    """Scenario, median, and the worst plant."""
+    parts = [] if judged.scenario is None else [judged.scenario]
+    middle = next((q for q in judged.quantiles if q.probability == 0.5), None)
+    if middle is not None:
+        parts.append(f"median {_value(middle.value)}")
+    if judged.worst:
+        worst = judged.worst[0]
+        named = ", ".join(f"{name} = {number(value)}" for name, value in worst.plant.items())
+        parts.append(f"worst {_value(worst.value)} (plant {worst.index}" + (f": {named})" if named else ")"))
+    return "; ".join(parts)
+
+
+def _value(value: float) -> str:
+    return number(value) if math.isfinite(value) else "infinite" if value > 0 else "none"

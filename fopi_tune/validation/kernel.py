@@ -1,0 +1,148 @@
+"""The simulation compiled:  blocks of `WIDTH` plants side by side through all samples.
+
+A jump exchanges a lane's columns of the two slots, so that the rest never asks which controller is active.  No lane
+knows of another one: blocks can be computed in any order, by any number of threads.
+
+Importing this takes Numba with it: import it where it is needed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from fopi_tune.validation import layout, noise, packs, stages
+from fopi_tune.validation.layout import (
+    APPLIED,
+    ARRIVED,
+    BEFORE,
+    CONTROL,
+    FINITE,
+    HIGH,
+    INTEGRATES,
+    LAST,
+    LOW,
+    MODE,
+    NOISE,
+    OUTSIDE,
+    OVER,
+    RESULTS,
+    START,
+    TRACES,
+    TRACK,
+    WIDTH,
+)
+from fopi_tune.validation.packs import load, pointer, rounded, spread, store, where
+
+_RESULTS, _TRACES = len(RESULTS), len(TRACES)
+_inlined: Any = njit(forceinline=True, error_model="numpy")
+_apart: Any = njit(error_model="numpy")
+
+
+@_apart
+def _begin(s, block, table, controllers, settings, places):
+    """The scratch of a block before its first sample."""
+    for place in range(places.size):
+        s[place] = 0.0
+    for lane in range(WIDTH):
+        plant = block * WIDTH + lane
+        past = table[0, plant]
+        for row in range(1, table.shape[0]):
+            s[places.x + (row - 1) * WIDTH + lane] = table[row, plant]
+        s[OVER + lane], s[OUTSIDE + lane], s[FINITE + lane] = -np.inf, settings.horizon - 1.0, 1.0
+        s[APPLIED + lane] = s[BEFORE + lane] = s[CONTROL + lane] = past
+        s[MODE + lane] = s[ARRIVED + lane] = settings.first_mode
+        for which in range(1 + settings.hybrid):
+            mode = (settings.first_mode + which) % 2 if settings.hybrid else 0
+            slot = (places.slot_a if which == 0 else places.slot_b) + lane
+            for row in range(controllers.shape[1]):
+                s[slot + row * WIDTH] = controllers[mode, row]
+            begin = s[slot + START]
+            if which == 0 and settings.bumpless:
+                begin = min(max(past, s[slot + LOW]), s[slot + HIGH])
+            s[slot + LAST] = begin
+            states = places.active_0 if which == 0 else places.inactive_0
+            if settings.sections > 0:
+                s[states + lane] = begin * s[slot + INTEGRATES]
+
+
+@_inlined
+def _sample(s, history, modes, jumps, block, k, settings, places, late, reference, signal, traces):
+    """Sample k and the way to the next one."""
+    r, track = reference[k], settings.hybrid and settings.inactive == TRACK
+    even = k % 2 == 0
+    old, new = (places.active_0, places.active_1) if even else (places.active_1, places.active_0)
+    # only a controller that tracks moves from one buffer of states to the other
+    other_old = places.inactive_1 if track and not even else places.inactive_0
+    other_new = places.inactive_1 if even else places.inactive_0
+    y, rate = stages.output(s, settings, places)
+    store(s, FINITE, where(stages.fine(y) & stages.fine(rate), load(s, FINITE), spread(0.0)))
+    measured = y
+    if settings.noise_std != 0.0:
+        if k % 4 == 0:
+            stages.make_noise(s, settings.seed, settings.first_index + block * WIDTH, k)
+        measured = measured + spread(settings.noise_std) * load(s, NOISE + (k % 4) * WIDTH)
+    if settings.quantum != 0.0:
+        measured = spread(settings.quantum) * rounded(measured / spread(settings.quantum))
+    if settings.hybrid:
+        stages.switch(s, jumps, k, measured, r, settings, places, old, other_old)
+    e = spread(r) - measured
+    u = stages.control(s, places.slot_a, old, new, settings.sections, e)
+    applied = stages.actuated(s, u, settings.most_change)
+    if track:
+        stages.follow_applied(s, places.slot_b, other_old, other_new, settings.sections, e, applied)
+    if k >= settings.horizon:
+        stages.judge(s, k, y, rate, r, u, applied, settings, places.slot_a)
+    if settings.keep:
+        for row, value in enumerate((y, rate, measured, e, u, applied, load(s, MODE))):
+            store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
+    stages.arrive(s, history, modes, block, k, applied, signal, late, settings)
+    if settings.hybrid:
+        stages.flow_hybrid(s, settings, places)
+    else:
+        stages.flow(s, settings, places)
+
+
+def _stamp() -> tuple[int, ...]:
+    """Changes when the code below this file does: part of the compiled function, and so of its key on disk."""
+    found = (os.stat(str(module.__file__)) for module in (layout, noise, packs, stages))
+    return tuple(number for status in found for number in (status.st_mtime_ns, status.st_size))
+
+
+def _made(stamp: tuple[int, ...]) -> Callable[..., int]:
+    def run_blocks(
+        begin, stop, settings, places, table, late, controllers, reference, signal, results, traces, scratch
+    ):  # fmt: skip
+        s, rings = pointer(scratch), max(settings.ring, 1) * WIDTH
+        history, modes, jumps = (
+            pointer(scratch[places.size :]),
+            pointer(scratch[places.size + rings :]),
+            pointer(scratch[places.size + 2 * rings :]),
+        )
+        inputs = pointer(late), pointer(reference), pointer(signal), pointer(traces)
+        for block in range(begin, stop):
+            _begin(s, block, table, controllers, settings, places)
+            for place in range(rings):
+                history[place] = s[APPLIED + place % WIDTH]
+                modes[place] = settings.first_mode
+            for k in range(settings.steps):
+                _sample(s, history, modes, jumps, block, k, settings, places, *inputs)
+            for row in range(_RESULTS):
+                for lane in range(WIDTH):
+                    results[row, block * WIDTH + lane] = s[row * WIDTH + lane]
+        return len(stamp)
+
+    try:
+        return njit(nogil=True, error_model="numpy", cache=True)(run_blocks)
+    except RuntimeError:
+        # nowhere to keep what was compiled
+        return njit(nogil=True, error_model="numpy")(run_blocks)
+
+
+#: `run_blocks(begin, stop, settings, places, table, late, controllers, reference, signal, results, traces, scratch)`
+#: simulates the blocks begin to stop - 1 and fills in their columns of `results` and, unless it is empty, `traces`
+run_blocks = _made(_stamp())

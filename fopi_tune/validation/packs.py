@@ -1,0 +1,189 @@
+"""Vectors of doubles for Numba:  `WIDTH` loops side by side in one value, each computed as it would be alone.
+
+LLVM gives up on vectorising loops over many arrays that might overlap; operations on its vector type need no proof of
+that.  There is no contraction and no reassociation: a lane's result has no other bits than the scalar operation's.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from typing import Any, cast
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+from fopi_tune.validation.layout import WIDTH
+
+_DOUBLES = ir.VectorType(ir.DoubleType(), WIDTH)
+_BITS = ir.VectorType(ir.IntType(1), WIDTH)
+
+
+#: Numba fills in a function by the signature and the generator it returns; its users call what is filled in
+_instruction = cast("Callable[[Any], Any]", intrinsic)
+
+
+class Pack(types.Type):
+    """The type of WIDTH doubles."""
+
+    def __init__(self) -> None:
+        super().__init__(f"Pack{WIDTH}")
+
+
+class Mask(types.Type):
+    """The type of WIDTH truth values."""
+
+    def __init__(self) -> None:
+        super().__init__(f"Mask{WIDTH}")
+
+
+@register_model(Pack)
+class _PackModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _DOUBLES)
+
+
+@register_model(Mask)
+class _MaskModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _BITS)
+
+
+_PACK, _MASK = Pack(), Mask()
+
+
+@_instruction
+def pointer(_typing: Any, array: Any) -> Any:
+    """Where a contiguous array's numbers are: indexed like it, unchecked, and not counted as a reference to it.
+
+    Reference counts are atomic operations, and they were three quarters of the time.  The array has to live on.
+    """
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return context.make_array(sig.args[0])(context, builder, args[0]).data
+
+    return types.CPointer(array.dtype)(array), generate
+
+
+def _place(builder: Any, args: Any) -> Any:
+    return builder.bitcast(builder.gep(args[0], [args[1]]), _DOUBLES.as_pointer())
+
+
+@_instruction
+def load(_typing: Any, begin: Any, place: Any) -> Any:
+    """The pack of the doubles behind pointer + place."""
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return builder.load(_place(builder, args), align=8)
+
+    return _PACK(begin, types.intp), generate
+
+
+@_instruction
+def store(_typing: Any, begin: Any, place: Any, pack: Any) -> Any:
+    """Write a pack behind pointer + place."""
+
+    def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        builder.store(args[2], _place(builder, args), align=8)
+        return context.get_dummy_value()
+
+    return types.void(begin, types.intp, pack), generate
+
+
+@_instruction
+def spread(_typing: Any, value: Any) -> Any:
+    """A number in every lane."""
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        index = ir.IntType(32)
+        one = builder.insert_element(ir.Constant(_DOUBLES, ir.Undefined), args[0], ir.Constant(index, 0))
+        return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(index, WIDTH), [0] * WIDTH))
+
+    return _PACK(types.float64), generate
+
+
+@_instruction
+def where(_typing: Any, mask: Any, yes: Any, no: Any) -> Any:
+    """Lane by lane `yes` where the mask is set and `no` where it is not."""
+    return _PACK(_MASK, _PACK, _PACK), lambda _context, builder, _sig, args: builder.select(*args)
+
+
+@_instruction
+def bits(_typing: Any, mask: Any) -> Any:
+    """The mask as a whole number, lane 0 in the lowest bit."""
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return builder.zext(builder.bitcast(args[0], ir.IntType(WIDTH)), ir.IntType(64))
+
+    return types.int64(_MASK), generate
+
+
+@_instruction
+def lowest(_typing: Any, word: Any) -> Any:
+    """The place of the lowest bit that is set."""
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.int64(types.int64), generate
+
+
+def _by_llvm(name: str) -> Callable[..., Any]:
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        kind = ir.FunctionType(_DOUBLES, [_DOUBLES])
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{WIDTH}f64"), args)
+
+    return generate
+
+
+@_instruction
+def size(_typing: Any, pack: Any) -> Any:
+    """Lane by lane the absolute value."""
+    return _PACK(_PACK), _by_llvm("fabs")
+
+
+@_instruction
+def rounded(_typing: Any, pack: Any) -> Any:
+    """Lane by lane the nearest whole number, halves to the even one."""
+    return _PACK(_PACK), _by_llvm("rint")
+
+
+@_instruction
+def upper_product(_typing: Any, one: Any, two: Any) -> Any:
+    """The upper 64 bits of the product of two words."""
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        wide = ir.IntType(128)
+        product = builder.mul(builder.zext(args[0], wide), builder.zext(args[1], wide))
+        return builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), ir.IntType(64))
+
+    return types.uint64(types.uint64, types.uint64), generate
+
+
+def _operator(function: Any, operand: Any, result: Any, emit: Callable[[Any, Any, Any], Any]) -> None:
+    infer: Any = infer_global
+
+    @infer(function)
+    class _Template(AbstractTemplate):
+        key = function
+
+        def generic(self, args: Any, kws: Any) -> Any:
+            return signature(result, operand, operand) if args == (operand, operand) and not kws else None
+
+    lower_builtin(function, type(operand), type(operand))(lambda _context, builder, _sig, args: emit(builder, *args))
+
+
+_operator(operator.add, _PACK, _PACK, lambda builder, x, y: builder.fadd(x, y))
+_operator(operator.sub, _PACK, _PACK, lambda builder, x, y: builder.fsub(x, y))
+_operator(operator.mul, _PACK, _PACK, lambda builder, x, y: builder.fmul(x, y))
+_operator(operator.truediv, _PACK, _PACK, lambda builder, x, y: builder.fdiv(x, y))
+_operator(operator.lt, _PACK, _MASK, lambda builder, x, y: builder.fcmp_ordered("<", x, y))
+_operator(operator.le, _PACK, _MASK, lambda builder, x, y: builder.fcmp_ordered("<=", x, y))
+_operator(operator.gt, _PACK, _MASK, lambda builder, x, y: builder.fcmp_ordered(">", x, y))
+_operator(operator.ge, _PACK, _MASK, lambda builder, x, y: builder.fcmp_ordered(">=", x, y))
+_operator(operator.ne, _PACK, _MASK, lambda builder, x, y: builder.fcmp_unordered("!=", x, y))
+_operator(operator.and_, _MASK, _MASK, lambda builder, x, y: builder.and_(x, y))
+_operator(operator.or_, _MASK, _MASK, lambda builder, x, y: builder.or_(x, y))

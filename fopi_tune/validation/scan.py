@@ -1,0 +1,216 @@
+"""Margins and peaks of thousands of loops on samples at once:  scanned on a grid of frequencies, then polished.
+
+`fopi_tune.core` finds every crossing and every peak, whatever it costs.  Here a crossing is a change of sign between
+neighbouring points of a dense grid in u = ln tan(omega Ts/2), polished by Newton's method to the last digits, and a
+peak one of the grid's highest points, polished by shrinking brackets.  Two crossings between neighbours would be
+missed; a sample of plants can bear that, a proof could not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fopi_tune.core.logform import Array, Complex, Rows
+from fopi_tune.core.margins import Crossings, negative_ends
+from fopi_tune.core.peaks import Response
+from fopi_tune.core.sampled import SampledLoops, shifted
+from fopi_tune.core.stability import unstable_poles_from
+from fopi_tune.quantities import QUANTITIES
+from fopi_tune.quantities.base import NEPER_PER_DB, highest_by_row, smallest_by_row
+from fopi_tune.quantities.responses import FrequencyFunction
+from fopi_tune.spec.model import Requirement
+
+#: grid points, and how many a sample of delay needs
+_POINTS, _POINTS_A_DELAY = 400, 16
+#: in u, the parts of the axis beyond the corners with few points, and how many
+_SPARSE_BELOW, _SPARSE_ABOVE, _TAIL = 6.0, 12.0, 12
+_NEWTON, _BRACKETS = 12, 24
+#: local peaks of the grid that are polished
+_PEAKS = 3
+_ROUNDING = 4e-15
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+
+
+@dataclass(frozen=True)
+class Scan:
+    """m loops of one digital controller, looked at on a grid.
+
+    Args:
+        loops: the loops.
+    """
+
+    loops: SampledLoops
+
+    @cached_property
+    def u(self) -> Array:
+        """The grid, shape (n,), from far below the corners to far beyond."""
+        low, high = self.loops.log.corners()
+        # corners() reaches to where nothing changes by 1e-9 any more: a few points are enough that far out
+        ends = max(float(low.min()), -60.0), min(float(high.max()), 40.0)
+        first = min(ends[0] + _SPARSE_BELOW, ends[1] - 1.0)
+        last = max(ends[1] - _SPARSE_ABOVE, first + 1.0)
+        points = max(_POINTS, int(_POINTS_A_DELAY * float(self.loops.plants.late.max(initial=0.0))))
+        tails = np.linspace(ends[0], first, _TAIL), np.linspace(last, max(ends[1], last + 1.0), _TAIL)
+        return np.concatenate([tails[0][:-1], np.linspace(first, last, points), tails[1][1:]])
+
+    @cached_property
+    def log_gain(self) -> Complex:
+        """ln L on the grid, unwrapped, shape (m, n)."""
+        m, n = len(self.loops), len(self.u)
+        rows, u = np.repeat(np.arange(m), n), np.tile(self.u, m)
+        with np.errstate(all="ignore"):
+            controller: Complex = np.log(self.loops.sections.at(shifted(self.u)))
+            plant: Complex = np.log(self.loops.plants.at(rows, u)).reshape(m, n)
+        log = controller + plant
+        phase = np.unwrap(log.imag, axis=1)
+        start = self.loops.log.value(np.arange(m), np.full(m, self.u[0])).imag
+        turns = np.round((start - phase[:, 0]) / (2.0 * np.pi))
+        return log.real + 1j * (phase + 2.0 * np.pi * turns[:, None])
+
+    @cached_property
+    def gain_crossings(self) -> Crossings:
+        """|L| = 1, sorted by row and frequency."""
+        return self._crossings(self.log_gain.real, np.real, 0.0)
+
+    @cached_property
+    def phase_crossings(self) -> Crossings:
+        """arg L = -180 deg (mod 360), the ends of the axis included."""
+        turns = (self.log_gain.imag + np.pi) / (2.0 * np.pi)
+        found = self._crossings(turns - np.floor(turns[:, :1]), np.imag, 2.0 * np.pi)
+        parts = (found, *negative_ends(self.loops))
+        columns = [np.concatenate([getattr(part, name) for part in parts]) for name in Crossings.__dataclass_fields__]
+        order = np.lexsort((columns[1], columns[0]))
+        return Crossings(*(column[order] for column in columns))
+
+    def _crossings(self, values: Array, part: Callable[[Complex], Array], period: float) -> Crossings:
+        """Polished changes of sign of `values` (of whole parts, for a period) between neighbours."""
+        level = np.floor(values) if period else (values > 0.0).astype(float)
+        row, k = np.nonzero(np.isfinite(values[:, 1:] + values[:, :-1]) & (level[:, 1:] != level[:, :-1]))
+        low, high = self.u[k], self.u[k + 1]
+        # the line that is passed: a multiple of the period nearest to the middle of the two values
+        ends = part(self.log_gain[row, k]), part(self.log_gain[row, k + 1])
+        offset = np.pi if period else 0.0
+        line = (
+            period * np.round((0.5 * (ends[0] + ends[1]) + offset) / period) - offset if period else np.zeros(len(row))
+        )
+        rising = ends[1] > ends[0]
+        u = 0.5 * (low + high)
+        for _ in range(_NEWTON):
+            value, slope = self.loops.log_response_and_slope(row, u)
+            distance = part(value) - line
+            right = (distance >= 0.0) == rising
+            high, low = np.where(right, u, high), np.where(right, low, u)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = u - distance / part(slope)
+            # the root may be an end of the bracket itself
+            room = _ROUNDING * np.maximum(1.0, np.abs(u))
+            u = np.where((step >= low - room) & (step <= high + room), step, 0.5 * (low + high))
+        value, slope = self.loops.log_response_and_slope(row, u)
+        slope_rad = slope.imag / self.loops.stretch(u)
+        return Crossings(row, u, self.loops.omega_of(u), np.exp(value.real), value.imag, slope_rad)
+
+    @cached_property
+    def unstable_poles(self) -> Array:
+        """Closed-loop poles outside the unit circle, shape (m,); inf on it."""
+        return unstable_poles_from(self.loops, self.gain_crossings)
+
+    def measure(self, requirement: Requirement, largest: bool) -> Array:
+        """A requirement's quantity of every loop, public unit, shape (m,); nan without a gain crossover.
+
+        Args:
+            requirement: gives quantity and band.
+            largest: of a function of frequency, its largest value over the band, else its smallest.
+        """
+        quantity, rows = QUANTITIES[requirement.quantity], len(self.loops)
+        if isinstance(quantity, FrequencyFunction):
+            found = self.extreme(quantity.response, requirement.from_rad_s, requirement.to_rad_s, largest)
+            return found / NEPER_PER_DB
+        if requirement.quantity == "gain_margin_db":
+            phase = self.phase_crossings
+            margin_db = np.where(phase.gain <= 1.0, -20.0 * np.log10(phase.gain), np.inf)
+            smallest = smallest_by_row(phase, margin_db, rows).value
+            return np.where(np.isnan(smallest), np.inf, smallest)
+        gain = self.gain_crossings
+        if requirement.quantity == "crossover_rad_s":
+            return highest_by_row(gain, gain.omega_rad_s, rows).value
+        if requirement.quantity == "phase_slope_deg_per_decade":
+            return highest_by_row(gain, np.degrees(gain.slope_rad) * np.log(10.0), rows).value
+        values = gain.phase_margin_deg if requirement.quantity == "phase_margin_deg" else gain.delay_margin_s
+        return smallest_by_row(gain, values, rows).value
+
+    def extreme(self, response: Response, from_rad_s: float, to_rad_s: float, largest: bool) -> Array:
+        """ln of the largest (or smallest) value of a response over a band, shape (m,)."""
+        first = float(self.loops.u_of(np.array(from_rad_s))) if from_rad_s > 0.0 else float(self.u[0])
+        last = float(self.loops.u_of(np.array(to_rad_s))) if to_rad_s < self.loops.highest_rad_s else float(self.u[-1])
+        inside = self.u[(self.u > first) & (self.u < last)]
+        u = np.concatenate([[first], inside, [last]])
+        rows = np.arange(len(self.loops))
+        # the grid's own values between the ends, which are computed
+        log = np.concatenate(
+            [self._at(rows, first), self.log_gain[:, np.isin(self.u, inside)], self._at(rows, last)], axis=1
+        )
+        controller: Complex = np.log(self.loops.sections.at(shifted(u)))
+        sign = 1.0 if largest else -1.0
+        values = sign * _response(log, controller, response)
+        values = np.where(np.isnan(values), -np.inf, values)
+        best = values.max(axis=1)
+        for k in _highest(values):
+            low, high = u[np.maximum(k - 1, 0)], u[np.minimum(k + 1, len(u) - 1)]
+            best = np.maximum(best, self._polished(rows, low, high, response, sign))
+        return sign * best
+
+    def _at(self, rows: Rows, u: float) -> Complex:
+        return self.loops.log_response(rows, np.full(len(rows), u))[:, None]
+
+    def _polished(self, rows: Rows, low: Array, high: Array, response: Response, sign: float) -> Array:
+        """Golden sections of brackets that hold a maximum."""
+
+        def value(u: Array) -> Array:
+            controller: Complex = np.log(self.loops.sections.at(shifted(u)))
+            with np.errstate(all="ignore"):
+                plant: Complex = np.log(self.loops.plants.at(rows, u))
+            return sign * _response(controller + plant, controller, response)
+
+        a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        at_a, at_b = value(a), value(b)
+        for _ in range(_BRACKETS):
+            left = at_a > at_b
+            low, high = np.where(left, low, a), np.where(left, b, high)
+            new = np.where(left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
+            at_new = value(new)
+            a, b = np.where(left, new, b), np.where(left, a, new)
+            at_a, at_b = np.where(left, at_new, at_b), np.where(left, at_a, at_new)
+        return np.maximum(at_a, at_b)
+
+
+def _highest(values: Array) -> list[Rows]:
+    """Columns of each row's highest points that no neighbour exceeds; the highest again where there are fewer."""
+    padded = np.pad(values, ((0, 0), (1, 1)), constant_values=-np.inf)
+    peak = (values >= padded[:, :-2]) & (values >= padded[:, 2:])
+    heights = np.where(peak, values, -np.inf)
+    top = np.argmax(values, axis=1)
+    found = []
+    for _ in range(_PEAKS):
+        k = np.argmax(heights, axis=1)
+        there = heights[np.arange(len(values)), k] > -np.inf
+        found.append(np.where(there, k, top))
+        heights[np.arange(len(values)), k] = -np.inf
+    return found
+
+
+def _response(log: Complex, controller: Complex, response: Response) -> Array:
+    """ln of |S|, |T|, |C S| or |L| from ln L and ln C."""
+    if response is Response.LOOP_GAIN:
+        return log.real
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        large = log.real > 0.0
+        # ln|1 + L|, by 1/L where that is the smaller
+        small: Complex = np.exp(np.where(large, -log, log))
+        difference = np.where(large, log.real, 0.0) + np.log(np.abs(1.0 + small))
+    if response is Response.SENSITIVITY:
+        return -difference
+    return log.real - difference if response is Response.COMPLEMENTARY_SENSITIVITY else controller.real - difference
