@@ -17,6 +17,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from fopi_tune.assemble import Attempt
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins
@@ -34,6 +36,8 @@ from fopi_tune.stamp import certificate_versions
 if TYPE_CHECKING:
     from fopi_tune.design import Candidate
 
+#: relative difference of responses that are the same
+_SAME = 1e-6
 _MOST_ROUNDS = 12
 #: natural units; limits that move by less from one round to the next have settled
 _SETTLED = 1e-4
@@ -153,6 +157,19 @@ def implementation_of(spec: DesignSpec, gains: FoPi) -> Implementation:
     """
     digital = digital_of(spec)
     return Implementation(sections_of(gains, digital, crossover_of(spec, gains)), digital.delay_samples)
+
+
+def is_implementation_of(spec: DesignSpec, gains: FoPi, implementation: Implementation) -> bool:
+    """Whether a digital controller is what the spec makes of gains, up to what a fit's solver may differ by."""
+    try:
+        ours = implementation_of(spec, gains)
+    except DomainError:
+        return False
+    if (ours.sample_time_s, ours.delay_samples) != (implementation.sample_time_s, implementation.delay_samples):
+        return False
+    omega = np.geomspace(1e-6, 1.0, 200) * ours.nyquist_rad_s
+    wanted = ours.sections.response(omega)
+    return bool(np.all(np.abs(implementation.sections.response(omega) - wanted) <= _SAME * np.abs(wanted)))
 
 
 def digital_of(spec: DesignSpec) -> DigitalSpec:

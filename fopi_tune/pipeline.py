@@ -118,14 +118,21 @@ def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:
 def run(source: Source, proof: bool = True) -> Run:
     """Every stage there is: the design, and of a solved one whose spec has a section `digital` its digital controller.
 
+    Returns:
+        The run; where the digital controller cannot be made, the design and the reason.
+
     Raises:
         SpecError: the file cannot be read, or has mistakes.
-        DomainError: as for `tune` and `discretize`.
+        DomainError: as for `tune`.
     """
     spec = load_spec(source)
     design = tune(spec, proof)
-    wanted = spec.digital is not None and design.status is Status.SOLVED and design.gains is not None
-    return Run(design, discretize(spec, design.gains, proof) if wanted and design.gains is not None else None)
+    if spec.digital is None or design.status is not Status.SOLVED or design.gains is None:
+        return Run(design, None)
+    try:
+        return Run(design, discretize(spec, design.gains, proof))
+    except DomainError as error:
+        return Run(design, None, str(error))
 
 
 def validate(
@@ -211,7 +218,20 @@ def recheck(document: object, source: Source | None = None) -> Recheck:
     """
     from fopi_tune.proof import recheck
 
-    return recheck(document, None if source is None else load_spec(source))
+    if source is None:
+        return recheck(document, None)
+    spec = load_spec(source)
+    found = recheck(document, spec)
+    case = found.certificate.case
+    if case.implementation is None:
+        return found
+    # what the proof cannot know: that this filter is what the spec makes of these gains
+    from fopi_tune.implement import is_implementation_of
+
+    if is_implementation_of(spec, case.gains, case.implementation):
+        return found
+    problem = "the digital controller is not the one that the spec makes of the gains that are stated"
+    return replace(found, problems=(*found.problems, problem))
 
 
 def _attempt(spec: DesignSpec, violations: tuple[Violation, ...], proof: bool) -> Attempt:

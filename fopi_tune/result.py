@@ -296,11 +296,13 @@ class Run:
 
     Args:
         design: the gains.
-        digital: their digital controller; None when there is nothing to discretise.
+        digital: their digital controller; None when there is nothing to discretise, or it cannot be made.
+        problem: why it cannot be made; empty otherwise.
     """
 
     design: Design
     digital: Discretized | None
+    problem: str = ""
 
     @property
     def spec(self) -> DesignSpec:
@@ -315,7 +317,8 @@ class Run:
 
     def to_dict(self) -> dict[str, Any]:
         """The design's JSON, and the digital controller's in it."""
-        return {**self.design.to_dict(), "digital": self.digital.to_dict() if self.digital else None}
+        digital = self.digital.to_dict() if self.digital else None
+        return {**self.design.to_dict(), "digital": digital, "digital_problem": self.problem}
 
 
 def status_of(found: Verification, certificate: Certificate | None) -> str:

@@ -113,7 +113,7 @@ def test_run_without_a_digital_section_does_what_tune_does() -> None:
         "".join(line for line in text.splitlines(True) if not line.startswith("digital")), "utf-8"
     )
     ran, tuned = json.loads(fopi("run", "t.yaml", "--json").stdout), json.loads(fopi("tune", "t.yaml", "--json").stdout)
-    assert ran == {**tuned, "digital": None}
+    assert ran == {**tuned, "digital": None, "digital_problem": ""}
 
 
 def test_out_replaces_the_folder() -> None:

@@ -211,6 +211,14 @@ def test_zeros_come_from_the_sections_without_a_polynomial() -> None:
     assert np.abs(rebuilt / sections.response(omega) - 1.0).max() < 1e-9
 
 
+def test_a_controller_without_a_direct_path_has_every_form() -> None:
+    sections = Sections(TS, 0.0, (1.0, 0.5, 0.1), (0.1, 0.2, -0.05))
+    inputs = np.random.default_rng(6).normal(size=200)
+    for form in Form:
+        # 1e-12: three sections in double precision
+        assert realise(sections, form, Precision.FLOAT64, inputs).error < 1e-12
+
+
 def test_a_form_whose_pole_leaves_the_unit_circle_is_refused() -> None:
     # 1 - 1e-9 rounds to 1 in float32
     sections = Sections(TS, 1.0, (1.0, 1.0 - 1e-9), (0.1, 0.1))

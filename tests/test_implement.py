@@ -285,11 +285,46 @@ def test_a_spec_without_a_digital_section_is_bad_input(folder: Path) -> None:
     assert "no section digital" in result.stderr
 
 
-def test_a_filter_that_cannot_be_made_is_bad_input(folder: Path) -> None:
+def test_changed_gains_in_a_digital_certificate_are_refused_with_the_spec(folder: Path) -> None:
+    from fopi_tune.proof.documents import digest
+
+    spec = sampled(THROTTLE)
+    design = ft.tune(spec)
+    document = design.certificate_document()
+    assert document is not None
+    assert ft.recheck(document, spec).is_sound
+    document["gains"] = {"kp": 5.0, "ki": 9.0, "alpha": 0.5}
+    document["digest"] = digest(document)
+    problems = ft.recheck(document, spec).problems
+    assert any("is not the one that the spec makes of the gains" in problem for problem in problems)
+
+
+def test_results_of_an_earlier_spec_are_named(folder: Path) -> None:
+    text = text_with(THROTTLE, ("delay_samples: 0}", "delay_samples: 0, design: sampled}"))
+    Path("t.yaml").write_text(text, "utf-8")
+    assert CliRunner().invoke(app, ["run", "t.yaml", "-q"]).exit_code == 0
+    Path("t.yaml").write_text(text.replace("at_most: -20", "at_most: -60"), "utf-8")
+    again = CliRunner().invoke(app, ["run", "t.yaml", "-q"])
+    assert again.exit_code == 1
+    for file in ("certificate.json", "digital.json", "digital_certificate.json", "controller.svg", "c"):
+        assert file in again.stderr
+
+
+def test_a_requirement_above_nyquists_frequency_cannot_be_designed_for() -> None:
+    with pytest.raises(SpecError, match="Nyquist"):
+        sampled(
+            THROTTLE,
+            ("    to_rad_s: 0.035\n", "    to_rad_s: 0.035\n  - loop_gain_db: {at_most: -3}\n    at_rad_s: 20\n"),
+        )
+
+
+def test_a_design_outlives_a_filter_that_cannot_be_made(folder: Path) -> None:
     Path("s.yaml").write_text(text_with(BRAKE, ("band_rad_s: [1.0e-3, 1.0e3]", "band_rad_s: [20.0, 1.0e3]")), "utf-8")
     result = CliRunner().invoke(app, ["run", "s.yaml"])
     assert result.exit_code == 2
     assert "Nyquist" in result.stderr
+    assert json.loads(Path("results/brake/design.json").read_text(encoding="utf-8"))["status"] == "solved"
+    assert CliRunner().invoke(app, ["discretize", "s.yaml", *GAINS]).exit_code == 2
 
 
 def test_mistakes_in_the_digital_section_are_named() -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.files import CERTIFICATE, CHECK, CODE, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, files_of
+from fopi_tune.cli.files import CERTIFICATE, CHECK, CODE, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, FIGURE, files_of
 from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
 from fopi_tune.errors import DomainError, SpecError
 
@@ -95,7 +95,11 @@ def _one(
         return report_failure(spec.name, error, handling.debug)
     handling.note(f"{spec.name}: {result.status} after {time.perf_counter() - start:.1f} s")
     # The files come before the table, so that a closed stdout costs nothing.
-    code = max(_exit_code(result), _write(handling.folder(spec), files, spec.name, handling))
+    problem = getattr(result, "problem", "")
+    if problem:
+        say(f"{spec.name}: {problem}")
+    code = max(_exit_code(result), Exit.BAD_INPUT if problem else Exit.MET)
+    code = max(code, _write(handling.folder(spec), files, spec.name, handling))
     if table is not None:
         if documents:
             print_out("")
@@ -118,10 +122,21 @@ def _write(folder: Path, files: Sequence[tuple[str, str]], name: str, handling: 
     written = {file for file, _ in files}
     if any(file.startswith(f"{CODE}/") for file in written):
         handling.note(f"{name}: wrote {folder / CODE}")
-    for result, certificate in ((DESIGN, CERTIFICATE), (CHECK, CERTIFICATE), (DIGITAL, DIGITAL_CERTIFICATE)):
-        if result in written and certificate not in written and (folder / certificate).exists():
-            handling.note(f"{name}: the {certificate} there is of an earlier result, not of this one")
+    stale = [file for file in _made_obsolete(written) if (folder / file).exists()]
+    if stale:
+        are = "is" if len(stale) == 1 else "are"
+        say(f"{name}: {', '.join(stale)} in {folder} {are} of an earlier result, not of this one")
     return Exit.MET
+
+
+def _made_obsolete(written: set[str]) -> list[str]:
+    """Files that belong to another result of the kind that was written now."""
+    digital = [DIGITAL, DIGITAL_CERTIFICATE, FIGURE, CODE]
+    if DIGITAL in written:
+        return [] if DIGITAL_CERTIFICATE in written else [DIGITAL_CERTIFICATE]
+    if DESIGN in written:
+        return [*([] if CERTIFICATE in written else [CERTIFICATE]), *digital]
+    return [CERTIFICATE] if CHECK in written and CERTIFICATE not in written else []
 
 
 def _exit_code(result: Result) -> Exit:

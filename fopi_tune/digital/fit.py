@@ -13,6 +13,7 @@ error is bounded up to `FIT_UP_TO` of the Nyquist frequency, and beyond only kep
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,7 +114,10 @@ def _minimax(band: _Band, poles: Array) -> Array:
     x, bound = cp.Variable(matrix.shape[1]), cp.Variable()
     error = cp.vstack([a @ x - band.wanted, b @ x])
     problem = cp.Problem(cp.Minimize(bound), [cp.norm(error, 2, axis=0) <= bound])
-    problem.solve(solver=cp.CLARABEL)
+    with warnings.catch_warnings():
+        # "may be inaccurate": what was found is measured in any case
+        warnings.simplefilter("ignore")
+        problem.solve(solver=cp.CLARABEL)
     if x.value is None:
         raise DomainError(f"the residues' problem ended as {problem.status}; use fewer poles or another method")
     return np.asarray(x.value / scale, dtype=float)

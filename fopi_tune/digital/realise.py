@@ -12,6 +12,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.sampled import zeros_and_poles
 from fopi_tune.core.sections import Sections
 from fopi_tune.digital.integrator import Array
 from fopi_tune.errors import DomainError
@@ -90,10 +91,14 @@ def accepted(realisation: Realisation, tolerance: float) -> Realisation:
         DomainError: a rounded pole left the unit disc, or the error exceeds the tolerance.
     """
     what = f"the {realisation.form.value} form in {realisation.precision.value}"
+    parallel = realisation.form is Form.PARALLEL
+    advice = (
+        "raise the lower end of the band, or take fewer poles or a longer sample time" if parallel else "use parallel"
+    )
     if not realisation.stable:
-        raise DomainError(f"{what} has a pole outside the unit circle after rounding; use the parallel form")
+        raise DomainError(f"{what} has a pole outside the unit circle after rounding; {advice}")
     if not realisation.error <= tolerance:
-        raise DomainError(f"{what} errs by {realisation.error:.2g}, more than {tolerance:.2g}; use the parallel form")
+        raise DomainError(f"{what} errs by {realisation.error:.2g}, more than {tolerance:.2g}; {advice}")
     return realisation
 
 
@@ -131,7 +136,8 @@ def zeros_poles_gain(sections: Sections) -> tuple[NDArray[np.complex128], Array,
     """The zeros as eigenvalues of the sections' own state space: no polynomial is formed."""
     poles, residues = np.array(sections.poles), np.array(sections.residues)
     if sections.direct == 0.0:
-        raise DomainError("the controller has no direct path; second-order sections need one")
+        shifted, _, leading = zeros_and_poles(sections)
+        return shifted + 1.0, poles, leading
     if not len(poles):
         return np.zeros(0, dtype=complex), poles, sections.direct
     # y = c x + d e with x+ = A x + b e:  zeros are the eigenvalues of A - b c/d

@@ -24,8 +24,13 @@ to w and is shortened by the other.  (A rank-one update: the eigenvalues lie bet
 [0, p_min].)  Residues of both signs, alpha > 1, give weights of both signs: they are used when the eigenvalues are
 inside, and |r_k| in place of r_k if not.
 
-To track an output that another controller applied, u is that output and g = 1: direct e + sum(x_k + w_k d) = u, so that
-the controller takes over where the other one left off, up to one sample's movement.
+While another controller or a driver has the actuator (`track`), the sections forget and the integrator holds what is
+missing to the applied output u,
+
+    x_k <- p_k x_k  (k > 0),        x_0 = u - (direct e + x_1 + x_2 + ...) ,                                        (3)
+
+so that the next output with the same error is u, and stays u while the error is 0: nothing was remembered of errors
+that were not this controller's to remove.
 """
 
 from __future__ import annotations
@@ -234,12 +239,17 @@ def _sampled(runtime: Runtime, state: State, setpoint: float, measurement: float
     if applied is None:
         u = c.limited(v)
         d = c.tracking_gain * (u - v)
+        following = c.poles * (state.x + c.weights * d) + c.residues * e
     else:
         if not c.finite(dtype(applied)):
             return state
         u = c.limited(dtype(applied))
-        d = u - v
-    following = c.poles * (state.x + c.weights * d) + c.residues * e
+        following = c.poles * state.x
+        if runtime.has_integrator:
+            rest = c.direct * e
+            for x in following[1:]:
+                rest = rest + x
+            following[0] = u - rest
     if not np.all(np.isfinite(following)):
         return state
     return State(following, u)

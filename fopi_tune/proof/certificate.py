@@ -181,9 +181,9 @@ class StabilityProof:
         if self.verdict is Verdict.REFUTED and self.poles is None:
             return "a plant's integral is cancelled, or its dead time is inside a direct path with |L| > 1"
         if self.poles is None:
-            return "a plant's closed-loop poles could not be told from the imaginary axis"
+            return "a plant's closed-loop poles could not be told from the border of stability"
         if self.verdict is Verdict.REFUTED:
-            return f"a plant has {self.poles} closed-loop pole{'s' * (self.poles > 1)} in the right half-plane"
+            return f"a plant has {self.poles} unstable closed-loop pole{'s' * (self.poles > 1)}"
         return "no bound of |S| over the family could be shown"
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.peaks import Response, extremes
+from fopi_tune.core.sampled import SampledLoops
 from fopi_tune.core.stability import unstable_closed_loop_poles
 from fopi_tune.proof.results import Stability
 from fopi_tune.proof.sample import Sample, evaluate
@@ -33,8 +34,8 @@ def check_stability(sample: Sample) -> Stability:
         return _unstable(sample, worst.candidates[row], float(counts[row]))
     if worst.value > np.log(_LARGEST_SENSITIVITY):
         return _unstable(sample, worst.x, np.inf)
-    peak_db = worst.value / NEPER_PER_DB
-    reason = f"no member has a closed-loop pole in the right half-plane; |S| stays below {peak_db + 0.005:.2f} dB"
+    peak_db, worst_loop = worst.value / NEPER_PER_DB, sample.nominal_loop
+    reason = f"no member has a closed-loop pole {_unstable_side(worst_loop)}; |S| stays below {peak_db + 0.005:.2f} dB"
     return Stability(True, peak_db, worst.place(sample), 0, reason)
 
 
@@ -60,6 +61,10 @@ def _unstable(sample: Sample, x: Array, count: float) -> Stability:
     return Stability(False, float(peak[0]) / NEPER_PER_DB, place, poles, _reason(loop, count, float(omega[0])))
 
 
+def _unstable_side(loop: Loops) -> str:
+    return "outside the unit circle" if isinstance(loop, SampledLoops) else "in the right half-plane"
+
+
 def _reason(loop: Loops, count: float, omega: float) -> str:
     if loop.integral_is_cancelled[0]:
         return "the plant's zero at s = 0 cancels the controller's integral"
@@ -68,5 +73,5 @@ def _reason(loop: Loops, count: float, omega: float) -> str:
         return "the direct path around the dead time has |L| >= 1 at high frequencies: infinitely many unstable poles"
     if np.isfinite(count):
         poles = "pole" if round(count) == 1 else "poles"
-        return f"{round(count)} closed-loop {poles} in the right half-plane"
+        return f"{round(count)} closed-loop {poles} {_unstable_side(loop)}"
     return f"near omega = {omega:.6g} rad/s the loop cannot be told from one through -1, on the verge of instability"

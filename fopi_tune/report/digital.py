@@ -37,7 +37,8 @@ def digital_text(result: Discretized) -> Text:
     made = f"{digital.method}, {digital.poles} poles" + (
         "" if digital.method == "fit" else f", {digital.rule}{prewarped}"
     )
-    late = f", {number(digital.delay_samples)} samples of computing delay" if digital.delay_samples else ""
+    plural = "" if digital.delay_samples == 1.0 else "s"
+    late = f", {number(digital.delay_samples)} sample{plural} of computing delay" if digital.delay_samples else ""
     lines += entry("sampled", f"every {with_unit(digital.sample_time_s, 's')} ({made}{late})")
     lines += requirement_lines(result.reports, found.objective)
     if status == "violated" and found.stability.stable and not digital.designs_sampled:

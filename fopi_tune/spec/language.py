@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
 from fopi_tune.spec.model import DesignSpec, DigitalSpec, GainRange, Sense, ValidationSpec
 from fopi_tune.spec.nodes import Table
@@ -11,6 +13,7 @@ from fopi_tune.spec.plants import plant_shape
 from fopi_tune.spec.records import Key, Record, Values
 from fopi_tune.spec.requirements import (
     PlacedRequirement,
+    refuse_bands_beyond,
     refuse_contradictions,
     refuse_equalities_over_families,
     requirements_shape,
@@ -90,6 +93,9 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
         refuse_equalities_over_families(placed, values["plant"])
     refuse_contradictions(placed)
     _check_scenarios(values, place)
+    digital = values.get("digital")
+    if digital is not None and digital.designs_sampled:
+        refuse_bands_beyond(placed, math.pi / digital.sample_time_s)
     objective, controller = values.get("objective"), values.get("controller")
     if objective is None or controller is None or objective.sense is not Sense.MAXIMIZE:
         return

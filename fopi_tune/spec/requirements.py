@@ -51,6 +51,15 @@ def refuse_equalities_over_families(placed: Sequence[PlacedRequirement], plant: 
             each.limit_place.refuse(message)
 
 
+def refuse_bands_beyond(placed: Sequence[PlacedRequirement], nyquist_rad_s: float) -> None:
+    """Reports bands that begin at Nyquist's frequency or above, where a loop on samples has no response."""
+    for each in placed:
+        if each.requirement.from_rad_s >= nyquist_rad_s:
+            key = "at_rad_s" if each.place.has("at_rad_s") else "from_rad_s"
+            message = f"lies above Nyquist's frequency, {nyquist_rad_s:.6g} rad/s; sample faster, or lower it"
+            each.place.child(key).refuse(message)
+
+
 def refuse_contradictions(placed: Sequence[PlacedRequirement]) -> None:
     """Reports every requirement that contradicts an earlier one, once.
 

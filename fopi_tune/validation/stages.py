@@ -213,6 +213,12 @@ def _follow(s, slot, old, new, sections, d, e, usable):
         x = load(s, c) * (x + load(s, c + WIDTH) * d) + load(s, c + 2 * WIDTH) * e
         store(s, new + i * WIDTH, x)
         total = total + x
+    return _kept(s, old, new, sections, total, usable)
+
+
+@_inlined
+def _kept(s, old, new, sections, total, usable):
+    """The lanes whose new states are numbers; in the others the states as they were."""
     # a sum of numbers is finite only if all of them are
     good = usable & fine(total)
     if bits(good) != _ALL:
@@ -240,7 +246,18 @@ def follow_applied(s, slot, old, new, sections, e, applied):
     """One sample of the other controller."""
     v = _demand(s, slot, old, sections, e)
     u = _limited(s, slot, applied)
-    good = _follow(s, slot, old, new, sections, u - v, e, fine(e) & fine(v))
+    rest, total = load(s, slot + DIRECT) * e, spread(0.0)
+    for i in range(1, sections):
+        x = load(s, slot + SECTIONS + 3 * i * WIDTH) * load(s, old + i * WIDTH)
+        store(s, new + i * WIDTH, x)
+        rest, total = rest + x, total + x
+    if sections > 0:
+        x = load(s, slot + SECTIONS) * load(s, old)
+        x = where(load(s, slot + INTEGRATES) > spread(0.5), u - rest, x)
+        store(s, new, x)
+        total = total + x
+    usable = fine(e) & fine(v) & fine(applied)
+    good = _kept(s, old, new, sections, total, usable)
     store(s, slot + LAST, where(good, u, load(s, slot + LAST)))
 
 
