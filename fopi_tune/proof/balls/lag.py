@@ -15,6 +15,11 @@ Responses.  |S|^2 = (1 + x^2)/(A^2 + (x + b)^2), |T|^2 = |G|^2/(...), |C S|^2 = 
 
 and all signs change for >=.  Its least value is at x1 or x2, or at the vertex -qb/qa, where it is (qa qc - qb^2)/qa.
 
+On samples x = nu t and |h| = |1 - w| grow without end towards z = -1, where the responses hardly change.  Everything is
+divided by |1 - w|: with theta = omega Ts/2, k = cos theta and y = t sin theta,
+
+    k + jy in the place of 1 + jx,    G/|1 - w| = K C e^{-j (2l + 1) theta} in that of G .                          (1a)
+
 Gain crossovers.  |L| = 1 iff x = sqrt(|G|^2 - 1), hence  PM = pi + arg G - atan x  at that omega alone.             (2)
 
 Phase crossovers.  L = -m < 0 iff G = -m (1 + jx), hence  m = -Re G,  x = Im G/Re G.                                 (3)
@@ -33,7 +38,7 @@ from flint import acb, arb
 
 from fopi_tune.core.peaks import Response
 from fopi_tune.proof.balls.bound import Bound
-from fopi_tune.proof.balls.box import Box, Interval, ball_of, is_tail
+from fopi_tune.proof.balls.box import Box, Interval, ball_of, is_tail, with_interval
 from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding
 from fopi_tune.proof.balls.crossings import EveryCrossover, EveryPhaseCrossover
 from fopi_tune.proof.balls.loop import BallLoop
@@ -88,10 +93,39 @@ def _hold_phase(loop: BallLoop, omega: arb, dead_time: arb) -> arb:
     return -(2 * (loop.whole_samples or 0) + 1) * omega.atan()
 
 
+@dataclass(frozen=True)
+class _Flat:
+    """The summands of 1 + jx + G, or of the same by (1a).
+
+    Args:
+        one: 1 or k, with its derivative.
+        rate: d ln x/du.
+        g: G.
+        slope: dG/du.
+        ends: x1 and x2.
+    """
+
+    one: Pair
+    rate: arb
+    g: acb
+    slope: acb
+    ends: tuple[arb, arb]
+
+    @property
+    def one_squared(self) -> Pair:
+        """1, or k^2."""
+        value, slope = self.one
+        return value * value, 2 * value * slope
+
+    @property
+    def g_squared(self) -> Pair:
+        """|G|^2."""
+        real, imag = self.g.real, self.g.imag
+        return real * real + imag * imag, 2 * (real * self.slope.real + imag * self.slope.imag)
+
+
 class _At:
     """G and its derivative over an interval of u."""
-
-    __slots__ = ("_loop", "_tau", "_u", "c", "c_slope", "dead_time", "g", "gain", "log_slope", "omega")
 
     def __init__(self, loop: BallLoop, u: arb, plant: tuple[arb, arb], tau: tuple[arb, arb]) -> None:
         self._loop, self._u, self._tau = loop, u, tau
@@ -126,6 +160,21 @@ class _At:
         """x1 or x2; its own derivative in u."""
         return self.omega * self._tau[upper]
 
+    @cached_property
+    def flat(self) -> _Flat:
+        """What the bounds are made of, by (1a) on samples."""
+        if not isinstance(self._loop, SampledBallLoop):
+            return _Flat((arb(1), arb(0)), arb(1), self.g, self.g_slope, (self.x(False), self.x(True)))
+        theta = self.omega.atan()
+        sine, cosine = theta.sin_cos()
+        turns = 2 * (self._loop.whole_samples or 0) + 1
+        turn_sine, turn_cosine = (turns * theta).sin_cos()
+        g = self.gain * self.c * acb(turn_cosine, -turn_sine)
+        # d theta/du = sin theta cos theta
+        slope = g * (self.c_slope - acb(0, turns * sine * cosine))
+        ends = self._tau[0] * sine, self._tau[1] * sine
+        return _Flat((cosine, -sine * sine * cosine), cosine * cosine, g, slope, ends)
+
     @property
     def g_phase(self) -> arb:
         """arg G, unwrapped, at one frequency."""
@@ -142,6 +191,26 @@ class _At:
     def stretch(self) -> arb:
         """d ln frequency/du."""
         return self._loop.stretch(self.omega)
+
+
+class _AtTheEnd:
+    """What a bound needs of all frequencies from a place to Nyquist's, z = -1 included; without derivatives."""
+
+    def __init__(self, loop: SampledBallLoop, from_u: float, gain: arb, tau: tuple[arb, arb]) -> None:
+        inverse = arb(0).union((-arb(from_u)).exp())
+        theta, zero = arb.pi() / 2 - inverse.atan(), arb(0)
+        # 1/w = -j/nu
+        self._c = loop.controller_far_up(acb(0, -inverse))
+        turn = theta * (2 * (loop.whole_samples or 0) + 1)
+        g = gain * self._c * acb(turn.cos(), -turn.sin())
+        sine = theta.sin()
+        self.flat = _Flat((theta.cos(), zero), zero, g, acb(0), (tau[0] * sine, tau[1] * sine))
+
+    @property
+    def c_squared(self) -> Pair:
+        """|C|^2."""
+        real, imag = self._c.real, self._c.imag
+        return real * real + imag * imag, arb(0)
 
 
 @dataclass(frozen=True)
@@ -177,19 +246,31 @@ class _Lag(Claim):
 
     def examine(self, box: Box) -> Finding:
         u = box[0]
+        loop = self.general.loop
+        if math.isinf(u[1]) and isinstance(loop, SampledBallLoop) and self._holds_at_the_end(loop, u[0]):
+            return HOLDS
         if is_tail(u):
             return self._by_the_general_claim(u)
         ball = ball_of(u)
         middle = arb(u[0] + 0.5 * (u[1] - u[0]) if u[0] < u[1] else u[0])
-        loop, plant, tau = self.general.loop, self._plant, self._tau
+        plant, tau = self._plant, self._tau
         found = self._examine(u, _At(loop, ball, plant, tau), _At(loop, middle, plant, tau), ball - middle)
         # omega tau far from 1 costs the closed forms their digits; the general claim keeps its own
         if found.leaf is None and not found.counterexample and u[1] - u[0] < _NARROW:
             return self._by_the_general_claim(u)
         return found
 
+    def _holds_at_the_end(self, loop: SampledBallLoop, from_u: float) -> bool:
+        """Whether the closed form settles the tail up to z = -1."""
+        return False
+
     def _by_the_general_claim(self, u: Interval) -> Finding:
-        found = self.general.examine((u, *self.general.domain[1:]))
+        box: Box = (u, *self.general.domain[1:])
+        found = self.general.examine(box)
+        if found.leaf is None and any(axis == 1 for axis, _ in found.pins):
+            # the worst time constant is an end of its interval
+            upper = next(upper for axis, upper in found.pins if axis == 1)
+            found = self.general.examine(with_interval(box, 1, (box[1][upper],) * 2))
         return HOLDS if found.leaf is not None else _CUT
 
     @abstractmethod
@@ -210,26 +291,42 @@ class LagBound(_Lag):
     def _square(self) -> arb:
         return (2 * arb(self.general.level)).exp()
 
-    def _quadratic(self, at: _At) -> tuple[Pair, Pair, Pair]:
+    def _holds_at_the_end(self, loop: SampledBallLoop, from_u: float) -> bool:
+        """Up to z = -1, by the range of the quadratic."""
+        at = _AtTheEnd(loop, from_u, self._plant[0], self._tau)
+        q = self._quadratic(at)
+        if not all(_end(q, x) >= 0 for x in at.flat.ends):
+            return False
+        return self._least_at_an_end(q, at.flat) or bool(q[0][0] > 0 and _discriminant(q) >= 0)
+
+    @staticmethod
+    def _least_at_an_end(q: tuple[Pair, Pair, Pair], flat: _Flat) -> bool:
+        """Not convex, or rising already at x1, or still falling at x2: whatever the sign of qa, an end is the least."""
+        (qa, _), (qb, _), _ = q
+        return bool(qa <= 0 or qb + qa * flat.ends[0] >= 0 or qb + qa * flat.ends[1] <= 0)
+
+    def _quadratic(self, at: _At | _AtTheEnd) -> tuple[Pair, Pair, Pair]:
         """qa, qb and qc with their derivatives."""
-        m2, zero = self._square, arb(0)
+        m2, zero, flat = self._square, arb(0), at.flat
         response = self.general.response
+        (one, d_one), (square, d_square) = flat.one, flat.one_squared
         if response is Response.LOOP_GAIN:
-            size, slope = at.g_squared
-            found = (m2, zero), (zero, zero), (m2 - size, -slope)
+            size, slope = flat.g_squared
+            found = (m2, zero), (zero, zero), (m2 * square - size, m2 * d_square - slope)
         else:
-            g, slope = at.g, at.g_slope
-            a, da, b, db = 1 + g.real, slope.real, g.imag, slope.imag
+            g, slope = flat.g, flat.slope
+            a, da, b, db = one + g.real, d_one + slope.real, g.imag, slope.imag
             distance, d_distance = m2 * (a * a + b * b), 2 * m2 * (a * da + b * db)
             linear = m2 * b, m2 * db
             if response is Response.SENSITIVITY:
-                found = (m2 - 1, zero), linear, (distance - 1, d_distance)
+                found = (m2 - 1, zero), linear, (distance - square, d_distance - d_square)
             elif response is Response.COMPLEMENTARY_SENSITIVITY:
-                size, slope = at.g_squared
+                size, slope = flat.g_squared
                 found = (m2, zero), linear, (distance - size, d_distance - slope)
             else:
                 size, slope = at.c_squared
-                found = (m2 - size, -slope), linear, (distance - size, d_distance - slope)
+                constant = distance - square * size, d_distance - d_square * size - square * slope
+                found = (m2 - size, -slope), linear, constant
         if self.general.upper:
             return found
         return tuple((-value, -slope) for value, slope in found)  # pyright: ignore[reportReturnType]
@@ -239,17 +336,17 @@ class LagBound(_Lag):
         large = self.general.response in _FLAT_AT_LARGE_GAIN and over.g.abs_lower() > _LARGE_GAIN
         if large and self._by_the_general_claim(u).leaf is not None:
             return HOLDS
+        around, at = over.flat, centre.flat
         wide, middle = self._quadratic(over), self._quadratic(centre)
         for upper in (False, True):
-            value = _end(middle, centre.x(upper))
+            value = _end(middle, at.ends[upper])
             if value < 0:
                 return Finding(None, 0, (), counterexample=True)
-            if not value + _end_slope(wide, over.x(upper)) * shift >= 0:
+            if not value + _end_slope(wide, around.ends[upper], around.rate) * shift >= 0:
                 return self._where_the_phase_does_not_matter(u, over)
-        (qa, _), (qb, _), _ = wide
-        # not convex, or rising already at x1, or still falling at x2: whatever the sign of qa, an end is the least
-        if qa <= 0 or qb + qa * over.x(False) >= 0 or qb + qa * over.x(True) <= 0:
+        if self._least_at_an_end(wide, around):
             return HOLDS
+        qa = wide[0][0]
         discriminant = _discriminant(middle) + _discriminant_slope(wide) * shift
         return HOLDS if qa > 0 and discriminant >= 0 else _CUT
 
@@ -265,10 +362,10 @@ def _end(q: tuple[Pair, Pair, Pair], x: arb) -> arb:
     return (a * x + 2 * b) * x + c
 
 
-def _end_slope(q: tuple[Pair, Pair, Pair], x: arb) -> arb:
-    """dq(x)/du where dx/du = x."""
+def _end_slope(q: tuple[Pair, Pair, Pair], x: arb, rate: arb | int = 1) -> arb:
+    """dq(x)/du where dx/du = rate x."""
     (a, da), (b, db), (_, dc) = q
-    return (da + 2 * a) * x * x + 2 * (db + b) * x + dc
+    return (da + 2 * rate * a) * x * x + 2 * (db + rate * b) * x + dc
 
 
 def _discriminant(q: tuple[Pair, Pair, Pair]) -> arb:
