@@ -9,12 +9,13 @@ measurement is taken just before the new control acts:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import minimize_scalar
 
 from fopi_tune.core.plant import Plant
 from fopi_tune.core.sections import Implementation, Sections
@@ -182,11 +183,7 @@ class Loop:
         omega = self.grid()
         values = np.log(np.abs(self.gain(omega)))
         turns = np.flatnonzero(values[1:] * values[:-1] < 0)
-
-        def log_gain(x: float) -> float:
-            return float(np.log(np.abs(self.gain(np.array([x]))[0])))
-
-        return [float(brentq(log_gain, omega[k], omega[k + 1], xtol=1e-14, rtol=1e-14)) for k in turns]  # pyright: ignore[reportArgumentType]
+        return [_root(lambda x: float(np.log(np.abs(self.gain(x)[0]))), omega[k], omega[k + 1]) for k in turns]
 
     def phase_crossovers(self) -> list[float]:
         """Every -L > 0 on the grid's range, Nyquist's frequency included."""
@@ -194,13 +191,20 @@ class Loop:
         gain = self.gain(omega)
         turns = np.flatnonzero((gain.imag[1:] * gain.imag[:-1] < 0) & (gain.real[1:] < 0))
 
-        def imag(x: float) -> float:
-            return float(self.gain(np.array([x]))[0].imag)
-
-        inner = [float(brentq(imag, omega[k], omega[k + 1], xtol=1e-14, rtol=1e-14)) for k in turns if omega[k + 1] < self.nyquist]  # pyright: ignore[reportArgumentType]  # fmt: skip
+        turns = [k for k in turns if omega[k + 1] < self.nyquist]
+        inner = [_root(lambda x: float(self.gain(x)[0].imag), omega[k], omega[k + 1]) for k in turns]
         values = [float(-self.gain(np.array([x]))[0].real) for x in [*inner, self.nyquist]]
         return [value for value in values if value > 0]
 
     def phase_margin(self, omega: float) -> float:
         """pi + arg L in (-pi, pi], rad."""
         return float(np.angle(-self.gain(np.array([omega]))[0]))
+
+
+def _root(function: Callable[[Array], float], low: float, high: float) -> float:
+    """Bisection to the last digits."""
+    sign = function(np.array([low])) > 0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if (function(np.array([middle])) > 0) == sign else (low, middle)
+    return 0.5 * (low + high)

@@ -34,20 +34,19 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from flint import acb, arb
+from flint import arb
 
 from fopi_tune.core.peaks import Response
 from fopi_tune.proof.balls.bound import Bound
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, is_tail, with_interval
 from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding
 from fopi_tune.proof.balls.crossings import EveryCrossover, EveryPhaseCrossover
+from fopi_tune.proof.balls.lag_values import At, AtTheEnd, Flat, Pair, lag_of
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import assemble
 from fopi_tune.proof.balls.reading import Reading
 from fopi_tune.proof.balls.sampled import SampledBallLoop
 
-#: a value and its derivative in u
-Pair = tuple[arb, arb]
 _CUT = Finding(None, 0)
 _FLAT_AT_LARGE_GAIN = (Response.COMPLEMENTARY_SENSITIVITY, Response.CONTROL_SENSITIVITY)
 _LARGE_GAIN = 4.0
@@ -61,156 +60,6 @@ def has_lag_form(loop: BallLoop) -> bool:
     """Whether only the time constant of a lag is uncertain; on samples, late by whole samples."""
     lag = loop.family.model == "lag" and loop.family.uncertain_names == ("time_constant_s",)
     return lag and not (isinstance(loop, SampledBallLoop) and loop.whole_samples is None)
-
-
-def _lag_of(loop: BallLoop, time_constant: arb) -> arb:
-    """tau in x = omega tau; on samples coth(Ts/(2 tau)) in x = nu tau:  m/(z - 1 + m), m = 1 - e^{-Ts/tau}, is
-    (1 - w)/(1 + w (2/m - 1))."""
-    if not isinstance(loop, SampledBallLoop):
-        return time_constant
-    return (loop.sample_time / (2 * time_constant)).coth()
-
-
-def _hold(loop: BallLoop, omega: arb, dead_time: arb) -> tuple[acb, acb]:
-    """h = e^{-j omega L} and d ln h/du; on samples (1 - w) z^-l."""
-    if not isinstance(loop, SampledBallLoop):
-        if dead_time.is_zero():
-            return acb(1), acb(0)
-        turn = omega * dead_time
-        sine, cosine = turn.sin_cos()
-        return acb(cosine, -sine), acb(0, -turn)
-    late = loop.whole_samples or 0
-    sine, cosine = (2 * late * omega.atan()).sin_cos()
-    # d ln(1 - w)/du = -w/(1 - w),  d ln z^-1/du = -2j nu/(1 + nu^2)
-    slope = -1 / acb(-1, -1 / omega) - acb(0, 2 * late / (omega + 1 / omega))
-    return acb(1, -omega) * acb(cosine, -sine), slope
-
-
-def _hold_phase(loop: BallLoop, omega: arb, dead_time: arb) -> arb:
-    """arg h."""
-    if not isinstance(loop, SampledBallLoop):
-        return -omega * dead_time
-    return -(2 * (loop.whole_samples or 0) + 1) * omega.atan()
-
-
-@dataclass(frozen=True)
-class _Flat:
-    """The summands of 1 + jx + G, or of the same by (1a).
-
-    Args:
-        one: 1 or k, with its derivative.
-        rate: d ln x/du.
-        g: G.
-        slope: dG/du.
-        ends: x1 and x2.
-    """
-
-    one: Pair
-    rate: arb
-    g: acb
-    slope: acb
-    ends: tuple[arb, arb]
-
-    @property
-    def one_squared(self) -> Pair:
-        """1, or k^2."""
-        value, slope = self.one
-        return value * value, 2 * value * slope
-
-    @property
-    def g_squared(self) -> Pair:
-        """|G|^2."""
-        real, imag = self.g.real, self.g.imag
-        return real * real + imag * imag, 2 * (real * self.slope.real + imag * self.slope.imag)
-
-
-class _At:
-    """G and its derivative over an interval of u."""
-
-    def __init__(self, loop: BallLoop, u: arb, plant: tuple[arb, arb], tau: tuple[arb, arb]) -> None:
-        self._loop, self._u, self._tau = loop, u, tau
-        self.gain, self.dead_time = plant
-        self.omega = u.exp()
-        c, slope = loop.controller(u)
-        # G = K C h,  d ln G/du = d ln C/du + d ln h/du
-        hold, hold_slope = _hold(loop, self.omega, self.dead_time)
-        self.c, self.c_slope = c, slope
-        self.g, self.log_slope = self.gain * c * hold, slope + hold_slope
-
-    @property
-    def g_slope(self) -> acb:
-        """dG/du."""
-        return self.g * self.log_slope
-
-    @property
-    def g_squared(self) -> Pair:
-        """|G|^2."""
-        real, imag = self.g.real, self.g.imag
-        size = real * real + imag * imag
-        return size, 2 * size * self.log_slope.real
-
-    @property
-    def c_squared(self) -> Pair:
-        """|C|^2."""
-        real, imag = self.c.real, self.c.imag
-        size = real * real + imag * imag
-        return size, 2 * size * self.c_slope.real
-
-    def x(self, upper: bool) -> arb:
-        """x1 or x2; its own derivative in u."""
-        return self.omega * self._tau[upper]
-
-    @cached_property
-    def flat(self) -> _Flat:
-        """What the bounds are made of, by (1a) on samples."""
-        if not isinstance(self._loop, SampledBallLoop):
-            return _Flat((arb(1), arb(0)), arb(1), self.g, self.g_slope, (self.x(False), self.x(True)))
-        theta = self.omega.atan()
-        sine, cosine = theta.sin_cos()
-        turns = 2 * (self._loop.whole_samples or 0) + 1
-        turn_sine, turn_cosine = (turns * theta).sin_cos()
-        g = self.gain * self.c * acb(turn_cosine, -turn_sine)
-        # d theta/du = sin theta cos theta
-        slope = g * (self.c_slope - acb(0, turns * sine * cosine))
-        ends = self._tau[0] * sine, self._tau[1] * sine
-        return _Flat((cosine, -sine * sine * cosine), cosine * cosine, g, slope, ends)
-
-    @property
-    def g_phase(self) -> arb:
-        """arg G, unwrapped, at one frequency."""
-        phase = self._loop.controller_phase(self._u) + _hold_phase(self._loop, self.omega, self.dead_time)
-        # two minus signs cancel
-        return phase - arb.pi() if (self.gain < 0) != self._loop.controller_is_negative else phase
-
-    @property
-    def frequency(self) -> arb:
-        """rad/s."""
-        return self._loop.frequency(self.omega)
-
-    @property
-    def stretch(self) -> arb:
-        """d ln frequency/du."""
-        return self._loop.stretch(self.omega)
-
-
-class _AtTheEnd:
-    """What a bound needs of all frequencies from a place to Nyquist's, z = -1 included; without derivatives."""
-
-    def __init__(self, loop: SampledBallLoop, from_u: float, gain: arb, tau: tuple[arb, arb]) -> None:
-        inverse = arb(0).union((-arb(from_u)).exp())
-        theta, zero = arb.pi() / 2 - inverse.atan(), arb(0)
-        # 1/w = -j/nu
-        self._c = loop.controller_far_up(acb(0, -inverse))
-        turn = theta * (2 * (loop.whole_samples or 0) + 1)
-        g = gain * self._c * acb(turn.cos(), -turn.sin())
-        sine = theta.sin()
-        self.flat = _Flat((theta.cos(), zero), zero, g, acb(0), (tau[0] * sine, tau[1] * sine))
-
-    @property
-    def c_squared(self) -> Pair:
-        """|C|^2."""
-        real, imag = self._c.real, self._c.imag
-        return real * real + imag * imag, arb(0)
 
 
 @dataclass(frozen=True)
@@ -236,7 +85,7 @@ class _Lag(Claim):
     @cached_property
     def _tau(self) -> tuple[arb, arb]:
         low, high = self.general.domain[1]
-        return _lag_of(self.general.loop, arb(low)), _lag_of(self.general.loop, arb(high))
+        return lag_of(self.general.loop, arb(low)), lag_of(self.general.loop, arb(high))
 
     @cached_property
     def _plant(self) -> tuple[arb, arb]:
@@ -254,7 +103,7 @@ class _Lag(Claim):
         ball = ball_of(u)
         middle = arb(u[0] + 0.5 * (u[1] - u[0]) if u[0] < u[1] else u[0])
         plant, tau = self._plant, self._tau
-        found = self._examine(u, _At(loop, ball, plant, tau), _At(loop, middle, plant, tau), ball - middle)
+        found = self._examine(u, At(loop, ball, plant, tau), At(loop, middle, plant, tau), ball - middle)
         # omega tau far from 1 costs the closed forms their digits; the general claim keeps its own
         if found.leaf is None and not found.counterexample and u[1] - u[0] < _NARROW:
             return self._by_the_general_claim(u)
@@ -274,7 +123,7 @@ class _Lag(Claim):
         return HOLDS if found.leaf is not None else _CUT
 
     @abstractmethod
-    def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
+    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
         """By the closed form: over a box, with its centre and its distance from it."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -293,19 +142,19 @@ class LagBound(_Lag):
 
     def _holds_at_the_end(self, loop: SampledBallLoop, from_u: float) -> bool:
         """Up to z = -1, by the range of the quadratic."""
-        at = _AtTheEnd(loop, from_u, self._plant[0], self._tau)
+        at = AtTheEnd(loop, from_u, self._plant[0], self._tau)
         q = self._quadratic(at)
         if not all(_end(q, x) >= 0 for x in at.flat.ends):
             return False
         return self._least_at_an_end(q, at.flat) or bool(q[0][0] > 0 and _discriminant(q) >= 0)
 
     @staticmethod
-    def _least_at_an_end(q: tuple[Pair, Pair, Pair], flat: _Flat) -> bool:
+    def _least_at_an_end(q: tuple[Pair, Pair, Pair], flat: Flat) -> bool:
         """Not convex, or rising already at x1, or still falling at x2: whatever the sign of qa, an end is the least."""
         (qa, _), (qb, _), _ = q
         return bool(qa <= 0 or qb + qa * flat.ends[0] >= 0 or qb + qa * flat.ends[1] <= 0)
 
-    def _quadratic(self, at: _At | _AtTheEnd) -> tuple[Pair, Pair, Pair]:
+    def _quadratic(self, at: At | AtTheEnd) -> tuple[Pair, Pair, Pair]:
         """qa, qb and qc with their derivatives."""
         m2, zero, flat = self._square, arb(0), at.flat
         response = self.general.response
@@ -331,7 +180,7 @@ class LagBound(_Lag):
             return found
         return tuple((-value, -slope) for value, slope in found)  # pyright: ignore[reportReturnType]
 
-    def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
+    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
         # Where |L| is large, |T| and |C S| hardly depend on it, while (1) is a difference of large numbers.
         large = self.general.response in _FLAT_AT_LARGE_GAIN and over.g.abs_lower() > _LARGE_GAIN
         if large and self._by_the_general_claim(u).leaf is not None:
@@ -350,7 +199,7 @@ class LagBound(_Lag):
         discriminant = _discriminant(middle) + _discriminant_slope(wide) * shift
         return HOLDS if qa > 0 and discriminant >= 0 else _CUT
 
-    def _where_the_phase_does_not_matter(self, u: Interval, over: _At) -> Finding:
+    def _where_the_phase_does_not_matter(self, u: Interval, over: At) -> Finding:
         """A long dead time turns L often where it is small already: there its size settles the claim."""
         turns = over.omega.rad() * over.dead_time > _MUCH_OF_A_TURN
         return self._by_the_general_claim(u) if turns and over.g.abs_upper() < over.x(False).abs_lower() else _CUT
@@ -385,7 +234,7 @@ class LagCrossover(_Lag):
 
     general: EveryCrossover
 
-    def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
+    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
         square, square_slope = over.g_squared
         y = centre.g_squared[0] - 1
         for upper in (False, True):
@@ -415,7 +264,7 @@ class LagPhaseCrossover(_Lag):
 
     general: EveryPhaseCrossover
 
-    def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
+    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
         slope, at = over.g_slope, centre.g
         smallest = (-arb(self.general.level)).exp()
         # |L|^2 = |G|^2/(1 + x^2)
