@@ -68,7 +68,7 @@ def bound(loop: BallLoop, response: Response, level: float, upper: bool, band: I
 
 def at(form: Any, u: float) -> Any:
     """G at one frequency, as the closed forms see it."""
-    return original._At(form.general.loop, arb(u), form._plant, form._tau)
+    return original.At(form.general.loop, arb(u), form._plant, form._tau)
 
 
 @pytest.mark.parametrize("response", list(Response))

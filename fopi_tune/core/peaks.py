@@ -138,7 +138,7 @@ def extremes(loops: Loops, response: Response, from_rad_s: float, to_rad_s: floa
     Raises:
         DomainError: more cells than memory is worth (a dead time far beyond the loop's other times).
     """
-    to_rad_s = to_rad_s if to_rad_s < loops.highest_rad_s else np.inf
+    to_rad_s = to_rad_s if np.isfinite(loops.u_of(np.array(to_rad_s))) else np.inf
     inverse = inverse_response(loops, response)
     low, high = _band(loops, inverse, from_rad_s, to_rad_s)
     sign = 1.0 if largest else -1.0

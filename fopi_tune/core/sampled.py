@@ -35,8 +35,8 @@ _AXIS_TOLERANCE = 1e-9
 #: exponents of omega are cut here, so that nu and 1/nu stay finite
 _U_CAP = 600.0
 #: a delay this close to a whole number of samples is one
-_WHOLE = 1e-12
-_MOST_DELAY_SAMPLES = 10_000
+WHOLE = 1e-12
+MOST_DELAY_SAMPLES = 10_000
 
 
 @dataclass(frozen=True)
@@ -65,11 +65,11 @@ class SampledPlants(Plants):
             DomainError: more than 10,000 samples of delay.
         """
         samples = (plants.dead_time_s + delay_s) / sample_time_s
-        if np.any(samples > _MOST_DELAY_SAMPLES):
+        if np.any(samples > MOST_DELAY_SAMPLES):
             raise DomainError(
                 f"the dead time is {samples.max():.3g} samples long; take a sample time that is not that much shorter"
             )
-        whole = np.floor(samples + _WHOLE)
+        whole = np.floor(samples + WHOLE)
         part = np.clip(samples - whole, 0.0, 1.0)
         numerator, denominator = behind_hold(plants.numerator, plants.denominator, sample_time_s, part)
         return cls(numerator, denominator, np.zeros(len(plants)), whole + 1.0)
@@ -126,6 +126,11 @@ class SampledLoops(Loops):
     def take(self, rows: Rows) -> SampledLoops:
         """The loops of these rows."""
         return SampledLoops(self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows), self.sections)
+
+    @cached_property
+    def integral_is_cancelled(self) -> NDArray[np.bool_]:
+        """Whether the controller's pole at z = 1 meets a zero of the plant there, shape (m,)."""
+        return np.asarray((1.0 in self.sections.poles) & (self.plants.numerator[:, -1] == 0.0))
 
     @property
     def highest_rad_s(self) -> float:

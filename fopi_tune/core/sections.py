@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+#: relative; what is nearer to Nyquist's frequency cannot be told from it, as its tangent has no digits left
+_NYQUIST_ROUNDING = 1e-12
+
 
 @dataclass(frozen=True)
 class Sections:
@@ -67,3 +70,7 @@ class Implementation:
     def nyquist_rad_s(self) -> float:
         """The highest frequency of sampled signals, pi/Ts."""
         return float(np.pi / self.sections.sample_time_s)
+
+    def is_beyond_nyquist(self, omega_rad_s: float) -> bool:
+        """Whether a frequency is Nyquist's, but for rounding, or a higher one."""
+        return omega_rad_s >= self.nyquist_rad_s * (1.0 - _NYQUIST_ROUNDING)

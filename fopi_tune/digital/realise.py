@@ -129,7 +129,13 @@ def second_order_sections(sections: Sections) -> Matrix:
     from scipy.signal import zpk2sos
 
     zeros, poles, gain = zeros_poles_gain(sections)
-    return np.asarray(zpk2sos(zeros, poles, gain), dtype=float)
+    table = np.asarray(zpk2sos(zeros, poles, gain), dtype=float)
+    for _ in range(len(poles) - len(zeros)):
+        # SciPy counts powers of 1/z, so that a zero that is missing took a sample's delay with it: a section that has
+        # room for it takes it back
+        row = int(np.argmin(np.abs(table[:, 2])))
+        table[row, :3] = 0.0, *table[row, :2]
+    return table
 
 
 def zeros_poles_gain(sections: Sections) -> tuple[NDArray[np.complex128], Array, float]:

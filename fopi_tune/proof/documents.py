@@ -37,6 +37,8 @@ from fopi_tune.spec.model import Relation, Requirement, Scope
 #: version of the file; it may only grow
 CERTIFICATE_SCHEMA = 1
 KIND = "fopi_tune certificate"
+#: of a digital controller; its polynomials' cost grows with the third power
+_MOST_SECTIONS = 200
 
 
 def to_document(certificate: Certificate) -> dict[str, Any]:
@@ -181,6 +183,8 @@ def _read_implementation(entry: Entry) -> Implementation:
     poles, residues = entry.numbers("poles"), entry.numbers("residues")
     sample_time_s, delay_samples = entry.number("sample_time_s"), entry.number("delay_samples")
     inside = all(abs(pole) < 1.0 for pole in poles[1:]) and all(-1.0 < pole <= 1.0 for pole in poles[:1])
+    if len(poles) > _MOST_SECTIONS:
+        raise CertificateError(f"{entry.place}: {len(poles)} sections are more than the {_MOST_SECTIONS} that are read")
     if len(poles) != len(residues) or len(set(poles)) < len(poles) or not inside:
         raise CertificateError(f"{entry.place}: poles and residues are no stable sum of first-order sections")
     if not sample_time_s > 0.0 or not delay_samples >= 0.0:

@@ -116,7 +116,7 @@ def breaks(
         omega: of a frequency function, where; 0 and inf are far down and far up.
     """
     if QUANTITIES[requirement.quantity].takes_band:
-        if omega is None or math.isnan(omega):
+        if omega is None or math.isnan(omega) or _is_beyond_nyquist(case, requirement):
             return []
         u = min(max(_place(case, omega), -_FAR), _FAR)
         low, high = _band(case, requirement)
@@ -159,6 +159,11 @@ def _closed(claims: list[Claim]) -> list[Claim]:
     return [closed_form(claim) for claim in claims]
 
 
+def _is_beyond_nyquist(case: Case, requirement: Requirement) -> bool:
+    """Whether the loop on samples has no response in the requirement's band."""
+    return case.implementation is not None and case.implementation.is_beyond_nyquist(requirement.from_rad_s)
+
+
 def _band(case: Case, requirement: Requirement) -> Interval:
     return case.loop.band(requirement.from_rad_s, requirement.to_rad_s)
 
@@ -173,6 +178,8 @@ def _stays(case: Case, requirement: Requirement, upper: bool, level: float, plan
     loop, origin = case.loop, case.origin
     quantity = QUANTITIES[requirement.quantity]
     if quantity.takes_band:
+        if _is_beyond_nyquist(case, requirement):
+            return []
         return [_bound(case, requirement, upper, level, _band(case, requirement), plants)]
     domain = (_EVERYWHERE, *plants)
     if quantity.where is Where.PHASE_CROSSOVERS:
@@ -187,12 +194,12 @@ def _stays(case: Case, requirement: Requirement, upper: bool, level: float, plan
         return []  # its second derivatives are not written for loops on samples
     if reading is Reading.CROSSOVER:
         level = loop.inner_place(level, upper)
-        if math.isinf(level):
-            return []
     some = SomeCrossover(loop, reading, level, upper, domain, origin, case.reader)
     every = EveryCrossover(loop, reading, level, upper, domain, origin, case.reader)
     crosses = replace(some, level=None)
     if reading is Reading.CROSSOVER:
+        if math.isinf(level):  # Nyquist's frequency is no place of the axis: every crossover is below it
+            return [crosses] if upper else []
         above = replace(every, domain=((level, math.inf), *plants))
         return [above, crosses] if upper else [some]
     if reading is Reading.PHASE_SLOPE:
@@ -211,8 +218,10 @@ def _sheets(case: Case, plants: Box) -> list[Claim]:
     whole = case.loop.plant([ball_of(side) for side in plants])
     claims: list[Claim] = []
     domain = (_EVERYWHERE, *plants)
-    if len(whole.numerator) > 1 and any(c.gradient for c in whole.numerator):
+    # behind a hold whose delay is too uncertain nothing is known of the whole box: both are asked for
+    unknown = not all(c.value.is_finite() for c in (*whole.numerator, *whole.denominator))
+    if unknown or (len(whole.numerator) > 1 and any(c.gradient for c in whole.numerator)):
         claims.append(NoAxisRoot(case.loop, False, domain, case.origin))
-    if len(whole.denominator) > 2 and any(c.gradient for c in whole.denominator):
+    if unknown or (len(whole.denominator) > 2 and any(c.gradient for c in whole.denominator)):
         claims.append(NoAxisRoot(case.loop, True, domain, case.origin))
     return claims

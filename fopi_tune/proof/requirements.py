@@ -27,7 +27,7 @@ def check_requirement(requirement: Requirement, samples: Samples, tolerance: flo
         tolerance: by how much it may be missed, in natural units.
     """
     implementation = samples.smooth.implementation
-    if implementation is not None and requirement.from_rad_s >= implementation.nyquist_rad_s:
+    if implementation is not None and implementation.is_beyond_nyquist(requirement.from_rad_s):
         place = place_of(samples.smooth, samples.smooth.nominal_x, requirement.from_rad_s)
         return RequirementResult(requirement, None, Outcome.BEYOND_NYQUIST, None, None, place)
     sides = [largest for largest in (False, True) if _has_side(requirement, largest)]

@@ -25,6 +25,8 @@ from fopi_tune.proof.balls.plant import PlantBalls
 _ONE, _ZERO = arb(1), arb(0)
 #: an argument below which a difference of reciprocals is a series
 _SMALL = arb(1e-4)
+#: samples across which a delay may be uncertain before it is cut
+_MOST_SPAN = 12
 
 
 def behind_hold(plant: PlantBalls, sample_time: arb, samples: Dual, axes: int) -> PlantBalls:
@@ -37,7 +39,8 @@ def behind_hold(plant: PlantBalls, sample_time: arb, samples: Dual, axes: int) -
         axes: of the box, frequency included.
 
     Returns:
-        The same plants in w; not a number where a direct path's delay is uncertain across a whole number of samples.
+        The same plants in w; not a number where a direct path's delay is uncertain across a whole number of samples,
+        or any delay across too many.
     """
     first, last = _floor(samples.value.lower()), _floor(samples.value.upper())
     times = [1 - _clip(samples - j) for j in range(first, last + 1)]
@@ -46,8 +49,8 @@ def behind_hold(plant: PlantBalls, sample_time: arb, samples: Dual, axes: int) -
     direct = plant.numerator[0] / leading if len(plant.numerator) == degree + 1 else None
     if direct is not None and direct.value.is_zero() and not direct.gradient:
         direct = None
-    if direct is not None and span > 1:
-        # the direct path jumps by whole samples: its value is not continuous in the dead time
+    if span > _MOST_SPAN or (direct is not None and span > 1):
+        # cut the dead time first; the direct path jumps by whole samples and is not even continuous in it
         return PlantBalls((Dual(arb.nan()),), (Dual.of(1),), Dual.of(0), first + 1)
     if degree == 1 and direct is None and not plant.denominator[1].value.contains(0):
         return _first_order(plant, sample_time, times, first)
@@ -159,6 +162,10 @@ def _any_order(plant: PlantBalls, direct: Dual | None, ts: arb, times: list[Dual
         eb = [[_sum([e[i][h] * b[h][j] for h in range(n)]) for j in range(n)] for i in range(n)]
         characteristic.append(_sum([eb[i][i] for i in range(n)]) * (arb(-1) / (k + 1)))
         b = [[eb[i][j] + characteristic[-1] if i == j else eb[i][j] for j in range(n)] for i in range(n)]
+    for k in range(1, n + 1):
+        # an integrator's pole is at z = 1 exactly
+        if all(value.value.is_zero() and not value.gradient for value in plant.denominator[k:]):
+            characteristic[k] = Dual.of(0)
     return weights, characteristic
 
 

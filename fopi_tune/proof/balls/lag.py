@@ -15,6 +15,11 @@ Responses.  |S|^2 = (1 + x^2)/(A^2 + (x + b)^2), |T|^2 = |G|^2/(...), |C S|^2 = 
 
 and all signs change for >=.  Its least value is at x1 or x2, or at the vertex -qb/qa, where it is (qa qc - qb^2)/qa.
 
+On samples x = nu t and |h| = |1 - w| grow without end towards z = -1, where the responses hardly change.  Everything is
+divided by |1 - w|: with theta = omega Ts/2, k = cos theta and y = t sin theta,
+
+    k + jy in the place of 1 + jx,    G/|1 - w| = K C e^{-j (2l + 1) theta} in that of G .                          (1a)
+
 Gain crossovers.  |L| = 1 iff x = sqrt(|G|^2 - 1), hence  PM = pi + arg G - atan x  at that omega alone.             (2)
 
 Phase crossovers.  L = -m < 0 iff G = -m (1 + jx), hence  m = -Re G,  x = Im G/Re G.                                 (3)
@@ -29,20 +34,19 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from flint import acb, arb
+from flint import arb
 
 from fopi_tune.core.peaks import Response
 from fopi_tune.proof.balls.bound import Bound
-from fopi_tune.proof.balls.box import Box, Interval, ball_of, is_tail
+from fopi_tune.proof.balls.box import Box, Interval, ball_of, is_tail, with_interval
 from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding
 from fopi_tune.proof.balls.crossings import EveryCrossover, EveryPhaseCrossover
+from fopi_tune.proof.balls.lag_values import At, AtTheEnd, Flat, Pair, lag_of
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import assemble
 from fopi_tune.proof.balls.reading import Reading
 from fopi_tune.proof.balls.sampled import SampledBallLoop
 
-#: a value and its derivative in u
-Pair = tuple[arb, arb]
 _CUT = Finding(None, 0)
 _FLAT_AT_LARGE_GAIN = (Response.COMPLEMENTARY_SENSITIVITY, Response.CONTROL_SENSITIVITY)
 _LARGE_GAIN = 4.0
@@ -56,92 +60,6 @@ def has_lag_form(loop: BallLoop) -> bool:
     """Whether only the time constant of a lag is uncertain; on samples, late by whole samples."""
     lag = loop.family.model == "lag" and loop.family.uncertain_names == ("time_constant_s",)
     return lag and not (isinstance(loop, SampledBallLoop) and loop.whole_samples is None)
-
-
-def _lag_of(loop: BallLoop, time_constant: arb) -> arb:
-    """tau in x = omega tau; on samples coth(Ts/(2 tau)) in x = nu tau:  m/(z - 1 + m), m = 1 - e^{-Ts/tau}, is
-    (1 - w)/(1 + w (2/m - 1))."""
-    if not isinstance(loop, SampledBallLoop):
-        return time_constant
-    return (loop.sample_time / (2 * time_constant)).coth()
-
-
-def _hold(loop: BallLoop, omega: arb, dead_time: arb) -> tuple[acb, acb]:
-    """h = e^{-j omega L} and d ln h/du; on samples (1 - w) z^-l."""
-    if not isinstance(loop, SampledBallLoop):
-        if dead_time.is_zero():
-            return acb(1), acb(0)
-        turn = omega * dead_time
-        sine, cosine = turn.sin_cos()
-        return acb(cosine, -sine), acb(0, -turn)
-    late = loop.whole_samples or 0
-    sine, cosine = (2 * late * omega.atan()).sin_cos()
-    # d ln(1 - w)/du = -w/(1 - w),  d ln z^-1/du = -2j nu/(1 + nu^2)
-    slope = -1 / acb(-1, -1 / omega) - acb(0, 2 * late / (omega + 1 / omega))
-    return acb(1, -omega) * acb(cosine, -sine), slope
-
-
-def _hold_phase(loop: BallLoop, omega: arb, dead_time: arb) -> arb:
-    """arg h."""
-    if not isinstance(loop, SampledBallLoop):
-        return -omega * dead_time
-    return -(2 * (loop.whole_samples or 0) + 1) * omega.atan()
-
-
-class _At:
-    """G and its derivative over an interval of u."""
-
-    __slots__ = ("_loop", "_tau", "_u", "c", "c_slope", "dead_time", "g", "gain", "log_slope", "omega")
-
-    def __init__(self, loop: BallLoop, u: arb, plant: tuple[arb, arb], tau: tuple[arb, arb]) -> None:
-        self._loop, self._u, self._tau = loop, u, tau
-        self.gain, self.dead_time = plant
-        self.omega = u.exp()
-        c, slope = loop.controller(u)
-        # G = K C h,  d ln G/du = d ln C/du + d ln h/du
-        hold, hold_slope = _hold(loop, self.omega, self.dead_time)
-        self.c, self.c_slope = c, slope
-        self.g, self.log_slope = self.gain * c * hold, slope + hold_slope
-
-    @property
-    def g_slope(self) -> acb:
-        """dG/du."""
-        return self.g * self.log_slope
-
-    @property
-    def g_squared(self) -> Pair:
-        """|G|^2."""
-        real, imag = self.g.real, self.g.imag
-        size = real * real + imag * imag
-        return size, 2 * size * self.log_slope.real
-
-    @property
-    def c_squared(self) -> Pair:
-        """|C|^2."""
-        real, imag = self.c.real, self.c.imag
-        size = real * real + imag * imag
-        return size, 2 * size * self.c_slope.real
-
-    def x(self, upper: bool) -> arb:
-        """x1 or x2; its own derivative in u."""
-        return self.omega * self._tau[upper]
-
-    @property
-    def g_phase(self) -> arb:
-        """arg G, unwrapped, at one frequency."""
-        phase = self._loop.controller_phase(self._u) + _hold_phase(self._loop, self.omega, self.dead_time)
-        # two minus signs cancel
-        return phase - arb.pi() if (self.gain < 0) != self._loop.controller_is_negative else phase
-
-    @property
-    def frequency(self) -> arb:
-        """rad/s."""
-        return self._loop.frequency(self.omega)
-
-    @property
-    def stretch(self) -> arb:
-        """d ln frequency/du."""
-        return self._loop.stretch(self.omega)
 
 
 @dataclass(frozen=True)
@@ -167,7 +85,7 @@ class _Lag(Claim):
     @cached_property
     def _tau(self) -> tuple[arb, arb]:
         low, high = self.general.domain[1]
-        return _lag_of(self.general.loop, arb(low)), _lag_of(self.general.loop, arb(high))
+        return lag_of(self.general.loop, arb(low)), lag_of(self.general.loop, arb(high))
 
     @cached_property
     def _plant(self) -> tuple[arb, arb]:
@@ -177,23 +95,35 @@ class _Lag(Claim):
 
     def examine(self, box: Box) -> Finding:
         u = box[0]
+        loop = self.general.loop
+        if math.isinf(u[1]) and isinstance(loop, SampledBallLoop) and self._holds_at_the_end(loop, u[0]):
+            return HOLDS
         if is_tail(u):
             return self._by_the_general_claim(u)
         ball = ball_of(u)
         middle = arb(u[0] + 0.5 * (u[1] - u[0]) if u[0] < u[1] else u[0])
-        loop, plant, tau = self.general.loop, self._plant, self._tau
-        found = self._examine(u, _At(loop, ball, plant, tau), _At(loop, middle, plant, tau), ball - middle)
+        plant, tau = self._plant, self._tau
+        found = self._examine(u, At(loop, ball, plant, tau), At(loop, middle, plant, tau), ball - middle)
         # omega tau far from 1 costs the closed forms their digits; the general claim keeps its own
         if found.leaf is None and not found.counterexample and u[1] - u[0] < _NARROW:
             return self._by_the_general_claim(u)
         return found
 
+    def _holds_at_the_end(self, loop: SampledBallLoop, from_u: float) -> bool:
+        """Whether the closed form settles the tail up to z = -1."""
+        return False
+
     def _by_the_general_claim(self, u: Interval) -> Finding:
-        found = self.general.examine((u, *self.general.domain[1:]))
+        box: Box = (u, *self.general.domain[1:])
+        found = self.general.examine(box)
+        if found.leaf is None and any(axis == 1 for axis, _ in found.pins):
+            # the worst time constant is an end of its interval
+            upper = next(upper for axis, upper in found.pins if axis == 1)
+            found = self.general.examine(with_interval(box, 1, (box[1][upper],) * 2))
         return HOLDS if found.leaf is not None else _CUT
 
     @abstractmethod
-    def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
+    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
         """By the closed form: over a box, with its centre and its distance from it."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -210,50 +140,66 @@ class LagBound(_Lag):
     def _square(self) -> arb:
         return (2 * arb(self.general.level)).exp()
 
-    def _quadratic(self, at: _At) -> tuple[Pair, Pair, Pair]:
+    def _holds_at_the_end(self, loop: SampledBallLoop, from_u: float) -> bool:
+        """Up to z = -1, by the range of the quadratic."""
+        at = AtTheEnd(loop, from_u, self._plant[0], self._tau)
+        q = self._quadratic(at)
+        if not all(_end(q, x) >= 0 for x in at.flat.ends):
+            return False
+        return self._least_at_an_end(q, at.flat) or bool(q[0][0] > 0 and _discriminant(q) >= 0)
+
+    @staticmethod
+    def _least_at_an_end(q: tuple[Pair, Pair, Pair], flat: Flat) -> bool:
+        """Not convex, or rising already at x1, or still falling at x2: whatever the sign of qa, an end is the least."""
+        (qa, _), (qb, _), _ = q
+        return bool(qa <= 0 or qb + qa * flat.ends[0] >= 0 or qb + qa * flat.ends[1] <= 0)
+
+    def _quadratic(self, at: At | AtTheEnd) -> tuple[Pair, Pair, Pair]:
         """qa, qb and qc with their derivatives."""
-        m2, zero = self._square, arb(0)
+        m2, zero, flat = self._square, arb(0), at.flat
         response = self.general.response
+        (one, d_one), (square, d_square) = flat.one, flat.one_squared
         if response is Response.LOOP_GAIN:
-            size, slope = at.g_squared
-            found = (m2, zero), (zero, zero), (m2 - size, -slope)
+            size, slope = flat.g_squared
+            found = (m2, zero), (zero, zero), (m2 * square - size, m2 * d_square - slope)
         else:
-            g, slope = at.g, at.g_slope
-            a, da, b, db = 1 + g.real, slope.real, g.imag, slope.imag
+            g, slope = flat.g, flat.slope
+            a, da, b, db = one + g.real, d_one + slope.real, g.imag, slope.imag
             distance, d_distance = m2 * (a * a + b * b), 2 * m2 * (a * da + b * db)
             linear = m2 * b, m2 * db
             if response is Response.SENSITIVITY:
-                found = (m2 - 1, zero), linear, (distance - 1, d_distance)
+                found = (m2 - 1, zero), linear, (distance - square, d_distance - d_square)
             elif response is Response.COMPLEMENTARY_SENSITIVITY:
-                size, slope = at.g_squared
+                size, slope = flat.g_squared
                 found = (m2, zero), linear, (distance - size, d_distance - slope)
             else:
                 size, slope = at.c_squared
-                found = (m2 - size, -slope), linear, (distance - size, d_distance - slope)
+                constant = distance - square * size, d_distance - d_square * size - square * slope
+                found = (m2 - size, -slope), linear, constant
         if self.general.upper:
             return found
         return tuple((-value, -slope) for value, slope in found)  # pyright: ignore[reportReturnType]
 
-    def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
+    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
         # Where |L| is large, |T| and |C S| hardly depend on it, while (1) is a difference of large numbers.
         large = self.general.response in _FLAT_AT_LARGE_GAIN and over.g.abs_lower() > _LARGE_GAIN
         if large and self._by_the_general_claim(u).leaf is not None:
             return HOLDS
+        around, at = over.flat, centre.flat
         wide, middle = self._quadratic(over), self._quadratic(centre)
         for upper in (False, True):
-            value = _end(middle, centre.x(upper))
+            value = _end(middle, at.ends[upper])
             if value < 0:
                 return Finding(None, 0, (), counterexample=True)
-            if not value + _end_slope(wide, over.x(upper)) * shift >= 0:
+            if not value + _end_slope(wide, around.ends[upper], around.rate) * shift >= 0:
                 return self._where_the_phase_does_not_matter(u, over)
-        (qa, _), (qb, _), _ = wide
-        # not convex, or rising already at x1, or still falling at x2: whatever the sign of qa, an end is the least
-        if qa <= 0 or qb + qa * over.x(False) >= 0 or qb + qa * over.x(True) <= 0:
+        if self._least_at_an_end(wide, around):
             return HOLDS
+        qa = wide[0][0]
         discriminant = _discriminant(middle) + _discriminant_slope(wide) * shift
         return HOLDS if qa > 0 and discriminant >= 0 else _CUT
 
-    def _where_the_phase_does_not_matter(self, u: Interval, over: _At) -> Finding:
+    def _where_the_phase_does_not_matter(self, u: Interval, over: At) -> Finding:
         """A long dead time turns L often where it is small already: there its size settles the claim."""
         turns = over.omega.rad() * over.dead_time > _MUCH_OF_A_TURN
         return self._by_the_general_claim(u) if turns and over.g.abs_upper() < over.x(False).abs_lower() else _CUT
@@ -265,10 +211,10 @@ def _end(q: tuple[Pair, Pair, Pair], x: arb) -> arb:
     return (a * x + 2 * b) * x + c
 
 
-def _end_slope(q: tuple[Pair, Pair, Pair], x: arb) -> arb:
-    """dq(x)/du where dx/du = x."""
+def _end_slope(q: tuple[Pair, Pair, Pair], x: arb, rate: arb | int = 1) -> arb:
+    """dq(x)/du where dx/du = rate x."""
     (a, da), (b, db), (_, dc) = q
-    return (da + 2 * a) * x * x + 2 * (db + b) * x + dc
+    return (da + 2 * rate * a) * x * x + 2 * (db + rate * b) * x + dc
 
 
 def _discriminant(q: tuple[Pair, Pair, Pair]) -> arb:
@@ -288,7 +234,7 @@ class LagCrossover(_Lag):
 
     general: EveryCrossover
 
-    def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
+    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
         square, square_slope = over.g_squared
         y = centre.g_squared[0] - 1
         for upper in (False, True):
@@ -318,7 +264,7 @@ class LagPhaseCrossover(_Lag):
 
     general: EveryPhaseCrossover
 
-    def _examine(self, u: Interval, over: _At, centre: _At, shift: arb) -> Finding:
+    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
         slope, at = over.g_slope, centre.g
         smallest = (-arb(self.general.level)).exp()
         # |L|^2 = |G|^2/(1 + x^2)

@@ -78,7 +78,8 @@ def is_unstable_by_structure(loop: BallLoop, theta: tuple[float, ...]) -> bool:
     |kp n_n/d_n| > 1, which has infinitely many poles on the right.
     """
     plant = assemble(loop.family, [arb(value) for value in theta])
-    if loop.gains.ki != 0.0 and plant.numerator[-1].value.is_zero():
+    integral = loop.has_integrator if isinstance(loop, SampledBallLoop) else loop.gains.ki != 0.0
+    if integral and plant.numerator[-1].value.is_zero():
         return True
     if isinstance(loop, SampledBallLoop):
         return False

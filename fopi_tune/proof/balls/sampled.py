@@ -20,8 +20,9 @@ from flint import acb, acb_poly, arb, arb_poly, ctx
 
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.sampled import SampledLoops
+from fopi_tune.core.sampled import MOST_DELAY_SAMPLES, WHOLE, SampledLoops
 from fopi_tune.core.sections import Implementation
+from fopi_tune.errors import DomainError
 from fopi_tune.proof.balls.argument import Argument
 from fopi_tune.proof.balls.box import Box, Interval
 from fopi_tune.proof.balls.dual import Dual
@@ -29,9 +30,12 @@ from fopi_tune.proof.balls.hold import behind_hold
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import PlantBalls
 from fopi_tune.proof.balls.values import LoopBalls
+from fopi_tune.proof.balls.winding import count_by_argument
 
-#: relative steps by which a place is rounded to one side
-_STEPS = (0.0, 1e-15, 1e-14, 1e-12, 1e-9, 1e-6, 1e-3)
+#: bits for places next to Nyquist's frequency, where the tangent has no end
+_PLACE_PRECISION = 192
+#: beyond this the closed loop's roots are counted by their argument, not found
+_MOST_ROOTS = 40
 
 
 #: d and (sigma_k, rho_k)
@@ -70,8 +74,20 @@ class SampledBallLoop(BallLoop):
         return any(sigma.is_zero() for sigma, _ in self.sections[1])
 
     def samples(self, dead_time: Dual) -> Dual:
-        """The whole delay in samples."""
-        return dead_time / self.sample_time + arb(self.implementation.delay_samples)
+        """The whole delay in samples; one that is known and within 1e-12 of a whole number is that number.
+
+        0.6 s are three samples of 0.2 s, though these two doubles' quotient is a little less.
+
+        Raises:
+            DomainError: more than 10,000 samples.
+        """
+        samples = dead_time / self.sample_time + arb(self.implementation.delay_samples)
+        if not samples.value < MOST_DELAY_SAMPLES:
+            raise DomainError(f"the delay is more than {MOST_DELAY_SAMPLES} samples long; take a longer sample time")
+        whole = (samples.value + arb(0.5)).floor().unique_fmpz()
+        if whole is not None and not samples.gradient and abs(samples.value - arb(whole)) < WHOLE:
+            return Dual.of(int(whole))
+        return samples
 
     @cached_property
     def whole_samples(self) -> int | None:
@@ -84,16 +100,23 @@ class SampledBallLoop(BallLoop):
     def controller(self, u: arb) -> tuple[acb, acb]:
         """C and d ln C/du over a ball of u."""
         nu = u.exp()
-        return self._controller(acb(0, nu))
+        value, slope = self.controller_and_derivative(acb(0, nu))
+        return value, slope / value
 
-    def _controller(self, w: acb) -> tuple[acb, acb]:
+    def controller_and_derivative(self, w: acb) -> tuple[acb, acb]:
+        """C and dC/du, u = ln nu, at w = j nu."""
         direct, pairs = self.sections
         value, slope = acb(direct), acb(0)
         for sigma, rho in pairs:
             part = 1 / (w + sigma)
             term = rho * part
             value, slope = value + term, slope - w * part * term
-        return value, slope / value
+        return value, slope
+
+    def controller_far_up(self, inverse: acb) -> acb:
+        """C at w = 1/t:  rho/(w + sigma) = rho t/(1 + sigma t)."""
+        direct, pairs = self.sections
+        return acb(direct) + sum((rho * inverse / (1 + sigma * inverse) for sigma, rho in pairs), acb(0))
 
     def controller_phase(self, u: arb) -> arb:
         """arg C without the sign of `controller_is_negative`."""
@@ -163,21 +186,28 @@ class SampledBallLoop(BallLoop):
         return math.log(math.tan(half)) if 0.0 < half < 0.5 * math.pi else math.copysign(math.inf, half - 1.0)
 
     def inner_place(self, log_omega: float, upper: bool) -> float:
-        """The same, rounded down for an upper limit and up for a lower one: what holds there holds at the limit."""
-        u, limit = self.place(log_omega), arb(log_omega).exp()
-        for step in _STEPS:
-            inside = u - step * max(abs(u), 1.0) if upper else u + step * max(abs(u), 1.0)
-            found = self.frequency(arb(inside).exp())
-            if found <= limit if upper else found >= limit:
-                return inside
-        raise ArithmeticError(f"the place of omega = e^{log_omega!r} rad/s is not enclosed")
+        """The same, rounded down for an upper limit and up for a lower one: what holds there holds at the limit.
+
+        inf from Nyquist's frequency on.
+        """
+        with ctx.workprec(_PLACE_PRECISION):
+            return self._places(arb(log_omega).exp())[0 if upper else 1]
 
     def band(self, from_rad_s: float, to_rad_s: float) -> Interval:
-        """Places of all frequencies of a band; from Nyquist's frequency on there are none."""
-        low = self.inner_place(math.log(from_rad_s), True) if from_rad_s > 0.0 else -math.inf
-        if to_rad_s >= self.implementation.nyquist_rad_s * (1.0 - 1e-12):
+        """Places of all frequencies of a band; from Nyquist's frequency on there are none, and both ends are inf."""
+        low = self._places(arb(from_rad_s))[0] if from_rad_s > 0.0 else -math.inf
+        if self.implementation.is_beyond_nyquist(to_rad_s):
             return low, math.inf
-        return low, self.inner_place(math.log(to_rad_s), False)
+        return low, self._places(arb(to_rad_s))[1]
+
+    def _places(self, omega: arb) -> Interval:
+        """Doubles just below and above ln tan(omega Ts/2); inf from Nyquist's frequency on."""
+        with ctx.workprec(_PLACE_PRECISION):
+            half = omega * self.sample_time / 2
+            if not half < arb.pi() / 2:
+                return math.inf, math.inf
+            u = half.tan().log()
+            return math.nextafter(float(u.lower()), -math.inf), math.nextafter(float(u.upper()), math.inf)
 
     def frequency(self, omega: arb) -> arb:
         """omega = (2/Ts) atan nu, rad/s."""
@@ -207,8 +237,7 @@ class SampledLoopBalls(LoopBalls):
         direct, pairs = self.loop.sections
         w = self.s
         if self.high_tail:
-            # w = 1/t:  rho/(w + sigma) = rho t/(1 + sigma t)
-            return acb(direct) + sum((rho * w / (1 + sigma * w) for sigma, rho in pairs), acb(0))
+            return self.loop.controller_far_up(w)
         if not self.low_tail or not self.loop.has_integrator:
             return acb(direct) + sum((rho / (w + sigma) for sigma, rho in pairs), acb(0))
         rest = sum((rho / (w + sigma) for sigma, rho in pairs if not sigma.is_zero()), acb(direct))
@@ -235,7 +264,8 @@ class SampledLoopBalls(LoopBalls):
     @cached_property
     def controller_slope(self) -> acb:
         """d ln C/du."""
-        return self.loop._controller(self.s)[1]
+        value, slope = self.loop.controller_and_derivative(self.s)
+        return slope / value
 
     @cached_property
     def _delay_slope(self) -> acb:
@@ -292,20 +322,30 @@ def _coefficients(polynomial: arb_poly) -> list[arb]:
 def count_unstable_roots(loop: SampledBallLoop, theta: Sequence[float]) -> int | None:
     """Closed-loop poles outside the unit circle of one plant, from the roots in w of
 
-        (1 + w)^late prod_k (w + sigma_k) D(w) + C(w) prod_k (w + sigma_k) N(w) (1 - w)^late .
+        (1 + w)^late prod_k (w + sigma_k) D(w) + C(w) prod_k (w + sigma_k) N(w) (1 - w)^late ,
+
+    or, where these are many or fall together, by their argument.
 
     Returns:
         The number; None when a root cannot be told from the circle.
     """
     with ctx.workprec(_ROOT_PRECISION):
         plant = loop.plant([arb(value) for value in theta])
-        sections = _sections_of(loop.implementation)
-        bottom = arb_poly([c.value for c in reversed(plant.denominator)])
-        for sigma, _ in sections[1]:
-            bottom = bottom * arb_poly([sigma, 1])
-        top = arb_poly([plant.gain.value * c.value for c in reversed(plant.numerator)]) * _numerator(sections)
-        polynomial = bottom * arb_poly([1, 1]) ** plant.late + top * arb_poly([1, -1]) ** plant.late
-        return _right_roots(_coefficients(polynomial))
+        if plant.late + len(plant.denominator) + len(loop.implementation.sections.poles) <= _MOST_ROOTS:
+            count = _count_by_roots(loop, plant)
+            if count is not None:
+                return count
+    return count_by_argument(loop, loop.plant([arb(value) for value in theta]))
+
+
+def _count_by_roots(loop: SampledBallLoop, plant: PlantBalls) -> int | None:
+    sections = _sections_of(loop.implementation)
+    bottom = arb_poly([c.value for c in reversed(plant.denominator)])
+    for sigma, _ in sections[1]:
+        bottom = bottom * arb_poly([sigma, 1])
+    top = arb_poly([plant.gain.value * c.value for c in reversed(plant.numerator)]) * _numerator(sections)
+    polynomial = bottom * arb_poly([1, 1]) ** plant.late + top * arb_poly([1, -1]) ** plant.late
+    return _right_roots(_coefficients(polynomial))
 
 
 def _right_roots(coefficients: list[arb]) -> int | None:

@@ -1,0 +1,114 @@
+"""Closed-loop poles outside the unit circle of one sampled loop, by the argument principle, however long the delay.
+
+F(w) = D(w) + C(w) N(w) z^-late; with the integrator's factor w (E = 1, else E = 0) w^E F is analytic for Re w >= 0 and
+grows there as w^(E + k), k the degree of D.  Along w = j nu from 0 to j inf its argument changes by
+
+    Delta = (E + k) pi/2 - pi Z ,                                                                                   (1)
+
+Z the number of zeros on the right.  It is followed over pieces on each of which F stays in a rectangle without 0.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from flint import acb, arb
+
+from fopi_tune.proof.balls.box import Interval, ball_of
+from fopi_tune.proof.balls.plant import PlantBalls, own_derivative
+
+if TYPE_CHECKING:
+    from fopi_tune.proof.balls.sampled import SampledBallLoop
+
+_NARROWEST = 1e-9
+_MOST_PIECES = 200_000
+_STEP = 1.0
+_FARTHEST = 100.0
+
+
+def count_by_argument(loop: SampledBallLoop, plant: PlantBalls) -> int | None:
+    """Zeros of F with Re w > 0, by (1).
+
+    Args:
+        loop: the controller.
+        plant: one plant behind the hold.
+
+    Returns:
+        The number; None when F comes too close to 0 on the axis to be told from it.
+    """
+    low, high = _end(loop, plant, -1.0), _end(loop, plant, 1.0)
+    if low is None or high is None:
+        return None
+    (first, start), (last, end) = low, high
+    along = _change(loop, plant, first, last)
+    if along is None:
+        return None
+    degree = len(plant.denominator) - 1 + int(loop.has_integrator)
+    # start is arg(w^E F) at the first place against w = 0; end is arg(F/w^k) at w = inf against the last
+    change = start + along - end
+    count = ((degree - 2 * change / arb.pi()) / 2).unique_fmpz()
+    return None if count is None or count < 0 else int(count)
+
+
+def _end(loop: SampledBallLoop, plant: PlantBalls, direction: float) -> tuple[float, arb] | None:
+    """A place beyond which F, but for its power of w, keeps away from the imaginary axis; and its argument there."""
+    u = direction
+    while abs(u) < _FARTHEST:
+        tail: Interval = (-float("inf"), u) if direction < 0 else (u, float("inf"))
+        over = loop.balls(tail, plant)
+        value = over.d * over.x + over.c * over.n if over.x is not None else over.characteristic
+        if value.is_finite() and not value.real.contains(0):
+            at, w = loop.balls((u, u), plant), acb(0, arb(u).exp())
+            # w^E F at the lower end, F/w^k at the upper one
+            here = at.characteristic
+            if direction > 0:
+                here = here / w ** (len(plant.denominator) - 1)
+            elif loop.has_integrator:
+                here = here * w
+            return u, (here if value.real > 0 else -here).arg()
+        u += direction * _STEP
+    return None
+
+
+def _change(loop: SampledBallLoop, plant: PlantBalls, low: float, high: float) -> arb | None:
+    """Change of arg F from one place to another."""
+    total, pieces = arb(0), 0
+    before = loop.balls((low, low), plant).characteristic
+    pending = [(low, high)]
+    while pending:
+        pieces += 1
+        a, b = pending.pop()
+        middle = 0.5 * (a + b)
+        over = loop.balls((a, b), plant)
+        centre = loop.balls((middle, middle), plant).characteristic
+        values = centre + _slope(loop, plant, over.s) * (ball_of((a, b)) - arb(middle))
+        if values.is_finite() and not values.contains(0):
+            after = loop.balls((b, b), plant).characteristic
+            total += (after / before).arg()
+            before = after
+            continue
+        if not over.d.contains(0) and over.gain.is_finite() and over.gain.abs_upper() < 1:
+            # |L| < 1: 1 + L stays in the right half-plane, however often the delay turns it
+            ends = loop.balls((a, a), plant), loop.balls((b, b), plant)
+            total += (ends[1].d / ends[0].d).arg() + (1 + ends[1].gain).arg() - (1 + ends[0].gain).arg()
+            before = ends[1].characteristic
+            continue
+        if b - a < _NARROWEST or pieces > _MOST_PIECES:
+            return None
+        pending += [(middle, b), (a, middle)]
+    return total
+
+
+def _slope(loop: SampledBallLoop, plant: PlantBalls, w: acb) -> acb:
+    """dF/du, u = ln nu."""
+    controller, steepness = loop.controller_and_derivative(w)
+    nu = w.imag
+    angle, numerator = 2 * plant.late * nu.atan(), [c.value for c in plant.numerator]
+    late = plant.gain.value * acb(angle.cos(), -angle.sin())
+    top = numerator[0] * acb(1)
+    for c in numerator[1:]:
+        top = top * w + c
+    # d ln z^-late/du = -2j late nu/(1 + nu^2)
+    turning = acb(0, -2 * plant.late / (nu + 1 / nu))
+    inner = (steepness + controller * turning) * top + controller * own_derivative(numerator, w)
+    return own_derivative([c.value for c in plant.denominator], w) + inner * late
