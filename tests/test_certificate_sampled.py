@@ -200,13 +200,13 @@ def check_honesty(seed: int) -> str:
 
 
 #: seeds of cheap designs, one uncertain number each: what CI has time for
-QUICK = (1, 5, 8, 12, 15, 22, 26, 100, 104, 106, 113, 114, 120, 127, 2, 24)
+QUICK = (5, 12, 15, 26, 100, 104, 106, 113, 127, 2)
 
 
 def test_limits_around_the_true_worst_case_are_told_apart() -> None:
     kinds = [check_honesty(seed) for seed in QUICK]
-    assert kinds.count("bound") >= 12
-    assert kinds.count("unstable") == 2
+    assert kinds.count("bound") == 9
+    assert kinds.count("unstable") == 1
 
 
 @pytest.mark.long
