@@ -46,7 +46,7 @@ class Sampled:
             inner = (
                 inner + np.linalg.solve(z[:, None, None] * np.eye(n) - self.phi, drive[:, :, None])[:, :, 0] @ self.c
             )
-        return inner * z ** -(self.whole + 1.0)
+        return np.asarray(inner * z ** -(self.whole + 1.0), dtype=complex)
 
 
 def held(a: Array, b: Array, time: float) -> tuple[Array, Array]:
@@ -54,7 +54,7 @@ def held(a: Array, b: Array, time: float) -> tuple[Array, Array]:
     n = len(a)
     block = np.zeros((n + 1, n + 1))
     block[:n, :n], block[:n, n] = a, b
-    whole = expm(block * time)
+    whole = np.asarray(expm(block * time), dtype=float)
     return whole[:n, :n], whole[:n, n]
 
 
@@ -156,8 +156,8 @@ class Loop:
         return np.log(np.abs(top)) - np.log(np.abs(1.0 + gain))
 
     def grid(self, low: float = 0.0, high: float = math.inf, points: int = 500) -> Array:
-        """Frequencies of a band, both ends included; from 1e-6 of Nyquist's frequency on."""
-        first, last = max(low, 1e-6 * self.nyquist), min(high, self.nyquist)
+        """Frequencies of a band, both ends included; from 1e-9 of Nyquist's frequency on."""
+        first, last = max(low, 1e-9 * self.nyquist), min(high, self.nyquist)
         return np.unique(np.concatenate([np.geomspace(first, last, points), np.linspace(first, last, points // 2)]))
 
     def extreme(self, name: str, low: float, high: float, sign: float, fine: bool) -> float:

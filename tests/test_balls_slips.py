@@ -21,6 +21,7 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import gain_crossovers, phase_crossovers
 from fopi_tune.core.peaks import Response
 from fopi_tune.proof.balls import lag as original
+from fopi_tune.proof.balls import lag_values as original_values
 from fopi_tune.proof.balls.bound import Bound
 from fopi_tune.proof.balls.box import Interval
 from fopi_tune.proof.balls.claim import Claim
@@ -180,33 +181,34 @@ SLIPS = [
     ("return -omega * dead_time", "return omega * dead_time"),
     ("phase - arb.pi() if (self.gain < 0) !=", "phase - arb.pi() if (self.gain < 0) =="),
     # the quadratics (1)
-    ("(m2 - size, -slope)\n        else", "(m2 + size, slope)\n        else"),
-    ("(m2 - size, -slope)\n        else", "(m2 - size, slope)\n        else"),
-    ("= 1 + g.real, slope.real", "= 1 - g.real, -slope.real"),
+    ("2 * (real * self.slope.real + imag * self.slope.imag)", "-2 * (real * self.slope.real + imag * self.slope.imag)"),
+    ("(m2 * square - size, m2 * d_square - slope)", "(m2 * square + size, m2 * d_square + slope)"),
+    ("(m2 * square - size, m2 * d_square - slope)", "(m2 * square - size, m2 * d_square + slope)"),
+    ("= one + g.real, d_one + slope.real", "= one - g.real, d_one - slope.real"),
     ("m2 * (a * a + b * b)", "m2 * (a * a - b * b)"),
     ("2 * m2 * (a * da + b * db)", "2 * m2 * (a * da - b * db)"),
     ("linear = m2 * b, m2 * db", "linear = -m2 * b, -m2 * db"),
     ("linear = m2 * b, m2 * db", "linear = m2 * b, -m2 * db"),
     ("(m2 - 1, zero), linear", "(m2 + 1, zero), linear"),
-    ("linear, (distance - 1, d_distance)", "linear, (distance + 1, d_distance)"),
-    ("linear, (distance - 1, d_distance)", "linear, (distance - 1, -d_distance)"),
+    ("linear, (distance - square, d_distance - d_square)", "linear, (distance + square, d_distance + d_square)"),
+    ("linear, (distance - square, d_distance - d_square)", "linear, (distance - square, -d_distance - d_square)"),
     (T_LINE, "(m2, zero), linear, (distance + size, d_distance + slope)"),
     (T_LINE, "(m2, zero), linear, (distance - size, d_distance + slope)"),
     ("(m2 - size, -slope), linear", "(m2 + size, slope), linear"),
     ("(m2 - size, -slope), linear", "(m2 - size, slope), linear"),
-    ("-slope), linear, (distance - size", "-slope), linear, (distance + size"),
+    ("constant = distance - square * size", "constant = distance + square * size"),
     ("((-value, -slope) for value, slope in found)", "((value, slope) for value, slope in found)"),
     ("(a * x + 2 * b) * x + c", "(a * x - 2 * b) * x + c"),
     ("(a * x + 2 * b) * x + c", "(a * x + 2 * b) * x - c"),
-    ("(da + 2 * a) * x * x", "(da - 2 * a) * x * x"),
-    ("2 * (db + b) * x + dc", "2 * (db - b) * x + dc"),
-    ("2 * (db + b) * x + dc", "2 * (db + b) * x - dc"),
+    ("(da + 2 * rate * a) * x * x", "(da - 2 * rate * a) * x * x"),
+    ("2 * (db + rate * b) * x + dc", "2 * (db - rate * b) * x + dc"),
+    ("2 * (db + rate * b) * x + dc", "2 * (db + rate * b) * x - dc"),
     ("a * c - b * b", "a * c + b * b"),
     ("da * c + a * dc - 2 * b * db", "da * c - a * dc - 2 * b * db"),
     ("da * c + a * dc - 2 * b * db", "da * c + a * dc + 2 * b * db"),
     ("qa <= 0 or", "qa >= 0 or"),
-    ("qb + qa * over.x(False) >= 0", "qb - qa * over.x(False) >= 0"),
-    ("qb + qa * over.x(True) <= 0", "qb - qa * over.x(True) <= 0"),
+    ("qb + qa * flat.ends[0] >= 0", "qb - qa * flat.ends[0] >= 0"),
+    ("qb + qa * flat.ends[1] <= 0", "qb - qa * flat.ends[1] <= 0"),
     # gain crossovers (2)
     ("y = centre.g_squared[0] - 1", "y = centre.g_squared[0] + 1"),
     ("y - x * x + (square_slope", "y + x * x + (square_slope"),
@@ -239,10 +241,12 @@ def test_the_battery_is_answered_without_a_mistake() -> None:
 
 @pytest.mark.parametrize(("old", "new"), SLIPS)
 def test_a_slip_in_a_sign_is_caught(old: str, new: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    source = inspect.getsource(original)
-    assert source.count(old) == 1, "this line of lag.py was rewritten: bring the slip up to date"
-    mutant = ModuleType("lag_with_a_slip")
-    # dataclasses look their module up by name
-    monkeypatch.setitem(sys.modules, mutant.__name__, mutant)
-    exec(compile(source.replace(old, new), mutant.__name__, "exec"), mutant.__dict__)
+    sources = [inspect.getsource(module) for module in (original_values, original)]
+    assert sum(source.count(old) for source in sources) == 1, "this line was rewritten: bring the slip up to date"
+    values, mutant = ModuleType("lag_values_with_a_slip"), ModuleType("lag_with_a_slip")
+    for module, source in zip((values, mutant), sources, strict=True):
+        # dataclasses look their module up by name, and the closed forms are to find the slip in their values
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        with_slip = source.replace(old, new).replace(original_values.__name__, values.__name__)
+        exec(compile(with_slip, module.__name__, "exec"), module.__dict__)
     assert is_caught(mutant)

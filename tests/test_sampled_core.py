@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
+from typing import Any
 
 import control
 import numpy as np
@@ -64,6 +66,12 @@ def random_sections(rng: np.random.Generator, sample_time_s: float, size: float 
     return Sections(sample_time_s, size * float(rng.normal()), poles, tuple(residues.tolist()))
 
 
+def zoh(plant: Plant, sample_time_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """SciPy's own discretisation, without dead time."""
+    system: Any = cont2discrete((plant.numerator, plant.denominator), sample_time_s, method="zoh")
+    return np.ravel(system[0]), np.ravel(system[1])
+
+
 def random_plant(rng: np.random.Generator) -> Plant:
     degree = int(rng.integers(1, 4))
     denominator = np.real(np.poly(-rng.uniform(-0.3, 3.0, size=degree)))
@@ -94,8 +102,8 @@ def test_the_held_plant_is_that_of_scipy(name: str) -> None:
     plant, ts = PLANTS[name], 0.2
     omega = frequencies(ts)
     z = np.exp(1j * omega * ts)
-    top, bottom, _ = cont2discrete((plant.numerator, plant.denominator), ts, method="zoh")
-    wanted = np.polyval(np.ravel(top), z) / np.polyval(bottom, z)
+    top, bottom = zoh(plant, ts)
+    wanted = np.polyval(top, z) / np.polyval(bottom, z)
     loops = loops_of(plant, Sections(ts, 1.0, (), ()), 3.0)
     found = loops.response(np.zeros(len(omega), dtype=np.intp), omega)
     # expanded polynomials in z lose digits next to z = 1: 1e-3 of Nyquist to the second power, times 1e-16
@@ -141,7 +149,7 @@ def test_closed_loop_poles_are_counted_as_eigenvalues_are(seed: int) -> None:
     sections = random_sections(rng, ts, float(10.0 ** rng.uniform(-1.5, 0.8)))
     delay = float(rng.choice([0.0, 0.5, 1.0, 4.0, rng.uniform(0.0, 3.0)]))
     tops, dead_times = rng.normal(size=(100, degree)), rng.uniform(0.0, 0.7, size=100)
-    bottoms = np.array([np.real(np.poly(-rng.uniform(-0.3, 3.0, size=degree))) for _ in range(100)])
+    bottoms = np.array([np.real(np.poly(-rng.uniform(-0.3, 3.0, size=degree))) for _ in range(100)], dtype=np.float64)
     implementation = Implementation(sections, delay)
     loops = SampledLoops.implemented(ft.FoPi(1.0, 1.0, 1.0), implementation, Plants(tops, bottoms, dead_times))
     counts, checked = unstable_closed_loop_poles(loops), 0
@@ -173,7 +181,7 @@ def stable_loops(seed: int, wanted: int, keep: Callable[[SampledLoops], bool]) -
 
 
 def test_raising_the_gain_by_the_margin_puts_a_pole_on_the_circle() -> None:
-    for plant, sections, delay in stable_loops(1, 60, lambda loops: math.isfinite(margins_of(loops).gain_margin_db)):
+    for plant, sections, delay in stable_loops(1, 15, lambda loops: math.isfinite(margins_of(loops).gain_margin_db)):
         factor = 10.0 ** (margins_of(loops_of(plant, sections, delay)).gain_margin_db / 20.0)
         sampled = oracle.sample(plant, sections.sample_time_s, delay)
         inside, outside = (
@@ -215,12 +223,11 @@ def test_margins_are_those_of_the_control_package() -> None:
             (float(rng.uniform(0.5, 2.0)),), (1.0, float(rng.uniform(0.5, 2.0)), float(rng.uniform(0.3, 1.0)))
         )
         sections = Sections(ts, float(rng.uniform(0.1, 0.6)), (1.0,), (float(rng.uniform(0.02, 0.2)),))
-        top, bottom, _ = cont2discrete((plant.numerator, plant.denominator), ts, method="zoh")
+        top, bottom = zoh(plant, ts)
         pi = control.TransferFunction([sections.direct, sections.residues[0] - sections.direct], [1.0, -1.0], ts)
-        loop = pi * control.TransferFunction(np.ravel(top), bottom, ts)
-        gain, phase, _, at_phase, at_gain, _ = (
-            np.atleast_1d(part) for part in control.stability_margins(loop, returnall=True, method="poly")
-        )
+        loop = pi * control.TransferFunction(top, bottom, ts)
+        margins: Any = control.stability_margins(loop, returnall=True, method="poly")
+        gain, phase, _, at_phase, at_gain, _ = (np.atleast_1d(part) for part in margins)
         found = margins_of(loops_of(plant, sections))
         # control finds crossings as roots of expanded polynomials in z of degree 6: seven digits are left
         np.testing.assert_allclose(found.gain_crossovers_rad_s, np.sort(at_gain), rtol=1e-6)
@@ -250,7 +257,7 @@ def test_a_delay_margin_of_whole_samples_can_be_added_as_dead_time() -> None:
 
 
 def test_the_phase_slope_is_the_difference_quotient() -> None:
-    for plant, sections, delay in stable_loops(2, 40, lambda loops: margins_of(loops).crossover_rad_s is not None):
+    for plant, sections, delay in stable_loops(2, 10, lambda loops: margins_of(loops).crossover_rad_s is not None):
         found = margins_of(loops_of(plant, sections, delay))
         assert found.crossover_rad_s is not None
         assert found.phase_slope_deg_per_decade is not None
@@ -262,6 +269,11 @@ def test_the_phase_slope_is_the_difference_quotient() -> None:
         wanted = float(np.degrees(np.angle(gains[0] / gains[1])) / (2.0 * h) * math.log(10.0))
         # second-order differences: h^2 times the third derivative, and rounding 1e-16/h
         assert found.phase_slope_deg_per_decade == pytest.approx(wanted, rel=1e-5, abs=1e-4)
+
+
+@cache
+def any_stable_loops() -> list[tuple[Plant, Sections, float]]:
+    return stable_loops(3, 8, lambda loops: True)
 
 
 RESPONSES = {
@@ -276,7 +288,7 @@ RESPONSES = {
 @pytest.mark.parametrize("largest", [True, False])
 def test_extremes_are_those_of_a_dense_scan(response: Response, largest: bool) -> None:
     sign = 1.0 if largest else -1.0
-    for plant, sections, delay in stable_loops(3, 25, lambda loops: True):
+    for plant, sections, delay in any_stable_loops():
         nyquist = math.pi / sections.sample_time_s
         loop = oracle.Loop.of(plant, Implementation(sections, delay))
         for low, high in ((0.01 * nyquist, 0.3 * nyquist), (0.1 * nyquist, math.inf), (0.05 * nyquist, 3.0 * nyquist)):

@@ -28,7 +28,7 @@ from fopi_tune.proof.balls.box import Box, Interval
 from fopi_tune.proof.balls.dual import Dual
 from fopi_tune.proof.balls.hold import behind_hold
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.plant import PlantBalls
+from fopi_tune.proof.balls.plant import PlantBalls, own_derivative, polynomial
 from fopi_tune.proof.balls.values import LoopBalls
 from fopi_tune.proof.balls.winding import count_by_argument
 
@@ -266,6 +266,14 @@ class SampledLoopBalls(LoopBalls):
         """d ln C/du."""
         value, slope = self.loop.controller_and_derivative(self.s)
         return slope / value
+
+    def _own_slope(self, coefficients: Sequence[Dual], value: acb) -> acb:
+        """w X'/X; for |w| > 1 as degree - t Y'/Y, Y(t) = X(w)/w^degree with t = 1/w, which is sharp towards z = -1."""
+        degree = len(coefficients) - 1
+        if degree < 2 or not self.omega > 1:
+            return super()._own_slope(coefficients, value)
+        inverse, ascending = 1 / self.s, [c.value for c in reversed(coefficients)]
+        return degree - own_derivative(ascending, inverse) / polynomial(ascending, inverse)
 
     @cached_property
     def _delay_slope(self) -> acb:
