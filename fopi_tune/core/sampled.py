@@ -37,6 +37,8 @@ _U_CAP = 600.0
 #: a delay this close to a whole number of samples is one
 WHOLE = 1e-12
 MOST_DELAY_SAMPLES = 10_000
+#: in delta; a zero beyond this changes nothing for |z| = 1
+_FARTHEST_ZERO = 1e12
 
 
 @dataclass(frozen=True)
@@ -196,16 +198,37 @@ def shifted(u: Array) -> Complex:
 def zeros_and_poles(sections: Sections) -> tuple[Complex, Complex, float]:
     """Zeros and poles of C in delta = z - 1, and its leading coefficient.
 
-    The zeros are the eigenvalues of the sections' own state space with the feedback -1/direct; without a direct path
-    those of the polynomial sum r_k prod_{i != k} (delta - p_i).
+    The zeros are the finite generalised eigenvalues lambda of the sections' own state space,
+
+        det [[diag(p - 1) - lambda, r], [1', direct]] = 0 ,
+
+    which needs no division by a direct path that may be small; zeros too far out to matter on the circle are left out.
     """
+    from scipy.linalg import eigvals
+
     shifts, residues = np.array(sections.poles) - 1.0, np.array(sections.residues)
+    n = len(shifts)
     poles = shifts.astype(complex)
-    if not len(shifts):
+    if not n:
         return poles, poles, sections.direct
-    if sections.direct != 0.0:
-        zeros = np.linalg.eigvals(np.diag(shifts) - np.outer(residues, np.ones(len(shifts))) / sections.direct)
-        return zeros.astype(complex), poles, sections.direct
+    pencil = np.zeros((n + 1, n + 1))
+    pencil[:n, :n] = np.diag(shifts)
+    pencil[:n, n], pencil[n, :n], pencil[n, n] = residues, 1.0, sections.direct
+    pairs = np.asarray(eigvals(pencil, np.diag([*np.ones(n), 0.0]), homogeneous_eigvals=True), dtype=complex)
+    top, bottom = pairs[0], pairs[1]
+    finite = np.abs(top) < _FARTHEST_ZERO * np.abs(bottom)
+    zeros = np.asarray(top[finite] / bottom[finite], dtype=complex)
+    if len(zeros) == n:
+        return zeros, poles, sections.direct
+    # the next coefficients of direct prod (delta - p) + sum r_k prod_(i != k) (delta - p_i)
+    leading = float(residues.sum())
+    if len(zeros) < n - 1 or leading == 0.0:
+        return _by_polynomial(shifts, residues, poles)
+    return zeros, poles, leading
+
+
+def _by_polynomial(shifts: Array, residues: Array, poles: Complex) -> tuple[Complex, Complex, float]:
+    """The same where even the sum of the residues vanishes: from sum r_k prod_(i != k) (delta - p_i) itself."""
     top = np.zeros(len(shifts))
     for k, residue in enumerate(residues):
         top = top + residue * np.real(np.poly(np.delete(shifts, k)))
