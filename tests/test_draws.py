@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from plants import brake, lag, lag_gain_and_delay, throttle, transfer_function
 from scipy import stats
 
 from fopi_tune.core.plant import PlantFamily, Uncertain
@@ -26,7 +27,6 @@ from fopi_tune.validation.distributions import (
     UniformNoise,
 )
 from fopi_tune.validation.draws import Draw, Table, impossible, outside_box, parse_table, points, stays_inside
-from tests.plants import brake, lag, lag_gain_and_delay, throttle, transfer_function
 
 Array = NDArray[np.float64]
 TAU = "time_constant_s"

@@ -38,6 +38,9 @@ Out = Annotated[
     typer.Option(metavar="DIR", help="Folder of the results, instead of results/NAME; of several specs, DIR/NAME."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on stdout; of several specs, a list.")]
+Kp = Annotated[float | None, typer.Option(help="Proportional gain.")]
+Ki = Annotated[float | None, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")]
+Alpha = Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")]
 NoProof = Annotated[bool, typer.Option("--no-proof", help="Leave the certificate out; the result says so.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback when the tool itself fails.")]
@@ -99,9 +102,9 @@ def run(
 @app.command()
 def prove(
     spec: Annotated[str | None, typer.Argument(metavar="[SPEC]", help="Spec file.")] = None,
-    kp: Annotated[float | None, typer.Option(help="Proportional gain.")] = None,
-    ki: Annotated[float | None, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")] = None,
-    alpha: Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")] = None,
+    kp: Kp = None,
+    ki: Ki = None,
+    alpha: Alpha = None,
     tolerance: Annotated[
         float, typer.Option(help="How far a requirement may be missed, neper or radian; a delay margin's is relative.")
     ] = 1e-6,
@@ -140,9 +143,9 @@ def prove(
 @app.command()
 def discretize(
     spec: Annotated[str, typer.Argument(metavar="SPEC", help="Spec file with a section `digital`.")],
-    kp: Annotated[float | None, typer.Option(help="Proportional gain.")] = None,
-    ki: Annotated[float | None, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")] = None,
-    alpha: Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")] = None,
+    kp: Kp = None,
+    ki: Ki = None,
+    alpha: Alpha = None,
     out: Out = None,
     as_json: AsJson = False,
     no_proof: NoProof = False,
@@ -168,9 +171,9 @@ def discretize(
 @app.command()
 def validate(
     spec: Annotated[str, typer.Argument(metavar="SPEC", help="Spec file with a section `digital`.")],
-    kp: Annotated[float | None, typer.Option(help="Proportional gain.")] = None,
-    ki: Annotated[float | None, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")] = None,
-    alpha: Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")] = None,
+    kp: Kp = None,
+    ki: Ki = None,
+    alpha: Alpha = None,
     samples: Annotated[int | None, typer.Option(help="Plants to draw, in place of the spec's.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the draw, in place of the spec's.")] = None,
     out: Out = None,
@@ -201,9 +204,9 @@ def validate(
 @app.command()
 def simulate(
     spec: Annotated[str, typer.Argument(metavar="SPEC", help="Spec file with sections `digital` and `scenarios`.")],
-    kp: Annotated[float | None, typer.Option(help="Proportional gain.")] = None,
-    ki: Annotated[float | None, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")] = None,
-    alpha: Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")] = None,
+    kp: Kp = None,
+    ki: Ki = None,
+    alpha: Alpha = None,
     scenario: Annotated[str | None, typer.Option(metavar="NAME", help="Only this scenario.")] = None,
     plant: Annotated[
         list[str] | None, typer.Option(metavar="NAME=VALUE", help="An uncertain number; nominal where left out.")

@@ -107,7 +107,7 @@ class Plants:
         s = np.asarray(1j * omega, dtype=complex)
         # An undamped pole's frequency is met on purpose by grids: P is infinite there.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            return _polynomial(self.numerator[rows], s) / _polynomial(self.denominator[rows], s)
+            return polynomial_at(self.numerator[rows], s) / polynomial_at(self.denominator[rows], s)
 
     @cached_property
     def log(self) -> LogForm:
@@ -118,7 +118,7 @@ class Plants:
         origin = roots == 0.0
         inner = np.isfinite(roots) & ~origin
         safe = np.where(inner, roots, 1.0)
-        leading = _leading(self.numerator) / _leading(self.denominator)
+        leading = leading_coefficients(self.numerator) / leading_coefficients(self.denominator)
         # k prod (s - z)/prod (s - p) = k prod(-z)/prod(-p) s^n prod(1 - s/z)/prod(1 - s/p); -r is positive for r < 0.
         constant = np.log(np.abs(leading)) + (sign * np.where(inner, np.log(np.abs(safe)), 0.0)).sum(axis=1)
         slope0 = (sign * origin).sum(axis=1)
@@ -253,14 +253,16 @@ class Loops:
 NDArrayInt = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
 
 
-def _polynomial(coefficients: Array, s: Complex) -> Complex:
+def polynomial_at(coefficients: Array, s: Complex) -> Complex:
+    """Polynomials of shape (n, d + 1), descending powers, at one place each, shape (n,)."""
     value = np.zeros_like(s)
     for k in range(coefficients.shape[1]):
         value = value * s + coefficients[:, k]
     return value
 
 
-def _leading(coefficients: Array) -> Array:
+def leading_coefficients(coefficients: Array) -> Array:
+    """The first that is not 0 of each row, shape (m,)."""
     first = np.argmax(coefficients != 0.0, axis=1)
     return coefficients[np.arange(len(coefficients)), first]
 

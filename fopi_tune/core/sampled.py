@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.hold import behind_hold
 from fopi_tune.core.logform import Array, Complex, LogForm, Rows
-from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.loops import Loops, Plants, leading_coefficients, polynomial_at
 from fopi_tune.core.sections import Implementation, Sections
 from fopi_tune.errors import DomainError
 
@@ -98,12 +98,12 @@ class SampledPlants(Plants):
         delta = shifted(u)
         late = np.exp(-2j * self.late[rows] * np.arctan(np.exp(u)))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            return late * _polynomial(self.numerator[rows], delta) / _polynomial(self.denominator[rows], delta)
+            return late * polynomial_at(self.numerator[rows], delta) / polynomial_at(self.denominator[rows], delta)
 
     @cached_property
     def log(self) -> LogForm:
         """ln P; every pole outside the unit circle starts at -180 deg, as in continuous time."""
-        leading = _leading(self.numerator) / _leading(self.denominator)
+        leading = leading_coefficients(self.numerator) / leading_coefficients(self.denominator)
         return _log_form(leading, self.zeros, self.poles, self.late)
 
 
@@ -169,7 +169,7 @@ class SampledLoops(Loops):
         zeros, poles, gain = zeros_and_poles(self.sections)
         rows, plants = len(self), self.plants
         return _log_form(
-            gain * _leading(plants.numerator) / _leading(plants.denominator),
+            gain * leading_coefficients(plants.numerator) / leading_coefficients(plants.denominator),
             np.concatenate([np.broadcast_to(zeros, (rows, len(zeros))), plants.zeros], axis=1),
             np.concatenate([np.broadcast_to(poles, (rows, len(poles))), plants.poles], axis=1),
             plants.late,
@@ -288,15 +288,3 @@ def _nudged(rho: Complex) -> Complex:
     """Rays of roots on the unit circle turned as if the root lay just inside."""
     on_axis = np.isfinite(rho) & (np.abs(rho.real) <= _AXIS_TOLERANCE * np.abs(rho.imag))
     return np.where(on_axis, _AXIS_TOLERANCE * np.abs(rho.imag) + 1j * rho.imag, rho)
-
-
-def _polynomial(coefficients: Array, at: Complex) -> Complex:
-    value = np.zeros_like(at)
-    for k in range(coefficients.shape[1]):
-        value = value * at + coefficients[:, k]
-    return value
-
-
-def _leading(coefficients: Array) -> Array:
-    first = np.argmax(coefficients != 0.0, axis=1)
-    return coefficients[np.arange(len(coefficients)), first]
