@@ -163,27 +163,11 @@ class Check:
     @property
     def reports(self) -> tuple[RequirementReport, ...]:
         """The requirements, each with its result and its proof."""
-        pairs = zip(self.verification.requirements, self.certificate.requirements, strict=True)
-        return tuple(RequirementReport(r.requirement, r, None, proof) for r, proof in pairs)
+        return reports_of(self.verification, self.certificate)
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON, shaped as a design's."""
-        found = self.verification
-        return {
-            "schema": RESULT_SCHEMA,
-            "status": self.status,
-            "gains": asdict(found.gains),
-            "objective": finite(found.objective),
-            "requirements": [report.to_dict() for report in self.reports],
-            "stamp": asdict(self.stamp),
-            "name": self.spec.name,
-            "loop": loop_name(self.spec),
-            "objective_quantity": objective_name(self.spec),
-            "tolerance": found.tolerance,
-            "stability": stability_dict(found.stability),
-            "nominal": margins_dict(found.nominal),
-            "proof": proof_dict(self.certificate, True),
-        }
+        return checked_dict(self.spec, self.verification, self.certificate, self.stamp)
 
 
 @dataclass(frozen=True)
@@ -212,9 +196,7 @@ class Discretized:
     @property
     def reports(self) -> tuple[RequirementReport, ...]:
         """The requirements, each with its result and its proof."""
-        found = self.verification.requirements
-        proofs = self.certificate.requirements if self.certificate else (None,) * len(found)
-        return tuple(RequirementReport(r.requirement, r, None, p) for r, p in zip(found, proofs, strict=True))
+        return reports_of(self.verification, self.certificate)
 
     def certificate_document(self) -> dict[str, Any] | None:
         """The certificate's JSON; None without one."""
@@ -224,23 +206,8 @@ class Discretized:
         """The result's JSON."""
         from fopi_tune.digital import to_document as digital_document
 
-        found = self.verification
-        return {
-            "schema": RESULT_SCHEMA,
-            "status": self.status,
-            "gains": asdict(found.gains),
-            "objective": finite(found.objective),
-            "requirements": [report.to_dict() for report in self.reports],
-            "stamp": asdict(self.stamp),
-            "name": self.spec.name,
-            "loop": "sampled",
-            "objective_quantity": objective_name(self.spec),
-            "tolerance": found.tolerance,
-            "stability": stability_dict(found.stability),
-            "nominal": margins_dict(found.nominal),
-            "proof": proof_dict(self.certificate, self.certificate is not None),
-            **digital_document(self.controller),
-        }
+        checked = checked_dict(self.spec, self.verification, self.certificate, self.stamp)
+        return {**checked, "loop": "sampled", **digital_document(self.controller)}
 
     def to_control(self) -> SampledObjects:
         """The digital controller, the nominal plant behind its hold and the loop as discrete `control` objects."""
@@ -319,6 +286,33 @@ class Run:
         """The design's JSON, and the digital controller's in it."""
         digital = self.digital.to_dict() if self.digital else None
         return {**self.design.to_dict(), "digital": digital, "digital_problem": self.problem}
+
+
+def reports_of(found: Verification, certificate: Certificate | None) -> tuple[RequirementReport, ...]:
+    """The requirements, each with its result and, with a certificate, its proof."""
+    proofs = certificate.requirements if certificate else (None,) * len(found.requirements)
+    return tuple(RequirementReport(r.requirement, r, None, p) for r, p in zip(found.requirements, proofs, strict=True))
+
+
+def checked_dict(
+    spec: DesignSpec, found: Verification, certificate: Certificate | None, stamp: Stamp
+) -> dict[str, Any]:
+    """What the JSON of a check says, of given gains and of their digital controller alike."""
+    return {
+        "schema": RESULT_SCHEMA,
+        "status": status_of(found, certificate),
+        "gains": asdict(found.gains),
+        "objective": finite(found.objective),
+        "requirements": [report.to_dict() for report in reports_of(found, certificate)],
+        "stamp": asdict(stamp),
+        "name": spec.name,
+        "loop": loop_name(spec),
+        "objective_quantity": objective_name(spec),
+        "tolerance": found.tolerance,
+        "stability": stability_dict(found.stability),
+        "nominal": margins_dict(found.nominal),
+        "proof": proof_dict(certificate, certificate is not None),
+    }
 
 
 def status_of(found: Verification, certificate: Certificate | None) -> str:

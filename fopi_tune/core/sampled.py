@@ -19,7 +19,7 @@ included, is read off the same factors (`fopi_tune.core.logform`), with u = ln n
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -195,6 +195,7 @@ def shifted(u: Array) -> Complex:
     return 2j / (np.exp(-np.clip(u, -_U_CAP, _U_CAP)) - 1j)
 
 
+@lru_cache(maxsize=64)
 def zeros_and_poles(sections: Sections) -> tuple[Complex, Complex, float]:
     """Zeros and poles of C in delta = z - 1, and its leading coefficient.
 

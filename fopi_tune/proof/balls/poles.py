@@ -23,9 +23,8 @@ from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding, longest, longest_
 from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
 from fopi_tune.proof.balls.plant import PlantBalls, assemble, polynomial
 from fopi_tune.proof.balls.sampled import SampledBallLoop, count_unstable_roots
+from fopi_tune.proof.balls.winding import change_along_axis
 
-_NARROWEST = 1e-9
-_MOST_PIECES = 200_000
 _STEP = 1.0
 _FARTHEST = 600.0
 
@@ -55,7 +54,7 @@ def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float
     low, high = _low_end(loop, plant, origin), _high_end(loop, plant, origin)
     if low is None or high is None:
         return None
-    along = _change_along_axis(loop, plant, low.u, high.u)
+    along = change_along_axis(loop, plant, low.u, high.u)
     if along is None:
         return None
     first, last = loop.balls((low.u, low.u), plant), loop.balls((high.u, high.u), plant)
@@ -93,35 +92,6 @@ def _power(loop: BallLoop, u: float) -> acb:
     if loop.gains.ki == 0.0:
         return acb(1)
     return (loop.alpha * arb(u)).exp() * loop.turn
-
-
-def _change_along_axis(loop: BallLoop, plant: PlantBalls, low: float, high: float) -> arb | None:
-    """Change of arg (D + C N e^{-Ls}) over pieces on each of which it stays in a rectangle without 0."""
-    total, pieces = arb(0), 0
-    before = loop.balls((low, low), plant).characteristic
-    pending = [(low, high)]
-    while pending:
-        pieces += 1
-        a, b = pending.pop()
-        middle = 0.5 * (a + b)
-        over = loop.balls((a, b), plant)
-        centre = loop.balls((middle, middle), plant).characteristic
-        values = centre + over.characteristic_slope * (ball_of((a, b)) - arb(middle))
-        if values.is_finite() and not values.contains(0):
-            after = loop.balls((b, b), plant).characteristic
-            total += (after / before).arg()
-            before = after
-            continue
-        if abs(over.c * over.numerator) < abs(over.d) and not over.d.contains(0):
-            # |L| < 1: 1 + L stays in the right half-plane, however often the dead time turns it
-            ends = loop.balls((a, a), plant), loop.balls((b, b), plant)
-            total += (ends[1].d / ends[0].d).arg() + (1 + ends[1].gain).arg() - (1 + ends[0].gain).arg()
-            before = ends[1].characteristic
-            continue
-        if b - a < _NARROWEST or pieces > _MOST_PIECES:
-            return None
-        pending += [(middle, b), (a, middle)]
-    return total
 
 
 def _low_end(loop: BallLoop, plant: PlantBalls, origin: float) -> _End | None:

@@ -282,6 +282,16 @@ class SampledLoopBalls(LoopBalls):
         return acb(0, -2 * self.plant.late / (nu + 1 / nu))
 
     @cached_property
+    def characteristic_slope(self) -> acb:
+        """d/du of D + C N z^-late; not in a tail."""
+        controller, steepness = self.loop.controller_and_derivative(self.s)
+        plant, delay = self.plant, self.delay
+        assert delay is not None
+        inner = (steepness + controller * self._delay_slope) * self.numerator
+        inner = inner + controller * own_derivative([c.value for c in plant.numerator], self.s)
+        return own_derivative([c.value for c in plant.denominator], self.s) + inner * delay
+
+    @cached_property
     def log_gradient(self) -> list[acb]:
         """d ln L/dtheta_k, k = 1 ... p."""
         gradient = list(super().log_gradient)

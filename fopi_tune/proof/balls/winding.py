@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING
 from flint import acb, arb
 
 from fopi_tune.proof.balls.box import Interval, ball_of
-from fopi_tune.proof.balls.plant import PlantBalls, own_derivative
+from fopi_tune.proof.balls.plant import PlantBalls
 
 if TYPE_CHECKING:
+    from fopi_tune.proof.balls.loop import BallLoop
     from fopi_tune.proof.balls.sampled import SampledBallLoop
 
 _NARROWEST = 1e-9
@@ -40,7 +41,7 @@ def count_by_argument(loop: SampledBallLoop, plant: PlantBalls) -> int | None:
     if low is None or high is None:
         return None
     (first, start), (last, end) = low, high
-    along = _change(loop, plant, first, last)
+    along = change_along_axis(loop, plant, first, last)
     if along is None:
         return None
     degree = len(plant.denominator) - 1 + int(loop.has_integrator)
@@ -70,8 +71,18 @@ def _end(loop: SampledBallLoop, plant: PlantBalls, direction: float) -> tuple[fl
     return None
 
 
-def _change(loop: SampledBallLoop, plant: PlantBalls, low: float, high: float) -> arb | None:
-    """Change of arg F from one place to another."""
+def change_along_axis(loop: BallLoop, plant: PlantBalls, low: float, high: float) -> arb | None:
+    """Change of arg F from one place to another, over pieces on each of which F stays in a rectangle without 0.
+
+    Args:
+        loop: in continuous time, F = D + C N e^{-Ls}, or on samples.
+        plant: one plant.
+        low: u to start from.
+        high: u to end at.
+
+    Returns:
+        rad; None when F comes too close to 0 to be told from it.
+    """
     total, pieces = arb(0), 0
     before = loop.balls((low, low), plant).characteristic
     pending = [(low, high)]
@@ -81,14 +92,14 @@ def _change(loop: SampledBallLoop, plant: PlantBalls, low: float, high: float) -
         middle = 0.5 * (a + b)
         over = loop.balls((a, b), plant)
         centre = loop.balls((middle, middle), plant).characteristic
-        values = centre + _slope(loop, plant, over.s) * (ball_of((a, b)) - arb(middle))
+        values = centre + over.characteristic_slope * (ball_of((a, b)) - arb(middle))
         if values.is_finite() and not values.contains(0):
             after = loop.balls((b, b), plant).characteristic
             total += (after / before).arg()
             before = after
             continue
-        if not over.d.contains(0) and over.gain.is_finite() and over.gain.abs_upper() < 1:
-            # |L| < 1: 1 + L stays in the right half-plane, however often the delay turns it
+        if abs(over.c * over.numerator * plant.gain.value) < abs(over.d) and not over.d.contains(0):
+            # |L| < 1: 1 + L stays in the right half-plane, however often the dead time turns it
             ends = loop.balls((a, a), plant), loop.balls((b, b), plant)
             total += (ends[1].d / ends[0].d).arg() + (1 + ends[1].gain).arg() - (1 + ends[0].gain).arg()
             before = ends[1].characteristic
@@ -97,18 +108,3 @@ def _change(loop: SampledBallLoop, plant: PlantBalls, low: float, high: float) -
             return None
         pending += [(middle, b), (a, middle)]
     return total
-
-
-def _slope(loop: SampledBallLoop, plant: PlantBalls, w: acb) -> acb:
-    """dF/du, u = ln nu."""
-    controller, steepness = loop.controller_and_derivative(w)
-    nu = w.imag
-    angle, numerator = 2 * plant.late * nu.atan(), [c.value for c in plant.numerator]
-    late = plant.gain.value * acb(angle.cos(), -angle.sin())
-    top = numerator[0] * acb(1)
-    for c in numerator[1:]:
-        top = top * w + c
-    # d ln z^-late/du = -2j late nu/(1 + nu^2)
-    turning = acb(0, -2 * plant.late / (nu + 1 / nu))
-    inner = (steepness + controller * turning) * top + controller * own_derivative(numerator, w)
-    return own_derivative([c.value for c in plant.denominator], w) + inner * late
