@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
     from fopi_tune.outcome import Status
     from fopi_tune.pipeline import discretize, prove, recheck, run, simulate, tune, validate
+    from fopi_tune.pipeline_systems import simulate_system, validate_system
     from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
     from fopi_tune.result import Check, Design, Discretized, Run, Validated
     from fopi_tune.simulated import Simulated
-    from fopi_tune.spec import load_spec, parse_spec
-    from fopi_tune.spec.model import DesignSpec
+    from fopi_tune.spec import load_spec, load_system, parse_spec
+    from fopi_tune.spec.model import DesignSpec, SystemSpec
+    from fopi_tune.systems import SimulatedSystem, ValidatedSystem
 
 __version__ = "0.1.0"
 
@@ -41,22 +43,28 @@ _PUBLIC = {
     "Recheck": "fopi_tune.proof",
     "Run": "fopi_tune.result",
     "Simulated": "fopi_tune.simulated",
+    "SimulatedSystem": "fopi_tune.systems",
     "SpecError": "fopi_tune.errors",
     "Status": "fopi_tune.outcome",
+    "SystemSpec": "fopi_tune.spec.model",
     "Uncertain": "fopi_tune.core.plant",
     "Validated": "fopi_tune.result",
+    "ValidatedSystem": "fopi_tune.systems",
     "Verdict": "fopi_tune.proof",
     "Verification": "fopi_tune.proof",
     "discretize": "fopi_tune.pipeline",
     "load_spec": "fopi_tune.spec",
+    "load_system": "fopi_tune.spec",
     "margins": "fopi_tune.core.margins",
     "parse_spec": "fopi_tune.spec",
     "prove": "fopi_tune.pipeline",
     "recheck": "fopi_tune.pipeline",
     "run": "fopi_tune.pipeline",
     "simulate": "fopi_tune.pipeline",
+    "simulate_system": "fopi_tune.pipeline_systems",
     "tune": "fopi_tune.pipeline",
     "validate": "fopi_tune.pipeline",
+    "validate_system": "fopi_tune.pipeline_systems",
 }
 
 __all__ = [
@@ -75,22 +83,28 @@ __all__ = [
     "Recheck",
     "Run",
     "Simulated",
+    "SimulatedSystem",
     "SpecError",
     "Status",
+    "SystemSpec",
     "Uncertain",
     "Validated",
+    "ValidatedSystem",
     "Verdict",
     "Verification",
     "discretize",
     "load_spec",
+    "load_system",
     "margins",
     "parse_spec",
     "prove",
     "recheck",
     "run",
     "simulate",
+    "simulate_system",
     "tune",
     "validate",
+    "validate_system",
 ]
 
 

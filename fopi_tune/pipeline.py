@@ -22,7 +22,7 @@ from fopi_tune.stamp import certificate_versions, stamp
 if TYPE_CHECKING:
     from fopi_tune.design import Violation
     from fopi_tune.simulated import Simulated
-    from fopi_tune.validation.montecarlo import Progress
+    from fopi_tune.validation.drawn import Progress
 
 #: how often a refuted design is made again
 _MOST_REFUTATIONS = 5
@@ -163,15 +163,7 @@ def validate(
     from fopi_tune.validation.montecarlo import monte_carlo
 
     spec = load_spec(source)
-    wanted = spec.validation or ValidationSpec()
-    wanted = replace(
-        wanted,
-        samples=wanted.samples if samples is None else samples,
-        seed=wanted.seed if seed is None else seed,
-    )
-    if wanted.samples < 1:
-        raise DomainError(f"samples = {wanted.samples} must be at least 1")
-    spec = replace(spec, validation=wanted)
+    spec = replace(spec, validation=wanted_validation(spec.validation, samples, seed))
     digital = discretize(spec, gains)
     implementation = Implementation(digital.controller.sections, digital.controller.digital.delay_samples)
     evidence = monte_carlo(spec, gains, implementation, progress)
@@ -185,6 +177,7 @@ def simulate(
     scenario: str | None = None,
     plant: Mapping[str, float] | None = None,
     replay: int | None = None,
+    exact: bool = False,
 ) -> Simulated:
     """Drive one plant through the spec's scenarios with its digital controller.
 
@@ -194,6 +187,7 @@ def simulate(
         scenario: name of the only one.
         plant: uncertain numbers by name; the nominal ones where left out.
         replay: index of a plant that `validate` drew, to make it and its noise again.
+        exact: the fractional loop in continuous time instead, without filter, samples and computing delay.
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
@@ -205,7 +199,7 @@ def simulate(
     spec = load_spec(source)
     made = stamp(spec.sha256, None)
     implementation = implementation_of(spec, gains)
-    return drive(spec, gains, implementation, made, only=scenario, plant=plant, index=replay)
+    return drive(spec, gains, implementation, made, only=scenario, plant=plant, index=replay, exact=exact)
 
 
 def recheck(document: object, source: Source | None = None) -> Recheck:
@@ -237,6 +231,23 @@ def recheck(document: object, source: Source | None = None) -> Recheck:
     return replace(found, problems=(*found.problems, problem))
 
 
+def wanted_validation(validation: ValidationSpec | None, samples: int | None, seed: int | None) -> ValidationSpec:
+    """A section `validation` with the command line's numbers in place of the file's.
+
+    Raises:
+        DomainError: a number of samples that is not positive.
+    """
+    wanted = validation or ValidationSpec()
+    wanted = replace(
+        wanted,
+        samples=wanted.samples if samples is None else samples,
+        seed=wanted.seed if seed is None else seed,
+    )
+    if wanted.samples < 1:
+        raise DomainError(f"samples = {wanted.samples} must be at least 1")
+    return wanted
+
+
 def _attempt(spec: DesignSpec, violations: tuple[Violation, ...], proof: bool) -> Attempt:
     from fopi_tune.design import design  # loads CasADi, which a check has no need of
 
@@ -263,4 +274,5 @@ __all__ = [
     "simulate",
     "tune",
     "validate",
+    "wanted_validation",
 ]

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import MEASURES, DesignSpec, Limit, Relation, ScenarioSpec, ValidationSpec
 from fopi_tune.stamp import Stamp
 
 if TYPE_CHECKING:
-    from fopi_tune.validation.scenario import Traces
+    from fopi_tune.validation.continuous import Continuous
+    from fopi_tune.validation.scenario import Measures, Mode, Scenario, Traces
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,10 @@ class Driven:
         traces: the signals, one row.
         measures: word after `limits:` -> value; nan where the output did not stay finite.
         limits: the spec's about this scenario, and whether each is met.
+        chattering: whether the modes of a system switched too often within its window.
+        switch_times_s: when the modes of a system changed.
+        accuracy: in continuous time, how far the output is from that of steps twice as long.
+        outcome: of a system in continuous time, how the run ended; empty otherwise.
     """
 
     scenario: ScenarioSpec
@@ -37,17 +43,47 @@ class Driven:
     traces: Traces
     measures: Mapping[str, float]
     limits: tuple[tuple[Limit, bool], ...]
+    chattering: bool = False
+    switch_times_s: tuple[float, ...] = ()
+    accuracy: float | None = None
+    outcome: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Measures and limits as JSON; what is not finite is null."""
+        return {
+            "name": self.scenario.name,
+            "samples": len(self.traces.time_s),
+            "measures": {k: v if math.isfinite(v) else None for k, v in self.measures.items()},
+            "limits": [
+                {"name": e.measure, "relation": e.relation.value, "limit": e.limit, "met": met}
+                for e, met in self.limits
+            ],
+            "chattering": self.chattering,
+            "switch_times_s": list(self.switch_times_s),
+            "accuracy": self.accuracy,
+            "outcome": self.outcome or None,
+        }
 
     def rows(self) -> Iterator[tuple[float, ...]]:
-        """time_s, reference, output, rate_per_s, measured, error, demanded, applied; a row a sample."""
+        """The numbers that `COLUMNS` names; a row a sample."""
         t = self.traces
-        columns = (t.output, t.rate, t.measured, t.error, t.demanded, t.applied)
+        columns = (t.output, t.rate, t.measured, t.error, t.demanded, t.applied, t.mode)
         yield from zip(
             t.time_s.tolist(), self.reference.tolist(), *(column[0].tolist() for column in columns), strict=True
         )
 
 
-COLUMNS = ("time_s", "reference", "output", "output_rate_per_s", "measured", "error", "control", "control_applied")
+COLUMNS = (
+    "time_s",
+    "reference",
+    "output",
+    "output_rate_per_s",
+    "measured",
+    "error",
+    "control",
+    "control_applied",
+    "mode",
+)
 
 
 @dataclass(frozen=True)
@@ -61,6 +97,7 @@ class Simulated:
         index: of the draw that was made again; None for a plant that was named.
         driven: the scenarios.
         stamp: where this comes from.
+        exact: whether this is the loop in continuous time, without filter and samples.
     """
 
     spec: DesignSpec
@@ -69,6 +106,7 @@ class Simulated:
     index: int | None
     driven: tuple[Driven, ...]
     stamp: Stamp
+    exact: bool = False
 
     @property
     def status(self) -> str:
@@ -84,19 +122,9 @@ class Simulated:
             "name": self.spec.name,
             "plant": dict(self.plant),
             "index": self.index,
-            "scenarios": [
-                {
-                    "name": each.scenario.name,
-                    "samples": len(each.traces.time_s),
-                    "measures": {k: v if math.isfinite(v) else None for k, v in each.measures.items()},
-                    "limits": [
-                        {"name": e.measure, "relation": e.relation.value, "limit": e.limit, "met": met}
-                        for e, met in each.limits
-                    ],
-                }
-                for each in self.driven
-            ],
-            "stamp": {"spec_sha256": self.stamp.spec_sha256},
+            "exact": self.exact,
+            "scenarios": [each.to_dict() for each in self.driven],
+            "stamp": asdict(self.stamp),
         }
 
 
@@ -109,6 +137,7 @@ def drive(
     only: str | None = None,
     plant: Mapping[str, float] | None = None,
     index: int | None = None,
+    exact: bool = False,
 ) -> Simulated:
     """Simulate the scenarios of a spec for one plant.
 
@@ -120,52 +149,123 @@ def drive(
         only: name of the only scenario.
         plant: uncertain numbers by name, the nominal ones where left out.
         index: of a Monte-Carlo draw to make again, its noise included; instead of a plant.
+        exact: in continuous time instead, without filter, samples and computing delay.
 
     Raises:
         DomainError: no scenario, an unknown one, an unknown number, or an index that was not drawn.
     """
-    from fopi_tune.validation.judged import MEASURE_VALUES, horizon_of, scenario_of
+    from fopi_tune.validation.judged import scenario_of
     from fopi_tune.validation.montecarlo import controller_of
-    from fopi_tune.validation.reference import measures_of
     from fopi_tune.validation.scenario import Mode
-    from fopi_tune.validation.simulate import simulate
 
     drawn = spec.validation or ValidationSpec()
-    place = _place(spec, drawn, plant, index)
-    first = index if index is not None else 0
+    place = place_of(spec.plant, drawn, plant, index)
+    scenarios = chosen(spec.scenarios, only)
+    if exact:
+        from fopi_tune.validation.continuous import drive_loop
+
+        member, controller = spec.plant.member(place), controller_of(spec, implementation)
+        step = implementation.sample_time_s
+        runs = [drive_loop(scenario, gains, member, controller, step) for scenario in scenarios]
+        driven = tuple(continuous_of(s, run, spec.limits) for s, run in zip(scenarios, runs, strict=True))
+        return Simulated(spec, gains, spec.plant.describe(place), index, driven, stamp, exact=True)
     plants = Plants.members(spec.plant, place[None, :])
-    controller = controller_of(spec, implementation)
-    found = []
-    for scenario in _chosen(spec, only):
-        run = scenario_of(scenario, implementation, drawn.seed)
-        # a function of the index, so that the noise is that of the draw
-        traces = simulate([Mode(controller, lambda begin, end: plants)], run, 1, first)
-        numbers = measures_of(traces, [controller], run, horizon_of(scenario, run))
-        measures = {name: float(MEASURE_VALUES[name](numbers)[0]) for name in MEASURES}
-        limits = tuple((e, _keeps(e, measures[e.measure])) for e in spec.limits if e.scenario in (None, scenario.name))
-        found.append(Driven(scenario, run.signals.reference, traces, measures, limits))
+    # a function of the index, so that the noise is that of the draw
+    modes = [Mode(controller_of(spec, implementation), lambda begin, end: plants)]
+    found = [
+        driven_of(scenario, modes, scenario_of(scenario, implementation, drawn.seed), spec.limits, index or 0)
+        for scenario in scenarios
+    ]
     return Simulated(spec, gains, spec.plant.describe(place), index, tuple(found), stamp)
+
+
+def driven_of(
+    scenario: ScenarioSpec, modes: Sequence[Mode], run: Scenario, limits: Sequence[Limit], index: int
+) -> Driven:
+    """One scenario of one plant.
+
+    Args:
+        scenario: the spec's.
+        modes: controllers, and the plant for its index.
+        run: the scenario on the controllers' samples.
+        limits: the spec's.
+        index: of the plant, on which its noise depends.
+    """
+    from fopi_tune.validation.judged import horizon_of
+    from fopi_tune.validation.reference import measures_of
+    from fopi_tune.validation.simulate import simulate
+
+    traces = simulate(modes, run, 1, index)
+    numbers = measures_of(traces, [mode.controller for mode in modes], run, horizon_of(scenario, run))
+    return judged_of(scenario, run.signals.reference, traces, numbers, limits)
+
+
+def judged_of(
+    scenario: ScenarioSpec, reference: np.ndarray, traces: Traces, numbers: Measures, limits: Sequence[Limit]
+) -> Driven:
+    """Signals of one plant with their measures by name, and the limits that these keep.
+
+    Args:
+        scenario: the spec's.
+        reference: the setpoint at the signals' times.
+        traces: one row.
+        numbers: one number a measure.
+        limits: the spec's.
+    """
+    from fopi_tune.validation.judged import MEASURE_VALUES
+
+    measures = {name: float(MEASURE_VALUES[name](numbers)[0]) for name in MEASURES}
+    kept = tuple((e, _keeps(e, measures[e.measure])) for e in limits if e.scenario in (None, scenario.name))
+    jumps = np.flatnonzero(np.diff(traces.mode[0])) + 1
+    return Driven(
+        scenario, reference, traces, measures, kept, bool(numbers.chattering[0]), tuple(traces.time_s[jumps].tolist())
+    )
+
+
+def continuous_of(scenario: ScenarioSpec, found: Continuous, limits: Sequence[Limit]) -> Driven:
+    """The same of a run in continuous time."""
+    driven = judged_of(scenario, found.reference, found.traces, found.measures, limits)
+    if not found.measures.finite[0]:
+        driven = replace(driven, limits=tuple((limit, False) for limit, _ in driven.limits))
+    return replace(driven, switch_times_s=found.switch_times_s, accuracy=found.accuracy, outcome=found.outcome)
 
 
 def _keeps(limit: Limit, value: float) -> bool:
     return value <= limit.limit if limit.relation is Relation.AT_MOST else value >= limit.limit
 
 
-def _chosen(spec: DesignSpec, only: str | None) -> tuple[ScenarioSpec, ...]:
-    if not spec.scenarios:
+def chosen(scenarios: Sequence[ScenarioSpec], only: str | None) -> tuple[ScenarioSpec, ...]:
+    """The scenarios to drive.
+
+    Raises:
+        DomainError: there is none, or none of this name.
+    """
+    if not scenarios:
         raise DomainError("the spec has no scenario; add scenarios: with a name, duration_s and reference")
-    chosen = tuple(each for each in spec.scenarios if only in (None, each.name))
-    if not chosen:
-        names = ", ".join(each.name for each in spec.scenarios)
+    found = tuple(each for each in scenarios if only in (None, each.name))
+    if not found:
+        names = ", ".join(each.name for each in scenarios)
         raise DomainError(f"there is no scenario {only!r}; there is {names}")
-    return chosen
+    return found
 
 
-def _place(spec: DesignSpec, drawn: ValidationSpec, plant: Mapping[str, float] | None, index: int | None) -> np.ndarray:
+def place_of(
+    family: PlantFamily, drawn: ValidationSpec, plant: Mapping[str, float] | None, index: int | None
+) -> np.ndarray:
+    """A plant's place in its family's box, shape (p,).
+
+    Args:
+        family: the box.
+        drawn: how plants are drawn.
+        plant: uncertain numbers by name, the nominal ones where left out.
+        index: of a draw, instead.
+
+    Raises:
+        DomainError: an unknown number, or an index that was not drawn.
+    """
+    from fopi_tune.validation.drawn import draw_of
     from fopi_tune.validation.draws import points
-    from fopi_tune.validation.montecarlo import draw_of
 
-    family = spec.plant
     if index is not None:
         if not 0 <= index < drawn.samples:
             raise DomainError(f"plant {index} was not drawn; the spec draws {drawn.samples}, from 0 on")

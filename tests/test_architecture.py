@@ -17,7 +17,17 @@ MODULES = {".".join(p.relative_to(ROOT).with_suffix("").parts): p for p in sorte
 STAGES = ("core", "quantities", "spec")
 #: folder (or module) -> what of this package it may import, besides itself
 ALLOWED = {
-    "__init__": (*STAGES, "errors", "outcome", "proof", "pipeline", "result", "simulated"),
+    "__init__": (
+        *STAGES,
+        "errors",
+        "outcome",
+        "proof",
+        "pipeline",
+        "pipeline_systems",
+        "result",
+        "simulated",
+        "systems",
+    ),
     "errors": (),
     "core": ("errors",),
     "quantities": ("core", "errors"),
@@ -34,8 +44,12 @@ ALLOWED = {
         *("convert", "core", "dicts", "digital", "outcome", "proof", "quantities"),
         *("spec.model", "stamp", "validation"),
     ),
-    "report": ("core", "outcome", "proof", "simulated", "spec.model", "result", "validation"),
+    "report": ("core", "outcome", "proof", "simulated", "spec.model", "systems", "result", "validation"),
     "simulated": ("core", "errors", "spec.model", "stamp", "validation"),
+    "systems": ("core", "simulated", "spec.model", "stamp", "validation"),
+    "pipeline_systems": (
+        *("core", "errors", "implement", "outcome", "pipeline", "spec", "stamp", "systems", "validation"),
+    ),
     "assemble": ("design", "outcome", "proof", "result", "spec.model", "stamp"),
     "implement": (
         *("assemble", "core", "design", "digital", "errors", "outcome", "proof"),
@@ -47,8 +61,8 @@ ALLOWED = {
     ),
     "__main__": ("cli",),
     "cli": (
-        *("__version__", "core", "digital", "errors", "pipeline", "proof"),
-        *("report", "result", "simulated", "spec"),
+        *("__version__", "core", "digital", "errors", "pipeline", "pipeline_systems", "proof"),
+        *("report", "result", "simulated", "spec", "systems"),
     ),
 }
 #: these print or write; the loader of specs reads

@@ -22,7 +22,7 @@ from fopi_tune.implement import implementation_of
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import DesignSpec, Knot, Relation, Requirement
-from fopi_tune.validation import montecarlo
+from fopi_tune.validation import drawn, montecarlo
 from fopi_tune.validation.contradict import contradictions
 from fopi_tune.validation.judged import course
 from fopi_tune.validation.montecarlo import monte_carlo
@@ -112,7 +112,7 @@ def test_chunks_do_not_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     spec = brake(samples=300)
     implementation = implementation_of(spec, GAINS)
     whole = monte_carlo(spec, GAINS, implementation)
-    monkeypatch.setattr(montecarlo, "_SIMULATED", 77)
+    monkeypatch.setattr(drawn, "_SIMULATED", 77)
     assert monte_carlo(spec, GAINS, implementation).limits == whole.limits
     monkeypatch.setattr(montecarlo, "_SCANNED", 300)
     again = monte_carlo(spec, GAINS, implementation)

@@ -11,15 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune import __version__
-from fopi_tune.cli.certificates import gains_of_earlier_design, recheck_file
-from fopi_tune.cli.output import Exit, print_out, reason_of, report_failure, say, to_json, write_file
+from fopi_tune.cli.certificates import recheck_file
+from fopi_tune.cli.driving import Course, simulate_file, validate_file
+from fopi_tune.cli.gains import found_or_tuned, given_gains, named_numbers, refusal
+from fopi_tune.cli.output import print_out, reason_of, report_failure, say, to_json, write_file
 from fopi_tune.cli.process import Handling, process
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
-    from fopi_tune.result import Check, Design, Discretized, Run, Validated
-    from fopi_tune.simulated import Simulated
+    from fopi_tune.result import Check, Design, Discretized, Run
     from fopi_tune.spec.model import DesignSpec
 
 app = typer.Typer(
@@ -125,16 +126,16 @@ def prove(
     handling = Handling(out, as_json, quiet, debug)
     if recheck is not None:
         if any(gain is not None for gain in (kp, ki, alpha)):
-            raise _refusal("--recheck takes the gains from the certificate; leave --kp, --ki and --alpha out")
+            raise refusal("--recheck takes the gains from the certificate; leave --kp, --ki and --alpha out")
         raise typer.Exit(recheck_file(recheck, spec, handling))
     if spec is None:
-        raise _refusal("there is no SPEC to prove; name a spec file, or a certificate with --recheck")
-    given = _given(kp, ki, alpha)
+        raise refusal("there is no SPEC to prove; name a spec file, or a certificate with --recheck")
+    given = given_gains(kp, ki, alpha)
 
     def make(loaded: DesignSpec) -> Check | Design:
         from fopi_tune import pipeline
 
-        gains = given if given is not None else _found_or_tuned(loaded, handling)
+        gains = given if given is not None else found_or_tuned(loaded, handling)
         return gains if not isinstance(gains, FoPi) else pipeline.prove(loaded, gains, tolerance)
 
     raise typer.Exit(process([spec], make, handling, "proving"))
@@ -157,12 +158,12 @@ def discretize(
     Gains are taken as `fopi prove` takes them.
     """
     handling = Handling(out, as_json, quiet, debug)
-    given = _given(kp, ki, alpha)
+    given = given_gains(kp, ki, alpha)
 
     def make(loaded: DesignSpec) -> Discretized | Design:
         from fopi_tune import pipeline
 
-        gains = given if given is not None else _found_or_tuned(loaded, handling)
+        gains = given if given is not None else found_or_tuned(loaded, handling)
         return gains if not isinstance(gains, FoPi) else pipeline.discretize(loaded, gains, not no_proof)
 
     raise typer.Exit(process([spec], make, handling, "discretizing"))
@@ -170,7 +171,7 @@ def discretize(
 
 @app.command()
 def validate(
-    spec: Annotated[str, typer.Argument(metavar="SPEC", help="Spec file with a section `digital`.")],
+    spec: Annotated[str, typer.Argument(metavar="SPEC", help="Spec file with a section `digital`, or a system.")],
     kp: Kp = None,
     ki: Ki = None,
     alpha: Alpha = None,
@@ -183,27 +184,17 @@ def validate(
 ) -> None:
     """Draw plants and say, with intervals, how often the digital controller's loop meets requirements and limits.
 
-    Gains are taken as `fopi prove` takes them.
+    Gains are taken as `fopi prove` takes them, those of a system from its file.
     """
     handling = Handling(out, as_json, quiet, debug)
-    given = _given(kp, ki, alpha)
-
-    def make(loaded: DesignSpec) -> Validated | Design:
-        from fopi_tune import pipeline
-        from fopi_tune.cli.output import progress_bar
-
-        gains = given if given is not None else _found_or_tuned(loaded, handling)
-        if not isinstance(gains, FoPi):
-            return gains
-        with progress_bar("plants", quiet) as progress:
-            return pipeline.validate(loaded, gains, samples=samples, seed=seed, progress=progress)
-
-    raise typer.Exit(process([spec], make, handling, "validating"))
+    raise typer.Exit(validate_file(spec, given_gains(kp, ki, alpha), samples, seed, handling))
 
 
 @app.command()
 def simulate(
-    spec: Annotated[str, typer.Argument(metavar="SPEC", help="Spec file with sections `digital` and `scenarios`.")],
+    spec: Annotated[
+        str, typer.Argument(metavar="SPEC", help="Spec file with sections `digital` and `scenarios`, or a system.")
+    ],
     kp: Kp = None,
     ki: Ki = None,
     alpha: Alpha = None,
@@ -212,37 +203,35 @@ def simulate(
         list[str] | None, typer.Option(metavar="NAME=VALUE", help="An uncertain number; nominal where left out.")
     ] = None,
     replay: Annotated[int | None, typer.Option(metavar="INDEX", help="A plant that `fopi validate` drew.")] = None,
+    exact: Annotated[
+        bool, typer.Option("--exact", help="The loop in continuous time instead, without filter and samples.")
+    ] = False,
     out: Out = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Drive one plant through the spec's scenarios, with the digital controller's own arithmetic.
+    """Drive one plant through the scenarios of a spec or a system, with the digital controllers' own arithmetic.
 
-    Gains are taken as `fopi prove` takes them.  The signals are written to a CSV file and a figure a scenario.
+    Gains are taken as `fopi prove` takes them, those of a system from its file.  The signals are written to a CSV file
+    and a figure a scenario.
     """
     handling = Handling(out, as_json, quiet, debug)
-    given, numbers = _given(kp, ki, alpha), _numbers(plant or [])
+    numbers = named_numbers(plant or [])
     if replay is not None and numbers:
-        raise _refusal("--replay makes a plant again that was drawn; leave --plant out")
-
-    def make(loaded: DesignSpec) -> Simulated | Design:
-        from fopi_tune import pipeline
-
-        gains = given if given is not None else _found_or_tuned(loaded, handling)
-        if not isinstance(gains, FoPi):
-            return gains
-        return pipeline.simulate(loaded, gains, scenario=scenario, plant=numbers, replay=replay)
-
-    raise typer.Exit(process([spec], make, handling, "simulating"))
+        raise refusal("--replay makes a plant again that was drawn; leave --plant out")
+    wanted = Course(scenario, numbers, replay, exact)
+    raise typer.Exit(simulate_file(spec, given_gains(kp, ki, alpha), wanted, handling))
 
 
 @app.command()
-def schema() -> None:
+def schema(
+    system: Annotated[bool, typer.Option("--system", help="The language of systems instead.")] = False,
+) -> None:
     """Print the spec language as JSON Schema."""
-    from fopi_tune.spec.schema import json_schema
+    from fopi_tune.spec.schema import json_schema, system_json_schema
 
-    raise typer.Exit(print_out(to_json(json_schema())))
+    raise typer.Exit(print_out(to_json(system_json_schema() if system else json_schema())))
 
 
 @app.command()
@@ -263,15 +252,15 @@ def init(
     try:
         text = template(name)
     except DomainError as error:
-        raise _refusal(str(error)) from None
+        raise refusal(str(error)) from None
     if path.is_dir():
-        raise _refusal(f"{path} is a folder; give a file's name with --out")
+        raise refusal(f"{path} is a folder; give a file's name with --out")
     if os.path.lexists(path) and not force:
-        raise _refusal(f"{path} exists already; choose another name, or overwrite it with --force")
+        raise refusal(f"{path} exists already; choose another name, or overwrite it with --force")
     try:
         write_file(path, text)
     except OSError as error:
-        raise _refusal(f"cannot write {path} ({reason_of(error)}); choose another file with --out") from None
+        raise refusal(f"cannot write {path} ({reason_of(error)}); choose another file with --out") from None
     say(f"wrote {path}; next: fopi tune {path}")
 
 
@@ -290,44 +279,3 @@ def _tune(files: Sequence[str], handling: Handling, proof: bool) -> None:
         return tune(spec) if proof else tune(spec, proof=False)
 
     raise typer.Exit(process(files, make, handling, "tuning"))
-
-
-def _given(kp: float | None, ki: float | None, alpha: float | None) -> FoPi | None:
-    """The gains of the command line; None without any."""
-    if kp is None and ki is None and alpha is None:
-        return None
-    if kp is None or ki is None or alpha is None:
-        raise _refusal("give --kp, --ki and --alpha all three, or none of them")
-    try:
-        return FoPi(kp, ki, alpha)
-    except DomainError as error:
-        raise _refusal(str(error)) from None
-
-
-def _numbers(pairs: Sequence[str]) -> dict[str, float]:
-    """NAME=VALUE as a mapping."""
-    numbers: dict[str, float] = {}
-    for pair in pairs:
-        name, _, value = pair.partition("=")
-        try:
-            numbers[name] = float(value)
-        except ValueError:
-            raise _refusal(f"--plant {pair} is not NAME=VALUE, as in --plant time_constant_s=3.1") from None
-    return numbers
-
-
-def _found_or_tuned(spec: DesignSpec, handling: Handling) -> FoPi | Design:
-    """Gains of an earlier design or of one made now; the design itself when it is no solution."""
-    from fopi_tune import pipeline
-
-    gains = gains_of_earlier_design(spec, handling)
-    if gains is not None:
-        return gains
-    handling.note(f"{spec.name}: no gains given, and no design of this spec there; tuning first ...")
-    design = pipeline.tune(spec, proof=False)
-    return design if design.gains is None or design.status.value != "solved" else design.gains
-
-
-def _refusal(words: str) -> typer.Exit:
-    say(words)
-    return typer.Exit(Exit.BAD_INPUT)

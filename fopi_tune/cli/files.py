@@ -11,14 +11,17 @@ from fopi_tune.cli.output import to_json
 if TYPE_CHECKING:
     from fopi_tune.result import Check, Design, Discretized, Run, Validated
     from fopi_tune.simulated import Driven, Simulated
+    from fopi_tune.systems import SimulatedSystem, ValidatedSystem
 
-    Result = Design | Check | Discretized | Run | Validated | Simulated
+    Result = Design | Check | Discretized | Run | Validated | Simulated | SimulatedSystem | ValidatedSystem
 
 DESIGN, CHECK, DIGITAL = "design.json", "check.json", "digital.json"
 CERTIFICATE, DIGITAL_CERTIFICATE = "certificate.json", "digital_certificate.json"
 #: the folder of the exported code, and the figure of the controller
 CODE, FIGURE = "c", "controller.svg"
-EVIDENCE, SIMULATION = "evidence.json", "simulation.json"
+EVIDENCE = "evidence.json"
+#: beginnings of the names of simulations on samples and in continuous time
+SIMULATION, EXACT = "simulation", "exact"
 
 
 def files_of(result: Result) -> Iterator[tuple[str, str]]:
@@ -29,15 +32,17 @@ def files_of(result: Result) -> Iterator[tuple[str, str]]:
     """
     from fopi_tune.result import Check, Discretized, Run, Validated
     from fopi_tune.simulated import Simulated
+    from fopi_tune.systems import SimulatedSystem, ValidatedSystem
 
-    if isinstance(result, Validated):
+    if isinstance(result, Validated | ValidatedSystem):
         yield EVIDENCE, to_json(result.to_dict()) + "\n"
         return
-    if isinstance(result, Simulated):
-        yield SIMULATION, to_json(result.to_dict()) + "\n"
+    if isinstance(result, Simulated | SimulatedSystem):
+        kind = EXACT if result.exact else SIMULATION
+        yield f"{kind}.json", to_json(result.to_dict()) + "\n"
         for driven in result.driven:
-            yield f"simulation_{driven.scenario.name}.csv", _table(driven)
-            yield f"simulation_{driven.scenario.name}.svg", _simulation_figure(result, driven)
+            yield f"{kind}_{driven.scenario.name}.csv", _table(driven)
+            yield f"{kind}_{driven.scenario.name}.svg", _simulation_figure(result, driven)
         return
     if isinstance(result, Run):
         yield from files_of(result.design)
@@ -84,7 +89,7 @@ def _table(driven: Driven) -> str:
     return "\n".join([",".join(COLUMNS), *lines]) + "\n"
 
 
-def _simulation_figure(result: Simulated, driven: Driven) -> str:
+def _simulation_figure(result: Simulated | SimulatedSystem, driven: Driven) -> str:
     from fopi_tune.report import simulation_svg
 
     return simulation_svg(result, driven)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from fopi_tune.cli.files import CERTIFICATE, CHECK, CODE, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, FIGURE, files_of
 from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
@@ -17,7 +17,11 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from fopi_tune.cli.files import Result
-    from fopi_tune.spec.model import DesignSpec
+    from fopi_tune.spec.model import DesignSpec, SystemSpec
+
+
+#: a spec, or a spec or a system
+Loaded = TypeVar("Loaded", "DesignSpec", "DesignSpec | SystemSpec")
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,7 @@ class Handling:
     debug: bool
     several: bool = False
 
-    def folder(self, spec: DesignSpec) -> Path:
+    def folder(self, spec: DesignSpec | SystemSpec) -> Path:
         """Where a spec's results go."""
         if self.out is None:
             return Path("results", spec.name)
@@ -44,7 +48,24 @@ class Handling:
 
 def process(files: Sequence[str], make: Callable[[DesignSpec], Result], handling: Handling, doing: str) -> Exit:
     """Load every spec, then make, write and print one result each; ends with the worst of the exit codes."""
-    specs, code = _load(files, handling)
+
+    def load(file: str) -> DesignSpec:
+        from fopi_tune.spec import load_spec
+
+        return load_spec(file)
+
+    return process_loaded(files, load, make, handling, doing)
+
+
+def process_loaded(
+    files: Sequence[str],
+    load: Callable[[str], Loaded],
+    make: Callable[[Loaded], Result],
+    handling: Handling,
+    doing: str,
+) -> Exit:
+    """The same with a loader of one's own, which raises SpecError."""
+    specs, code = _load(files, load, handling)
     documents: list[dict[str, Any]] = []
     for spec in specs:
         handling.note(f"{spec.name}: {doing} ...")
@@ -54,14 +75,12 @@ def process(files: Sequence[str], make: Callable[[DesignSpec], Result], handling
     return code
 
 
-def _load(files: Sequence[str], handling: Handling) -> tuple[list[DesignSpec], Exit]:
+def _load(files: Sequence[str], load: Callable[[str], Loaded], handling: Handling) -> tuple[list[Loaded], Exit]:
     """The usable specs; every mistake in the others is reported."""
-    code, specs = Exit.MET, dict[str, tuple[str, "DesignSpec"]]()
+    code, specs = Exit.MET, dict[str, tuple[str, Loaded]]()
     for file in files:
         try:
-            from fopi_tune.spec import load_spec
-
-            spec = load_spec(file)
+            spec = load(file)
         except SpecError as error:
             for problem in error.problems:
                 say(str(problem))
@@ -78,9 +97,7 @@ def _load(files: Sequence[str], handling: Handling) -> tuple[list[DesignSpec], E
     return [spec for _, spec in specs.values()], code
 
 
-def _one(
-    spec: DesignSpec, make: Callable[[DesignSpec], Result], handling: Handling, documents: list[dict[str, Any]]
-) -> Exit:
+def _one(spec: Loaded, make: Callable[[Loaded], Result], handling: Handling, documents: list[dict[str, Any]]) -> Exit:
     """Make one result, write it, print it or add it to the documents."""
     start = time.perf_counter()
     try:
@@ -146,13 +163,23 @@ def _exit_code(result: Result) -> Exit:
 
 
 def _table(result: Result) -> Text:
-    from fopi_tune.report import check_text, design_text, digital_text, evidence_text, simulation_text
+    from fopi_tune.report import (
+        check_text,
+        design_text,
+        digital_text,
+        evidence_text,
+        simulation_text,
+        system_evidence_text,
+    )
     from fopi_tune.result import Check, Design, Discretized, Validated
     from fopi_tune.simulated import Simulated
+    from fopi_tune.systems import SimulatedSystem, ValidatedSystem
 
     if isinstance(result, Validated):
         return evidence_text(result)
-    if isinstance(result, Simulated):
+    if isinstance(result, ValidatedSystem):
+        return system_evidence_text(result)
+    if isinstance(result, Simulated | SimulatedSystem):
         return simulation_text(result)
     if isinstance(result, Design):
         return design_text(result)

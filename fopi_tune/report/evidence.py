@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -15,6 +16,7 @@ from fopi_tune.report.phrases import (
     Line,
     entry,
     gains_line,
+    gains_lines,
     number,
     requirement_phrase,
     style_of,
@@ -24,7 +26,9 @@ from fopi_tune.report.phrases import (
 
 if TYPE_CHECKING:
     from fopi_tune.result import Validated
-    from fopi_tune.validation.montecarlo import Judged
+    from fopi_tune.spec.model import ValidationSpec
+    from fopi_tune.systems import ValidatedSystem
+    from fopi_tune.validation.drawn import Judged
     from fopi_tune.validation.statistics import Fraction
 
 _SAID = {
@@ -38,16 +42,12 @@ _WHAT, _SHARE, _INTERVAL = 36, 12, 22
 def evidence_text(result: Validated) -> Text:
     """How often each requirement and limit held, with intervals, and the worst plants."""
     evidence, status = result.evidence, result.status
-    drawn = evidence.validation
     lines: list[Line] = [
         *styled(f"{result.spec.name}, validated: {status}. {_SAID[status]}", style_of(status == "met"))
     ]
     lines += [("", ""), (gains_line(result.digital.controller.gains), "bold")]
-    outside = f", {evidence.outside} of them outside the family" if evidence.outside else ""
-    lines += entry("drawn", f"{drawn.samples} plants, {drawn.design}, seed {drawn.seed}{outside}")
-    lines.append(("", ""))
-    share = f"{100 * drawn.confidence:g} % interval"
-    lines.append((f"{'':{VERDICT}}{'requirement or limit':<{_WHAT}}{'met':>{_SHARE}}{share:>{_INTERVAL}}", "bold"))
+    lines += _drawn(evidence.validation, evidence.outside, "plants")
+    lines += _header(evidence.validation)
     lines += _row("stable loop", evidence.stable)
     for judged in (*evidence.requirements, *evidence.limits):
         lines += _row(_phrase(judged), judged.fraction)
@@ -60,6 +60,36 @@ def evidence_text(result: Validated) -> Text:
     )
     lines += styled("`fopi simulate SPEC --replay INDEX` makes a plant again by its index.", QUIET)
     return to_text(lines)
+
+
+def system_evidence_text(result: ValidatedSystem) -> Text:
+    """How often a system kept its limits, with intervals, and the worst plants."""
+    evidence, met = result.evidence, result.status == "met"
+    said = _SAID["met" if met else "violated"].replace("plant", "pair of plants").replace("is stable", "stays finite")
+    lines: list[Line] = [*styled(f"{result.spec.name}, validated: {result.status}. {said}", style_of(met)), ("", "")]
+    lines += gains_lines(result.gains)
+    lines += _drawn(evidence.validation, evidence.outside, "pairs of plants")
+    lines += _header(evidence.validation)
+    for each in evidence.scenarios:
+        lines.append((each.scenario, "bold"))
+        lines += _row("output stays finite", each.finite)
+        lines += _row("modes do not chatter", each.calm)
+        for judged in each.limits:
+            lines += _row(_phrase(judged), judged.fraction)
+            lines += styled(_below(replace(judged, scenario=None)), QUIET, indent=" " * (VERDICT + 2))
+    lines += [("", ""), *styled("`fopi simulate SYSTEM --replay INDEX` makes a pair again by its index.", QUIET)]
+    return to_text(lines)
+
+
+def _drawn(drawn: ValidationSpec, outside: int, what: str) -> list[Line]:
+    """How many were drawn, and how."""
+    beyond = f", {outside} of them outside the family" if outside else ""
+    return [*entry("drawn", f"{drawn.samples} {what}, {drawn.design}, seed {drawn.seed}{beyond}"), ("", "")]
+
+
+def _header(drawn: ValidationSpec) -> list[Line]:
+    share = f"{100 * drawn.confidence:g} % interval"
+    return [(f"{'':{VERDICT}}{'requirement or limit':<{_WHAT}}{'met':>{_SHARE}}{share:>{_INTERVAL}}", "bold")]
 
 
 def _row(what: str, found: Fraction) -> Iterator[Line]:

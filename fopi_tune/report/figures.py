@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from fopi_tune.result import Discretized
     from fopi_tune.simulated import Driven, Simulated
+    from fopi_tune.systems import SimulatedSystem
 
 _POINTS = 500
 #: blue and orange that colour-blind people tell apart, and that differ in print by their dashes too
@@ -53,8 +57,8 @@ def controller_bode_svg(result: Discretized) -> str:
     return buffer.getvalue()
 
 
-def simulation_svg(result: Simulated, driven: Driven) -> str:
-    """Output with its setpoint, its rate, and the control, over time."""
+def simulation_svg(result: Simulated | SimulatedSystem, driven: Driven) -> str:
+    """Output with its setpoint, its rate, and the control, over time; the second mode of a system is shaded."""
     import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
@@ -70,6 +74,7 @@ def simulation_svg(result: Simulated, driven: Driven) -> str:
         output.plot(t.time_s, t.output[0], color=_IDEAL, label="output")
         rate.plot(t.time_s, t.rate[0], color=_IDEAL)
         control.step(t.time_s, t.applied[0], where="post", color=_DIGITAL)
+        _shade_second_mode((output, rate, control), t.time_s, t.mode[0])
         for axes, label in ((output, "output"), (rate, "output's rate, 1/s"), (control, "control")):
             axes.set_ylabel(label)
             axes.grid(True, linewidth=0.3)
@@ -79,6 +84,17 @@ def simulation_svg(result: Simulated, driven: Driven) -> str:
         buffer = io.StringIO()
         canvas.print_svg(buffer, metadata={"Date": None, "Title": title, "Creator": "fopi-tune"})
     return buffer.getvalue()
+
+
+def _shade_second_mode(every: Sequence[Axes], time_s: np.ndarray, mode: np.ndarray) -> None:
+    """Grey where mode 2 (the brake) acts, with one entry in the legend."""
+    edges = np.flatnonzero(np.diff((mode == 2).astype(int), prepend=0, append=0))
+    for number, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
+        for place, axes in enumerate(every):
+            label = "brake acts" if number == 0 and place == 0 else None
+            axes.axvspan(
+                float(time_s[begin]), float(time_s[min(end, len(time_s) - 1)]), color="0.85", linewidth=0, label=label
+            )
 
 
 def _decibel(values: np.ndarray) -> np.ndarray:

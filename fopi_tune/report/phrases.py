@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -47,10 +47,17 @@ def scope_phrase(requirement: Requirement) -> str:
     return f"{plants}, up to {with_unit(high, 'rad/s')}" if math.isfinite(high) else plants
 
 
-def gains_line(gains: FoPi) -> str:
-    """The gains and the controller's formula in one line."""
+def gains_line(gains: FoPi, width: int = 56) -> str:
+    """The gains and, after so many columns, the controller's formula in one line."""
     values = "   ".join(f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha"))
-    return f"{values:<56}C(s) = kp + ki / s^alpha"
+    return f"{values:<{width}}C(s) = kp + ki / s^alpha"
+
+
+def gains_lines(gains: FoPi | Mapping[str, FoPi]) -> list[Line]:
+    """The gains of one loop, or of each mode of a system."""
+    if isinstance(gains, Mapping):
+        return [(f"{name:<{VERDICT}}{gains_line(each, 46)}", "bold") for name, each in gains.items()]
+    return [(gains_line(gains), "bold")]
 
 
 def entry(label: str, words: str, style: str = "") -> list[Line]:

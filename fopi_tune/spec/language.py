@@ -48,7 +48,7 @@ def spec_shape() -> Record:
         "requirements": Key(requirements_shape(), required=False),
         "objective": Key(objective_shape(), required=False),
         "digital": Key(_digital_shape(), required=False),
-        "validation": Key(_validation_shape(), required=False),
+        "validation": Key(validation_shape(), required=False),
         "scenarios": Key(scenarios_shape(), required=False),
         "limits": Key(limits_shape(), required=False),
     }
@@ -61,6 +61,10 @@ def read_spec(place: Place, sha256: str) -> DesignSpec | None:
     """The spec a document says, or None after reporting why there is none."""
     if not isinstance(place.node, Table):
         place.refuse(f"the file is no spec; {_START}")
+        return None
+    if place.has("system"):
+        message = "the file describes a system; `fopi simulate` and `fopi validate` take it, the others its two specs"
+        place.child("system").refuse(message)
         return None
     values = spec_shape().readable(place)
     if values is None:
@@ -150,7 +154,8 @@ def _build_digital(values: Values, place: Place) -> DigitalSpec | None:
     return found
 
 
-def _validation_shape() -> Shape:
+def validation_shape() -> Shape:
+    """Reads to a `ValidationSpec`."""
     keys = {
         "samples": Key(Number("plants to draw", at_least=1, at_most=10**8, whole=True), required=False),
         "seed": Key(Number("seed of the draw", at_least=0, at_most=2**63 - 1, whole=True), required=False),

@@ -7,10 +7,11 @@ import os
 
 from fopi_tune.spec.encoding import MAX_BYTES, decode, to_bytes
 from fopi_tune.spec.language import read_spec
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, SystemSpec
 from fopi_tune.spec.nodes import compose
 from fopi_tune.spec.places import Place
 from fopi_tune.spec.report import Mark, Report
+from fopi_tune.spec.systems import is_system, read_system
 
 
 def load_spec(source: str | os.PathLike[str] | DesignSpec) -> DesignSpec:
@@ -26,6 +27,46 @@ def load_spec(source: str | os.PathLike[str] | DesignSpec) -> DesignSpec:
         return source
     report = Report(os.fsdecode(source))
     return _parse(_read_file(source, report), report)
+
+
+def load_any(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> DesignSpec | SystemSpec:
+    """The spec or the system in a file.
+
+    Args:
+        source: path of a YAML file; what is read already is returned as it is.
+
+    Raises:
+        SpecError: the file, or a spec that a system names, cannot be read or used; carries every problem found.
+    """
+    if isinstance(source, DesignSpec | SystemSpec):
+        return source
+    report = Report(os.fsdecode(source))
+    data = _read_file(source, report)
+    place = Place(compose(decode(data, report), report), "", report)
+    if not is_system(place):
+        return _parse(data, Report(report.file))
+    folder = os.path.dirname(report.file)
+    found = read_system(place, hashlib.sha256(data).hexdigest(), lambda path: load_spec(os.path.join(folder, path)))
+    if found is None:
+        raise report.error()
+    return found
+
+
+def load_system(source: str | os.PathLike[str] | SystemSpec) -> SystemSpec:
+    """The system in a file.
+
+    Args:
+        source: path of a YAML file; a `SystemSpec` is returned as it is.
+
+    Raises:
+        SpecError: as for `load_any`, or the file is a spec.
+    """
+    found = source if isinstance(source, SystemSpec) else load_any(source)
+    if isinstance(found, SystemSpec):
+        return found
+    report = Report(found.name if isinstance(source, SystemSpec | DesignSpec) else os.fsdecode(source))
+    report.refuse(Mark(1, 1), "", "this is a spec, no system; a system has a section `system`")
+    raise report.error()
 
 
 def parse_spec(text: str | bytes, file: str = "<spec>") -> DesignSpec:

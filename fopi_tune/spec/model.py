@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
+from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily
 
 
@@ -197,7 +198,7 @@ class MeasureKind:
 MEASURES: dict[str, MeasureKind] = {
     kind.name: kind
     for kind in (
-        MeasureKind("acceleration_m_s2", "m/s^2", "largest |dy/dt| of a velocity in km/h, divided by 3.6"),
+        MeasureKind("acceleration_m_s2", "m/s^2", "largest |dy/dt| at the samples, of a velocity in km/h, over 3.6"),
         MeasureKind("peak_rate_per_s", "output unit per s", "largest |dy/dt| at the samples"),
         MeasureKind(
             "overshoot", "output unit", "how far the output goes beyond the last setpoint, in the step's direction"
@@ -210,6 +211,7 @@ MEASURES: dict[str, MeasureKind] = {
         MeasureKind("saturation_time_s", "s", "time with the control at a limit"),
         MeasureKind("peak_control", "control unit", "largest |u|"),
         MeasureKind("final_error", "output unit", "|r - y| at the last sample"),
+        MeasureKind("switch_count", "1", "jumps between the modes of a system, over the whole scenario"),
     )
 }
 
@@ -266,3 +268,61 @@ class DesignSpec:
     description: str = ""
     sha256: str = ""
     schema: int = 1
+
+
+@dataclass(frozen=True)
+class ModeSpec:
+    """One mode of a system.
+
+    Args:
+        name: of the mode.
+        spec: its plant, its digital controller, and how to find its gains.
+        gains: when the system names them; None leaves them to the spec.
+    """
+
+    name: str
+    spec: DesignSpec
+    gains: FoPi | None = None
+
+
+@dataclass(frozen=True)
+class SystemSpec:
+    """Two loops that share their output and take turns, as a car's throttle and brake do.
+
+    Throttle to brake when the output reaches the setpoint + hysteresis, back when it falls to setpoint - hysteresis.
+
+    Args:
+        name: of the system and its results' folder.
+        modes: throttle and brake, in this order.
+        hysteresis: half-width around the setpoint, output unit.
+        inactive: what the controller does that is not active: held, tracking or reset.
+        first: name of the mode at the start.
+        most_switches: more of them than this ...
+        window_s: ... within this time are chattering.
+        scenarios: what is driven.
+        limits: what is judged.
+        validation: how many plants are drawn, and how.
+        description: for people.
+        sha256: of the file and of its specs.
+        schema: of the language.
+    """
+
+    name: str
+    modes: tuple[ModeSpec, ModeSpec]
+    hysteresis: float
+    inactive: str = "held"
+    first: str = "throttle"
+    most_switches: int = 5
+    window_s: float = 2.0
+    scenarios: tuple[ScenarioSpec, ...] = ()
+    limits: tuple[Limit, ...] = ()
+    validation: ValidationSpec | None = None
+    description: str = ""
+    sha256: str = ""
+    schema: int = 1
+
+    @property
+    def family(self) -> PlantFamily:
+        """The uncertain numbers of both plants, each after its mode's name and a dot: a box, not a plant."""
+        numbers = {f"{m.name}.{key}": value for m in self.modes for key, value in m.spec.plant.parameters.items()}
+        return PlantFamily("throttle and brake", numbers)

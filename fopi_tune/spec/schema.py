@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from fopi_tune.spec.language import SCHEMA_VERSION, spec_shape
+from fopi_tune.spec.systems import system_shape
 
 
 def json_schema() -> dict[str, Any]:
@@ -17,3 +18,11 @@ def json_schema() -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"fopi-tune spec, schema {SCHEMA_VERSION}",
     } | spec_shape().json_schema()
+
+
+def system_json_schema() -> dict[str, Any]:
+    """The language of systems, generated like `json_schema`."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"fopi-tune system, schema {SCHEMA_VERSION}",
+    } | system_shape().json_schema()

@@ -6,7 +6,8 @@ import math
 
 from fopi_tune.proof.certificate import Certificate, RequirementProof, Verdict
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.validation.montecarlo import Evidence, Judged
+from fopi_tune.validation.drawn import Judged
+from fopi_tune.validation.montecarlo import Evidence
 
 #: by how much (relative or natural units) a float value may lie beyond a proved bound
 _ROUNDING = 1e-8

@@ -5,24 +5,46 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from fopi_tune.validation.montecarlo import Evidence, Judged
+from fopi_tune.spec.model import ValidationSpec
+from fopi_tune.validation.drawn import Judged
+from fopi_tune.validation.joint import SystemEvidence
+from fopi_tune.validation.montecarlo import Evidence
 from fopi_tune.validation.statistics import Fraction
 
 
 def to_document(evidence: Evidence) -> dict[str, Any]:
     """What the JSON of `fopi validate` says of the plants that were drawn; infinite numbers are null."""
-    drawn = evidence.validation
     return {
-        "drawn": {
-            "samples": drawn.samples,
-            "seed": drawn.seed,
-            "design": drawn.design,
-            "confidence": drawn.confidence,
-            "outside_the_family": evidence.outside,
-        },
+        "drawn": _drawn(evidence.validation, evidence.outside),
         "stable": _fraction(evidence.stable),
         "requirements": [_judged(judged) for judged in evidence.requirements],
         "limits": [_judged(judged) for judged in evidence.limits],
+    }
+
+
+def system_document(evidence: SystemEvidence) -> dict[str, Any]:
+    """What the JSON of `fopi validate` says of a system."""
+    return {
+        "drawn": _drawn(evidence.validation, evidence.outside),
+        "scenarios": [
+            {
+                "name": each.scenario,
+                "finite": _fraction(each.finite),
+                "without_chattering": _fraction(each.calm),
+                "limits": [_judged(judged) for judged in each.limits],
+            }
+            for each in evidence.scenarios
+        ],
+    }
+
+
+def _drawn(drawn: ValidationSpec, outside: int) -> dict[str, Any]:
+    return {
+        "samples": drawn.samples,
+        "seed": drawn.seed,
+        "design": drawn.design,
+        "confidence": drawn.confidence,
+        "outside_the_family": outside,
     }
 
 

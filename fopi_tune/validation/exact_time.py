@@ -34,8 +34,9 @@ from fopi_tune.errors import DomainError
 from fopi_tune.validation.inversion import Array
 from fopi_tune.validation.weights import StateSpace, integral_weights, kernel, power_kernel, state_space
 
-#: a number (a step at t = 0), values held from node to node, or a continuous function of time
-Course = float | Sequence[float] | Array | Callable[[Array], Array]
+#: a number (a step at t = 0), values held from node to node, a continuous function of time, or the values just before
+#: and just after each node
+Course = float | Sequence[float] | Array | Callable[[Array], Array] | tuple[Array, Array]
 
 #: how far the dead time may be off a whole number of steps
 _WHOLE = 1e-9
@@ -66,6 +67,7 @@ class TimeResponse:
         control: what the actuator does, in the control's unit, within its limits.
         demand: what the controller asked for.
         error: reference less output.
+        rate: dy/dt, per s; with a direct path the quotient of differences over the step before.
     """
 
     time_s: Array
@@ -73,6 +75,7 @@ class TimeResponse:
     control: Array
     demand: Array
     error: Array
+    rate: Array
 
 
 def simulate_exactly(
@@ -107,7 +110,12 @@ def simulate_exactly(
     arriving = _later(_sides(load, step_s, steps, "load"), run.lag)
     run.follow(_sides(reference, step_s, steps, "reference"), arriving)
     return TimeResponse(
-        np.asarray(step_s * np.arange(steps + 1.0), dtype=float), run.output, run.control, run.demand, run.error
+        np.asarray(step_s * np.arange(steps + 1.0), dtype=float),
+        run.output,
+        run.control,
+        run.demand,
+        run.error,
+        run.rate if model.direct == 0.0 else np.concatenate([run.rate[:1], np.diff(run.output) / step_s]),
     )
 
 
@@ -121,14 +129,16 @@ def _lag(dead_time: float, step: float) -> int:
 
 def _sides(course: Course, step: float, steps: int, name: str) -> tuple[Array, Array]:
     """Values just before and just after the nodes."""
-    if callable(course):
+    if isinstance(course, tuple) and len(course) == 2 and np.ndim(course[0]) == 1:
+        before, after = (np.asarray(side, dtype=float) for side in course)
+    elif callable(course):
         after = np.array(course(np.asarray(step * np.arange(steps + 1.0), dtype=float)), dtype=float)
         before = after.copy()
     else:
         held = np.asarray(course, dtype=float)
         after = np.full(steps + 1, float(held)) if held.ndim == 0 else held.copy()
         before = np.concatenate([after[:1], after[:-1]])
-    if after.shape != (steps + 1,) or not np.all(np.isfinite(after)):
+    if after.shape != (steps + 1,) or before.shape != after.shape or not np.all(np.isfinite(after + before)):
         raise DomainError(f"the {name} needs {steps + 1} finite values, one a node; it has shape {after.shape}")
     return before, after
 
@@ -165,7 +175,7 @@ class _Run:
         self.power = (step * np.arange(steps + 1)) ** gains.alpha / gamma(1.0 + gains.alpha)
         self.factor = gains.ki / (1.0 + (gains.kp * model.direct if lag == 0 else 0.0))
         self.steps = steps
-        self.output, self.control, self.demand, self.error = np.zeros((4, steps + 1))
+        self.output, self.control, self.demand, self.error, self.rate = np.zeros((5, steps + 1))
         self.error_before, self.control_before, self.demand_before, self.singular = np.zeros((4, steps + 1))
         self.at_limit, self.at_jump = np.zeros((2, steps + 1), dtype=bool)
         self.jump_nodes: list[int] = []
@@ -246,3 +256,6 @@ class _Run:
             self.jumps.append(float(self.error[n] - self.error_before[n]))
         self.at_limit[n] = self.control[n] != self.demand[n]
         self.output[n] = reference[1][n] - self.error[n]
+        # y' = C (A x + B w), without a direct path
+        acting = self._delayed(n, self.control) + load[1][n]
+        self.rate[n] = float(model.c @ (model.a @ self.x + model.b * acting))

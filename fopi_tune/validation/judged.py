@@ -37,6 +37,7 @@ MEASURE_VALUES: dict[str, Callable[[Measures], Array]] = {
     "saturation_time_s": lambda found: found.saturated_s,
     "peak_control": lambda found: found.peak_control,
     "final_error": lambda found: np.abs(found.final_error),
+    "switch_count": lambda found: found.switches.astype(float),
 }
 
 
@@ -71,11 +72,19 @@ def horizon_of(scenario: ScenarioSpec, run: Scenario) -> Horizon:
     return Horizon(band, first)
 
 
-def course(knots: Sequence[Knot], before: float, time_s: Array) -> Array:
-    """A piecewise signal at these times: held between knots, a straight line along a ramp; shape of `time_s`."""
+def course(knots: Sequence[Knot], before: float, time_s: Array, *, just_before: bool = False) -> Array:
+    """A piecewise signal at these times: held between knots, a straight line along a ramp; shape of `time_s`.
+
+    Args:
+        knots: in the order of their times.
+        before: the value before the first.
+        time_s: equally spaced.
+        just_before: whether a step at one of these times has not yet been made there.
+    """
     values = np.full(len(time_s), before)
     # a knot on a sample acts from that sample on, whatever rounding made of the time
     late = 1e-9 * (time_s[1] - time_s[0]) if len(time_s) > 1 else 0.0
+    late = -late if just_before else late
     for knot in knots:
         since = time_s - knot.at_s + late
         start = values[np.searchsorted(since, 0.0) - 1] if since[0] < 0.0 else before

@@ -1,0 +1,155 @@
+"""The shape of a system file:  two specs that take turns, and what is driven with them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
+from fopi_tune.errors import DomainError, SpecError
+from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION, validation_shape
+from fopi_tune.spec.model import DesignSpec, ModeSpec, SystemSpec
+from fopi_tune.spec.nodes import Table
+from fopi_tune.spec.places import Place
+from fopi_tune.spec.records import Key, Record, Values
+from fopi_tune.spec.scenarios import (
+    limits_shape,
+    refuse_too_many_samples,
+    refuse_unknown_scenarios,
+    scenarios_shape,
+)
+from fopi_tune.spec.shapes import Choice, Number, Pair, Shape, Text, Version
+
+#: the key that tells a system from a spec
+SYSTEM = "system"
+MODES = ("throttle", "brake")
+_INACTIVE = ("held", "tracking", "reset")
+_EXAMPLE = "{throttle: {spec: throttle.yaml}, brake: {spec: brake.yaml}, hysteresis: 0.5}"
+
+#: path as it is written in the system file -> the spec there
+Loader = Callable[[str], DesignSpec]
+
+
+def is_system(place: Place) -> bool:
+    """Whether a document describes a system."""
+    return place.has(SYSTEM)
+
+
+def system_shape() -> Record:
+    """The shape of a whole file; reads to the sections' values."""
+    keys = {
+        "schema": Key(Version("version of the language", SCHEMA_VERSION)),
+        "name": Key(Text("name of the system and of its results' folder", NAME_PATTERN, NAME_RULE)),
+        "description": Key(Text("one sentence for people"), required=False),
+        SYSTEM: Key(_modes_shape()),
+        "scenarios": Key(scenarios_shape()),
+        "limits": Key(limits_shape(), required=False),
+        "validation": Key(validation_shape(), required=False),
+    }
+    return Record("two loops that share their output and take turns", keys, lambda values, place: values, _EXAMPLE)
+
+
+def read_system(place: Place, sha256: str, loader: Loader) -> SystemSpec | None:
+    """The system a document says, or None after reporting why there is none.
+
+    Args:
+        place: the document.
+        sha256: of its bytes.
+        loader: reads the specs that it names.
+    """
+    assert isinstance(place.node, Table)
+    values = system_shape().readable(place)
+    if values is None:
+        return None
+    refuse_unknown_scenarios(values.get("scenarios") or [], values.get("limits") or [], place)
+    told = values.get(SYSTEM)
+    if told is None or place.report.problems:
+        return None
+    modes = [_mode(name, told[name], place.child(SYSTEM).child(name), loader) for name in MODES]
+    throttle, brake = modes
+    if throttle is None or brake is None or not _fit(throttle, brake, values, place):
+        return None
+    plain = {key: value for key, value in told.items() if key not in MODES}
+    return SystemSpec(
+        name=values["name"],
+        modes=(throttle, brake),
+        **plain,
+        scenarios=tuple(values["scenarios"]),
+        limits=tuple(each.limit for each in values.get("limits") or ()),
+        validation=values.get("validation"),
+        description=values.get("description", ""),
+        sha256=_digest(sha256, throttle, brake),
+        schema=values["schema"],
+    )
+
+
+def _modes_shape() -> Shape:
+    keys = {name: Key(_mode_shape(name)) for name in MODES}
+    keys |= {
+        "hysteresis": Key(Number("half-width of the hysteresis around the setpoint, output unit", at_least=0)),
+        "inactive": Key(Choice("what the inactive controller's memory does", _INACTIVE), required=False),
+        "first": Key(Choice("mode at the start", MODES), required=False),
+        "most_switches": Key(Number("more jumps than this within window_s chatter", at_least=1, whole=True), False),
+        "window_s": Key(Number("of chattering, s", above=0), required=False),
+    }
+    return Record("which loops take turns, and when", keys, lambda values, place: values, _EXAMPLE)
+
+
+def _mode_shape(name: str) -> Record:
+    order = Number("order of the integral", above=ALPHA_MIN, below=ALPHA_MAX)
+    gains = {"kp": Key(Number("proportional gain")), "ki": Key(Number("integral gain")), "alpha": Key(order)}
+    keys = {
+        "spec": Key(Text(f"path of the {name}'s spec, from this file's folder")),
+        "gains": Key(Record("its gains; tuned when left out", gains, _gains, "{kp: 0.1, ki: 0.1, alpha: 0.8}"), False),
+    }
+    keys["output_limits"] = Key(Pair("limits of its control, in place of its spec's", Number("limit")), required=False)
+    return Record(f"the {name}", keys, lambda values, place: values, f"{{spec: {name}.yaml}}")
+
+
+def _gains(values: Values, place: Place) -> FoPi | None:
+    try:
+        return FoPi(float(values["kp"]), float(values["ki"]), float(values["alpha"]))
+    except DomainError as error:
+        place.refuse(str(error))
+        return None
+
+
+def _mode(name: str, told: dict[str, Any], place: Place, loader: Loader) -> ModeSpec | None:
+    where = place.child("spec")
+    try:
+        spec = loader(told["spec"])
+    except SpecError as error:
+        where.refuse(f"the spec cannot be used: {error.problems[0]}")
+        return None
+    if spec.digital is None:
+        where.refuse("the spec has no section digital, which says how its controller runs; add one to it")
+        return None
+    numerator, denominator, dead_time = spec.plant.assemble({})
+    if len(denominator) != 2 or len(numerator) != 1 or dead_time != 0.0:
+        message = "a mode's plant is of first order, without direct path or dead time; give the time as delay_samples"
+        where.refuse(message)
+        return None
+    if "output_limits" in told:
+        spec = replace(spec, digital=replace(spec.digital, output_limits=told["output_limits"]))
+    return ModeSpec(name, spec, told.get("gains"))
+
+
+def _fit(throttle: ModeSpec, brake: ModeSpec, values: Values, place: Place) -> bool:
+    """Whether the two loops can run on one computer; reports if not."""
+    one, other = throttle.spec.digital, brake.spec.digital
+    assert one is not None
+    assert other is not None
+    where = place.child(SYSTEM).child("brake").child("spec")
+    for key in ("sample_time_s", "delay_samples"):
+        if getattr(one, key) != getattr(other, key):
+            where.refuse(f"its {key} is {getattr(other, key)}, the throttle's {getattr(one, key)}; make them equal")
+            return False
+    refuse_too_many_samples(values["scenarios"], one.sample_time_s, place)
+    return not place.report.problems
+
+
+def _digest(sha256: str, *modes: ModeSpec) -> str:
+    """Of everything that was read."""
+    return hashlib.sha256("\n".join([sha256, *(mode.spec.sha256 for mode in modes)]).encode()).hexdigest()

@@ -1,0 +1,235 @@
+"""Scenarios in continuous time, without filter, samples and computing delay:  what the loop on samples stands for.
+
+One loop is the exact fractional one (`exact_time`), without anti-windup, run twice so that its error is known; a system
+is the hybrid inclusion (`inclusion`), whose s^-alpha has so many poles that it is off by 2e-4 at most from 1e-3 to
+1e2 rad/s.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.plant import Plant
+from fopi_tune.digital.integrator import oustaloup
+from fopi_tune.digital.runtime import Runtime
+from fopi_tune.errors import DomainError
+from fopi_tune.spec.model import Knot, ScenarioSpec, SystemSpec
+from fopi_tune.validation.exact_time import Start as ExactStart
+from fopi_tune.validation.exact_time import TimeResponse, simulate_exactly
+from fopi_tune.validation.flow import PURE_INTEGRAL, Pedal
+from fopi_tune.validation.hybrid import Corner, HybridCar, HybridOutcome, HybridStart, Memory, Mode, Watch
+from fopi_tune.validation.inclusion import simulate_hybrid
+from fopi_tune.validation.judged import course, horizon_of
+from fopi_tune.validation.reference import measures_of
+from fopi_tune.validation.scenario import Array, Before, Hybrid, Measures, Scenario, Signals, Start, Traces
+from fopi_tune.validation.weights import state_space
+
+_MEMORY = {"held": Memory.HELD, "tracking": Memory.TRACKING, "reset": Memory.RESET}
+#: steps of the coarser of two runs, a sample: about so many in all, and never more than the largest number
+_USUAL_STEPS, _MOST_STEPS = 3000, 12_000
+_MOST_PARTS = 40
+#: poles and band of s^-alpha in the inclusion, and how many of its times are kept a sample
+_POLES, _BAND = 39, (1e-7, 1e6)
+_KEPT = 10
+
+
+@dataclass(frozen=True)
+class Continuous:
+    """One scenario of one plant, or pair of plants, in continuous time.
+
+    Args:
+        reference: the setpoint at the signals' times.
+        traces: one row; `demanded` is what the actuator does, within its limits.
+        measures: of it.
+        switch_times_s: when the modes changed, located to 1e-9 s.
+        accuracy: the largest difference of the output to the run with steps twice as long; None for a system.
+        outcome: one sentence, how a system's run ended; empty for a loop.
+    """
+
+    reference: Array
+    traces: Traces
+    measures: Measures
+    switch_times_s: tuple[float, ...] = ()
+    accuracy: float | None = None
+    outcome: str = ""
+
+
+def drive_loop(
+    scenario: ScenarioSpec, gains: FoPi, plant: Plant, controller: Runtime, sample_time_s: float
+) -> Continuous:
+    """One loop.
+
+    Args:
+        scenario: without noise, quantum and rate limit.
+        gains: the controller.
+        plant: the plant.
+        controller: gives the control's limits.
+        sample_time_s: of the controller that this stands for; a scenario's times are its multiples.
+
+    Raises:
+        DomainError: what only a loop on samples has, a start that is none, or too many samples.
+    """
+    _refuse_samples_only(scenario)
+    coarse = _step(scenario.duration_s, sample_time_s, plant.dead_time_s)
+    runs = [_follow(scenario, gains, plant, controller.limits, coarse / halves) for halves in (1, 2)]
+    fine = runs[1]
+    accuracy = float(np.abs(fine.output[::2][: len(runs[0].output)] - runs[0].output).max())
+    reference = course(scenario.reference, scenario.initial_output, fine.time_s)
+    rows = (fine.output, fine.rate, fine.output, fine.error, fine.control, fine.control)
+    traces = Traces(fine.time_s, *(row[None, :] for row in rows), mode=np.ones((1, len(reference)), dtype=np.int64))
+    run = Scenario(coarse / 2, Signals(reference), start=_start(scenario))
+    return Continuous(
+        reference, traces, measures_of(traces, [controller], run, horizon_of(scenario, run)), (), accuracy
+    )
+
+
+def drive_inclusion(
+    system: SystemSpec, scenario: ScenarioSpec, gains: Sequence[FoPi], plants: Sequence[Plant],
+    controllers: Sequence[Runtime], sample_time_s: float,
+) -> Continuous:  # fmt: skip
+    """A system.
+
+    Args:
+        system: how it switches.
+        scenario: without noise, quantum, rate limit and load.
+        gains: throttle first.
+        plants: of first order, throttle first.
+        controllers: give the controls' limits.
+        sample_time_s: of the controllers that this stands for.
+
+    Raises:
+        DomainError: something in the scenario that only a loop on samples has, or that makes no sense.
+    """
+    _refuse_samples_only(scenario)
+    if scenario.load:
+        raise DomainError(f"scenario {scenario.name}: a system in continuous time has no load; leave it or --exact out")
+    pedals = [
+        _pedal(plant, gain, controller.limits)
+        for plant, gain, controller in zip(plants, gains, controllers, strict=True)
+    ]
+    first = Mode.THROTTLE if system.first == system.modes[0].name else Mode.BRAKE
+    car = HybridCar(*pedals, eps=system.hysteresis, memory=_MEMORY[system.inactive])
+    pedal = car.pedal(first)
+    past = scenario.initial_output * pedal.pole_rad_s / pedal.gain if scenario.before == Before.REST.value else 0.0
+    start = HybridStart(scenario.initial_output, first, pedal.cut(past) if scenario.bumpless else None)
+    step = sample_time_s / _KEPT
+    times = step * np.arange(round(scenario.duration_s / step) + 1)
+    times = np.minimum(times, scenario.duration_s)
+    watch = Watch(system.most_switches, system.window_s)
+    found = simulate_hybrid(car, _corners(scenario), scenario.duration_s, np.unique(times), start=start, watch=watch)
+    reference = course(scenario.reference, scenario.initial_output, found.time_s)
+    rows = (found.output, found.rate, found.output, found.error, found.control, found.control)
+    traces = Traces(found.time_s, *(row[None, :] for row in rows), mode=found.mode[None, :].astype(np.int64))
+    hybrid = Hybrid(system.hysteresis, first=int(first))
+    run = Scenario(step, Signals(reference), start=_start(scenario), hybrid=hybrid)
+    measures = measures_of(traces, controllers, run, horizon_of(scenario, run))
+    if found.outcome is not HybridOutcome.FINISHED:
+        # nobody knows what would come after: there is nothing to judge
+        names = [field.name for field in fields(measures) if getattr(measures, field.name).dtype == float]
+        measures = replace(measures, **dict.fromkeys(names, np.array([math.nan])), finite=np.array([False]))
+    # from the located jumps: between two kept times there may be several
+    chattering = np.array([found.outcome is HybridOutcome.CHATTERING])
+    measures = replace(measures, switches=np.array([len(found.events)]), chattering=chattering)
+    switches = tuple(event.time_s for event in found.events)
+    return Continuous(reference, traces, measures, switches, None, found.reason)
+
+
+def _refuse_samples_only(scenario: ScenarioSpec) -> None:
+    for key, none in (("noise_std", 0.0), ("quantum", 0.0), ("rate_per_s", math.inf)):
+        if getattr(scenario, key) != none:
+            raise DomainError(
+                f"scenario {scenario.name}: {key} belongs to the loop on samples; leave it or --exact out"
+            )
+
+
+def _step(duration_s: float, sample_time_s: float, dead_time_s: float) -> float:
+    """A part of the sample time, of which the dead time is a multiple if there is such a part."""
+    samples = duration_s / sample_time_s
+    if samples > _MOST_STEPS:
+        raise DomainError(f"{samples:.0f} samples are more than {_MOST_STEPS} in continuous time; end earlier")
+    usual = max(1, min(_MOST_PARTS, math.ceil(_USUAL_STEPS / samples)))
+    for parts in range(usual, usual + _MOST_PARTS):
+        lag = dead_time_s * parts / sample_time_s
+        if abs(lag - round(lag)) <= 1e-9 * max(1.0, lag) and parts * samples <= _MOST_STEPS:
+            return sample_time_s / parts
+    # then a scenario's steps act up to one of these steps late
+    return dead_time_s / math.ceil(dead_time_s * usual / sample_time_s)
+
+
+def _follow(
+    scenario: ScenarioSpec, gains: FoPi, plant: Plant, limits: tuple[float, float], step: float
+) -> TimeResponse:
+    steps = max(1, round(scenario.duration_s / step))
+    times = np.asarray(step * np.arange(steps + 1), dtype=float)
+
+    def sides(knots: Sequence[Knot], before: float) -> tuple[Array, Array]:
+        return course(knots, before, times, just_before=True), course(knots, before, times)
+
+    past = _past(scenario, plant)
+    if scenario.bumpless and past != 0.0 and gains.ki == 0.0:
+        raise DomainError(f"scenario {scenario.name}: without ki no controller starts at {past:.6g}; drop bumpless")
+    model = state_space(plant)
+    state = np.zeros(len(model.a))
+    if past != 0.0:
+        state = np.linalg.solve(model.a, -model.b * past)
+    elif len(state):
+        state[0] = scenario.initial_output
+    integral = past / gains.ki if scenario.bumpless and past != 0.0 else 0.0
+    start = ExactStart(tuple(state.tolist()), integral, past)
+    load = sides(scenario.load, 0.0)
+    reference = sides(scenario.reference, scenario.initial_output)
+    return simulate_exactly(gains, plant, reference, step, steps, limits=limits, load=load, start=start)
+
+
+def _past(scenario: ScenarioSpec, plant: Plant) -> float:
+    """The input before the start, as `plants.HeldPlants.begin` has it."""
+    y0, order = scenario.initial_output, len(plant.denominator) - 1
+    if y0 == 0.0:
+        return 0.0
+    if scenario.before == Before.FREE.value:
+        if order != 1:
+            raise DomainError(f"an initial output without input needs plants of order 1, not {order}")
+        return 0.0
+    if plant.denominator[-1] == 0.0 or plant.numerator[-1] == 0.0:
+        raise DomainError(f"no input holds a plant at {y0!r}: P(0) is 0 or not finite; start it at 0 or free")
+    return y0 * plant.denominator[-1] / plant.numerator[-1]
+
+
+def _start(scenario: ScenarioSpec) -> Start:
+    return Start(scenario.initial_output, Before(scenario.before), scenario.bumpless)
+
+
+def _pedal(plant: Plant, gains: FoPi, limits: tuple[float, float]) -> Pedal:
+    lead, rest = plant.denominator
+    integral = PURE_INTEGRAL if gains.alpha == 1.0 else oustaloup(gains.alpha, _POLES, _BAND)
+    # a runtime without limits has the largest numbers there are
+    low, high = (limit if abs(limit) < sys.float_info.max else math.copysign(math.inf, limit) for limit in limits)
+    return Pedal(plant.numerator[-1] / lead, rest / lead, gains, integral, (low, high))
+
+
+def _corners(scenario: ScenarioSpec) -> list[Corner]:
+    """The reference as the inclusion takes it."""
+    value, corners = scenario.initial_output, [Corner(0.0, scenario.initial_output)]
+
+    def put(corner: Corner) -> None:
+        if corners[-1].time_s == corner.time_s:
+            corners.pop()
+        corners.append(corner)
+
+    for knot in scenario.reference:
+        if knot.at_s >= scenario.duration_s:
+            break
+        if knot.ramp_s > 0.0:
+            put(Corner(knot.at_s, value, (knot.value - value) / knot.ramp_s))
+            if knot.at_s + knot.ramp_s < scenario.duration_s:
+                put(Corner(knot.at_s + knot.ramp_s, knot.value))
+        else:
+            put(Corner(knot.at_s, knot.value))
+        value = knot.value
+    return corners

@@ -1,0 +1,203 @@
+"""Plants drawn from a box, what is simulated with each, and how often limits hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopi_tune.core.loops import Plants
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.spec.model import Limit, Relation, Requirement, ScenarioSpec, ValidationSpec
+from fopi_tune.validation.draws import Design, Draw, outside_box, points
+from fopi_tune.validation.judged import MEASURE_VALUES, horizon_of
+from fopi_tune.validation.scenario import Array, Mode, Scenario
+from fopi_tune.validation.simulate import measure_chunks
+from fopi_tune.validation.statistics import Fraction, Quantile
+from fopi_tune.validation.tally import Tally, Worst, merge, tally
+
+#: plants whose simulations are in memory at once
+_SIMULATED = 8192
+#: how many of the worst plants are kept
+KEPT = 5
+#: (done, of all) plants, and done of one pass over them
+Progress = Callable[[int, int], None]
+Done = Callable[[int], None]
+PROBABILITIES = (0.01, 0.05, 0.5, 0.95, 0.99)
+
+
+@dataclass(frozen=True)
+class WorstPlant:
+    """A plant that was drawn, with the value that makes it one of the worst.
+
+    Args:
+        index: of the draw; with the seed it can be made again.
+        value: in the unit of what was judged; infinite where there is none.
+        plant: the uncertain numbers by name.
+        inside: whether it lies in the family's box.
+    """
+
+    index: int
+    value: float
+    plant: Mapping[str, float]
+    inside: bool
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How often one requirement or limit held.
+
+    Args:
+        requirement: the spec's, of a requirement.
+        limit: the spec's, of a limit.
+        scenario: in which a limit was judged.
+        upper: whether large values are the bad ones.
+        fraction: of the plants that met it, with its interval.
+        quantiles: of the values.
+        worst: the worst plants, the worst first.
+    """
+
+    requirement: Requirement | None
+    limit: Limit | None
+    scenario: str | None
+    upper: bool
+    fraction: Fraction
+    quantiles: tuple[Quantile, ...]
+    worst: tuple[WorstPlant, ...]
+
+
+@dataclass(frozen=True)
+class Simulations:
+    """One scenario, driven with every plant that was drawn.
+
+    Args:
+        scenario: its name.
+        finite: fraction of the plants whose output stayed finite.
+        calm: fraction of the plants whose modes did not chatter.
+        limits: those about it.
+    """
+
+    scenario: str
+    finite: Fraction
+    calm: Fraction
+    limits: tuple[Judged, ...]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The plants that a section `validation` draws from a box.
+
+    Args:
+        family: the box.
+        validation: how many, and how.
+    """
+
+    family: PlantFamily
+    validation: ValidationSpec
+
+    @property
+    def seed(self) -> int:
+        """Of every random number."""
+        return self.validation.seed
+
+    def places(self, first: int, end: int) -> Array:
+        """Uncertain numbers of the draws first to end - 1, shape (end - first, p)."""
+        return points(draw_of(self.validation), self.family, first, end - first)
+
+    def plants(self, first: int, end: int) -> Plants:
+        """The draws first to end - 1 as plants of the family's model."""
+        return Plants.members(self.family, self.places(first, end))
+
+    def chunks(self, size: int) -> Iterator[tuple[int, int]]:
+        """(first, end) of so many draws at a time."""
+        total = self.validation.samples
+        for first in range(0, total, size):
+            yield first, min(first + size, total)
+
+    def outside(self) -> int:
+        """How many draws lie outside the box."""
+        return sum(int(outside_box(self.places(*chunk), self.family).sum()) for chunk in self.chunks(_SIMULATED))
+
+    def simulations(
+        self, limits: Sequence[Limit], scenario: ScenarioSpec, modes: Sequence[Mode], run: Scenario, done: Done
+    ) -> Simulations:
+        """A scenario and every limit about it, judged on every draw.
+
+        Args:
+            limits: the spec's.
+            scenario: the spec's.
+            modes: controllers, and the plants by index.
+            run: the scenario on the controllers' samples.
+            done: told how many plants are done.
+        """
+        limits = limits_about(limits, scenario)
+        parts: list[list[Tally]] = []
+        first = 0
+        horizon = horizon_of(scenario, run)
+        for measures in measure_chunks(modes, run, horizon, self.validation.samples, chunk=_SIMULATED):
+            tallies = [_marked(first, measures.finite), _marked(first, ~measures.chattering)]
+            for limit in limits:
+                upper = limit.relation is Relation.AT_MOST
+                values = MEASURE_VALUES[limit.measure](measures)
+                values = np.where(np.isnan(values), np.inf if upper else -np.inf, values)
+                met = values <= limit.limit if upper else values >= limit.limit
+                tallies.append(tallied(first, values, met, upper))
+            parts.append(tallies)
+            first += len(measures.finite)
+            done(first)
+        finite, calm, *rest = (merge(column) for column in zip(*parts, strict=True))
+        judged = [
+            self.judged(t, e.relation is Relation.AT_MOST, limit=e, scenario=scenario.name)
+            for t, e in zip(rest, limits, strict=True)
+        ]
+        sure = self.validation.confidence
+        return Simulations(scenario.name, finite.fraction(sure), calm.fraction(sure), tuple(judged))
+
+    def judged(
+        self,
+        found: Tally,
+        upper: bool,
+        *,
+        requirement: Requirement | None = None,
+        limit: Limit | None = None,
+        scenario: str | None = None,
+    ) -> Judged:
+        """A tally with its intervals and its worst plants."""
+        confidence = self.validation.confidence
+        worst = []
+        for each in found.worst:
+            place = self.places(each.index, each.index + 1)
+            inside = not bool(outside_box(place, self.family)[0])
+            worst.append(WorstPlant(each.index, each.value, self.family.describe(place[0]), inside))
+        quantiles = found.quantiles(PROBABILITIES, confidence)
+        return Judged(requirement, limit, scenario, upper, found.fraction(confidence), quantiles, tuple(worst))
+
+
+def limits_about(limits: Sequence[Limit], scenario: ScenarioSpec) -> list[Limit]:
+    """Those that judge a scenario."""
+    return [each for each in limits if each.scenario in (None, scenario.name)]
+
+
+def steps_of(progress: Progress | None, samples: int, count: int) -> list[Done]:
+    """One progress for each of `count` passes over the plants, each of which knows only its own."""
+
+    def step(place: int) -> Done:
+        return lambda plants: None if progress is None else progress(place * samples + plants, count * samples)
+
+    return [step(place) for place in range(count)]
+
+
+def draw_of(validation: ValidationSpec) -> Draw:
+    """The draws that a spec's section `validation` asks for."""
+    return Draw(seed=validation.seed, design=Design(validation.design), total=validation.samples)
+
+
+def _marked(first: int, met: np.ndarray) -> Tally:
+    """A chunk of yes and no."""
+    return tally(np.where(met, 0.0, 1.0), met, first, Worst.LARGEST, KEPT)
+
+
+def tallied(first: int, values: Array, met: np.ndarray, upper: bool) -> Tally:
+    """A chunk of values of which the large (upper) or the small ones are the worst."""
+    return tally(values, met, first, Worst.LARGEST if upper else Worst.SMALLEST, KEPT)
