@@ -1,7 +1,7 @@
 """The simulation compiled:  blocks of `WIDTH` plants side by side through all samples.
 
-A jump exchanges a lane's columns of the two slots, so that the rest never asks which controller is active.  No lane
-knows of another one: blocks can be computed in any order, by any number of threads.
+A jump exchanges a lane's states of the two controllers, whose numbers a lane selects by its mode.  No lane knows of
+another one: blocks can be computed in any order, by any number of threads.
 
 Importing this takes Numba with it: import it where it is needed.
 """
@@ -24,10 +24,12 @@ from fopi_tune.validation.layout import (
     FINITE,
     HIGH,
     INTEGRATES,
+    JUMPED,
     LAST,
     LOW,
     MODE,
     NOISE,
+    OTHER_LAST,
     OUTSIDE,
     OVER,
     RESULTS,
@@ -56,22 +58,20 @@ def _begin(s, block, table, controllers, settings, places):
         s[OVER + lane], s[OUTSIDE + lane], s[FINITE + lane] = -np.inf, settings.horizon - 1.0, 1.0
         s[APPLIED + lane] = s[BEFORE + lane] = s[CONTROL + lane] = past
         s[MODE + lane] = s[ARRIVED + lane] = settings.first_mode
+        s[JUMPED + lane] = -np.inf
         for which in range(1 + settings.hybrid):
-            mode = (settings.first_mode + which) % 2 if settings.hybrid else 0
-            slot = (places.slot_a if which == 0 else places.slot_b) + lane
-            for row in range(controllers.shape[1]):
-                s[slot + row * WIDTH] = controllers[mode, row]
-            begin = s[slot + START]
+            mode = (settings.first_mode + which) % 2
+            begin = controllers[mode, START]
             if which == 0 and settings.bumpless:
-                begin = min(max(past, s[slot + LOW]), s[slot + HIGH])
-            s[slot + LAST] = begin
+                begin = min(max(past, controllers[mode, LOW]), controllers[mode, HIGH])
+            s[(LAST if which == 0 else OTHER_LAST) + lane] = begin
             states = places.active_0 if which == 0 else places.inactive_0
             if settings.sections > 0:
-                s[states + lane] = begin * s[slot + INTEGRATES]
+                s[states + lane] = begin * controllers[mode, INTEGRATES]
 
 
 @_inlined
-def _sample(s, history, modes, jumps, block, k, settings, places, late, reference, signal, traces):
+def _sample(s, history, modes, jumps, c, other, block, k, settings, places, late, reference, signal, traces):
     """Sample k and the way to the next one."""
     r, track = reference[k], settings.hybrid and settings.inactive == TRACK
     even = k % 2 == 0
@@ -80,7 +80,6 @@ def _sample(s, history, modes, jumps, block, k, settings, places, late, referenc
     other_old = places.inactive_1 if track and not even else places.inactive_0
     other_new = places.inactive_1 if even else places.inactive_0
     y, rate = stages.output(s, settings, places)
-    store(s, FINITE, where(stages.fine(y) & stages.fine(rate), load(s, FINITE), spread(0.0)))
     measured = y
     if settings.noise_std != 0.0:
         if k % 4 == 0:
@@ -89,14 +88,22 @@ def _sample(s, history, modes, jumps, block, k, settings, places, late, referenc
     if settings.quantum != 0.0:
         measured = spread(settings.quantum) * rounded(measured / spread(settings.quantum))
     if settings.hybrid:
-        stages.switch(s, jumps, k, measured, r, settings, places, old, other_old)
+        stages.switch(s, jumps, k, measured, r, settings, c, other, old, other_old)
+    second = load(s, MODE) > spread(0.5)
     e = spread(r) - measured
-    u = stages.control(s, places.slot_a, old, new, settings.sections, e)
+    u, total = stages.control(s, c, other, second, old, new, settings.sections, e)
+    # y is in e
+    if not stages.all_fine(total + rate):
+        store(s, FINITE, where(stages.fine(y) & stages.fine(rate), load(s, FINITE), spread(0.0)))
+        good = stages.usable(s, c, other, second, old, new, settings.sections, e, e)
+        u = where(good, u, load(s, LAST))
+    store(s, LAST, u)
     applied = stages.actuated(s, u, settings.most_change)
     if track:
-        stages.follow_applied(s, places.slot_b, other_old, other_new, settings.sections, e, applied)
+        first = load(s, MODE) < spread(0.5)
+        stages.follow_applied(s, c, other, first, other_old, other_new, settings.sections, e, applied)
     if k >= settings.horizon:
-        stages.judge(s, k, y, rate, r, u, applied, settings, places.slot_a)
+        stages.judge(s, k, y, rate, r, u, applied, settings, c, other, second)
     if settings.keep:
         for row, value in enumerate((y, rate, measured, e, u, applied, load(s, MODE))):
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
@@ -123,6 +130,7 @@ def _made(stamp: tuple[int, ...]) -> Callable[..., int]:
             pointer(scratch[places.size + rings :]),
             pointer(scratch[places.size + 2 * rings :]),
         )
+        c, other = pointer(controllers), controllers.shape[1] if settings.hybrid else 0
         inputs = pointer(late), pointer(reference), pointer(signal), pointer(traces)
         for block in range(begin, stop):
             _begin(s, block, table, controllers, settings, places)
@@ -130,7 +138,7 @@ def _made(stamp: tuple[int, ...]) -> Callable[..., int]:
                 history[place] = s[APPLIED + place % WIDTH]
                 modes[place] = settings.first_mode
             for k in range(settings.steps):
-                _sample(s, history, modes, jumps, block, k, settings, places, *inputs)
+                _sample(s, history, modes, jumps, c, other, block, k, settings, places, *inputs)
             for row in range(_RESULTS):
                 for lane in range(WIDTH):
                     results[row, block * WIDTH + lane] = s[row * WIDTH + lane]

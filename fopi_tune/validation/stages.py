@@ -36,6 +36,7 @@ from fopi_tune.validation.layout import (
     OLD_ARRIVED,
     OLD_CONTROL,
     OLD_LOAD,
+    OTHER_LAST,
     OUTSIDE,
     OVER,
     PEAK_RATE,
@@ -44,7 +45,6 @@ from fopi_tune.validation.layout import (
     RUN,
     SATURATED,
     SECTIONS,
-    SLOT_ROWS,
     START,
     SWITCHES,
     WIDTH,
@@ -68,6 +68,12 @@ _apart: Any = njit(error_model="numpy")
 def fine(x):
     """The lanes that are finite."""
     return size(x) <= spread(_BIG)
+
+
+@_inlined
+def all_fine(x):
+    """Whether every lane is finite."""
+    return bits(fine(x)) == _ALL
 
 
 @_inlined
@@ -112,8 +118,6 @@ def make_noise(s, seed, index, k):
         four = _words(seed, np.uint64(index + lane), np.uint64(1 + k // 4))
         for i in range(4):
             s[NOISE + WIDTH * i + lane] = (np.float64(four[i] >> np.uint64(12)) + 0.5) * 2.0**-52 - 0.5
-    # four rows of 16 lanes are the 64 bits of a word
-    left = 0
     for i in range(4):
         q = load(s, NOISE + WIDTH * i)
         r = spread(_CENTRAL**2) - q * q
@@ -122,11 +126,11 @@ def make_noise(s, seed, index, k):
             top, bottom = spread(_CENTRE_TOP[7 - j]) + top * r, spread(_CENTRE_BOTTOM[7 - j]) + bottom * r
         outer = size(q) > spread(_CENTRAL)
         store(s, NOISE + WIDTH * i, where(outer, q, q * (top / bottom)))
-        left |= bits(outer) << (WIDTH * i)
-    while left != 0:
-        place = NOISE + lowest(left)
-        s[place] = _tail(s[place])
-        left &= left - 1
+        left = bits(outer)
+        while left != 0:
+            place = NOISE + WIDTH * i + lowest(left)
+            s[place] = _tail(s[place])
+            left &= left - 1
 
 
 @_inlined
@@ -148,132 +152,152 @@ def output(s, settings, places):
     return y + load(s, c + 2 * n * WIDTH) * before, rate + load(s, c + (2 * n + 1) * WIDTH) * before
 
 
-@_apart
-def _jump(s, jumps, lane, k, settings, places, active, inactive):
-    """One lane changes its mode."""
-    for i in range(SLOT_ROWS + 3 * settings.sections):
-        one, two = places.slot_a + i * WIDTH + lane, places.slot_b + i * WIDTH + lane
-        s[one], s[two] = s[two], s[one]
-    for i in range(settings.sections):
-        one, two = active + i * WIDTH + lane, inactive + i * WIDTH + lane
-        s[one], s[two] = s[two], s[one]
-    a = places.slot_a + lane
-    s[MODE + lane] = 1.0 - s[MODE + lane]
-    s[APPLIED + lane] = min(max(s[APPLIED + lane], s[a + LOW]), s[a + HIGH])
-    if settings.inactive == RESET:
-        s[a + LAST] = s[a + START]
-        for i in range(settings.sections):
-            s[active + i * WIDTH + lane] = s[a + START] * s[a + INTEGRATES] if i == 0 else 0.0
-    count, most = int(s[SWITCHES + lane]), settings.most_switches
-    s[RUN + lane] = s[RUN + lane] + 1.0 if count > 0 and s[JUMPED + lane] == k - 1 else 1.0
-    s[LONGEST + lane] = max(s[LONGEST + lane], s[RUN + lane])
-    # the jump `most` jumps ago
-    place = (count % most) * WIDTH + lane
-    if count >= most and k - jumps[place] <= settings.window:
-        s[CHATTER + lane] = 1.0
-    jumps[place] = k
-    s[JUMPED + lane] = k
-    s[SWITCHES + lane] += 1.0
+@_inlined
+def of_mode(c, row, other, second):
+    """A controller's number in every lane; `other` is where the second mode's begin, 0 where there is one mode."""
+    if other == 0:
+        return spread(c[row])
+    return where(second, spread(c[other + row]), spread(c[row]))
 
 
 @_inlined
-def switch(s, jumps, k, measured, reference, settings, places, active, inactive):
+def _exchange(s, one, two, lanes):
+    """Two rows change places in some lanes."""
+    a, b = load(s, one), load(s, two)
+    store(s, one, where(lanes, b, a))
+    store(s, two, where(lanes, a, b))
+
+
+@_inlined
+def _change(s, row, lanes, value):
+    store(s, row, where(lanes, value, load(s, row)))
+
+
+@_inlined
+def switch(s, jumps, k, measured, reference, settings, c, other, active, inactive):
     """Lanes that meet the edge of the hysteresis change their mode."""
     mode = load(s, MODE)
     up = (mode < spread(0.5)) & (measured >= spread(reference + settings.half_width))
     down = (mode > spread(0.5)) & (measured <= spread(reference - settings.half_width))
-    jumping = bits(up | down)
-    while jumping != 0:
-        _jump(s, jumps, lowest(jumping), k, settings, places, active, inactive)
-        jumping &= jumping - 1
+    jumping = up | down
+    if bits(jumping) == 0:
+        return
+    mode = where(up, spread(1.0), where(down, spread(0.0), mode))
+    second = mode > spread(0.5)
+    store(s, MODE, mode)
+    _exchange(s, LAST, OTHER_LAST, jumping)
+    for i in range(settings.sections):
+        _exchange(s, active + i * WIDTH, inactive + i * WIDTH, jumping)
+    _change(s, APPLIED, jumping, _limited(c, other, second, load(s, APPLIED)))
+    if settings.inactive == RESET:
+        start = of_mode(c, START, other, second)
+        _change(s, LAST, jumping, start)
+        for i in range(settings.sections):
+            x = start * of_mode(c, INTEGRATES, other, second) if i == 0 else spread(0.0)
+            _change(s, active + i * WIDTH, jumping, x)
+    _count(s, jumps, k, jumping, settings.most_switches, settings.window)
 
 
 @_inlined
-def _limited(s, slot, value):
-    low, high = load(s, slot + LOW), load(s, slot + HIGH)
+def _count(s, jumps, k, jumping, most, window):
+    """Jumps, runs of them, and too many of them within the window."""
+    now = spread(float(k))
+    run = where(load(s, JUMPED) >= now - spread(1.0), load(s, RUN) + spread(1.0), spread(1.0))
+    _change(s, RUN, jumping, run)
+    _keep_larger(s, LONGEST, load(s, RUN))
+    _change(s, JUMPED, jumping, now)
+    left = bits(jumping)
+    while left != 0:
+        lane = lowest(left)
+        count = int(s[SWITCHES + lane])
+        # the jump `most` jumps ago
+        place = (count % most) * WIDTH + lane
+        if count >= most and k - jumps[place] <= window:
+            s[CHATTER + lane] = 1.0
+        jumps[place] = k
+        s[SWITCHES + lane] = count + 1.0
+        left &= left - 1
+
+
+@_inlined
+def _limited(c, other, second, value):
+    low, high = of_mode(c, LOW, other, second), of_mode(c, HIGH, other, second)
     value = where(value < low, low, value)
     return where(value > high, high, value)
 
 
 @_inlined
-def _demand(s, slot, old, sections, e):
-    v = load(s, slot + DIRECT) * e
+def _demand(s, c, other, second, old, sections, e):
+    v = of_mode(c, DIRECT, other, second) * e
     for i in range(sections):
         v = v + load(s, old + i * WIDTH)
     return v
 
 
 @_inlined
-def _follow(s, slot, old, new, sections, d, e, usable):
-    """x_k <- p_k (x_k + w_k d) + r_k e; the lanes in which nothing was lost, the states of the others as they were."""
-    total = spread(0.0)
+def control(s, c, other, second, old, new, sections, e):
+    """One sample of the active controller: its output, and a sum that is finite only if all of its numbers are.
+
+    x_k <- p_k (x_k + w_k d) + r_k e
+    """
+    v = _demand(s, c, other, second, old, sections, e)
+    u = _limited(c, other, second, v)
+    d = of_mode(c, GAIN, other, second) * (u - v)
+    total = v
     for i in range(sections):
-        c = slot + SECTIONS + 3 * i * WIDTH
-        x = load(s, old + i * WIDTH)
-        x = load(s, c) * (x + load(s, c + WIDTH) * d) + load(s, c + 2 * WIDTH) * e
+        row = SECTIONS + 3 * i
+        x = load(s, old + i * WIDTH) + of_mode(c, row + 1, other, second) * d
+        x = of_mode(c, row, other, second) * x + of_mode(c, row + 2, other, second) * e
         store(s, new + i * WIDTH, x)
         total = total + x
-    return _kept(s, old, new, sections, total, usable)
+    return u, total
 
 
 @_inlined
-def _kept(s, old, new, sections, total, usable):
-    """The lanes whose new states are numbers; in the others the states as they were."""
-    # a sum of numbers is finite only if all of them are
-    good = usable & fine(total)
-    if bits(good) != _ALL:
-        good = usable
-        for i in range(sections):
-            good = good & fine(load(s, new + i * WIDTH))
-        for i in range(sections):
-            store(s, new + i * WIDTH, where(good, load(s, new + i * WIDTH), load(s, old + i * WIDTH)))
+def usable(s, c, other, second, old, new, sections, e, given):
+    """The lanes in which e and the given value lead to finite numbers only; in the others the states as they were."""
+    good = fine(given) & fine(e) & fine(_demand(s, c, other, second, old, sections, e))
+    for i in range(sections):
+        good = good & fine(load(s, new + i * WIDTH))
+    for i in range(sections):
+        store(s, new + i * WIDTH, where(good, load(s, new + i * WIDTH), load(s, old + i * WIDTH)))
     return good
 
 
 @_inlined
-def control(s, slot, old, new, sections, e):
-    """One sample of the active controller; its output."""
-    v = _demand(s, slot, old, sections, e)
-    u = _limited(s, slot, v)
-    good = _follow(s, slot, old, new, sections, load(s, slot + GAIN) * (u - v), e, fine(e) & fine(v))
-    u = where(good, u, load(s, slot + LAST))
-    store(s, slot + LAST, u)
-    return u
-
-
-@_inlined
-def follow_applied(s, slot, old, new, sections, e, applied):
+def follow_applied(s, c, other, second, old, new, sections, e, applied):
     """One sample of the other controller."""
-    v = _demand(s, slot, old, sections, e)
-    u = _limited(s, slot, applied)
-    rest, total = load(s, slot + DIRECT) * e, spread(0.0)
+    rest, total = of_mode(c, DIRECT, other, second) * e, applied + _demand(s, c, other, second, old, sections, e)
     for i in range(1, sections):
-        x = load(s, slot + SECTIONS + 3 * i * WIDTH) * load(s, old + i * WIDTH)
+        x = of_mode(c, SECTIONS + 3 * i, other, second) * load(s, old + i * WIDTH)
         store(s, new + i * WIDTH, x)
         rest, total = rest + x, total + x
+    u = _limited(c, other, second, applied)
     if sections > 0:
-        x = load(s, slot + SECTIONS) * load(s, old)
-        x = where(load(s, slot + INTEGRATES) > spread(0.5), u - rest, x)
+        x = of_mode(c, SECTIONS, other, second) * load(s, old)
+        x = where(of_mode(c, INTEGRATES, other, second) > spread(0.5), u - rest, x)
         store(s, new, x)
         total = total + x
-    usable = fine(e) & fine(v) & fine(applied)
-    good = _kept(s, old, new, sections, total, usable)
-    store(s, slot + LAST, where(good, u, load(s, slot + LAST)))
+    if not all_fine(total):
+        good = usable(s, c, other, second, old, new, sections, e, applied)
+        u = where(good, u, load(s, OTHER_LAST))
+    store(s, OTHER_LAST, u)
 
 
 @_inlined
 def actuated(s, u, most):
     """The control after the rate limit."""
-    last, most = load(s, APPLIED), spread(most)
-    change = u - last
-    moved = where(change > spread(0.0), last + most, last - most)
-    applied = where(size(change) <= most, u, moved)
-    store(s, APPLIED, applied)
-    return applied
+    if most < np.inf:
+        last, most = load(s, APPLIED), spread(most)
+        change = u - last
+        moved = where(change > spread(0.0), last + most, last - most)
+        u = where(size(change) <= most, u, moved)
+    store(s, APPLIED, u)
+    return u
 
 
 @_inlined
-def judge(s, k, y, rate, reference, u, applied, settings, slot):
+def judge(s, k, y, rate, reference, u, applied, settings, c, other, second):
     """What one sample adds to the measures."""
     _keep_larger(s, PEAK_RATE, size(rate))
     _keep_larger(s, PEAK_U, size(applied))
@@ -288,7 +312,7 @@ def judge(s, k, y, rate, reference, u, applied, settings, slot):
     store(s, ERROR, error)
     store(s, IAE, load(s, IAE) + size(error))
     store(s, ISE, load(s, ISE) + error * error)
-    inside = (u > load(s, slot + LOW)) & (u < load(s, slot + HIGH))
+    inside = (u > of_mode(c, LOW, other, second)) & (u < of_mode(c, HIGH, other, second))
     store(s, SATURATED, load(s, SATURATED) + where(inside, spread(0.0), spread(1.0)))
 
 
