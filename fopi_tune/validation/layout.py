@@ -24,8 +24,10 @@ PEAK_RATE, OVER, OUTSIDE, IAE, ISE, SATURATED, PEAK_U = (WIDTH * i for i in rang
 SWITCHES, LONGEST, CHATTER, ERROR, FINITE = (WIDTH * i for i in range(7, 12))
 RUN, JUMPED, APPLIED, MODE, BEFORE, CONTROL, LOAD, ARRIVED = (WIDTH * i for i in range(12, 20))
 OLD_CONTROL, OLD_LOAD, OLD_ARRIVED, LAST, OTHER_LAST, NOISE = (WIDTH * i for i in range(20, 26))
-#: rows with a fixed place, noise for four samples included
-FIXED_ROWS = 30
+#: four rows each, for the noise of four samples; a pack may be read from the last place
+TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
+#: rows with a fixed place
+FIXED_ROWS = 39
 #: a controller's numbers before p, w, r of every section
 DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, SECTIONS = range(7)
 HOLD, TRACK, RESET = 0, 1, 2

@@ -29,6 +29,7 @@ from fopi_tune.validation.layout import (
     JUMPED,
     LAST,
     LOAD,
+    LOGARITHMS,
     LONGEST,
     LOW,
     MODE,
@@ -47,9 +48,25 @@ from fopi_tune.validation.layout import (
     SECTIONS,
     START,
     SWITCHES,
+    TAILS,
     WIDTH,
 )
-from fopi_tune.validation.packs import bits, load, lowest, size, spread, store, upper_product, where
+from fopi_tune.validation.packs import (
+    bits,
+    count,
+    load,
+    lowest,
+    products,
+    root,
+    size,
+    spread,
+    squeeze,
+    store,
+    stretch,
+    upper_bits,
+    where,
+    words,
+)
 
 _BIG = float(np.finfo(np.float64).max)
 _ALL = 2**WIDTH - 1
@@ -82,55 +99,63 @@ def _keep_larger(s, row, value):
     store(s, row, where(value > before, value, before))
 
 
-@_apart
-def _words(seed, plant, counter):
-    """Philox4x64-10."""
-    a, b, c, d = counter, np.uint64(0), np.uint64(0), np.uint64(0)
-    k0, k1 = seed, plant
+@_inlined
+def _philox(seed, plant, counter):
+    """Philox4x64-10 for the plants plant, plant + 1, ..."""
+    a, b = words(counter, np.uint64(0)), words(np.uint64(0), np.uint64(0))
+    c, d = b, b
+    k0, k1, step = seed, words(plant, np.uint64(1)), words(_W1, np.uint64(0))
     for _ in range(_ROUNDS):
-        upper, lower = upper_product(_M0, a), _M0 * a
-        other, least = upper_product(_M1, c), _M1 * c
-        a, b, c, d = other ^ b ^ k0, least, upper ^ d ^ k1, lower
-        k0, k1 = k0 + _W0, k1 + _W1
+        upper, lower = products(a, _M0)
+        other, least = products(c, _M1)
+        a, b, c, d = other ^ b ^ words(k0, np.uint64(0)), least, upper ^ d ^ k1, lower
+        k0, k1 = k0 + _W0, k1 + step
     return a, b, c, d
 
 
-@_apart
+@_inlined
 def _quotient(top, bottom, x):
-    a, b = top[7], bottom[7]
+    a, b = spread(top[7]), spread(bottom[7])
     for i in range(1, 8):
-        a, b = top[7 - i] + a * x, bottom[7 - i] + b * x
+        a, b = spread(top[7 - i]) + a * x, spread(bottom[7 - i]) + b * x
     return a / b
 
 
-@_apart
-def _tail(q):
-    r = math.sqrt(-math.log(0.5 - abs(q)))
-    if r <= _FAR:
-        return math.copysign(_quotient(_MIDDLE_TOP, _MIDDLE_BOTTOM, r - 1.6), q)
-    return math.copysign(_quotient(_OUTER_TOP, _OUTER_BOTTOM, r - 5.0), q)
+@_inlined
+def _tails(s, found):
+    """The deviates of the numbers q in the first places of TAILS."""
+    for place in range(found):
+        s[LOGARITHMS + place] = math.log(0.5 - abs(s[TAILS + place]))
+    for place in range(0, found, WIDTH):
+        q, r = load(s, TAILS + place), root(spread(0.0) - load(s, LOGARITHMS + place))
+        value = _quotient(_MIDDLE_TOP, _MIDDLE_BOTTOM, r - spread(1.6))
+        far = r > spread(_FAR)
+        if bits(far) != 0:
+            value = where(far, _quotient(_OUTER_TOP, _OUTER_BOTTOM, r - spread(5.0)), value)
+        store(s, TAILS + place, where(q < spread(0.0), spread(0.0) - value, value))
 
 
 @_apart
 def make_noise(s, seed, index, k):
     """Deviates of the samples k to k + 3 of plants index, index + 1, ..."""
-    for lane in range(WIDTH):
-        four = _words(seed, np.uint64(index + lane), np.uint64(1 + k // 4))
-        for i in range(4):
-            s[NOISE + WIDTH * i + lane] = (np.float64(four[i] >> np.uint64(12)) + 0.5) * 2.0**-52 - 0.5
+    four = _philox(seed, np.uint64(index), np.uint64(1 + k // 4))
+    for i in range(4):
+        store(s, NOISE + WIDTH * i, (upper_bits(four[i]) + spread(0.5)) * spread(2.0**-52) - spread(0.5))
+    # the tails of all four samples at once: they are few
+    found = 0
     for i in range(4):
         q = load(s, NOISE + WIDTH * i)
-        r = spread(_CENTRAL**2) - q * q
-        top, bottom = spread(_CENTRE_TOP[7]), spread(_CENTRE_BOTTOM[7])
-        for j in range(1, 8):
-            top, bottom = spread(_CENTRE_TOP[7 - j]) + top * r, spread(_CENTRE_BOTTOM[7 - j]) + bottom * r
         outer = size(q) > spread(_CENTRAL)
-        store(s, NOISE + WIDTH * i, where(outer, q, q * (top / bottom)))
-        left = bits(outer)
-        while left != 0:
-            place = NOISE + WIDTH * i + lowest(left)
-            s[place] = _tail(s[place])
-            left &= left - 1
+        squeeze(s, TAILS + found, q, outer)
+        found += count(bits(outer))
+    _tails(s, found)
+    found = 0
+    for i in range(4):
+        q = load(s, NOISE + WIDTH * i)
+        outer = size(q) > spread(_CENTRAL)
+        central = q * _quotient(_CENTRE_TOP, _CENTRE_BOTTOM, spread(_CENTRAL**2) - q * q)
+        store(s, NOISE + WIDTH * i, stretch(s, TAILS + found, outer, central))
+        found += count(bits(outer))
 
 
 @_inlined
