@@ -90,20 +90,22 @@ def _sample(s, history, modes, jumps, c, other, block, k, settings, places, late
     if settings.hybrid:
         stages.switch(s, jumps, k, measured, r, settings, c, other, old, other_old)
     second = load(s, MODE) > spread(0.5)
+    own, select = stages.controllers_of(c, other, second)
     e = spread(r) - measured
-    u, total = stages.control(s, c, other, second, old, new, settings.sections, e)
+    u, total = stages.control(s, own, select, second, old, new, settings.sections, e)
     # y is in e
     if not stages.all_fine(total + rate):
         store(s, FINITE, where(stages.fine(y) & stages.fine(rate), load(s, FINITE), spread(0.0)))
-        good = stages.usable(s, c, other, second, old, new, settings.sections, e, e)
+        good = stages.usable(s, own, select, second, old, new, settings.sections, e, e)
         u = where(good, u, load(s, LAST))
     store(s, LAST, u)
     applied = stages.actuated(s, u, settings.most_change)
     if track:
         first = load(s, MODE) < spread(0.5)
-        stages.follow_applied(s, c, other, first, other_old, other_new, settings.sections, e, applied)
+        idle, either = stages.controllers_of(c, other, first)
+        stages.follow_applied(s, idle, either, first, other_old, other_new, settings.sections, e, applied)
     if k >= settings.horizon:
-        stages.judge(s, k, y, rate, r, u, applied, settings, c, other, second)
+        stages.judge(s, k, y, rate, r, u, applied, settings, own, select, second)
     if settings.keep:
         for row, value in enumerate((y, rate, measured, e, u, applied, load(s, MODE))):
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)

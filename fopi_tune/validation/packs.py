@@ -82,6 +82,12 @@ def pointer(_typing: Any, array: Any) -> Any:
     return types.CPointer(array.dtype)(array), generate
 
 
+@_instruction
+def behind(_typing: Any, begin: Any, place: Any) -> Any:
+    """The pointer to a place."""
+    return begin(begin, types.intp), lambda _context, builder, _sig, args: builder.gep(args[0], [args[1]])
+
+
 def _place(builder: Any, args: Any) -> Any:
     return builder.bitcast(builder.gep(args[0], [args[1]]), _DOUBLES.as_pointer())
 

@@ -52,6 +52,7 @@ from fopi_tune.validation.layout import (
     WIDTH,
 )
 from fopi_tune.validation.packs import (
+    behind,
     bits,
     count,
     load,
@@ -178,6 +179,15 @@ def output(s, settings, places):
 
 
 @_inlined
+def controllers_of(c, other, second):
+    """(c, other) of `of_mode`:  where all lanes have the same mode, as most often, nothing is left to select."""
+    lanes = bits(second)
+    if lanes == _ALL:
+        return behind(c, other), 0
+    return c, other if lanes != 0 else 0
+
+
+@_inlined
 def of_mode(c, row, other, second):
     """A controller's number in every lane; `other` is where the second mode's begin, 0 where there is one mode."""
     if other == 0:
@@ -189,8 +199,9 @@ def of_mode(c, row, other, second):
 def _exchange(s, one, two, lanes):
     """Two rows change places in some lanes."""
     a, b = load(s, one), load(s, two)
-    store(s, one, where(lanes, b, a))
+    # LLVM may make the first one a store under a mask, which is slow to be read; `one` is read soon
     store(s, two, where(lanes, a, b))
+    store(s, one, where(lanes, b, a))
 
 
 @_inlined
