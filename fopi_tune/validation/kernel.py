@@ -21,7 +21,9 @@ from fopi_tune.validation.layout import (
     ARRIVED,
     BEFORE,
     CONTROL,
+    EXCESS,
     FINITE,
+    GAIN,
     HIGH,
     INTEGRATES,
     JUMPED,
@@ -33,12 +35,13 @@ from fopi_tune.validation.layout import (
     OUTSIDE,
     OVER,
     RESULTS,
+    SEEN,
     START,
     TRACES,
     TRACK,
     WIDTH,
 )
-from fopi_tune.validation.packs import load, pointer, rounded, spread, store, where
+from fopi_tune.validation.packs import bits, load, pointer, rounded, spread, store, where
 
 _RESULTS, _TRACES = len(RESULTS), len(TRACES)
 _inlined: Any = njit(forceinline=True, error_model="numpy")
@@ -65,20 +68,51 @@ def _begin(s, block, table, controllers, settings, places):
             if which == 0 and settings.bumpless:
                 begin = min(max(past, controllers[mode, LOW]), controllers[mode, HIGH])
             s[(LAST if which == 0 else OTHER_LAST) + lane] = begin
-            states = places.active_0 if which == 0 else places.inactive_0
+            states = places.active if which == 0 else places.inactive_0
             if settings.sections > 0:
                 s[states + lane] = begin * controllers[mode, INTEGRATES]
 
 
 @_inlined
-def _sample(s, history, modes, jumps, c, other, block, k, settings, places, late, reference, signal, traces):
+def _output(s, c, other, jumps, k, settings, places, other_old, r, rate, measured, careful):
+    """The active controller's output, and whether the block has to look at every number from here on."""
+    second, e = load(s, MODE) > spread(0.5), spread(r) - measured
+    own, select = stages.controllers_of(c, other, second)
+    up, down = stages.edges(s, measured, r, settings.half_width)
+    jump = settings.hybrid and bits(up | down) != 0
+    stages.forget(s, jumps, k, settings.window)
+    # careful ones have followed
+    behind = k > 0 and not careful
+    if behind and not jump:
+        v = stages.follow_and_demand(s, own, select, second, places.active, settings.sections, e)
+    else:
+        if behind:
+            stages.follow(s, own, select, second, places.active, places.active, settings.sections)
+        if jump:
+            stages.switch(s, jumps, k, up, down, settings, c, other, places.active, other_old)
+            second = load(s, MODE) > spread(0.5)
+            own, select = stages.controllers_of(c, other, second)
+        v = stages.demand(s, own, select, second, places.active, settings.sections, e)
+    u = stages.limited(own, select, second, v)
+    d = stages.of_mode(own, GAIN, select, second) * (u - v)
+    store(s, SEEN, e)
+    store(s, EXCESS, d)
+    careful = careful or not stages.small(e, d, u, rate)
+    if careful:
+        u = stages.follow_carefully(
+            s, own, select, second, places.active, places.spare, settings.sections, v, u
+        )  # fmt: skip
+    store(s, LAST, u)
+    return e, u, careful
+
+
+@_inlined
+def _sample(s, history, modes, c, other, block, k, settings, places, jumps, late, reference, signal, traces, careful):
     """Sample k and the way to the next one."""
     r, track = reference[k], settings.hybrid and settings.inactive == TRACK
-    even = k % 2 == 0
-    old, new = (places.active_0, places.active_1) if even else (places.active_1, places.active_0)
     # only a controller that tracks moves from one buffer of states to the other
-    other_old = places.inactive_1 if track and not even else places.inactive_0
-    other_new = places.inactive_1 if even else places.inactive_0
+    other_old = places.inactive_1 if track and k % 2 == 1 else places.inactive_0
+    other_new = places.inactive_1 if k % 2 == 0 else places.inactive_0
     y, rate = stages.output(s, settings, places)
     measured = y
     if settings.noise_std != 0.0:
@@ -87,25 +121,16 @@ def _sample(s, history, modes, jumps, c, other, block, k, settings, places, late
         measured = measured + spread(settings.noise_std) * load(s, NOISE + (k % 4) * WIDTH)
     if settings.quantum != 0.0:
         measured = spread(settings.quantum) * rounded(measured / spread(settings.quantum))
-    if settings.hybrid:
-        stages.switch(s, jumps, k, measured, r, settings, c, other, old, other_old)
-    second = load(s, MODE) > spread(0.5)
-    own, select = stages.controllers_of(c, other, second)
-    e = spread(r) - measured
-    u, total = stages.control(s, own, select, second, old, new, settings.sections, e)
-    # y is in e
-    if not stages.all_fine(total + rate):
+    e, u, careful = _output(s, c, other, jumps, k, settings, places, other_old, r, rate, measured, careful)
+    if careful:
         store(s, FINITE, where(stages.fine(y) & stages.fine(rate), load(s, FINITE), spread(0.0)))
-        good = stages.usable(s, own, select, second, old, new, settings.sections, e, e)
-        u = where(good, u, load(s, LAST))
-    store(s, LAST, u)
     applied = stages.actuated(s, u, settings.most_change)
     if track:
         first = load(s, MODE) < spread(0.5)
         idle, either = stages.controllers_of(c, other, first)
         stages.follow_applied(s, idle, either, first, other_old, other_new, settings.sections, e, applied)
     if k >= settings.horizon:
-        stages.judge(s, k, y, rate, r, u, applied, settings, own, select, second)
+        stages.judge(s, k, y, rate, r, u, applied, settings, c, other)
     if settings.keep:
         for row, value in enumerate((y, rate, measured, e, u, applied, load(s, MODE))):
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
@@ -114,6 +139,7 @@ def _sample(s, history, modes, jumps, c, other, block, k, settings, places, late
         stages.flow_hybrid(s, settings, places)
     else:
         stages.flow(s, settings, places)
+    return careful
 
 
 def _stamp() -> tuple[int, ...]:
@@ -124,23 +150,22 @@ def _stamp() -> tuple[int, ...]:
 
 def _made(stamp: tuple[int, ...]) -> Callable[..., int]:
     def run_blocks(
-        begin, stop, settings, places, table, late, controllers, reference, signal, results, traces, scratch
+        begin, stop, settings, places, table, late, controllers, reference, signal, results, traces, scratch, jumps
     ):  # fmt: skip
         s, rings = pointer(scratch), max(settings.ring, 1) * WIDTH
-        history, modes, jumps = (
-            pointer(scratch[places.size :]),
-            pointer(scratch[places.size + rings :]),
-            pointer(scratch[places.size + 2 * rings :]),
-        )
+        history, modes = pointer(scratch[places.size :]), pointer(scratch[places.size + rings :])
         c, other = pointer(controllers), controllers.shape[1] if settings.hybrid else 0
-        inputs = pointer(late), pointer(reference), pointer(signal), pointer(traces)
+        inputs = pointer(jumps), pointer(late), pointer(reference), pointer(signal), pointer(traces)
         for block in range(begin, stop):
             _begin(s, block, table, controllers, settings, places)
             for place in range(rings):
                 history[place] = s[APPLIED + place % WIDTH]
                 modes[place] = settings.first_mode
+            careful = stages.large(table, controllers, block)
             for k in range(settings.steps):
-                _sample(s, history, modes, jumps, c, other, block, k, settings, places, *inputs)
+                careful = _sample(
+                    s, history, modes, c, other, block, k, settings, places, *inputs, careful
+                )  # fmt: skip
             for row in range(_RESULTS):
                 for lane in range(WIDTH):
                     results[row, block * WIDTH + lane] = s[row * WIDTH + lane]
@@ -153,6 +178,6 @@ def _made(stamp: tuple[int, ...]) -> Callable[..., int]:
         return njit(nogil=True, error_model="numpy")(run_blocks)
 
 
-#: `run_blocks(begin, stop, settings, places, table, late, controllers, reference, signal, results, traces, scratch)`
+#: `run_blocks(begin, stop, settings, places, table, late, controllers, reference, signal, results, traces, scratch, jumps)`
 #: simulates the blocks begin to stop - 1 and fills in their columns of `results` and, unless it is empty, `traces`
 run_blocks = _made(_stamp())

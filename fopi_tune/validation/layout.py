@@ -23,11 +23,11 @@ TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode")
 PEAK_RATE, OVER, OUTSIDE, IAE, ISE, SATURATED, PEAK_U = (WIDTH * i for i in range(7))
 SWITCHES, LONGEST, CHATTER, ERROR, FINITE = (WIDTH * i for i in range(7, 12))
 RUN, JUMPED, APPLIED, MODE, BEFORE, CONTROL, LOAD, ARRIVED = (WIDTH * i for i in range(12, 20))
-OLD_CONTROL, OLD_LOAD, OLD_ARRIVED, LAST, OTHER_LAST, NOISE = (WIDTH * i for i in range(20, 26))
+OLD_CONTROL, OLD_LOAD, OLD_ARRIVED, LAST, OTHER_LAST, SEEN, EXCESS, RECENT, NOISE = (WIDTH * i for i in range(20, 29))
 #: four rows each, for the noise of four samples; a pack may be read from the last place
 TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
 #: rows with a fixed place
-FIXED_ROWS = 39
+FIXED_ROWS = 42
 #: a controller's numbers before p, w, r of every section
 DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, SECTIONS = range(7)
 HOLD, TRACK, RESET = 0, 1, 2
@@ -69,8 +69,8 @@ class Layout(NamedTuple):
     x: int
     plant: int
     following: int
-    active_0: int
-    active_1: int
+    active: int
+    spare: int
     inactive_0: int
     inactive_1: int
     size: int

@@ -213,13 +213,13 @@ def bits(_typing: Any, mask: Any) -> Any:
 
 
 @_instruction
-def lowest(_typing: Any, word: Any) -> Any:
-    """The place of the lowest bit that is set."""
+def lanes(_typing: Any, word: Any) -> Any:
+    """The mask of a whole number."""
 
     def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+        return builder.bitcast(builder.trunc(args[0], ir.IntType(WIDTH)), _BITS)
 
-    return types.int64(types.int64), generate
+    return _MASK(types.int64), generate
 
 
 def _by_llvm(name: str) -> Callable[..., Any]:

@@ -165,10 +165,10 @@ def _run(
     results = np.zeros((len(RESULTS), blocks * WIDTH))
     traces = np.zeros(len(TRACES) * steps * blocks * WIDTH if keep else 0)
     controllers = np.array([_rows(mode.controller, settings.sections) for mode in modes])
-    scratch = _aligned(places.size + (2 * max(settings.ring, 1) + settings.most_switches) * WIDTH)
+    scratch, jumps = _aligned(places.size + 2 * max(settings.ring, 1) * WIDTH), np.zeros(steps, dtype=np.int64)
     reference = scenario.signals.reference
     run_blocks(
-        0, blocks, settings, places, table, late, controllers, reference, signal, results, traces, scratch
+        0, blocks, settings, places, table, late, controllers, reference, signal, results, traces, scratch, jumps
     )  # fmt: skip
     kept = traces.reshape(len(TRACES), steps if keep else 0, blocks * WIDTH)[:, :, :m].transpose(0, 2, 1)
     return results[:, :m], kept

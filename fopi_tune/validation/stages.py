@@ -21,7 +21,7 @@ from fopi_tune.validation.layout import (
     CONTROL,
     DIRECT,
     ERROR,
-    GAIN,
+    EXCESS,
     HIGH,
     IAE,
     INTEGRATES,
@@ -42,10 +42,12 @@ from fopi_tune.validation.layout import (
     OVER,
     PEAK_RATE,
     PEAK_U,
+    RECENT,
     RESET,
     RUN,
     SATURATED,
     SECTIONS,
+    SEEN,
     START,
     SWITCHES,
     TAILS,
@@ -55,8 +57,8 @@ from fopi_tune.validation.packs import (
     behind,
     bits,
     count,
+    lanes,
     load,
-    lowest,
     products,
     root,
     size,
@@ -71,6 +73,9 @@ from fopi_tune.validation.packs import (
 
 _BIG = float(np.finfo(np.float64).max)
 _ALL = 2**WIDTH - 1
+#: where no signal is beyond the first, no coefficient beyond the second and no pole beyond 1, a sum of as many samples
+#: as there can be is finite
+_LARGE, _LARGE_COEFFICIENT = 1e150, 1e100
 _M0, _M1 = (np.uint64(word) for word in noise.MULTIPLIERS)
 _W0, _W1 = (np.uint64(word) for word in noise.WEYL)
 _ROUNDS, _CENTRAL, _FAR = noise.ROUNDS, noise.CENTRAL, noise.FAR
@@ -86,12 +91,6 @@ _apart: Any = njit(error_model="numpy")
 def fine(x):
     """The lanes that are finite."""
     return size(x) <= spread(_BIG)
-
-
-@_inlined
-def all_fine(x):
-    """Whether every lane is finite."""
-    return bits(fine(x)) == _ALL
 
 
 @_inlined
@@ -181,10 +180,10 @@ def output(s, settings, places):
 @_inlined
 def controllers_of(c, other, second):
     """(c, other) of `of_mode`:  where all lanes have the same mode, as most often, nothing is left to select."""
-    lanes = bits(second)
-    if lanes == _ALL:
+    word = bits(second)
+    if word == _ALL:
         return behind(c, other), 0
-    return c, other if lanes != 0 else 0
+    return c, other if word != 0 else 0
 
 
 @_inlined
@@ -196,126 +195,167 @@ def of_mode(c, row, other, second):
 
 
 @_inlined
-def _exchange(s, one, two, lanes):
+def _exchange(s, one, two, some):
     """Two rows change places in some lanes."""
     a, b = load(s, one), load(s, two)
     # LLVM may make the first one a store under a mask, which is slow to be read; `one` is read soon
-    store(s, two, where(lanes, a, b))
-    store(s, one, where(lanes, b, a))
+    store(s, two, where(some, a, b))
+    store(s, one, where(some, b, a))
 
 
 @_inlined
-def _change(s, row, lanes, value):
-    store(s, row, where(lanes, value, load(s, row)))
+def _change(s, row, some, value):
+    store(s, row, where(some, value, load(s, row)))
 
 
 @_inlined
-def switch(s, jumps, k, measured, reference, settings, c, other, active, inactive):
-    """Lanes that meet the edge of the hysteresis change their mode."""
+def edges(s, measured, reference, half_width):
+    """The lanes that meet the edge of the hysteresis: from mode 1 to 2, and from 2 to 1."""
     mode = load(s, MODE)
-    up = (mode < spread(0.5)) & (measured >= spread(reference + settings.half_width))
-    down = (mode > spread(0.5)) & (measured <= spread(reference - settings.half_width))
+    up = (mode < spread(0.5)) & (measured >= spread(reference + half_width))
+    return up, (mode > spread(0.5)) & (measured <= spread(reference - half_width))
+
+
+@_inlined
+def forget(s, jumps, k, window):
+    """The jumps that are no longer within the window."""
+    jumps[k] = 0
+    if k > window and jumps[k - window - 1] != 0:
+        store(s, RECENT, load(s, RECENT) - where(lanes(jumps[k - window - 1]), spread(1.0), spread(0.0)))
+
+
+@_inlined
+def switch(s, jumps, k, up, down, settings, c, other, active, inactive):
+    """Lanes change their mode."""
     jumping = up | down
-    if bits(jumping) == 0:
-        return
-    mode = where(up, spread(1.0), where(down, spread(0.0), mode))
+    mode = where(up, spread(1.0), where(down, spread(0.0), load(s, MODE)))
     second = mode > spread(0.5)
     store(s, MODE, mode)
     _exchange(s, LAST, OTHER_LAST, jumping)
     for i in range(settings.sections):
         _exchange(s, active + i * WIDTH, inactive + i * WIDTH, jumping)
-    _change(s, APPLIED, jumping, _limited(c, other, second, load(s, APPLIED)))
+    _change(s, APPLIED, jumping, limited(c, other, second, load(s, APPLIED)))
     if settings.inactive == RESET:
         start = of_mode(c, START, other, second)
         _change(s, LAST, jumping, start)
         for i in range(settings.sections):
             x = start * of_mode(c, INTEGRATES, other, second) if i == 0 else spread(0.0)
             _change(s, active + i * WIDTH, jumping, x)
-    _count(s, jumps, k, jumping, settings.most_switches, settings.window)
+    jumps[k] = bits(jumping)
+    _count(s, k, jumping, settings.most_switches)
 
 
 @_inlined
-def _count(s, jumps, k, jumping, most, window):
+def _count(s, k, jumping, most):
     """Jumps, runs of them, and too many of them within the window."""
     now = spread(float(k))
     run = where(load(s, JUMPED) >= now - spread(1.0), load(s, RUN) + spread(1.0), spread(1.0))
     _change(s, RUN, jumping, run)
     _keep_larger(s, LONGEST, load(s, RUN))
     _change(s, JUMPED, jumping, now)
-    left = bits(jumping)
-    while left != 0:
-        lane = lowest(left)
-        count = int(s[SWITCHES + lane])
-        # the jump `most` jumps ago
-        place = (count % most) * WIDTH + lane
-        if count >= most and k - jumps[place] <= window:
-            s[CHATTER + lane] = 1.0
-        jumps[place] = k
-        s[SWITCHES + lane] = count + 1.0
-        left &= left - 1
+    one = spread(1.0)
+    _change(s, SWITCHES, jumping, load(s, SWITCHES) + one)
+    _change(s, RECENT, jumping, load(s, RECENT) + one)
+    store(s, CHATTER, where(load(s, RECENT) > spread(float(most)), one, load(s, CHATTER)))
 
 
 @_inlined
-def _limited(c, other, second, value):
+def limited(c, other, second, value):
+    """A value within the limits."""
     low, high = of_mode(c, LOW, other, second), of_mode(c, HIGH, other, second)
     value = where(value < low, low, value)
     return where(value > high, high, value)
 
 
 @_inlined
-def _demand(s, c, other, second, old, sections, e):
+def demand(s, c, other, second, states, sections, e):
+    """v = direct e + x_0 + x_1 + ..."""
     v = of_mode(c, DIRECT, other, second) * e
     for i in range(sections):
-        v = v + load(s, old + i * WIDTH)
+        v = v + load(s, states + i * WIDTH)
     return v
 
 
 @_inlined
-def control(s, c, other, second, old, new, sections, e):
-    """One sample of the active controller: its output, and a sum that is finite only if all of its numbers are.
-
-    x_k <- p_k (x_k + w_k d) + r_k e
-    """
-    v = _demand(s, c, other, second, old, sections, e)
-    u = _limited(c, other, second, v)
-    d = of_mode(c, GAIN, other, second) * (u - v)
-    total = v
-    for i in range(sections):
-        row = SECTIONS + 3 * i
-        x = load(s, old + i * WIDTH) + of_mode(c, row + 1, other, second) * d
-        x = of_mode(c, row, other, second) * x + of_mode(c, row + 2, other, second) * e
-        store(s, new + i * WIDTH, x)
-        total = total + x
-    return u, total
+def _followed(s, c, other, second, state, i, e, d):
+    """p (x + w d) + r e."""
+    row = SECTIONS + 3 * i
+    x = of_mode(c, row, other, second) * (load(s, state) + of_mode(c, row + 1, other, second) * d)
+    return x + of_mode(c, row + 2, other, second) * e
 
 
 @_inlined
-def usable(s, c, other, second, old, new, sections, e, given):
-    """The lanes in which e and the given value lead to finite numbers only; in the others the states as they were."""
-    good = fine(given) & fine(e) & fine(_demand(s, c, other, second, old, sections, e))
+def follow(s, c, other, second, states, new, sections):
+    """The states after the last sample."""
+    e, d = load(s, SEEN), load(s, EXCESS)
     for i in range(sections):
-        good = good & fine(load(s, new + i * WIDTH))
+        store(s, new + i * WIDTH, _followed(s, c, other, second, states + i * WIDTH, i, e, d))
+
+
+@_inlined
+def follow_and_demand(s, c, other, second, states, sections, e):
+    """`follow` and the next sample's `demand` at once: the sum waits, section by section, for nothing else."""
+    before, d = load(s, SEEN), load(s, EXCESS)
+    v = of_mode(c, DIRECT, other, second) * e
     for i in range(sections):
-        store(s, new + i * WIDTH, where(good, load(s, new + i * WIDTH), load(s, old + i * WIDTH)))
-    return good
+        x = _followed(s, c, other, second, states + i * WIDTH, i, before, d)
+        store(s, states + i * WIDTH, x)
+        v = v + x
+    return v
+
+
+@_inlined
+def small(e, d, u, rate):
+    """Whether all signals of the sample are far from overflowing (y is in e, and v in d or u)."""
+    return bits(size(e) + size(d) + size(u) + size(rate) <= spread(_LARGE)) == _ALL
+
+
+@_apart
+def large(table, controllers, block):
+    """Whether a block has to look at every number: its controllers' are large, or its first inputs."""
+    found = False
+    for mode in range(controllers.shape[0]):
+        for row in range(controllers.shape[1]):
+            most = 1.0 if row >= SECTIONS and (row - SECTIONS) % 3 == 0 else _LARGE_COEFFICIENT
+            found |= row != LOW and row != HIGH and abs(controllers[mode, row]) > most
+    for lane in range(WIDTH):
+        found |= not abs(table[0, block * WIDTH + lane]) <= _LARGE
+    return found
+
+
+@_inlined
+def follow_carefully(s, c, other, second, states, spare, sections, v, u):
+    """`follow`, and the output; where a number is not finite the states as they were, and the last output."""
+    good = fine(load(s, SEEN)) & fine(v)
+    follow(s, c, other, second, states, spare, sections)
+    for i in range(sections):
+        good = good & fine(load(s, spare + i * WIDTH))
+    for i in range(sections):
+        store(s, states + i * WIDTH, where(good, load(s, spare + i * WIDTH), load(s, states + i * WIDTH)))
+    return where(good, u, load(s, LAST))
 
 
 @_inlined
 def follow_applied(s, c, other, second, old, new, sections, e, applied):
     """One sample of the other controller."""
-    rest, total = of_mode(c, DIRECT, other, second) * e, applied + _demand(s, c, other, second, old, sections, e)
+    v = demand(s, c, other, second, old, sections, e)
+    rest, total = of_mode(c, DIRECT, other, second) * e, applied + v
     for i in range(1, sections):
         x = of_mode(c, SECTIONS + 3 * i, other, second) * load(s, old + i * WIDTH)
         store(s, new + i * WIDTH, x)
         rest, total = rest + x, total + x
-    u = _limited(c, other, second, applied)
+    u = limited(c, other, second, applied)
     if sections > 0:
         x = of_mode(c, SECTIONS, other, second) * load(s, old)
         x = where(of_mode(c, INTEGRATES, other, second) > spread(0.5), u - rest, x)
         store(s, new, x)
         total = total + x
-    if not all_fine(total):
-        good = usable(s, c, other, second, old, new, sections, e, applied)
+    if bits(fine(total)) != _ALL:
+        good = fine(e) & fine(v) & fine(applied)
+        for i in range(sections):
+            good = good & fine(load(s, new + i * WIDTH))
+        for i in range(sections):
+            store(s, new + i * WIDTH, where(good, load(s, new + i * WIDTH), load(s, old + i * WIDTH)))
         u = where(good, u, load(s, OTHER_LAST))
     store(s, OTHER_LAST, u)
 
@@ -333,8 +373,10 @@ def actuated(s, u, most):
 
 
 @_inlined
-def judge(s, k, y, rate, reference, u, applied, settings, c, other, second):
+def judge(s, k, y, rate, reference, u, applied, settings, c, other):
     """What one sample adds to the measures."""
+    second = load(s, MODE) > spread(0.5)
+    own, select = controllers_of(c, other, second)
     _keep_larger(s, PEAK_RATE, size(rate))
     _keep_larger(s, PEAK_U, size(applied))
     beyond = y - spread(settings.final)
@@ -348,7 +390,7 @@ def judge(s, k, y, rate, reference, u, applied, settings, c, other, second):
     store(s, ERROR, error)
     store(s, IAE, load(s, IAE) + size(error))
     store(s, ISE, load(s, ISE) + error * error)
-    inside = (u > of_mode(c, LOW, other, second)) & (u < of_mode(c, HIGH, other, second))
+    inside = (u > of_mode(own, LOW, select, second)) & (u < of_mode(own, HIGH, select, second))
     store(s, SATURATED, load(s, SATURATED) + where(inside, spread(0.0), spread(1.0)))
 
 
