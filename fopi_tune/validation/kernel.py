@@ -178,6 +178,5 @@ def _made(stamp: tuple[int, ...]) -> Callable[..., int]:
         return njit(nogil=True, error_model="numpy")(run_blocks)
 
 
-#: `run_blocks(begin, stop, settings, places, table, late, controllers, reference, signal, results, traces, scratch, jumps)`
 #: simulates the blocks begin to stop - 1 and fills in their columns of `results` and, unless it is empty, `traces`
 run_blocks = _made(_stamp())
