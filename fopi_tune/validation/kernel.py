@@ -79,19 +79,18 @@ def _output(s, c, other, jumps, k, settings, places, other_old, r, rate, measure
     second, e = load(s, MODE) > spread(0.5), spread(r) - measured
     own, select = stages.controllers_of(c, other, second)
     up, down = stages.edges(s, measured, r, settings.half_width)
-    jump = settings.hybrid and bits(up | down) != 0
-    stages.forget(s, jumps, k, settings.window)
     # careful ones have followed
     behind = k > 0 and not careful
-    if behind and not jump:
+    stages.forget(s, jumps, k, settings.window)
+    if settings.hybrid and bits(up | down) != 0:
+        v = stages.switch_and_demand(
+            s, jumps, k, c, other, up, down, places.active, other_old, settings, behind, e
+        )  # fmt: skip
+        second = load(s, MODE) > spread(0.5)
+        own, select = stages.controllers_of(c, other, second)
+    elif behind:
         v = stages.follow_and_demand(s, own, select, second, places.active, settings.sections, e)
     else:
-        if behind:
-            stages.follow(s, own, select, second, places.active, places.active, settings.sections)
-        if jump:
-            stages.switch(s, jumps, k, up, down, settings, c, other, places.active, other_old)
-            second = load(s, MODE) > spread(0.5)
-            own, select = stages.controllers_of(c, other, second)
         v = stages.demand(s, own, select, second, places.active, settings.sections, e)
     u = stages.limited(own, select, second, v)
     d = stages.of_mode(own, GAIN, select, second) * (u - v)

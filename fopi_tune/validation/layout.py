@@ -56,6 +56,7 @@ class Settings(NamedTuple):
     bumpless: int
     delayed: int
     ring: int
+    same_late: int
     loaded: int
     load_delayed: int
     steps: int

@@ -244,6 +244,7 @@ def _settings(
         bumpless=int(scenario.start.bumpless),
         delayed=int(delayed),
         ring=late + 1 if late else 0,
+        same_late=int(np.all(held[0].control.late == late)),
         loaded=int(scenario.signals.load is not None),
         load_delayed=int(load_delayed),
         steps=len(scenario.signals),

@@ -195,15 +195,6 @@ def of_mode(c, row, other, second):
 
 
 @_inlined
-def _exchange(s, one, two, some):
-    """Two rows change places in some lanes."""
-    a, b = load(s, one), load(s, two)
-    # LLVM may make the first one a store under a mask, which is slow to be read; `one` is read soon
-    store(s, two, where(some, a, b))
-    store(s, one, where(some, b, a))
-
-
-@_inlined
 def _change(s, row, some, value):
     store(s, row, where(some, value, load(s, row)))
 
@@ -222,27 +213,6 @@ def forget(s, jumps, k, window):
     jumps[k] = 0
     if k > window and jumps[k - window - 1] != 0:
         store(s, RECENT, load(s, RECENT) - where(lanes(jumps[k - window - 1]), spread(1.0), spread(0.0)))
-
-
-@_inlined
-def switch(s, jumps, k, up, down, settings, c, other, active, inactive):
-    """Lanes change their mode."""
-    jumping = up | down
-    mode = where(up, spread(1.0), where(down, spread(0.0), load(s, MODE)))
-    second = mode > spread(0.5)
-    store(s, MODE, mode)
-    _exchange(s, LAST, OTHER_LAST, jumping)
-    for i in range(settings.sections):
-        _exchange(s, active + i * WIDTH, inactive + i * WIDTH, jumping)
-    _change(s, APPLIED, jumping, limited(c, other, second, load(s, APPLIED)))
-    if settings.inactive == RESET:
-        start = of_mode(c, START, other, second)
-        _change(s, LAST, jumping, start)
-        for i in range(settings.sections):
-            x = start * of_mode(c, INTEGRATES, other, second) if i == 0 else spread(0.0)
-            _change(s, active + i * WIDTH, jumping, x)
-    jumps[k] = bits(jumping)
-    _count(s, k, jumping, settings.most_switches)
 
 
 @_inlined
@@ -301,6 +271,39 @@ def follow_and_demand(s, c, other, second, states, sections, e):
         x = _followed(s, c, other, second, states + i * WIDTH, i, before, d)
         store(s, states + i * WIDTH, x)
         v = v + x
+    return v
+
+
+@_inlined
+def switch_and_demand(s, jumps, k, c, other, up, down, states, others, settings, behind, e):
+    """`follow` where it is due, lanes change their mode, and `demand`."""
+    before, jumping = load(s, MODE) > spread(0.5), up | down
+    mode = where(up, spread(1.0), where(down, spread(0.0), load(s, MODE)))
+    second = mode > spread(0.5)
+    own, select = controllers_of(c, other, before)
+    new, choose = controllers_of(c, other, second)
+    start, last = of_mode(new, START, choose, second), load(s, LAST)
+    entered = start if settings.inactive == RESET else load(s, OTHER_LAST)
+    store(s, OTHER_LAST, where(jumping, last, load(s, OTHER_LAST)))
+    store(s, LAST, where(jumping, entered, last))
+    store(s, MODE, mode)
+    _change(s, APPLIED, jumping, limited(new, choose, second, load(s, APPLIED)))
+    seen, d = load(s, SEEN), load(s, EXCESS)
+    v = of_mode(new, DIRECT, choose, second) * e
+    for i in range(settings.sections):
+        one, two = states + i * WIDTH, others + i * WIDTH
+        x, held = load(s, one), load(s, two)
+        if behind:
+            x = _followed(s, own, select, before, one, i, seen, d)
+        # LLVM may make this one a store under a mask, which is slow to be read; the other one is read soon
+        store(s, two, where(jumping, x, held))
+        if settings.inactive == RESET:
+            held = start * of_mode(new, INTEGRATES, choose, second) if i == 0 else spread(0.0)
+        x = where(jumping, held, x)
+        store(s, one, x)
+        v = v + x
+    jumps[k] = bits(jumping)
+    _count(s, k, jumping, settings.most_switches)
     return v
 
 
@@ -397,18 +400,26 @@ def judge(s, k, y, rate, reference, u, applied, settings, c, other):
 @_inlined
 def arrive(s, history, modes, block, k, applied, signal, late, settings):
     """What reaches the plants in this sample: the control (and its mode) and the load, and what was there before."""
-    store(s, OLD_CONTROL, load(s, CONTROL))
-    store(s, OLD_ARRIVED, load(s, ARRIVED))
+    if settings.delayed:
+        store(s, OLD_CONTROL, load(s, CONTROL))
+        store(s, OLD_ARRIVED, load(s, ARRIVED))
     if settings.ring == 0:
         store(s, CONTROL, applied)
         store(s, ARRIVED, load(s, MODE))
     else:
-        store(history, (k % settings.ring) * WIDTH, applied)
-        store(modes, (k % settings.ring) * WIDTH, load(s, MODE))
-        for lane in range(WIDTH):
-            place = (k - late[block * WIDTH + lane]) % settings.ring * WIDTH + lane
-            s[CONTROL + lane] = history[place]
-            s[ARRIVED + lane] = modes[place]
+        now = k % settings.ring
+        store(history, now * WIDTH, applied)
+        store(modes, now * WIDTH, load(s, MODE))
+        if settings.same_late:
+            place = (k - late[0]) % settings.ring * WIDTH
+            store(s, CONTROL, load(history, place))
+            store(s, ARRIVED, load(modes, place))
+        else:
+            for lane in range(WIDTH):
+                row = now - late[block * WIDTH + lane]
+                place = (row if row >= 0 else row + settings.ring) * WIDTH + lane
+                s[CONTROL + lane] = history[place]
+                s[ARRIVED + lane] = modes[place]
     if settings.loaded:
         store(s, OLD_LOAD, load(s, LOAD))
         if settings.load_delayed:
