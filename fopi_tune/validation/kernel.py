@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from fopi_tune.validation import layout, noise, packs, stages
+from fopi_tune.validation import controlled, layout, noise, noise_packs, packs, stages
 from fopi_tune.validation.layout import (
     APPLIED,
     ARRIVED,
@@ -77,28 +77,28 @@ def _begin(s, block, table, controllers, settings, places):
 def _output(s, c, other, jumps, k, settings, places, other_old, r, rate, measured, careful):
     """The active controller's output, and whether the block has to look at every number from here on."""
     second, e = load(s, MODE) > spread(0.5), spread(r) - measured
-    own, select = stages.controllers_of(c, other, second)
-    up, down = stages.edges(s, measured, r, settings.half_width)
+    own, select = controlled.controllers_of(c, other, second)
+    up, down = controlled.edges(s, measured, r, settings.half_width)
     # careful ones have followed
     behind = k > 0 and not careful
-    stages.forget(s, jumps, k, settings.window)
+    controlled.forget(s, jumps, k, settings.window)
     if settings.hybrid and bits(up | down) != 0:
-        v = stages.switch_and_demand(
+        v = controlled.switch_and_demand(
             s, jumps, k, c, other, up, down, places.active, other_old, settings, behind, e
         )  # fmt: skip
         second = load(s, MODE) > spread(0.5)
-        own, select = stages.controllers_of(c, other, second)
+        own, select = controlled.controllers_of(c, other, second)
     elif behind:
-        v = stages.follow_and_demand(s, own, select, second, places.active, settings.sections, e)
+        v = controlled.follow_and_demand(s, own, select, second, places.active, settings.sections, e)
     else:
-        v = stages.demand(s, own, select, second, places.active, settings.sections, e)
-    u = stages.limited(own, select, second, v)
-    d = stages.of_mode(own, GAIN, select, second) * (u - v)
+        v = controlled.demand(s, own, select, second, places.active, settings.sections, e)
+    u = controlled.limited(own, select, second, v)
+    d = controlled.of_mode(own, GAIN, select, second) * (u - v)
     store(s, SEEN, e)
     store(s, EXCESS, d)
-    careful = careful or not stages.small(e, d, u, rate)
+    careful = careful or not controlled.small(e, d, u, rate)
     if careful:
-        u = stages.follow_carefully(
+        u = controlled.follow_carefully(
             s, own, select, second, places.active, places.spare, settings.sections, v, u
         )  # fmt: skip
     store(s, LAST, u)
@@ -116,18 +116,18 @@ def _sample(s, history, modes, c, other, block, k, settings, places, jumps, late
     measured = y
     if settings.noise_std != 0.0:
         if k % 4 == 0:
-            stages.make_noise(s, settings.seed, settings.first_index + block * WIDTH, k)
+            noise_packs.make_noise(s, settings.seed, settings.first_index + block * WIDTH, k)
         measured = measured + spread(settings.noise_std) * load(s, NOISE + (k % 4) * WIDTH)
     if settings.quantum != 0.0:
         measured = spread(settings.quantum) * rounded(measured / spread(settings.quantum))
     e, u, careful = _output(s, c, other, jumps, k, settings, places, other_old, r, rate, measured, careful)
     if careful:
-        store(s, FINITE, where(stages.fine(y) & stages.fine(rate), load(s, FINITE), spread(0.0)))
+        store(s, FINITE, where(controlled.fine(y) & controlled.fine(rate), load(s, FINITE), spread(0.0)))
     applied = stages.actuated(s, u, settings.most_change)
     if track:
         first = load(s, MODE) < spread(0.5)
-        idle, either = stages.controllers_of(c, other, first)
-        stages.follow_applied(s, idle, either, first, other_old, other_new, settings.sections, e, applied)
+        idle, either = controlled.controllers_of(c, other, first)
+        controlled.follow_applied(s, idle, either, first, other_old, other_new, settings.sections, e, applied)
     if k >= settings.horizon:
         stages.judge(s, k, y, rate, r, u, applied, settings, c, other)
     if settings.keep:
@@ -143,7 +143,7 @@ def _sample(s, history, modes, c, other, block, k, settings, places, jumps, late
 
 def _stamp() -> tuple[int, ...]:
     """Changes when the code below this file does: part of the compiled function, and so of its key on disk."""
-    found = (os.stat(str(module.__file__)) for module in (layout, noise, packs, stages))
+    found = (os.stat(str(module.__file__)) for module in (controlled, layout, noise, noise_packs, packs, stages))
     return tuple(number for status in found for number in (status.st_mtime_ns, status.st_size))
 
 
@@ -160,7 +160,7 @@ def _made(stamp: tuple[int, ...]) -> Callable[..., int]:
             for place in range(rings):
                 history[place] = s[APPLIED + place % WIDTH]
                 modes[place] = settings.first_mode
-            careful = stages.large(table, controllers, block)
+            careful = controlled.large(table, controllers, block)
             for k in range(settings.steps):
                 careful = _sample(
                     s, history, modes, c, other, block, k, settings, places, *inputs, careful
