@@ -165,8 +165,13 @@ def test_the_controller_is_the_runtime_bit_for_bit() -> None:
 def test_both_controllers_of_a_hybrid_loop_are_the_runtime_bit_for_bit(inactive: Inactive) -> None:
     scenario = dataclasses.replace(CASES["noisy"], hybrid=Hybrid(0.2, inactive), actuator=Actuator(1.5))
     traces = simulate([Mode(THROTTLE, throttle_plants(4)), Mode(BRAKE, brake_plants(4))], scenario)
+    assert sum(jumps_as_the_runtime_has_it(traces, i, inactive) for i in range(4)) > 4
+
+
+def jumps_as_the_runtime_has_it(traces: Traces, i: int, inactive: Inactive) -> int:
+    """The jumps of plant i, once both of its controllers are the runtime's."""
     pair, switched = (THROTTLE, BRAKE), 0
-    for i in range(4):
+    with np.errstate(all="ignore"):
         memory, last = [init(THROTTLE), init(BRAKE)], 0
         for k in range(STEPS):
             r, y, mode = levels()[k], traces.measured[i, k], traces.mode[i, k] - 1
@@ -177,7 +182,7 @@ def test_both_controllers_of_a_hybrid_loop_are_the_runtime_bit_for_bit(inactive:
             assert memory[mode].output == traces.demanded[i, k]
             if inactive is Inactive.TRACK:
                 memory[1 - mode] = track(pair[1 - mode], memory[1 - mode], r, y, traces.applied[i, k])
-    assert switched > 4
+    return switched
 
 
 def test_a_bumpless_start_is_the_reset_of_the_runtime() -> None:
@@ -454,6 +459,31 @@ def test_an_unstable_loop_ends_in_a_flag() -> None:
     assert found.settling_s[0] == np.inf
     # the controller holds: what it demands stays finite
     assert np.isfinite(simulate([Mode(THROTTLE, plants)], scenario).demanded).all()
+
+
+def unstable_one(plants: Plants, place: int) -> Plants:
+    """One plant grows by e^12 a sample and overflows within 60."""
+    bottom = plants.denominator.copy()
+    bottom[place] = 1.0, -12.0 / TS
+    return Plants(plants.numerator, bottom, plants.dead_time_s)
+
+
+@pytest.mark.parametrize("inactive", Inactive)
+def test_a_plant_that_overflows_holds_its_controllers_and_does_not_disturb_its_neighbours(inactive: Inactive) -> None:
+    tame = throttle_plants(40), brake_plants(40)
+    wild = [unstable_one(plants, 7) for plants in tame]
+    scenario = dataclasses.replace(CASES["noisy"], hybrid=Hybrid(0.3, inactive), actuator=Actuator(1.5))
+    alone, together = (
+        measure([Mode(THROTTLE, one), Mode(BRAKE, two)], scenario, Horizon(0.5)) for one, two in (tame, wild)
+    )
+    for name in NAMES:
+        one, two = (np.delete(getattr(measures, name), 7) for measures in (alone, together))
+        np.testing.assert_array_equal(one, two, err_msg=name)
+    assert np.flatnonzero(~together.finite).tolist() == [7]
+    traces = simulate([Mode(THROTTLE, wild[0]), Mode(BRAKE, wild[1])], scenario)
+    assert not np.isfinite(traces.output[7]).all()
+    assert jumps_as_the_runtime_has_it(traces, 7, inactive) > 0
+    assert jumps_as_the_runtime_has_it(traces, 8, inactive) > 0
 
 
 def test_a_controller_that_overflows_holds_as_the_runtime_does() -> None:

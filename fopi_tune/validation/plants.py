@@ -139,7 +139,10 @@ def _delayed(a: Array, samples: Array) -> Delayed:
         raise DomainError(f"the delay is {samples.max():.3g} samples long; take a longer sample time")
     whole = np.floor(samples + _WHOLE)
     part = np.clip(samples - whole, 0.0, 1.0)
-    before, after = segment(a, part), segment(a, 1.0 - part)
+    m, n = a.shape[:2]
+    # most delays are whole, most often 0
+    none = np.broadcast_to(np.eye(n), (m, n, n)), np.zeros((m, n))
+    before, after = segment(a, part) if part.any() else none, segment(a, 1.0 - part)
     both = np.stack([before[0], after[0]]), np.stack([before[1], after[1]])
     return Delayed(whole.astype(np.int64), *both)
 

@@ -17,7 +17,7 @@ import numpy as np
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital.runtime import Runtime, init
 from fopi_tune.errors import DomainError
-from fopi_tune.validation.layout import RESULTS, SLOT_ROWS, TRACES, WIDTH, Settings, layout
+from fopi_tune.validation.layout import RESULTS, SECTIONS, TRACES, WIDTH, Settings, layout
 from fopi_tune.validation.plants import HeldPlants, hold
 from fopi_tune.validation.scenario import Array, Horizon, Hybrid, Measures, Mode, Scenario, Traces
 
@@ -165,10 +165,10 @@ def _run(
     results = np.zeros((len(RESULTS), blocks * WIDTH))
     traces = np.zeros(len(TRACES) * steps * blocks * WIDTH if keep else 0)
     controllers = np.array([_rows(mode.controller, settings.sections) for mode in modes])
-    scratch = _aligned(places.size + (2 * max(settings.ring, 1) + settings.most_switches) * WIDTH)
+    scratch, jumps = _aligned(places.size + 2 * max(settings.ring, 1) * WIDTH), np.zeros(steps, dtype=np.int64)
     reference = scenario.signals.reference
     run_blocks(
-        0, blocks, settings, places, table, late, controllers, reference, signal, results, traces, scratch
+        0, blocks, settings, places, table, late, controllers, reference, signal, results, traces, scratch, jumps
     )  # fmt: skip
     kept = traces.reshape(len(TRACES), steps if keep else 0, blocks * WIDTH)[:, :, :m].transpose(0, 2, 1)
     return results[:, :m], kept
@@ -182,13 +182,13 @@ def _aligned(count: int) -> Array:
 
 
 def _rows(controller: Runtime, sections: int) -> Array:
-    """A slot's numbers, as `layout` has them; sections that are missing are 0 and stay 0."""
+    """A controller's numbers, as `layout` has them; sections that are missing are 0 and stay 0."""
     low, high = controller.limits
     start = float(init(controller).output)
-    rows = np.zeros(SLOT_ROWS + 3 * sections)
-    rows[:SLOT_ROWS] = controller.direct, controller.tracking_gain, low, high, start, start, controller.has_integrator
+    rows = np.zeros(SECTIONS + 3 * sections)
+    rows[:SECTIONS] = controller.direct, controller.tracking_gain, low, high, start, controller.has_integrator
     for place, row in enumerate((controller.poles, controller.weights, controller.residues)):
-        rows[SLOT_ROWS + place : SLOT_ROWS + 3 * len(row) : 3] = row
+        rows[SECTIONS + place : SECTIONS + 3 * len(row) : 3] = row
     return rows
 
 
@@ -244,6 +244,7 @@ def _settings(
         bumpless=int(scenario.start.bumpless),
         delayed=int(delayed),
         ring=late + 1 if late else 0,
+        same_late=int(np.all(held[0].control.late == late)),
         loaded=int(scenario.signals.load is not None),
         load_delayed=int(load_delayed),
         steps=len(scenario.signals),
