@@ -67,7 +67,7 @@ class Driven:
     def rows(self) -> Iterator[tuple[float, ...]]:
         """The numbers that `COLUMNS` names; a row a sample."""
         t = self.traces
-        columns = (t.output, t.rate, t.measured, t.error, t.demanded, t.applied, t.mode)
+        columns = (t.output, t.rate, t.rate_after, t.measured, t.error, t.demanded, t.applied, t.mode)
         yield from zip(
             t.time_s.tolist(), self.reference.tolist(), *(column[0].tolist() for column in columns), strict=True
         )
@@ -78,6 +78,7 @@ COLUMNS = (
     "reference",
     "output",
     "output_rate_per_s",
+    "output_rate_after_per_s",
     "measured",
     "error",
     "control",

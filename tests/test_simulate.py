@@ -95,7 +95,7 @@ def plainly(modes: list[Mode], scenario: Scenario, first_index: int = 0) -> Trac
 
 
 def assert_same_traces(one: Traces, two: Traces) -> None:
-    for name in ("output", "rate", "measured", "error", "demanded", "applied", "mode"):
+    for name in ("output", "rate", "measured", "error", "demanded", "applied", "mode", "rate_after"):
         np.testing.assert_allclose(getattr(one, name), getattr(two, name), rtol=ROUNDING, atol=ROUNDING, err_msg=name)
 
 
@@ -246,6 +246,25 @@ def test_the_rate_is_the_derivative_just_before_the_sample() -> None:
             np.testing.assert_allclose(traces.rate[i, 1:], impulse[1:], rtol=0.0, atol=1e-9)
 
 
+def test_the_rate_after_a_sample_is_the_derivative_that_begins_there() -> None:
+    # an impulse response's derivative at 0+: of a second-order plant b0/a0 times the step of the input
+    for order in (1, 2, 3):
+        plants = random_plants(order, 4, order, late=False)
+        modes = [Mode(made(FoPi(0.3, 0.1, 0.7), (-4.0, 30.0)), plants)]
+        traces = simulate(modes, Scenario(TS, Signals(levels(), LOADED)))
+        for i in range(4):
+            a, b, c, d = (np.asarray(m) for m in scipy.signal.tf2ss(plants.numerator[i], plants.denominator[i]))
+            held = np.r_[0.0, traces.applied[i] + LOADED]
+            state = np.zeros(order)
+            e, f = scipy.signal.cont2discrete((a, b, c, d), TS)[:2]
+            for k in range(STEPS):
+                for found, v in ((traces.rate[i, k], held[k]), (traces.rate_after[i, k], held[k + 1])):
+                    expected = float((c @ (a @ state + np.ravel(b) * v))[0])
+                    # rounding of another realisation, of rates up to 20
+                    assert found == pytest.approx(expected, abs=1e-9)
+                state = e @ state + np.ravel(f) * held[k + 1]
+
+
 def test_a_sine_s_steady_state_is_the_frequency_response_of_the_sampled_loop() -> None:
     sections = discretize(FoPi(0.4, 0.3, 0.6), DigitalSpec(TS, "oustaloup", 5, band_rad_s=(0.05, 100.0))).sections
     plants = Plants(np.array([[2.0]]), np.array([[1.0, 1.2]]), np.array([0.33]))
@@ -371,7 +390,8 @@ def test_results_depend_on_neither_chunks_nor_threads_nor_the_place_in_a_block()
     assert_identical(measure(mixed, scenario, horizon, m, chunk=30), whole)
     assert called == [(0, 30), (30, 60), (60, 75)]
     few = simulate(mixed, dataclasses.replace(scenario), m)
-    np.testing.assert_array_equal(np.abs(few.rate[:, 50:]).max(axis=1), whole.peak_rate)
+    before, after = np.abs(few.rate[:, 50:]).max(axis=1), np.abs(few.rate_after[:, 50:-1]).max(axis=1)
+    np.testing.assert_array_equal(np.maximum(before, after), whole.peak_rate)
     assert [len(part.finite) for part in measure_chunks(modes, scenario, horizon, chunk=50)] == [50, 25]
 
 

@@ -198,8 +198,8 @@ class MeasureKind:
 MEASURES: dict[str, MeasureKind] = {
     kind.name: kind
     for kind in (
-        MeasureKind("acceleration_m_s2", "m/s^2", "largest |dy/dt| at the samples, of a velocity in km/h, over 3.6"),
-        MeasureKind("peak_rate_per_s", "output unit per s", "largest |dy/dt| at the samples"),
+        MeasureKind("acceleration_m_s2", "m/s^2", "peak_rate_per_s of a velocity in km/h, over 3.6"),
+        MeasureKind("peak_rate_per_s", "output unit per s", "largest |dy/dt| just before and after the samples"),
         MeasureKind(
             "overshoot", "output unit", "how far the output goes beyond the last setpoint, in the step's direction"
         ),

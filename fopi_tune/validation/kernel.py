@@ -34,6 +34,7 @@ from fopi_tune.validation.layout import (
     OTHER_LAST,
     OUTSIDE,
     OVER,
+    PEAK_RATE,
     RESULTS,
     SEEN,
     START,
@@ -41,7 +42,7 @@ from fopi_tune.validation.layout import (
     TRACK,
     WIDTH,
 )
-from fopi_tune.validation.packs import bits, load, pointer, rounded, spread, store, where
+from fopi_tune.validation.packs import bits, load, pointer, rounded, size, spread, store, where
 
 _RESULTS, _TRACES = len(RESULTS), len(TRACES)
 _inlined: Any = njit(forceinline=True, error_model="numpy")
@@ -134,6 +135,11 @@ def _sample(s, history, modes, c, other, block, k, settings, places, jumps, late
         for row, value in enumerate((y, rate, measured, e, u, applied, load(s, MODE))):
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
     stages.arrive(s, history, modes, block, k, applied, signal, late, settings)
+    after = stages.rate_after(s, settings, places, y, rate)
+    if k >= settings.horizon and k < settings.steps - 1:
+        controlled.keep_larger(s, PEAK_RATE, size(after))
+    if settings.keep:
+        store(traces, (7 * settings.steps + k) * settings.width + block * WIDTH, after)
     if settings.hybrid:
         stages.flow_hybrid(s, settings, places)
     else:

@@ -18,7 +18,7 @@ RESULTS = (
     "chattering", "final_error", "finite",
 )  # fmt: skip
 #: traces, a row each
-TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode")
+TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", "rate_after")
 
 PEAK_RATE, OVER, OUTSIDE, IAE, ISE, SATURATED, PEAK_U = (WIDTH * i for i in range(7))
 SWITCHES, LONGEST, CHATTER, ERROR, FINITE = (WIDTH * i for i in range(7, 12))
@@ -59,6 +59,7 @@ class Settings(NamedTuple):
     same_late: int
     loaded: int
     load_delayed: int
+    prompt: int
     steps: int
     width: int
     keep: int

@@ -79,6 +79,16 @@ class HeldPlants:
         """n."""
         return self.output.shape[1]
 
+    @property
+    def is_prompt(self) -> NDArray[np.bool_]:
+        """Whether control and load act at the samples, not between them; shape (m,)."""
+        return ~(np.any(self.control.weight[0] != 0.0, axis=1) | np.any(self.load.weight[0] != 0.0, axis=1))
+
+    @property
+    def rate_step(self) -> Array:
+        """By how much dy/dt jumps at a sample, for each unit by which what acts does; shape (m,)."""
+        return np.where(self.is_prompt, self.rate_input, 0.0)
+
     def begin(self, start: Start) -> tuple[Array, Array]:
         """States, shape (m, n), and the input before the first sample, shape (m,), that give the initial output.
 

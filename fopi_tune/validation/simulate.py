@@ -26,7 +26,7 @@ CHUNK = 8192
 
 
 def simulate(modes: Sequence[Mode], scenario: Scenario, count: int | None = None, first_index: int = 0) -> Traces:
-    """All signals of a few plants; 7 numbers a plant and sample are kept.
+    """All signals of a few plants; 8 numbers a plant and sample are kept.
 
     Args:
         modes: one, or two of a hybrid loop.
@@ -42,7 +42,7 @@ def simulate(modes: Sequence[Mode], scenario: Scenario, count: int | None = None
     kept = _run(modes, held, scenario, Horizon(0.0), first_index, keep=True)[1]
     time_s = np.asarray(scenario.sample_time_s * np.arange(len(scenario.signals)), dtype=float)
     signals = dict(zip(TRACES[:6], kept, strict=False))
-    return Traces(time_s, **signals, mode=kept[6].astype(np.int64) + 1)
+    return Traces(time_s, **signals, mode=kept[6].astype(np.int64) + 1, rate_after=kept[7])
 
 
 def measure(
@@ -151,7 +151,7 @@ def _discretised(parts: Sequence[Plants], scenario: Scenario) -> list[HeldPlants
 def _run(
     modes: Sequence[Mode], held: list[HeldPlants], scenario: Scenario, horizon: Horizon, begin: int, keep: bool = False
 ) -> tuple[Array, Array]:
-    """Results, shape (12, m), and traces, shape (7, m, steps) when they are kept."""
+    """Results, shape (12, m), and traces, shape (8, m, steps) when they are kept."""
     from fopi_tune.validation.kernel import run_blocks
 
     m, steps = len(held[0]), len(scenario.signals)
@@ -201,7 +201,7 @@ def _table(held: list[HeldPlants], scenario: Scenario, width: int) -> Array:
         transition, new, old = first.control.whole
         _, load_new, load_old = first.load.whole
         plant = [transition.reshape(m, n * n), new, old, load_new, load_old, first.output, first.rate_state]
-        plant += [first.direct[:, None], first.rate_input[:, None]]
+        plant += [first.direct[:, None], first.rate_input[:, None], first.rate_step[:, None]]
     else:
         plant = []
         for part in held:
@@ -247,6 +247,7 @@ def _settings(
         same_late=int(np.all(held[0].control.late == late)),
         loaded=int(scenario.signals.load is not None),
         load_delayed=int(load_delayed),
+        prompt=int(all(part.is_prompt.all() for part in held)),
         steps=len(scenario.signals),
         width=-(-len(held[0]) // WIDTH) * WIDTH,
         keep=int(keep),

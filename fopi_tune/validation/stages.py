@@ -58,6 +58,21 @@ def output(s, settings, places):
 
 
 @_inlined
+def rate_after(s, settings, places, y, rate):
+    """dy/dt just after what arrives at the sample; what arrives between samples is not in it."""
+    v = load(s, CONTROL) + load(s, LOAD)
+    if settings.hybrid:
+        if settings.prompt == 0:
+            return rate
+        first, p = load(s, ARRIVED) < spread(0.5), places.plant
+        pole = where(first, load(s, p + 4 * WIDTH), load(s, p + 10 * WIDTH))
+        return pole * y + where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH)) * v
+    n = settings.order
+    step = places.plant + (n * n + 6 * n + 2) * WIDTH
+    return rate + load(s, step) * (v - load(s, BEFORE))
+
+
+@_inlined
 def actuated(s, u, most):
     """The control after the rate limit."""
     if most < np.inf:
