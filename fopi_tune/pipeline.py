@@ -151,27 +151,18 @@ def validate(
     Args:
         source: a spec file, or a spec, with a section `digital`.
         gains: the controller, usually from a design.
-        samples: plants to draw, in place of the spec's.
+        samples: plants to draw, in place of the spec's; of a file of samples, its first rows.
         seed: in place of the spec's.
         progress: told how many plants are done, of how many.
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
-        DomainError: as for `discretize`, or a number of samples that is not positive.
+        DomainError: as for `discretize`, a number of samples that cannot be drawn, or no draw that is a plant.
     """
     from fopi_tune.validation.contradict import contradictions
     from fopi_tune.validation.montecarlo import monte_carlo
 
-    spec = load_spec(source)
-    wanted = spec.validation or ValidationSpec()
-    wanted = replace(
-        wanted,
-        samples=wanted.samples if samples is None else samples,
-        seed=wanted.seed if seed is None else seed,
-    )
-    if wanted.samples < 1:
-        raise DomainError(f"samples = {wanted.samples} must be at least 1")
-    spec = replace(spec, validation=wanted)
+    spec = _drawing(load_spec(source), samples, seed)
     digital = discretize(spec, gains)
     implementation = Implementation(digital.controller.sections, digital.controller.digital.delay_samples)
     evidence = monte_carlo(spec, gains, implementation, progress)
@@ -185,6 +176,8 @@ def simulate(
     scenario: str | None = None,
     plant: Mapping[str, float] | None = None,
     replay: int | None = None,
+    samples: int | None = None,
+    seed: int | None = None,
 ) -> Simulated:
     """Drive one plant through the spec's scenarios with its digital controller.
 
@@ -194,6 +187,8 @@ def simulate(
         scenario: name of the only one.
         plant: uncertain numbers by name; the nominal ones where left out.
         replay: index of a plant that `validate` drew, to make it and its noise again.
+        samples: what was given to `validate`.
+        seed: what was given to `validate`.
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
@@ -202,7 +197,7 @@ def simulate(
     from fopi_tune.implement import implementation_of
     from fopi_tune.simulated import drive
 
-    spec = load_spec(source)
+    spec = _drawing(load_spec(source), samples, seed)
     made = stamp(spec.sha256, None)
     implementation = implementation_of(spec, gains)
     return drive(spec, gains, implementation, made, only=scenario, plant=plant, index=replay)
@@ -235,6 +230,17 @@ def recheck(document: object, source: Source | None = None) -> Recheck:
         return found
     problem = "the digital controller is not the one that the spec makes of the gains that are stated"
     return replace(found, problems=(*found.problems, problem))
+
+
+def _drawing(spec: DesignSpec, samples: int | None, seed: int | None) -> DesignSpec:
+    """The spec with these in place of its own."""
+    wanted = spec.validation or ValidationSpec()
+    drawn, listed = wanted.samples if samples is None else samples, wanted.samples_file
+    if drawn < 1:
+        raise DomainError(f"samples = {drawn} must be at least 1")
+    if listed is not None and drawn > len(listed.table.rows):
+        raise DomainError(f"samples = {drawn} are more than the {len(listed.table.rows)} rows of {listed.name}")
+    return replace(spec, validation=replace(wanted, samples=drawn, seed=wanted.seed if seed is None else seed))
 
 
 def _attempt(spec: DesignSpec, violations: tuple[Violation, ...], proof: bool) -> Attempt:

@@ -11,6 +11,7 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.samples import why_impossible
 from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import MEASURES, DesignSpec, Limit, Relation, ScenarioSpec, ValidationSpec
@@ -96,8 +97,15 @@ class Simulated:
                 }
                 for each in self.driven
             ],
-            "stamp": {"spec_sha256": self.stamp.spec_sha256},
+            "stamp": {"spec_sha256": self.stamp.spec_sha256, **self._draw()},
         }
+
+    def _draw(self) -> dict[str, Any]:
+        """What it takes, besides the spec, to make a drawn plant again."""
+        drawn = self.spec.validation
+        if self.index is None or drawn is None:
+            return {}
+        return {"seed": drawn.seed, "samples": drawn.samples, "samples_file_sha256": drawn.samples_file_sha256}
 
 
 def drive(
@@ -122,7 +130,8 @@ def drive(
         index: of a Monte-Carlo draw to make again, its noise included; instead of a plant.
 
     Raises:
-        DomainError: no scenario, an unknown one, an unknown number, or an index that was not drawn.
+        DomainError: no scenario, an unknown one, an unknown number, an index that was not drawn, or a place that is no
+            plant.
     """
     from fopi_tune.validation.judged import MEASURE_VALUES, horizon_of, scenario_of
     from fopi_tune.validation.montecarlo import controller_of
@@ -132,6 +141,8 @@ def drive(
 
     drawn = spec.validation or ValidationSpec()
     place = _place(spec, drawn, plant, index)
+    if (problem := why_impossible(place, spec.plant)) is not None:
+        raise DomainError(f"{'this' if index is None else f'draw {index}'} is no plant: {problem}")
     first = index if index is not None else 0
     plants = Plants.members(spec.plant, place[None, :])
     controller = controller_of(spec, implementation)

@@ -212,6 +212,8 @@ def simulate(
         list[str] | None, typer.Option(metavar="NAME=VALUE", help="An uncertain number; nominal where left out.")
     ] = None,
     replay: Annotated[int | None, typer.Option(metavar="INDEX", help="A plant that `fopi validate` drew.")] = None,
+    samples: Annotated[int | None, typer.Option(help="For --replay: as `fopi validate` was given it.")] = None,
+    seed: Annotated[int | None, typer.Option(help="In place of the spec's; as `fopi validate` was given it.")] = None,
     out: Out = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -225,6 +227,8 @@ def simulate(
     given, numbers = _given(kp, ki, alpha), _numbers(plant or [])
     if replay is not None and numbers:
         raise _refusal("--replay makes a plant again that was drawn; leave --plant out")
+    if replay is None and samples is not None:
+        raise _refusal("--samples says of which draws --replay makes one again; give --replay, or leave --samples out")
 
     def make(loaded: DesignSpec) -> Simulated | Design:
         from fopi_tune import pipeline
@@ -232,7 +236,9 @@ def simulate(
         gains = given if given is not None else _found_or_tuned(loaded, handling)
         if not isinstance(gains, FoPi):
             return gains
-        return pipeline.simulate(loaded, gains, scenario=scenario, plant=numbers, replay=replay)
+        return pipeline.simulate(
+            loaded, gains, scenario=scenario, plant=numbers, replay=replay, samples=samples, seed=seed
+        )
 
     raise typer.Exit(process([spec], make, handling, "simulating"))
 

@@ -23,13 +23,15 @@ from fopi_tune.report.phrases import (
 )
 
 if TYPE_CHECKING:
+    from fopi_tune.core.distributions import Words
     from fopi_tune.result import Validated
-    from fopi_tune.validation.montecarlo import Judged
+    from fopi_tune.validation.montecarlo import Evidence, Judged
     from fopi_tune.validation.statistics import Fraction
 
 _SAID = {
     "met": "Every plant that was drawn is stable and meets everything.",
     "violated": "Not every plant that was drawn meets everything.",
+    "outside": "Not every plant that was drawn meets everything; those of the family do.",
     "contradiction": "A plant contradicts the proof: this is a defect of the tool, please report it.",
 }
 _WHAT, _SHARE, _INTERVAL = 36, 12, 22
@@ -39,27 +41,61 @@ def evidence_text(result: Validated) -> Text:
     """How often each requirement and limit held, with intervals, and the worst plants."""
     evidence, status = result.evidence, result.status
     drawn = evidence.validation
-    lines: list[Line] = [
-        *styled(f"{result.spec.name}, validated: {status}. {_SAID[status]}", style_of(status == "met"))
-    ]
+    said = _SAID["outside" if status == "violated" and not evidence.missed_inside else status]
+    lines: list[Line] = [*styled(f"{result.spec.name}, validated: {status}. {said}", style_of(status == "met"))]
     lines += [("", ""), (gains_line(result.digital.controller.gains), "bold")]
-    outside = f", {evidence.outside} of them outside the family" if evidence.outside else ""
-    lines += entry("drawn", f"{drawn.samples} plants, {drawn.design}, seed {drawn.seed}{outside}")
+    lines += _drawn(evidence)
     lines.append(("", ""))
     share = f"{100 * drawn.confidence:g} % interval"
     lines.append((f"{'':{VERDICT}}{'requirement or limit':<{_WHAT}}{'met':>{_SHARE}}{share:>{_INTERVAL}}", "bold"))
     lines += _row("stable loop", evidence.stable)
+    lines += styled(_misses(evidence, evidence.stable, evidence.unstable_inside), QUIET, indent=" " * (VERDICT + 2))
     for judged in (*evidence.requirements, *evidence.limits):
         lines += _row(_phrase(judged), judged.fraction)
-        lines += styled(_below(judged), QUIET, indent=" " * (VERDICT + 2))
+        misses = _misses(evidence, judged.fraction, judged.missed_inside)
+        lines += styled("; ".join(filter(None, (_below(judged), misses))), QUIET, indent=" " * (VERDICT + 2))
     for problem in result.contradictions:
         lines += styled(problem, BAD)
     lines += [("", "")]
     lines += styled(
         "Requirements are about the loop on samples; those about the nominal plant alone are not sampled.", QUIET
     )
-    lines += styled("`fopi simulate SPEC --replay INDEX` makes a plant again by its index.", QUIET)
+    lines += styled(
+        "`fopi simulate SPEC --replay INDEX` makes a plant again by its index (with the same --seed and --samples).",
+        QUIET,
+    )
     return to_text(lines)
+
+
+def _drawn(evidence: Evidence) -> Iterator[Line]:
+    """How many plants, from what, and how many of them no proof speaks of."""
+    drawn, listed = evidence.validation, evidence.validation.samples_file
+    how = f"{drawn.design}, seed {drawn.seed}" if listed is None else f"rows of {listed.name}, seed {drawn.seed}"
+    words = f"{drawn.samples - evidence.no_plants} plants, {how}"
+    if evidence.outside:
+        words += f", {evidence.outside} of them outside the family, where nothing is proved"
+    if evidence.no_plants:
+        words += f"; {evidence.no_plants} more draws are no plants and are left out"
+    yield from entry("drawn", words)
+    for name, distribution in drawn.distributions.items():
+        yield from entry("", f"{name}: {_distribution_phrase(distribution.words())}")
+
+
+def _distribution_phrase(words: Words) -> str:
+    """A distribution in one line: "truncated_normal, mean 2.25, std 0.4"."""
+    if isinstance(words, str):
+        return words
+    ((word, numbers),) = words.items()
+    parts = [f"{name} {number(v) if isinstance(v, float) else v}" for name, v in numbers.items()]
+    return ", ".join([word, *parts])
+
+
+def _misses(evidence: Evidence, found: Fraction, inside: int) -> str:
+    """Where the plants that miss lie, when some were drawn outside the family."""
+    missed = found.total - found.met
+    if not evidence.outside or not missed:
+        return ""
+    return f"{missed} miss, {f'{inside} of them' if inside else 'none'} in the family"
 
 
 def _row(what: str, found: Fraction) -> Iterator[Line]:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
+from fopi_tune.core.distributions import Distribution
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.samples import Table
 
 
 class Relation(StrEnum):
@@ -210,6 +213,7 @@ MEASURES: dict[str, MeasureKind] = {
         MeasureKind("saturation_time_s", "s", "time with the control at a limit"),
         MeasureKind("peak_control", "control unit", "largest |u|"),
         MeasureKind("final_error", "output unit", "|r - y| at the last sample"),
+        MeasureKind("switch_count", "jumps", "jumps between the modes of a hybrid system; 0 with one controller"),
     )
 }
 
@@ -234,20 +238,44 @@ class Limit:
 
 
 @dataclass(frozen=True)
+class SamplesFile:
+    """A file of plants that a spec names.
+
+    Args:
+        name: as the spec writes it.
+        sha256: of its bytes.
+        table: what it says; equal files have equal hashes.
+    """
+
+    name: str
+    sha256: str
+    table: Table = field(compare=False, repr=False)
+
+
+@dataclass(frozen=True)
 class ValidationSpec:
     """How many plants the Monte-Carlo stage draws, how, and how sure its intervals are.
 
     Args:
-        samples: plants.
+        samples: plants; of a file, its first rows.
         seed: of every random number.
         design: random, latin_hypercube or sobol.
         confidence: of each interval, between 0 and 1.
+        distributions: by the uncertain number's name; uniform where left out.
+        samples_file: the plants, one a row, instead of drawing them; the design has then no meaning.
     """
 
     samples: int = 10_000
     seed: int = 1
     design: str = "random"
     confidence: float = 0.99
+    distributions: Mapping[str, Distribution] = field(default_factory=dict)
+    samples_file: SamplesFile | None = None
+
+    @property
+    def samples_file_sha256(self) -> str | None:
+        """Of the file's bytes: the spec's own hash does not tell what is in there."""
+        return None if self.samples_file is None else self.samples_file.sha256
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from fopi_tune.validation.montecarlo import Evidence, Judged
+from fopi_tune.core.distributions import Uniform
+from fopi_tune.validation.montecarlo import Evidence, Judged, WorstPlant
 from fopi_tune.validation.statistics import Fraction
 
 
@@ -16,11 +17,14 @@ def to_document(evidence: Evidence) -> dict[str, Any]:
         "drawn": {
             "samples": drawn.samples,
             "seed": drawn.seed,
-            "design": drawn.design,
+            "design": drawn.design if drawn.samples_file is None else None,
             "confidence": drawn.confidence,
+            "distributions": _distributions(evidence),
+            "samples_file": _file(evidence),
             "outside_the_family": evidence.outside,
+            "no_plants": evidence.no_plants,
         },
-        "stable": _fraction(evidence.stable),
+        "stable": {**_fraction(evidence.stable), "missed_in_the_family": evidence.unstable_inside},
         "requirements": [_judged(judged) for judged in evidence.requirements],
         "limits": [_judged(judged) for judged in evidence.limits],
     }
@@ -47,16 +51,34 @@ def _judged(judged: Judged) -> dict[str, Any]:
             {"probability": q.probability, "value": _finite(q.value), "low": _finite(q.low), "high": _finite(q.high)}
             for q in judged.quantiles
         ],
-        "worst": [
-            {
-                "index": worst.index,
-                "value": _finite(worst.value),
-                "plant": dict(worst.plant),
-                "in_the_family": worst.inside,
-            }
-            for worst in judged.worst
-        ],
+        "worst": [_worst(worst) for worst in judged.worst],
+        "missed_in_the_family": judged.missed_inside,
+        "worst_in_the_family": None if judged.worst_inside is None else _worst(judged.worst_inside),
     }
+
+
+def _worst(worst: WorstPlant) -> dict[str, Any]:
+    return {
+        "index": worst.index,
+        "value": _finite(worst.value),
+        "plant": dict(worst.plant),
+        "in_the_family": worst.inside,
+    }
+
+
+def _distributions(evidence: Evidence) -> dict[str, Any] | None:
+    """Of every uncertain number as a spec writes it; null where the plants come from a file."""
+    if evidence.validation.samples_file is not None:
+        return None
+    given = evidence.validation.distributions
+    return {name: given.get(name, Uniform()).words() for name in evidence.numbers}
+
+
+def _file(evidence: Evidence) -> dict[str, Any] | None:
+    listed = evidence.validation.samples_file
+    if listed is None:
+        return None
+    return {"name": listed.name, "sha256": listed.sha256, "rows": len(listed.table.rows)}
 
 
 def _fraction(fraction: Fraction) -> dict[str, Any]:
