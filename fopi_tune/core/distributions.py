@@ -56,9 +56,15 @@ class Distribution(ABC):
     def words(self) -> Words:
         """The distribution as a spec writes it."""
 
+    def reach(self, number: Uncertain) -> tuple[float, float]:
+        """Ends that no draw passes: a random number of 53 bits does not come close to infinitely many deviations."""
+        return self.limits(number)
+
     def problem(self, number: Uncertain) -> str | None:
         """Why nothing can be drawn for this number and what to do, or None."""
-        return None
+        if all(map(math.isfinite, self.reach(number))):
+            return None
+        return "has values that are too large for a floating-point number; write smaller numbers"
 
 
 @dataclass(frozen=True)
@@ -196,9 +202,10 @@ class Normal(Distribution):
         clip = {} if self.clip is None else {"clip": list(self.clip)}
         return {"normal": {"mean": self.mean, "std": self.std, **clip}}
 
-    def problem(self, number: Uncertain) -> str | None:
-        """Its values must be floats."""
-        return _overflow(self.mean - _FARTHEST * self.std, self.mean + _FARTHEST * self.std)
+    def reach(self, number: Uncertain) -> tuple[float, float]:
+        """Nine standard deviations, clipped."""
+        far, (least, most) = _FARTHEST * self.std, self.limits(number)
+        return min(max(self.mean - far, least), most), max(min(self.mean + far, most), least)
 
 
 @dataclass(frozen=True)
@@ -226,10 +233,10 @@ class NormalNoise(Distribution):
         """nominal_plus_noise of shape normal."""
         return {"nominal_plus_noise": {"shape": "normal", "mean": self.mean, "std": self.std}}
 
-    def problem(self, number: Uncertain) -> str | None:
-        """Its values must be floats."""
+    def reach(self, number: Uncertain) -> tuple[float, float]:
+        """Nine standard deviations."""
         far = _FARTHEST * self.std
-        return _overflow(number.nominal + (self.mean - far), number.nominal + (self.mean + far))
+        return number.nominal + (self.mean - far), number.nominal + (self.mean + far)
 
 
 @dataclass(frozen=True)
@@ -255,9 +262,10 @@ class FoldedNoise(Distribution):
         """nominal_plus_noise of shape half_normal."""
         return {"nominal_plus_noise": {"shape": "half_normal", "mean": self.mean}}
 
-    def problem(self, number: Uncertain) -> str | None:
-        """Its values must be floats."""
-        return _overflow(number.nominal + self.mean * math.sqrt(math.pi / 2) * _FARTHEST)
+    def reach(self, number: Uncertain) -> tuple[float, float]:
+        """From the nominal value to nine standard deviations of the noise."""
+        far = number.nominal + self.mean * math.sqrt(math.pi / 2) * _FARTHEST
+        return min(number.nominal, far), max(number.nominal, far)
 
 
 @dataclass(frozen=True)
@@ -282,10 +290,6 @@ class UniformNoise(Distribution):
         """nominal_plus_noise of shape uniform."""
         return {"nominal_plus_noise": {"shape": "uniform", "mean": self.mean}}
 
-    def problem(self, number: Uncertain) -> str | None:
-        """Its values must be floats."""
-        return _overflow(number.nominal + 2.0 * self.mean)
-
 
 def _between(x: Array, number: Uncertain) -> Array:
     # x min and x max apart: max - min may overflow, and both ends are met exactly
@@ -306,7 +310,3 @@ def _noise(distribution: Distribution, mean: float) -> None:
     _finite(distribution, mean)
     if mean == 0:
         raise DomainError(f"{distribution}: without a mean there is no noise; use shape normal for noise to both sides")
-
-
-def _overflow(*values: float) -> str | None:
-    return None if all(map(math.isfinite, values)) else "has values that are too large for a floating-point number"

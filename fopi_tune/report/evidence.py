@@ -41,7 +41,8 @@ def evidence_text(result: Validated) -> Text:
     """How often each requirement and limit held, with intervals, and the worst plants."""
     evidence, status = result.evidence, result.status
     drawn = evidence.validation
-    said = _SAID["outside" if status == "violated" and not evidence.missed_inside else status]
+    family_is_fine = evidence.stable.total > evidence.outside and not evidence.missed_inside
+    said = _SAID["outside" if status == "violated" and family_is_fine else status]
     lines: list[Line] = [*styled(f"{result.spec.name}, validated: {status}. {said}", style_of(status == "met"))]
     lines += [("", ""), (gains_line(result.digital.controller.gains), "bold")]
     lines += _drawn(evidence)

@@ -21,7 +21,7 @@ from fopi_tune.core.distributions import (
     Uniform,
     UniformNoise,
 )
-from fopi_tune.core.plant import PLANT_MODELS, PlantFamily
+from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
 from fopi_tune.core.samples import Table, impossible, not_uncertain, parse_table, why_impossible
 from fopi_tune.errors import DomainError
 from fopi_tune.spec import nodes
@@ -30,6 +30,7 @@ from fopi_tune.spec.model import SamplesFile, ValidationSpec
 from fopi_tune.spec.places import Place
 from fopi_tune.spec.records import Key, OneKeyOf, Record, Tagged, Values, is_table
 from fopi_tune.spec.report import key_path, quoted
+from fopi_tune.spec.scalars import is_empty
 from fopi_tune.spec.shapes import Choice, Constant, JsonSchema, Number, Pair, Shape, Text
 
 MAX_SAMPLES_BYTES = 16 * 1024 * 1024
@@ -128,7 +129,7 @@ class _OneDistribution(Shape):
 
     def read(self, place: Place) -> Distribution | None:
         shape, node = _with_numbers(), place.node
-        if not isinstance(node, nodes.Scalar) or not node.plain or not node.text:
+        if not isinstance(node, nodes.Scalar) or (node.plain and is_empty(node.text)):
             return shape.read(place)
         if node.text == "uniform":
             return Uniform()
@@ -216,8 +217,17 @@ def _check_distributions(found: dict[str, Distribution], place: Place, family: P
             hint = f"; did you mean {meant!r}?" if meant is not None and name not in family.parameters else ""
             mark = place.node.entries[name][0]
             place.report.refuse(mark, key_path(place.path, name), not_uncertain(name, family) + hint)
-        elif (problem := distribution.problem(family.parameters[name])) is not None:
+        elif problem := distribution.problem(family.parameters[name]) or _no_plant(name, distribution, family):
             place.child(name).refuse(problem)
+
+
+def _no_plant(name: str, distribution: Distribution, family: PlantFamily) -> str | None:
+    """Why no draw can be a plant: what a model refuses at both ends it refuses between them too."""
+    low, high = distribution.reach(family.parameters[name])
+    check = PLANT_MODELS[family.model].check
+    if check(name, Uncertain.exactly(low)) is None or (wrong := check(name, Uncertain.exactly(high))) is None:
+        return None
+    return f"draws no plant: every value from {low:.6g} to {high:.6g} {wrong}"
 
 
 # -- a file of samples ------------------------------------------------------------------------------------------------
