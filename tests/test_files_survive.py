@@ -84,34 +84,33 @@ def test_what_a_killed_process_of_the_same_number_left_is_in_nobodys_way(tmp_pat
 
 
 def kill_a_validation(folder: Path, samples: int, kills: Sequence[tuple[signal.Signals, float]]) -> None:
-    """Evidence of an earlier seed stays as it was, or is the new one, wherever `fopi validate` is ended."""
+    """Evidence that is there stays as it was, or is the new one, whenever `fopi validate` is ended."""
     arguments = ["validate", BRAKE, *OPTIONS, "--samples", str(samples), "--out"]
-    evidence = folder / "r" / "evidence.json"
+    evidence, old = folder / "r" / "evidence.json", '{"schema": 1, "status": "met"}\n'
     begun = time.perf_counter()
-    new = CliRunner().invoke(app, [*arguments, str(folder / "new"), "--seed", "2"])
+    new = CliRunner().invoke(app, [*arguments, str(folder / "new")])
     lasts_s = time.perf_counter() - begun
     assert new.exit_code in (0, 1)
     wanted = (folder / "new" / "evidence.json").read_text(encoding="utf-8")
-    CliRunner().invoke(app, [*arguments, str(folder / "r"), "--seed", "1", "--samples", "100"])
-    old = evidence.read_text(encoding="utf-8")
-    assert old != wanted
+    evidence.parent.mkdir()
     for by, share in kills:
-        process = start("-m", "fopi_tune", *arguments, str(folder / "r"), "--seed", "2")
-        try:
-            process.wait(share * (lasts_s + 2.0))  # 2 s to start
-        except subprocess.TimeoutExpired:
-            code = ended(process, by)
-            assert code == {signal.SIGKILL: -signal.SIGKILL, signal.SIGINT: 130}.get(by, code)
-        assert evidence.read_text(encoding="utf-8") in (old, wanted)
         evidence.write_text(old, encoding="utf-8")
+        process = start("-m", "fopi_tune", *arguments, str(folder / "r"))
+        try:
+            process.wait(share * lasts_s)
+        except subprocess.TimeoutExpired:
+            # the shell's number for Ctrl-C, or the signal itself while Python still starts
+            assert ended(process, by) in {signal.SIGKILL: (-9,), signal.SIGINT: (130, -2)}[by]
+        process.communicate()
+        assert evidence.read_text(encoding="utf-8") in (old, wanted)
 
 
 def test_validation_that_is_ended_leaves_the_old_evidence_or_the_new(tmp_path: Path) -> None:
-    kill_a_validation(tmp_path, 500, [(signal.SIGINT, 0.6), (signal.SIGKILL, 0.75)])
+    kill_a_validation(tmp_path, 300, [(signal.SIGINT, 0.5), (signal.SIGKILL, 0.7)])
 
 
 @pytest.mark.long
 def test_long_validations_ended_at_random_leave_the_old_evidence_or_the_new(tmp_path: Path) -> None:
     chance = random.Random(5)
-    kills = [(chance.choice([signal.SIGINT, signal.SIGKILL]), chance.uniform(0.05, 1.05)) for _ in range(12)]
+    kills = [(chance.choice([signal.SIGINT, signal.SIGKILL]), chance.uniform(0.0, 1.05)) for _ in range(10)]
     kill_a_validation(tmp_path, 200_000, kills)
