@@ -479,6 +479,9 @@ def test_a_file_beyond_the_cap_is_refused(monkeypatch: pytest.MonkeyPatch) -> No
     assert brake("{samples_file: f.csv}", files={"f.csv": FILE}).validation is not None
     (found,) = complaints("{samples_file: f.csv}", {"f.csv": FILE + b"1"})
     assert "is larger than" in found
+    monkeypatch.setattr(draws, "MAX_ROWS", 3)
+    (found,) = complaints("{samples_file: f.csv}", {"f.csv": FILE})
+    assert "'f.csv': has more than 3 rows; keep fewer" in found
 
 
 def test_a_plant_without_uncertain_numbers_has_nothing_to_list_or_distribute() -> None:

@@ -112,5 +112,5 @@ def test_validation_that_is_ended_leaves_the_old_evidence_or_the_new(tmp_path: P
 @pytest.mark.long
 def test_long_validations_ended_at_random_leave_the_old_evidence_or_the_new(tmp_path: Path) -> None:
     chance = random.Random(5)
-    kills = [(chance.choice([signal.SIGINT, signal.SIGKILL]), chance.uniform(0.0, 1.05)) for _ in range(10)]
+    kills = [(chance.choice([signal.SIGINT, signal.SIGKILL]), chance.uniform(0.0, 1.05)) for _ in range(6)]
     kill_a_validation(tmp_path, 200_000, kills)

@@ -42,9 +42,11 @@ class Table:
             raise DomainError(
                 f"row {int(np.argmin(np.isfinite(rows).all(axis=1))) + 1} has a number that is not finite"
             )
+        known: set[str] = set()
         for name in self.names:
-            if not name or self.names.count(name) > 1:
+            if not name or name in known:
                 raise DomainError(f"column {name!r} " + ("comes twice" if name else "has no name"))
+            known.add(name)
         rows.flags.writeable = False
         object.__setattr__(self, "rows", rows)
 

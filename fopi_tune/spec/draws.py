@@ -33,7 +33,7 @@ from fopi_tune.spec.report import key_path, quoted
 from fopi_tune.spec.scalars import is_empty
 from fopi_tune.spec.shapes import Choice, Constant, JsonSchema, Number, Pair, Shape, Text
 
-MAX_SAMPLES_BYTES = 16 * 1024 * 1024
+MAX_SAMPLES_BYTES, MAX_ROWS = 16 * 1024 * 1024, 1_000_000
 #: what a Latin hypercube can tell apart in floats
 MAX_LATIN_HYPERCUBE = 2**26
 _DRAWS = ("random", "latin_hypercube", "sobol")
@@ -256,6 +256,8 @@ def _listed(name: str, values: Values, place: Place, family: PlantFamily | None,
 def _table(data: bytes, family: PlantFamily | None) -> Table:
     if len(data) > MAX_SAMPLES_BYTES:
         raise DomainError(f"is larger than {MAX_SAMPLES_BYTES // 2**20} MiB; keep fewer rows or digits")
+    if max(data.count(b"\n"), data.count(b"\r")) > MAX_ROWS + 1:
+        raise DomainError(f"has more than {MAX_ROWS} rows; keep fewer")
     try:
         table = parse_table(data.decode("utf-8"))
     except UnicodeDecodeError as error:
