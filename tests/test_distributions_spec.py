@@ -39,6 +39,7 @@ from fopi_tune.implement import implementation_of
 from fopi_tune.result import Validated
 from fopi_tune.spec import draws, load_spec, parse_spec
 from fopi_tune.spec.model import MEASURES, DesignSpec
+from fopi_tune.spec.template import template
 from fopi_tune.validation import montecarlo
 from fopi_tune.validation.contradict import contradictions
 from fopi_tune.validation.designs import Design
@@ -222,6 +223,19 @@ def test_a_latin_hypercube_of_too_many_cells_is_refused() -> None:
     assert found.startswith("s.yaml:24:23: validation.samples: a Latin hypercube has at most 67108864 cells")
 
 
+def test_every_distribution_that_the_template_shows_can_be_used() -> None:
+    text = template("a")
+    shown = [line.strip(" #") for line in text.splitlines() if line.startswith("  #   time_constant_s: ")]
+    read = []
+    for line in shown:
+        entry = line.rpartition("  ")[0].rstrip()
+        section = f"validation: {{distributions: {{{entry}}}}}\n"
+        found = parse_spec(text[: text.index("validation:")] + section).validation
+        assert found is not None
+        read.append(found.distributions[TAU])
+    assert read == [TruncatedNormal(2.25, 0.4), Beta(2.0, 3.0), Normal(2.25, 0.4), FoldedNoise(0.85)]
+
+
 # -- what is drawn ----------------------------------------------------------------------------------------------------
 
 
@@ -356,6 +370,21 @@ def test_a_plant_of_the_family_contradicts_though_worse_ones_lie_outside(folded:
     assert contradictions(replace(result.evidence, stable=unstable), certificate) == ()
     (said,) = contradictions(replace(result.evidence, stable=unstable, unstable_inside=1), certificate)
     assert "unstable" in said
+
+
+def test_unstable_loops_outside_the_family_contradict_no_proof_of_stability() -> None:
+    """A dead time of 0 to 0.2 s is proved stable; one-sided noise of 8 s on it makes most loops unstable."""
+    text = BRAKE.replace("delay_samples: 0}", "delay_samples: 0, design: sampled}")
+    text = text.replace("{nominal: 2.25, min: 1.6, max: 3.1}", "2.25").replace(
+        "dead_time_s: 0.0", "dead_time_s: {min: 0, max: 0.2}"
+    )
+    noise = "{nominal_plus_noise: {shape: half_normal, mean: 8}}"
+    text = text.replace("{samples: 10000, seed: 1}", f"{{samples: 60, distributions: {{dead_time_s: {noise}}}}}")
+    result = pipeline.validate(parse_spec(text), GAINS)
+    assert result.digital.certificate is not None
+    assert result.digital.certificate.stability.verdict is ft.Verdict.PROVED
+    assert result.evidence.stable.met < result.evidence.outside
+    assert (result.evidence.unstable_inside, result.contradictions, result.status) == (0, (), "violated")
 
 
 def test_draws_that_are_no_plants_are_counted_and_left_out() -> None:
