@@ -606,11 +606,3 @@ def test_a_plant_that_is_none_cannot_be_simulated() -> None:
 
 def test_every_measure_of_the_language_has_its_value() -> None:
     assert list(MEASURES) == list(MEASURE_VALUES)
-
-
-def test_one_controller_never_switches() -> None:
-    limits = SCENARIO.replace("overshoot: {at_most: 0.06}", "switch_count: {at_most: 0}")
-    spec = brake("{samples: 20}", limits)
-    (judged,) = evidence_of(spec).limits
-    assert judged.fraction.met == 20
-    assert pipeline.simulate(spec, GAINS).driven[0].measures["switch_count"] == 0.0

@@ -213,7 +213,6 @@ MEASURES: dict[str, MeasureKind] = {
         MeasureKind("saturation_time_s", "s", "time with the control at a limit"),
         MeasureKind("peak_control", "control unit", "largest |u|"),
         MeasureKind("final_error", "output unit", "|r - y| at the last sample"),
-        MeasureKind("switch_count", "jumps", "jumps between the modes of a hybrid system; 0 with one controller"),
     )
 }
 

@@ -37,8 +37,6 @@ MEASURE_VALUES: dict[str, Callable[[Measures], Array]] = {
     "saturation_time_s": lambda found: found.saturated_s,
     "peak_control": lambda found: found.peak_control,
     "final_error": lambda found: np.abs(found.final_error),
-    # those of a loop that ran away are of no interest
-    "switch_count": lambda found: np.where(found.finite, found.switches, np.nan),
 }
 
 
