@@ -24,7 +24,7 @@ Marks = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class Marked:
     """Draws first, first + 1, ...
 
     Args:
@@ -40,7 +40,7 @@ class Drawn:
     inside: Marks
 
     @classmethod
-    def of(cls, places: Array, family: PlantFamily, first: int, free: bool) -> Drawn:
+    def of(cls, places: Array, family: PlantFamily, first: int, free: bool) -> Marked:
         """Draws with their marks.
 
         Args:
@@ -72,7 +72,7 @@ class Counted:
     worst_inside: Found | None
 
 
-def count(drawn: Drawn, values: Array, met: Marks, worst_are: Worst, keep: int) -> Counted:
+def count(drawn: Marked, values: Array, met: Marks, worst_are: Worst, keep: int) -> Counted:
     """A chunk's counts.
 
     Args:

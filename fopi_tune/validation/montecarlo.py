@@ -25,7 +25,7 @@ from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import DesignSpec, Limit, Relation, Requirement, ScenarioSpec, Scope, ValidationSpec
-from fopi_tune.validation.counted import Counted, Drawn, count, merge_counts
+from fopi_tune.validation.counted import Counted, Marked, count, merge_counts
 from fopi_tune.validation.draws import Design, Draw, Listed, points, stays_inside
 from fopi_tune.validation.judged import MEASURE_VALUES, horizon_of, scenario_of
 from fopi_tune.validation.scan import Scan
@@ -183,8 +183,8 @@ class _Sampler:
     def places(self, first: int, end: int) -> Array:
         return points(self.draw, self.spec.plant, first, end - first)
 
-    def drawn(self, first: int, end: int) -> Drawn:
-        return Drawn.of(self.places(first, end), self.spec.plant, first, self.is_free)
+    def drawn(self, first: int, end: int) -> Marked:
+        return Marked.of(self.places(first, end), self.spec.plant, first, self.is_free)
 
     def plants(self, first: int, end: int) -> Plants:
         return Plants.members(self.spec.plant, self.drawn(first, end).places)
@@ -296,7 +296,7 @@ def controller_of(spec: DesignSpec, implementation: Implementation) -> Runtime:
     return Runtime.of(implementation.sections, Precision.FLOAT64, limits)
 
 
-def _counted(drawn: Drawn, values: Array, met: np.ndarray, upper: bool) -> Counted:
+def _counted(drawn: Marked, values: Array, met: np.ndarray, upper: bool) -> Counted:
     return count(drawn, values, met, Worst.LARGEST if upper else Worst.SMALLEST, KEPT)
 
 
