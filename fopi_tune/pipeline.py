@@ -151,13 +151,13 @@ def validate(
     Args:
         source: a spec file, or a spec, with a section `digital`.
         gains: the controller, usually from a design.
-        samples: plants to draw, in place of the spec's.
+        samples: plants to draw, in place of the spec's; of a file of samples, its first rows.
         seed: in place of the spec's.
         progress: told how many plants are done, of how many.
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
-        DomainError: as for `discretize`, or a number of samples that is not positive.
+        DomainError: as for `discretize`, a number of samples that cannot be drawn, or no draw that is a plant.
     """
     from fopi_tune.validation.contradict import contradictions
     from fopi_tune.validation.montecarlo import monte_carlo
@@ -178,6 +178,8 @@ def simulate(
     plant: Mapping[str, float] | None = None,
     replay: int | None = None,
     exact: bool = False,
+    samples: int | None = None,
+    seed: int | None = None,
 ) -> Simulated:
     """Drive one plant through the spec's scenarios with its digital controller.
 
@@ -188,6 +190,8 @@ def simulate(
         plant: uncertain numbers by name; the nominal ones where left out.
         replay: index of a plant that `validate` drew, to make it and its noise again.
         exact: the fractional loop in continuous time instead, without filter, samples and computing delay.
+        samples: what was given to `validate`.
+        seed: what was given to `validate`.
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
@@ -197,6 +201,7 @@ def simulate(
     from fopi_tune.simulated import drive
 
     spec = load_spec(source)
+    spec = replace(spec, validation=wanted_validation(spec.validation, samples, seed))
     made = stamp(spec.sha256, None)
     implementation = implementation_of(spec, gains)
     return drive(spec, gains, implementation, made, only=scenario, plant=plant, index=replay, exact=exact)
@@ -235,17 +240,15 @@ def wanted_validation(validation: ValidationSpec | None, samples: int | None, se
     """A section `validation` with the command line's numbers in place of the file's.
 
     Raises:
-        DomainError: a number of samples that is not positive.
+        DomainError: a number of samples that is not positive, or more than the rows of a file of samples.
     """
     wanted = validation or ValidationSpec()
-    wanted = replace(
-        wanted,
-        samples=wanted.samples if samples is None else samples,
-        seed=wanted.seed if seed is None else seed,
-    )
-    if wanted.samples < 1:
-        raise DomainError(f"samples = {wanted.samples} must be at least 1")
-    return wanted
+    drawn, listed = wanted.samples if samples is None else samples, wanted.samples_file
+    if drawn < 1:
+        raise DomainError(f"samples = {drawn} must be at least 1")
+    if listed is not None and drawn > len(listed.table.rows):
+        raise DomainError(f"samples = {drawn} are more than the {len(listed.table.rows)} rows of {listed.name}")
+    return replace(wanted, samples=drawn, seed=wanted.seed if seed is None else seed)
 
 
 def _attempt(spec: DesignSpec, violations: tuple[Violation, ...], proof: bool) -> Attempt:

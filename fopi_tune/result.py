@@ -253,7 +253,11 @@ class Validated:
             "name": self.spec.name,
             "contradictions": list(self.contradictions),
             **evidence_document(self.evidence),
-            "stamp": {**asdict(self.digital.stamp), "seed": self.evidence.validation.seed},
+            "stamp": {
+                **asdict(self.digital.stamp),
+                "seed": self.evidence.validation.seed,
+                "samples_file_sha256": self.evidence.validation.samples_file_sha256,
+            },
         }
 
 

@@ -253,10 +253,13 @@ def test_the_rate_after_a_sample_is_the_derivative_that_begins_there() -> None:
         modes = [Mode(made(FoPi(0.3, 0.1, 0.7), (-4.0, 30.0)), plants)]
         traces = simulate(modes, Scenario(TS, Signals(levels(), LOADED)))
         for i in range(4):
-            a, b, c, d = (np.asarray(m) for m in scipy.signal.tf2ss(plants.numerator[i], plants.denominator[i]))
+            # SciPy's stubs do not know what tf2ss gives
+            matrices: Any = scipy.signal.tf2ss(plants.numerator[i], plants.denominator[i])
+            a, b, c, d = (np.asarray(matrix) for matrix in matrices)
             held = np.r_[0.0, traces.applied[i] + LOADED]
             state = np.zeros(order)
-            e, f = scipy.signal.cont2discrete((a, b, c, d), TS)[:2]
+            sampled: Any = scipy.signal.cont2discrete((a, b, c, d), TS)
+            e, f = sampled[:2]
             for k in range(STEPS):
                 for found, v in ((traces.rate[i, k], held[k]), (traces.rate_after[i, k], held[k + 1])):
                     expected = float((c @ (a @ state + np.ravel(b) * v))[0])

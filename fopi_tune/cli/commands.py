@@ -206,6 +206,8 @@ def simulate(
     exact: Annotated[
         bool, typer.Option("--exact", help="The loop in continuous time instead, without filter and samples.")
     ] = False,
+    samples: Annotated[int | None, typer.Option(help="For --replay: as `fopi validate` was given it.")] = None,
+    seed: Annotated[int | None, typer.Option(help="In place of the spec's; as `fopi validate` was given it.")] = None,
     out: Out = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -220,7 +222,9 @@ def simulate(
     numbers = named_numbers(plant or [])
     if replay is not None and numbers:
         raise refusal("--replay makes a plant again that was drawn; leave --plant out")
-    wanted = Course(scenario, numbers, replay, exact)
+    if replay is None and samples is not None:
+        raise refusal("--samples says of which draws --replay makes one again; give --replay, or leave --samples out")
+    wanted = Course(scenario, numbers, replay, samples, seed, exact)
     raise typer.Exit(simulate_file(spec, given_gains(kp, ki, alpha), wanted, handling))
 
 
