@@ -8,6 +8,7 @@ where a crossing appears that no cut speaks of, the search retreats to the last 
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -101,6 +102,12 @@ class Exchange:
         self.problem = compile_problem(
             self.family, self.scale, self.sides, self.objective, self.horizon_s, self.capacity
         )
+
+    def about(self, sides: tuple[Side, ...]) -> Exchange:
+        """The same compiled problem about the same sides with other limits."""
+        other = copy.copy(self)
+        other.sides, other.oracle = sides, self.oracle.about(sides)
+        return other
 
     def first_cuts(self) -> Cuts:
         """What is in play before anything was solved.
