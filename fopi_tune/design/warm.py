@@ -31,8 +31,8 @@ from fopi_tune.spec.model import DesignSpec
 
 #: a requirement this near its limit (neper or radian) is followed at its plant's own peak
 _NEAR = 0.05
-#: cuts of a kind that are handed on; a block of the compiled problem has room for eight
-_MOST_KEPT = 4
+#: cuts of a kind that are handed on
+_MOST_KEPT = 12
 _PEAK_OBJECTIVES = (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK)
 
 
@@ -60,10 +60,12 @@ class Solution:
     Args:
         gains: the controller.
         objective: in its public unit, as the solver sees it.
+        solves: how many it took.
     """
 
     gains: FoPi
     objective: float
+    solves: int = 1
 
 
 @dataclass
@@ -118,12 +120,13 @@ class Warm:
         """The exchange from a neighbour's gains; None when it leads nowhere."""
         exchange = self.search.exchange.about(sides_of(spec))
         cuts = self._with_seen(exchange, seen)
-        # limits that leave no room at all are met without the tightening, in smaller steps
-        for tightening, trust in ((TIGHTENING, 4.0), (0.0, 0.5)):
+        # small steps: a neighbour is near, and few cuts hold larger ones back.  Limits that leave no room at all are met
+        # without the tightening
+        for tightening, trust in ((TIGHTENING, 0.5), (0.0, 0.1)):
             run = self._run(exchange, start, cuts, Mode.OBJECTIVE, limits_of(exchange.sides, tightening), trust=trust)
             if run is not None and run.solved.depth >= -TIGHTENING and not run.solved.at_bound:
                 self._keep(exchange, run.cuts, run.solved.gains)
-                return Solution(run.solved.gains, self.search.public_objective(run.solved))
+                return Solution(run.solved.gains, self.search.public_objective(run.solved), run.rounds)
         return None
 
     def anew(self, spec: DesignSpec) -> Solution | None:
@@ -134,7 +137,7 @@ class Warm:
         if found is None or found[1].solved.at_bound:
             return None
         search, best = found
-        return Solution(best.solved.gains, search.public_objective(best.solved))
+        return Solution(best.solved.gains, search.public_objective(best.solved), best.rounds)
 
     def farthest(self, spec: DesignSpec, start: FoPi, requirement: int) -> tuple[float, FoPi] | None:
         """How near the limit of one requirement can come to what the spec asks, all others held.
@@ -176,7 +179,7 @@ class Warm:
 
     def _solved(self, exchange: Exchange, cuts: Cuts, start: FoPi) -> Solved | None:
         limits, everything = limits_of(exchange.sides, TIGHTENING), self.search.all_requirements
-        task = Task(cuts.points, cuts.peaks, cuts.plants, cuts.margin_plants, limits, Mode.OBJECTIVE, everything)
+        task = Task(cuts.points, cuts.peaks, cuts.plants, cuts.margin_plants, limits, Mode.OBJECTIVE, everything, trust=1.0)
         try:
             solved = solve(exchange.problem, exchange.box, task, start, 1.0)
         except (TooManySlotsError, DomainError):

@@ -8,7 +8,6 @@ gains that meet everything and have that objective are that optimum.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from fopi_tune.core.controller import FoPi
@@ -21,6 +20,10 @@ from fopi_tune.tradeoff.result import PointStatus, TradeoffPoint
 
 #: a limit that the gains keep by more than this (neper or radian) holds nothing back
 _CLEAR = 1e-5
+#: how often an answer of the exchange that the check refuses is made again
+_MOST_REFUTATIONS = 3
+#: gains that violate nothing by more than this (neper or radian) are nearly right
+_LITTLE = 0.03
 #: how far the check's objective may lie from the solver's, relative, and absolute for those in dB, degrees or neper
 _SAME = 1e-6
 
@@ -65,6 +68,8 @@ class Prober:
     warm: Warm
     #: limits that no start met
     infeasible: list[float] = field(default_factory=list)
+    #: whether the last solve would have done without a search for missing cuts
+    quick: bool = True
 
     @classmethod
     def of(cls, knob: Knob, gains: FoPi) -> Prober:
@@ -107,25 +112,47 @@ class Prober:
 
     def from_neighbour(self, limit: float, near: Probe) -> Probe | None:
         """Solve from the neighbour's gains, quickly and else thoroughly; None when that leads nowhere."""
-        spec, seen = self.knob.at(limit), seen_in(near.found)
-        warm = self.warm if self.warm.fits(spec) else Warm.of(spec, near.gains)
-        glanced = warm.glance(spec, near.gains, seen)
-        if glanced is not None:
-            found = _checked(spec, glanced.gains)
-            if found is not None and found.all_met and self._agrees(found, glanced):
-                return Probe(limit, PointStatus.MET, found)
-        return self._settled(limit, spec, lambda: warm.settle(spec, near.gains, seen))
+        spec, seen, start = self.knob.at(limit), seen_in(near.found), near.gains
+        if self.quick:
+            glanced = self._warm(spec, start).glance(spec, start, seen)
+            found = _checked(spec, glanced.gains) if glanced is not None else None
+            if glanced is not None and found is not None:
+                if found.all_met and self._agrees(found, glanced):
+                    return Probe(limit, PointStatus.MET, found)
+                # a cut was missing: what the check saw is put in, and where little was missing the answer is kept
+                seen += seen_in(found)
+                start = glanced.gains if _violation(found) < _LITTLE else start
+        return self._settled(limit, spec, start, seen)
 
     def thoroughly(self, limit: float, near: Probe) -> Probe | None:
         """The same without the quick look."""
-        spec = self.knob.at(limit)
-        warm = self.warm if self.warm.fits(spec) else Warm.of(spec, near.gains)
-        return self._settled(limit, spec, lambda: warm.settle(spec, near.gains, seen_in(near.found)))
+        return self._settled(limit, self.knob.at(limit), near.gains, seen_in(near.found))
+
+    def _settled(self, limit: float, spec: DesignSpec, start: FoPi, seen: tuple[Seen, ...]) -> Probe | None:
+        """The exchange; where the check refuses its answer, once more with what the check saw."""
+        probe = None
+        for _ in range(_MOST_REFUTATIONS):
+            solution = self._warm(spec, start).settle(spec, start, seen)
+            found = _checked(spec, solution.gains) if solution is not None else None
+            if solution is None or found is None:
+                return None
+            # where the first solve was the last one the next limit needs no more
+            self.quick, probe = solution.solves <= 1, _judged(limit, found)
+            if probe.is_met:
+                break
+            start, seen = found.gains, seen + seen_in(found)
+        return probe
+
+    def _warm(self, spec: DesignSpec, gains: FoPi) -> Warm:
+        """What is compiled, unless the limit itself is compiled in."""
+        return self.warm if self.warm.fits(spec) else Warm.of(spec, gains)
 
     def from_all_starts(self, limit: float, refused: Probe | None = None) -> Probe:
         """Solve as for a design; infeasible when no start leads anywhere."""
         spec = self.knob.at(limit)
-        anew = self._settled(limit, spec, lambda: self.warm.anew(spec)) or refused
+        solution = self.warm.anew(spec)
+        found = _checked(spec, solution.gains) if solution is not None else None
+        anew = _judged(limit, found) if found is not None else refused
         if anew is not None:
             return anew
         self.infeasible.append(limit)
@@ -157,14 +184,6 @@ class Prober:
         allowed = _SAME * abs(found.objective) + (0.0 if small else _SAME)
         return abs(found.objective - solution.objective) <= allowed
 
-    def _settled(self, limit: float, spec: DesignSpec, solve: Callable[[], Solution | None]) -> Probe | None:
-        try:
-            solution = solve()
-        except DomainError:
-            return None
-        found = _checked(spec, solution.gains) if solution is not None else None
-        return _judged(limit, found) if found is not None else None
-
 
 def is_maximised(objective: Objective | None) -> bool:
     """Whether more is better, as of `ki` and of the depth that stands in for an objective."""
@@ -192,6 +211,13 @@ def seen_in(found: Verification | None) -> tuple[Seen, ...]:
     if found.objective_worst is not None:
         seen.append(Seen(None, found.objective_worst.point, _frequency(found.objective_worst.omega_rad_s), 0.0))
     return tuple(seen)
+
+
+def _violation(found: Verification) -> float:
+    """The largest, natural units; infinite where a quantity does not exist or a member is not stable."""
+    if not found.stability.stable:
+        return math.inf
+    return max((math.inf if r.slack is None else -r.slack for r in found.requirements), default=0.0)
 
 
 def _frequency(omega_rad_s: float | None) -> float:
