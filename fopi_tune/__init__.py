@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
     from fopi_tune.outcome import Status
-    from fopi_tune.pipeline import discretize, prove, recheck, run, simulate, tune, validate
+    from fopi_tune.pipeline import discretize, price, prove, recheck, run, simulate, tradeoff, tune, validate
+    from fopi_tune.prices import Tradeoff
     from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
     from fopi_tune.result import Check, Design, Discretized, Run, Validated
     from fopi_tune.simulated import Simulated
@@ -43,6 +44,7 @@ _PUBLIC = {
     "Simulated": "fopi_tune.simulated",
     "SpecError": "fopi_tune.errors",
     "Status": "fopi_tune.outcome",
+    "Tradeoff": "fopi_tune.prices.result",
     "Uncertain": "fopi_tune.core.plant",
     "Validated": "fopi_tune.result",
     "Verdict": "fopi_tune.proof",
@@ -51,10 +53,12 @@ _PUBLIC = {
     "load_spec": "fopi_tune.spec",
     "margins": "fopi_tune.core.margins",
     "parse_spec": "fopi_tune.spec",
+    "price": "fopi_tune.pipeline",
     "prove": "fopi_tune.pipeline",
     "recheck": "fopi_tune.pipeline",
     "run": "fopi_tune.pipeline",
     "simulate": "fopi_tune.pipeline",
+    "tradeoff": "fopi_tune.pipeline",
     "tune": "fopi_tune.pipeline",
     "validate": "fopi_tune.pipeline",
 }
@@ -77,6 +81,7 @@ __all__ = [
     "Simulated",
     "SpecError",
     "Status",
+    "Tradeoff",
     "Uncertain",
     "Validated",
     "Verdict",
@@ -85,10 +90,12 @@ __all__ = [
     "load_spec",
     "margins",
     "parse_spec",
+    "price",
     "prove",
     "recheck",
     "run",
     "simulate",
+    "tradeoff",
     "tune",
     "validate",
 ]

@@ -17,7 +17,7 @@ MODULES = {".".join(p.relative_to(ROOT).with_suffix("").parts): p for p in sorte
 STAGES = ("core", "quantities", "spec")
 #: folder (or module) -> what of this package it may import, besides itself
 ALLOWED = {
-    "__init__": (*STAGES, "errors", "outcome", "proof", "pipeline", "result", "simulated"),
+    "__init__": (*STAGES, "errors", "outcome", "prices", "proof", "pipeline", "result", "simulated"),
     "errors": (),
     "core": ("errors",),
     "quantities": ("core", "errors"),
@@ -30,11 +30,15 @@ ALLOWED = {
     "stamp": ("__version__",),
     "convert": ("core", "errors"),
     "dicts": ("core", "outcome", "proof", "spec.model"),
+    "prices": (
+        *("core", "design", "dicts", "errors", "outcome", "proof"),
+        *("quantities", "spec.model", "stamp"),
+    ),
     "result": (
         *("convert", "core", "dicts", "digital", "outcome", "proof", "quantities"),
         *("spec.model", "stamp", "validation"),
     ),
-    "report": ("core", "outcome", "proof", "simulated", "spec.model", "result", "validation"),
+    "report": ("core", "outcome", "prices", "proof", "simulated", "spec.model", "result", "validation"),
     "simulated": ("core", "errors", "spec.model", "stamp", "validation"),
     "assemble": ("design", "outcome", "proof", "result", "spec.model", "stamp"),
     "implement": (
@@ -42,12 +46,12 @@ ALLOWED = {
         *("quantities", "spec.model", "stamp"),
     ),
     "pipeline": (
-        *("assemble", "core", "design", "digital", "errors", "implement", "outcome", "proof"),
-        *("result", "simulated", "spec", "stamp", "validation"),
+        *("assemble", "core", "design", "digital", "errors", "implement", "outcome", "prices"),
+        *("proof", "result", "simulated", "spec", "stamp", "validation"),
     ),
     "__main__": ("cli",),
     "cli": (
-        *("__version__", "core", "digital", "errors", "pipeline", "proof"),
+        *("__version__", "core", "digital", "errors", "pipeline", "prices", "proof"),
         *("report", "result", "simulated", "spec"),
     ),
 }

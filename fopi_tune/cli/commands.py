@@ -13,11 +13,13 @@ import typer
 from fopi_tune import __version__
 from fopi_tune.cli.certificates import gains_of_earlier_design, recheck_file
 from fopi_tune.cli.output import Exit, print_out, reason_of, report_failure, say, to_json, write_file
+from fopi_tune.cli.prices import Asked, From, Points, Prices, Swept, To, designed
 from fopi_tune.cli.process import Handling, process
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
+    from fopi_tune.prices import Tradeoff
     from fopi_tune.result import Check, Design, Discretized, Run, Validated
     from fopi_tune.simulated import Simulated
     from fopi_tune.spec.model import DesignSpec
@@ -64,6 +66,11 @@ def _version(wanted: bool) -> None:
 @app.command()
 def tune(
     specs: Specs,
+    prices: Prices = False,
+    tradeoff: Swept = None,
+    start: From = None,
+    stop: To = None,
+    points: Points = None,
     out: Out = None,
     as_json: AsJson = False,
     no_proof: NoProof = False,
@@ -74,7 +81,16 @@ def tune(
 
     They meet it for every plant of its family.  The result and the certificate are also written to files.
     """
-    _tune(specs, Handling(out, as_json, quiet, debug, len(specs) > 1), not no_proof)
+    asked = Asked(prices, tradeoff, start, stop, points)
+    problem = asked.problem(len(specs))
+    if problem is not None:
+        raise _refusal(problem)
+    doing = "tuning" if tradeoff is None else "sweeping"
+
+    def make(spec: DesignSpec) -> Design | Tradeoff:
+        return designed(spec, asked, not no_proof)
+
+    raise typer.Exit(process(specs, make, Handling(out, as_json, quiet, debug, len(specs) > 1), doing))
 
 
 @app.command()
@@ -281,15 +297,6 @@ def main() -> None:
         app(prog_name="fopi")
     except Exception as error:
         sys.exit(report_failure("fopi", error, "--debug" in sys.argv))
-
-
-def _tune(files: Sequence[str], handling: Handling, proof: bool) -> None:
-    def make(spec: DesignSpec) -> Design:
-        from fopi_tune.pipeline import tune
-
-        return tune(spec) if proof else tune(spec, proof=False)
-
-    raise typer.Exit(process(files, make, handling, "tuning"))
 
 
 def _given(kp: float | None, ki: float | None, alpha: float | None) -> FoPi | None:

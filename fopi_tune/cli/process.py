@@ -146,10 +146,13 @@ def _exit_code(result: Result) -> Exit:
 
 
 def _table(result: Result) -> Text:
-    from fopi_tune.report import check_text, design_text, digital_text, evidence_text, simulation_text
+    from fopi_tune.prices.result import Tradeoff
+    from fopi_tune.report import check_text, design_text, digital_text, evidence_text, simulation_text, tradeoff_text
     from fopi_tune.result import Check, Design, Discretized, Validated
     from fopi_tune.simulated import Simulated
 
+    if isinstance(result, Tradeoff):
+        return tradeoff_text(result)
     if isinstance(result, Validated):
         return evidence_text(result)
     if isinstance(result, Simulated):

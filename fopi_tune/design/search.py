@@ -282,7 +282,9 @@ def limits_of(sides: Sequence[Side], tightening: float) -> tuple[float, ...]:
     return tuple(moved)
 
 
-def with_violations(cuts: Cuts, sides: tuple[Side, ...], violations: Sequence[Violation], ends: tuple[float, float]) -> Cuts:
+def with_violations(
+    cuts: Cuts, sides: tuple[Side, ...], violations: Sequence[Violation], ends: tuple[float, float]
+) -> Cuts:
     """The cuts with those a check has found."""
     points, plants, margin_plants = list(cuts.points), list(cuts.plants), list(cuts.margin_plants)
     for violation in violations:

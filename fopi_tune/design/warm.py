@@ -1,8 +1,8 @@
 """One spec solved again and again while its limits move:  limits, neighbour's gains -> Solution.
 
-Limits are parameters of the compiled problem, so that nothing is compiled again.  A cut (a plant and a frequency at which
-something is asked) is valid whatever the limits are; the ones that bind are handed from solve to solve.  Three ways,
-each dearer and surer than the one before:
+Limits are parameters of the compiled problem, so that nothing is compiled again.  A cut (a plant and a frequency at
+which something is asked) is valid whatever the limits are; the ones that bind are handed from solve to solve.  Three
+ways, each dearer and surer than the one before:
 
     glance     one solve on the cuts in play; the check of its answer has to say whether a cut was missing
     settle     the exchange, until nothing is violated
@@ -120,8 +120,8 @@ class Warm:
         """The exchange from a neighbour's gains; None when it leads nowhere."""
         exchange = self.search.exchange.about(sides_of(spec))
         cuts = self._with_seen(exchange, seen)
-        # small steps: a neighbour is near, and few cuts hold larger ones back.  Limits that leave no room at all are met
-        # without the tightening
+        # small steps: a neighbour is near, and few cuts hold larger ones back.  Limits that leave no room at all
+        # are met without the tightening
         for tightening, trust in ((TIGHTENING, 0.5), (0.0, 0.1)):
             run = self._run(exchange, start, cuts, Mode.OBJECTIVE, limits_of(exchange.sides, tightening), trust=trust)
             if run is not None and run.solved.depth >= -TIGHTENING and not run.solved.at_bound:
@@ -179,7 +179,9 @@ class Warm:
 
     def _solved(self, exchange: Exchange, cuts: Cuts, start: FoPi) -> Solved | None:
         limits, everything = limits_of(exchange.sides, TIGHTENING), self.search.all_requirements
-        task = Task(cuts.points, cuts.peaks, cuts.plants, cuts.margin_plants, limits, Mode.OBJECTIVE, everything, trust=1.0)
+        task = Task(
+            cuts.points, cuts.peaks, cuts.plants, cuts.margin_plants, limits, Mode.OBJECTIVE, everything, trust=1.0
+        )
         try:
             solved = solve(exchange.problem, exchange.box, task, start, 1.0)
         except (TooManySlotsError, DomainError):

@@ -1,25 +1,23 @@
 """The price of a limit by solving again:  the objective with the limit moved a little, both ways.
 
-With d the distance in neper or radian by which a limit gives (d > 0) or takes (d < 0), and J(d) what the objective gains,
-each one-sided derivative comes from two steps,
+With d the distance in neper or radian by which a limit gives (d > 0) or takes (d < 0), and J(d) what the objective
+gains, each one-sided derivative comes from two steps,
 
     J'(0+) ~ (4 J(h) - J(2h)) / 2h ,        J'(0-) ~ -(4 J(-h) - J(-2h)) / 2h ,                                   (1)
 
-exact but for h^2 J'''/3.  J is that of `fopi_tune.proof`, of gains that were solved for anew; the solver's multiplier has
-no part in it.  The exchange ends when nothing is violated by more than 2e-7, which moves J by at most 2e-7 times the
-price: 4 (2e-7)/h of it in (1), 4e-4 for h = 2e-3.  Where the two sides differ the optimum has a kink: another requirement
-comes into play there, and the price of relaxing is not that of tightening.
+exact but for h^2 J'''/3.  J is that of `fopi_tune.proof`, of gains that were solved for anew; the solver's multiplier
+has no part in it.  The exchange ends when nothing is violated by more than 2e-7, which moves J by 2e-7 times the price:
+4 (2e-7)/h of it in (1), 4e-4 for h = 2e-3.  Where the two sides differ the optimum has a kink: another requirement comes
+into play there, and the price of relaxing is not that of tightening.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from fopi_tune.core.controller import FoPi
 from fopi_tune.outcome import Price
+from fopi_tune.prices.knob import Knob, knobs_of
+from fopi_tune.prices.prober import Probe, Prober, is_maximised
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.tradeoff.knob import Knob, knobs_of
-from fopi_tune.tradeoff.prober import Probe, Prober, is_maximised
 
 #: h in neper or radian, and a second one where a kink may lie nearer than the first
 _STEPS = (2e-3, 4e-4)
@@ -27,14 +25,6 @@ _STEPS = (2e-3, 4e-4)
 _AGREES = 1e-2
 #: a multiplier that changes the objective by less than this part of it when its limit is doubled counts as 0
 _NO_PRICE = 1e-6
-
-
-@dataclass(frozen=True)
-class _Sides:
-    """Gain of the objective per public unit, by relaxing and by tightening; None where nothing was found."""
-
-    relaxed: float | None
-    tightened: float | None
 
 
 def price_of(spec: DesignSpec, gains: FoPi, number: int, multiplier: float | None) -> Price | None:

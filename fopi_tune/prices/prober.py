@@ -1,8 +1,8 @@
 """One limit at a time:  limit, a neighbour's gains -> the best gains there, checked by `fopi_tune.proof`.
 
-The solver's answer counts only when the check finds every requirement met.  The check is also what tells whether a quick
-solve was enough: its objective is that of fewer constraints, hence no worse than the whole problem's local optimum, so
-gains that meet everything and have that objective are that optimum.
+The solver's answer counts only when the check finds every requirement met.  The check is also what tells whether a
+quick solve was enough: its objective is that of fewer constraints, hence no worse than the whole problem's local
+optimum, so gains that meet everything and have that objective are that optimum.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design import Seen, Solution, Warm
 from fopi_tune.errors import DomainError
+from fopi_tune.prices.knob import Knob
+from fopi_tune.prices.result import PointStatus, TradeoffPoint
 from fopi_tune.proof import Verification, verify, with_limits_of
 from fopi_tune.spec.model import DesignSpec, Objective, Sense
-from fopi_tune.tradeoff.knob import Knob
-from fopi_tune.tradeoff.result import PointStatus, TradeoffPoint
 
 #: a limit that the gains keep by more than this (neper or radian) holds nothing back
 _CLEAR = 1e-5
@@ -80,7 +80,9 @@ class Prober:
         """
         found = verify(knob.spec, gains)
         if not found.all_met:
-            raise DomainError("the design at the spec's own limit does not pass the check; there is no point to start from")
+            raise DomainError(
+                "the design at the spec's own limit does not pass the check; there is no point to start from"
+            )
         return cls(knob, Probe(knob.limit, PointStatus.MET, found), Warm.of(knob.spec, gains))
 
     def probe(self, limit: float, near: Probe) -> Probe:
@@ -204,7 +206,12 @@ def seen_in(found: Verification | None) -> tuple[Seen, ...]:
     if found is None:
         return ()
     seen = [
-        Seen(i, extreme.worst.point, _frequency(extreme.worst.omega_rad_s), result.slack if result.slack is not None else math.inf)
+        Seen(
+            i,
+            extreme.worst.point,
+            _frequency(extreme.worst.omega_rad_s),
+            result.slack if result.slack is not None else math.inf,
+        )
         for i, result in enumerate(found.requirements)
         for extreme in result.extremes
     ]

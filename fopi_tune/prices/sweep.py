@@ -15,12 +15,12 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
+from fopi_tune.prices.ends import end_of
+from fopi_tune.prices.knob import Knob
+from fopi_tune.prices.prober import Probe, Prober, is_no_worse
+from fopi_tune.prices.result import End, Tradeoff
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.stamp import stamp
-from fopi_tune.tradeoff.ends import end_of
-from fopi_tune.tradeoff.knob import Knob
-from fopi_tune.tradeoff.prober import Probe, Prober, is_no_worse
-from fopi_tune.tradeoff.result import End, Tradeoff
 
 _SOLVER = "ipopt"
 _MOST_POINTS = 10_000
@@ -85,10 +85,8 @@ def _check(knob: Knob, wanted: Range) -> None:
 
 
 def _limits(knob: Knob, wanted: Range, ends: Sequence[End]) -> list[float]:
-    """The limits to look at, rising: from the infeasible end as far beyond the spec's own limit as it lies before it."""
-    reached = {
-        end.way: end.feasible if end.infeasible is not None else knob.usual(end.way) for end in ends
-    }
+    """The limits to look at, rising: by default from the infeasible end as far to the other side of the spec's own."""
+    reached = {end.way: end.feasible if end.infeasible is not None else knob.usual(end.way) for end in ends}
     for way in (-1, 1):
         if way not in reached:
             least = abs(knob.usual(way) - knob.limit) * 0.1

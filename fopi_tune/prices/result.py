@@ -9,9 +9,9 @@ from typing import Any
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.dicts import finite
+from fopi_tune.prices.knob import Knob
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.stamp import Stamp
-from fopi_tune.tradeoff.knob import Knob
 
 #: version of the result's JSON; it may only grow
 TRADEOFF_SCHEMA = 1

@@ -1,16 +1,16 @@
 """Where limits become infeasible:  the farthest limit that can be met, and the nearest that no start meets.
 
-How far the limit can be turned is a design problem of its own, in which the requirement gives and nothing else does.  Its
-answer is a guess (a local optimum): it is tried from both sides, and where it is wrong, growing steps and halves bracket
-the end, each from the gains of the last limit that is met.  Beyond the bracket every start is tried before the limit is
-called infeasible; gains that one of them finds carry the search on.
+How far the limit can be turned is a design problem of its own, in which the requirement gives and nothing else does.
+Its answer is a guess (a local optimum): it is tried from both sides, and where it is wrong, growing steps and halves
+bracket the end, each from the gains of the last limit that is met.  Beyond the bracket every start is tried before the
+limit is called infeasible; gains that one of them finds carry the search on.
 """
 
 from __future__ import annotations
 
-from fopi_tune.tradeoff.knob import Knob
-from fopi_tune.tradeoff.prober import Probe, Prober
-from fopi_tune.tradeoff.result import End
+from fopi_tune.prices.knob import Knob
+from fopi_tune.prices.prober import Probe, Prober
+from fopi_tune.prices.result import End
 
 #: the bracket's width, as a part of the range
 WIDTH = 1e-3

@@ -118,7 +118,9 @@ def knobs_of(spec: DesignSpec) -> tuple[Knob, ...]:
 def _described(knob: Knob) -> str:
     requirement = knob.requirement
     low, high = requirement.from_rad_s, requirement.to_rad_s
-    band = f" from {low:g} to {high:g} rad/s" if low > 0.0 or high < math.inf else ""
+    band = f" from {low:g} rad/s on" if low > 0.0 else ""
+    if high < math.inf:
+        band = f" from {low:g} to {high:g} rad/s" if low > 0.0 else f" up to {high:g} rad/s"
     return (
         f"{knob.name} is {requirement.quantity} {requirement.relation.value} {knob.limit:g}{band}"
         f" ({requirement.scope.value})"
