@@ -174,6 +174,7 @@ class Exchange:
         hopeless: Callable[[Solved], bool] = lambda solved: False,
         most_rounds: int = _MOST_ROUNDS,
         trust: float = _TRUST,
+        peaks: tuple[Point, ...] = (),
     ) -> Converged:
         """Exchange from one start until nothing is violated.
 
@@ -184,9 +185,10 @@ class Exchange:
             hopeless: whether a solve of the relaxation is already no better than what is known.
             most_rounds: solves after which this start is given up.
             trust: how far the first solve may go; see `Task`.
+            peaks: known ones of the start, followed from the first solve on.
         """
         rounds = 0
-        cuts, gains, solved, violation = replace(cuts, peaks=()), start, None, math.inf
+        cuts, gains, solved, violation = replace(cuts, peaks=peaks), start, None, math.inf
         safe, safe_violation = None, math.inf
         follow_from, patience, stale = 0, 2, 0
         for rounds in range(1, most_rounds + 1):

@@ -120,10 +120,12 @@ class Warm:
         """The exchange from a neighbour's gains; None when it leads nowhere."""
         exchange = self.search.exchange.about(sides_of(spec))
         cuts = self._with_seen(exchange, seen)
+        peaks = self._peaks(exchange.sides, seen)
         # small steps: a neighbour is near, and few cuts hold larger ones back.  Limits that leave no room at all
         # are met without the tightening
         for tightening, trust in ((TIGHTENING, 0.5), (0.0, 0.1)):
-            run = self._run(exchange, start, cuts, Mode.OBJECTIVE, limits_of(exchange.sides, tightening), trust=trust)
+            limits = limits_of(exchange.sides, tightening)
+            run = self._run(exchange, start, replace(cuts, peaks=peaks), Mode.OBJECTIVE, limits, trust=trust)
             if run is not None and run.solved.depth >= -TIGHTENING and not run.solved.at_bound:
                 self._keep(exchange, run.cuts, run.solved.gains)
                 return Solution(run.solved.gains, self.search.public_objective(run.solved), run.rounds)
@@ -171,7 +173,8 @@ class Warm:
         trust: float = 4.0,
     ) -> Converged | None:
         try:
-            run = exchange.run(start, cuts, mode, self.search.all_requirements, giving, limits, trust=trust)
+            everything = self.search.all_requirements
+            run = exchange.run(start, cuts, mode, everything, giving, limits, trust=trust, peaks=cuts.peaks)
         except DomainError:
             # Both gains ran to 0: no loop is left to judge.
             return None

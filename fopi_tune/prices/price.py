@@ -7,8 +7,8 @@ gains, each one-sided derivative comes from two steps,
 
 exact but for h^2 J'''/3.  J is that of `fopi_tune.proof`, of gains that were solved for anew; the solver's multiplier
 has no part in it.  The exchange ends when nothing is violated by more than 2e-7, which moves J by 2e-7 times the price:
-4 (2e-7)/h of it in (1), 4e-4 for h = 2e-3.  Where the two sides differ the optimum has a kink: another requirement comes
-into play there, and the price of relaxing is not that of tightening.
+4 (2e-7)/h of it in (1), 4e-4 for h = 2e-3.  Where the two sides differ the optimum has a kink: another requirement
+comes into play there, and the price of relaxing is not that of tightening.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from __future__ import annotations
 from fopi_tune.core.controller import FoPi
 from fopi_tune.outcome import Price
 from fopi_tune.prices.knob import Knob, knobs_of
-from fopi_tune.prices.prober import Probe, Prober, is_maximised
+from fopi_tune.prices.prober import Probe, Prober, is_maximised, is_no_worse
 from fopi_tune.spec.model import DesignSpec
 
 #: h in neper or radian, and a second one where a kink may lie nearer than the first
@@ -56,8 +56,8 @@ def price_of(spec: DesignSpec, gains: FoPi, number: int, multiplier: float | Non
 
 def _priced(knob: Knob, prober: Prober, multiplier: float) -> Price:
     """With ever smaller steps until the prices agree with the multiplier."""
-    base = prober.thoroughly(knob.limit, prober.base)
-    if base is None or not base.is_met:
+    base = prober.from_neighbour(knob.limit, prober.base)
+    if base is None or not base.is_met or not is_no_worse(prober, base, prober.base):
         base = prober.base
     price = Price(knob.limit, None, None, agrees=False)
     for step in _STEPS:
@@ -82,7 +82,7 @@ def _by_steps(knob: Knob, prober: Prober, base: Probe, step: float) -> tuple[flo
     def one_sided(way: int) -> float | None:
         near, gained = base, []
         for times in (1, 2):
-            probe = prober.thoroughly(quantity.from_natural(natural + way * times * h), near)
+            probe = prober.from_neighbour(quantity.from_natural(natural + way * times * h), near)
             if probe is None or probe.objective is None or base.objective is None:
                 return None
             sign = 1.0 if is_maximised(knob.spec.objective) else -1.0

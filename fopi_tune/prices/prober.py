@@ -205,13 +205,11 @@ def seen_in(found: Verification | None) -> tuple[Seen, ...]:
     """Where a check found everything worst, for the next solve."""
     if found is None:
         return ()
+    slacks = [math.inf if r.slack is None else r.slack for r in found.requirements]
+    # where the smallest slack is the objective, what is as deep as that binds
+    least = max(min((v for v in slacks if v >= 0.0), default=0.0), 0.0)
     seen = [
-        Seen(
-            i,
-            extreme.worst.point,
-            _frequency(extreme.worst.omega_rad_s),
-            result.slack if result.slack is not None else math.inf,
-        )
+        Seen(i, extreme.worst.point, _frequency(extreme.worst.omega_rad_s), slacks[i] - least)
         for i, result in enumerate(found.requirements)
         for extreme in result.extremes
     ]

@@ -48,7 +48,7 @@ def tradeoff_text(result: Tradeoff) -> Text:
     lines += [("", "")]
     for end in result.ends:
         lines += styled(_end_words(end))
-    rest = f"  Every {every}th limit is shown; all are in tradeoff.csv." if every > 1 else ""
+    rest = f"  One limit of {every} is shown; all are in tradeoff.csv." if every > 1 else ""
     lines += styled(f"* the spec's own limit.  - the limit holds nothing back there.{rest}", QUIET)
     return to_text(lines)
 
@@ -114,7 +114,7 @@ def tradeoff_svg(result: Tradeoff) -> str:
             result.own.limit, 1.01, "the spec's limit", ha="center", va="bottom", fontsize=8.0,
             transform=axes.get_xaxis_transform(),
         )  # fmt: skip
-        axes.set_xlabel(_plain(f"limit of {requirement_phrase(requirement).rsplit(' ', 1)[0]}"))
+        axes.set_xlabel(_plain(f"limit of {requirement.quantity} ({requirement.relation.value})"))
         axes.set_ylabel(_plain(result.objective_quantity.partition(" (proxy")[0]))
         axes.set_title(_plain(title), pad=16.0)
         axes.grid(True, linewidth=0.3)
@@ -160,7 +160,9 @@ def _with_words(svg: str, title: str, description: str) -> str:
     end = svg.index(">", at) + 1
     opening = svg[at:end].replace("<svg ", '<svg role="img" aria-labelledby="title desc" ', 1)
     words = f'\n <title id="title">{escape(title)}</title>\n <desc id="desc">{escape(description)}</desc>'
-    return svg[:at] + opening + words + svg[end:]
+    # the plotting library's own title says the same
+    rest = svg[end:].replace(f"<title>{escape(title)}</title>", "", 1)
+    return svg[:at] + opening + words + rest
 
 
 def _plain(text: str) -> str:
