@@ -63,7 +63,7 @@ def sweep(spec: DesignSpec, knob: Knob, gains: FoPi, wanted: Range, objective_qu
     limits = _limits(knob, wanted, ends)
     probes = _swept(prober, limits)
     if knob.tightens:
-        probes = _monotone(prober, probes, lasts[0])
+        probes = monotone(prober, probes, lasts[0])
     stamped = stamp(spec.sha256, _SOLVER)
     points = tuple(prober.point(probe) for probe in probes)
     return Tradeoff(knob, spec, prober.point(prober.base), points, ends, objective_quantity, stamped)
@@ -116,7 +116,7 @@ def _swept(prober: Prober, rising: Sequence[float]) -> list[Probe]:
     return sorted(found, key=lambda probe: probe.limit)
 
 
-def _monotone(prober: Prober, probes: Sequence[Probe], tightest: Probe) -> list[Probe]:
+def monotone(prober: Prober, probes: Sequence[Probe], tightest: Probe) -> list[Probe]:
     """From the tightest limit on, none worse than the one before it."""
     order = sorted((*probes, tightest), key=lambda probe: -probe.limit * prober.knob.tightens)
     better: list[Probe] = []
