@@ -137,10 +137,11 @@ def test_a_point_that_is_worse_than_a_tighter_one_is_solved_again() -> None:
     assert lost[0].is_met
 
 
-def _found(prober: Prober, limit: float):
+def _found(prober: Prober, limit: float) -> ft.Verification:
     probe = prober.from_neighbour(limit, prober.base)
     assert probe is not None
     assert probe.is_met
+    assert probe.found is not None
     return probe.found
 
 
