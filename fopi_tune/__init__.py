@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
     from fopi_tune.outcome import Status
-    from fopi_tune.pipeline import discretize, prove, recheck, run, simulate, tune, validate
+    from fopi_tune.pipeline import discretize, price, prove, recheck, run, simulate, tradeoff, tune, validate
     from fopi_tune.pipeline_systems import simulate_system, validate_system
+    from fopi_tune.prices import Tradeoff
     from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
     from fopi_tune.result import Check, Design, Discretized, Run, Validated
     from fopi_tune.simulated import Simulated
@@ -47,6 +48,7 @@ _PUBLIC = {
     "SpecError": "fopi_tune.errors",
     "Status": "fopi_tune.outcome",
     "SystemSpec": "fopi_tune.spec.model",
+    "Tradeoff": "fopi_tune.prices.result",
     "Uncertain": "fopi_tune.core.plant",
     "Validated": "fopi_tune.result",
     "ValidatedSystem": "fopi_tune.systems",
@@ -57,11 +59,13 @@ _PUBLIC = {
     "load_system": "fopi_tune.spec",
     "margins": "fopi_tune.core.margins",
     "parse_spec": "fopi_tune.spec",
+    "price": "fopi_tune.pipeline",
     "prove": "fopi_tune.pipeline",
     "recheck": "fopi_tune.pipeline",
     "run": "fopi_tune.pipeline",
     "simulate": "fopi_tune.pipeline",
     "simulate_system": "fopi_tune.pipeline_systems",
+    "tradeoff": "fopi_tune.pipeline",
     "tune": "fopi_tune.pipeline",
     "validate": "fopi_tune.pipeline",
     "validate_system": "fopi_tune.pipeline_systems",
@@ -87,6 +91,7 @@ __all__ = [
     "SpecError",
     "Status",
     "SystemSpec",
+    "Tradeoff",
     "Uncertain",
     "Validated",
     "ValidatedSystem",
@@ -97,11 +102,13 @@ __all__ = [
     "load_system",
     "margins",
     "parse_spec",
+    "price",
     "prove",
     "recheck",
     "run",
     "simulate",
     "simulate_system",
+    "tradeoff",
     "tune",
     "validate",
     "validate_system",

@@ -12,11 +12,12 @@ from fopi_tune.dicts import (
     give_dict,
     margins_dict,
     place_dict,
+    price_dict,
     proof_dict,
     requirement_proof_dict,
     stability_dict,
 )
-from fopi_tune.outcome import Give, Status
+from fopi_tune.outcome import Give, Price, Status
 from fopi_tune.proof.certificate import Certificate, RequirementProof, Verdict
 from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.results import RequirementResult, Stability, Verification
@@ -42,12 +43,15 @@ class RequirementReport:
         result: what the verification found; None when there are no gains to verify.
         multiplier: how much the objective would gain if the limit were relaxed by one unit; None where not known.
         proof: what the certificate says; None without one.
+        price: the multiplier checked by solving again; None where that was not asked for, or the requirement costs
+            nothing.
     """
 
     requirement: Requirement
     result: RequirementResult | None
     multiplier: float | None
     proof: RequirementProof | None = None
+    price: Price | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As in the result's JSON; infinite and missing numbers are null, and `outcome` says which."""
@@ -69,6 +73,7 @@ class RequirementReport:
             "score": finite(result.score) if result else None,
             "worst": place_dict(result.worst) if result else None,
             "multiplier": finite(self.multiplier),
+            "multiplier_checked": price_dict(self.price),
             "proof": requirement_proof_dict(self.proof),
         }
 

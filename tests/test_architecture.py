@@ -21,6 +21,7 @@ ALLOWED = {
         *STAGES,
         "errors",
         "outcome",
+        "prices",
         "proof",
         "pipeline",
         "pipeline_systems",
@@ -40,11 +41,15 @@ ALLOWED = {
     "stamp": ("__version__",),
     "convert": ("core", "errors"),
     "dicts": ("core", "outcome", "proof", "spec.model"),
+    "prices": (
+        *("core", "design", "dicts", "errors", "outcome", "proof"),
+        *("quantities", "spec.model", "stamp"),
+    ),
     "result": (
         *("convert", "core", "dicts", "digital", "outcome", "proof", "quantities"),
         *("spec.model", "stamp", "validation"),
     ),
-    "report": ("core", "outcome", "proof", "simulated", "spec.model", "systems", "result", "validation"),
+    "report": ("core", "outcome", "prices", "proof", "simulated", "spec.model", "systems", "result", "validation"),
     "simulated": ("core", "errors", "spec.model", "stamp", "validation"),
     "systems": ("core", "simulated", "spec.model", "stamp", "validation"),
     "pipeline_systems": (
@@ -56,12 +61,12 @@ ALLOWED = {
         *("quantities", "spec.model", "stamp"),
     ),
     "pipeline": (
-        *("assemble", "core", "design", "digital", "errors", "implement", "outcome", "proof"),
-        *("result", "simulated", "spec", "stamp", "validation"),
+        *("assemble", "core", "design", "digital", "errors", "implement", "outcome", "prices"),
+        *("proof", "result", "simulated", "spec", "stamp", "validation"),
     ),
     "__main__": ("cli",),
     "cli": (
-        *("__version__", "core", "digital", "errors", "pipeline", "pipeline_systems", "proof"),
+        *("__version__", "core", "digital", "errors", "pipeline", "pipeline_systems", "prices", "proof"),
         *("report", "result", "simulated", "spec", "systems"),
     ),
 }

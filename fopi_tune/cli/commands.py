@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,11 +14,13 @@ from fopi_tune.cli.certificates import recheck_file
 from fopi_tune.cli.driving import Course, simulate_file, validate_file
 from fopi_tune.cli.gains import found_or_tuned, given_gains, named_numbers, refusal
 from fopi_tune.cli.output import print_out, reason_of, report_failure, say, to_json, write_file
+from fopi_tune.cli.prices import Asked, From, Points, Prices, Swept, To, designed
 from fopi_tune.cli.process import Handling, process
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
+    from fopi_tune.prices import Tradeoff
     from fopi_tune.result import Check, Design, Discretized, Run
     from fopi_tune.spec.model import DesignSpec
 
@@ -65,6 +66,11 @@ def _version(wanted: bool) -> None:
 @app.command()
 def tune(
     specs: Specs,
+    prices: Prices = False,
+    tradeoff: Swept = None,
+    start: From = None,
+    stop: To = None,
+    points: Points = None,
     out: Out = None,
     as_json: AsJson = False,
     no_proof: NoProof = False,
@@ -75,7 +81,16 @@ def tune(
 
     They meet it for every plant of its family.  The result and the certificate are also written to files.
     """
-    _tune(specs, Handling(out, as_json, quiet, debug, len(specs) > 1), not no_proof)
+    asked = Asked(prices, tradeoff, start, stop, points)
+    problem = asked.problem(len(specs))
+    if problem is not None:
+        raise refusal(problem)
+    doing = "tuning" if tradeoff is None else "sweeping"
+
+    def make(spec: DesignSpec) -> Design | Tradeoff:
+        return designed(spec, asked, not no_proof)
+
+    raise typer.Exit(process(specs, make, Handling(out, as_json, quiet, debug, len(specs) > 1), doing))
 
 
 @app.command()
@@ -274,12 +289,3 @@ def main() -> None:
         app(prog_name="fopi")
     except Exception as error:
         sys.exit(report_failure("fopi", error, "--debug" in sys.argv))
-
-
-def _tune(files: Sequence[str], handling: Handling, proof: bool) -> None:
-    def make(spec: DesignSpec) -> Design:
-        from fopi_tune.pipeline import tune
-
-        return tune(spec) if proof else tune(spec, proof=False)
-
-    raise typer.Exit(process(files, make, handling, "tuning"))

@@ -163,6 +163,7 @@ def _exit_code(result: Result) -> Exit:
 
 
 def _table(result: Result) -> Text:
+    from fopi_tune.prices.result import Tradeoff
     from fopi_tune.report import (
         check_text,
         design_text,
@@ -170,11 +171,14 @@ def _table(result: Result) -> Text:
         evidence_text,
         simulation_text,
         system_evidence_text,
+        tradeoff_text,
     )
     from fopi_tune.result import Check, Design, Discretized, Validated
     from fopi_tune.simulated import Simulated
     from fopi_tune.systems import SimulatedSystem, ValidatedSystem
 
+    if isinstance(result, Tradeoff):
+        return tradeoff_text(result)
     if isinstance(result, Validated):
         return evidence_text(result)
     if isinstance(result, ValidatedSystem):

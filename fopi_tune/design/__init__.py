@@ -2,5 +2,6 @@
 
 from fopi_tune.design.result import Candidate, Give, Status
 from fopi_tune.design.search import Violation, design
+from fopi_tune.design.warm import Seen, Solution, Warm
 
-__all__ = ["Candidate", "Give", "Status", "Violation", "design"]
+__all__ = ["Candidate", "Give", "Seen", "Solution", "Status", "Violation", "Warm", "design"]

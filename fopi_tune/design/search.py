@@ -26,6 +26,13 @@ from fopi_tune.spec.model import DesignSpec
 #: inequalities are designed this much tighter (natural units), so that rounding does not undo them
 TIGHTENING = 4e-7
 _STARTS = 8
+#: of the objectives that are a largest member: from natural units to public ones
+_PUBLIC_UNIT = {
+    ObjectiveKind.PHASE_MARGIN_SPREAD: math.degrees(1.0),
+    ObjectiveKind.CROSSOVER_SPREAD: 1.0 / NEPER_PER_DB,
+    ObjectiveKind.SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
+    ObjectiveKind.CONTROL_SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
+}
 #: multipliers beyond this say only that limits coincide
 _NO_PRICE = 1e5
 #: solves a start may take before and after a first answer is known
@@ -74,10 +81,10 @@ def design(spec: DesignSpec, violations: Sequence[Violation] = (), start: FoPi |
         if best is not None:
             return near.candidate(best)
     searches = [Search.of(branch, violations) for branch in branches(spec)]
-    found = [(search, best) for search in searches if (best := search.best()) is not None]
-    if not found:
+    found = best_of(searches)
+    if found is None:
         return clash_of(searches[0])
-    search, best = min(found, key=lambda pair: pair[0].cost(pair[1].solved))
+    search, best = found
     return search.candidate(best)
 
 
@@ -104,7 +111,7 @@ class Search:
         horizon = given if given is not None else default_horizon_s(spec.plant)
         exchange = Exchange(spec.plant, scale, sides, objective, horizon, spec.controller)
         first = [start] if start is not None else starts(spec, scale, sides, objective, _STARTS)
-        cuts = _with(
+        cuts = with_violations(
             exchange.first_cuts(), sides, violations, (float(scale.omega_grid[0]), float(scale.omega_grid[-1]))
         )
         if first:
@@ -118,12 +125,7 @@ class Search:
 
     def limits(self, tightening: float) -> tuple[float, ...]:
         """The sides' limits, the inequalities' moved inwards."""
-        sides = self.exchange.sides
-        moved = (
-            side.limit - side.bound.value * (0.0 if side.requirement == GUARD else tightening / side.scale)
-            for side in sides
-        )
-        return tuple(moved)
+        return limits_of(self.exchange.sides, tightening)
 
     def stable(self, gains: FoPi) -> bool:
         """Whether the sampled members of the family are stable."""
@@ -197,6 +199,16 @@ class Search:
             return -solved.gains.ki
         return -solved.depth if self.objective is ObjectiveKind.DEPTH else solved.worst
 
+    def public_objective(self, solved: Solved) -> float:
+        """The objective as the solver sees it, in its public unit; without one the depth."""
+        if self.objective is ObjectiveKind.KI:
+            return solved.gains.ki
+        if self.objective is ObjectiveKind.DEPTH:
+            return solved.depth
+        if self.objective is ObjectiveKind.IAE_DISTURBANCE:
+            return math.exp(min(solved.worst, 600.0))
+        return solved.worst * _PUBLIC_UNIT[self.objective]
+
     def elastic(self, active: frozenset[int], giving: frozenset[int], limits: tuple[float, ...]) -> Converged | None:
         """The point where the requirements give least in sum, of several starts; None if Ipopt always gave up."""
         best = None
@@ -239,13 +251,10 @@ class Search:
     def _multipliers(self, solved: Solved) -> tuple[float | None, ...]:
         """d objective / d limit in public units, positive where relaxing gains."""
         unit = {
-            ObjectiveKind.PHASE_MARGIN_SPREAD: math.degrees(1.0),
-            ObjectiveKind.CROSSOVER_SPREAD: 1.0 / NEPER_PER_DB,
-            ObjectiveKind.SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
-            ObjectiveKind.CONTROL_SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
             ObjectiveKind.KI: solved.ki_scale,
             ObjectiveKind.IAE_DISTURBANCE: math.exp(min(solved.worst, 600.0)),
             ObjectiveKind.DEPTH: 1.0,
+            **_PUBLIC_UNIT,
         }[self.objective]
         totals: list[float | None] = [None] * len(self.spec.requirements)
         for k, side in enumerate(self.exchange.sides):
@@ -258,7 +267,24 @@ class Search:
         return tuple(None if total is not None and total > _NO_PRICE else total for total in totals)
 
 
-def _with(cuts: Cuts, sides: tuple[Side, ...], violations: Sequence[Violation], ends: tuple[float, float]) -> Cuts:
+def best_of(searches: Sequence[Search]) -> tuple[Search, Converged] | None:
+    """The best answer of all searches, each from all its starts, and whose it is; None when none has any."""
+    found = [(search, best) for search in searches if (best := search.best()) is not None]
+    return min(found, key=lambda pair: pair[0].cost(pair[1].solved)) if found else None
+
+
+def limits_of(sides: Sequence[Side], tightening: float) -> tuple[float, ...]:
+    """The limits of sides, the inequalities' moved inwards by so much."""
+    moved = (
+        side.limit - side.bound.value * (0.0 if side.requirement == GUARD else tightening / side.scale)
+        for side in sides
+    )
+    return tuple(moved)
+
+
+def with_violations(
+    cuts: Cuts, sides: tuple[Side, ...], violations: Sequence[Violation], ends: tuple[float, float]
+) -> Cuts:
     """The cuts with those a check has found."""
     points, plants, margin_plants = list(cuts.points), list(cuts.plants), list(cuts.margin_plants)
     for violation in violations:

@@ -6,6 +6,7 @@ from fopi_tune.report.evidence import evidence_text, system_evidence_text
 from fopi_tune.report.figures import controller_bode_svg, simulation_svg
 from fopi_tune.report.simulation import simulation_text
 from fopi_tune.report.terminal import check_text, design_text
+from fopi_tune.report.tradeoff import tradeoff_svg, tradeoff_text
 
 __all__ = [
     "check_text",
@@ -17,4 +18,6 @@ __all__ = [
     "simulation_svg",
     "simulation_text",
     "system_evidence_text",
+    "tradeoff_svg",
+    "tradeoff_text",
 ]
