@@ -1,0 +1,178 @@
+"""One alpha:  convex-concave steps from a start to a point that no step improves.
+
+Every round makes the rows at the current gains, solves a convex problem within a trust region, and looks at the gains
+it leads to with the exact crossings and peaks of `core/`.  Where they are better they are the next; where only the
+requirements' curvature spoils them (the objective fell, a limit is missed) the next rows are made there, which is a
+Newton step back; otherwise the trust region shrinks.  Without any room the step is the one that misses least.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fopi_tune.convex.limits import Task
+from fopi_tune.convex.look import OBJECTIVE, Look, Places, look
+from fopi_tune.convex.program import Program, Step
+from fopi_tune.convex.rows import rows_of
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Plants
+from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.objectives import ObjectiveKind
+
+#: a limit is met when it is missed by less than this, natural units
+TOLERANCE = 2e-7
+#: a smaller improvement (natural units) is none
+_NO_GAIN = 2e-8
+_SMALLEST_TRUST, _LARGEST_TRUST = 1e-7, 4.0
+_MOST_ROUNDS = 60
+_MOST_EXCURSIONS = 3
+#: places of earlier rounds that are kept
+_MEMORY = 60
+
+
+@dataclass
+class Members:
+    """The plants in play, the nominal one first; the exchange adds to them."""
+
+    task: Task
+    points: Array
+    plants: Plants = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.plants = Plants.members(self.task.spec.plant, self.points)
+
+    @classmethod
+    def of(cls, task: Task) -> Members:
+        """The nominal plant and the box's corners."""
+        points = task.spec.plant.corners(64)
+        _, first = np.unique(points, axis=0, return_index=True)
+        return cls(task, points[np.sort(first)])
+
+    def add(self, points: Array) -> int:
+        """Take these plants in, unless they are there already; returns how many are new."""
+        width = np.maximum(self.task.spec.plant.high - self.task.spec.plant.low, 1e-300)
+        new = 0
+        for point in points:
+            if np.min(np.max(np.abs(self.points - point) / width, axis=1, initial=0.0)) > 1e-9:
+                self.points, new = np.concatenate([self.points, point[None, :]]), new + 1
+        if new:
+            self.plants = Plants.members(self.task.spec.plant, self.points)
+        return new
+
+
+@dataclass(frozen=True)
+class Found:
+    """The end of the steps at one alpha."""
+
+    look: Look
+    rounds: int
+
+    @property
+    def gains(self) -> FoPi:
+        """The controller."""
+        return self.look.gains
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit is met on the plants in play."""
+        return self.look.violation <= TOLERANCE
+
+
+def better(one: Look, other: Look, by: float = 0.0) -> bool:
+    """Whether one is better than the other: met before missed, then the objective, else missed by less."""
+    if one.violation <= TOLERANCE and other.violation <= TOLERANCE:
+        return one.cost < other.cost - by
+    if one.violation <= TOLERANCE or other.violation <= TOLERANCE:
+        return one.violation <= TOLERANCE
+    return one.violation < other.violation
+
+
+@dataclass
+class Local:
+    """The steps, and what they keep between one alpha and the next: the compiled problems and earlier places."""
+
+    task: Task
+    members: Members
+    program: Program
+    memory: Places | None = None
+
+    def run(self, start: FoPi, most_rounds: int = _MOST_ROUNDS) -> Found:
+        """Improve gains at their alpha until no step does."""
+        here = best = look(self.task, start, self.members.plants)
+        trust, excursions, rounds = 1.0, 0, 0
+        if not np.isfinite(here.cost) and not np.isfinite(here.violation):
+            return Found(here, 0)
+        while rounds < most_rounds and trust > _SMALLEST_TRUST:
+            rounds += 1
+            step, at_trust, promised = self._step(here, trust)
+            if step is None or (here is best and promised < _NO_GAIN):
+                break
+            there = self._moved(here, step)
+            if better(there, best, _NO_GAIN):
+                here = best = there
+                excursions = 0
+                trust = min(2.0 * trust, _LARGEST_TRUST) if at_trust else trust
+            elif self._worth_following(there, best) and excursions < _MOST_EXCURSIONS:
+                here, excursions = there, excursions + 1
+            else:
+                size = np.abs(step.d / self._reach(best, 1.0)).max()
+                here, excursions, trust = best, 0, 0.25 * min(trust, max(float(size), 1e-12))
+        return Found(best, rounds)
+
+    def _worth_following(self, there: Look, best: Look) -> bool:
+        """Whether only curvature spoils a point: a Newton step from there may be better than what is known."""
+        return bool(
+            there.stable and there.cost < best.cost - _NO_GAIN and TOLERANCE < there.violation < 0.3
+        )
+
+    def _step(self, here: Look, trust: float) -> tuple[Step | None, bool, float]:
+        """The step, whether the trust region ends it, and how much better it promises to be."""
+        places = self._remembered(here)
+        rows = rows_of(self.task, here, self.members.plants, places)
+        low, high = self._bounds(here, trust)
+        price, weight = self._price()
+        step = self.program.step(rows, low, high, price, weight)
+        if step is not None and here.violation <= TOLERANCE:
+            promised = -float(price @ step.d + weight * step.value)
+        elif step is not None:
+            promised = np.inf
+        else:
+            step = self.program.restore(rows, low, high)
+            promised = here.violation - step.value if step is not None else 0.0
+        if step is None:
+            return None, False, 0.0
+        reach = self._reach(here, trust)
+        return step, bool((np.abs(step.d) > 0.999 * reach).any()), promised
+
+    def _price(self) -> tuple[Array, float]:
+        if self.task.objective is ObjectiveKind.KI:
+            return np.array([0.0, -1.0]), 1e-6
+        return np.zeros(2), 1.0
+
+    def _reach(self, here: Look, trust: float) -> Array:
+        size = np.abs(self.task.scaled(here.gains))
+        return trust * (size + 0.25 * max(float(size.max()), 0.02))
+
+    def _bounds(self, here: Look, trust: float) -> tuple[Array, Array]:
+        x, reach = self.task.scaled(here.gains), self._reach(here, trust)
+        low, high = self.task.box(here.gains.alpha)
+        return np.minimum(np.maximum(low - x, -reach), 0.0), np.maximum(np.minimum(high - x, reach), 0.0)
+
+    def _moved(self, here: Look, step: Step) -> Look:
+        x = self.task.scaled(here.gains) + step.d
+        return look(self.task, self.task.gains(x, here.gains.alpha), self.members.plants)
+
+    def _remembered(self, here: Look) -> Places:
+        """The places of now, and those of frequency functions of earlier rounds; the oldest are forgotten."""
+        bands = [k for k, limit in enumerate(self.task.limits) if limit.where is Where.BAND]
+        peaks = self.task.objective in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK)
+        kept = np.isin(here.places.limit, [*bands, *([OBJECTIVE] if peaks else [])])
+        now = here.places.take(np.flatnonzero(kept & (np.abs(here.places.u) < 99.0)))
+        places = here.places if self.memory is None else Places.joined([here.places, self.memory])
+        near = now.take(np.argsort(now.slack)[:12])
+        memory = near if self.memory is None else Places.joined([near, self.memory])
+        self.memory = memory.take(np.arange(min(len(memory), _MEMORY)))
+        return places
