@@ -25,10 +25,15 @@ from fopi_tune.quantities.objectives import ObjectiveKind
 #: a limit is met when it is missed by less than this, natural units
 TOLERANCE = 2e-7
 #: a smaller improvement (natural units) is none
-_NO_GAIN = 2e-8
+_NO_GAIN = 1e-8
 _SMALLEST_TRUST, _LARGEST_TRUST = 1e-7, 4.0
 _MOST_ROUNDS = 60
-_MOST_EXCURSIONS = 3
+#: parts of what a step promised that came true: below the first it is not taken, below the second the trust region
+#: shrinks, above the third it may grow
+_POOR, _FAIR, _GOOD = 0.05, 0.3, 0.7
+_SHRINK = 0.4
+#: a miss costs so many times what the rows' multipliers say
+_SAFETY = 2.0
 #: places of earlier rounds that are kept
 _MEMORY = 60
 
@@ -90,6 +95,28 @@ def better(one: Look, other: Look, by: float = 0.0) -> bool:
     return one.violation < other.violation
 
 
+@dataclass(frozen=True)
+class _Move:
+    """A step; whether it aims at the objective; and by how much the objective, else the violation, is to fall."""
+
+    step: Step
+    aims: bool
+    promised: float
+
+
+def _kept(here: Look, there: Look, move: _Move, promised: float, penalty: float) -> float:
+    """Which part of what was promised came true."""
+    if not np.isfinite(there.violation):
+        return -np.inf
+    if not move.aims:
+        return (here.violation - there.violation) / promised
+    if not np.isfinite(there.cost):
+        return -np.inf
+    if not np.isfinite(here.cost):
+        return 1.0
+    return (here.cost - there.cost + penalty * (here.violation - there.violation)) / promised
+
+
 @dataclass
 class Local:
     """The steps, and what they keep between one alpha and the next: the compiled problems and earlier places."""
@@ -102,50 +129,46 @@ class Local:
     def run(self, start: FoPi, most_rounds: int = _MOST_ROUNDS) -> Found:
         """Improve gains at their alpha until no step does."""
         here = best = look(self.task, start, self.members.plants)
-        trust, excursions, rounds = 1.0, 0, 0
-        if not np.isfinite(here.cost) and not np.isfinite(here.violation):
+        if not np.isfinite(here.violation):
             return Found(here, 0)
+        trust, penalty, rounds = 1.0, 1.0, 0
         while rounds < most_rounds and trust > _SMALLEST_TRUST:
             rounds += 1
-            step, at_trust, promised = self._step(here, trust)
-            if step is None or (here is best and promised < _NO_GAIN):
+            move = self._move(here, trust)
+            if move is None:
                 break
-            there = self._moved(here, step)
-            if better(there, best, _NO_GAIN):
-                here = best = there
-                excursions = 0
-                trust = min(2.0 * trust, _LARGEST_TRUST) if at_trust else trust
-            elif self._worth_following(there, best) and excursions < _MOST_EXCURSIONS:
-                here, excursions = there, excursions + 1
-            else:
-                size = np.abs(step.d / self._reach(best, 1.0)).max()
-                here, excursions, trust = best, 0, 0.25 * min(trust, max(float(size), 1e-12))
+            penalty = max(penalty, _SAFETY * move.step.price)
+            promised = move.promised + (penalty * here.violation if move.aims else 0.0)
+            if promised < _NO_GAIN:
+                break
+            there = self._moved(here, move.step)
+            kept = _kept(here, there, move, promised, penalty)
+            if kept < _POOR and move.aims and there.violation > TOLERANCE and np.isfinite(there.cost):
+                # the requirements' curvature may be all that spoils it: a second step, with rows made there
+                again = self._move(there, trust)
+                corrected = self._moved(there, again.step) if again is not None else there
+                if (second := _kept(here, corrected, move, promised, penalty)) > kept:
+                    there, kept = corrected, second
+            size = float(np.abs(move.step.d / self._reach(here, 1.0)).max())
+            if kept > _POOR:
+                here = there
+                best = here if better(here, best) else best
+            if kept < _FAIR:
+                trust = _SHRINK * min(trust, max(size, 1e-12))
+            elif kept > _GOOD and size > 0.9 * trust:
+                trust = min(2.0 * trust, _LARGEST_TRUST)
         return Found(best, rounds)
 
-    def _worth_following(self, there: Look, best: Look) -> bool:
-        """Whether only curvature spoils a point: a Newton step from there may be better than what is known."""
-        return bool(
-            there.stable and there.cost < best.cost - _NO_GAIN and TOLERANCE < there.violation < 0.3
-        )
-
-    def _step(self, here: Look, trust: float) -> tuple[Step | None, bool, float]:
-        """The step, whether the trust region ends it, and how much better it promises to be."""
-        places = self._remembered(here)
-        rows = rows_of(self.task, here, self.members.plants, places)
+    def _move(self, here: Look, trust: float) -> _Move | None:
+        """The step that the objective asks for or, where the rows leave no room, the one that misses least."""
+        rows = rows_of(self.task, here, self.members.plants, self._remembered(here))
         low, high = self._bounds(here, trust)
         price, weight = self._price()
         step = self.program.step(rows, low, high, price, weight)
-        if step is not None and here.violation <= TOLERANCE:
-            promised = -float(price @ step.d + weight * step.value)
-        elif step is not None:
-            promised = np.inf
-        else:
-            step = self.program.restore(rows, low, high)
-            promised = here.violation - step.value if step is not None else 0.0
-        if step is None:
-            return None, False, 0.0
-        reach = self._reach(here, trust)
-        return step, bool((np.abs(step.d) > 0.999 * reach).any()), promised
+        if step is not None:
+            return _Move(step, True, -float(price @ step.d + weight * step.value))
+        step = self.program.restore(rows, low, high)
+        return None if step is None else _Move(step, False, here.violation - step.value)
 
     def _price(self) -> tuple[Array, float]:
         if self.task.objective is ObjectiveKind.KI:

@@ -30,10 +30,17 @@ _SOLVER_OPTIONS: dict[str, Any] = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "
 
 @dataclass(frozen=True)
 class Step:
-    """A solution: d, shape (2,); t of a step, v of a restoration."""
+    """A solution.
+
+    Args:
+        d: shape (2,).
+        value: t of a step, v of a restoration.
+        price: of a step, what missing every row and equality by one unit would save.
+    """
 
     d: Array
     value: float
+    price: float = 0.0
 
 
 class Program:
@@ -59,9 +66,10 @@ class Program:
             off = self.equal_slope @ self.d - self.distance
             exact, near = [off == 0], [off <= v, off >= -v]
         self.t, self.v = t, v
+        self.cones, self.exact = cp.SOC(right + self.share * t, left, axis=0), exact
         self.step_problem = cp.Problem(
             cp.Minimize(self.price @ self.d + self.weight * t),
-            [cp.SOC(right + self.share * t, left, axis=0), t >= -_MOST_GAIN, t <= 10.0 * _MOST_GAIN, *box, *exact],
+            [self.cones, t >= -_MOST_GAIN, t <= 10.0 * _MOST_GAIN, *box, *exact],
         )
         self.restore_problem = cp.Problem(
             cp.Minimize(v), [cp.SOC(right + self.elastic * v, left, axis=0), *box, *near]
@@ -73,7 +81,9 @@ class Program:
         self.price.value, self.weight.value = price, weight
         if not self._solved(self.step_problem):
             return None
-        return Step(np.asarray(self.d.value, dtype=float), float(self.t.value))  # type: ignore[arg-type]
+        multipliers = np.asarray(self.cones.dual_value[0], dtype=float) * self.elastic.value
+        price = multipliers.sum() + sum(np.abs(np.asarray(c.dual_value, dtype=float)).sum() for c in self.exact)
+        return Step(np.asarray(self.d.value, dtype=float), float(self.t.value), float(price))  # type: ignore[arg-type]
 
     def restore(self, rows: RowTable, low: Array, high: Array) -> Step | None:
         """The step after which the rows are missed least; None when the solver gives up."""
@@ -107,7 +117,7 @@ class Program:
         self.slope.value = np.concatenate([rows.slope, np.zeros((empty, 2))])
         self.slack0.value = np.concatenate([rows.slack0, np.full(empty, _ROOM)])
         self.share.value = np.concatenate([rows.share, np.zeros(empty)])
-        self.elastic.value = np.concatenate([np.ones(n), np.zeros(empty)])
+        self.elastic.value = np.concatenate([rows.elastic, np.zeros(empty)])
         self.low.value, self.high.value = low, high
         if self.count:
             # an equality without a place (no crossing to read) asks nothing yet
