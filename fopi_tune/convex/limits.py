@@ -30,6 +30,8 @@ GUARD = -1
 TIGHTENING = 4e-7
 #: a gain the spec leaves open is searched this far, in the plants' own scale
 OPEN_GAIN = 1e4
+#: scaled; a ki much smaller than this is as good as none
+_SMALL_KI = 1e-4
 #: quantities read at crossings that the rows know how to differentiate
 CROSSING_QUANTITIES = (
     "crossover_rad_s",
@@ -95,6 +97,12 @@ class Task:
     horizon_s: float
     omega_rad_s: float
     gain: float
+
+    def ki_cost(self, gains: FoPi) -> tuple[float, float]:
+        """What `maximize: ki` costs, and its derivative by ki: -asinh of ki in a small unit, ln ki for all but 0."""
+        order = 0.5 * (self.spec.controller.alpha.min + self.spec.controller.alpha.max)
+        small = _SMALL_KI * self.omega_rad_s**order / self.gain
+        return -math.asinh(gains.ki / small), -1.0 / math.hypot(gains.ki, small)
 
     @cached_property
     def equalities(self) -> int:

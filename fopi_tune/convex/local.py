@@ -25,7 +25,7 @@ from fopi_tune.quantities.objectives import ObjectiveKind
 #: a limit is met when it is missed by less than this, natural units
 TOLERANCE = 2e-7
 #: a smaller improvement (natural units) is none
-_NO_GAIN = 1e-8
+NO_GAIN = 1e-8
 _SMALLEST_TRUST, _LARGEST_TRUST = 1e-7, 4.0
 _MOST_ROUNDS = 60
 #: parts of what a step promised that came true: below the first it is not taken, below the second the trust region
@@ -126,20 +126,20 @@ class Local:
     program: Program
     memory: Places | None = None
 
-    def run(self, start: FoPi, most_rounds: int = _MOST_ROUNDS) -> Found:
-        """Improve gains at their alpha until no step does."""
+    def run(self, start: FoPi, enough: float = NO_GAIN) -> Found:
+        """Improve gains at their alpha until no step promises more than `enough` (natural units)."""
         here = best = look(self.task, start, self.members.plants)
         if not np.isfinite(here.violation):
             return Found(here, 0)
         trust, penalty, rounds = 1.0, 1.0, 0
-        while rounds < most_rounds and trust > _SMALLEST_TRUST:
+        while rounds < _MOST_ROUNDS and trust > _SMALLEST_TRUST:
             rounds += 1
             move = self._move(here, trust)
             if move is None:
                 break
             penalty = max(penalty, _SAFETY * move.step.price)
             promised = move.promised + (penalty * here.violation if move.aims else 0.0)
-            if promised < _NO_GAIN:
+            if promised < enough:
                 break
             there = self._moved(here, move.step)
             kept = _kept(here, there, move, promised, penalty)
@@ -163,16 +163,16 @@ class Local:
         """The step that the objective asks for or, where the rows leave no room, the one that misses least."""
         rows = rows_of(self.task, here, self.members.plants, self._remembered(here))
         low, high = self._bounds(here, trust)
-        price, weight = self._price()
+        price, weight = self._price(here.gains)
         step = self.program.step(rows, low, high, price, weight)
         if step is not None:
             return _Move(step, True, -float(price @ step.d + weight * step.value))
         step = self.program.restore(rows, low, high)
         return None if step is None else _Move(step, False, here.violation - step.value)
 
-    def _price(self) -> tuple[Array, float]:
+    def _price(self, gains: FoPi) -> tuple[Array, float]:
         if self.task.objective is ObjectiveKind.KI:
-            return np.array([0.0, -1.0]), 1e-6
+            return np.array([0.0, self.task.ki_cost(gains)[1] * self.task.unit(gains.alpha)[1]]), 1e-6
         return np.zeros(2), 1.0
 
     def _reach(self, here: Look, trust: float) -> Array:

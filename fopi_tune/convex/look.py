@@ -121,9 +121,26 @@ def _look(task: Task, gains: FoPi, plants: Plants) -> Look:
     limits = Places.joined(parts)
     violation = max(0.0, float(-limits.slack.min(initial=math.inf)))
     objective = seen.objective(limits)
-    cost = float(-objective.slack.min()) if len(objective) else -float(task.scaled(gains)[1])
+    cost = float(-objective.slack.min()) if len(objective) else task.ki_cost(gains)[0]
     violation += 0.0 if stable else _UNSTABLE
     return Look(gains, Places.joined([limits, objective]), violation, cost, stable)
+
+
+def rough_ranks(task: Task, gains: list[FoPi]) -> Array:
+    """How much each of many controllers misses with the nominal plant, in one batch, shape (n,); less is better.
+
+    Raises:
+        DomainError: for one of them |L| = 1 over a whole range.
+    """
+    nominal = Plants.members(task.spec.plant, np.repeat(task.spec.plant.nominal_point[None, :], len(gains), axis=0))
+    kp, ki, alpha = np.array([(g.kp, g.ki, g.alpha) for g in gains]).T
+    loops = Loops(kp, ki, alpha, nominal)
+    crossings = gain_crossovers(loops)
+    seen = _Seen(task, loops, crossings, all_nominal=True)
+    limits = Places.joined([part for k, limit in enumerate(task.limits) for part in seen.of(k, limit)])
+    missed = np.zeros(len(gains))
+    np.maximum.at(missed, limits.plant, -limits.slack)
+    return missed + np.where(unstable_poles_from(loops, crossings) < 0.5, 0.0, _UNSTABLE)
 
 
 @dataclass(frozen=True)
@@ -131,10 +148,12 @@ class _Seen:
     task: Task
     loops: Loops
     crossings: Crossings
+    all_nominal: bool = False
 
     def of(self, k: int, limit: Limit) -> list[Places]:
         """Where one limit is worst, plant by plant."""
-        rows = np.zeros(1, dtype=np.intp) if limit.nominal else np.arange(len(self.loops))
+        first_alone = limit.nominal and not self.all_nominal
+        rows = np.zeros(1, dtype=np.intp) if first_alone else np.arange(len(self.loops))
         if limit.where is Where.BAND:
             return [self._band(k, limit, rows)]
         if limit.where is Where.PHASE_CROSSOVERS:

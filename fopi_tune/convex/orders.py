@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fopi_tune.convex.limits import Task
-from fopi_tune.convex.local import TOLERANCE, Found, Local, Members, better
+from fopi_tune.convex.local import NO_GAIN, TOLERANCE, Found, Local, Members, better
 from fopi_tune.convex.look import look
 from fopi_tune.convex.program import Program
 from fopi_tune.convex.starts import starts
@@ -31,6 +31,8 @@ _GOLDEN = 0.381966
 #: natural units; a bracket that can hold no more improvement than this is done
 _ENOUGH = 2e-8
 _NARROWEST = 1e-10
+#: the same within a scan's alpha
+_ROUGHLY = 1e-4
 
 
 @dataclass
@@ -55,11 +57,11 @@ class Orders:
         alphas = [box.min] if box.is_fixed else np.linspace(box.min, box.max, _SCANNED).tolist()
         for i in range(0, len(alphas), _ANCHORS):
             for start in starts(self.task, self.members, alphas[i], _STARTS):
-                self._offer(alphas[i], self.local.run(start.gains))
+                self._offer(alphas[i], self.local.run(start.gains, _ROUGHLY))
         for order in (alphas, alphas[::-1]):
             for here, there in zip(order[1:], order, strict=False):
                 if self._may_teach(here, there):
-                    self._from(here, [there])
+                    self._from(here, [there], _ROUGHLY)
 
     def again(self) -> None:
         """Look once more, from their own answers, at all alphas: plants have joined."""
@@ -67,13 +69,17 @@ class Orders:
         for alpha, found in known.items():
             again = look(self.task, found.gains, self.members.plants)
             if better(again, found.look) or again.violation > TOLERANCE or again.cost > found.look.cost + _ENOUGH:
-                found = self.local.run(found.gains)
+                found = self.local.run(found.gains, _ROUGHLY)
             self._offer(alpha, replace(found, look=look(self.task, found.gains, self.members.plants)))
 
     def refine(self) -> None:
         """Make the bracket around the best alpha smaller until it holds nothing better."""
         found = self.best()
-        if found is None or self.task.spec.controller.alpha.is_fixed:
+        if found is None:
+            return
+        for alpha in dict.fromkeys(self._bracket(found.gains.alpha)):
+            self._offer(alpha, self.local.run(self.known[alpha].gains))
+        if self.task.spec.controller.alpha.is_fixed:
             return
         for count in range(_MOST_TRIES):
             best = _best_of(self.known.values())
@@ -85,12 +91,12 @@ class Orders:
                 alpha = middle + _GOLDEN * (high - middle if high - middle > middle - low else low - middle)
             self._from(float(alpha), [low, middle, high])
 
-    def _from(self, alpha: float, neighbours: Iterable[float]) -> None:
+    def _from(self, alpha: float, neighbours: Iterable[float], enough: float = NO_GAIN) -> None:
         """The best at one alpha from its neighbours' answers, the best neighbour first."""
         tried = sorted((self.known[n] for n in dict.fromkeys(neighbours) if n in self.known), key=_rank)
         for found in tried[:2]:
             x = self.task.scaled(found.gains)
-            run = self.local.run(self.task.gains(x, alpha))
+            run = self.local.run(self.task.gains(x, alpha), enough)
             self._offer(alpha, run)
             if run.feasible:
                 break

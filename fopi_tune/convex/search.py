@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from fopi_tune.candidate import Candidate, Violation
-from fopi_tune.convex.limits import GUARD, OPEN_GAIN, TIGHTENING, Task, refusal, task_of
+from fopi_tune.convex.limits import GUARD, OPEN_GAIN, TIGHTENING, Bound, Task, refusal, task_of
 from fopi_tune.convex.local import TOLERANCE, Found, Members, better
 from fopi_tune.convex.orders import Orders
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Plants
 from fopi_tune.errors import DomainError
 from fopi_tune.outcome import Status
 from fopi_tune.proof import verify
@@ -94,16 +95,32 @@ def _with_worst_plants(spec: DesignSpec, members: Members, best: Found) -> bool:
 
 
 def _branches(spec: DesignSpec) -> list[DesignSpec]:
-    """The spec, and the same without integral action where that may be better: at ki = 0 responses jump as omega -> 0."""
+    """The spec, and the same without integral action where a response's jump at ki = 0 may make that better.
+
+    As omega -> 0, with ki != 0 on a plant with a finite P(0) != 0 and whatever the gains, |C S| -> 1/|P(0)|, |T| -> 1,
+    |L| -> inf and |S| -> 0; with ki = 0 not.
+    """
     ki = spec.controller.ki
-    jumps = spec.objective is not None and spec.objective.quantity == ObjectiveKind.CONTROL_SENSITIVITY_PEAK
-    jumps |= any(r.from_rad_s == 0.0 and r.quantity.endswith(("sensitivity_db", "loop_gain_db")) for r in spec.requirements)
-    wants_integral = spec.objective is not None and spec.objective.quantity == ObjectiveKind.KI
-    if ki.is_fixed or not ki.min <= 0.0 <= ki.max or not jumps or wants_integral:
+    if ki.is_fixed or not ki.min <= 0.0 <= ki.max:
         return [spec]
     alpha = min(max(1.0, spec.controller.alpha.min), spec.controller.alpha.max)
-    without = ControllerSpec(spec.controller.kp, GainRange(0.0, 0.0), GainRange(alpha, alpha))
-    return [spec, replace(spec, controller=without)]
+    controller = ControllerSpec(spec.controller.kp, GainRange(0.0, 0.0), GainRange(alpha, alpha))
+    without = replace(spec, controller=controller)
+    plants = Plants.members(spec.plant, spec.plant.corners())
+    if np.any(plants.numerator[:, -1] == 0.0):
+        return [without]  # a zero at s = 0 cancels the integral, which runs away unseen
+    floor = float(-plants.log.scale.min()) if np.all(plants.log.slope0 == 0.0) else -math.inf
+    at_rest = {"control_sensitivity_db": floor, "complementary_sensitivity_db": 0.0, "loop_gain_db": math.inf}
+    if math.isfinite(floor):
+        for limit in task_of(spec).limits:
+            if limit.from_rad_s == 0.0 and limit.bound is Bound.UPPER:
+                if at_rest.get(limit.quantity, -math.inf) > limit.limit + TIGHTENING:
+                    return [without]
+            elif limit.from_rad_s == 0.0 and limit.bound is Bound.LOWER and limit.quantity == "sensitivity_db":
+                return [without]
+        if spec.objective is not None and spec.objective.quantity == ObjectiveKind.CONTROL_SENSITIVITY_PEAK:
+            return [spec, without]
+    return [spec]
 
 
 def _candidate(task: Task, best: Found) -> Candidate:

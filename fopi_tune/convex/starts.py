@@ -15,12 +15,11 @@ import math
 import numpy as np
 
 from fopi_tune.convex.limits import OPEN_GAIN, Bound, Task
-from fopi_tune.convex.look import Look, look
+from fopi_tune.convex.look import Look, look, rough_ranks
 from fopi_tune.convex.local import Members
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array
-from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.stability import is_stable
+from fopi_tune.core.loops import Plants
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import Where
 
@@ -29,7 +28,7 @@ _PER_DECADE, _DECADES = 3, 2.0
 _MARGINS_DEG = (35.0, 55.0, 75.0, 95.0, 120.0)
 _SMALL = (1e-3, 1e-2, 1e-1)
 #: of the lattice so many are looked at with all limits
-_LOOKED_AT = 16
+_LOOKED_AT = 12
 #: starts must differ by this much in asinh(10 x)
 _APART = 0.4
 
@@ -38,14 +37,15 @@ def starts(task: Task, members: Members, alpha: float, most: int) -> list[Look]:
     """At most `most` starts at one alpha, the best first; empty where no gains were found that are usable."""
     lattice = [task.gains(x, alpha) for x in _lattice(task, alpha)]
     lattice = [g for g in dict.fromkeys(lattice) if g.kp != 0.0 or g.ki != 0.0]
-    stable = _stable(task, lattice)
-    ranked = [g for g, s in zip(lattice, stable, strict=True) if s] or lattice
-    nominal = Plants.members(task.spec.plant, members.points[:1])
-    first = sorted((look(task, g, nominal) for g in ranked), key=_rank)[:_LOOKED_AT]
-    looked = [look(task, found.gains, members.plants) for found in first] if len(members.points) > 1 else first
-    looked = [found for found in looked if math.isfinite(found.violation)] or [
-        found for found in first if math.isfinite(found.violation)
-    ]
+    if not lattice:
+        return []
+    try:
+        first = np.argsort(rough_ranks(task, lattice), kind="stable")[:_LOOKED_AT]
+    except DomainError:
+        # one of them has |L| = 1 over a whole range: all are looked at one by one
+        first = np.arange(len(lattice))
+    looked = [look(task, lattice[i], members.plants) for i in first]
+    looked = [found for found in looked if math.isfinite(found.violation)]
     chosen: list[Look] = []
     for found in sorted(looked, key=_rank):
         place = np.arcsinh(10.0 * task.scaled(found.gains))
@@ -59,19 +59,6 @@ def starts(task: Task, members: Members, alpha: float, most: int) -> list[Look]:
 
 def _rank(found: Look) -> tuple[float, float]:
     return found.violation, found.cost
-
-
-def _stable(task: Task, lattice: list[FoPi]) -> list[bool]:
-    """Which of them are stable with the nominal plant."""
-    if not lattice:
-        return []
-    nominal = Plants.members(task.spec.plant, np.repeat(task.spec.plant.nominal_point[None, :], len(lattice), axis=0))
-    gains = np.array([(g.kp, g.ki, g.alpha) for g in lattice])
-    try:
-        return is_stable(Loops(gains[:, 0], gains[:, 1], gains[:, 2], nominal)).tolist()
-    except DomainError:
-        # one of them has |L| = 1 over a whole range
-        return [True] * len(lattice)
 
 
 def _lattice(task: Task, alpha: float) -> list[Array]:
