@@ -185,7 +185,7 @@ class _Seen:
             return parts
         top = extremes(self.loops.take(lacking), Response.LOOP_GAIN, 0.0, math.inf)
         bottom = extremes(self.loops.take(lacking), Response.LOOP_GAIN, 0.0, math.inf, largest=False)
-        small = -top.value <= bottom.value
+        small = top.value < 0.0
         away = np.where(small, -top.value, bottom.value)
         with np.errstate(divide="ignore"):
             u = np.log(np.where(small, top.omega_rad_s, bottom.omega_rad_s))

@@ -27,6 +27,8 @@ from fopi_tune.convex.starts import starts
 _SCANNED, _ANCHORS = 13, 4
 _STARTS = 2
 _MOST_TRIES = 40
+#: brackets that are looked into
+_MOST_VALLEYS = 5
 _GOLDEN = 0.381966
 #: natural units; a bracket that can hold no more improvement than this is done
 _ENOUGH = 2e-8
@@ -73,17 +75,33 @@ class Orders:
             self._offer(alpha, replace(found, look=look(self.task, found.gains, self.members.plants)))
 
     def refine(self) -> None:
-        """Make the bracket around the best alpha smaller until it holds nothing better."""
-        found = self.best()
-        if found is None:
-            return
-        for alpha in dict.fromkeys(self._bracket(found.gains.alpha)):
+        """Make the brackets that may hold the best alpha smaller until they hold nothing better."""
+        alphas = sorted(self.known)
+        brackets = [self._bracket(alpha) for alpha in alphas]
+        valleys = [b for b in brackets if all(_rank(self.known[b[1]]) <= _rank(self.known[end]) for end in b)]
+        for low, middle, high in sorted(valleys, key=lambda b: _rank(self.known[b[1]]))[:_MOST_VALLEYS]:
+            best = self.best()
+            if best is not None and self._may_beat(best, low, middle, high):
+                self._refine(low, middle, high)
+
+    def _may_beat(self, best: Found, low: float, middle: float, high: float) -> bool:
+        """Whether a valley's floor may lie below the best known, were its slopes to go on across the bracket."""
+        here = self.known[middle]
+        if not here.feasible or not best.feasible:
+            return not best.feasible
+        falls = [abs(self.known[end].look.cost - here.look.cost) for end in (low, high) if self.known[end].feasible]
+        finite = [fall for fall in falls if np.isfinite(fall)]
+        return here.look.cost - max(finite, default=np.inf) <= best.look.cost
+
+    def _refine(self, first: float, middle: float, last: float) -> None:
+        for alpha in dict.fromkeys((middle, first, last)):
             self._offer(alpha, self.local.run(self.known[alpha].gains))
-        if self.task.spec.controller.alpha.is_fixed:
+        if first == last:
             return
         for count in range(_MOST_TRIES):
-            best = _best_of(self.known.values())
-            low, middle, high = self._bracket(best.gains.alpha)
+            within = [a for a in self.known if first <= a <= last]
+            low, middle, high = self._bracket(min(within, key=lambda a: _rank(self.known[a])))
+            low, high = max(low, first), min(high, last)
             if high - low < _NARROWEST or self._is_done(low, middle, high):
                 return
             alpha = self._guess(low, middle, high) if count % 3 != 2 else None
