@@ -139,7 +139,7 @@ class Local:
                 break
             penalty = max(penalty, _SAFETY * move.step.price)
             promised = move.promised + (penalty * here.violation if move.aims else 0.0)
-            if promised < enough:
+            if promised < (enough if here.violation <= TOLERANCE else NO_GAIN):
                 break
             there = self._moved(here, move.step)
             kept = _kept(here, there, move, promised, penalty)
@@ -166,7 +166,8 @@ class Local:
         price, weight = self._price(here.gains)
         step = self.program.step(rows, low, high, price, weight)
         if step is not None:
-            return _Move(step, True, -float(price @ step.d + weight * step.value))
+            used = 0.0 if self.task.objective is ObjectiveKind.KI else weight * step.value
+            return _Move(step, True, -float(price @ step.d) - used)
         step = self.program.restore(rows, low, high)
         return None if step is None else _Move(step, False, here.violation - step.value)
 
