@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fopi_tune.candidate import Solver
     from fopi_tune.core.controller import FoPi
     from fopi_tune.core.margins import Margins, margins
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
@@ -42,6 +43,7 @@ _PUBLIC = {
     "Run": "fopi_tune.result",
     "Simulated": "fopi_tune.simulated",
     "SpecError": "fopi_tune.errors",
+    "Solver": "fopi_tune.candidate",
     "Status": "fopi_tune.outcome",
     "Uncertain": "fopi_tune.core.plant",
     "Validated": "fopi_tune.result",
@@ -75,6 +77,7 @@ __all__ = [
     "Recheck",
     "Run",
     "Simulated",
+    "Solver",
     "SpecError",
     "Status",
     "Uncertain",

@@ -3,9 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.outcome import Give, Status
+
+
+class Solver(StrEnum):
+    """Which search finds the gains; the value is the word after `--solver`."""
+
+    #: all three gains at once by nonlinear programming
+    IPOPT = "ipopt"
+    #: convex problems in kp and ki, and a search over alpha: a second opinion that shares no code with the first
+    CONVEX = "convex"
 
 
 @dataclass(frozen=True)

@@ -17,13 +17,15 @@ MODULES = {".".join(p.relative_to(ROOT).with_suffix("").parts): p for p in sorte
 STAGES = ("core", "quantities", "spec")
 #: folder (or module) -> what of this package it may import, besides itself
 ALLOWED = {
-    "__init__": (*STAGES, "errors", "outcome", "proof", "pipeline", "result", "simulated"),
+    "__init__": (*STAGES, "candidate", "errors", "outcome", "proof", "pipeline", "result", "simulated"),
     "errors": (),
     "core": ("errors",),
     "quantities": ("core", "errors"),
     "spec": ("quantities", "core", "errors"),
     "outcome": (),
-    "design": ("outcome", "spec.model", "quantities", "core", "errors"),
+    "candidate": ("outcome", "core"),
+    "convex": ("candidate", "outcome", "proof", "spec.model", "quantities", "core", "errors"),
+    "design": ("candidate", "outcome", "spec.model", "quantities", "core", "errors"),
     "proof": ("spec.model", "quantities", "core", "errors"),
     "digital": ("spec.model", "core", "errors"),
     "validation": ("digital", "proof", "quantities", "spec.model", "core", "errors"),
@@ -36,18 +38,18 @@ ALLOWED = {
     ),
     "report": ("core", "outcome", "proof", "simulated", "spec.model", "result", "validation"),
     "simulated": ("core", "errors", "spec.model", "stamp", "validation"),
-    "assemble": ("design", "outcome", "proof", "result", "spec.model", "stamp"),
+    "assemble": ("candidate", "outcome", "proof", "result", "spec.model", "stamp"),
     "implement": (
         *("assemble", "core", "design", "digital", "errors", "outcome", "proof"),
         *("quantities", "spec.model", "stamp"),
     ),
     "pipeline": (
-        *("assemble", "core", "design", "digital", "errors", "implement", "outcome", "proof"),
+        *("assemble", "candidate", "convex", "core", "design", "digital", "errors", "implement", "outcome", "proof"),
         *("result", "simulated", "spec", "stamp", "validation"),
     ),
     "__main__": ("cli",),
     "cli": (
-        *("__version__", "core", "digital", "errors", "pipeline", "proof"),
+        *("__version__", "candidate", "core", "digital", "errors", "pipeline", "proof"),
         *("report", "result", "simulated", "spec"),
     ),
 }

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune import __version__
+from fopi_tune.candidate import Solver
 from fopi_tune.cli.certificates import gains_of_earlier_design, recheck_file
 from fopi_tune.cli.output import Exit, print_out, reason_of, report_failure, say, to_json, write_file
 from fopi_tune.cli.process import Handling, process
@@ -43,6 +44,9 @@ Ki = Annotated[float | None, typer.Option(help="Integral gain, in kp's unit time
 Alpha = Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")]
 NoProof = Annotated[bool, typer.Option("--no-proof", help="Leave the certificate out; the result says so.")]
+SolverOption = Annotated[
+    Solver, typer.Option("--solver", help="What finds the gains; convex is a slower, independent second opinion.")
+]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback when the tool itself fails.")]
 
 
@@ -66,6 +70,7 @@ def tune(
     specs: Specs,
     out: Out = None,
     as_json: AsJson = False,
+    solver: SolverOption = Solver.IPOPT,
     no_proof: NoProof = False,
     quiet: Quiet = False,
     debug: Debug = False,
@@ -74,7 +79,7 @@ def tune(
 
     They meet it for every plant of its family.  The result and the certificate are also written to files.
     """
-    _tune(specs, Handling(out, as_json, quiet, debug, len(specs) > 1), not no_proof)
+    _tune(specs, Handling(out, as_json, quiet, debug, len(specs) > 1), not no_proof, solver)
 
 
 @app.command()
@@ -283,10 +288,12 @@ def main() -> None:
         sys.exit(report_failure("fopi", error, "--debug" in sys.argv))
 
 
-def _tune(files: Sequence[str], handling: Handling, proof: bool) -> None:
+def _tune(files: Sequence[str], handling: Handling, proof: bool, solver: Solver) -> None:
     def make(spec: DesignSpec) -> Design:
         from fopi_tune.pipeline import tune
 
+        if solver is not Solver.IPOPT:
+            return tune(spec, proof, solver)
         return tune(spec) if proof else tune(spec, proof=False)
 
     raise typer.Exit(process(files, make, handling, "tuning"))

@@ -151,6 +151,8 @@ def task_of(spec: DesignSpec) -> Task:
 
 def refusal(spec: DesignSpec) -> str | None:
     """What the convex path cannot take, or None."""
+    if spec.digital is not None and spec.digital.designs_sampled:
+        return "the convex path designs in continuous time, and the spec asks for design: sampled; use the solver ipopt"
     for requirement in spec.requirements:
         quantity = QUANTITIES[requirement.quantity]
         known = isinstance(quantity, FrequencyFunction) or requirement.quantity in CROSSING_QUANTITIES

@@ -71,9 +71,7 @@ class Program:
             cp.Minimize(self.price @ self.d + self.weight * t),
             [self.cones, t >= -_MOST_GAIN, t <= 10.0 * _MOST_GAIN, *box, *exact],
         )
-        self.restore_problem = cp.Problem(
-            cp.Minimize(v), [cp.SOC(right + self.elastic * v, left, axis=0), *box, *near]
-        )
+        self.restore_problem = cp.Problem(cp.Minimize(v), [cp.SOC(right + self.elastic * v, left, axis=0), *box, *near])
 
     def step(self, rows: RowTable, low: Array, high: Array, price: Array, weight: float) -> Step | None:
         """The best step; None when the rows leave no room (or the solver gives up)."""

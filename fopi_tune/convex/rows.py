@@ -293,7 +293,7 @@ class _Builder:
         with np.errstate(divide="ignore", invalid="ignore"):
             least = np.abs(gain) * np.exp(-self.found.cost)  # |1 + C P| where this plant would be the worst
             plant = gain / self.task.horizon_s
-            powers = np.array([1.0, self.task.horizon_s ** self.found.gains.alpha])
+            powers = np.array([1.0, self.task.horizon_s**self.found.gains.alpha])
             slope = np.sign(1.0 + loop)[:, None] * plant[:, None] * (powers * self.local.unit) / least[:, None]
             slack = np.abs(1.0 + loop) / least - 1.0
         empty = np.zeros(slope.shape, complex), np.zeros(len(slack), complex)
@@ -302,4 +302,3 @@ class _Builder:
 
 def _steep(slope: Array) -> Array:
     return np.where(np.abs(slope) > _FLAT, slope, np.where(slope < 0.0, -_FLAT, _FLAT))
-

@@ -136,7 +136,9 @@ def _candidate(task: Task, best: Found) -> Candidate:
     else:
         worst = [k for k, by in best.look.worst_limits(3).items() if by > _MEETS]
         indices = [task.limits[k].requirement for k in worst]
-        names = " and ".join(dict.fromkeys("stability" if i == GUARD else spec.requirements[i].quantity for i in indices))
+        names = " and ".join(
+            dict.fromkeys("stability" if i == GUARD else spec.requirements[i].quantity for i in indices)
+        )
         missed = f"the gains that miss least miss {names} by {best.look.violation:.2g} neper or radian"
     if best.look.violation <= _NEARLY:
         message = f"the convex path did not end: {missed}"

@@ -15,9 +15,8 @@ import math
 import numpy as np
 
 from fopi_tune.convex.limits import OPEN_GAIN, Bound, Task
-from fopi_tune.convex.look import Look, look, rough_ranks
 from fopi_tune.convex.local import Members
-from fopi_tune.core.controller import FoPi
+from fopi_tune.convex.look import Look, look, rough_ranks
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.errors import DomainError
@@ -98,4 +97,3 @@ def _margins(task: Task) -> Array:
         if limit.quantity == "phase_margin_deg" and limit.bound is Bound.EQUAL:
             return np.array([limit.limit])
     return np.radians(_MARGINS_DEG)
-
