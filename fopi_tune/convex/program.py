@@ -51,7 +51,10 @@ class Program:
 
         n = CAPACITY
         self.count, self.solves = equalities, 0
-        self.d, t, v = cp.Variable(2), cp.Variable(), cp.Variable(nonneg=True)
+        self.d: Any = cp.Variable(2)
+        self.t: Any = cp.Variable()
+        self.v: Any = cp.Variable(nonneg=True)
+        t, v = self.t, self.v
         self.cone_re, self.cone_im, self.slope = cp.Parameter((n, 2)), cp.Parameter((n, 2)), cp.Parameter((n, 2))
         self.cone0, self.slack0 = cp.Parameter((2, n)), cp.Parameter(n)
         self.share, self.elastic = cp.Parameter(n), cp.Parameter(n)
@@ -65,8 +68,8 @@ class Program:
             self.equal_slope, self.distance = cp.Parameter((equalities, 2)), cp.Parameter(equalities)
             off = self.equal_slope @ self.d - self.distance
             exact, near = [off == 0], [off <= v, off >= -v]
-        self.t, self.v = t, v
-        self.cones, self.exact = cp.SOC(right + self.share * t, left, axis=0), exact
+        self.exact: list[Any] = exact
+        self.cones: Any = cp.SOC(right + self.share * t, left, axis=0)
         self.step_problem = cp.Problem(
             cp.Minimize(self.price @ self.d + self.weight * t),
             [self.cones, t >= -_MOST_GAIN, t <= 10.0 * _MOST_GAIN, *box, *exact],
@@ -79,9 +82,9 @@ class Program:
         self.price.value, self.weight.value = price, weight
         if not self._solved(self.step_problem):
             return None
-        multipliers = np.asarray(self.cones.dual_value[0], dtype=float) * self.elastic.value
+        multipliers = np.asarray(self.cones.dual_value[0], dtype=float) * np.asarray(self.elastic.value)
         price = multipliers.sum() + sum(np.abs(np.asarray(c.dual_value, dtype=float)).sum() for c in self.exact)
-        return Step(np.asarray(self.d.value, dtype=float), float(self.t.value), float(price))  # type: ignore[arg-type]
+        return Step(np.asarray(self.d.value, dtype=float), float(self.t.value), float(price))
 
     def restore(self, rows: RowTable, low: Array, high: Array) -> Step | None:
         """The step after which the rows are missed least; None when the solver gives up."""
@@ -89,7 +92,7 @@ class Program:
         self._fill(hard, low, high)
         if not self._solved(self.restore_problem):
             return None
-        return Step(np.asarray(self.d.value, dtype=float), float(self.v.value))  # type: ignore[arg-type]
+        return Step(np.asarray(self.d.value, dtype=float), float(self.v.value))
 
     def _solved(self, problem: Any) -> bool:
         import cvxpy as cp

@@ -15,7 +15,8 @@ which makes a half-plane of d.  Rows are divided by their size, so that a row's 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -76,7 +77,7 @@ class RowTable:
     def take(self, rows: Rows) -> RowTable:
         """Some of the rows, and all equalities."""
         names = ("cone", "cone0", "slope", "slack0", "share", "elastic", "group")
-        return RowTable(*(getattr(self, name)[rows] for name in names), self.equal_slope, self.distance)
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
 def rows_of(task: Task, found: Look, plants: Plants, places: Places) -> RowTable:
@@ -121,13 +122,13 @@ class _Local:
         gains, u, rows = found.gains, places.u, places.plant
         loops = Loops.of(gains, plants)
         unit = task.unit(gains.alpha)
-        integral = np.exp(-gains.alpha * (u + 0.5j * np.pi))
-        controller = gains.kp + gains.ki * integral
-        d_controller = np.stack([np.full(len(u), unit[0] + 0j), unit[1] * integral], axis=1)
+        integral: Complex = np.exp(-gains.alpha * (u + 0.5j * np.pi))
+        controller: Complex = gains.kp + gains.ki * integral
+        d_controller: Complex = np.stack([np.full(len(u), unit[0] + 0j), unit[1] * integral], axis=1)
         log_loop, slope = loops.log_response_and_slope(rows, u)
         with np.errstate(all="ignore"):
             plant = np.exp(plants.log.value(rows, u))
-            d_log_loop = d_controller / controller[:, None]
+            d_log_loop: Complex = d_controller / controller[:, None]
         return cls(
             plant, controller, d_controller, log_loop, d_log_loop, slope, loops, rows, u, gains.ki * integral, unit
         )
@@ -188,10 +189,10 @@ class _Builder:
     def built(self) -> RowTable:
         empty = [np.zeros(0) for _ in range(3)]
         none = (np.zeros((0, 2), complex), np.zeros(0, complex), np.zeros((0, 2)), *empty, np.zeros(0, dtype=np.intp))
-        columns = [np.concatenate(column) for column in zip(none, *self.parts, strict=True)]
+        columns: list[Any] = [np.concatenate(column) for column in zip(none, *self.parts, strict=True)]
         slopes = np.concatenate([np.zeros((0, 2)), *(slope for slope, _ in self.equal)])
         distances = np.concatenate([np.zeros(0), *(distance for _, distance in self.equal)])
-        table = RowTable(*columns, slopes, distances)  # type: ignore[arg-type]
+        table = RowTable(*columns, equal_slope=slopes, distance=distances)
         usable = np.isfinite(table.slack) & np.isfinite(table.slope).all(axis=1) & np.isfinite(table.cone).all(axis=1)
         return table.take(np.flatnonzero(usable))
 
