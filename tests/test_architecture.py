@@ -85,9 +85,16 @@ def test_imports_point_towards_the_core(name: str) -> None:
         assert any(inside(target, allowed) for allowed in (own, *ALLOWED[own])), f"{name} imports {imported}"
 
 
-def test_design_and_proof_know_nothing_of_each_other() -> None:
+def test_design_proof_and_the_convex_path_are_opinions_of_their_own() -> None:
     for name, path in MODULES.items():
-        for one, other in (("design", "proof"), ("proof", "design")):
+        pairs = (
+            ("design", "proof"),
+            ("proof", "design"),
+            ("convex", "design"),
+            ("design", "convex"),
+            ("proof", "convex"),
+        )
+        for one, other in pairs:
             if inside(name, f"fopi_tune.{one}"):
                 assert not any(inside(found, f"fopi_tune.{other}") for found in imports(tree(path))), name
 

@@ -25,7 +25,7 @@ from fopi_tune.convex.starts import starts
 
 #: orders of the first scan; of every so many of them starts are looked for, the others begin at their neighbours
 _SCANNED, _ANCHORS = 13, 4
-_STARTS = 2
+_STARTS, _STARTS_OF_ONE = 3, 5
 _MOST_TRIES = 40
 #: brackets that are looked into
 _MOST_VALLEYS = 5
@@ -58,7 +58,8 @@ class Orders:
         box = self.task.spec.controller.alpha
         alphas = [box.min] if box.is_fixed else np.linspace(box.min, box.max, _SCANNED).tolist()
         for i in range(0, len(alphas), _ANCHORS):
-            for start in starts(self.task, self.members, alphas[i], _STARTS):
+            most = _STARTS_OF_ONE if box.is_fixed else _STARTS
+            for start in starts(self.task, self.members, alphas[i], most):
                 self._offer(alphas[i], self.local.run(start.gains, _ROUGHLY))
         for order in (alphas, alphas[::-1]):
             for here, there in zip(order[1:], order, strict=False):

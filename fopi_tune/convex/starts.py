@@ -28,6 +28,8 @@ _MARGINS_DEG = (35.0, 55.0, 75.0, 95.0, 120.0)
 _SMALL = (1e-3, 1e-2, 1e-1)
 #: of the lattice so many are looked at with all limits
 _LOOKED_AT = 12
+#: starts that miss by so much more (neper or radian) than the best one are still worth their objective
+_NEARLY_AS_GOOD = 0.5
 #: starts must differ by this much in asinh(10 x)
 _APART = 0.4
 
@@ -45,8 +47,15 @@ def starts(task: Task, members: Members, alpha: float, most: int) -> list[Look]:
         first = np.arange(len(lattice))
     looked = [look(task, lattice[i], members.plants) for i in first]
     looked = [found for found in looked if math.isfinite(found.violation)]
+    ranked = sorted(looked, key=_rank)
+    # the one that the objective likes best may lead to another, better optimum
+    liked = min(
+        (found for found in ranked if found.violation < ranked[0].violation + _NEARLY_AS_GOOD),
+        key=lambda found: found.cost,
+        default=None,
+    )
     chosen: list[Look] = []
-    for found in sorted(looked, key=_rank):
+    for found in (*ranked[:1], *([liked] if liked else []), *ranked[1:]):
         place = np.arcsinh(10.0 * task.scaled(found.gains))
         near = (np.abs(place - np.arcsinh(10.0 * task.scaled(c.gains))).max() < _APART for c in chosen)
         if not any(near):
