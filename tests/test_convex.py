@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable
 from dataclasses import replace
@@ -12,9 +13,11 @@ import numpy as np
 import pytest
 from design_cases import CASES
 from plants import brake, lag, lag_gain_and_delay, spec_of, transfer_function
+from typer.testing import CliRunner
 
 import fopi_tune as ft
 from fopi_tune.candidate import Candidate, Violation
+from fopi_tune.cli import app
 from fopi_tune.convex import convex_design
 from fopi_tune.convex.limits import Task, task_of
 from fopi_tune.convex.local import TOLERANCE, Found, Local, Members
@@ -218,6 +221,16 @@ def test_solved_means_proved_and_the_stamp_names_the_solver() -> None:
     assert design.certificate.verdict is ft.Verdict.PROVED
     assert design.stamp.solver == "convex"
     assert {"clarabel", "cvxpy"} <= design.stamp.versions.keys()
+
+
+def test_the_command_takes_the_solver_and_refuses_an_unknown_one(tmp_path: Path) -> None:
+    spec = str(SPECS / "pi_baseline.yaml")
+    run = CliRunner().invoke(app, ["tune", spec, "--solver", "convex", "--no-proof", "--json", "--out", str(tmp_path)])
+    assert run.exit_code == 0
+    found = json.loads(run.stdout)
+    assert (found["status"], found["stamp"]["solver"]) == ("solved", "convex")
+    assert [r["multiplier"] for r in found["requirements"]] == [None] * 5
+    assert CliRunner().invoke(app, ["tune", spec, "--solver", "concave"]).exit_code == 2
 
 
 def test_a_worst_plant_inside_the_box_joins_the_plants_in_play() -> None:

@@ -26,9 +26,11 @@ from fopi_tune.convex.starts import starts
 #: orders of the first scan; of every so many of them starts are looked for, the others begin at their neighbours
 _SCANNED, _ANCHORS = 13, 4
 _STARTS, _STARTS_OF_ONE = 3, 5
+#: natural units; costs this near are those of one optimum
+_SAME_END = 1e-3
 _MOST_TRIES = 40
-#: brackets that are looked into
-_MOST_VALLEYS = 5
+#: brackets that are looked into, and how many while no alpha is known that meets everything
+_MOST_VALLEYS, _MOST_HOPELESS = 5, 2
 _GOLDEN = 0.381966
 #: natural units; a bracket that can hold no more improvement than this is done
 _ENOUGH = 2e-8
@@ -58,13 +60,20 @@ class Orders:
         box = self.task.spec.controller.alpha
         alphas = [box.min] if box.is_fixed else np.linspace(box.min, box.max, _SCANNED).tolist()
         for i in range(0, len(alphas), _ANCHORS):
-            most = _STARTS_OF_ONE if box.is_fixed else _STARTS
-            for start in starts(self.task, self.members, alphas[i], most):
-                self._offer(alphas[i], self.local.run(start.gains, _ROUGHLY))
+            self._from_starts(alphas[i], _STARTS_OF_ONE if box.is_fixed else _STARTS)
         for order in (alphas, alphas[::-1]):
             for here, there in zip(order[1:], order, strict=False):
                 if self._may_teach(here, there):
                     self._from(here, [there], _ROUGHLY)
+
+    def _from_starts(self, alpha: float, most: int) -> None:
+        """The best of some starts; two that lead to the same end are enough."""
+        ends: list[Found] = []
+        for start in starts(self.task, self.members, alpha, most):
+            ends.append(self.local.run(start.gains, _ROUGHLY))
+            self._offer(alpha, ends[-1])
+            if len(ends) == 2 and all(f.feasible for f in ends) and _same(*ends):
+                return
 
     def again(self) -> None:
         """Look once more, from their own answers, at all alphas: plants have joined."""
@@ -80,7 +89,8 @@ class Orders:
         alphas = sorted(self.known)
         brackets = [self._bracket(alpha) for alpha in alphas]
         valleys = [b for b in brackets if all(_rank(self.known[b[1]]) <= _rank(self.known[end]) for end in b)]
-        for low, middle, high in sorted(valleys, key=lambda b: _rank(self.known[b[1]]))[:_MOST_VALLEYS]:
+        most = _MOST_VALLEYS if any(found.feasible for found in self.known.values()) else _MOST_HOPELESS
+        for low, middle, high in sorted(valleys, key=lambda b: _rank(self.known[b[1]]))[:most]:
             best = self.best()
             if best is not None and self._may_beat(best, low, middle, high):
                 self._refine(low, middle, high)
@@ -198,6 +208,10 @@ def _zero(x: list[float], y: list[float]) -> float | None:
     if y[0] == y[1]:
         return None
     return x[0] - y[0] * (x[1] - x[0]) / (y[1] - y[0])
+
+
+def _same(one: Found, other: Found) -> bool:
+    return abs(one.look.cost - other.look.cost) < _SAME_END
 
 
 def _rank(found: Found) -> tuple[float, float]:

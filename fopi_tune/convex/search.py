@@ -54,7 +54,7 @@ def convex_design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Can
     found = [(search, best) for search in searches if (best := search.best()) is not None]
     solves = sum(search.local.program.solves for search in searches)
     if not found:
-        message = "the convex path found no gains within their ranges that make a loop"
+        message = "the convex path found no gains within their ranges whose loop has the crossings that are asked for"
         return Candidate(Status.INFEASIBLE, None, nothing, message=message, solves=solves)
     search, best = found[0]
     for other, its_best in found[1:]:
