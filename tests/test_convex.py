@@ -44,16 +44,20 @@ SPECS = Path(__file__).resolve().parent.parent / "specs"
 AGREE = 1e-4
 
 
-def at_least(quantity: str, limit: float, **band: float) -> Requirement:
-    return Requirement(quantity, Relation.AT_LEAST, (limit,), **band)  # pyright: ignore[reportArgumentType]
+def one(quantity: str, relation: Relation, limit: float, scope: Scope, ends: tuple[float, float]) -> Requirement:
+    return Requirement(quantity, relation, (limit,), scope, *ends)
 
 
-def at_most(quantity: str, limit: float, **band: float) -> Requirement:
-    return Requirement(quantity, Relation.AT_MOST, (limit,), **band)  # pyright: ignore[reportArgumentType]
+def at_least(quantity: str, limit: float, from_rad_s: float = 0.0, to_rad_s: float = math.inf) -> Requirement:
+    return one(quantity, Relation.AT_LEAST, limit, Scope.FAMILY, (from_rad_s, to_rad_s))
 
 
-def equals(quantity: str, limit: float, **band: float) -> Requirement:
-    return Requirement(quantity, Relation.EQUALS, (limit,), Scope.NOMINAL, **band)
+def at_most(quantity: str, limit: float, from_rad_s: float = 0.0, to_rad_s: float = math.inf) -> Requirement:
+    return one(quantity, Relation.AT_MOST, limit, Scope.FAMILY, (from_rad_s, to_rad_s))
+
+
+def equals(quantity: str, limit: float, from_rad_s: float = 0.0, to_rad_s: float = math.inf) -> Requirement:
+    return one(quantity, Relation.EQUALS, limit, Scope.NOMINAL, (from_rad_s, to_rad_s))
 
 
 def minimize(quantity: str) -> Objective:
