@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fopi_tune.candidate import Solver
     from fopi_tune.core.controller import FoPi
     from fopi_tune.core.margins import Margins, margins
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
@@ -46,6 +47,7 @@ _PUBLIC = {
     "Simulated": "fopi_tune.simulated",
     "SimulatedSystem": "fopi_tune.systems",
     "SpecError": "fopi_tune.errors",
+    "Solver": "fopi_tune.candidate",
     "Status": "fopi_tune.outcome",
     "SystemSpec": "fopi_tune.spec.model",
     "Tradeoff": "fopi_tune.prices.result",
@@ -88,6 +90,7 @@ __all__ = [
     "Run",
     "Simulated",
     "SimulatedSystem",
+    "Solver",
     "SpecError",
     "Status",
     "SystemSpec",

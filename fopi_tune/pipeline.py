@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.assemble import Attempt, assembled, refutations
+from fopi_tune.candidate import Solver, Violation
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
@@ -20,7 +21,6 @@ from fopi_tune.spec.model import DesignSpec, ValidationSpec
 from fopi_tune.stamp import certificate_versions, stamp
 
 if TYPE_CHECKING:
-    from fopi_tune.design import Violation
     from fopi_tune.prices import Tradeoff
     from fopi_tune.simulated import Simulated
     from fopi_tune.validation.drawn import Progress
@@ -37,7 +37,7 @@ NOT_ON_SAMPLES = (
 Source = str | os.PathLike[str] | DesignSpec
 
 
-def tune(source: Source, proof: bool = True) -> Design:
+def tune(source: Source, proof: bool = True, solver: Solver = Solver.IPOPT) -> Design:
     """Find the gains that meet a spec over its whole family, and prove that they do.
 
     With `design: sampled` in the spec's section `digital` the requirements are about the loop on samples.
@@ -45,6 +45,8 @@ def tune(source: Source, proof: bool = True) -> Design:
     Args:
         source: a spec file, or a spec.
         proof: False leaves the certificate out: `solved` then means verified in floating point, and the result says so.
+        solver: which search finds the gains; `Solver.CONVEX` is the slower second opinion, which does not take
+            `design: sampled`.
 
     Returns:
         A design; `status` says how it ended.  Infeasible, unbounded and failed are answers, not exceptions.
@@ -55,19 +57,19 @@ def tune(source: Source, proof: bool = True) -> Design:
             spec asks for and that cannot be made.
     """
     spec = load_spec(source)
-    if spec.digital is not None and spec.digital.designs_sampled:
+    if solver is Solver.IPOPT and spec.digital is not None and spec.digital.designs_sampled:
         from fopi_tune.implement import sampled_attempt
 
         return assembled(spec, sampled_attempt(spec, proof), proof)
     violations: tuple[Violation, ...] = ()
-    attempt = _attempt(spec, violations, proof)
+    attempt = _attempt(spec, violations, proof, solver)
     for _ in range(_MOST_REFUTATIONS):
         new = refutations(attempt, violations)
         if not new:
             break
         violations += new
-        attempt = _attempt(spec, violations, proof)
-    return assembled(spec, attempt, proof)
+        attempt = _attempt(spec, violations, proof, solver)
+    return assembled(spec, attempt, proof, solver)
 
 
 def price(design: Design) -> Design:
@@ -327,10 +329,15 @@ def wanted_validation(validation: ValidationSpec | None, samples: int | None, se
     return replace(wanted, samples=drawn, seed=wanted.seed if seed is None else seed)
 
 
-def _attempt(spec: DesignSpec, violations: tuple[Violation, ...], proof: bool) -> Attempt:
-    from fopi_tune.design import design  # loads CasADi, which a check has no need of
+def _attempt(spec: DesignSpec, violations: tuple[Violation, ...], proof: bool, solver: Solver) -> Attempt:
+    if solver is Solver.CONVEX:
+        from fopi_tune.convex import convex_design
 
-    candidate = design(spec, violations)
+        candidate = convex_design(spec, violations)
+    else:
+        from fopi_tune.design import design  # loads CasADi, which a check has no need of
+
+        candidate = design(spec, violations)
     gains = candidate.gains
     if gains is None or (gains.kp == 0.0 and gains.ki == 0.0):
         return Attempt(candidate)
@@ -345,6 +352,7 @@ __all__ = [
     "Design",
     "Discretized",
     "Run",
+    "Solver",
     "Validated",
     "discretize",
     "price",

@@ -95,7 +95,7 @@ class Design:
         clash: of an infeasible spec, the smallest set of requirements that clash, and what each would have to give.
         message: why, in words; empty when solved.
         stamp: where this comes from.
-        solves: Ipopt runs.
+        solves: runs of the solver.
     """
 
     spec: DesignSpec

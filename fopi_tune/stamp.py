@@ -10,6 +10,8 @@ from fopi_tune import __version__
 
 #: other distributions whose version can change a number
 _DISTRIBUTIONS = ("casadi", "numpy")
+#: the same of gains found by convex problems
+_CONVEX_DISTRIBUTIONS = ("clarabel", "cvxpy", "numpy")
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,7 @@ class Stamp:
         versions: distribution name to version.
         python: version of the interpreter.
         platform: operating system and machine.
-        solver: what solved the NLP; None when nothing was solved.
+        solver: what found the gains; None when nothing was solved.
         seed: of random numbers; None when none were drawn.
     """
 
@@ -36,7 +38,7 @@ class Stamp:
 def stamp(spec_sha256: str, solver: str | None) -> Stamp:
     """The stamp of a result made here and now; it holds no time, so that equal inputs give equal files."""
     versions = {"fopi-tune": __version__}
-    for name in _DISTRIBUTIONS:
+    for name in _CONVEX_DISTRIBUTIONS if solver == "convex" else _DISTRIBUTIONS:
         try:
             versions[name] = version(name)
         except PackageNotFoundError:

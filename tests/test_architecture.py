@@ -19,6 +19,7 @@ STAGES = ("core", "quantities", "spec")
 ALLOWED = {
     "__init__": (
         *STAGES,
+        "candidate",
         "errors",
         "outcome",
         "prices",
@@ -34,7 +35,9 @@ ALLOWED = {
     "quantities": ("core", "errors"),
     "spec": ("quantities", "core", "errors"),
     "outcome": (),
-    "design": ("outcome", "spec.model", "quantities", "core", "errors"),
+    "candidate": ("outcome", "core"),
+    "convex": ("candidate", "outcome", "proof", "spec.model", "quantities", "core", "errors"),
+    "design": ("candidate", "outcome", "spec.model", "quantities", "core", "errors"),
     "proof": ("spec.model", "quantities", "core", "errors"),
     "digital": ("spec.model", "core", "errors"),
     "validation": ("digital", "proof", "quantities", "spec.model", "core", "errors"),
@@ -55,18 +58,18 @@ ALLOWED = {
     "pipeline_systems": (
         *("core", "errors", "implement", "outcome", "pipeline", "spec", "stamp", "systems", "validation"),
     ),
-    "assemble": ("design", "outcome", "proof", "result", "spec.model", "stamp"),
+    "assemble": ("candidate", "outcome", "proof", "result", "spec.model", "stamp"),
     "implement": (
         *("assemble", "core", "design", "digital", "errors", "outcome", "proof"),
         *("quantities", "spec.model", "stamp"),
     ),
     "pipeline": (
-        *("assemble", "core", "design", "digital", "errors", "implement", "outcome", "prices"),
+        *("assemble", "candidate", "convex", "core", "design", "digital", "errors", "implement", "outcome", "prices"),
         *("proof", "result", "simulated", "spec", "stamp", "validation"),
     ),
     "__main__": ("cli",),
     "cli": (
-        *("__version__", "core", "digital", "errors", "pipeline", "pipeline_systems", "prices", "proof"),
+        *("__version__", "candidate", "core", "digital", "errors", "pipeline", "pipeline_systems", "prices", "proof"),
         *("report", "result", "simulated", "spec", "systems"),
     ),
 }
@@ -102,9 +105,16 @@ def test_imports_point_towards_the_core(name: str) -> None:
         assert any(inside(target, allowed) for allowed in (own, *ALLOWED[own])), f"{name} imports {imported}"
 
 
-def test_design_and_proof_know_nothing_of_each_other() -> None:
+def test_design_proof_and_the_convex_path_are_opinions_of_their_own() -> None:
     for name, path in MODULES.items():
-        for one, other in (("design", "proof"), ("proof", "design")):
+        pairs = (
+            ("design", "proof"),
+            ("proof", "design"),
+            ("convex", "design"),
+            ("design", "convex"),
+            ("proof", "convex"),
+        )
+        for one, other in pairs:
             if inside(name, f"fopi_tune.{one}"):
                 assert not any(inside(found, f"fopi_tune.{other}") for found in imports(tree(path))), name
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune import __version__
+from fopi_tune.candidate import Solver
 from fopi_tune.cli.certificates import recheck_file
 from fopi_tune.cli.driving import Course, simulate_file, validate_file
 from fopi_tune.cli.gains import found_or_tuned, given_gains, named_numbers, refusal
@@ -45,6 +46,9 @@ Ki = Annotated[float | None, typer.Option(help="Integral gain, in kp's unit time
 Alpha = Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")]
 NoProof = Annotated[bool, typer.Option("--no-proof", help="Leave the certificate out; the result says so.")]
+SolverOption = Annotated[
+    Solver, typer.Option("--solver", help="What finds the gains; convex is a slower, independent second opinion.")
+]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback when the tool itself fails.")]
 
 
@@ -73,6 +77,7 @@ def tune(
     points: Points = None,
     out: Out = None,
     as_json: AsJson = False,
+    solver: SolverOption = Solver.IPOPT,
     no_proof: NoProof = False,
     quiet: Quiet = False,
     debug: Debug = False,
@@ -81,7 +86,7 @@ def tune(
 
     They meet it for every plant of its family.  The result and the certificate are also written to files.
     """
-    asked = Asked(prices, tradeoff, start, stop, points)
+    asked = Asked(prices, tradeoff, start, stop, points, solver)
     problem = asked.problem(len(specs))
     if problem is not None:
         raise refusal(problem)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fopi_tune.candidate import Solver
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ class Asked:
         prices: check the multipliers.
         requirement: whose limit is swept; None for none.
         start, stop, points: of the sweep; None where left out.
+        solver: of the design.
     """
 
     prices: bool
@@ -45,9 +47,12 @@ class Asked:
     start: float | None
     stop: float | None
     points: int | None
+    solver: Solver = Solver.IPOPT
 
     def problem(self, specs: int) -> str | None:
         """What is wrong with the options together, or None."""
+        if self.solver is not Solver.IPOPT and (self.prices or self.requirement is not None):
+            return "--prices and --tradeoff are solved by ipopt; leave --solver out"
         if self.requirement is None:
             if (self.start, self.stop, self.points) != (None, None, None):
                 return "--from, --to and --points belong to --tradeoff REQUIREMENT"
@@ -70,5 +75,7 @@ def designed(spec: DesignSpec, asked: Asked, proof: bool) -> Design | Tradeoff:
         return pipeline.tradeoff(spec, asked.requirement, start=asked.start, stop=asked.stop, points=points)
     if asked.prices and spec.digital is not None and spec.digital.designs_sampled:
         raise DomainError(pipeline.NOT_ON_SAMPLES)
+    if asked.solver is not Solver.IPOPT:
+        return pipeline.tune(spec, proof, asked.solver)
     design = pipeline.tune(spec) if proof else pipeline.tune(spec, proof=False)
     return pipeline.price(design) if asked.prices else design

@@ -12,7 +12,7 @@ from fopi_tune.core.stability import is_stable
 from fopi_tune.design.exchange import Converged, Cuts, Exchange
 from fopi_tune.design.infeasible import MEETS, clash_of, explained, reason_without_solving
 from fopi_tune.design.integral import branches
-from fopi_tune.design.result import Candidate, Status
+from fopi_tune.design.result import Candidate, Status, Violation
 from fopi_tune.design.scale import Scale, scale_of
 from fopi_tune.design.sides import GUARD, Bound, Side, sides_of
 from fopi_tune.design.slots import MarginPlant, Mode, Point
@@ -38,21 +38,6 @@ _NO_PRICE = 1e5
 #: solves a start may take before and after a first answer is known
 _FIRST_ROUNDS = 60
 _LATER_ROUNDS = 20
-
-
-@dataclass(frozen=True)
-class Violation:
-    """A plant and frequency at which a check refuted an earlier candidate: a cut for the next design.
-
-    Args:
-        requirement: index in the spec's list.
-        theta: the plant's place in the box, shape (p,).
-        omega_rad_s: the frequency; nan where none decides.
-    """
-
-    requirement: int
-    theta: tuple[float, ...]
-    omega_rad_s: float
 
 
 def design(spec: DesignSpec, violations: Sequence[Violation] = (), start: FoPi | None = None) -> Candidate:
