@@ -1,0 +1,26 @@
+"""The paper's study:  every claim recomputed, with its verdict, and the figures.
+
+    CLAIMS["brake"]()            the rows of one group of claims
+    FIGURES["bode_brake"]()      a figure as SVG text
+    figure_png("bode_brake")     the same figure as PNG bytes
+    paper_text(rows), paper_markdown(rows), paper_csv(rows)
+
+Nothing here touches the disk or prints, and nothing that is recomputed is stored: each call computes.
+"""
+
+from fopi_tune.paper.claims import CLAIMS
+from fopi_tune.paper.pictures import FIGURES, PICTURES, figure_png
+from fopi_tune.paper.rows import Row, Verdict
+from fopi_tune.paper.table import paper_csv, paper_markdown, paper_text
+
+__all__ = [
+    "CLAIMS",
+    "FIGURES",
+    "PICTURES",
+    "Row",
+    "Verdict",
+    "figure_png",
+    "paper_csv",
+    "paper_markdown",
+    "paper_text",
+]
