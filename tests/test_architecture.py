@@ -59,6 +59,10 @@ ALLOWED = {
         *("assemble", "core", "design", "digital", "errors", "implement", "outcome", "proof"),
         *("result", "simulated", "spec", "stamp", "validation"),
     ),
+    "paper": (
+        *("core", "digital", "errors", "outcome", "pipeline", "pipeline_systems", "report"),
+        *("result", "simulated", "spec", "validation"),
+    ),
     "__main__": ("cli",),
     "cli": (
         *("__version__", "core", "digital", "errors", "pipeline", "pipeline_systems", "proof"),

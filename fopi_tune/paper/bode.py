@@ -102,8 +102,9 @@ def filter_responses() -> Picture:
 
     return Picture(
         "The printed filters R_d",
-        "Gain over frequency of both printed filters. Above 1 rad/s they fall as s^-alpha does, where the stated s^(1 - "
-        "alpha) rises; below, four digits have spoilt them. The filter of this tool follows s^-alpha over the band.",
+        "Gain over frequency of both printed filters. Above 1 rad/s they fall as s^-alpha does, where the stated "
+        "s^(1 - alpha) rises; below, four digits have spoilt them. The filter of this tool follows "
+        "s^-alpha over the band.",
         draw,
         (8.0, 4.2),
     )

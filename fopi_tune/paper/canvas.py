@@ -1,6 +1,7 @@
 """A figure as SVG text or PNG bytes:  the same picture gives the same bytes; its words travel with it.
 
-Colours are told apart by colour-blind people (Okabe and Ito) and lines by their dashes too, so that print in grey reads.
+Colours are told apart by colour-blind people (Okabe and Ito) and lines by their dashes too, so that
+print in grey reads.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ STYLES: tuple[tuple[str, Any], ...] = (
     (PURPLE, ":"),
     (BLACK, (0, (5, 1, 1, 1, 1, 1))),
 )
-_RC = {"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fonttype": "none"}
+_RC: dict[Any, Any] = {"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fonttype": "none"}
 _DOTS_PER_INCH = 150
 
 

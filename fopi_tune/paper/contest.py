@@ -41,9 +41,9 @@ def alpha_against_pi() -> Picture:
     one, other = found.objectives
     return Picture(
         "Robust brake: fractional order against PI",
-        f"Left: the phase margin over tau changes by {one:.2f} deg with the fractional order and by {other:.2f} deg with "
-        "the PI. Right: after a unit step the error decays as a power of time with the fractional order, exponentially "
-        "with the PI, on a logarithmic scale with the 2 % line.",
+        f"Left: the phase margin over tau changes by {one:.2f} deg with the fractional order and by {other:.2f} deg "
+        "with the PI. Right: after a unit step the error decays as a power of time with the fractional order, "
+        "exponentially with the PI, on a logarithmic scale with the 2 % line.",
         draw,
         (8.0, 4.2),
     )

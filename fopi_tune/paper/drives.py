@@ -14,6 +14,7 @@ from fopi_tune.paper.sources import manoeuvre as spec_of
 from fopi_tune.paper.sources import system
 from fopi_tune.pipeline import simulate
 from fopi_tune.pipeline_systems import simulate_system
+from fopi_tune.report.figures import shade_second_mode
 from fopi_tune.simulated import Driven
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _KMH = 3.6
-_GREY = "0.85"
 
 
 def switching() -> Picture:
@@ -41,8 +41,8 @@ def switching() -> Picture:
 
     return Picture(
         "Switching between throttle and brake without hysteresis",
-        f"Velocity and active mode over {driven.scenario.duration_s:g} s with eps = 0. After the first setpoint step the "
-        f"modes change about {about(driven.measures['switch_count'])} times; in continuous time the car slides on the "
+        f"Velocity and active mode over {driven.scenario.duration_s:g} s with eps = 0, on samples: the "
+        f"modes change about {about(driven.measures['switch_count'])} times. In continuous time the car slides on the "
         f"switching line from {slides:.2f} s on.",
         draw,
     )
@@ -109,9 +109,9 @@ def _experiment(name: str, title: str) -> Picture:
     m = driven.measures
     return Picture(
         title,
-        f"Velocity with its setpoint, acceleration and normalised control over {driven.scenario.duration_s:g} s; the time "
-        f"with the brake is shaded. Largest |a| {m['acceleration_m_s2']:.2f} m/s^2, about {about(m['switch_count'])} "
-        f"changes of the mode, mean error {m['iae'] / driven.scenario.duration_s:.2f} km/h.",
+        f"Velocity with its setpoint, acceleration and normalised control over {driven.scenario.duration_s:g} s; the "
+        f"time with the brake is shaded. Largest |a| {m['acceleration_m_s2']:.2f} m/s^2, "
+        f"about {about(m['switch_count'])} changes of the mode, mean error {m['iae'] / driven.scenario.duration_s:.2f} km/h.",
         draw,
     )
 
@@ -119,11 +119,7 @@ def _experiment(name: str, title: str) -> Picture:
 def _velocity(axes: Axes, driven: Driven) -> None:
     """Output and setpoint, the brake's time shaded."""
     time_s = driven.traces.time_s
-    brakes = driven.traces.mode[0] == 2
-    low, high = float(driven.traces.output.min()) - 1.0, float(max(driven.traces.output.max(), driven.reference.max()))
-    axes.fill_between(
-        time_s, low, high + 1.0, where=brakes.tolist(), step="post", color=_GREY, linewidth=0, label="brake"
-    )
+    shade_second_mode((axes,), time_s, driven.traces.mode[0])
     axes.step(time_s, driven.reference, "--", where="post", color="black", linewidth=0.8, label="setpoint")
     axes.plot(time_s, driven.traces.output[0], color=BLUE, label="velocity")
     labelled(axes, "velocity, km/h")

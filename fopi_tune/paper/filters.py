@@ -41,7 +41,7 @@ def filters() -> tuple[Row, ...]:
 def printed_response(found: PrintedFilter, omega: NDArray[np.float64]) -> Complex:
     """R_d(e^{j omega Ts}) of the printed coefficients."""
     inverse = np.exp(-1j * omega * SAMPLE_TIME_S)
-    return np.asarray(np.polyval(found.b[::-1], inverse) / np.polyval(found.a[::-1], inverse))
+    return np.asarray(np.polyval(found.b[::-1], inverse) / np.polyval(found.a[::-1], inverse), dtype=complex)
 
 
 def printed_poles(found: PrintedFilter) -> Complex:
@@ -68,8 +68,8 @@ def _order_of(found: PrintedFilter) -> Row:
     return Row(
         f"The {found.name}'s R_d approximates s^(1 - alpha) = s^{1.0 - alpha:.2g}",
         f"b0 = {found.b[0]:g}",
-        f"b0 of s^(1 - alpha) would be (Ts/2)^(alpha - 1) = {stated:.4f}, of s^-alpha (Ts/2)^alpha = {other:.4f}; |R_d| "
-        f"= {gain[0]:.3f} at 1 rad/s and {gain[1]:.3f} at 10 rad/s",
+        f"b0 of s^(1 - alpha) would be (Ts/2)^(alpha - 1) = {stated:.4f}, of s^-alpha (Ts/2)^alpha = {other:.4f}; "
+        f"|R_d| = {gain[0]:.3f} at 1 rad/s and {gain[1]:.3f} at 10 rad/s",
         judged(holds),
         f"R_d {said}: b0 within {_CLOSE:.0%} of its limit, and |R_d| falls with the frequency.",
     )
@@ -123,7 +123,8 @@ def _integrator() -> Row:
         f"throttle at z = 1 + 1e-3 and 1 + 1e-6: {printed[0]:.4f} and {printed[1]:.4f} as printed, {meant[0]:.2f} and "
         f"{meant[1]:.1f} with Ts/(1 - 1/z)",
         judged(printed[1] > 2.0 * printed[0]),
-        "Inverted: an integrator is Ts/(1 - 1/z). Taken with the exact s^(1 - alpha); preserved: growing towards z = 1.",
+        "Inverted: an integrator is Ts/(1 - 1/z). Taken with the exact s^(1 - alpha); preserved: it grows "
+        "towards z = 1.",
     )
 
 

@@ -183,8 +183,8 @@ def _disturbance() -> Row:
     return Row(
         "A fractional order lowers the error after a load step: uncertain tau, 0.3 s of dead time",
         _PUBLISHED,
-        f"iae_disturbance {one:.3f} with alpha = {found.gains[0].alpha:.3f}, {other:.3f} with a PI; but integral of |e| "
-        f"over {_END_S:g} s {worst[0]:.2f} and {worst[1]:.2f}",
+        f"iae_disturbance {one:.3f} with alpha = {found.gains[0].alpha:.3f}, {other:.3f} with a PI; but integral of "
+        f"|e| over {_END_S:g} s {worst[0]:.2f} and {worst[1]:.2f}",
         judged(found.pays and worst[0] < worst[1]),
         "The objective is a signed proxy, which alpha > 1 drives down by overshoot; the true integral is the PI's. "
         "Largest of tau = 1.6, 2.25, 3.1 s; nothing was tuned for the true integral.",
@@ -201,8 +201,8 @@ def _settling(found: Pair) -> Row:
     return Row(
         "The robust brake is as fast with a fractional order",
         _PUBLISHED,
-        f"settled within 2 % after {settled[0]:.0f} s, PI {settled[1]:.0f} s; integral of |e| over {_END_S:g} s after a "
-        f"unit load {error[0]:.2f}, PI {error[1]:.2f}",
+        f"settled within 2 % after {settled[0]:.0f} s, PI {settled[1]:.0f} s; integral of |e| over {_END_S:g} s after "
+        f"a unit load {error[0]:.2f}, PI {error[1]:.2f}",
         judged(settled[0] <= settled[1] and error[0] <= error[1]),
         "It does not pay: with alpha < 1 the error decays as a power of time, t^-alpha. Largest of tau = 1.6, 2.25, "
         "3.1 s. This is the price of the smaller spread of the phase margin.",

@@ -89,8 +89,8 @@ def _states() -> Row:
         "x+ = x, x in R^(alpha_i + 1)",
         f"x has p + q = {sizes[0]} components with the throttle (4/5) and {sizes[1]} with the brake (9/20)",
         judged(sizes[0] == sizes[1]),
-        "The two states are not in one space. It has a meaning for the velocity alone, with a memory of its own for each "
-        "controller, held, tracking or reset.",
+        "The two states are not in one space. It has a meaning for the velocity alone, with a memory of its own for "
+        "each controller, held, tracking or reset.",
     )
 
 
