@@ -111,7 +111,8 @@ def _experiment(name: str, title: str) -> Picture:
         title,
         f"Velocity with its setpoint, acceleration and normalised control over {driven.scenario.duration_s:g} s; the "
         f"time with the brake is shaded. Largest |a| {m['acceleration_m_s2']:.2f} m/s^2, "
-        f"about {about(m['switch_count'])} changes of the mode, mean error {m['iae'] / driven.scenario.duration_s:.2f} km/h.",
+        f"about {about(m['switch_count'])} changes of the mode, mean error "
+        f"{m['iae'] / driven.scenario.duration_s:.2f} km/h.",
         draw,
     )
 

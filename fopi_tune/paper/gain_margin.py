@@ -61,8 +61,8 @@ def _equality() -> Row:
         "fmincon, with the equalities as constraints",
         f"Mg alone, alpha <= 1: {alone.status.value}; all three, alpha <= 1.5: {three.status.value}",
         judged(three.status is Status.SOLVED),
-        "With the other two the gain margin is infinite for every alpha; alone, alpha > 1 makes it finite. It must be an "
-        "inequality, which an infinite margin meets.",
+        "With the other two the gain margin is infinite for every alpha; alone, alpha > 1 makes it finite. It must be "
+        "an inequality, which an infinite margin meets.",
     )
 
 
