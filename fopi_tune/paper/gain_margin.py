@@ -27,7 +27,7 @@ from fopi_tune.spec.model import Relation, Requirement, Scope
 _DEAD_TIME_S = 0.3
 #: dB; a residual that counts as 0
 _ZERO_DB = 1e-6
-_MARGIN_DB = 20.0 * math.log10(SPECIFIED_GAIN_MARGIN)
+_MARGIN_DB = 20.0 * math.log10(SPECIFIED_GAIN_MARGIN.value)
 
 
 def gain_margin() -> tuple[Row, ...]:
@@ -42,10 +42,10 @@ def _published() -> Row:
     least = float(np.degrees(np.angle(controller) - np.arctan(TAU_NOMINAL_S * omega)).min())
     margin = "infinite" if math.isinf(found.gain_margin_db) else f"{found.gain_margin_db:.2f} dB"
     return Row(
-        f"The brake's gain margin is {SPECIFIED_GAIN_MARGIN:g}",
-        f"Mg = {SPECIFIED_GAIN_MARGIN:g}",
+        f"The brake's gain margin is {SPECIFIED_GAIN_MARGIN.text}",
+        f"Mg = {SPECIFIED_GAIN_MARGIN.text}",
         f"gain margin {margin}; the phase stays above {math.floor(least):d} deg",
-        judged(math.isclose(found.gain_margin_db, _MARGIN_DB, abs_tol=0.5)),
+        judged(SPECIFIED_GAIN_MARGIN.agrees(10.0 ** (found.gain_margin_db / 20.0))),
         "Without dead time a first-order plant with kp, ki >= 0 and alpha <= 1 never turns the phase to -180 deg.",
     )
 
@@ -57,7 +57,7 @@ def _equality() -> Row:
     alone = tune(with_alpha(asking(wanted, equality), 0.3, 1.0), proof=False)
     three = tune(asking(wanted, *on_nominal(wanted), equality), proof=False)
     return Row(
-        f"PM = 90 deg, 0.3 rad/s and Mg = {SPECIFIED_GAIN_MARGIN:g} can hold together, as equalities",
+        f"PM = 90 deg, 0.3 rad/s and Mg = {SPECIFIED_GAIN_MARGIN.text} can hold together, as equalities",
         "fmincon, with the equalities as constraints",
         f"Mg alone, alpha <= 1: {alone.status.value}; all three, alpha <= 1.5: {three.status.value}",
         judged(three.status is Status.SOLVED),
@@ -71,7 +71,7 @@ def _with_dead_time() -> Row:
     found = margins(gains, brake_plant(PLANT_GAIN, dead_time_s=_DEAD_TIME_S))
     return Row(
         "The brake's gain margin is finite and large enough",
-        f"Mg = {SPECIFIED_GAIN_MARGIN:g} (12.04 dB)",
+        f"Mg = {SPECIFIED_GAIN_MARGIN.text} (12.04 dB)",
         f"{found.gain_margin_db:.2f} dB = {10 ** (found.gain_margin_db / 20.0):.2f} with a static gain of "
         f"{PLANT_GAIN:g} and {_DEAD_TIME_S:g} s of dead time",
         judged(_MARGIN_DB <= found.gain_margin_db < math.inf, on_condition=True),
@@ -87,11 +87,11 @@ def _formula() -> Row:
     factor = 10.0 ** ((first.gain_margin_db - _MARGIN_DB) / 20.0)
     gains = replace(BRAKE.gains, kp=factor * BRAKE.gains.kp, ki=factor * BRAKE.gains.ki)
     gain_db = 20.0 * math.log10(_loop_gain(gains, PLANT_GAIN, first.gain_margin_rad_s))
-    printed, mended = gain_db - 1.0 / SPECIFIED_GAIN_MARGIN, gain_db + _MARGIN_DB
+    printed, mended = gain_db - 1.0 / SPECIFIED_GAIN_MARGIN.value, gain_db + _MARGIN_DB
     return Row(
         "Equation N4 says that the gain margin is Mg: 20 log |L| - 1/Mg = 0",
         "20 log |L| - 1/Mg",
-        f"{printed:.2f} dB at a loop with Mg = {SPECIFIED_GAIN_MARGIN:g}; 20 log10 |L| + 20 log10 Mg is "
+        f"{printed:.2f} dB at a loop with Mg = {SPECIFIED_GAIN_MARGIN.text}; 20 log10 |L| + 20 log10 Mg is "
         f"{'0' if abs(mended) < _ZERO_DB else f'{mended:.2g}'} there",
         judged(abs(printed) < _ZERO_DB),
         f"A misprint: decibels less an absolute number. 0 means below {_ZERO_DB:g} dB.",

@@ -45,7 +45,7 @@ def _start() -> Row:
         f"{MANOEUVRE_KMH:g} km/h",
         f"the throttle's plant ends at {top:.1f} km/h at full throttle",
         judged(top >= MANOEUVRE_KMH),
-        "K/p times the largest control, 1.",
+        "K/p times the largest control, 1, in the printed model.",
     )
 
 

@@ -66,7 +66,7 @@ TAU_NOISE_MEAN_S = 0.85
 #: |S| <= -20 dB up to this frequency
 REJECTION_DB, REJECTION_RAD_S = -20.0, 0.035
 #: the brake's specifications: PM, crossover, gain margin (absolute)
-SPECIFIED_PM_DEG, SPECIFIED_CROSSOVER_RAD_S, SPECIFIED_GAIN_MARGIN = 90.0, 0.3, 4.0
+SPECIFIED_PM_DEG, SPECIFIED_CROSSOVER_RAD_S, SPECIFIED_GAIN_MARGIN = 90.0, 0.3, Printed("4")
 #: what Fig. 3 is said to show
 FIG3_CROSSOVER_RAD_S, FIG3_PM_DEG = Printed("0.7"), Printed("93")
 
