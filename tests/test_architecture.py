@@ -67,6 +67,10 @@ ALLOWED = {
         *("assemble", "candidate", "convex", "core", "design", "digital", "errors", "implement", "outcome", "prices"),
         *("proof", "result", "simulated", "spec", "stamp", "validation"),
     ),
+    "paper": (
+        *("core", "digital", "errors", "outcome", "pipeline", "pipeline_systems", "report"),
+        *("result", "simulated", "spec", "validation"),
+    ),
     "__main__": ("cli",),
     "cli": (
         *("__version__", "candidate", "core", "digital", "errors", "pipeline", "pipeline_systems", "prices", "proof"),

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import posixpath
 from collections.abc import Mapping
+from importlib.resources import files as package_files
 
 from fopi_tune.spec.draws import MAX_SAMPLES_BYTES, Reader, UnreadableError
 from fopi_tune.spec.encoding import MAX_BYTES, decode, to_bytes
@@ -13,7 +15,7 @@ from fopi_tune.spec.model import DesignSpec, SystemSpec
 from fopi_tune.spec.nodes import compose
 from fopi_tune.spec.places import Place
 from fopi_tune.spec.report import Mark, Report, quoted
-from fopi_tune.spec.systems import is_system, read_system
+from fopi_tune.spec.systems import Loader, is_system, read_system
 
 
 def load_spec(source: str | os.PathLike[str] | DesignSpec) -> DesignSpec:
@@ -44,21 +46,11 @@ def load_any(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> Design
         return source
     report = Report(os.fsdecode(source))
     data = _read_file(source, report)
-    place = Place(compose(decode(data, report), report), "", report)
-    if not is_system(place):
-        return _parse(data, Report(report.file), _beside(source))
     folder = os.path.dirname(report.file)
-
-    def load(path: str) -> DesignSpec:
-        return load_spec(os.path.join(folder, path))
-
-    found = read_system(place, hashlib.sha256(data).hexdigest(), load, _beside(source))
-    if found is None:
-        raise report.error()
-    return found
+    return _parse_any(data, report, lambda path: load_spec(os.path.join(folder, path)), _beside(source))
 
 
-def load_system(source: str | os.PathLike[str] | SystemSpec) -> SystemSpec:
+def load_system(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> SystemSpec:
     """The system in a file.
 
     Args:
@@ -88,6 +80,40 @@ def parse_spec(text: str | bytes, file: str = "<spec>", files: Mapping[str, byte
     """
     report = Report(file)
     return _parse(to_bytes(text, report), report, _among(files or {}))
+
+
+def packaged_spec(package: str, path: str) -> DesignSpec:
+    """The spec in a file that comes with a package.
+
+    Args:
+        package: its name.
+        path: from the package's folder, with "/".
+    """
+    return parse_spec(_packaged(package, path), path)
+
+
+def packaged_system(package: str, path: str) -> SystemSpec:
+    """The system in a file that comes with a package, its specs beside it; arguments as for `packaged_spec`."""
+
+    def beside(told: str) -> DesignSpec:
+        return packaged_spec(package, posixpath.normpath(posixpath.join(posixpath.dirname(path), told)))
+
+    report = Report(path)
+    return load_system(_parse_any(to_bytes(_packaged(package, path), report), report, beside, _among({})))
+
+
+def _packaged(package: str, path: str) -> bytes:
+    return package_files(package).joinpath(*path.split("/")).read_bytes()
+
+
+def _parse_any(data: bytes, report: Report, loader: Loader, read: Reader) -> DesignSpec | SystemSpec:
+    place = Place(compose(decode(data, report), report), "", report)
+    if not is_system(place):
+        return _parse(data, Report(report.file), read)
+    found = read_system(place, hashlib.sha256(data).hexdigest(), loader, read)
+    if found is None:
+        raise report.error()
+    return found
 
 
 def _parse(data: bytes, report: Report, read: Reader) -> DesignSpec:
