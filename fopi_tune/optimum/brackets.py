@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fopi_tune.core.logform import Array, Rows
+from fopi_tune.core.logform import Array, Complex, Rows
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.stability import unstable_poles_from
@@ -26,8 +26,12 @@ from fopi_tune.optimum.screen import Boxes, controllers, gains_at
 
 #: how much wider than the crossover's way a bracket is, where one crossover is enough and where no other may be
 _NARROW, _WIDE = 1.3, 4.0
-_LEAST_WIDTH = 1e-9
+_LEAST_WIDTH, _LEAST_COVER = 1e-9, 1e-4
 _TINY = 1e-300
+#: relative change of C over a box from which no claim about stability is tried
+_LARGEST_CHANGE = 0.4
+#: of crossings: slopes, d ln L/du, box and plant
+Read = tuple[list[Complex], Complex, Rows, Rows]
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,7 @@ class _Loops:
         plants = Plants.members(problem.family, places).take(np.tile(np.arange(m), n))
         return cls(boxes, points, Loops(kp, ki, alpha, plants), problem)
 
-    def slopes(self, found: Crossings) -> tuple[list[Array], Array, Array, Array]:
+    def slopes(self, found: Crossings) -> Read:
         """C_g/C times the half-widths at crossings, complex; d ln L/du; and the box and plant of each."""
         box, plant = np.divmod(found.row, len(self.points))
         at = controllers(self.problem.chart, self.boxes.take(box), (found.u + 0.5j * np.pi)[:, None])
@@ -90,24 +94,30 @@ def suggestions(problem: Problem, boxes: Boxes, points: list[tuple[float, ...]])
         return
     finite = np.isfinite(found.u)
     found = Crossings(*(getattr(found, name)[finite] for name in Crossings.__dataclass_fields__))
-    yield from _unstable(problem, at, found)
+    read = at.slopes(found)
+    yield from _unstable(problem, at, found, read[0])
     if crossing:
-        yield from _at_crossovers(at, found, crossing)
+        yield from _at_crossovers(at, found, read, crossing)
     for k, condition in numbered:
         if condition.test is Test.GAIN_MARGIN:
             yield from _at_phase_crossovers(at, k, condition)
 
 
-def _unstable(problem: Problem, at: _Loops, found: Crossings) -> Iterator[Suggestion]:
-    poles = unstable_poles_from(at.loops, found).reshape(len(at.boxes), len(at.points))
+def _unstable(problem: Problem, at: _Loops, found: Crossings, slopes: list[Complex]) -> Iterator[Suggestion]:
+    """Of boxes that change the loop's value at crossovers by little: the claim needs |1 + L| away from 0."""
+    poles = unstable_poles_from(at.loops, found)
+    varies = np.zeros(len(at.loops))
+    np.maximum.at(varies, found.row, np.abs(np.stack(slopes, axis=1)).sum(axis=1))
+    chosen = ((poles > 0.5) & np.isfinite(poles) & (varies < _LARGEST_CHANGE)).reshape(len(at.boxes), len(at.points))
     place = next(k for k, c in enumerate(problem.conditions.every) if c.test is Test.STABILITY)
-    for row in np.flatnonzero((poles > 0.5).any(axis=1)):
-        plant = int(np.argmax(poles[row] > 0.5))
-        yield Suggestion(int(row), 0.0, -1, Reason(place, at.points[plant]))
+    for row in np.flatnonzero(chosen.any(axis=1)):
+        yield Suggestion(int(row), 0.0, -1, Reason(place, at.points[int(np.argmax(chosen[row]))]))
 
 
-def _at_crossovers(at: _Loops, found: Crossings, wanted: list[tuple[int, Condition]]) -> Iterator[Suggestion]:
-    slopes, along, box, plant = at.slopes(found)
+def _at_crossovers(
+    at: _Loops, found: Crossings, read: Read, wanted: list[tuple[int, Condition]]
+) -> Iterator[Suggestion]:
+    slopes, along, box, plant = read
     m = len(at.points)
     steep = np.where(np.abs(along.real) > 1e-9, along.real, 1e-9)
     angle = np.stack([s.imag - along.imag / steep * s.real for s in slopes], axis=1)
@@ -135,7 +145,7 @@ def _at_crossovers(at: _Loops, found: Crossings, wanted: list[tuple[int, Conditi
             for row in range(0, len(at.loops), 1 if not condition.nominal else m):
                 if count[row] == 0:
                     yield Suggestion(row // m, 1.0, -1, Reason(k, at.points[row % m]))
-        width = move * (_WIDE if condition.upper else _NARROW)
+        width = np.maximum(move * _WIDE, _LEAST_COVER) if condition.upper else move * _NARROW
         yield from _best(k, box, plant, ratio, own, found.u, width, chosen, at.points)
 
 
@@ -187,9 +197,11 @@ def _spreads(
             ratio = (abs(apart) - level) / (varies.sum() + _TINY)
             if best is None or ratio > best[0]:
                 above = bool(apart > 0)
-                own, other = (_WIDE, _NARROW) if above else (_NARROW, _WIDE)
-                ends = (found.u[i] - own * move[i], found.u[i] + own * move[i])
-                others = (found.u[zero] - other * move[zero], found.u[zero] + other * move[zero])
+                wide = [max(_WIDE * move[j], _LEAST_COVER) for j in (i, zero)]
+                own = wide[0] if above else _NARROW * move[i]
+                other = _NARROW * move[zero] if above else wide[1]
+                ends = (found.u[i] - own, found.u[i] + own)
+                others = (found.u[zero] - other, found.u[zero] + other)
                 omega = tuple(float(np.exp(u)) for u in (*ends, *others))
                 best = (float(ratio), int(np.argmax(varies)), Reason(k, at.points[plant], omega, above))
         if best is not None and best[0] > -1.0:

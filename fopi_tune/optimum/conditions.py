@@ -45,7 +45,7 @@ class Test(StrEnum):
     GAIN = "gain"
     #: every plant's loop is stable
     STABILITY = "stability"
-    #: psi is not the phase margin that is asked for unless a lower crossover has it
+    #: a crossover below the fixed one has the nominal phase margin that is asked for
     LOWER_CROSSOVER = "lower_crossover"
 
 
@@ -140,8 +140,8 @@ def conditions_of(spec: DesignSpec, beat: float | None) -> Conditions:
     for place, requirement in enumerate(spec.requirements):
         own = list(_of_requirement(spec, place, requirement, deeper, left_out))
         found += own
-    if any(condition.test is Test.MARGIN and condition.upper and condition.nominal for condition in found):
-        found.append(Condition(Test.LOWER_CROSSOVER, "phase_margin_deg", True, arb(0), nominal=True))
+    if margin := nominal_equality(spec, "phase_margin_deg"):
+        found.append(Condition(Test.LOWER_CROSSOVER, "phase_margin_deg", True, degrees(margin.limits[0]), nominal=True))
     found += _of_objective(spec, beat)
     return Conditions(tuple(found), tuple(left_out))
 

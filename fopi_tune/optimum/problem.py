@@ -14,11 +14,14 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.optimum.charts import Chart, CrossoverChart, GainChart
 from fopi_tune.optimum.conditions import Conditions, conditions_of, degrees, nominal_equality
 from fopi_tune.proof.balls.argument import Argument, tracks_of
-from fopi_tune.proof.balls.box import Box
+from fopi_tune.proof.balls.box import Box, Interval
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import PlantBalls, polynomial
 from fopi_tune.proof.balls.reading import Reader
+from fopi_tune.proof.balls.values import LoopBalls
 from fopi_tune.spec.model import DesignSpec, GainRange
+
+_MOST_CELLS = 50_000
 
 
 class Sign(StrEnum):
@@ -126,6 +129,25 @@ class Problem:
     @cached_property
     def _responses(self) -> dict[tuple[tuple[float, ...], float], tuple[acb, acb]]:
         return {}
+
+    @cached_property
+    def _cells(self) -> dict[tuple[tuple[float, ...], Interval], LoopBalls]:
+        return {}
+
+    @cached_property
+    def sizes(self) -> dict[tuple[tuple[float, ...], Interval], tuple[arb, arb]]:
+        """Bounds of |P| over the same intervals."""
+        return {}
+
+    def cell(self, point: tuple[float, ...], u: Interval) -> LoopBalls:
+        """One plant over an interval of u; remembered, since many boxes ask for the same."""
+        if len(self._cells) > _MOST_CELLS:
+            self._cells.clear()
+            self.sizes.clear()
+        key = (point, u)
+        if key not in self._cells:
+            self._cells[key] = self.plain.balls(u, self.plant(point))
+        return self._cells[key]
 
     @cached_property
     def _tracks(self) -> dict[tuple[float, ...], tuple[Argument, Argument]]:

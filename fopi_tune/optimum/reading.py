@@ -13,7 +13,7 @@ from flint import acb, arb
 
 from fopi_tune.optimum.charts import Patch
 from fopi_tune.optimum.problem import Problem, Sign
-from fopi_tune.proof.balls.box import ball_of, centre_of, outward
+from fopi_tune.proof.balls.box import Interval, ball_of, centre_of, outward
 
 _LARGEST_FACTOR = 1e6
 _J = acb(0, 1)
@@ -68,15 +68,11 @@ class _Bracket:
     along_controller: acb
 
     @classmethod
-    def of(
-        cls, problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float]
-    ) -> _Bracket | None:
-        if not 0.0 < ends[0] < ends[1]:
+    def of(cls, problem: Problem, patch: Patch, point: tuple[float, ...], bracket: Interval) -> _Bracket | None:
+        if not bracket[0] < bracket[1]:
             return None
-        bracket = outward(*ends)
         (u,) = centre_of((bracket,))
-        plant = problem.plant(point)
-        at, over = problem.plain.balls((u, u), plant), problem.plain.balls(bracket, plant)
+        at, over = problem.cell(point, (u, u)), problem.cell(point, bracket)
         controller = patch.plane(acb(arb(u), arb.pi() / 2)).middle
         sheet = patch.sheet(bracket)
         if not sheet.value.is_finite() or sheet.value.contains(0):
@@ -87,6 +83,15 @@ class _Bracket:
         if not along.is_finite() or not at.gain.is_finite() or not all(slope.is_finite() for slope in slopes):
             return None
         return cls(u, ball_of(bracket) - arb(u), controller, controller * at.gain, slopes, along, own)
+
+
+def log_gain(problem: Problem, patch: Patch, point: tuple[float, ...], bracket: Interval) -> Read | None:
+    """ln|L| over the box and an interval of u; None where that is not enclosed."""
+    at = _Bracket.of(problem, patch, point, bracket)
+    if at is None:
+        return None
+    slopes = tuple(slope.real for slope in at.slopes)
+    return Read(abs(at.gain).log(), slopes, patch.half, at.along.real * at.shift)
 
 
 def _factor(value: arb, zero: arb) -> float:
@@ -100,7 +105,8 @@ def crossing_angle(
     problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float], rate: arb | None
 ) -> Read | None:
     """pi + arg L (less rate omega) wherever |L| = 1 in a bracket; None where that is not enclosed."""
-    at = _Bracket.of(problem, patch, point, ends)
+    bracket = outward(*ends)
+    at = _Bracket.of(problem, patch, point, bracket)
     if at is None:
         return None
     phase = _phase(problem, patch, point, at)
@@ -108,7 +114,7 @@ def crossing_angle(
         return None
     value, along = phase + arb.pi(), at.along.imag
     if rate is not None:
-        omega = ball_of(outward(*ends)).exp()
+        omega = ball_of(bracket).exp()
         value, along = value - rate * arb(at.u).exp(), along - rate * omega
     factor = _factor(along, at.along.real)
     return Read(
@@ -147,7 +153,7 @@ def _phase(problem: Problem, patch: Patch, point: tuple[float, ...], at: _Bracke
     if not abs(own) + reach < 3 * arb.pi() / 2:
         return None
     half_turn = arb(0) if sign is Sign.POSITIVE else arb.pi() if negative else -arb.pi()
-    plant = problem.reader.phase(problem.plain.balls((at.u, at.u), problem.plant(point)), point)
+    plant = problem.reader.phase(problem.cell(point, (at.u, at.u)), point)
     phase = plant + own - arb.pi() / 2 + half_turn
     return phase if phase.is_finite() else None
 
@@ -156,7 +162,7 @@ def crossing_gain(
     problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float]
 ) -> Read | None:
     """ln|L| wherever L is negative in a bracket over all of which Re L < 0; None where that is not so."""
-    at = _Bracket.of(problem, patch, point, ends)
+    at = _Bracket.of(problem, patch, point, outward(*ends))
     if at is None:
         return None
     turn = (-at.gain).arg()

@@ -26,9 +26,10 @@ from dataclasses import dataclass
 from flint import acb, arb
 
 from fopi_tune.core.peaks import Response
-from fopi_tune.optimum.boxloop import BoxLoop, crosses_nowhere, is_the_only_crossing
+from fopi_tune.optimum.boxloop import BoxLoop
 from fopi_tune.optimum.charts import Patch, Plane
 from fopi_tune.optimum.conditions import Condition, Test
+from fopi_tune.optimum.cover import Cells
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.reading import crossing_angle, crossing_gain
 from fopi_tune.proof.balls.bound import Bound
@@ -147,14 +148,11 @@ def _no_other_crossing(
     problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float] | None
 ) -> bool:
     """Whether no controller has a gain crossover outside two frequencies; without them, whether none has any."""
-    loop = BoxLoop.of(patch, problem.family)
-    if loop is None:
-        return False
-    plant = loop.plant([arb(value) for value in point])
+    cells = Cells.of(problem, patch, point)
     if ends is None:
-        return crosses_nowhere(loop, plant, -math.inf, math.inf)
+        return cells.crosses_nowhere(-math.inf, math.inf)
     low, high = math.log(ends[0]) + 1e-12, math.log(ends[1]) - 1e-12
-    return crosses_nowhere(loop, plant, -math.inf, low) and crosses_nowhere(loop, plant, high, math.inf)
+    return cells.crosses_nowhere(-math.inf, low) and cells.crosses_nowhere(high, math.inf)
 
 
 def _margin(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
@@ -208,12 +206,8 @@ def _gain_margin(problem: Problem, patch: Patch, condition: Condition, reason: R
 
 def _crossover(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
     """|L| < 1 at and above the lowest crossover that is allowed."""
-    loop = BoxLoop.of(patch, problem.family)
-    if loop is None:
-        return False
     low = math.nextafter(float(condition.level.lower()), -math.inf)
-    plant = loop.plant([arb(value) for value in reason.point])
-    return crosses_nowhere(loop, plant, low, math.inf, only_below=True)
+    return Cells.of(problem, patch, reason.point).crosses_nowhere(low, math.inf, only_below=True)
 
 
 def _gain_spread(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
@@ -239,17 +233,15 @@ def _stability(problem: Problem, patch: Patch, condition: Condition, reason: Rea
 
 
 def _lower_crossover(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
-    """The nominal plant has no crossover below the one that is fixed, so that psi is its phase margin.
+    """No crossover of the nominal plant below the one that is fixed has the phase margin that is asked for.
 
-    Where psi is the margin that is asked for (modulo a whole turn), the other root of the search says what is true.
+    Then the fixed one must have it: psi is that margin (modulo a whole turn), and the other root of the search says
+    what is true.
     """
     if problem.crossover_rad_s is None or not problem.sheet_is_covered:
         return False
-    loop = BoxLoop.of(patch, problem.family)
-    if loop is None:
-        return False
     u = outward(problem.crossover_rad_s, problem.crossover_rad_s)[1]
-    return is_the_only_crossing(loop, loop.plant([arb(value) for value in problem.nominal]), u)
+    return Cells.of(problem, patch, problem.nominal).has_no_margin_below(u, condition.level)
 
 
 #: how many frequencies a reason names

@@ -32,6 +32,8 @@ _REFINE_EVERY, _REFINE_BOXES = 4, 24
 _COSTLY_EVERY = 3
 #: a box this much narrower than its root (along its widest side) is not worth cutting any more
 _NARROWEST = 2.0**-26
+#: how much narrower than its widest side a side may be cut, as parts of the root
+_ASPECT = 0.1
 
 
 @dataclass
@@ -135,13 +137,14 @@ class Search:
             if found.ratio[row] > _SURE and self._discard(node, reason):
                 continue
             rows.append(row)
-        rows = self._simple(batch, rows)
+        rows = self._on_sheet(batch, self._simple(batch, rows))
         if rows:
             rows = self._from_crossovers(batch, boxes, rows, axes, ratios)
         left = []
         for row in rows:
             node = batch[row]
-            pieces = node.cut(self._axis(node, int(axes[row]))) if self._is_wide(node) else None
+            axis = self._axis(node, int(axes[row]))
+            pieces = node.cut(axis) if axis >= 0 else None
             if pieces is None:
                 self._open += [batch[other] for other in rows if batch[other].axis < 0]
                 return None
@@ -176,17 +179,20 @@ class Search:
                 continue
             if own and own[0].axis >= 0 and own[0].ratio > ratios[row]:
                 axes[row], ratios[row] = own[0].axis, own[0].ratio
-            if self._depth(node) % _COSTLY_EVERY == 0 and self._costly(node, own, float(ratios[row])):
+            if self._depth(node) % _COSTLY_EVERY == 0 and self._costly(node, own):
                 continue
             left.append(row)
         return left
 
-    def _costly(self, node: Node, own: list[Suggestion], ratio: float) -> bool:
-        """Claims about the whole frequency axis."""
-        for k, condition in enumerate(self.problem.conditions.every):
-            if condition.test is Test.LOWER_CROSSOVER and len(self.roots) > 1 and not self._is_line(node):
-                if self._discard(node, Reason(k)):
-                    return True
+    def _on_sheet(self, batch: list[Node], rows: list[int]) -> list[int]:
+        """By what tells that the nominal phase margin can only be read at the crossover that is fixed."""
+        if not self.problem.sheet_is_covered:
+            return rows
+        place = next(k for k, c in enumerate(self.problem.conditions.every) if c.test is Test.LOWER_CROSSOVER)
+        return [row for row in rows if self._is_line(batch[row]) or not self._discard(batch[row], Reason(place))]
+
+    def _costly(self, node: Node, own: list[Suggestion]) -> bool:
+        """A claim about the whole frequency axis."""
         unstable = [s for s in own if s.axis < 0 and s.ratio == 0.0]
         return any(self._discard(node, s.reason) for s in unstable[:1])
 
@@ -202,24 +208,18 @@ class Search:
                 volume += np.log2((last - first) / (b - a))
         return round(volume)
 
-    def _is_wide(self, node: Node) -> bool:
-        widest = max(
-            ((b - a) / (last - first) if last > first else 0.0)
-            for (a, b), (first, last) in zip(node.box, self.problem.roots[0], strict=True)
-        )
-        return widest > _NARROWEST
+    def _widths(self, node: Node) -> list[float]:
+        """The box's sides as parts of the first root's."""
+        sides = zip(node.box, self.problem.roots[0], strict=True)
+        return [(b - a) / (last - first) if last > first else 0.0 for (a, b), (first, last) in sides]
 
     def _axis(self, node: Node, wanted: int) -> int:
-        """The axis that is wanted, or the widest where it has no width."""
-        low, high = node.box[wanted]
-        first, last = self.problem.roots[0][wanted]
-        if high - low > _NARROWEST * (last - first):
-            return wanted
-        sizes = [
-            (b - a) / (last - first) if last > first else 0.0
-            for (a, b), (first, last) in zip(node.box, self.problem.roots[0], strict=True)
-        ]
-        return int(np.argmax(sizes))
+        """The axis that is wanted, or the widest where that one is much narrower; -1 when all are too narrow."""
+        widths = self._widths(node)
+        widest = int(np.argmax(widths))
+        if widths[widest] <= _NARROWEST:
+            return -1
+        return wanted if widths[wanted] > _ASPECT * widths[widest] else widest
 
     def _refine(self, left: list[Node]) -> None:
         """New samples where the centres of boxes that are left break a condition most."""
