@@ -41,14 +41,16 @@ class Suggestion:
     Args:
         row: the box.
         ratio: as in `fopi_tune.optimum.screen`.
-        axis: along which the condition varies most.
+        axis: along which the condition varies most; -1 where that is not known.
         reason: to be tested.
+        excess: by how much the centre breaks the condition, neper or radian; negative where it meets it.
     """
 
     row: int
     ratio: float
     axis: int
     reason: Reason
+    excess: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -146,11 +148,12 @@ def _at_crossovers(
                 if count[row] == 0:
                     yield Suggestion(row // m, 1.0, -1, Reason(k, at.points[row % m]))
         width = np.maximum(move * _WIDE, _LEAST_COVER) if condition.upper else move * _NARROW
-        yield from _best(k, box, plant, ratio, own, found.u, width, chosen, at.points)
+        yield from _best(k, box, plant, ratio, own, found.u, width, chosen, at.points, ratio * varies)
 
 
 def _best(
-    k: int, box: Rows, plant: Rows, ratio: Array, varies: Array, u: Array, width: Array, chosen: Array, points: list
+    k: int, box: Rows, plant: Rows, ratio: Array, varies: Array, u: Array, width: Array, chosen: Array, points: list,
+    excess: Array,
 ) -> Iterator[Suggestion]:
     """Of every box the crossing with the largest ratio."""
     index = np.flatnonzero(chosen & np.isfinite(ratio) & (ratio > -1.0) & (width < 3.0))
@@ -159,7 +162,7 @@ def _best(
     for i in last:
         ends = float(np.exp(u[i] - width[i])), float(np.exp(u[i] + width[i]))
         axis = int(np.argmax(np.abs(varies[i])))
-        yield Suggestion(int(box[i]), float(ratio[i]), axis, Reason(k, points[plant[i]], ends))
+        yield Suggestion(int(box[i]), float(ratio[i]), axis, Reason(k, points[plant[i]], ends), float(excess[i]))
 
 
 def _low_crossovers(
@@ -175,7 +178,7 @@ def _low_crossovers(
     for row, value in zip(rows.tolist(), ratio.tolist(), strict=True):
         if value > -1.0:
             # the cover is of first order: it succeeds well inside only
-            yield Suggestion(row // m, min(value / 2.0, 1.5), -1, Reason(k, at.points[row % m]))
+            yield Suggestion(row // m, min(value / 2.0, 1.5), -1, Reason(k, at.points[row % m]), value)
 
 
 def _spreads(
@@ -205,7 +208,7 @@ def _spreads(
                 omega = tuple(float(np.exp(u)) for u in (*ends, *others))
                 best = (float(ratio), int(np.argmax(varies)), Reason(k, at.points[plant], omega, above))
         if best is not None and best[0] > -1.0:
-            yield Suggestion(row, *best)
+            yield Suggestion(row, *best, excess=best[0])
 
 
 def _at_phase_crossovers(at: _Loops, k: int, condition: Condition) -> Iterator[Suggestion]:
@@ -223,6 +226,7 @@ def _at_phase_crossovers(at: _Loops, k: int, condition: Condition) -> Iterator[S
     steep = np.where(np.abs(along.imag) > 1e-9, along.imag, 1e-9)
     gain = np.stack([s.real - along.real / steep * s.imag for s in slopes], axis=1)
     move = np.abs(np.stack([s.imag for s in slopes], axis=1)).sum(axis=1) / np.abs(steep) + _LEAST_WIDTH
-    ratio = np.minimum(-log_gain, log_gain + level) / (np.abs(gain).sum(axis=1) + _TINY)
+    excess = np.minimum(-log_gain, log_gain + level)
+    ratio = excess / (np.abs(gain).sum(axis=1) + _TINY)
     chosen = (plant == 0) if condition.nominal else np.ones(len(plant), dtype=bool)
-    yield from _best(k, box, plant, ratio, gain, found.u, move * _NARROW, chosen, at.points)
+    yield from _best(k, box, plant, ratio, gain, found.u, move * _NARROW, chosen, at.points, excess)

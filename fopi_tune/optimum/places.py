@@ -13,8 +13,10 @@ from fopi_tune.core.peaks import extremes
 from fopi_tune.errors import DomainError
 from fopi_tune.optimum.conditions import Condition, Test
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.refute import Reason
-from fopi_tune.optimum.screen import gains_at
+from fopi_tune.optimum.brackets import suggestions
+from fopi_tune.optimum.refute import Reason, fails
+from fopi_tune.optimum.screen import Boxes, gains_at
+from fopi_tune.proof.balls.box import Box
 
 #: (frequency or None, plant) that a verification names
 Place = tuple[float | None, tuple[float, ...]]
@@ -43,19 +45,59 @@ def first_reasons(problem: Problem, points: list[tuple[float, ...]], places: lis
         own = [problem.nominal] if condition.nominal else points
         if condition.test is Test.DISTURBANCE:
             found += [Reason(k, point) for point in own]
-        elif condition.test is Test.GAIN_SPREAD and problem.crossover_rad_s is not None:
-            found += [Reason(k, point, (problem.crossover_rad_s,)) for point in own if point != problem.nominal]
         elif condition.test is Test.RESPONSE:
             low, high = condition.band_rad_s
             named = {omega for omega, _ in places if omega is not None and max(low, 1e-12) <= omega <= min(high, 1e12)}
             grid = sorted({*_grid(problem, low, high), *named})
             found += [Reason(k, point, (omega,)) for omega, point in product(grid, own)]
-    return [reason for reason in dict.fromkeys(found) if not _needs_a_line(problem, reason)]
+    return list(dict.fromkeys(found))
 
 
-def _needs_a_line(problem: Problem, reason: Reason) -> bool:
-    """What is known of all boxes alike is tested apart from the samples."""
-    return problem.conditions.every[reason.condition].test is Test.GAIN_SPREAD
+def constant_reasons(problem: Problem, points: list[tuple[float, ...]]) -> list[Reason]:
+    """What does not depend on the controller: the spread of |L| at a crossover that is fixed."""
+    if problem.crossover_rad_s is None:
+        return []
+    numbered = enumerate(problem.conditions.every)
+    return [
+        Reason(k, point, (problem.crossover_rad_s,))
+        for k, condition in numbered
+        for point in points
+        if condition.test is Test.GAIN_SPREAD and point != problem.nominal
+    ]
+
+
+def meets_conditions(problem: Problem, centre: Array, points: list[tuple[float, ...]]) -> bool:
+    """Whether one controller, shape (1, k), meets every condition, as far as floating point and these plants tell."""
+    gains = gains_at(problem.chart, centre)
+    if gains[0][0] == 0.0 and gains[1][0] == 0.0:
+        return False
+    for condition in problem.conditions.every:
+        if condition.test is Test.GAIN:
+            value, level = gains[("kp", "ki").index(condition.name)][0], float(condition.level.mid())
+            if value > level if condition.upper else value < level:
+                return False
+    if any(fails(problem, problem.chart.patch(_point(centre)), r) for r in constant_reasons(problem, points)):
+        return False
+    loops, plants = _loops(problem, centre, points)
+    for k, condition in enumerate(problem.conditions.every):
+        if condition.test is Test.DISTURBANCE:
+            patch = problem.chart.patch(_point(centre))
+            if any(fails(problem, patch, Reason(k, point)) for point in points):
+                return False
+        if condition.test is Test.RESPONSE:
+            excess, _ = _excesses(condition, loops, plants, 1)
+            if excess is None or np.nanmax(excess) > 0.0:
+                return False
+    fixed = problem.sheet_is_covered  # a nominal margin that is fixed is met by the coordinates themselves
+    return not any(
+        suggestion.excess > 0.0
+        for suggestion in suggestions(problem, Boxes(centre, centre), points)
+        if not (fixed and problem.conditions.every[suggestion.reason.condition].nominal)
+    )
+
+
+def _point(centre: Array) -> Box:
+    return tuple((value, value) for value in centre[0].tolist())
 
 
 def _grid(problem: Problem, low: float, high: float) -> list[float]:
@@ -78,17 +120,25 @@ def _grid(problem: Problem, low: float, high: float) -> list[float]:
 
 def further_reasons(problem: Problem, centres: Array, points: list[tuple[float, ...]]) -> list[Reason]:
     """The worst frequency and plant of every condition on a response, for controllers that were not discarded."""
+    kp, ki, _ = gains_at(problem.chart, centres)
+    centres = centres[(kp != 0.0) | (ki != 0.0)]
+    if not len(centres):
+        return []
+    loops, plants = _loops(problem, centres, points)
+    found: list[Reason] = []
+    for k, condition in enumerate(problem.conditions.every):
+        if condition.test is Test.RESPONSE:
+            found += _worst(k, condition, loops, plants, len(centres))
+    return found
+
+
+def _loops(problem: Problem, centres: Array, points: list[tuple[float, ...]]) -> tuple[Loops, Array]:
+    """Every controller with every plant, those of a coarse grid too."""
     inside = _inside(problem)
     plants = np.array([*points, *inside], dtype=float).reshape(len(points) + len(inside), -1)
     kp, ki, alpha = (np.repeat(gain, len(plants)) for gain in gains_at(problem.chart, centres))
-    usable = (kp != 0.0) | (ki != 0.0)
     rows = np.tile(np.arange(len(plants)), len(centres))
-    loops = Loops(kp, ki, alpha, Plants.members(problem.family, plants).take(rows))
-    found: list[Reason] = []
-    for k, condition in enumerate(problem.conditions.every):
-        if condition.test is Test.RESPONSE and usable.all():
-            found += _worst(k, condition, loops, plants, len(centres))
-    return found
+    return Loops(kp, ki, alpha, Plants.members(problem.family, plants).take(rows)), plants
 
 
 def _inside(problem: Problem) -> list[tuple[float, ...]]:
@@ -101,18 +151,24 @@ def _inside(problem: Problem) -> list[tuple[float, ...]]:
     return list(product(*sides))
 
 
-def _worst(k: int, condition: Condition, loops: Loops, plants: Array, count: int) -> list[Reason]:
+def _excesses(condition: Condition, loops: Loops, plants: Array, count: int) -> tuple[Array | None, Array]:
+    """By how much each controller (rows) breaks a condition with each plant (columns), neper, and where."""
     assert condition.response is not None
-    low, high = condition.band_rad_s
     try:
-        at = extremes(loops, condition.response, low, high, condition.upper)
+        at = extremes(loops, condition.response, *condition.band_rad_s, condition.upper)
     except DomainError:
-        return []
+        return None, plants
     level = float(condition.level.mid())
     excess = ((at.value - level) * (1.0 if condition.upper else -1.0)).reshape(count, -1)
     omega = at.omega_rad_s.reshape(count, -1)
-    if condition.nominal:
-        excess, omega = excess[:, :1], omega[:, :1]
+    return (excess[:, :1], omega[:, :1]) if condition.nominal else (excess, omega)
+
+
+def _worst(k: int, condition: Condition, loops: Loops, plants: Array, count: int) -> list[Reason]:
+    excess, omega = _excesses(condition, loops, plants, count)
+    if excess is None:
+        return []
+    low, high = condition.band_rad_s
     found = []
     best = np.argmax(np.where(np.isfinite(excess), excess, -np.inf), axis=1)
     for row, plant in enumerate(best.tolist()):

@@ -9,16 +9,25 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
 from fopi_tune.optimum.brackets import Suggestion, suggestions
 from fopi_tune.optimum.conditions import Test
-from fopi_tune.optimum.places import first_reasons, further_reasons, plants_to_try
+from fopi_tune.optimum.charts import GainChart
+from fopi_tune.optimum.places import (
+    constant_reasons,
+    first_reasons,
+    further_reasons,
+    meets_conditions,
+    plants_to_try,
+)
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.refute import Reason, fails
 from fopi_tune.optimum.screen import Boxes, Samples
 from fopi_tune.optimum.tree import Node
+from fopi_tune.proof.balls.box import centre_of
 
 #: (boxes looked at, boxes open) while a search runs
 Progress = Callable[[int, int], None]
@@ -28,12 +37,28 @@ _BATCH = 256
 _SURE, _WORTH = 1.0 + 1e-9, 1.02
 #: rounds between looks for new samples, and boxes that are looked at for them
 _REFINE_EVERY, _REFINE_BOXES = 4, 24
+#: centres that are tried as controllers at each of these looks
+_MOST_TRIED = 3
 #: cuts between attempts at claims that cost milliseconds
 _COSTLY_EVERY = 3
 #: a box this much narrower than its root (along its widest side) is not worth cutting any more
 _NARROWEST = 2.0**-26
 #: how much narrower than its widest side a side may be cut, as parts of the root
 _ASPECT = 0.1
+
+
+class Ended(StrEnum):
+    """How a search for one level ended; the value says why it was not shown."""
+
+    SHOWN = ""
+    LIMIT = "the limit of time or boxes was reached"
+    NARROW = "a box became too narrow to be cut: the requirements may just touch"
+    BETTER = "gains were met with that seem to be better"
+
+    @property
+    def words(self) -> str:
+        """Why."""
+        return self.value
 
 
 @dataclass
@@ -62,6 +87,7 @@ class Search:
         problem: with the level that is being shown.
         roots: of the trees.
         looked_at: boxes so far.
+        better: coordinates of a controller that seems to meet every condition.
     """
 
     problem: Problem
@@ -71,6 +97,7 @@ class Search:
     points: list[tuple[float, ...]]
     progress: Progress | None = None
     looked_at: int = 0
+    better: tuple[float, ...] | None = None
     _open: list[Node] = field(default_factory=list)
     _samples: Samples | None = None
     _hits: dict[int, int] = field(default_factory=dict)
@@ -89,8 +116,8 @@ class Search:
         reasons = first_reasons(problem, points, places)
         return cls(problem, tuple(Node(box) for box in problem.roots), limits, reasons, points, progress)
 
-    def show(self, problem: Problem) -> bool:
-        """Whether every box could be discarded at the level of this problem.
+    def show(self, problem: Problem) -> Ended:
+        """Discard every box at the level of this problem.
 
         Boxes that were discarded for an earlier level stay so, unless their reason depends on it and no longer holds.
         """
@@ -106,18 +133,31 @@ class Search:
         rounds = 0
         while self._open:
             if self.limits.is_over or self.looked_at >= self.limits.boxes:
-                return False
+                return Ended.LIMIT
             batch, self._open = self._open[-_BATCH:], self._open[:-_BATCH]
             self.looked_at += len(batch)
             left = self._examined(batch)
             rounds += 1
             if left is None:
-                return False
+                return Ended.NARROW
             if self.progress is not None:
                 self.progress(self.looked_at, len(self._open))
             if rounds % _REFINE_EVERY == 0 and left:
-                self._refine(left)
-        return True
+                self._refine([node for node, _ in left])
+                if self._meets_a_controller(left):
+                    return Ended.BETTER
+        return Ended.SHOWN
+
+    def _meets_a_controller(self, left: list[tuple[Node, float]]) -> bool:
+        """Whether the centre of a box that no sample speaks against meets every condition."""
+        line = self.problem.sheet_is_covered
+        good = sorted((ratio, k) for k, (node, ratio) in enumerate(left) if ratio < 0.0 and self._is_line(node) == line)
+        for _, k in good[:_MOST_TRIED]:
+            centre = centre_of(left[k][0].box)
+            if meets_conditions(self.problem, np.array([centre]), self.points):
+                self.better = centre
+                return True
+        return False
 
     def _still_holds(self, leaf: Node) -> bool:
         assert leaf.reason is not None
@@ -125,8 +165,12 @@ class Search:
             return True
         return fails(self.problem, self.problem.chart.patch(leaf.box), leaf.reason)
 
-    def _examined(self, batch: list[Node]) -> list[Node] | None:
-        """Discard what can be discarded, cut the rest; what was cut, or None when a box is too narrow to be cut."""
+    def _examined(self, batch: list[Node]) -> list[tuple[Node, float]] | None:
+        """Discard what can be discarded and cut the rest.
+
+        Returns:
+            What was cut with its largest ratio; None when a box is too narrow to be cut.
+        """
         assert self._samples is not None
         boxes = _boxes(batch)
         found = self._samples.screen(self.problem.chart, boxes)
@@ -149,7 +193,7 @@ class Search:
                 self._open += [batch[other] for other in rows if batch[other].axis < 0]
                 return None
             self._open += pieces
-            left.append(node)
+            left.append((node, float(ratios[row])))
         return left
 
     def _discard(self, node: Node, reason: Reason) -> bool:
@@ -160,8 +204,12 @@ class Search:
 
     def _simple(self, batch: list[Node], rows: list[int]) -> list[int]:
         """By conditions on the gains themselves."""
-        numbered = enumerate(self.problem.conditions.every)
-        simple = [Reason(k) for k, condition in numbered if condition.test is Test.GAIN]
+        in_range = isinstance(self.problem.chart, GainChart)
+        simple = [
+            Reason(k)
+            for k, condition in enumerate(self.problem.conditions.every)
+            if condition.test is Test.GAIN and (condition.of_objective or not in_range)
+        ] + constant_reasons(self.problem, self.points)
         return [row for row in rows if not any(self._discard(batch[row], reason) for reason in simple)]
 
     def _from_crossovers(
