@@ -14,8 +14,19 @@ if TYPE_CHECKING:
     from fopi_tune.core.margins import Margins, margins
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
+    from fopi_tune.optimum import Optimum, OptimumRecheck, OptimumStatus
     from fopi_tune.outcome import Status
-    from fopi_tune.pipeline import discretize, prove, recheck, run, simulate, tune, validate
+    from fopi_tune.pipeline import (
+        certify_optimum,
+        discretize,
+        prove,
+        recheck,
+        recheck_optimum,
+        run,
+        simulate,
+        tune,
+        validate,
+    )
     from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
     from fopi_tune.result import Check, Design, Discretized, Run, Validated
     from fopi_tune.simulated import Simulated
@@ -36,6 +47,9 @@ _PUBLIC = {
     "FoPi": "fopi_tune.core.controller",
     "FopiError": "fopi_tune.errors",
     "Margins": "fopi_tune.core.margins",
+    "Optimum": "fopi_tune.optimum",
+    "OptimumRecheck": "fopi_tune.optimum",
+    "OptimumStatus": "fopi_tune.optimum",
     "Plant": "fopi_tune.core.plant",
     "PlantFamily": "fopi_tune.core.plant",
     "Recheck": "fopi_tune.proof",
@@ -47,12 +61,14 @@ _PUBLIC = {
     "Validated": "fopi_tune.result",
     "Verdict": "fopi_tune.proof",
     "Verification": "fopi_tune.proof",
+    "certify_optimum": "fopi_tune.pipeline",
     "discretize": "fopi_tune.pipeline",
     "load_spec": "fopi_tune.spec",
     "margins": "fopi_tune.core.margins",
     "parse_spec": "fopi_tune.spec",
     "prove": "fopi_tune.pipeline",
     "recheck": "fopi_tune.pipeline",
+    "recheck_optimum": "fopi_tune.pipeline",
     "run": "fopi_tune.pipeline",
     "simulate": "fopi_tune.pipeline",
     "tune": "fopi_tune.pipeline",
@@ -70,6 +86,9 @@ __all__ = [
     "FoPi",
     "FopiError",
     "Margins",
+    "Optimum",
+    "OptimumRecheck",
+    "OptimumStatus",
     "Plant",
     "PlantFamily",
     "Recheck",
@@ -81,12 +100,14 @@ __all__ = [
     "Validated",
     "Verdict",
     "Verification",
+    "certify_optimum",
     "discretize",
     "load_spec",
     "margins",
     "parse_spec",
     "prove",
     "recheck",
+    "recheck_optimum",
     "run",
     "simulate",
     "tune",

@@ -17,7 +17,7 @@ MODULES = {".".join(p.relative_to(ROOT).with_suffix("").parts): p for p in sorte
 STAGES = ("core", "quantities", "spec")
 #: folder (or module) -> what of this package it may import, besides itself
 ALLOWED = {
-    "__init__": (*STAGES, "errors", "outcome", "proof", "pipeline", "result", "simulated"),
+    "__init__": (*STAGES, "errors", "optimum", "outcome", "proof", "pipeline", "result", "simulated"),
     "errors": (),
     "core": ("errors",),
     "quantities": ("core", "errors"),
@@ -25,16 +25,17 @@ ALLOWED = {
     "outcome": (),
     "design": ("outcome", "spec.model", "quantities", "core", "errors"),
     "proof": ("spec.model", "quantities", "core", "errors"),
+    "optimum": ("proof", "spec.model", "quantities", "core", "errors"),
     "digital": ("spec.model", "core", "errors"),
     "validation": ("digital", "proof", "quantities", "spec.model", "core", "errors"),
     "stamp": ("__version__",),
     "convert": ("core", "errors"),
     "dicts": ("core", "outcome", "proof", "spec.model"),
     "result": (
-        *("convert", "core", "dicts", "digital", "outcome", "proof", "quantities"),
+        *("convert", "core", "dicts", "digital", "optimum", "outcome", "proof", "quantities"),
         *("spec.model", "stamp", "validation"),
     ),
-    "report": ("core", "outcome", "proof", "simulated", "spec.model", "result", "validation"),
+    "report": ("core", "optimum", "outcome", "proof", "simulated", "spec.model", "result", "validation"),
     "simulated": ("core", "errors", "spec.model", "stamp", "validation"),
     "assemble": ("design", "outcome", "proof", "result", "spec.model", "stamp"),
     "implement": (
@@ -42,12 +43,12 @@ ALLOWED = {
         *("quantities", "spec.model", "stamp"),
     ),
     "pipeline": (
-        *("assemble", "core", "design", "digital", "errors", "implement", "outcome", "proof"),
+        *("assemble", "core", "design", "digital", "errors", "implement", "optimum", "outcome", "proof"),
         *("result", "simulated", "spec", "stamp", "validation"),
     ),
     "__main__": ("cli",),
     "cli": (
-        *("__version__", "core", "digital", "errors", "pipeline", "proof"),
+        *("__version__", "core", "digital", "errors", "optimum", "pipeline", "proof"),
         *("report", "result", "simulated", "spec"),
     ),
 }

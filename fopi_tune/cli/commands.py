@@ -67,6 +67,11 @@ def tune(
     out: Out = None,
     as_json: AsJson = False,
     no_proof: NoProof = False,
+    certify_optimum: Annotated[
+        bool, typer.Option("--certify-optimum", help="Prove how far the gains can be from the best; or that none exist.")
+    ] = False,
+    gap: Annotated[float, typer.Option(help="Relative gap that --certify-optimum is to reach.")] = 1e-3,
+    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When --certify-optimum stops.")] = 60.0,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
@@ -74,7 +79,8 @@ def tune(
 
     They meet it for every plant of its family.  The result and the certificate are also written to files.
     """
-    _tune(specs, Handling(out, as_json, quiet, debug, len(specs) > 1), not no_proof)
+    wanted = (gap, time_limit) if certify_optimum else None
+    _tune(specs, Handling(out, as_json, quiet, debug, len(specs) > 1), not no_proof, wanted)
 
 
 @app.command()
@@ -283,11 +289,13 @@ def main() -> None:
         sys.exit(report_failure("fopi", error, "--debug" in sys.argv))
 
 
-def _tune(files: Sequence[str], handling: Handling, proof: bool) -> None:
+def _tune(files: Sequence[str], handling: Handling, proof: bool, optimum: tuple[float, float] | None = None) -> None:
     def make(spec: DesignSpec) -> Design:
+        from fopi_tune.cli.optimum import with_optimum
         from fopi_tune.pipeline import tune
 
-        return tune(spec) if proof else tune(spec, proof=False)
+        design = tune(spec) if proof else tune(spec, proof=False)
+        return design if optimum is None else with_optimum(design, *optimum, handling)
 
     raise typer.Exit(process(files, make, handling, "tuning"))
 

@@ -4,6 +4,17 @@ One public entry, `certify_optimum`; `recheck_optimum` tests what it wrote witho
 """
 
 from fopi_tune.optimum.certify import certify_optimum
+from fopi_tune.optimum.documents import to_dict, to_document
+from fopi_tune.optimum.recheck import OptimumRecheck, recheck_optimum
 from fopi_tune.optimum.results import Optimum, OptimumProof, OptimumStatus
 
-__all__ = ["Optimum", "OptimumProof", "OptimumStatus", "certify_optimum"]
+__all__ = [
+    "Optimum",
+    "OptimumProof",
+    "OptimumRecheck",
+    "OptimumStatus",
+    "certify_optimum",
+    "recheck_optimum",
+    "to_dict",
+    "to_document",
+]

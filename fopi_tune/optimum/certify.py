@@ -70,7 +70,7 @@ def certify_optimum(
     found = None
     if gains is not None:
         found = verify(spec, gains)
-        reason = _refusal(spec, gains, found)
+        reason = incumbent_refusal(spec, gains, found)
         if reason:
             return run.without_bound(reason)
     with ctx.workprec(PRECISION):
@@ -93,7 +93,7 @@ def why_no_bound(spec: DesignSpec) -> str:
     return ""
 
 
-def _refusal(spec: DesignSpec, gains: FoPi, found: Verification) -> str:
+def incumbent_refusal(spec: DesignSpec, gains: FoPi, found: Verification) -> str:
     """Why these gains are no design of the spec; empty when they are."""
     if not found.stability.stable:
         return f"the gains are no design of this spec: {found.stability.reason}"

@@ -42,6 +42,7 @@ class Cells:
         ki: the same.
         alpha: the same.
         point: the plant.
+        sign: of the controller that the gains are of.
     """
 
     problem: Problem
@@ -50,14 +51,15 @@ class Cells:
     ki: arb
     alpha: arb
     point: tuple[float, ...]
+    sign: int = 1
 
     @classmethod
     def of(cls, problem: Problem, patch: Patch, point: tuple[float, ...]) -> Cells:
-        """Both signs turned, where no gain is positive: |L| does not mind."""
+        """Where no gain is positive both signs are turned, and the ray with them: |L| does not mind."""
         box = problem.spec.controller
         kp, ki = _allowed(patch.kp, box.kp), _allowed(patch.ki, box.ki)
         if kp <= 0 and ki <= 0:
-            kp, ki = -kp, -ki
+            return cls(problem, patch, -kp, -ki, patch.alpha, point, -1)
         return cls(problem, patch, kp, ki, patch.alpha, point)
 
     @cached_property
@@ -179,7 +181,7 @@ class Cells:
             return False
         over = self.problem.cell(self.point, u)
         c = self.kp + self.ki * (-self.alpha * acb(ball_of(u), arb.pi() / 2)).exp()
-        turned = c * over.gain / ray
+        turned = self.sign * c * over.gain / ray
         return bool(turned.is_finite() and (turned.real < 0 or not turned.imag.contains(0)))
 
 
