@@ -89,7 +89,12 @@ def suggestions(problem: Problem, boxes: Boxes, points: list[tuple[float, ...]])
     """
     at = _Loops.of(problem, boxes, points)
     numbered = list(enumerate(problem.conditions.every))
-    crossing = [(k, c) for k, c in numbered if c.test in (Test.MARGIN, Test.SPREAD, Test.CROSSOVER)]
+    known = problem.crossover_rad_s is not None  # and then no box fails what is asked of the nominal crossover
+    crossing = [
+        (k, c)
+        for k, c in numbered
+        if c.test in (Test.MARGIN, Test.SPREAD) or (c.test is Test.CROSSOVER and not (known and c.nominal))
+    ]
     try:
         found = gain_crossovers(at.loops)
     except DomainError:
@@ -123,7 +128,7 @@ def _at_crossovers(
     m = len(at.points)
     steep = np.where(np.abs(along.real) > 1e-9, along.real, 1e-9)
     angle = np.stack([s.imag - along.imag / steep * s.real for s in slopes], axis=1)
-    move = np.abs(np.stack([s.real for s in slopes], axis=1)).sum(axis=1) / np.abs(steep) + _LEAST_WIDTH
+    move = _moves(slopes, np.stack([s.real for s in slopes], axis=1), steep)
     count = np.bincount(found.row, minlength=len(at.loops))
     value = np.pi + found.phase_rad
     for k, condition in wanted:
@@ -149,6 +154,12 @@ def _at_crossovers(
                     yield Suggestion(row // m, 1.0, -1, Reason(k, at.points[row % m]))
         width = np.maximum(move * _WIDE, _LEAST_COVER) if condition.upper else move * _NARROW
         yield from _best(k, box, plant, ratio, own, found.u, width, chosen, at.points, ratio * varies)
+
+
+def _moves(slopes: list[Complex], parts: Array, steep: Array) -> Array:
+    """How far crossings move within their boxes: to first order, and something for the second."""
+    size = np.abs(np.stack(slopes, axis=1)).sum(axis=1)
+    return (np.abs(parts).sum(axis=1) + 0.5 * np.minimum(size, 1.0) ** 2) / np.abs(steep) + _LEAST_WIDTH
 
 
 def _best(
@@ -225,7 +236,7 @@ def _at_phase_crossovers(at: _Loops, k: int, condition: Condition) -> Iterator[S
     slopes, along, box, plant = at.slopes(found)
     steep = np.where(np.abs(along.imag) > 1e-9, along.imag, 1e-9)
     gain = np.stack([s.real - along.real / steep * s.imag for s in slopes], axis=1)
-    move = np.abs(np.stack([s.imag for s in slopes], axis=1)).sum(axis=1) / np.abs(steep) + _LEAST_WIDTH
+    move = _moves(slopes, np.stack([s.imag for s in slopes], axis=1), steep)
     excess = np.minimum(-log_gain, log_gain + level)
     ratio = excess / (np.abs(gain).sum(axis=1) + _TINY)
     chosen = (plant == 0) if condition.nominal else np.ones(len(plant), dtype=bool)

@@ -151,7 +151,8 @@ class _Run:
         shown, failed, ended = math.inf, 0.0, Ended.SHOWN
         proof: OptimumProof | None = None
         aim = self.wanted * _AIM
-        gap = max(_COARSE, aim)
+        # with both equalities little is left to search: the level that is asked for comes first
+        gap = aim if problem.sheet_is_covered else max(_COARSE, aim)
         while True:
             level = self._level(objective, gap)
             ended = search.show(problem.beating(level))

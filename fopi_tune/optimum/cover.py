@@ -26,7 +26,7 @@ from fopi_tune.spec.model import GainRange
 
 _ZERO = arb(0)
 _MOST_CELLS, _MOST_STEPS = 150, 40
-_NARROWEST = 1e-4
+_NARROWEST, _COARSE = 1e-4, 1e-2
 _STEP, _FARTHEST = 3.0, 100.0
 _SHORT = 0.1
 
@@ -173,7 +173,7 @@ class Cells:
             first, width = first - width, 2.0 * width
             if settled((first - width, first)):
                 break
-        return _covered(settled, -math.inf, first)
+        return _covered(settled, -math.inf, first, _COARSE)
 
     def _misses(self, u: Interval, ray: acb) -> bool:
         """Whether L keeps away from the ray from 0 through a point, over an interval."""
@@ -185,8 +185,8 @@ class Cells:
         return bool(turned.is_finite() and (turned.real < 0 or not turned.imag.contains(0)))
 
 
-def _covered(settled: Callable[[Interval], bool], low: float, high: float) -> bool:
-    """Whether an interval can be cut into cells each of which is settled."""
+def _covered(settled: Callable[[Interval], bool], low: float, high: float, narrowest: float = _NARROWEST) -> bool:
+    """Whether an interval can be cut into cells, not too narrow ones, each of which is settled."""
     pending: list[Interval] = [(low, high)]
     cells = 0
     while pending:
@@ -196,7 +196,7 @@ def _covered(settled: Callable[[Interval], bool], low: float, high: float) -> bo
         if not endless and settled((first, last)):
             continue
         near = 0.0 if endless else last if math.isinf(first) else first
-        if cells > _MOST_CELLS or last - first < _NARROWEST or abs(near) > _FARTHEST:
+        if cells > _MOST_CELLS or last - first < narrowest or abs(near) > _FARTHEST:
             return False
         if math.isinf(first):
             middle = 0.0 if endless else last - _STEP

@@ -28,7 +28,7 @@ from flint import acb, arb
 from fopi_tune.core.peaks import Response
 from fopi_tune.optimum.boxloop import BoxLoop
 from fopi_tune.optimum.charts import Patch, Plane
-from fopi_tune.optimum.conditions import Condition, Test
+from fopi_tune.optimum.conditions import Condition, Test, rolls_off
 from fopi_tune.optimum.cover import Cells
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.reading import crossing_angle, crossing_gain
@@ -41,6 +41,8 @@ _ZERO = arb(0)
 #: |S| of an unstable box must stay below this, neper, to tell that all its loops are unstable; and boxes for that
 _LARGEST_SENSITIVITY = 6.0
 _STABILITY_BUDGET = 300
+#: u by which a bracket grows where |L| falls
+_STEPS = (0.3, 0.1, 0.03, 0.01, 0.003)
 
 
 @dataclass(frozen=True)
@@ -102,8 +104,11 @@ def smallest(q: tuple[arb, acb, arb], plane: Plane, half: tuple[arb, ...]) -> ar
 
 
 def _response(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
-    (omega,) = reason.omega
     low, high = condition.band_rad_s
+    if not reason.omega:  # |S| -> 1 as omega -> inf, whatever the gains
+        falls = condition.response is Response.SENSITIVITY and condition.upper and rolls_off(problem.family)
+        return falls and math.isinf(high) and bool(condition.level < 0)
+    (omega,) = reason.omega
     if not low <= omega <= high or condition.response is None:
         return False
     log_s, p = problem.response(reason.point, omega)
@@ -141,6 +146,9 @@ def _sides(problem: Problem, patch: Patch, point: tuple[float, ...], omega: floa
 
 def _some_crossing(problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float]) -> bool:
     """Whether every controller has a gain crossover between two frequencies."""
+    known = problem.crossover_rad_s
+    if known is not None and point == problem.nominal and ends[0] <= known <= ends[1]:
+        return True
     return ends[0] < ends[1] and _sides(problem, patch, point, ends[0]) * _sides(problem, patch, point, ends[1]) < 0
 
 
@@ -152,7 +160,28 @@ def _no_other_crossing(
     if ends is None:
         return cells.crosses_nowhere(-math.inf, math.inf)
     low, high = math.log(ends[0]) + 1e-12, math.log(ends[1]) - 1e-12
+    if not low < high:
+        return False
+    # where |L| falls it cannot come back to 1: the cells next to the bracket, which no value settles
+    if _side_of_end(problem, patch, point, ends, cells, 0) > 0:
+        low -= next((step for step in _STEPS if cells.falls((low - step, low + 2e-12))), 0.0)
+    if _side_of_end(problem, patch, point, ends, cells, 1) < 0:
+        high += next((step for step in _STEPS if cells.falls((high - 2e-12, high + step))), 0.0)
     return cells.crosses_nowhere(-math.inf, low) and cells.crosses_nowhere(high, math.inf)
+
+
+def _side_of_end(
+    problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float], cells: Cells, end: int
+) -> int:
+    """The sign of ln|L| at an end of a bracket, for every controller; 0 where it is not known."""
+    known = problem.crossover_rad_s
+    if known is not None and point == problem.nominal and ends[0] < known < ends[1]:
+        # |L| = 1 at the crossover that is fixed, and from there it falls
+        u, far = math.log(known), math.log(ends[end])
+        span = (far - 1e-12, u + 1e-12) if end == 0 else (u - 1e-12, far + 1e-12)
+        if cells.falls(span):
+            return -1 if end else 1
+    return _sides(problem, patch, point, ends[end])
 
 
 def _margin(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
@@ -170,6 +199,8 @@ def _margin(problem: Problem, patch: Patch, condition: Condition, reason: Reason
 
 def _spread(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
     """The difference of two margins, each read at crossovers; one where there is some, one where there is no other."""
+    if not reason.omega:
+        return bool(condition.level <= 0)
     ends, others = (reason.omega[0], reason.omega[1]), (reason.omega[2], reason.omega[3])
     nominal = problem.nominal
     own = crossing_angle(problem, patch, reason.point, ends, None)
@@ -212,6 +243,8 @@ def _crossover(problem: Problem, patch: Patch, condition: Condition, reason: Rea
 
 def _gain_spread(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
     """|L| = 1 of the nominal plant at the crossover leaves |L| = |P/P0| of another."""
+    if not reason.omega:
+        return bool(condition.level <= 0)
     (omega,) = reason.omega
     if omega != problem.crossover_rad_s:
         return False
@@ -246,13 +279,13 @@ def _lower_crossover(problem: Problem, patch: Patch, condition: Condition, reaso
 
 #: how many frequencies a reason names
 _FREQUENCIES = {
-    Test.RESPONSE: (1,),
+    Test.RESPONSE: (0, 1),
     Test.DISTURBANCE: (0,),
     Test.MARGIN: (0, 2),
     Test.GAIN_MARGIN: (2,),
     Test.CROSSOVER: (0,),
-    Test.SPREAD: (4,),
-    Test.GAIN_SPREAD: (1,),
+    Test.SPREAD: (0, 4),
+    Test.GAIN_SPREAD: (0, 1),
     Test.GAIN: (0,),
     Test.STABILITY: (0,),
     Test.LOWER_CROSSOVER: (0,),

@@ -144,6 +144,9 @@ class Samples:
 
     def screen(self, chart: Chart, boxes: Boxes, subset: NDArray[np.intp] | None = None) -> Found:
         """The largest ratio of every box."""
+        if not self.reasons:
+            none = np.full(len(boxes), -1)
+            return Found(np.full(len(boxes), -np.inf), none, none)
         rows = np.arange(len(self.reasons)) if subset is None else subset
         at, half = controllers(chart, boxes, self.log_s[rows]), boxes.half
         a, b, c, concave = self.a[rows], self.b[rows], self.c[rows], self._concave[rows]

@@ -177,8 +177,7 @@ class Search:
         axes, ratios = found.axis.copy(), found.ratio.copy()
         rows: list[int] = []
         for row, node in enumerate(batch):
-            reason = self._samples.reasons[int(found.reason[row])]
-            if found.ratio[row] > _SURE and self._discard(node, reason):
+            if found.ratio[row] > _SURE and self._discard(node, self._samples.reasons[int(found.reason[row])]):
                 continue
             rows.append(row)
         rows = self._on_sheet(batch, self._simple(batch, rows))
@@ -221,8 +220,10 @@ class Search:
             by_row.setdefault(suggestion.row, []).append(suggestion)
         left = []
         for k, row in enumerate(rows):
-            own = sorted(by_row.get(k, []), key=lambda s: -s.ratio)
             node = batch[row]
+            own = sorted(by_row.get(k, []), key=lambda s: -s.ratio)
+            if self.problem.sheet_is_covered and not self._is_line(node):
+                own = [s for s in own if not self._is_cover(s)]
             if any(s.ratio > _WORTH and self._discard(node, s.reason) for s in own):
                 continue
             if own and own[0].axis >= 0 and own[0].ratio > ratios[row]:
@@ -238,6 +239,11 @@ class Search:
             return rows
         place = next(k for k, c in enumerate(self.problem.conditions.every) if c.test is Test.LOWER_CROSSOVER)
         return [row for row in rows if self._is_line(batch[row]) or not self._discard(batch[row], Reason(place))]
+
+    def _is_cover(self, suggestion: Suggestion) -> bool:
+        """Whether a claim is about the whole axis: too dear off the line, where another one does the work."""
+        condition = self.problem.conditions.every[suggestion.reason.condition]
+        return condition.test is Test.CROSSOVER or (condition.test is Test.MARGIN and condition.upper)
 
     def _costly(self, node: Node, own: list[Suggestion]) -> bool:
         """A claim about the whole frequency axis."""
@@ -267,7 +273,7 @@ class Search:
         widest = int(np.argmax(widths))
         if widths[widest] <= _NARROWEST:
             return -1
-        return wanted if widths[wanted] > _ASPECT * widths[widest] else widest
+        return wanted if wanted >= 0 and widths[wanted] > _ASPECT * widths[widest] else widest
 
     def _refine(self, left: list[Node]) -> None:
         """New samples where the centres of boxes that are left break a condition most."""
