@@ -68,7 +68,8 @@ def tune(
     as_json: AsJson = False,
     no_proof: NoProof = False,
     certify_optimum: Annotated[
-        bool, typer.Option("--certify-optimum", help="Prove how far the gains can be from the best; or that none exist.")
+        bool,
+        typer.Option("--certify-optimum", help="Prove how far the gains can be from the best; or that none exist."),
     ] = False,
     gap: Annotated[float, typer.Option(help="Relative gap that --certify-optimum is to reach.")] = 1e-3,
     time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When --certify-optimum stops.")] = 60.0,

@@ -8,7 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.files import CERTIFICATE, CHECK, CODE, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, FIGURE, OPTIMUM, files_of
+from fopi_tune.cli.files import (
+    CERTIFICATE,
+    CHECK,
+    CODE,
+    DESIGN,
+    DIGITAL,
+    DIGITAL_CERTIFICATE,
+    FIGURE,
+    OPTIMUM,
+    files_of,
+)
 from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
 from fopi_tune.errors import DomainError, SpecError
 

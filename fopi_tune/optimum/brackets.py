@@ -73,10 +73,15 @@ class _Loops:
     def slopes(self, found: Crossings) -> Read:
         """C_g/C times the half-widths at crossings, complex; d ln L/du; and the box and plant of each."""
         box, plant = np.divmod(found.row, len(self.points))
-        at = controllers(self.problem.chart, self.boxes.take(box), (found.u + 0.5j * np.pi)[:, None])
+        at = controllers(self.problem.chart, self.boxes.take(box), _log_s(found.u))
         half = self.boxes.half[box]
         slopes = [s[:, 0] / at.value[:, 0] * half[:, k] for k, s in enumerate(at.slopes)]
         return slopes, self.loops.log_response_and_slope(found.row, found.u)[1], box, plant
+
+
+def _log_s(u: Array) -> Complex:
+    """ln(j omega), shape (n, 1)."""
+    return np.asarray(u[:, None] + 0.5j * np.pi, dtype=complex)
 
 
 def suggestions(problem: Problem, boxes: Boxes, points: list[tuple[float, ...]]) -> Iterator[Suggestion]:
@@ -163,7 +168,15 @@ def _moves(slopes: list[Complex], parts: Array, steep: Array) -> Array:
 
 
 def _best(
-    k: int, box: Rows, plant: Rows, ratio: Array, varies: Array, u: Array, width: Array, chosen: Array, points: list,
+    k: int,
+    box: Rows,
+    plant: Rows,
+    ratio: Array,
+    varies: Array,
+    u: Array,
+    width: Array,
+    chosen: Array,
+    points: list,
     excess: Array,
 ) -> Iterator[Suggestion]:
     """Of every box the crossing with the largest ratio."""
@@ -177,7 +190,7 @@ def _best(
 
 
 def _low_crossovers(
-    at: _Loops, k: int, condition: Condition, found: Crossings, move: Array, count: Array
+    at: _Loops, k: int, condition: Condition, found: Crossings, move: Array, count: Rows
 ) -> Iterator[Suggestion]:
     m = len(at.points)
     highest = np.full(len(at.loops), -np.inf)
@@ -193,7 +206,7 @@ def _low_crossovers(
 
 
 def _spreads(
-    at: _Loops, k: int, level: float, found: Crossings, angle: Array, move: Array, count: Array, value: Array
+    at: _Loops, k: int, level: float, found: Crossings, angle: Array, move: Array, count: Rows, value: Array
 ) -> Iterator[Suggestion]:
     """Differences to the nominal plant's margin, of loops that cross once."""
     m = len(at.points)

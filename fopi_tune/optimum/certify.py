@@ -134,7 +134,9 @@ class _Run:
             return self._result(OptimumStatus.INFEASIBLE, search, proof=_proof(search, None))
         if ended is Ended.BETTER and search.better is not None:
             gains = _gains(search)
-            words = f"kp = {gains.kp:.6g}, ki = {gains.ki:.6g}, alpha = {gains.alpha:.6g} seem to meet every requirement"
+            words = (
+                f"kp = {gains.kp:.6g}, ki = {gains.ki:.6g}, alpha = {gains.alpha:.6g} seem to meet every requirement"
+            )
             return self._result(OptimumStatus.LIMIT_REACHED, search, reason=words)
         return self._result(OptimumStatus.LIMIT_REACHED, search, reason=ended.words)
 
@@ -176,9 +178,7 @@ class _Run:
                 gap = math.sqrt(shown * failed)
         return self._bounded_result(found, search, proof, ended)
 
-    def _bounded_result(
-        self, found: Verification, search: Search, proof: OptimumProof | None, ended: Ended
-    ) -> Optimum:
+    def _bounded_result(self, found: Verification, search: Search, proof: OptimumProof | None, ended: Ended) -> Optimum:
         better, better_objective = self._better(search, found)
         if proof is None or proof.beat is None:
             reason = ended.words or "no level could be shown"

@@ -239,6 +239,4 @@ def _of_objective(spec: DesignSpec, beat: float | None) -> Iterator[Condition]:
         yield Condition(Test.GAIN_SPREAD, kind.value, True, db(beat), of_objective=True)
     elif not any(r.relation is not Relation.EQUALS for r in spec.requirements):
         # depth without inequalities: minus ln of the largest |S|
-        yield Condition(
-            Test.RESPONSE, kind.value, True, -level, of_objective=True, response=Response.SENSITIVITY
-        )
+        yield Condition(Test.RESPONSE, kind.value, True, -level, of_objective=True, response=Response.SENSITIVITY)

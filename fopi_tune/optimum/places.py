@@ -11,9 +11,9 @@ from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.errors import DomainError
+from fopi_tune.optimum.brackets import suggestions
 from fopi_tune.optimum.conditions import Condition, Test
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.brackets import suggestions
 from fopi_tune.optimum.refute import Reason, fails
 from fopi_tune.optimum.screen import Boxes, gains_at
 from fopi_tune.proof.balls.box import Box
@@ -54,12 +54,12 @@ def first_reasons(problem: Problem, points: list[tuple[float, ...]], places: lis
 
 
 def constant_reasons(problem: Problem, points: list[tuple[float, ...]]) -> list[Reason]:
-    """What does not depend on the controller: that |S| -> 1, that no spread is negative, a spread of |L| that is known."""
+    """What does not depend on the controller: |S| -> 1, no spread is negative, and a spread of |L| that is known."""
     found: list[Reason] = []
     for k, condition in enumerate(problem.conditions.every):
         spread = condition.test in (Test.SPREAD, Test.GAIN_SPREAD)
         high = condition.response is Response.SENSITIVITY and math.isinf(condition.band_rad_s[1])
-        if spread and condition.level <= 0 or (high and condition.upper and condition.level < 0):
+        if (spread and condition.level <= 0) or (high and condition.upper and condition.level < 0):
             found.append(Reason(k, problem.nominal))
         elif condition.test is Test.GAIN_SPREAD and problem.crossover_rad_s is not None:
             found += [Reason(k, point, (problem.crossover_rad_s,)) for point in points if point != problem.nominal]

@@ -158,9 +158,7 @@ def _phase(problem: Problem, patch: Patch, point: tuple[float, ...], at: _Bracke
     return phase if phase.is_finite() else None
 
 
-def crossing_gain(
-    problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float]
-) -> Read | None:
+def crossing_gain(problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float]) -> Read | None:
     """ln|L| wherever L is negative in a bracket over all of which Re L < 0; None where that is not so."""
     at = _Bracket.of(problem, patch, point, outward(*ends))
     if at is None:

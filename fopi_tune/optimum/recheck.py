@@ -112,7 +112,9 @@ def _untrue(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]:
 
 def _about_incumbent(stated: Stated, spec: DesignSpec) -> list[str]:
     """What is wrong with the gains and their objective."""
-    assert stated.gains is not None and stated.bound is not None and stated.objective is not None
+    assert stated.gains is not None
+    assert stated.bound is not None
+    assert stated.objective is not None
     found = verify(spec, stated.gains)
     refusal = incumbent_refusal(spec, stated.gains, found)
     if refusal:

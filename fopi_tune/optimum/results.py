@@ -99,8 +99,8 @@ class Optimum:
         if self.bound is None or self.objective is None or self.gap is None:
             return f"Nothing is proved of the best gains: {self.reason}."
         return (
-            f"No gains in the box that meet every requirement (exactly) have an objective better than {self.bound:.8g}; "
-            f"the design's is {self.objective:.8g}, a gap of {100.0 * self.gap:.2g} %."
+            "No gains in the box that meet every requirement (exactly) have an objective better than "
+            f"{self.bound:.8g}; the design's is {self.objective:.8g}, a gap of {100.0 * self.gap:.2g} %."
         )
 
 

@@ -18,11 +18,11 @@ from flint import acb, arb
 from numpy.typing import NDArray
 
 from fopi_tune.core.logform import Array, Complex
+from fopi_tune.core.peaks import Response
 from fopi_tune.optimum.charts import Chart, CrossoverChart
 from fopi_tune.optimum.conditions import Test
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.refute import Reason, quadratic
-from fopi_tune.core.peaks import Response
 
 _TINY = 1e-300
 
@@ -142,18 +142,17 @@ class Samples:
     def _concave(self) -> Array:
         return np.maximum(-self.a, 0.0)
 
-    def screen(self, chart: Chart, boxes: Boxes, subset: NDArray[np.intp] | None = None) -> Found:
+    def screen(self, chart: Chart, boxes: Boxes) -> Found:
         """The largest ratio of every box."""
         if not self.reasons:
             none = np.full(len(boxes), -1)
             return Found(np.full(len(boxes), -np.inf), none, none)
-        rows = np.arange(len(self.reasons)) if subset is None else subset
-        at, half = controllers(chart, boxes, self.log_s[rows]), boxes.half
-        a, b, c, concave = self.a[rows], self.b[rows], self.c[rows], self._concave[rows]
+        at, half = controllers(chart, boxes, self.log_s), boxes.half
+        a, b, c, concave = self.a, self.b, self.c, self._concave
         with np.errstate(all="ignore"):
             w = a * at.value.conj() + b
-            q = a * (at.value.real**2 + at.value.imag**2) + 2.0 * (b * at.value).real + c
-            parts = [2.0 * np.abs((w * s).real) * half[:, k, None] for k, s in enumerate(at.slopes)]
+            q = a * np.abs(at.value) ** 2 + 2.0 * np.real(b * at.value) + c
+            parts = [2.0 * np.abs(np.real(w * s)) * half[:, k, None] for k, s in enumerate(at.slopes)]
             reach = sum(np.abs(s) * half[:, k, None] for k, s in enumerate(at.slopes)) + at.rest
             varies = sum(parts) + 2.0 * np.abs(w) * at.rest + concave * reach**2 + _TINY
             ratio = q / varies
@@ -161,7 +160,7 @@ class Samples:
         best = np.argmax(ratio, axis=1)
         every = np.arange(len(boxes))
         axis = np.argmax(np.stack([part[every, best] for part in parts], axis=1), axis=1)
-        return Found(ratio[every, best], rows[best], axis)
+        return Found(ratio[every, best], best, axis)
 
 
 def _coefficients(problem: Problem, reason: Reason) -> tuple[complex, complex, complex, complex]:

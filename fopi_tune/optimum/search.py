@@ -14,8 +14,8 @@ from enum import StrEnum
 import numpy as np
 
 from fopi_tune.optimum.brackets import Suggestion, suggestions
-from fopi_tune.optimum.conditions import Test
 from fopi_tune.optimum.charts import GainChart
+from fopi_tune.optimum.conditions import Test
 from fopi_tune.optimum.places import (
     constant_reasons,
     first_reasons,
@@ -248,7 +248,7 @@ class Search:
     def _costly(self, node: Node, own: list[Suggestion]) -> bool:
         """A claim about the whole frequency axis."""
         unstable = [s for s in own if s.axis < 0 and s.ratio == 0.0]
-        return any(self._discard(node, s.reason) for s in unstable[:1])
+        return not self.limits.is_over and any(self._discard(node, s.reason) for s in unstable[:1])
 
     def _is_line(self, node: Node) -> bool:
         return node.box[-1] == self.roots[-1].box[-1]

@@ -39,13 +39,13 @@ class Node:
 
     def leaves(self) -> Iterator[Node]:
         """Every box that was not cut, in preorder."""
-        pending = [self]
+        pending: list[Node] = [self]
         while pending:
             node = pending.pop()
             if node.axis < 0:
                 yield node
             else:
-                pending += reversed(node.pieces)
+                pending.extend(reversed(node.pieces))
 
 
 @dataclass(frozen=True)
