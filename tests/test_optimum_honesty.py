@@ -37,7 +37,7 @@ def _place(problem: Problem, gains: FoPi) -> tuple[float, ...]:
     chart = problem.chart
     if not isinstance(chart, CrossoverChart):
         return gains.kp, gains.ki, gains.alpha
-    s = chart.omega_rad_s ** -gains.alpha * np.exp(-0.5j * np.pi * gains.alpha)
+    s = chart.omega_rad_s**-gains.alpha * np.exp(-0.5j * np.pi * gains.alpha)
     first = problem.roots[0][1][0]
     psi = np.angle((gains.kp + gains.ki * s) * complex(chart.plant)) + np.pi
     return gains.alpha, float(first + (psi - first) % (2.0 * np.pi))
