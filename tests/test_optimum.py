@@ -316,10 +316,10 @@ def test_a_file_is_sound_until_something_in_it_is_changed(
     def changed(**values: Any) -> tuple[str, ...]:
         other = copy.deepcopy(document)
         for key, value in values.items():
-            place = other
+            place: Any = other
             *path, last = key.split("__")
             for part in path:
-                place = place[part] if not part.isdecimal() else place[int(part)]
+                place = place[part]
             place[last] = value
         return recheck_optimum(other, spec).problems
 

@@ -136,7 +136,7 @@ class Samples:
         """With the levels of this problem."""
         rows = [_coefficients(problem, reason) for reason in reasons]
         table = np.array(rows, dtype=complex).reshape(len(rows), 4)
-        return cls(reasons, table[:, 0], table[:, 1].real, table[:, 2], table[:, 3].real)
+        return cls(reasons, table[:, 0], np.real(table[:, 1]), table[:, 2], np.real(table[:, 3]))
 
     @cached_property
     def _concave(self) -> Array:
