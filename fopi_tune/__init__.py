@@ -15,8 +15,10 @@ if TYPE_CHECKING:
     from fopi_tune.core.margins import Margins, margins
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
+    from fopi_tune.optimum import Optimum, OptimumRecheck, OptimumStatus
     from fopi_tune.outcome import Status
     from fopi_tune.pipeline import discretize, price, prove, recheck, run, simulate, tradeoff, tune, validate
+    from fopi_tune.pipeline_optimum import certify_optimum, recheck_optimum
     from fopi_tune.pipeline_systems import simulate_system, validate_system
     from fopi_tune.prices import Tradeoff
     from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
@@ -40,6 +42,9 @@ _PUBLIC = {
     "FoPi": "fopi_tune.core.controller",
     "FopiError": "fopi_tune.errors",
     "Margins": "fopi_tune.core.margins",
+    "Optimum": "fopi_tune.optimum",
+    "OptimumRecheck": "fopi_tune.optimum",
+    "OptimumStatus": "fopi_tune.optimum",
     "Plant": "fopi_tune.core.plant",
     "PlantFamily": "fopi_tune.core.plant",
     "Recheck": "fopi_tune.proof",
@@ -56,6 +61,7 @@ _PUBLIC = {
     "ValidatedSystem": "fopi_tune.systems",
     "Verdict": "fopi_tune.proof",
     "Verification": "fopi_tune.proof",
+    "certify_optimum": "fopi_tune.pipeline_optimum",
     "discretize": "fopi_tune.pipeline",
     "load_spec": "fopi_tune.spec",
     "load_system": "fopi_tune.spec",
@@ -64,6 +70,7 @@ _PUBLIC = {
     "price": "fopi_tune.pipeline",
     "prove": "fopi_tune.pipeline",
     "recheck": "fopi_tune.pipeline",
+    "recheck_optimum": "fopi_tune.pipeline_optimum",
     "run": "fopi_tune.pipeline",
     "simulate": "fopi_tune.pipeline",
     "simulate_system": "fopi_tune.pipeline_systems",
@@ -84,6 +91,9 @@ __all__ = [
     "FoPi",
     "FopiError",
     "Margins",
+    "Optimum",
+    "OptimumRecheck",
+    "OptimumStatus",
     "Plant",
     "PlantFamily",
     "Recheck",
@@ -100,6 +110,7 @@ __all__ = [
     "ValidatedSystem",
     "Verdict",
     "Verification",
+    "certify_optimum",
     "discretize",
     "load_spec",
     "load_system",
@@ -108,6 +119,7 @@ __all__ = [
     "price",
     "prove",
     "recheck",
+    "recheck_optimum",
     "run",
     "simulate",
     "simulate_system",

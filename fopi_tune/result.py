@@ -17,13 +17,16 @@ from fopi_tune.dicts import (
     requirement_proof_dict,
     stability_dict,
 )
+from fopi_tune.optimum.documents import to_dict as optimum_dict
+from fopi_tune.optimum.documents import to_document as optimum_to_document
+from fopi_tune.optimum.results import Optimum
 from fopi_tune.outcome import Give, Price, Status
 from fopi_tune.proof.certificate import Certificate, RequirementProof, Verdict
 from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.results import RequirementResult, Stability, Verification
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
-from fopi_tune.stamp import Stamp
+from fopi_tune.stamp import Stamp, certificate_versions
 
 if TYPE_CHECKING:
     from fopi_tune.convert import ControlObjects, SampledObjects
@@ -96,6 +99,7 @@ class Design:
         message: why, in words; empty when solved.
         stamp: where this comes from.
         solves: runs of the solver.
+        optimum: what is proved of the best gains; None when that was not asked for.
     """
 
     spec: DesignSpec
@@ -111,6 +115,7 @@ class Design:
     message: str
     stamp: Stamp
     solves: int
+    optimum: Optimum | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON."""
@@ -130,7 +135,12 @@ class Design:
             "nominal": margins_dict(self.nominal),
             "clash": [give_dict(give, self.spec) for give in self.clash],
             "proof": proof_dict(self.certificate, self.proof_wanted),
+            **({} if self.optimum is None else {"optimum": optimum_dict(self.optimum)}),
         }
+
+    def optimum_document(self) -> dict[str, Any] | None:
+        """The JSON of what is proved of the best gains, with its boxes; None when that was not asked for."""
+        return None if self.optimum is None else optimum_to_document(self.optimum, certificate_versions())
 
     def certificate_document(self) -> dict[str, Any] | None:
         """The certificate's JSON; None without one."""

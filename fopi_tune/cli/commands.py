@@ -79,6 +79,12 @@ def tune(
     as_json: AsJson = False,
     solver: SolverOption = Solver.IPOPT,
     no_proof: NoProof = False,
+    certify_optimum: Annotated[
+        bool,
+        typer.Option("--certify-optimum", help="Prove how far the gains can be from the best; or that none exist."),
+    ] = False,
+    gap: Annotated[float, typer.Option(help="Relative gap that --certify-optimum is to reach.")] = 1e-3,
+    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When --certify-optimum stops.")] = 60.0,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
@@ -90,12 +96,21 @@ def tune(
     problem = asked.problem(len(specs))
     if problem is not None:
         raise refusal(problem)
+    if certify_optimum and tradeoff is not None:
+        raise refusal("--certify-optimum is about one design and --tradeoff about many; give one of them")
     doing = "tuning" if tradeoff is None else "sweeping"
+    handling = Handling(out, as_json, quiet, debug, len(specs) > 1)
 
     def make(spec: DesignSpec) -> Design | Tradeoff:
-        return designed(spec, asked, not no_proof)
+        from fopi_tune.cli.optimum import with_optimum
+        from fopi_tune.result import Design
 
-    raise typer.Exit(process(specs, make, Handling(out, as_json, quiet, debug, len(specs) > 1), doing))
+        found = designed(spec, asked, not no_proof)
+        if certify_optimum and isinstance(found, Design):
+            return with_optimum(found, gap, time_limit, handling)
+        return found
+
+    raise typer.Exit(process(specs, make, handling, doing))
 
 
 @app.command()

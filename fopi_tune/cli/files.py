@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 DESIGN, CHECK, DIGITAL = "design.json", "check.json", "digital.json"
 CERTIFICATE, DIGITAL_CERTIFICATE = "certificate.json", "digital_certificate.json"
+#: of the best gains there can be
+OPTIMUM = "optimum.json"
 #: the folder of the exported code, and the figure of the controller
 CODE, FIGURE = "c", "controller.svg"
 EVIDENCE = "evidence.json"
@@ -64,6 +66,8 @@ def files_of(result: Result) -> Iterator[tuple[str, str]]:
         return
     yield CHECK if isinstance(result, Check) else DESIGN, to_json(result.to_dict()) + "\n"
     yield from _certificate(result, CERTIFICATE)
+    if not isinstance(result, Check) and (optimum := result.optimum_document()) is not None:
+        yield OPTIMUM, to_json(optimum) + "\n"
 
 
 def _certificate(result: Design | Check | Discretized, name: str) -> Iterator[tuple[str, str]]:

@@ -8,7 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fopi_tune.cli.files import CERTIFICATE, CHECK, CODE, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, FIGURE, files_of
+from fopi_tune.cli.files import (
+    CERTIFICATE,
+    CHECK,
+    CODE,
+    DESIGN,
+    DIGITAL,
+    DIGITAL_CERTIFICATE,
+    FIGURE,
+    OPTIMUM,
+    files_of,
+)
 from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
 from fopi_tune.errors import DomainError, SpecError
 
@@ -152,7 +162,8 @@ def _made_obsolete(written: set[str]) -> list[str]:
     if DIGITAL in written:
         return [] if DIGITAL_CERTIFICATE in written else [DIGITAL_CERTIFICATE]
     if DESIGN in written:
-        return [*([] if CERTIFICATE in written else [CERTIFICATE]), *digital]
+        unwritten = [file for file in (CERTIFICATE, OPTIMUM) if file not in written]
+        return [*unwritten, *digital]
     return [CERTIFICATE] if CHECK in written and CERTIFICATE not in written else []
 
 

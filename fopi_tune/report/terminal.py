@@ -13,6 +13,7 @@ from rich.text import Text
 
 from fopi_tune.proof.results import Outcome, Place, RequirementResult, Stability
 from fopi_tune.report.certificates import proof_lines
+from fopi_tune.report.optimum import optimum_lines
 from fopi_tune.report.phrases import (
     BAD,
     QUIET,
@@ -64,6 +65,7 @@ def design_text(design: Design) -> Text:
         lines += requirement_lines(design.requirements, design.objective)
     lines += summary_lines(objective_name(design.spec), design.objective, design.stability, design.nominal)
     lines += proof_lines(design.certificate)
+    lines += optimum_lines(design.optimum)
     return to_text(lines)
 
 
