@@ -18,6 +18,8 @@ from plants import PUBLISHED_BRAKE, PUBLISHED_THROTTLE, ROBUST_BRAKE
 from scipy import integrate, optimize, signal
 
 import fopi_tune as ft
+from fopi_tune.core.controller import FoPi
+from fopi_tune.digital.discretize import discretize
 from fopi_tune.errors import DomainError
 from fopi_tune.paper import CLAIMS, FIGURES, PICTURES, Row, Verdict, figure_png, paper_csv, paper_markdown, paper_text
 from fopi_tune.paper.brake import explained
@@ -29,6 +31,7 @@ from fopi_tune.paper.responses import load_error
 from fopi_tune.paper.rows import Printed, about, judged
 from fopi_tune.paper.sources import spec
 from fopi_tune.paper.table import COLUMNS
+from fopi_tune.spec.model import DigitalSpec
 
 ROOT = Path(__file__).parents[1]
 GOLDEN = Path(__file__).with_name("golden_paper.csv")
@@ -287,8 +290,10 @@ def test_the_models_states_are_counted_by_their_fractions(table: Table) -> None:
 
 def test_a_released_pedal_slows_the_car_by_its_own_plant(table: Table) -> None:
     row = row_of(table, "manoeuvre", "static gain 1, the pedal is released")
-    # y/tau at the start, of the drawn plant with the least tau, some 4e-5 above 1.6
-    assert numbers_of(row.recomputed)[-1] == pytest.approx(30.0 / 1.6 / 3.6, abs=6e-3)
+    # (y - u)/tau as the brake begins, of the drawn plant with the least tau, some 4e-5 above 1.6; u = -30 times the direct
+    # path of the controller on samples
+    sections = discretize(FoPi(0.07, 0.11, 0.45), DigitalSpec(0.2)).sections
+    assert numbers_of(row.recomputed)[-1] == pytest.approx(30.0 * (1.0 + sections.direct) / 1.6 / 3.6, abs=6e-3)
     assert row.verdict is Verdict.DOES_NOT_HOLD
 
 

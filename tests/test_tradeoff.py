@@ -176,6 +176,7 @@ def test_a_point_that_the_check_refuses_is_marked_and_not_drawn(monkeypatch: pyt
     assert "the check refused the gains at -22" in tradeoff_svg(result)
 
 
+@pytest.mark.long
 def test_an_equality_is_swept_both_ways() -> None:
     result = ft.tradeoff(SPECS / "pi_baseline.yaml", 1, start=0.28, stop=0.32, points=3)
     for point in result.points:
@@ -187,6 +188,7 @@ def test_an_equality_is_swept_both_ways() -> None:
     assert {end.way for end in result.ends} == {-1, 1}
 
 
+@pytest.mark.long
 def test_without_an_objective_the_depth_is_swept() -> None:
     spec = spec_of(
         "phase_margin_deg: {at_least: 50}", "sensitivity_db: {at_most: 4}", "crossover_rad_s: {at_least: 1.0}"
@@ -268,6 +270,7 @@ def test_the_command_writes_json_csv_and_figure(tmp_path: Path) -> None:
     assert "the spec's limit" in svg
 
 
+@pytest.mark.long
 def test_equal_sweeps_give_equal_files() -> None:
     result = brake()
     assert tradeoff_svg(result) == tradeoff_svg(result)
