@@ -290,8 +290,8 @@ def test_the_models_states_are_counted_by_their_fractions(table: Table) -> None:
 
 def test_a_released_pedal_slows_the_car_by_its_own_plant(table: Table) -> None:
     row = row_of(table, "manoeuvre", "static gain 1, the pedal is released")
-    # (y - u)/tau as the brake begins, of the drawn plant with the least tau, some 4e-5 above 1.6; u = -30 times the direct
-    # path of the controller on samples
+    # (y - u)/tau as the brake begins, of the drawn plant with the least tau, some 4e-5 above 1.6; u = -30 times the
+    # direct path of the controller on samples
     sections = discretize(FoPi(0.07, 0.11, 0.45), DigitalSpec(0.2)).sections
     assert numbers_of(row.recomputed)[-1] == pytest.approx(30.0 * (1.0 + sections.direct) / 1.6 / 3.6, abs=6e-3)
     assert row.verdict is Verdict.DOES_NOT_HOLD
