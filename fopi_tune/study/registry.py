@@ -1,0 +1,29 @@
+"""Registries of claims and figures:  module and name -> what to call.
+
+A registry is a module with CLAIMS (name to a function that gives rows) and FIGURES (name to a function that gives SVG).
+It is named by text, which is what travels to a worker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+#: the paper's
+REGISTRY = "fopi_tune.paper"
+
+
+def entries(registry: str, what: str) -> Mapping[str, Callable[[], Any]]:
+    """CLAIMS or FIGURES of a registry; empty where there is no such module or mapping."""
+    try:
+        return getattr(import_module(registry), what, {})
+    except ModuleNotFoundError as error:
+        if error.name is not None and registry.startswith(error.name):
+            return {}
+        raise
+
+
+def names_of(registry: str, what: str) -> tuple[str, ...]:
+    """The names of all entries, in order."""
+    return tuple(entries(registry, what))
