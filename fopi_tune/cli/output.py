@@ -120,7 +120,7 @@ def read_text(path: Path) -> str:
     return text
 
 
-def write_file(path: Path, text: str) -> None:
+def write_file(path: Path, content: str | bytes) -> None:
     """Write a file at once or not at all, making its folder.
 
     Raises:
@@ -128,10 +128,11 @@ def write_file(path: Path, text: str) -> None:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    file = open(temporary, "x", encoding="utf-8", newline="\n")  # noqa: SIM115 - a file that is there is not ours to delete
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    file = open(temporary, "xb")  # noqa: SIM115 - a file that is there is not ours to delete
     try:
         with file:
-            file.write(text)
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, path)

@@ -1,0 +1,151 @@
+"""Dask as what runs chunks:  processes of this machine, or a scheduler's address.  Importing it loads no Dask."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from fopi_tune.errors import DomainError
+from fopi_tune.study.cells import run_chunk
+from fopi_tune.study.engine import Ended, Keyed
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+#: seconds until a scheduler must have answered, and between two words about missing workers
+_PATIENCE_S = 20.0
+#: threads of numerical libraries in a worker: the cells themselves are what runs in parallel
+_THREADS = {
+    name: "1" for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "FOPI_THREADS")
+}
+_CONFIG: Mapping[str, Any] = {
+    # a task whose worker died comes back at once: the engine runs its cells again, alone
+    "distributed.scheduler.allowed-failures": 0,
+    "distributed.nanny.pre-spawn-environ": _THREADS,
+    "distributed.worker.daemon": True,
+    # nothing of Dask's own watching is wanted beside cells of a second
+    "distributed.admin.tick.limit": "1h",
+    "distributed.scheduler.work-stealing": True,
+}
+
+
+class ClusterError(DomainError):
+    """A cluster that cannot be reached, or went away."""
+
+
+class DaskRunner:
+    """Chunks as tasks of a Dask client."""
+
+    def __init__(self, client: Client, say: Callable[[str], None]) -> None:
+        from distributed import as_completed
+
+        self._client = client
+        self._say = say
+        self._ended = as_completed(raise_errors=False)
+        self._cells: dict[str, Sequence[Keyed]] = {}
+        self._count = 0
+        self._workers = 1
+        self._looked = -1e9
+
+    @property
+    def workers(self) -> int:
+        """Processes that are there, looked up now and then: workers come and go."""
+        now = time.monotonic()
+        if now - self._looked > 1.0:
+            self._looked = now
+            self._workers = max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+        return self._workers
+
+    def submit(self, cells: Sequence[Keyed], versions: Mapping[str, str]) -> None:
+        """Hand a chunk to the scheduler."""
+        self._count += 1
+        future = self._client.submit(
+            run_chunk, list(cells), dict(versions), key=f"chunk-{id(self):x}-{self._count}", pure=False
+        )
+        self._cells[future.key] = cells
+        self._ended.add(future)
+
+    def next_ended(self) -> Ended:
+        """Wait for a chunk.
+
+        Raises:
+            ClusterError: the scheduler is gone.
+        """
+        from distributed.scheduler import KilledWorker
+
+        future: Any = next(self._ended)
+        cells = self._cells.pop(future.key)
+        try:
+            if future.status == "finished":
+                return Ended(cells, future.result())
+            if future.status != "error":
+                raise ClusterError("the scheduler is gone; what was done is kept: run the same command again")
+            error = future.exception()
+            if isinstance(error, KilledWorker):
+                return Ended(cells, None)
+            return Ended(cells, None, f"the worker could not run it, {type(error).__name__}: {error}")
+        finally:
+            future.release()
+
+
+def cores() -> int:
+    """Of this machine, as far as this process may use them."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextlib.contextmanager
+def local(workers: int, say: Callable[[str], None]) -> Iterator[DaskRunner]:
+    """Processes of this machine, one thread each."""
+    with _quiet():
+        from distributed import Client, LocalCluster
+
+        cluster = LocalCluster(
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=logging.CRITICAL
+        )  # fmt: skip
+        with cluster, Client(cluster) as client:
+            yield DaskRunner(client, say)
+
+
+@contextlib.contextmanager
+def remote(address: str, say: Callable[[str], None]) -> Iterator[DaskRunner]:
+    """The workers of a scheduler.
+
+    Raises:
+        ClusterError: nothing answers there.
+    """
+    with _quiet():
+        from distributed import Client
+
+        try:
+            client = Client(address, timeout=_PATIENCE_S)
+        except (OSError, ValueError, TimeoutError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise ClusterError(
+                f"no scheduler answers at {address} ({reason}); start one with `dask scheduler`, or check the address"
+            ) from None
+        with client:
+            runner = DaskRunner(client, say)
+            told = client.scheduler_info(n_workers=-1)["workers"]
+            if not told:
+                say(f"the scheduler at {address} has no workers yet; start some with `dask worker {address} --nthreads 1`")
+            yield runner
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Dask's settings for the time of a study; what it logs about workers that come and go is not for the user."""
+    import dask
+    import dask.config
+
+    log = logging.getLogger("distributed")
+    level = log.level
+    with dask.config.set(_CONFIG):
+        log.setLevel(logging.CRITICAL)
+        try:
+            yield
+        finally:
+            log.setLevel(level)
