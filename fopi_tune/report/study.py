@@ -71,7 +71,7 @@ def _indented(words: str) -> list[str]:
 
 def _table(table: Table, file: str) -> list[str]:
     # claims have their own paragraphs, failures their own lines
-    left_out = {"claim", "figure", "reason", *(key for row in table.claims for key in row)}
+    left_out = {"entry", "reason", *(key for row in table.claims for key in row)}
     names = [name for name in table.columns if name not in left_out]
     rows = [row for row in table.rows if row[table.columns.index("cell")] is not None]
     if "spec" in table.columns:

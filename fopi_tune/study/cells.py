@@ -26,8 +26,9 @@ from fopi_tune.study.model import Cell, Kind, Stage
 from fopi_tune.study.registry import entries
 from fopi_tune.study.trees import spec_of
 
-#: base specs whose gains a worker keeps
+#: base specs whose gains, and designs that a worker keeps
 _BASES = 64
+_DESIGNS = 16
 #: statuses after which a cell goes on to its next stage and ends well
 GOOD = ("solved", "met")
 #: one cell at a time in a process: CasADi and the kept problems are not for threads
@@ -84,8 +85,15 @@ def run_cell(key: str, cell: Cell) -> Result:
     except Exception as error:
         expected = isinstance(error, FopiError)
         reason = str(error) if expected else f"internal error, {type(error).__name__}: {error}"
-        text = json.dumps(document, allow_nan=False, default=str)
+        text = _as_far_as_it_came(document)
     return Result(key, text, reason, time.perf_counter() - start)
+
+
+def _as_far_as_it_came(document: dict[str, Any]) -> str:
+    try:
+        return json.dumps(document, allow_nan=False)
+    except (TypeError, ValueError):  # this may be what went wrong
+        return "{}"
 
 
 def _spec(cell: Cell, document: dict[str, Any]) -> str:
@@ -96,7 +104,7 @@ def _spec(cell: Cell, document: dict[str, Any]) -> str:
     if Stage.TUNE in cell.stages:
         # a proof against the very spec belongs to the design, which goes on searching where it is refuted
         together = Stage.PROVE in cell.stages and not cell.check
-        design = pipeline.tune(spec, proof=together, start=_start(cell))
+        design = _designed(cell.text, cell.base, together)
         document[Stage.TUNE] = design.to_dict()
         document["outcome"] = design.status.value
         if together and design.certificate is not None:
@@ -172,8 +180,10 @@ def _proved(design: Design) -> dict[str, Any]:
     return {"status": status, **{key: document[key] for key in kept}}
 
 
-def _start(cell: Cell) -> FoPi | None:
-    return _gains_of_base(cell.base) if cell.base else None
+@lru_cache(_DESIGNS)
+def _designed(text: str, base: str, proof: bool) -> Design:
+    """The design of a spec; cells that differ in what it is checked against share it."""
+    return pipeline.tune(spec_of(text), proof=proof, start=_gains_of_base(base) if base else None)
 
 
 @lru_cache(_BASES)

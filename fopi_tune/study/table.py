@@ -96,14 +96,13 @@ def table_of(study: Study, results: Iterable[tuple[int, Result]]) -> Table:
     for index, result in results:
         cell, document = study.cells[index], json.loads(result.document)
         files |= document.get("files", {})
-        common: dict[str, Value] = {"cell": index + 1, cell.kind.value: cell.name}
+        common: dict[str, Value] = {"cell": index + 1, _named(cell): cell.name}
         common |= {path: _plain(value) for path, value in cell.overrides.items()}
         common["outcome"] = "failed" if result.failed else document.get("outcome", "failed")
         reason: dict[str, Value] = {"reason": result.reason or document.get("reason") or None}
         if cell.kind is Kind.CLAIM:
             told = [{key: _plain(value) for key, value in row.items()} for row in document.get("rows", [])]
             claims += told
-            # a claim's own name is in its rows
             records += [{**common, **row, **reason} for row in told] or [{**common, **reason}]
             continue
         collected = {c.name: _plain(found(document, c.path)) for c in study.collect} if cell.kind is Kind.SPEC else {}
@@ -111,7 +110,7 @@ def table_of(study: Study, results: Iterable[tuple[int, Result]]) -> Table:
     columns = _columns(study, records)
     rows = tuple(tuple(record.get(name) for name in columns) for record in records)
     undecided = sum(record["outcome"] == "undecided" for record in records)
-    specs = [record for record in records if Kind.SPEC.value in record]
+    specs = [record for record in records if "spec" in record]
     empty = [c.name for c in study.collect if specs and all(record[c.name] is None for record in specs)]
     return Table(columns, rows, tuple(claims), files, tuple(empty), undecided)
 
@@ -129,11 +128,16 @@ def found(document: Any, path: str) -> Any:
 def _columns(study: Study, records: Sequence[Mapping[str, Value]]) -> tuple[str, ...]:
     """Cell, names, overrides, outcome, what was collected, reason."""
     cells: Sequence[Cell] = study.cells
-    names = dict.fromkeys(["cell", *(cell.kind.value for cell in cells)])
+    names = dict.fromkeys(["cell", *(_named(cell) for cell in cells)])
     names |= dict.fromkeys(path for cell in cells for path in cell.overrides)
     names |= dict.fromkeys(["outcome", *(c.name for c in study.collect)])
     names |= dict.fromkeys(name for record in records for name in record if name != "reason")
     return (*names, "reason")
+
+
+def _named(cell: Cell) -> str:
+    """The column of a cell's name."""
+    return "spec" if cell.kind is Kind.SPEC else "entry"
 
 
 def _plain(value: Any) -> Value:
