@@ -6,6 +6,7 @@ every row is said once, above.  What does not fit is in the CSV file, and the la
 
 from __future__ import annotations
 
+import json
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -79,9 +80,8 @@ def _table(table: Table, file: str) -> list[str]:
     values = {name: [row[table.columns.index(name)] for row in rows] for name in names}
     titles = _titles(names)
     same = [n for n in names if n != "cell" and len(rows) > 1 and len({repr(v) for v in values[n]}) == 1]
-    lines = []
-    if same:
-        lines += textwrap.wrap("in every row: " + ", ".join(f"{titles[n]} {_shown(values[n][0])}" for n in same), _WIDTH)
+    told = [f"{titles[name]} {_shown(values[name][0])}" for name in same if values[name][0] is not None]
+    lines = textwrap.wrap("in every row: " + ", ".join(told), _WIDTH) if told else []
     shown = len(rows) if len(rows) <= _MOST_ROWS else _MOST_ROWS - 20
     columns = [_column(titles[name], values[name][:shown]) for name in names if name not in same]
     fitting = columns
@@ -137,6 +137,17 @@ def _drawn(columns: Sequence[_Column], count: int) -> list[str]:
     return [line.rstrip() for line in aligned]
 
 
+def _range(text: str) -> str:
+    """An uncertain number or a range of gains, which a table has as JSON, in short."""
+    try:
+        told = json.loads(text) if text.startswith("{") else None
+    except ValueError:
+        return text
+    if not isinstance(told, dict) or not {"min", "max"} <= set(told) <= {"min", "max", "nominal"}:
+        return text
+    return f"{_shown(told['min'])} to {_shown(told['max'])}"
+
+
 def _shown(value: Value) -> str:
     if value is None:
         return "-"
@@ -144,5 +155,5 @@ def _shown(value: Value) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.5g}"
-    text = str(value)
+    text = _range(str(value))
     return text if len(text) <= _LONGEST_WORD else f"{text[: _LONGEST_WORD - 3]}..."

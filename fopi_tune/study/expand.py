@@ -8,15 +8,15 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from fopi_tune.errors import Problem, SpecError
-from fopi_tune.spec.hints import about_word
+from fopi_tune.spec.hints import UNKNOWN_KEY, about_word, closest
 from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.spec.nodes import Node, Scalar, Table
+from fopi_tune.spec.nodes import Items, Node, Scalar, Table
 from fopi_tune.spec.places import Place
 from fopi_tune.spec.report import Mark, Report
 from fopi_tune.study.language import ALL, CHECK, Placed, StudyFile
 from fopi_tune.study.model import Cell, Column, Kind, Stage, Starts, Study
-from fopi_tune.study.trees import NoSuchPlaceError, Override, replaced, text_of, value_of
+from fopi_tune.study.trees import NoSuchPlaceError, Override, path_of, replaced, text_of, value_of
 
 #: cells that a message names
 _NAMED = 12
@@ -55,7 +55,7 @@ class _Problems:
         for (file, mark, path, message), cells in self.found.items():
             told = f"{_cells_in_words(cells)}: {message}" if file == self.study.file else message
             problems.append(Problem(file, mark.line, mark.column, path, told))
-        return SpecError(tuple(problems))
+        return SpecError(tuple(sorted(problems, key=lambda p: (p.file, p.line, p.column))))
 
 
 def count_cells(study: StudyFile, claims: Collection[str] = (), figures: Collection[str] = ()) -> int:
@@ -161,17 +161,31 @@ class _Judge:
 
     def _tell(self, problem: Problem, overrides: Sequence[Override]) -> None:
         inside = [e for e in overrides if _within(problem.path, e.path)]
+        words = f"{problem.path}: {self._hinted(problem)}" if problem.path else problem.message
         if inside:
             # the place is in the study file: inside the override's value
-            message = f"{problem.path}: {problem.message}" if problem.path else problem.message
-            self._blame(inside[0], message, Mark(problem.line, problem.column))
-            return
-        around = [e for e in overrides if _within(e.path, problem.path)] or list(overrides)
-        if not around or self._also_without_overrides(problem):
+            self._blame(inside[0], words, Mark(problem.line, problem.column))
+        elif not overrides or self._also_without_overrides(problem):
             place = Mark(problem.line, problem.column)
             self.problems.add(self.base.file, place, problem.path, problem.message, self.cell)
         else:
-            self._blame(around[0], f"{problem.path}: {problem.message}" if problem.path else problem.message)
+            self._blame(max(overrides, key=lambda e: _in_common(e.path, problem.path)), words)
+
+    def _hinted(self, problem: Problem) -> str:
+        """The message; an unknown key may misspell one that is in the spec, which the spec language does not expect."""
+        *outer, last = path_of(problem.path) or ("",)
+        if not problem.message.startswith(UNKNOWN_KEY) or "did you mean" in problem.message:
+            return problem.message
+        where: Node = self.base.tree
+        for step in outer:
+            if isinstance(where, Table) and step in where.entries:
+                where = where.entries[str(step)][1]
+            elif isinstance(where, Items) and isinstance(step, int) and step < len(where.nodes):
+                where = where.nodes[step]
+            else:
+                return problem.message
+        meant = closest(str(last), where.entries) if isinstance(where, Table) else None
+        return f"{UNKNOWN_KEY}; did you mean {meant!r}?" if meant else problem.message
 
     def _also_without_overrides(self, problem: Problem) -> bool:
         report = Report(self.base.file)
@@ -185,6 +199,12 @@ class _Judge:
 def _within(path: str, outer: str) -> bool:
     """Whether a path is another one or inside it."""
     return path == outer or path.startswith((f"{outer}.", f"{outer}["))
+
+
+def _in_common(one: str, other: str) -> int:
+    """Steps that two paths begin with."""
+    pairs = zip(path_of(one) or (), path_of(other) or (), strict=False)
+    return len(list(itertools.takewhile(lambda pair: pair[0] == pair[1], pairs)))
 
 
 def _cells_in_words(cells: Sequence[Cell]) -> str:

@@ -256,7 +256,7 @@ def _check_between_sections(values: Values, place: Place) -> None:
     for name, path in _collected(values, place):
         first = path.word.split(".")[0]
         if stages and first not in (*stages, "outcome", "reason"):
-            meant = closest(first, stages)
+            meant = closest(first, [str(stage) for stage in stages])
             hint = f"did you mean {meant!r}?" if meant else f"the stages of this study are {', '.join(stages)}"
             place.report.refuse(path.mark, name, f"{path.word} begins with no stage that is run; {hint}")
 
