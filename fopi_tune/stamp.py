@@ -43,7 +43,7 @@ def stamp(spec_sha256: str, solver: str | None) -> Stamp:
 
 
 def numeric_versions() -> dict[str, str]:
-    """Everything whose version can change a number of any stage: what tells whether a study's cell is still the same."""
+    """Everything whose version can change a number of any stage, which tells whether a study's cell is the same."""
     return {"fopi-tune": __version__, **{name: _version_of(name) for name in _NUMERIC}}
 
 

@@ -115,7 +115,9 @@ def test_the_first_stage_that_does_not_end_well_is_the_outcome() -> None:
 
 
 def test_what_a_cell_raises_is_its_reason_and_what_it_did_before_is_kept() -> None:
-    cell = study("grid: {digital.band_rad_s: [[1.0e-3, 1.0e-2]], digital.method: [fit]}\nstages: [tune, discretize]").cells[0]
+    cell = study(
+        "grid: {digital.band_rad_s: [[1.0e-3, 1.0e-2]], digital.method: [fit]}\nstages: [tune, discretize]"
+    ).cells[0]
     result = run_cell("key", cell)
     if not result.failed:  # a band that can be made after all would make this test say nothing
         pytest.fail("the band was expected to be refused")
@@ -245,7 +247,9 @@ def test_a_chunk_whose_worker_died_is_run_again_cell_by_cell(folder: Path) -> No
     with opened(folder / "out") as ledger:
         assert run_study(cells, ledger, VERSIONS, lambda: Dying(2)) == Counts(4, 3, 1)
         failures = ledger.failures()
-    assert failures == [(1, "slow_2", "its worker died (killed, out of memory or crashed), and again when the cell ran alone")]
+    assert failures == [
+        (1, "slow_2", "its worker died (killed, out of memory or crashed), and again when the cell ran alone")
+    ]
     # suspects run alone and last
     assert tried[-2:] == [["slow_2"], ["slow_3"]]
     assert set(keys) == {name for names in tried for name in names}
@@ -298,8 +302,10 @@ def test_a_ledger_is_for_one_process_at_a_time_and_can_be_looked_at_meanwhile(fo
 
 def test_a_ledger_that_cannot_be_used_says_so(folder: Path) -> None:
     (folder / "out").mkdir()
-    (folder / "out" / LEDGER).write_text("this is no database, but long enough to be taken for one" * 40, encoding="utf-8")
-    with pytest.raises(LedgerError, match="cannot be used .* move it away to begin anew"), opened(folder / "out"):
+    (folder / "out" / LEDGER).write_text(
+        "this is no database, but long enough to be taken for one" * 40, encoding="utf-8"
+    )
+    with pytest.raises(LedgerError, match=r"cannot be used .* move it away to begin anew"), opened(folder / "out"):
         pass
     with pytest.raises(LedgerError, match="there is no ledger"), read(folder / "nowhere"):
         pass
@@ -313,7 +319,8 @@ def test_a_ledger_that_cannot_be_used_says_so(folder: Path) -> None:
 
 
 def test_rows_have_overrides_outcome_columns_and_reason(folder: Path) -> None:
-    text = "grid: {plant.time_constant_s: [{min: 1.6, nominal: 2.25, max: 3.1}, {min: 1, max: 9}]}\ncollect: {kp: tune.gains.kp}\n"
+    text = "grid: {plant.time_constant_s: [{min: 1.6, nominal: 2.25, max: 3.1}, {min: 1, max: 9}]}\n"
+    text += "collect: {kp: tune.gains.kp}\n"
     rows = records(run(study(text), folder / "out", HERE))
     assert list(rows[0]) == ["cell", "spec", "plant.time_constant_s", "outcome", "kp", "reason"]
     assert [row["outcome"] for row in rows] == ["met", "infeasible"]
@@ -343,15 +350,16 @@ def test_claims_have_their_own_rows_and_figures_are_files(folder: Path) -> None:
 
 def test_parquet_has_the_tables_values_and_types(folder: Path) -> None:
     pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
-    text = "grid: {plant.time_constant_s: [{min: 1.6, nominal: 2.25, max: 3.1}, 9], digital.poles: [5, 7]}\ncollect: {kp: tune.gains.kp}\n"
+    text = "grid: {plant.time_constant_s: [{min: 1.6, nominal: 2.25, max: 3.1}, 9], digital.poles: [5, 7]}\n"
+    text += "collect: {kp: tune.gains.kp}\n"
     result = run(study(text), folder / "out", HERE)
     data = result.table.to_parquet()
     assert data == run(study(text), folder / "out", HERE).table.to_parquet()
     back = pq.read_table(io.BytesIO(data))
     assert back.column_names == list(result.table.columns)
-    assert [str(back.schema.field(name).type) for name in ("cell", "plant.time_constant_s", "digital.poles", "kp", "reason")] == [
-        "int64", "string", "int64", "double", "string",
-    ]  # fmt: skip
+    names = ("cell", "plant.time_constant_s", "digital.poles", "kp", "reason")
+    types = [str(back.schema.field(name).type) for name in names]
+    assert types == ["int64", "string", "int64", "double", "string"]
     assert back.column("kp").to_pylist() == [row[list(result.table.columns).index("kp")] for row in result.table.rows]
 
 
@@ -364,7 +372,9 @@ def test_without_pyarrow_parquet_is_refused_before_anything_is_run(monkeypatch: 
 
 
 def test_the_terminals_table_is_of_80_columns_and_says_what_it_leaves_out(folder: Path) -> None:
-    cells = tuple(Cell(i, Kind.SPEC, "lag", {"plant.time_constant_s.max": 0.1 * i, "a.max": i % 3}, "{}") for i in range(90))
+    cells = tuple(
+        Cell(i, Kind.SPEC, "lag", {"plant.time_constant_s.max": 0.1 * i, "a.max": i % 3}, "{}") for i in range(90)
+    )
     names = [f"a_long_name_of_a_column_{i}" for i in range(12)]
     wide = Study("wide", cells, tuple(Column(name, f"tune.{name}") for name in names))
     told = [

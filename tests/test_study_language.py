@@ -147,15 +147,17 @@ def test_stages_are_run_in_their_order_whatever_the_file_says(folder: Path) -> N
 def test_every_cell_that_the_spec_language_refuses_is_named_with_its_own_message(folder: Path) -> None:
     found = mistakes("grid:\n  plant.time_constant_s.max: [2, 0.5, three]\n  digital.poles: [5, 7]\n")
     assert found == [
-        "s.yaml:5:3: plant.time_constant_s.max: cells 3, 4: plant.time_constant_s.min: min 1.0 is greater than max 0.5; "
-        "swap them",
+        "s.yaml:5:3: plant.time_constant_s.max: cells 3, 4: plant.time_constant_s.min: min 1.0 is greater than "
+        "max 0.5; swap them",
         "s.yaml:5:39: plant.time_constant_s.max: cells 5, 6: plant.time_constant_s.max: 'three' is not a number; "
         "write one such as 0.5 or 1e-3",
     ]
 
 
 def test_a_misspelt_path_is_told_as_the_spec_language_tells_it(folder: Path) -> None:
-    found = mistakes("grid: {plant.time_constant.max: [2], controler.alpha: [1], 'requirements[0].phase_margin_deg.atleast': [3]}")
+    found = mistakes(
+        "grid: {plant.time_constant.max: [2], controler.alpha: [1], 'requirements[0].phase_margin_deg.atleast': [3]}"
+    )
     assert len(found) == 3
     assert "plant.time_constant: the key is not known here; did you mean 'time_constant_s'?" in found[0]
     assert "controler: the key is not known here; did you mean 'controller'?" in found[1]
@@ -175,7 +177,7 @@ def test_a_misspelt_path_is_told_as_the_spec_language_tells_it(folder: Path) -> 
         ("grid: {digital.poles: 5}", "'5' is written where a list of values belongs; write [5]"),
         ("grid: {digital.poles: []}", "the list is empty"),
         ("grid: [1]", "a list is written where a mapping belongs"),
-        ("zip: {digital.poles: [5, 7], digital.delay_samples: [1]}", "has 1 values and digital.poles 2; they go in step"),
+        ("zip: {digital.poles: [5, 7], digital.delay_samples: [1]}", "has 1 values and digital.poles 2; they go in"),
         ("grid: {digital.poles: [5]}\nzip: {digital.poles: [5]}", "the path has values on line 4 already"),
         ("grid: {digital.poles: [5]}\ncells: [{digital.poles: 5}]", "the path has values on line 4 already"),
         ("stages: [tun]", "did you mean 'tune'?"),
@@ -192,7 +194,7 @@ def test_a_misspelt_path_is_told_as_the_spec_language_tells_it(folder: Path) -> 
 def test_mistakes_have_a_place_and_advice(folder: Path, text: str, part: str) -> None:
     found = mistakes(text)
     assert any(part in line for line in found), found
-    assert all(line.startswith("s.yaml:") or line.startswith("lag.yaml:1:1") for line in found)
+    assert all(line.startswith(("s.yaml:", "lag.yaml:1:1")) for line in found)
 
 
 def test_claims_and_figures_are_entries_of_the_registry(folder: Path) -> None:
@@ -225,7 +227,9 @@ def test_mistakes_of_the_spec_itself_are_told_once_and_in_its_own_file(folder: P
 
 def test_a_spec_that_is_not_there_is_told_where_the_study_names_it(folder: Path) -> None:
     Path("s.yaml").write_text("schema: 1\nname: s\nspecs:\n- lag.yaml\n- lgg.yaml\n", encoding="utf-8")
-    with pytest.raises(SpecError, match=r"s\.yaml:5:3: specs\[1\]: the spec cannot be used: lgg\.yaml:1:1: there is no"):
+    with pytest.raises(
+        SpecError, match=r"s\.yaml:5:3: specs\[1\]: the spec cannot be used: lgg\.yaml:1:1: there is no"
+    ):
         load_study("s.yaml")
 
 
@@ -261,8 +265,10 @@ def test_the_schema_takes_the_studies_that_are_shipped(path: Path) -> None:
 
 
 _VALUES: st.SearchStrategy[Any] = st.one_of(
-    st.integers(-2, 9), st.sampled_from(["tune", "all", "a.b", "x y", "base"]), st.lists(st.sampled_from(["tune", "a.b", 3]))
-)  # fmt: skip
+    st.integers(-2, 9),
+    st.sampled_from(["tune", "all", "a.b", "x y", "base"]),
+    st.lists(st.sampled_from(["tune", "a.b", 3])),
+)
 
 
 @settings(max_examples=150, deadline=None)

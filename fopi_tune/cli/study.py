@@ -73,7 +73,7 @@ def study(
     """Run many specs: a grid or list of overrides, on all cores or on a cluster.
 
     What is done is kept in DIR/ledger.sqlite: the same command goes on where it was stopped, and runs only cells that
-    have changed.  Ends with 0 when every cell has an answer (infeasible is one), 3 when some failed or stayed undecided.
+    have changed.  Ends with 0 when every cell has an answer (infeasible is one), 3 when some failed or are undecided.
     """
     if status is not None:
         raise typer.Exit(_status(status, as_json))

@@ -162,8 +162,8 @@ def compiled_problem(
 ) -> Problem:
     """The same as `compile_problem`, for specs that are designed again and again in one process.
 
-    What was compiled lately is used again where it is the same problem: limits, ranges of numbers and
-    the grid of frequencies are no part of it.  A solve leaves nothing behind in it, so that an answer does not depend on what was
+    What was compiled lately is used again where it is the same problem: limits, ranges of numbers and the grid of
+    frequencies are no part of it.  A solve leaves nothing behind in it, so that an answer does not depend on what was
     solved before.
     """
     numbers = tuple((name, value.min if value.is_exact else None) for name, value in family.parameters.items())

@@ -1,6 +1,6 @@
 """A study's table for a terminal:  at most 80 columns of ASCII.
 
-Titles are the ends of paths that tell columns apart, broken at dots and underscores; a column that has the same value in
+Titles are the ends of paths that tell columns apart, broken at dots and underscores; a column with the same value in
 every row is said once, above.  What does not fit is in the CSV file, and the last line says so.
 """
 
@@ -137,12 +137,14 @@ def _drawn(columns: Sequence[_Column], count: int) -> list[str]:
     return [line.rstrip() for line in aligned]
 
 
-def _range(text: str) -> str:
-    """An uncertain number or a range of gains, which a table has as JSON, in short."""
+def _in_short(text: str) -> str:
+    """An uncertain number, a range of gains or an objective, which a table has as JSON, in short."""
     try:
         told = json.loads(text) if text.startswith("{") else None
     except ValueError:
         return text
+    if isinstance(told, dict) and len(told) == 1 and all(isinstance(value, str) for value in told.values()):
+        return str(next(iter(told.values())))
     if not isinstance(told, dict) or not {"min", "max"} <= set(told) <= {"min", "max", "nominal"}:
         return text
     return f"{_shown(told['min'])} to {_shown(told['max'])}"
@@ -155,5 +157,5 @@ def _shown(value: Value) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.5g}"
-    text = _range(str(value))
+    text = _in_short(str(value))
     return text if len(text) <= _LONGEST_WORD else f"{text[: _LONGEST_WORD - 3]}..."

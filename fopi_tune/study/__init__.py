@@ -53,7 +53,7 @@ class StudyResult:
 def run(
     study: Study,
     folder: Path,
-    machines: Machines = Machines(),  # noqa: B008 - frozen
+    machines: Machines = Machines(),
     *,
     retry_failed: bool = False,
     resume: bool = False,
@@ -102,7 +102,7 @@ def _runner(machines: Machines, stack: contextlib.ExitStack, say: Callable[[str]
 
     if machines.scheduler is not None:
         return stack.enter_context(cluster.remote(machines.scheduler, say))
-    return stack.enter_context(cluster.local(machines.workers or cluster.cores(), say))
+    return stack.enter_context(cluster.local(machines.workers or cluster.cores()))
 
 
 __all__ = ["Machines", "StudyResult", "run"]

@@ -10,7 +10,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -102,7 +102,7 @@ def _spec(cell: Cell, document: dict[str, Any]) -> str:
     checked = spec_of(cell.check, cell.name) if cell.check else spec
     gains: FoPi | None = _fixed(spec)
     if Stage.TUNE in cell.stages:
-        # a proof against the very spec belongs to the design, which goes on searching where it is refuted
+        # a proof against the same spec belongs to the design, which goes on searching where it is refuted
         together = Stage.PROVE in cell.stages and not cell.check
         design = _designed(cell.text, cell.base, together)
         document[Stage.TUNE] = design.to_dict()
@@ -122,7 +122,7 @@ def _spec(cell: Cell, document: dict[str, Any]) -> str:
 
 
 def _sampled(cell: Cell, spec: DesignSpec, gains: FoPi, document: dict[str, Any]) -> str:
-    """The stages about the loop on samples; returns what sampling shows that a proof excludes: a mistake of the tool."""
+    """The stages about the loop on samples; returns what sampling shows although a proof excludes it."""
     if Stage.VALIDATE in cell.stages:
         validated = pipeline.validate(spec, gains)
         if Stage.DISCRETIZE in cell.stages:
@@ -144,8 +144,7 @@ def _conclude(cell: Cell, document: dict[str, Any]) -> None:
 
 
 def _claim(cell: Cell, document: dict[str, Any]) -> str:
-    rows = entries(cell.text, "CLAIMS")[cell.name]()
-    document["rows"] = [asdict(row) if is_dataclass(row) and not isinstance(row, type) else dict(row) for row in rows]
+    document["rows"] = [asdict(row) for row in entries(cell.text, "CLAIMS")[cell.name]()]
     document["outcome"] = "computed"
     return ""
 

@@ -17,20 +17,16 @@ from fopi_tune.study.engine import Ended, Keyed
 if TYPE_CHECKING:
     from distributed import Client
 
-#: seconds until a scheduler must have answered, and between two words about missing workers
+#: seconds until a scheduler must have answered
 _PATIENCE_S = 20.0
 #: threads of numerical libraries in a worker: the cells themselves are what runs in parallel
-_THREADS = {
-    name: "1" for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "FOPI_THREADS")
-}
+_THREADS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "FOPI_THREADS"), "1")
 _CONFIG: Mapping[str, Any] = {
     # a task whose worker died comes back at once: the engine runs its cells again, alone
     "distributed.scheduler.allowed-failures": 0,
     "distributed.nanny.pre-spawn-environ": _THREADS,
-    "distributed.worker.daemon": True,
-    # nothing of Dask's own watching is wanted beside cells of a second
+    # a cell is long in C++ code, which is no reason for Dask to worry
     "distributed.admin.tick.limit": "1h",
-    "distributed.scheduler.work-stealing": True,
 }
 
 
@@ -41,11 +37,10 @@ class ClusterError(DomainError):
 class DaskRunner:
     """Chunks as tasks of a Dask client."""
 
-    def __init__(self, client: Client, say: Callable[[str], None]) -> None:
+    def __init__(self, client: Client) -> None:
         from distributed import as_completed
 
         self._client = client
-        self._say = say
         self._ended = as_completed(raise_errors=False)
         self._cells: dict[str, Sequence[Keyed]] = {}
         self._count = 0
@@ -67,7 +62,7 @@ class DaskRunner:
         future = self._client.submit(
             run_chunk, list(cells), dict(versions), key=f"chunk-{id(self):x}-{self._count}", pure=False
         )
-        self._cells[future.key] = cells
+        self._cells[str(future.key)] = cells
         self._ended.add(future)
 
     def next_ended(self) -> Ended:
@@ -79,7 +74,7 @@ class DaskRunner:
         from distributed.scheduler import KilledWorker
 
         future: Any = next(self._ended)
-        cells = self._cells.pop(future.key)
+        cells = self._cells.pop(str(future.key))
         try:
             if future.status == "finished":
                 return Ended(cells, future.result())
@@ -99,17 +94,16 @@ def cores() -> int:
 
 
 @contextlib.contextmanager
-def local(workers: int, say: Callable[[str], None]) -> Iterator[DaskRunner]:
+def local(workers: int) -> Iterator[DaskRunner]:
     """Processes of this machine, one thread each."""
     with _quiet():
         from distributed import Client, LocalCluster
 
         with _uninterrupted():
-            cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
-            )
+            settings: dict[str, Any] = {"dashboard_address": None, "silence_logs": logging.CRITICAL}
+            cluster = LocalCluster(n_workers=workers, threads_per_worker=1, **settings)
         with cluster, Client(cluster) as client:
-            yield DaskRunner(client, say)
+            yield DaskRunner(client)
 
 
 @contextlib.contextmanager
@@ -130,8 +124,13 @@ def _uninterrupted() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def remote(address: str, say: Callable[[str], None]) -> Iterator[DaskRunner]:
+def remote(address: str, say: Callable[[str], None], patience_s: float = _PATIENCE_S) -> Iterator[DaskRunner]:
     """The workers of a scheduler.
+
+    Args:
+        address: as tcp://host:8786.
+        say: told when it has no workers.
+        patience_s: until it must have answered.
 
     Raises:
         ClusterError: nothing answers there.
@@ -140,17 +139,17 @@ def remote(address: str, say: Callable[[str], None]) -> Iterator[DaskRunner]:
         from distributed import Client
 
         try:
-            client = Client(address, timeout=_PATIENCE_S)
+            client = Client(address, timeout=patience_s)
         except (OSError, ValueError, TimeoutError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise ClusterError(
                 f"no scheduler answers at {address} ({reason}); start one with `dask scheduler`, or check the address"
             ) from None
         with client:
-            runner = DaskRunner(client, say)
+            runner = DaskRunner(client)
             told = client.scheduler_info(n_workers=-1)["workers"]
             if not told:
-                say(f"the scheduler at {address} has no workers yet; start some with `dask worker {address} --nthreads 1`")
+                say(f"{address} has no workers yet; start some with `dask worker {address} --nthreads 1`")
             yield runner
 
 

@@ -67,8 +67,12 @@ def count_cells(study: StudyFile, claims: Collection[str] = (), figures: Collect
 
 
 def expand(
-    study: StudyFile, bases: Sequence[Base], registry: str = "", claims: Collection[str] = (), figures: Collection[str] = ()
-) -> Study:  # fmt: skip
+    study: StudyFile,
+    bases: Sequence[Base],
+    registry: str = "",
+    claims: Collection[str] = (),
+    figures: Collection[str] = (),
+) -> Study:
     """Make and judge every cell.
 
     Args:
@@ -96,7 +100,7 @@ def expand(
 
 
 def _combinations(study: StudyFile) -> Iterator[tuple[Override, ...]]:
-    """Explicit cells, crossed with what goes in step, crossed with the grid; the last path of the grid changes fastest."""
+    """Explicit cells times what goes in step times the grid; the last path of the grid changes fastest."""
     steps = range(len(study.zipped[0].nodes)) if study.zipped else range(1)
     grid = [range(len(axis.nodes)) for axis in study.grid]
     for told, step, places in itertools.product(study.cells, steps, itertools.product(*grid)):

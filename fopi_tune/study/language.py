@@ -247,10 +247,10 @@ def _check_between_sections(values: Values, place: Place) -> None:
         if place.has(key) and not place.has("specs") and any(place.has(k) for k in ("claims", "figures")):
             place.child(key).refuse("this is about specs, and there are none; add specs: [FILE] or remove it")
     _refuse_twice(values, place)
-    zipped = values.get("zip") or ()
-    for axis in zipped[1:]:
-        if len(axis.nodes) != len(zipped[0].nodes):
-            message = f"has {len(axis.nodes)} values and {zipped[0].path} {len(zipped[0].nodes)}; they go in step"
+    zipped: tuple[Axis, ...] = values.get("zip") or ()
+    for first, axis in ((zipped[0], other) for other in zipped[1:]):
+        if len(axis.nodes) != len(first.nodes):
+            message = f"has {len(axis.nodes)} values and {first.path} {len(first.nodes)}; they go in step"
             place.child("zip").child(axis.path).refuse(message)
     stages = _stages(values) if values.get("stages", []) is not None else ()
     for name, path in _collected(values, place):

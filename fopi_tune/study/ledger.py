@@ -1,7 +1,7 @@
 """What is known of a study's cells, in a file that survives being killed:  SQLite in WAL mode, keyed by content.
 
-A cell is in the ledger with its result or not at all, so that nothing is ever left "running".  The plan says which cells
-the study has now; results of cells that it had once stay, for when it has them again.  One process writes.
+A cell is in the ledger with its result or not at all, so that nothing is ever left "running".  The plan says which
+cells the study has now; results of cells that it had once stay, for when it has them again.  One process writes.
 """
 
 from __future__ import annotations

@@ -19,8 +19,11 @@ class TooManyCellsError(DomainError):
 
 
 def load_study(
-    source: str | os.PathLike[str], force: bool = False, registry: str = REGISTRY, told: Callable[[int], None] | None = None
-) -> Study:  # fmt: skip
+    source: str | os.PathLike[str],
+    force: bool = False,
+    registry: str = REGISTRY,
+    told: Callable[[int], None] | None = None,
+) -> Study:
     """The study in a file, with all its cells made and judged.
 
     Args:

@@ -10,6 +10,7 @@ import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 from fopi_tune.errors import DomainError
@@ -55,8 +56,7 @@ class Table:
             DomainError: pyarrow is not installed.
         """
         require_parquet()
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+        pa, pq = import_module("pyarrow"), import_module("pyarrow.parquet")
 
         columns = [_typed([row[i] for row in self.rows]) for i in range(len(self.columns))]
         types = [_arrow_type(pa, column) for column in columns]
@@ -77,7 +77,7 @@ def require_parquet() -> None:
         DomainError: pyarrow is not installed.
     """
     try:
-        import pyarrow  # noqa: F401
+        import_module("pyarrow")
     except ImportError:
         message = "Parquet needs pyarrow, which is not installed; install fopi-tune[parquet], or take the CSV file"
         raise DomainError(message) from None
