@@ -156,8 +156,8 @@ def remote(address: str, say: Callable[[str], None], patience_s: float = _PATIEN
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
     """Dask's settings for the time of a study; what it logs about workers that come and go is not for the user."""
-    import dask
     import dask.config
+    import distributed  # noqa: F401 - its own defaults must be there before they are changed for a while
 
     log = logging.getLogger("distributed")
     level = log.level

@@ -9,14 +9,12 @@ from dataclasses import dataclass, field
 
 from fopi_tune.errors import Problem, SpecError
 from fopi_tune.spec.hints import UNKNOWN_KEY, about_word, closest
-from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.spec.nodes import Items, Node, Scalar, Table
-from fopi_tune.spec.places import Place
 from fopi_tune.spec.report import Mark, Report
 from fopi_tune.study.language import ALL, CHECK, Placed, StudyFile
 from fopi_tune.study.model import Cell, Column, Kind, Stage, Starts, Study
-from fopi_tune.study.trees import NoSuchPlaceError, Override, path_of, replaced, text_of, value_of
+from fopi_tune.study.trees import NoSuchPlaceError, Override, path_of, replaced, spec_at, text_of, value_of
 
 #: cells that a message names
 _NAMED = 12
@@ -146,7 +144,7 @@ class _Judge:
                 self._blame(override, str(error))
                 return tree, None
         report = Report(self.base.file)
-        spec = read_spec(Place(tree, "", report), "")
+        spec = spec_at(tree, report)
         for problem in report.problems:
             self._tell(problem, [*overrides, *before])
         return tree, spec
@@ -193,7 +191,7 @@ class _Judge:
 
     def _also_without_overrides(self, problem: Problem) -> bool:
         report = Report(self.base.file)
-        read_spec(Place(self.base.tree, "", report), "")
+        spec_at(self.base.tree, report)
         return problem in report.problems
 
     def _blame(self, override: Override, message: str, mark: Mark | None = None) -> None:
@@ -228,7 +226,7 @@ def _name(tree: Node) -> str:
 def _text(tree: Node) -> str:
     """The base's own text, where it can be used."""
     report = Report("")
-    return text_of(tree) if read_spec(Place(tree, "", report), "") is not None else ""
+    return text_of(tree) if spec_at(tree, report) is not None else ""
 
 
 def _names(wanted: Sequence[Placed], known: Collection[str]) -> list[str]:

@@ -137,8 +137,12 @@ def spec_of(text: str, name: str = "<cell>") -> DesignSpec:
         SpecError: not a usable spec.
     """
     report = Report(name)
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    spec = read_spec(Place(node_of(json.loads(text)), "", report), digest)
+    spec = spec_at(node_of(json.loads(text)), report, hashlib.sha256(text.encode()).hexdigest())
     if spec is None:
         raise SpecError(tuple(report.problems))
     return spec
+
+
+def spec_at(tree: Node, report: Report, sha256: str = "") -> DesignSpec | None:
+    """The spec that a tree says, or None after reporting why there is none."""
+    return read_spec(Place(tree, "", report), sha256)
