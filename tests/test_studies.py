@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,21 @@ def test_a_free_order_is_never_worse_than_a_plain_pi() -> None:
     pi = row_of(study, controller_alpha=1, **wanted)
     assert fopi["value"] < pi["value"]
     assert pi["alpha"] == 1.0
+
+
+def test_the_readmes_study_can_be_run(tmp_path: Path) -> None:
+    root = Path(__file__).parents[1]
+    blocks = re.findall(
+        r"^```yaml\n(.*?)^```$", (root / "README.md").read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    )
+    (text,) = (block for block in blocks if "stages:" in block)
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "specs").mkdir()
+    (tmp_path / "specs" / "brake.yaml").write_bytes((root / "specs" / "brake.yaml").read_bytes())
+    (tmp_path / "studies" / "s.yaml").write_text(text, encoding="utf-8")
+    study = load_study(tmp_path / "studies" / "s.yaml")
+    assert len(study.cells) == 3 * 2 * 2
+    assert [column.name for column in study.collect] == ["kp", "margin"]
 
 
 def test_only_the_paper_has_claims() -> None:
