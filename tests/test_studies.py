@@ -92,7 +92,7 @@ def test_the_readmes_study_can_be_run(tmp_path: Path) -> None:
     (tmp_path / "studies" / "s.yaml").write_text(text, encoding="utf-8")
     study = load_study(tmp_path / "studies" / "s.yaml")
     assert len(study.cells) == 3 * 2 * 2
-    assert [column.name for column in study.collect] == ["kp", "margin"]
+    assert [column.name for column in study.collect] == ["tune.gains.kp", "prove.requirements[2].achieved"]
 
 
 def test_only_the_paper_has_claims() -> None:
