@@ -45,4 +45,18 @@ CLAIMS: Mapping[str, Callable[[], tuple[Row, ...]]] = {
     "raises": _raises,
     **{f"late_{i}": partial(_slow, f"late {i}", 0.3 * i) for i in range(12)},
 }
-FIGURES: Mapping[str, Callable[[], str]] = {"circle": lambda: '<svg xmlns="urn:svg"><circle r="1"/></svg>'}
+FIGURES: Mapping[str, Callable[[], str]] = {
+    "circle": lambda: '<svg xmlns="urn:svg"><circle r="1"/></svg>',
+    "square": lambda: svg_of("square"),
+}
+PICTURES: Mapping[str, Callable[[], str]] = {"square": lambda: "square"}
+
+
+def svg_of(picture: str) -> str:
+    """A picture as text."""
+    return f"<svg>{picture}</svg>"
+
+
+def png_of(picture: str) -> bytes:
+    """A picture as bytes."""
+    return b"\x89PNG " + picture.encode()

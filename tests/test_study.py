@@ -331,19 +331,23 @@ def test_rows_have_overrides_outcome_columns_and_reason(folder: Path) -> None:
 
 
 def test_claims_have_their_own_rows_and_figures_are_files(folder: Path) -> None:
-    one = load_study(write("claims: [slow_3]\nfigures: all\n", "schema: 1\nname: c\n"), registry="study_claims")
+    one = load_study(
+        write("claims: [slow_3]\nfigures: [circle, square]\n", "schema: 1\nname: c\n"), registry="study_claims"
+    )
     result = run(one, folder / "out", HERE)
     rows = records(result)
     assert [(r["cell"], r["entry"], r["claim"], r["verdict"]) for r in rows] == [
         ("1", "slow_3", "slow 3", "holds"),
         ("1", "slow_3", "slow 3 again", "fails"),
         ("2", "circle", "", ""),
+        ("3", "square", "", ""),
     ]
     # to the last bit
     assert float(rows[0]["recomputed"]) == (0.1 * 3) * (0.1 * 3)
-    assert list(result.table.files) == ["circle.svg"]
+    assert list(result.table.files) == ["circle.svg", "square.svg", "square.png"]
+    assert result.table.files["square.png"] == b"\x89PNG square"
     assert study_text(result, "t.csv").plain == (
-        "c: 2 of 2 cells done.\n\nholds: slow 3\n    published 0.3; recomputed 0.09\n    an example\n\n"
+        "c: 3 of 3 cells done.\n\nholds: slow 3\n    published 0.3; recomputed 0.09\n    an example\n\n"
         "fails: slow 3 again\n    published a, b; recomputed -0.3"
     )
 

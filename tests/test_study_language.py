@@ -204,8 +204,9 @@ def test_claims_and_figures_are_entries_of_the_registry(folder: Path) -> None:
         (Kind.CLAIM, "slow_1"),
         (Kind.CLAIM, "raises"),
         (Kind.FIGURE, "circle"),
+        (Kind.FIGURE, "square"),
     ]
-    assert len({cell.key({}) for cell in cells}) == 3
+    assert len({cell.key({}) for cell in cells}) == 4
     Path("c.yaml").write_text("schema: 1\nname: c\nclaims:\n- slow_1\n- slwo_1\n", encoding="utf-8")
     with pytest.raises(SpecError, match=r"c\.yaml:5:3: claims\[1\]: 'slwo_1' is not known here; did you mean 'slow_1'"):
         load_study("c.yaml", registry="study_claims")

@@ -6,6 +6,7 @@ are kept between cells, and are the same bits whoever makes them.
 
 from __future__ import annotations
 
+import base64
 import json
 import threading
 import time
@@ -23,7 +24,7 @@ from fopi_tune.result import Design
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.stamp import numeric_versions
 from fopi_tune.study.model import Cell, Kind, Stage
-from fopi_tune.study.registry import entries
+from fopi_tune.study.registry import entries, figure_of
 from fopi_tune.study.trees import spec_of
 
 #: base specs whose gains, and designs that a worker keeps
@@ -150,7 +151,11 @@ def _claim(cell: Cell, document: dict[str, Any]) -> str:
 
 
 def _figure(cell: Cell, document: dict[str, Any]) -> str:
-    document["files"] = {f"{cell.name}.svg": entries(cell.text, "FIGURES")[cell.name]()}
+    files = figure_of(cell.text, cell.name)
+    document["files"] = {name: content for name, content in files.items() if isinstance(content, str)}
+    document["base64"] = {
+        name: base64.b64encode(content).decode() for name, content in files.items() if isinstance(content, bytes)
+    }
     document["outcome"] = "computed"
     return ""
 

@@ -1,7 +1,8 @@
 """Registries of claims and figures:  module and name -> what to call.
 
-A registry is a module with CLAIMS (name to a function that gives rows) and FIGURES (name to a function that gives SVG).
-It is named by text, which is what travels to a worker.
+A registry is a module with CLAIMS (name to a function that gives rows) and FIGURES (name to a function that gives SVG);
+where it has PICTURES too (name to a function that gives a picture), with svg_of and png_of, a figure is both.  It is
+named by text, which is what travels to a worker.
 """
 
 from __future__ import annotations
@@ -22,6 +23,15 @@ def entries(registry: str, what: str) -> Mapping[str, Callable[[], Any]]:
         if error.name is not None and registry.startswith(error.name):
             return {}
         raise
+
+
+def figure_of(registry: str, name: str) -> dict[str, str | bytes]:
+    """A figure's files: its name with an ending, and what is in it."""
+    pictures = entries(registry, "PICTURES")
+    if name not in pictures:
+        return {f"{name}.svg": entries(registry, "FIGURES")[name]()}
+    module, picture = import_module(registry), pictures[name]()
+    return {f"{name}.svg": module.svg_of(picture), f"{name}.png": module.png_of(picture)}
 
 
 def names_of(registry: str, what: str) -> tuple[str, ...]:

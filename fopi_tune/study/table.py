@@ -5,6 +5,7 @@ It holds no times and nothing of the order in which cells were run: a study that
 
 from __future__ import annotations
 
+import base64
 import csv
 import io
 import json
@@ -29,7 +30,7 @@ class Table:
         columns: their names.
         rows: a value each.
         claims: rows of claims, as their registry made them, in order.
-        files: name to text of the figures.
+        files: name to content of the figures.
         empty: collected columns that no cell fills.
         undecided: cells that could be neither proved nor refuted.
     """
@@ -37,7 +38,7 @@ class Table:
     columns: tuple[str, ...]
     rows: tuple[tuple[Value, ...], ...]
     claims: tuple[Mapping[str, Value], ...]
-    files: Mapping[str, str]
+    files: Mapping[str, str | bytes]
     empty: tuple[str, ...]
     undecided: int
 
@@ -92,10 +93,11 @@ def table_of(study: Study, results: Iterable[tuple[int, Result]]) -> Table:
     """
     records: list[dict[str, Value]] = []
     claims: list[Mapping[str, Value]] = []
-    files: dict[str, str] = {}
+    files: dict[str, str | bytes] = {}
     for index, result in results:
         cell, document = study.cells[index], json.loads(result.document)
         files |= document.get("files", {})
+        files |= {name: base64.b64decode(text) for name, text in document.get("base64", {}).items()}
         common: dict[str, Value] = {"cell": index + 1, _named(cell): cell.name}
         common |= {path: _plain(value) for path, value in cell.overrides.items()}
         common["outcome"] = "failed" if result.failed else document.get("outcome", "failed")
