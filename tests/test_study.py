@@ -6,7 +6,9 @@ import csv
 import dataclasses
 import io
 import json
+import os
 import sqlite3
+import subprocess
 import sys
 from pathlib import Path
 
@@ -27,9 +29,11 @@ from fopi_tune.study.load import load_study
 from fopi_tune.study.model import Cell, Column, Kind, Study
 from fopi_tune.study.table import found, table_of
 from fopi_tune.study.trees import spec_of
+from fopi_tune.validation.threads import threads
 
 ROOT = Path(__file__).parents[1]
 HERE = Machines(0)
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 VERSIONS = numeric_versions()
 LAG = """\
 schema: 1
@@ -454,3 +458,23 @@ def test_the_schema_of_studies_is_printed() -> None:
     told = CliRunner().invoke(app, ["schema", "--study"])
     assert json.loads(told.stdout)["title"] == "fopi-tune study, schema 1"
     assert CliRunner().invoke(app, ["schema", "--study", "--system"]).exit_code == 2
+
+
+def test_workers_may_be_told_how_many_threads_to_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FOPI_THREADS", "3")
+    assert threads() == 3
+    for odd in ("0", "many", "", "-1"):
+        monkeypatch.setenv("FOPI_THREADS", odd)
+        assert threads() == len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else threads() >= 1
+
+
+@pytest.mark.parametrize("arguments", [["--version"], ["study", "s.yaml", "--dry-run"], ["schema", "--study"]])
+def test_what_runs_no_cell_loads_neither_dask_nor_a_solver(arguments: list[str]) -> None:
+    write("stages: [tune]\n")
+    code = (
+        "import sys, fopi_tune\nfrom fopi_tune.cli import app\n"
+        f"try:\n    app({arguments!r})\nexcept SystemExit:\n    pass\n"
+        "print([m for m in ('dask', 'distributed', 'casadi', 'cvxpy', 'pyarrow', 'numba') if m in sys.modules])"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=ENVIRONMENT)
+    assert told.stdout.splitlines()[-1] == "[]"

@@ -58,12 +58,17 @@ def study_text(result: StudyResult, file: str) -> Text:
 def _claim(row: Mapping[str, Value]) -> list[str]:
     """A claim's row as a paragraph."""
     head = f"{row.get('verdict')}: {row.get('claim')}"
-    values = f"published {_shown(row.get('published'))}; recomputed {_shown(row.get('recomputed'))}"
-    others = [f"{key} {_shown(value)}" for key, value in row.items() if key not in _CLAIM and value is not None]
+    values = f"published {_whole(row.get('published'))}; recomputed {_whole(row.get('recomputed'))}"
+    others = [f"{key} {_whole(value)}" for key, value in row.items() if key not in _CLAIM and value is not None]
     body = "; ".join([values, *others])
     why = str(row.get("why") or "")
     lines = textwrap.wrap(head, _WIDTH, subsequent_indent="    ") + _indented(body)
     return lines + (_indented(why) if why else [])
+
+
+def _whole(value: Value) -> str:
+    """A paragraph has room for every word."""
+    return value if isinstance(value, str) else _shown(value)
 
 
 def _indented(words: str) -> list[str]:

@@ -7,7 +7,6 @@ and each draw can be made again by itself.
 from __future__ import annotations
 
 import math
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -26,6 +25,7 @@ from fopi_tune.validation.scan import Scan
 from fopi_tune.validation.scenario import Array, Mode
 from fopi_tune.validation.statistics import Fraction
 from fopi_tune.validation.tally import Tally, Worst, merge, tally
+from fopi_tune.validation.threads import threads
 
 #: plants whose margins are scanned at once
 _SCANNED = 512
@@ -106,7 +106,7 @@ class _Scanner:
             return tallies
 
         parts: list[list[Tally]] = []
-        with ThreadPoolExecutor(_workers()) as pool:
+        with ThreadPoolExecutor(threads()) as pool:
             chunks = list(self.drawn.chunks(_SCANNED))
             for chunk, tallies in zip(chunks, pool.map(scan, chunks), strict=True):
                 parts.append(tallies)
@@ -133,7 +133,3 @@ def _keeps(requirement: Requirement, upper: bool, values: Array) -> np.ndarray:
     slack = _TOLERANCE * (abs(natural) if requirement.quantity == "delay_margin_s" else 1.0)
     relaxed = quantity.from_natural(natural + slack if upper else natural - slack)
     return values <= relaxed if upper else values >= relaxed
-
-
-def _workers() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
