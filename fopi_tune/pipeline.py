@@ -20,7 +20,7 @@ from fopi_tune.spec.model import DesignSpec, ValidationSpec
 from fopi_tune.stamp import certificate_versions, stamp
 
 if TYPE_CHECKING:
-    from fopi_tune.design import Violation
+    from fopi_tune.design import Neighbour, Violation
     from fopi_tune.simulated import Simulated
     from fopi_tune.validation.drawn import Progress
 
@@ -30,7 +30,7 @@ _MOST_REFUTATIONS = 5
 Source = str | os.PathLike[str] | DesignSpec
 
 
-def tune(source: Source, proof: bool = True, start: FoPi | None = None) -> Design:
+def tune(source: Source, proof: bool = True, start: FoPi | Neighbour | None = None) -> Design:
     """Find the gains that meet a spec over its whole family, and prove that they do.
 
     With `design: sampled` in the spec's section `digital` the requirements are about the loop on samples.
@@ -38,8 +38,9 @@ def tune(source: Source, proof: bool = True, start: FoPi | None = None) -> Desig
     Args:
         source: a spec file, or a spec.
         proof: False leaves the certificate out: `solved` then means verified in floating point, and the result says so.
-        start: gains that are nearly right, from which alone the search begins unless that leads nowhere: many times
-            faster, and blind to a better optimum elsewhere.  A design for samples has its own starts.
+        start: gains that are nearly right, or a neighbour (`fopi_tune.design.neighbour`) that has them, from which
+            alone the search begins unless that leads nowhere: faster, and blind to a better optimum elsewhere.  A
+            design for samples has its own starts.
 
     Returns:
         A design; `status` says how it ended.  Infeasible, unbounded and failed are answers, not exceptions.
@@ -250,7 +251,9 @@ def wanted_validation(validation: ValidationSpec | None, samples: int | None, se
     return wanted
 
 
-def _attempt(spec: DesignSpec, violations: tuple[Violation, ...], proof: bool, start: FoPi | None) -> Attempt:
+def _attempt(
+    spec: DesignSpec, violations: tuple[Violation, ...], proof: bool, start: FoPi | Neighbour | None
+) -> Attempt:
     from fopi_tune.design import design  # loads CasADi, which a check has no need of
 
     candidate = design(spec, violations, start)

@@ -45,7 +45,7 @@ ALLOWED = {
         *("spec.model", "stamp", "validation"),
     ),
     "report": ("core", "outcome", "proof", "simulated", "spec.model", "study", "systems", "result", "validation"),
-    "study": ("core", "errors", "outcome", "pipeline", "proof", "result", "spec", "stamp"),
+    "study": ("core", "design", "errors", "outcome", "pipeline", "proof", "result", "spec", "stamp"),
     "simulated": ("core", "errors", "spec.model", "stamp", "validation"),
     "systems": ("core", "simulated", "spec.model", "stamp", "validation"),
     "pipeline_systems": (

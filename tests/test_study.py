@@ -18,6 +18,8 @@ from typer.testing import CliRunner
 from fopi_tune import pipeline
 from fopi_tune.cli import app
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.design import design, neighbour
 from fopi_tune.report import study_text
 from fopi_tune.spec import load_spec
 from fopi_tune.stamp import numeric_versions
@@ -149,7 +151,7 @@ def test_a_result_does_not_depend_on_what_was_run_before() -> None:
 
         compiling._kept.clear()
         kept._designed.cache_clear()
-        kept._gains_of_base.cache_clear()
+        kept._base.cache_clear()
         return {i: run_cell("key", cells[i]).document for i in order}
 
     assert gains((0, 1, 2)) == gains((2, 0, 1)) == {**gains((1,)), **gains((2,)), **gains((0,))}
@@ -163,6 +165,18 @@ def test_starting_from_the_base_finds_what_every_start_finds() -> None:
     everywhere = [found(document(c), "tune.objective") for c in load_study(write(grid, head)).cells]
     # the objective is flat at its optimum: the solver's 1e-9 leaves it alone to far more digits than this
     assert near == pytest.approx(everywhere, rel=1e-7)
+
+
+def test_a_neighbour_with_other_plants_lends_its_gains_alone() -> None:
+    brake = load_spec(ROOT / "specs" / "brake.yaml")
+    gains = FoPi(0.3851, 0.3878, 0.8204)
+    parameters = {**brake.plant.parameters, "time_constant_s": Uncertain(2.25, 1.7, 3.0)}
+    other = dataclasses.replace(brake, plant=PlantFamily(brake.plant.model, parameters))
+    near = neighbour(brake, gains)
+    assert near.fits(brake)
+    assert not near.fits(other)
+    assert not near.fits(dataclasses.replace(brake, requirements=brake.requirements[:-1]))
+    assert design(other, start=near) == design(other, start=gains)
 
 
 def test_equal_cells_are_run_once_and_have_a_row_each(folder: Path) -> None:

@@ -13,19 +13,22 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fopi_tune import pipeline
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import FopiError
 from fopi_tune.outcome import Status
 from fopi_tune.proof import Verdict
-from fopi_tune.result import Design
+from fopi_tune.result import Design, loop_name
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.stamp import numeric_versions
 from fopi_tune.study.model import Cell, Kind, Stage
 from fopi_tune.study.registry import entries, figure_of
 from fopi_tune.study.trees import spec_of
+
+if TYPE_CHECKING:
+    from fopi_tune.design import Neighbour
 
 #: base specs whose gains, and designs that a worker keeps
 _BASES = 64
@@ -187,11 +190,17 @@ def _proved(design: Design) -> dict[str, Any]:
 @lru_cache(_DESIGNS)
 def _designed(text: str, base: str, proof: bool) -> Design:
     """The design of a spec; cells that differ in what it is checked against share it."""
-    return pipeline.tune(spec_of(text), proof=proof, start=_gains_of_base(base) if base else None)
+    return pipeline.tune(spec_of(text), proof=proof, start=_base(base) if base else None)
 
 
 @lru_cache(_BASES)
-def _gains_of_base(text: str) -> FoPi | None:
-    """Gains of a base spec, where it has a solution."""
-    design = pipeline.tune(spec_of(text), proof=False)
-    return design.gains if design.status is Status.SOLVED else None
+def _base(text: str) -> Neighbour | None:
+    """A base spec with its gains, where it has a solution that is searched in continuous time."""
+    from fopi_tune.design import neighbour
+
+    spec = spec_of(text)
+    box = spec.controller
+    if loop_name(spec) == "sampled" or all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
+        return None
+    design = pipeline.tune(spec, proof=False)
+    return neighbour(spec, design.gains) if design.status is Status.SOLVED and design.gains is not None else None

@@ -247,7 +247,7 @@ def _check_between_sections(values: Values, place: Place) -> None:
         if place.has(key) and not place.has("specs") and any(place.has(k) for k in ("claims", "figures")):
             place.child(key).refuse("this is about specs, and there are none; add specs: [FILE] or remove it")
     _refuse_twice(values, place)
-    zipped: tuple[Axis, ...] = values.get("zip") or ()
+    zipped: list[Axis] = list(values.get("zip") or ())
     for first, axis in ((zipped[0], other) for other in zipped[1:]):
         if len(axis.nodes) != len(first.nodes):
             message = f"has {len(axis.nodes)} values and {first.path} {len(first.nodes)}; they go in step"
