@@ -175,8 +175,8 @@ def test_ctrl_c_ends_at_once_without_noise_and_leaves_a_ledger_that_goes_on(tmp_
 
 
 @pytest.fixture
-def scheduler(tmp_path: Path) -> Iterator[str]:
-    """A scheduler and two workers, started as the manual says."""
+def scheduler(tmp_path: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """A scheduler with two workers, started as the manual says: its address and its process."""
     if DASK is None:
         pytest.skip("there is no command `dask` beside this Python")
     told = tmp_path / "scheduler.json"
@@ -191,20 +191,54 @@ def scheduler(tmp_path: Path) -> Iterator[str]:
             if told.exists() and told.read_text(encoding="utf-8").strip():
                 break
             time.sleep(0.1)
-        yield json.loads(told.read_text(encoding="utf-8"))["address"]
+        yield json.loads(told.read_text(encoding="utf-8"))["address"], processes[0]
     finally:
         for process in reversed(processes):
             process.terminate()
             process.wait(timeout=30)
 
 
-def test_a_scheduler_with_its_own_workers_gives_the_same_rows(tmp_path: Path, scheduler: str) -> None:
+def test_a_scheduler_with_its_own_workers_gives_the_same_rows(
+    tmp_path: Path, scheduler: tuple[str, subprocess.Popen[bytes]]
+) -> None:
     file = tmp_path / "s.yaml"
     text = BRAKE.replace("[-20, -19.6, -19.2, -18.8, -18, -17]", "[-20, -19]").replace(
         "name: brakes", "name: s\nclaims: all"
     )
     file.write_text(text.replace("claims: all", f"claims: [{SLOW}]"), encoding="utf-8")
-    assert table_of(file, tmp_path / "remote", scheduler) == table_of(file, tmp_path / "here", "0")
+    assert table_of(file, tmp_path / "remote", scheduler[0]) == table_of(file, tmp_path / "here", "0")
+
+
+@pytest.mark.long
+def test_a_scheduler_that_goes_away_ends_the_study_with_one_line(
+    tmp_path: Path, scheduler: tuple[str, subprocess.Popen[bytes]]
+) -> None:
+    address, its_process = scheduler
+    file = tmp_path / "brakes.yaml"
+    file.write_text(BRAKE, encoding="utf-8")
+    command = [
+        sys.executable,
+        "-m",
+        "fopi_tune",
+        "study",
+        str(file),
+        "--out",
+        str(tmp_path / "out"),
+        "--scheduler",
+        address,
+    ]
+    process = subprocess.Popen(
+        [*command, "--progress", "jsonl"], env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    for _ in range(3):  # the number of cells, where nothing is done yet, and the first that are
+        process.stderr.readline()
+    its_process.kill()
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 3
+    assert [line for line in said.splitlines() if not line.startswith("{")] == [
+        "the scheduler is gone; what was done is kept: run the same command again"
+    ]
 
 
 def test_an_address_where_nothing_answers_is_bad_input(tmp_path: Path) -> None:

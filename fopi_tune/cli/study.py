@@ -11,7 +11,7 @@ import typer
 from fopi_tune.cli.gains import refusal
 from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
 from fopi_tune.cli.progress import Progress, shown
-from fopi_tune.errors import DomainError, SpecError
+from fopi_tune.errors import DomainError, FopiError, SpecError
 
 # Solvers and Dask are imported where they are needed: a mistake must not wait for them.
 if TYPE_CHECKING:
@@ -95,6 +95,9 @@ def study(
         raise typer.Exit(Exit.BAD_INPUT) from None
     except DomainError as error:
         raise refusal(str(error)) from None
+    except FopiError as error:
+        say(str(error))
+        raise typer.Exit(Exit.TOOL_FAILED) from None
     except KeyboardInterrupt:
         say("stopped; what was done is kept: run the same command again to go on")
         raise typer.Exit(_INTERRUPTED) from None

@@ -73,7 +73,8 @@ def run(
 
     Raises:
         LedgerError: the ledger cannot be used, or another process runs this study.
-        ClusterError: no scheduler answers, or it went away.
+        ClusterError: no scheduler answers.
+        ClusterLostError: it went away while cells were run; what was done is kept.
         DomainError: a number of workers below 0, or nothing to resume.
     """
     from fopi_tune.stamp import numeric_versions

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import concurrent.futures
 import contextlib
 import logging
 import os
@@ -10,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.errors import DomainError
+from fopi_tune.errors import DomainError, FopiError
 from fopi_tune.study.cells import run_chunk
 from fopi_tune.study.engine import Ended, Keyed
 
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 _PATIENCE_S = 20.0
 #: threads of numerical libraries in a worker: the cells themselves are what runs in parallel
 _THREADS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "FOPI_THREADS"), "1")
+#: others that say what Dask's connections do
+_LOGS = ("tornado.application", "asyncio")
 _CONFIG: Mapping[str, Any] = {
     # a task whose worker died comes back at once: the engine runs its cells again, alone
     "distributed.scheduler.allowed-failures": 0,
@@ -30,8 +34,15 @@ _CONFIG: Mapping[str, Any] = {
 }
 
 
+_GONE = "the scheduler is gone; what was done is kept: run the same command again"
+
+
 class ClusterError(DomainError):
-    """A cluster that cannot be reached, or went away."""
+    """A cluster that cannot be reached."""
+
+
+class ClusterLostError(FopiError):
+    """A cluster that went away while cells were run."""
 
 
 class DaskRunner:
@@ -53,39 +64,50 @@ class DaskRunner:
         now = time.monotonic()
         if now - self._looked > 1.0:
             self._looked = now
-            self._workers = max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+            with _told_if_lost():
+                self._workers = max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
         return self._workers
 
     def submit(self, cells: Sequence[Keyed], versions: Mapping[str, str]) -> None:
         """Hand a chunk to the scheduler."""
         self._count += 1
-        future = self._client.submit(
-            run_chunk, list(cells), dict(versions), key=f"chunk-{id(self):x}-{self._count}", pure=False
-        )
-        self._cells[str(future.key)] = cells
+        key = f"chunk-{id(self):x}-{self._count}"
+        with _told_if_lost():
+            future = self._client.submit(run_chunk, list(cells), dict(versions), key=key, pure=False)
+        self._cells[key] = cells
         self._ended.add(future)
 
     def next_ended(self) -> Ended:
         """Wait for a chunk.
 
         Raises:
-            ClusterError: the scheduler is gone.
+            ClusterLostError: the scheduler is gone.
         """
         from distributed.scheduler import KilledWorker
 
         future: Any = next(self._ended)
         cells = self._cells.pop(str(future.key))
-        try:
+        with _told_if_lost():
             if future.status == "finished":
-                return Ended(cells, future.result())
+                results = future.result()
+                future.release()
+                return Ended(cells, results)
             if future.status != "error":
-                raise ClusterError("the scheduler is gone; what was done is kept: run the same command again")
+                raise ClusterLostError(_GONE)
             error = future.exception()
-            if isinstance(error, KilledWorker):
-                return Ended(cells, None)
-            return Ended(cells, None, f"the worker could not run it, {type(error).__name__}: {error}")
-        finally:
             future.release()
+        if isinstance(error, KilledWorker):
+            return Ended(cells, None)
+        return Ended(cells, None, f"the worker could not run it, {type(error).__name__}: {error}")
+
+
+@contextlib.contextmanager
+def _told_if_lost() -> Iterator[None]:
+    """A connection that breaks is the scheduler's end, wherever it is noticed."""
+    try:
+        yield
+    except (OSError, TimeoutError, asyncio.CancelledError, concurrent.futures.CancelledError) as error:
+        raise ClusterLostError(_GONE) from error
 
 
 def cores() -> int:
@@ -159,11 +181,14 @@ def _quiet() -> Iterator[None]:
     import dask.config
     import distributed  # noqa: F401 - its own defaults must be there before they are changed for a while
 
-    log = logging.getLogger("distributed")
-    level = log.level
+    # parts of Dask have levels of their own
+    names = ["distributed", *(n for n in logging.root.manager.loggerDict if n.startswith("distributed.")), *_LOGS]
+    levels = {name: logging.getLogger(name).level for name in names}
     with dask.config.set(_CONFIG):
-        log.setLevel(logging.CRITICAL)
+        for name in levels:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         try:
             yield
         finally:
-            log.setLevel(level)
+            for name, level in levels.items():
+                logging.getLogger(name).setLevel(level)
