@@ -176,13 +176,13 @@ def test_ctrl_c_ends_at_once_without_noise_and_leaves_a_ledger_that_goes_on(tmp_
 
 
 @pytest.fixture
-def scheduler(tmp_path: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+def scheduler(tmp_path: Path) -> Iterator[tuple[str, subprocess.Popen[Any]]]:
     """A scheduler with two workers, started as the manual says: its address and its process."""
     if DASK is None:
         pytest.skip("there is no command `dask` beside this Python")
     told = tmp_path / "scheduler.json"
     common: dict[str, Any] = {"env": ENVIRONMENT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    processes: list[subprocess.Popen[bytes]] = [
+    processes: list[subprocess.Popen[Any]] = [
         subprocess.Popen([DASK, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(told)], **common)
     ]
     try:
@@ -200,7 +200,7 @@ def scheduler(tmp_path: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 
 
 def test_a_scheduler_with_its_own_workers_gives_the_same_rows(
-    tmp_path: Path, scheduler: tuple[str, subprocess.Popen[bytes]]
+    tmp_path: Path, scheduler: tuple[str, subprocess.Popen[Any]]
 ) -> None:
     file = tmp_path / "s.yaml"
     text = BRAKE.replace("[-20, -19.6, -19.2, -18.8, -18, -17]", "[-20, -19]").replace(
@@ -212,7 +212,7 @@ def test_a_scheduler_with_its_own_workers_gives_the_same_rows(
 
 @pytest.mark.long
 def test_a_scheduler_that_goes_away_ends_the_study_with_one_line(
-    tmp_path: Path, scheduler: tuple[str, subprocess.Popen[bytes]]
+    tmp_path: Path, scheduler: tuple[str, subprocess.Popen[Any]]
 ) -> None:
     address, its_process = scheduler
     file = tmp_path / "brakes.yaml"
