@@ -26,7 +26,7 @@ from fopi_tune.digital.discretize import discretize
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.spec.model import DigitalSpec
-from fopi_tune.validation.plants import hold
+from fopi_tune.validation.plants import HeldPlants, hold
 from fopi_tune.validation.scenario import Actuator, Horizon, Hybrid, Inactive, Mode, Scenario, Sensor, Signals, Start
 from fopi_tune.validation.simulate import CHUNK, measure_chunks
 
@@ -34,8 +34,10 @@ TS = 0.2
 STEPS = 300
 EPS = 0.5
 START = 20.0
-#: numbers of plants at once for NumPy: as many as are fastest
-NUMPY_PLANTS = 2000
+#: the first sample that is measured
+FIRST = 200
+#: plants a block for NumPy: as many as are fastest
+NUMPY_PLANTS = 4096
 
 Array = NDArray[np.float64]
 
@@ -68,39 +70,71 @@ def profile() -> Array:
     return np.where(k < 100, 20.0, np.where(k < 200, 10.0, 15.0))
 
 
-def by_numpy(count: int) -> Array:
-    """The same loops with NumPy over plants; the output at the last sample."""
-    pair = controllers()
-    held = [hold(throttle(0, count), TS), hold(brake(0, count), TS)]
-    phi = np.array([h.control.whole[0][:, 0, 0] for h in held])
-    gain = np.array([h.control.whole[1][:, 0] for h in held])
-    p, w, r = (np.array([getattr(c, name) for c in pair]) for name in ("poles", "weights", "residues"))
-    direct, g = (np.array([getattr(c, name) for c in pair]) for name in ("direct", "tracking_gain"))
-    low, high = np.array([c.limits for c in pair]).T
-    x, mode, y, rows = np.zeros((2, count, 8)), np.zeros(count, dtype=int), np.full(count, START), np.arange(count)
-    peak, iae = np.zeros(count), np.zeros(count)
-    last, final = np.zeros(count), y
-    for reference in profile():
-        e = reference - y
-        mode = np.where(mode == 0, y >= reference + EPS, y > reference - EPS).astype(int)
-        old = x[mode, rows]
-        v = direct[mode] * e
-        for k in range(8):
-            v = v + old[:, k]
-        u = np.clip(v, low[mode], high[mode])
-        new = p[mode] * (old + w[mode] * (g[mode] * (u - v))[:, None]) + r[mode] * e[:, None]
-        good = np.isfinite(e) & np.isfinite(v) & np.isfinite(new).all(axis=1)
-        x[mode, rows] = np.where(good[:, None], new, old)
-        last = np.where(good, u, last)
-        iae += np.abs(e)
-        peak = np.maximum(peak, np.abs(last))
-        final, y = y, phi[mode, rows] * y + gain[mode, rows] * last
-    return final
+def by_numpy(pair: tuple[Runtime, Runtime], count: int) -> tuple[Array, Array, Array]:
+    """The same loops with NumPy over plants, block by block; final errors, integrals of |e|, numbers of jumps."""
+    parts = [_block(pair, begin, min(begin + NUMPY_PLANTS, count)) for begin in range(0, count, NUMPY_PLANTS)]
+    error, integral, jumps = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return error, integral, jumps
 
 
-def by_control() -> Array:
+def _block(pair: tuple[Runtime, Runtime], begin: int, end: int) -> tuple[Array, Array, Array]:
+    """One block:  arrays of long rows of plants, no new ones while it runs, and a jump changes its own columns only."""
+    held, m = [hold(plants(begin, end), TS) for plants in (throttle, brake)], end - begin
+    of_modes = [_columns(controller, part) for controller, part in zip(pair, held, strict=True)]
+    (p, w, r, one), (q, x) = (np.array(rows) for rows in of_modes[0]), np.zeros((2, 8, m))
+    upwards, y, iae, jumps = np.ones(m, dtype=bool), np.full(m, START), np.zeros(m), np.zeros(m)
+    e, v, u, d = np.empty((4, m))
+    inner, leaving, other = np.empty((8, m)), np.empty(m, dtype=bool), np.empty(m, dtype=bool)
+    for k, reference in enumerate(profile()):
+        np.subtract(reference, y, out=e)
+        # mode 1 (upwards) is left at e <= -eps, mode 2 at e >= eps
+        np.less_equal(e, -EPS, out=leaving)
+        leaving &= upwards
+        np.greater_equal(e, EPS, out=other)
+        leaving |= np.greater(other, upwards, out=other)
+        if leaving.any():
+            which = np.flatnonzero(leaving)
+            x[:, which], q[:, which] = q[:, which], x[:, which]
+            jumps += leaving
+            upwards ^= leaving
+            for mode, some in ((0, which[upwards[which]]), (1, which[~upwards[which]])):
+                for mine, rows in zip((p, w, r, one), of_modes[mode], strict=True):
+                    mine[:, some] = rows[:, some]
+        np.multiply(one[0], e, out=v)
+        for state in x:
+            v += state
+        np.minimum(np.maximum(v, one[2], out=u), one[3], out=u)
+        np.subtract(u, v, out=d)
+        d *= one[1]
+        # p (x + w d) + r e
+        x += np.multiply(w, d, out=inner)
+        x *= p
+        x += np.multiply(r, e, out=inner)
+        if k >= FIRST:
+            iae += np.abs(e, out=d)
+        if k < STEPS - 1:
+            y *= one[4]
+            u *= one[5]
+            y += u
+    if not np.isfinite(x).all():
+        raise ArithmeticError("the plain loop does not hold what is not finite")
+    return e, TS * iae, jumps
+
+
+def _columns(controller: Runtime, part: HeldPlants) -> tuple[Array, Array, Array, Array]:
+    """A mode's numbers for every plant: p, w, r; then direct, g, the limits and the plant's own two."""
+    ones = np.ones((8, len(part)))
+    transition, gain, _ = part.control.whole
+    single = [controller.direct, controller.tracking_gain, *controller.limits]
+    plant = np.concatenate([np.outer(single, ones[0]), transition[:, :, 0].T, gain.T])
+    rows = (controller.poles, controller.weights, controller.residues)
+    p, w, r = (np.array(row)[:, None] * ones for row in rows)
+    return p, w, r, plant
+
+
+def by_control(pair: tuple[Runtime, Runtime]) -> Array:
     """One of these loops with `control`; its output."""
-    pair, held = controllers(), [hold(throttle(0, 1), TS), hold(brake(0, 1), TS)]
+    held = [hold(throttle(0, 1), TS), hold(brake(0, 1), TS)]
     phi = [float(h.control.whole[0][0, 0, 0]) for h in held]
     gain = [float(h.control.whole[1][0, 0]) for h in held]
     tables = [(c, np.array(c.poles), np.array(c.weights), np.array(c.residues)) for c in pair]
@@ -160,7 +194,7 @@ def main() -> None:
     tracking = dataclasses.replace(plain, hybrid=Hybrid(EPS, Inactive.TRACK))
     single = dataclasses.replace(plain, hybrid=None)
     delay = Actuator(2.0, 1.4)
-    horizon = Horizon(0.3, 200)
+    horizon = Horizon(0.3, FIRST)
 
     def run(scenario: Scenario, used: tuple[Mode, ...] = modes, plants: int = count) -> float:
         return sum(float(part.switches.sum()) for part in measure_chunks(used, scenario, horizon, plants))
@@ -169,7 +203,7 @@ def main() -> None:
     run(plain, plants=CHUNK)
     print(f"first call, compiling or reading what was compiled: {time.perf_counter() - begin:.1f} s")
     print(f"{'plants of 300 samples, 8 sections':<52}{'per s':>12}{'per s of one core':>20}{'jumps':>8}")
-    base = 0.0
+    base = base_alone = 0.0
     for label, scenario, used in (
         ("throttle and brake", plain, modes),
         ("throttle only", single, modes[:1]),
@@ -181,17 +215,24 @@ def main() -> None:
         used_before = time.process_time()
         rate = count / seconds(lambda s=scenario, u=used: run(s, u))
         alone = 3 * count / (time.process_time() - used_before)
-        base = base or rate
+        base, base_alone = base or rate, base_alone or alone
         print(f"{label:<52}{rate:>12,.0f}{alone:>20,.0f}{run(scenario, used, CHUNK) / CHUNK:>8.1f}")
-    by_arrays = NUMPY_PLANTS / seconds(lambda: by_numpy(NUMPY_PLANTS))
-    print(f"{'throttle and brake, NumPy over plants':<52}{by_arrays:>12,.0f}   kernel {base / by_arrays:,.0f} times")
+    many = 8 * NUMPY_PLANTS
+    used_before = time.process_time()
+    rate = many / seconds(lambda: by_numpy(pair, many))
+    alone = 3 * many / (time.process_time() - used_before)
+    label = "throttle and brake, NumPy over plants, one thread"
+    print(f"{label:<52}{rate:>12,.0f}{alone:>20,.0f}   kernel {base_alone / alone:,.1f} times, core by core")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        one = 1.0 / seconds(by_control)
+        one = 1.0 / seconds(lambda: by_control(pair))
+        output = by_control(pair).ravel()[-1]
     print(f"{'throttle and brake, control':<52}{one:>12,.1f}   kernel {base / one:,.0f} times")
-    ours = next(iter(measure_chunks(modes, plain, horizon, 4)))
-    final = profile()[-1] - ours.final_error
-    print(f"last outputs: kernel {final[0]:.9f}, NumPy {by_numpy(4)[0]:.9f}, control {by_control().ravel()[-1]:.9f}")
+    ours, theirs = next(iter(measure_chunks(modes, plain, horizon, NUMPY_PLANTS))), by_numpy(pair, NUMPY_PLANTS)
+    for kernel, plain_loop in zip((ours.final_error, ours.iae, ours.switches), theirs, strict=True):
+        np.testing.assert_allclose(plain_loop, kernel, rtol=0.0, atol=1e-12)
+    print(f"all three the same: errors, integrals and jumps of {NUMPY_PLANTS} plants to 1e-12 with NumPy, ", end="")
+    print(f"one last output to {abs(profile()[-1] - ours.final_error[0] - output):.0e} with control")
     memory = parser.parse_args().memory
     if memory:
         begin = time.perf_counter()

@@ -10,13 +10,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fopi_tune.candidate import Solver
     from fopi_tune.core.controller import FoPi
     from fopi_tune.core.margins import Margins, margins
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
+    from fopi_tune.optimum import Optimum, OptimumRecheck, OptimumStatus
     from fopi_tune.outcome import Status
-    from fopi_tune.pipeline import discretize, prove, recheck, run, simulate, tune, validate
+    from fopi_tune.pipeline import discretize, price, prove, recheck, run, simulate, tradeoff, tune, validate
+    from fopi_tune.pipeline_optimum import certify_optimum, recheck_optimum
     from fopi_tune.pipeline_systems import simulate_system, validate_system
+    from fopi_tune.prices import Tradeoff
     from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
     from fopi_tune.result import Check, Design, Discretized, Run, Validated
     from fopi_tune.simulated import Simulated
@@ -38,6 +42,9 @@ _PUBLIC = {
     "FoPi": "fopi_tune.core.controller",
     "FopiError": "fopi_tune.errors",
     "Margins": "fopi_tune.core.margins",
+    "Optimum": "fopi_tune.optimum",
+    "OptimumRecheck": "fopi_tune.optimum",
+    "OptimumStatus": "fopi_tune.optimum",
     "Plant": "fopi_tune.core.plant",
     "PlantFamily": "fopi_tune.core.plant",
     "Recheck": "fopi_tune.proof",
@@ -45,23 +52,29 @@ _PUBLIC = {
     "Simulated": "fopi_tune.simulated",
     "SimulatedSystem": "fopi_tune.systems",
     "SpecError": "fopi_tune.errors",
+    "Solver": "fopi_tune.candidate",
     "Status": "fopi_tune.outcome",
     "SystemSpec": "fopi_tune.spec.model",
+    "Tradeoff": "fopi_tune.prices.result",
     "Uncertain": "fopi_tune.core.plant",
     "Validated": "fopi_tune.result",
     "ValidatedSystem": "fopi_tune.systems",
     "Verdict": "fopi_tune.proof",
     "Verification": "fopi_tune.proof",
+    "certify_optimum": "fopi_tune.pipeline_optimum",
     "discretize": "fopi_tune.pipeline",
     "load_spec": "fopi_tune.spec",
     "load_system": "fopi_tune.spec",
     "margins": "fopi_tune.core.margins",
     "parse_spec": "fopi_tune.spec",
+    "price": "fopi_tune.pipeline",
     "prove": "fopi_tune.pipeline",
     "recheck": "fopi_tune.pipeline",
+    "recheck_optimum": "fopi_tune.pipeline_optimum",
     "run": "fopi_tune.pipeline",
     "simulate": "fopi_tune.pipeline",
     "simulate_system": "fopi_tune.pipeline_systems",
+    "tradeoff": "fopi_tune.pipeline",
     "tune": "fopi_tune.pipeline",
     "validate": "fopi_tune.pipeline",
     "validate_system": "fopi_tune.pipeline_systems",
@@ -78,30 +91,39 @@ __all__ = [
     "FoPi",
     "FopiError",
     "Margins",
+    "Optimum",
+    "OptimumRecheck",
+    "OptimumStatus",
     "Plant",
     "PlantFamily",
     "Recheck",
     "Run",
     "Simulated",
     "SimulatedSystem",
+    "Solver",
     "SpecError",
     "Status",
     "SystemSpec",
+    "Tradeoff",
     "Uncertain",
     "Validated",
     "ValidatedSystem",
     "Verdict",
     "Verification",
+    "certify_optimum",
     "discretize",
     "load_spec",
     "load_system",
     "margins",
     "parse_spec",
+    "price",
     "prove",
     "recheck",
+    "recheck_optimum",
     "run",
     "simulate",
     "simulate_system",
+    "tradeoff",
     "tune",
     "validate",
     "validate_system",

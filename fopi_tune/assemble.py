@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from fopi_tune.candidate import Candidate, Solver, Violation
 from fopi_tune.outcome import Give, Status
 from fopi_tune.proof import Certificate, Verdict, Verification
 from fopi_tune.result import Design, RequirementReport
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.stamp import stamp
-
-if TYPE_CHECKING:
-    from fopi_tune.design import Candidate, Violation
-
-_SOLVER = "ipopt"
 
 
 @dataclass(frozen=True)
@@ -31,8 +26,6 @@ def refutations(attempt: Attempt, known: tuple[Violation, ...]) -> tuple[Violati
     """Where a candidate that the search took for right was found wrong, beyond what is known already."""
     if attempt.candidate.status is not Status.SOLVED or attempt.found is None:
         return ()
-    from fopi_tune.design import Violation
-
     places = [(i, result.worst) for i, result in enumerate(attempt.found.requirements) if not result.is_met]
     if attempt.certificate is not None:
         places += [
@@ -48,7 +41,7 @@ def refutations(attempt: Attempt, known: tuple[Violation, ...]) -> tuple[Violati
     return tuple(v for v in violations if v not in known)
 
 
-def assembled(spec: DesignSpec, attempt: Attempt, proof: bool) -> Design:
+def assembled(spec: DesignSpec, attempt: Attempt, proof: bool, solver: Solver = Solver.IPOPT) -> Design:
     """The design that an attempt amounts to: `solved` only with a verification that is met and a proof, if wanted."""
     candidate, found, certificate = attempt.candidate, attempt.found, attempt.certificate
     status, message, clash = candidate.status, candidate.message, candidate.clash
@@ -80,7 +73,7 @@ def assembled(spec: DesignSpec, attempt: Attempt, proof: bool) -> Design:
         proof_wanted=proof,
         clash=clash,
         message=message,
-        stamp=stamp(spec.sha256, _SOLVER),
+        stamp=stamp(spec.sha256, solver.value),
         solves=candidate.solves,
     )
 

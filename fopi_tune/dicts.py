@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from fopi_tune.core.margins import Margins
-from fopi_tune.outcome import Give
+from fopi_tune.outcome import Give, Price
 from fopi_tune.proof.certificate import Certificate, RequirementProof
 from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.results import Place, Stability
@@ -77,6 +77,19 @@ def margins_dict(nominal: Margins | None) -> dict[str, Any] | None:
         return None
     plain = asdict(nominal)
     return {k: list(v) if isinstance(v, tuple) else finite(v) for k, v in plain.items()}
+
+
+def price_dict(price: Price | None) -> dict[str, Any] | None:
+    """A multiplier by solving again; null where a limit cannot be moved that way."""
+    if price is None:
+        return None
+    return {
+        "limit": price.limit,
+        "relaxed": finite(price.relaxed),
+        "tightened": finite(price.tightened),
+        "agrees": price.agrees,
+        "kink": price.has_kink,
+    }
 
 
 def give_dict(give: Give, spec: DesignSpec) -> dict[str, Any]:

@@ -38,3 +38,27 @@ class Give:
     requirement: int
     amount: float | None
     new_limit: float | None
+
+
+@dataclass(frozen=True)
+class Price:
+    """A multiplier checked by solving again with the limit moved.
+
+    Args:
+        limit: the one that was moved, public unit; of a `between` the dearer one.
+        relaxed: what the objective gains for each unit the limit gives; None where the solver found nothing.
+        tightened: what it loses for each unit the limit takes; None where the limit cannot be tightened.
+        agrees: both are the multiplier to 1 %, as far as they are known.
+    """
+
+    limit: float
+    relaxed: float | None
+    tightened: float | None
+    agrees: bool
+
+    @property
+    def has_kink(self) -> bool:
+        """Whether relaxing gains something else than tightening loses."""
+        if self.relaxed is None or self.tightened is None:
+            return False
+        return abs(self.relaxed - self.tightened) > 0.02 * max(abs(self.relaxed), abs(self.tightened))

@@ -8,29 +8,39 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.assemble import Attempt, assembled, refutations
+from fopi_tune.candidate import Solver, Violation
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.outcome import Status
 from fopi_tune.proof import Recheck, certify, verify
 from fopi_tune.proof.certificate import LARGEST_TOLERANCE
-from fopi_tune.result import Check, Design, Discretized, Run, Validated
+from fopi_tune.result import Check, Design, Discretized, Run, Validated, loop_name, objective_name
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import DesignSpec, ValidationSpec
 from fopi_tune.stamp import certificate_versions, stamp
 
 if TYPE_CHECKING:
-    from fopi_tune.design import Neighbour, Violation
+    from fopi_tune.design import Neighbour
+    from fopi_tune.prices import Tradeoff
     from fopi_tune.simulated import Simulated
     from fopi_tune.validation.drawn import Progress
 
 #: how often a refuted design is made again
 _MOST_REFUTATIONS = 5
 
+#: why there are no prices and no sweeps of such a spec
+NOT_ON_SAMPLES = (
+    "`design: sampled` is tuned by a stand-in whose limits are not the spec's, so that it has no prices and no sweep; "
+    "take `design: continuous` for them"
+)
+
 Source = str | os.PathLike[str] | DesignSpec
 
 
-def tune(source: Source, proof: bool = True, start: FoPi | Neighbour | None = None) -> Design:
+def tune(
+    source: Source, proof: bool = True, solver: Solver = Solver.IPOPT, *, start: FoPi | Neighbour | None = None
+) -> Design:
     """Find the gains that meet a spec over its whole family, and prove that they do.
 
     With `design: sampled` in the spec's section `digital` the requirements are about the loop on samples.
@@ -38,9 +48,11 @@ def tune(source: Source, proof: bool = True, start: FoPi | Neighbour | None = No
     Args:
         source: a spec file, or a spec.
         proof: False leaves the certificate out: `solved` then means verified in floating point, and the result says so.
+        solver: which search finds the gains; `Solver.CONVEX` is the slower second opinion, which does not take
+            `design: sampled`.
         start: gains that are nearly right, or a neighbour (`fopi_tune.design.neighbour`) that has them, from which
             alone the search begins unless that leads nowhere: faster, and blind to a better optimum elsewhere.  A
-            design for samples has its own starts.
+            design for samples and the convex search have their own starts.
 
     Returns:
         A design; `status` says how it ended.  Infeasible, unbounded and failed are answers, not exceptions.
@@ -51,19 +63,88 @@ def tune(source: Source, proof: bool = True, start: FoPi | Neighbour | None = No
             spec asks for and that cannot be made.
     """
     spec = load_spec(source)
-    if spec.digital is not None and spec.digital.designs_sampled:
+    if solver is Solver.IPOPT and spec.digital is not None and spec.digital.designs_sampled:
         from fopi_tune.implement import sampled_attempt
 
         return assembled(spec, sampled_attempt(spec, proof), proof)
     violations: tuple[Violation, ...] = ()
-    attempt = _attempt(spec, violations, proof, start)
+    attempt = _attempt(spec, violations, proof, solver, start)
     for _ in range(_MOST_REFUTATIONS):
         new = refutations(attempt, violations)
         if not new:
             break
         violations += new
-        attempt = _attempt(spec, violations, proof, start)
-    return assembled(spec, attempt, proof)
+        attempt = _attempt(spec, violations, proof, solver, start)
+    return assembled(spec, attempt, proof, solver)
+
+
+def price(design: Design) -> Design:
+    """Check a design's multipliers by solving again with each limit moved a little, both ways.
+
+    Args:
+        design: a solved one, of the loop in continuous time.
+
+    Returns:
+        The design with a `price` in the reports of the requirements that cost something; unchanged unless it is solved.
+
+    Raises:
+        DomainError: the design is of the loop on samples, whose multipliers are a stand-in's.
+    """
+    if loop_name(design.spec) == "sampled":
+        raise DomainError(NOT_ON_SAMPLES)
+    gains = design.gains
+    if design.status is not Status.SOLVED or gains is None:
+        return design
+    from fopi_tune.prices.price import price_of  # loads CasADi
+
+    reports = tuple(
+        replace(report, price=price_of(design.spec, gains, k, report.multiplier))
+        for k, report in enumerate(design.requirements, start=1)
+    )
+    return replace(design, requirements=reports)
+
+
+def tradeoff(
+    source: Source,
+    requirement: str | int,
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+    points: int = 50,
+) -> Tradeoff:
+    """Sweep one requirement's limit: the best objective for every limit, up to where no gains meet the spec.
+
+    Args:
+        source: a spec file, or a spec.
+        requirement: its number in the spec, from 1 on, or its quantity if it occurs once; of a `between` with ".lower"
+            or ".upper" behind.
+        start: lowest limit, in the limit's unit; by default the sweep reaches as far beyond the spec's own limit as the
+            infeasible end lies before it.
+        stop: highest limit.
+        points: how many.
+
+    Raises:
+        SpecError: the file cannot be read, or has mistakes.
+        DomainError: there is no such requirement, no design with the spec's own limit, no gain to choose, or
+            `design: sampled`; or the range makes no sense.
+    """
+    spec = load_spec(source)
+    if loop_name(spec) == "sampled":
+        raise DomainError(NOT_ON_SAMPLES)
+    from fopi_tune.prices import knob_of
+    from fopi_tune.prices.sweep import Range, sweep  # loads CasADi
+
+    knob = knob_of(spec, str(requirement))
+    box = spec.controller
+    if box.kp.is_fixed and box.ki.is_fixed and box.alpha.is_fixed:
+        raise DomainError(
+            "the spec fixes kp, ki and alpha: whatever a limit is, the gains stay; give one of them a range"
+        )
+    design = tune(spec, proof=False)
+    if design.status is not Status.SOLVED or design.gains is None:
+        said = f"{design.status.value}: {design.message}" if design.message else design.status.value
+        raise DomainError(f"a sweep starts from the design with the spec's own limits, which is {said}")
+    return sweep(spec, knob, design.gains, Range(start, stop, points), objective_name(spec))
 
 
 def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
@@ -154,13 +235,13 @@ def validate(
     Args:
         source: a spec file, or a spec, with a section `digital`.
         gains: the controller, usually from a design.
-        samples: plants to draw, in place of the spec's.
+        samples: plants to draw, in place of the spec's; of a file of samples, its first rows.
         seed: in place of the spec's.
         progress: told how many plants are done, of how many.
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
-        DomainError: as for `discretize`, or a number of samples that is not positive.
+        DomainError: as for `discretize`, a number of samples that cannot be drawn, or no draw that is a plant.
     """
     from fopi_tune.validation.contradict import contradictions
     from fopi_tune.validation.montecarlo import monte_carlo
@@ -181,6 +262,8 @@ def simulate(
     plant: Mapping[str, float] | None = None,
     replay: int | None = None,
     exact: bool = False,
+    samples: int | None = None,
+    seed: int | None = None,
 ) -> Simulated:
     """Drive one plant through the spec's scenarios with its digital controller.
 
@@ -191,6 +274,8 @@ def simulate(
         plant: uncertain numbers by name; the nominal ones where left out.
         replay: index of a plant that `validate` drew, to make it and its noise again.
         exact: the fractional loop in continuous time instead, without filter, samples and computing delay.
+        samples: what was given to `validate`.
+        seed: what was given to `validate`.
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
@@ -200,6 +285,7 @@ def simulate(
     from fopi_tune.simulated import drive
 
     spec = load_spec(source)
+    spec = replace(spec, validation=wanted_validation(spec.validation, samples, seed))
     made = stamp(spec.sha256, None)
     implementation = implementation_of(spec, gains)
     return drive(spec, gains, implementation, made, only=scenario, plant=plant, index=replay, exact=exact)
@@ -238,25 +324,28 @@ def wanted_validation(validation: ValidationSpec | None, samples: int | None, se
     """A section `validation` with the command line's numbers in place of the file's.
 
     Raises:
-        DomainError: a number of samples that is not positive.
+        DomainError: a number of samples that is not positive, or more than the rows of a file of samples.
     """
     wanted = validation or ValidationSpec()
-    wanted = replace(
-        wanted,
-        samples=wanted.samples if samples is None else samples,
-        seed=wanted.seed if seed is None else seed,
-    )
-    if wanted.samples < 1:
-        raise DomainError(f"samples = {wanted.samples} must be at least 1")
-    return wanted
+    drawn, listed = wanted.samples if samples is None else samples, wanted.samples_file
+    if drawn < 1:
+        raise DomainError(f"samples = {drawn} must be at least 1")
+    if listed is not None and drawn > len(listed.table.rows):
+        raise DomainError(f"samples = {drawn} are more than the {len(listed.table.rows)} rows of {listed.name}")
+    return replace(wanted, samples=drawn, seed=wanted.seed if seed is None else seed)
 
 
 def _attempt(
-    spec: DesignSpec, violations: tuple[Violation, ...], proof: bool, start: FoPi | Neighbour | None
+    spec: DesignSpec, violations: tuple[Violation, ...], proof: bool, solver: Solver, start: FoPi | Neighbour | None
 ) -> Attempt:
-    from fopi_tune.design import design  # loads CasADi, which a check has no need of
+    if solver is Solver.CONVEX:
+        from fopi_tune.convex import convex_design
 
-    candidate = design(spec, violations, start)
+        candidate = convex_design(spec, violations)
+    else:
+        from fopi_tune.design import design  # loads CasADi, which a check has no need of
+
+        candidate = design(spec, violations, start)
     gains = candidate.gains
     if gains is None or (gains.kp == 0.0 and gains.ki == 0.0):
         return Attempt(candidate)
@@ -271,12 +360,15 @@ __all__ = [
     "Design",
     "Discretized",
     "Run",
+    "Solver",
     "Validated",
     "discretize",
+    "price",
     "prove",
     "recheck",
     "run",
     "simulate",
+    "tradeoff",
     "tune",
     "validate",
     "wanted_validation",

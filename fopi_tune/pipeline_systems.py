@@ -30,6 +30,8 @@ def simulate_system(
     scenario: str | None = None,
     plant: Mapping[str, float] | None = None,
     replay: int | None = None,
+    samples: int | None = None,
+    seed: int | None = None,
     exact: bool = False,
 ) -> SimulatedSystem:
     """Drive one pair of plants through a system's scenarios with both digital controllers.
@@ -40,6 +42,8 @@ def simulate_system(
         scenario: name of the only one.
         plant: uncertain numbers by name ("brake.time_constant_s"); the nominal ones where left out.
         replay: index of a pair that `validate_system` drew, to make it and its noise again.
+        samples: what was given to `validate_system`.
+        seed: what was given to `validate_system`.
         exact: the hybrid inclusion in continuous time instead, with located jumps.
 
     Raises:
@@ -49,6 +53,7 @@ def simulate_system(
     from fopi_tune.systems import drive_system
 
     system = load_system(source)
+    system = replace(system, validation=wanted_validation(system.validation, samples, seed))
     found = gains_of_system(system, gains)
     made = stamp(system.sha256, None)
     runs = _implementations(system, found)

@@ -12,17 +12,21 @@ from fopi_tune.dicts import (
     give_dict,
     margins_dict,
     place_dict,
+    price_dict,
     proof_dict,
     requirement_proof_dict,
     stability_dict,
 )
-from fopi_tune.outcome import Give, Status
+from fopi_tune.optimum.documents import to_dict as optimum_dict
+from fopi_tune.optimum.documents import to_document as optimum_to_document
+from fopi_tune.optimum.results import Optimum
+from fopi_tune.outcome import Give, Price, Status
 from fopi_tune.proof.certificate import Certificate, RequirementProof, Verdict
 from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.results import RequirementResult, Stability, Verification
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
-from fopi_tune.stamp import Stamp
+from fopi_tune.stamp import Stamp, certificate_versions
 
 if TYPE_CHECKING:
     from fopi_tune.convert import ControlObjects, SampledObjects
@@ -42,12 +46,15 @@ class RequirementReport:
         result: what the verification found; None when there are no gains to verify.
         multiplier: how much the objective would gain if the limit were relaxed by one unit; None where not known.
         proof: what the certificate says; None without one.
+        price: the multiplier checked by solving again; None where that was not asked for, or the requirement costs
+            nothing.
     """
 
     requirement: Requirement
     result: RequirementResult | None
     multiplier: float | None
     proof: RequirementProof | None = None
+    price: Price | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As in the result's JSON; infinite and missing numbers are null, and `outcome` says which."""
@@ -69,6 +76,7 @@ class RequirementReport:
             "score": finite(result.score) if result else None,
             "worst": place_dict(result.worst) if result else None,
             "multiplier": finite(self.multiplier),
+            "multiplier_checked": price_dict(self.price),
             "proof": requirement_proof_dict(self.proof),
         }
 
@@ -90,7 +98,8 @@ class Design:
         clash: of an infeasible spec, the smallest set of requirements that clash, and what each would have to give.
         message: why, in words; empty when solved.
         stamp: where this comes from.
-        solves: Ipopt runs.
+        solves: runs of the solver.
+        optimum: what is proved of the best gains; None when that was not asked for.
     """
 
     spec: DesignSpec
@@ -106,6 +115,7 @@ class Design:
     message: str
     stamp: Stamp
     solves: int
+    optimum: Optimum | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON."""
@@ -125,7 +135,12 @@ class Design:
             "nominal": margins_dict(self.nominal),
             "clash": [give_dict(give, self.spec) for give in self.clash],
             "proof": proof_dict(self.certificate, self.proof_wanted),
+            **({} if self.optimum is None else {"optimum": optimum_dict(self.optimum)}),
         }
+
+    def optimum_document(self) -> dict[str, Any] | None:
+        """The JSON of what is proved of the best gains, with its boxes; None when that was not asked for."""
+        return None if self.optimum is None else optimum_to_document(self.optimum, certificate_versions())
 
     def certificate_document(self) -> dict[str, Any] | None:
         """The certificate's JSON; None without one."""
@@ -253,7 +268,11 @@ class Validated:
             "name": self.spec.name,
             "contradictions": list(self.contradictions),
             **evidence_document(self.evidence),
-            "stamp": {**asdict(self.digital.stamp), "seed": self.evidence.validation.seed},
+            "stamp": {
+                **asdict(self.digital.stamp),
+                "seed": self.evidence.validation.seed,
+                "samples_file_sha256": self.evidence.validation.samples_file_sha256,
+            },
         }
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.samples import why_impossible
 from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import MEASURES, DesignSpec, Limit, Relation, ScenarioSpec, ValidationSpec
@@ -67,7 +68,7 @@ class Driven:
     def rows(self) -> Iterator[tuple[float, ...]]:
         """The numbers that `COLUMNS` names; a row a sample."""
         t = self.traces
-        columns = (t.output, t.rate, t.measured, t.error, t.demanded, t.applied, t.mode)
+        columns = (t.output, t.rate, t.rate_after, t.measured, t.error, t.demanded, t.applied, t.mode)
         yield from zip(
             t.time_s.tolist(), self.reference.tolist(), *(column[0].tolist() for column in columns), strict=True
         )
@@ -78,6 +79,7 @@ COLUMNS = (
     "reference",
     "output",
     "output_rate_per_s",
+    "output_rate_after_per_s",
     "measured",
     "error",
     "control",
@@ -124,7 +126,7 @@ class Simulated:
             "index": self.index,
             "exact": self.exact,
             "scenarios": [each.to_dict() for each in self.driven],
-            "stamp": asdict(self.stamp),
+            "stamp": {**asdict(self.stamp), **draw_stamp(self.index, self.spec.validation)},
         }
 
 
@@ -152,7 +154,8 @@ def drive(
         exact: in continuous time instead, without filter, samples and computing delay.
 
     Raises:
-        DomainError: no scenario, an unknown one, an unknown number, or an index that was not drawn.
+        DomainError: no scenario, an unknown one, an unknown number, an index that was not drawn, or a place that is no
+            plant.
     """
     from fopi_tune.validation.judged import scenario_of
     from fopi_tune.validation.montecarlo import controller_of
@@ -234,6 +237,13 @@ def _keeps(limit: Limit, value: float) -> bool:
     return value <= limit.limit if limit.relation is Relation.AT_MOST else value >= limit.limit
 
 
+def draw_stamp(index: int | None, drawn: ValidationSpec | None) -> dict[str, Any]:
+    """What it takes, besides the spec, to make a drawn plant again."""
+    if index is None or drawn is None:
+        return {}
+    return {"seed": drawn.seed, "samples": drawn.samples, "samples_file_sha256": drawn.samples_file_sha256}
+
+
 def chosen(scenarios: Sequence[ScenarioSpec], only: str | None) -> tuple[ScenarioSpec, ...]:
     """The scenarios to drive.
 
@@ -261,16 +271,24 @@ def place_of(
         index: of a draw, instead.
 
     Raises:
-        DomainError: an unknown number, or an index that was not drawn.
+        DomainError: an unknown number, an index that was not drawn, or a place that is no plant.
     """
+    place = _named_place(family, plant or {}) if index is None else _drawn_place(family, drawn, index)
+    if (problem := why_impossible(place, family)) is not None:
+        raise DomainError(f"{'this' if index is None else f'draw {index}'} is no plant: {problem}")
+    return place
+
+
+def _drawn_place(family: PlantFamily, drawn: ValidationSpec, index: int) -> np.ndarray:
     from fopi_tune.validation.drawn import draw_of
     from fopi_tune.validation.draws import points
 
-    if index is not None:
-        if not 0 <= index < drawn.samples:
-            raise DomainError(f"plant {index} was not drawn; the spec draws {drawn.samples}, from 0 on")
-        return points(draw_of(drawn), family, index, 1)[0]
-    named = dict(plant or {})
+    if not 0 <= index < drawn.samples:
+        raise DomainError(f"plant {index} was not drawn; the spec draws {drawn.samples}, from 0 on")
+    return points(draw_of(drawn), family, index, 1)[0]
+
+
+def _named_place(family: PlantFamily, named: Mapping[str, float]) -> np.ndarray:
     for name, value in named.items():
         if name not in family.uncertain_names:
             known = ", ".join(family.uncertain_names) or "none: every number is known"

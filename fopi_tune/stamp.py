@@ -12,6 +12,8 @@ from fopi_tune import __version__
 #: other distributions whose version can change a number
 _DISTRIBUTIONS = ("casadi", "numpy")
 _NUMERIC = ("casadi", "numba", "numpy", "python-flint", "scipy")
+#: the same of gains found by convex problems
+_CONVEX_DISTRIBUTIONS = ("clarabel", "cvxpy", "numpy")
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class Stamp:
         versions: distribution name to version.
         python: version of the interpreter.
         platform: operating system and machine.
-        solver: what solved the NLP; None when nothing was solved.
+        solver: what found the gains; None when nothing was solved.
         seed: of random numbers; None when none were drawn.
     """
 
@@ -38,7 +40,8 @@ class Stamp:
 def stamp(spec_sha256: str, solver: str | None) -> Stamp:
     """The stamp of a result made here and now; it holds no time, so that equal inputs give equal files."""
     versions = {"fopi-tune": __version__}
-    versions |= {name: _version_of(name) for name in _DISTRIBUTIONS}
+    names = _CONVEX_DISTRIBUTIONS if solver == "convex" else _DISTRIBUTIONS
+    versions |= {name: _version_of(name) for name in names}
     return Stamp(spec_sha256, versions, platform.python_version(), f"{platform.system()} {platform.machine()}", solver)
 
 

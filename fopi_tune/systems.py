@@ -10,7 +10,7 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.sections import Implementation
-from fopi_tune.simulated import Driven, chosen, continuous_of, driven_of, place_of
+from fopi_tune.simulated import Driven, chosen, continuous_of, draw_stamp, driven_of, place_of
 from fopi_tune.spec.model import ScenarioSpec, SystemSpec, ValidationSpec
 from fopi_tune.stamp import Stamp
 
@@ -60,7 +60,7 @@ class SimulatedSystem:
             "index": self.index,
             "exact": self.exact,
             "scenarios": [each.to_dict() for each in self.driven],
-            "stamp": asdict(self.stamp),
+            "stamp": {**asdict(self.stamp), **draw_stamp(self.index, self.spec.validation)},
         }
 
 
@@ -95,7 +95,10 @@ class ValidatedSystem:
             "gains": {name: asdict(gains) for name, gains in self.gains.items()},
             "name": self.spec.name,
             **system_document(self.evidence),
-            "stamp": asdict(self.stamp),
+            "stamp": {
+                **asdict(self.stamp),
+                "samples_file_sha256": self.evidence.validation.samples_file_sha256,
+            },
         }
 
 

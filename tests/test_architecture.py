@@ -19,10 +19,14 @@ STAGES = ("core", "quantities", "spec")
 ALLOWED = {
     "__init__": (
         *STAGES,
+        "candidate",
         "errors",
+        "optimum",
         "outcome",
+        "prices",
         "proof",
         "pipeline",
+        "pipeline_optimum",
         "pipeline_systems",
         "result",
         "simulated",
@@ -33,36 +37,72 @@ ALLOWED = {
     "quantities": ("core", "errors"),
     "spec": ("quantities", "core", "errors"),
     "outcome": (),
-    "design": ("outcome", "spec.model", "quantities", "core", "errors"),
+    "candidate": ("outcome", "core"),
+    "convex": ("candidate", "outcome", "proof", "spec.model", "quantities", "core", "errors"),
+    "design": ("candidate", "outcome", "spec.model", "quantities", "core", "errors"),
     "proof": ("spec.model", "quantities", "core", "errors"),
+    "optimum": ("proof", "spec.model", "quantities", "core", "errors"),
     "digital": ("spec.model", "core", "errors"),
     "validation": ("digital", "proof", "quantities", "spec.model", "core", "errors"),
     "stamp": ("__version__",),
     "convert": ("core", "errors"),
     "dicts": ("core", "outcome", "proof", "spec.model"),
+    "prices": (
+        *("core", "design", "dicts", "errors", "outcome", "proof"),
+        *("quantities", "spec.model", "stamp"),
+    ),
     "result": (
-        *("convert", "core", "dicts", "digital", "outcome", "proof", "quantities"),
+        *("convert", "core", "dicts", "digital", "optimum", "outcome", "proof", "quantities"),
         *("spec.model", "stamp", "validation"),
     ),
-    "report": ("core", "outcome", "proof", "simulated", "spec.model", "study", "systems", "result", "validation"),
+    "report": (
+        "core",
+        "optimum",
+        "outcome",
+        "prices",
+        "proof",
+        "simulated",
+        "spec.model",
+        "study",
+        "systems",
+        "result",
+        "validation",
+    ),
     "study": ("core", "design", "errors", "outcome", "pipeline", "proof", "result", "spec", "stamp"),
     "simulated": ("core", "errors", "spec.model", "stamp", "validation"),
     "systems": ("core", "simulated", "spec.model", "stamp", "validation"),
+    "pipeline_optimum": ("core", "optimum", "spec", "validation"),
     "pipeline_systems": (
         *("core", "errors", "implement", "outcome", "pipeline", "spec", "stamp", "systems", "validation"),
     ),
-    "assemble": ("design", "outcome", "proof", "result", "spec.model", "stamp"),
+    "assemble": ("candidate", "outcome", "proof", "result", "spec.model", "stamp"),
     "implement": (
         *("assemble", "core", "design", "digital", "errors", "outcome", "proof"),
         *("quantities", "spec.model", "stamp"),
     ),
     "pipeline": (
-        *("assemble", "core", "design", "digital", "errors", "implement", "outcome", "proof"),
-        *("result", "simulated", "spec", "stamp", "validation"),
+        *("assemble", "candidate", "convex", "core", "design", "digital", "errors", "implement", "outcome", "prices"),
+        *("proof", "result", "simulated", "spec", "stamp", "validation"),
+    ),
+    "paper": (
+        *("core", "digital", "errors", "outcome", "pipeline", "pipeline_systems", "report"),
+        *("result", "simulated", "spec", "validation"),
     ),
     "__main__": ("cli",),
     "cli": (
-        *("__version__", "core", "digital", "errors", "pipeline", "pipeline_systems", "proof"),
+        *(
+            "__version__",
+            "candidate",
+            "core",
+            "digital",
+            "errors",
+            "optimum",
+            "pipeline",
+            "pipeline_optimum",
+            "pipeline_systems",
+            "prices",
+            "proof",
+        ),
         *("report", "result", "simulated", "spec", "study", "systems"),
     ),
 }
@@ -99,9 +139,16 @@ def test_imports_point_towards_the_core(name: str) -> None:
         assert any(inside(target, allowed) for allowed in (own, *ALLOWED[own])), f"{name} imports {imported}"
 
 
-def test_design_and_proof_know_nothing_of_each_other() -> None:
+def test_design_proof_and_the_convex_path_are_opinions_of_their_own() -> None:
     for name, path in MODULES.items():
-        for one, other in (("design", "proof"), ("proof", "design")):
+        pairs = (
+            ("design", "proof"),
+            ("proof", "design"),
+            ("convex", "design"),
+            ("design", "convex"),
+            ("proof", "convex"),
+        )
+        for one, other in pairs:
             if inside(name, f"fopi_tune.{one}"):
                 assert not any(inside(found, f"fopi_tune.{other}") for found in imports(tree(path))), name
 

@@ -14,19 +14,21 @@ from numpy.typing import NDArray
 from plants import brake, lag, lag_gain_and_delay, throttle, transfer_function
 from scipy import stats
 
-from fopi_tune.core.plant import PlantFamily, Uncertain
-from fopi_tune.errors import DomainError
-from fopi_tune.validation.designs import Design, cube, open_unit, philox, shuffled
-from fopi_tune.validation.distributions import (
+from fopi_tune.core.distributions import (
     Beta,
     Distribution,
     FoldedNoise,
     Normal,
+    NormalNoise,
     TruncatedNormal,
     Uniform,
     UniformNoise,
 )
-from fopi_tune.validation.draws import Draw, Table, impossible, outside_box, parse_table, points, stays_inside
+from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.core.samples import Table, impossible, outside_box, parse_table, why_impossible
+from fopi_tune.errors import DomainError
+from fopi_tune.validation.designs import Design, cube, open_unit, philox, shuffled
+from fopi_tune.validation.draws import Draw, Listed, points, stays_inside
 
 Array = NDArray[np.float64]
 TAU = "time_constant_s"
@@ -208,6 +210,7 @@ AGAINST_SCIPY: dict[str, tuple[Distribution, Any]] = {
     "beta": (Beta(2.0, 5.0), stats.beta(2.0, 5.0, 1.6, 1.5)),
     "normal": (Normal(3.1, 0.3), stats.norm(3.1, 0.3)),
     "folded noise": (FoldedNoise(0.85), stats.halfnorm(2.25, 0.85 * ROOT_HALF_PI)),
+    "normal noise": (NormalNoise(0.85, 0.3), stats.norm(3.1, 0.3)),
     "uniform noise": (UniformNoise(0.85), stats.uniform(2.25, 1.7)),
 }
 
@@ -380,13 +383,15 @@ def test_a_bad_array_is_no_table(rows: list[Any], complaint: str) -> None:
         (lambda: TruncatedNormal(math.nan, 1.0), "not finite"),
         (lambda: TruncatedNormal(2.0, 0.0), "std must be greater than 0"),
         (lambda: taus(TruncatedNormal(100.0, 1.0), 1), "next to no probability"),
-        (lambda: taus(TruncatedNormal(2.0, 1e9), 1), "does not vary on .* use Uniform"),
+        (lambda: taus(TruncatedNormal(2.0, 1e9), 1), "does not vary on .* write uniform"),
         (lambda: Beta(0.0, 1.0), "a must be greater than 0"),
         (lambda: Beta(1.0, -1.0), "b must be greater than 0"),
         (lambda: Normal(2.0, math.inf), "not finite"),
         (lambda: Normal(2.0, -1.0), "std must be greater than 0"),
         (lambda: Normal(2.0, 1.0, (3.0, 1.0)), "empty clip"),
         (lambda: Normal(2.0, 1.0, (math.nan, 1.0)), "empty clip"),
+        (lambda: NormalNoise(1.0, 0.0), "std must be greater than 0"),
+        (lambda: NormalNoise(math.inf, 1.0), "not finite"),
         (lambda: FoldedNoise(0.0), "there is no noise"),
         (lambda: UniformNoise(math.nan), "not finite"),
     ],
@@ -394,3 +399,27 @@ def test_a_bad_array_is_no_table(rows: list[Any], complaint: str) -> None:
 def test_what_cannot_be_drawn_is_refused_by_name(make: Any, complaint: str) -> None:
     with pytest.raises(DomainError, match=complaint):
         make()
+
+
+# --- lists ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("design", Design)
+def test_a_list_is_drawn_in_its_order_whatever_the_design(design: Design) -> None:
+    family = lag((1.0, 0.8, 1.2), (2.25, 1.6, 3.1))
+    listed = Listed(parse_table("time_constant_s,static_gain\n2.0,1.0\n2.5,1.1\n3.0,0.9\n"))
+    draw = Draw(1, design, 3, listed)
+    assert points(draw, family, 0, 3).tolist() == [[1.0, 2.0], [1.1, 2.5], [0.9, 3.0]]
+    assert points(draw, family, 1, 2).tolist() == [[1.1, 2.5], [0.9, 3.0]]
+    assert stays_inside(draw, family)
+    assert not stays_inside(draw, lag((1.0, 0.95, 1.2), (2.25, 1.6, 3.1)))
+    with pytest.raises(DomainError, match=r"draws 2 to 3 were asked for; there are 3 samples"):
+        points(draw, family, 2, 2)
+
+
+def test_what_is_impossible_says_why() -> None:
+    family = lag_gain_and_delay()
+    assert why_impossible(np.array([1.0, 2.0, 0.3]), family) is None
+    said = why_impossible(np.array([1.0, 2.0, -0.1]), family)
+    assert said is not None
+    assert said.startswith("dead_time_s = -0.1 must be at least 0")

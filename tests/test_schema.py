@@ -135,6 +135,31 @@ MISTAKES: list[tuple[tuple[str | int, ...], Any]] = [
     (("digital",), {"sample_time_s": 1, "delay_samples": -1}),
     (("validation",), {"samples": 0}),
     (("validation",), {"seed": 2**63}),
+    (("validation",), {"distributions": "uniform"}),
+    (("validation",), {"distributions": {"tau": "uniform"}}),
+    (("validation",), {"distributions": {"numerator[01]": "uniform"}}),
+    (("validation",), {"distributions": {"time_constant_s": "normal"}}),
+    (("validation",), {"distributions": {"time_constant_s": {}}}),
+    (("validation",), {"distributions": {"time_constant_s": {"uniform": {}}}}),
+    (("validation",), {"distributions": {"time_constant_s": {"beta": {"a": 1}}}}),
+    (("validation",), {"distributions": {"time_constant_s": {"beta": {"a": 1, "b": 0}}}}),
+    (("validation",), {"distributions": {"time_constant_s": {"truncated_normal": {"mean": 1, "std": 0}}}}),
+    (
+        ("validation",),
+        {"distributions": {"time_constant_s": {"truncated_normal": {"mean": 1, "std": 1, "clip": [1, 2]}}}},
+    ),
+    (("validation",), {"distributions": {"time_constant_s": {"normal": {"mean": 1, "std": 1, "clip": [1]}}}}),
+    (("validation",), {"distributions": {"time_constant_s": {"nominal_plus_noise": {"mean": 1}}}}),
+    (("validation",), {"distributions": {"time_constant_s": {"nominal_plus_noise": {"shape": "normal", "mean": 1}}}}),
+    (("validation",), {"distributions": {"time_constant_s": {"nominal_plus_noise": {"shape": "uniform", "mean": 0}}}}),
+    (
+        ("validation",),
+        {"distributions": {"time_constant_s": {"nominal_plus_noise": {"shape": "uniform", "mean": 0.0}}}},
+    ),
+    (("validation",), {"samples_file": ""}),
+    (("validation",), {"samples_file": 1}),
+    (("validation",), {"samples_file": "f.csv", "design": "sobol"}),
+    (("validation",), {"samples_file": "f.csv", "distributions": {}}),
 ]
 
 
@@ -153,6 +178,14 @@ def test_schema_and_parser_refuse_the_same_mistakes(where: tuple[str | int, ...]
         holder[last] = value
     assert not VALIDATOR.is_valid(document)
     assert not parses(document)
+
+
+def test_a_file_of_samples_is_valid_where_it_is_given() -> None:
+    document = BASE | {"validation": {"samples_file": "f.csv", "samples": 1, "confidence": 0.9}}
+    VALIDATOR.validate(document)
+    found = parse_spec(yaml_of(document), files={"f.csv": b"time_constant_s\n1\n2\n"}).validation
+    assert found is not None
+    assert found.samples == 1
 
 
 def _with_some(required: dict[str, Any], optional: dict[str, Any]) -> st.SearchStrategy[dict[str, Any]]:
@@ -205,7 +238,27 @@ DIGITAL = _with_some(
         "delay_samples": st.floats(0, 5),
     },
 )
-VALIDATION = _with_some({}, {"samples": st.integers(1, 10**8), "seed": st.integers(0, 2**63 - 1)})
+MEAN, STD = st.floats(1, 2), st.floats(0.1, 9)
+NOISE = st.one_of(
+    _with_some({"shape": st.just("normal"), "mean": MEAN, "std": STD}, {}),
+    _with_some({"shape": st.sampled_from(["half_normal", "uniform"]), "mean": MEAN}, {}),
+)
+DISTRIBUTION = st.one_of(
+    st.just("uniform"),
+    _with_some({"truncated_normal": _with_some({"mean": MEAN, "std": STD}, {})}, {}),
+    _with_some({"beta": _with_some({"a": POSITIVE, "b": POSITIVE}, {})}, {}),
+    _with_some({"normal": _with_some({"mean": MEAN, "std": STD}, {"clip": st.just([1, 2])})}, {}),
+    _with_some({"nominal_plus_noise": NOISE}, {}),
+)
+VALIDATION = _with_some(
+    {},
+    {
+        "samples": st.integers(1, 10**7),
+        "seed": st.integers(0, 2**63 - 1),
+        "design": st.sampled_from(["random", "latin_hypercube", "sobol"]),
+        "distributions": _with_some({}, {"time_constant_s": DISTRIBUTION}),
+    },
+)
 SPEC = _with_some(
     {"schema": st.just(1), "name": st.from_regex("[A-Za-z][A-Za-z0-9._-]{0,63}", fullmatch=True), "plant": PLANT},
     {

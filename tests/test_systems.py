@@ -208,6 +208,25 @@ def test_uncertain_numbers_of_both_plants_are_drawn_together(folder: Path) -> No
     np.testing.assert_array_equal(named.driven[0].traces.output, again.driven[0].traces.output)
 
 
+def test_distributions_and_files_of_samples_name_the_mode_of_their_number(folder: Path) -> None:
+    named = "distributions: {brake.time_constant_s: {nominal_plus_noise: {shape: half_normal, mean: 0.85}}}"
+    path = changed(folder, "seed: 3", f"seed: 3, {named}")
+    validated = ft.validate_system(path)
+    drawn = validated.to_dict()["drawn"]
+    assert 0 < drawn["outside_the_family"] < 40
+    assert "brake.time_constant_s" in drawn["distributions"]
+    worst = validated.evidence.scenarios[0].limits[0].worst[0]
+    assert ft.simulate_system(path, scenario="up", replay=worst.index).plant == worst.plant
+    (folder / "pairs.csv").write_text("brake.time_constant_s\n1.7\n2.9\n")
+    path = changed(folder, "samples: 40, seed: 3", "samples_file: pairs.csv")
+    listed = ft.validate_system(path).evidence
+    assert listed.scenarios[0].finite.total == 2
+    assert ft.simulate_system(path, scenario="up", replay=1).plant == {"brake.time_constant_s": 2.9}
+    path = changed(folder, "seed: 3", "seed: 3, distributions: {time_constant_s: uniform}")
+    with pytest.raises(SpecError, match=r"brake\.time_constant_s"):
+        load_system(path)
+
+
 def test_gains_that_nobody_gives_are_tuned(folder: Path) -> None:
     path = changed(folder, ", gains: {kp: 0.09, ki: 0.025, alpha: 0.8}", "")
     found = ft.simulate_system(path, scenario="up")

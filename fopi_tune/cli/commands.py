@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fopi_tune import __version__
+from fopi_tune.candidate import Solver
 from fopi_tune.cli.certificates import recheck_file
 from fopi_tune.cli.driving import Course, simulate_file, validate_file
 from fopi_tune.cli.gains import found_or_tuned, given_gains, named_numbers, refusal
 from fopi_tune.cli.output import print_out, reason_of, report_failure, say, to_json, write_file
+from fopi_tune.cli.prices import Asked, From, Points, Prices, Swept, To, designed
 from fopi_tune.cli.process import Handling, process
 from fopi_tune.cli.study import study
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
+    from fopi_tune.prices import Tradeoff
     from fopi_tune.result import Check, Design, Discretized, Run
     from fopi_tune.spec.model import DesignSpec
 
@@ -45,6 +47,9 @@ Ki = Annotated[float | None, typer.Option(help="Integral gain, in kp's unit time
 Alpha = Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")]
 NoProof = Annotated[bool, typer.Option("--no-proof", help="Leave the certificate out; the result says so.")]
+SolverOption = Annotated[
+    Solver, typer.Option("--solver", help="What finds the gains; convex is a slower, independent second opinion.")
+]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback when the tool itself fails.")]
 
 
@@ -66,9 +71,21 @@ def _version(wanted: bool) -> None:
 @app.command()
 def tune(
     specs: Specs,
+    prices: Prices = False,
+    tradeoff: Swept = None,
+    start: From = None,
+    stop: To = None,
+    points: Points = None,
     out: Out = None,
     as_json: AsJson = False,
+    solver: SolverOption = Solver.IPOPT,
     no_proof: NoProof = False,
+    certify_optimum: Annotated[
+        bool,
+        typer.Option("--certify-optimum", help="Prove how far the gains can be from the best; or that none exist."),
+    ] = False,
+    gap: Annotated[float, typer.Option(help="Relative gap that --certify-optimum is to reach.")] = 1e-3,
+    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When --certify-optimum stops.")] = 60.0,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
@@ -76,7 +93,25 @@ def tune(
 
     They meet it for every plant of its family.  The result and the certificate are also written to files.
     """
-    _tune(specs, Handling(out, as_json, quiet, debug, len(specs) > 1), not no_proof)
+    asked = Asked(prices, tradeoff, start, stop, points, solver)
+    problem = asked.problem(len(specs))
+    if problem is not None:
+        raise refusal(problem)
+    if certify_optimum and tradeoff is not None:
+        raise refusal("--certify-optimum is about one design and --tradeoff about many; give one of them")
+    doing = "tuning" if tradeoff is None else "sweeping"
+    handling = Handling(out, as_json, quiet, debug, len(specs) > 1)
+
+    def make(spec: DesignSpec) -> Design | Tradeoff:
+        from fopi_tune.cli.optimum import with_optimum
+        from fopi_tune.result import Design
+
+        found = designed(spec, asked, not no_proof)
+        if certify_optimum and isinstance(found, Design):
+            return with_optimum(found, gap, time_limit, handling)
+        return found
+
+    raise typer.Exit(process(specs, make, handling, doing))
 
 
 @app.command()
@@ -207,6 +242,8 @@ def simulate(
     exact: Annotated[
         bool, typer.Option("--exact", help="The loop in continuous time instead, without filter and samples.")
     ] = False,
+    samples: Annotated[int | None, typer.Option(help="For --replay: as `fopi validate` was given it.")] = None,
+    seed: Annotated[int | None, typer.Option(help="In place of the spec's; as `fopi validate` was given it.")] = None,
     out: Out = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -221,7 +258,9 @@ def simulate(
     numbers = named_numbers(plant or [])
     if replay is not None and numbers:
         raise refusal("--replay makes a plant again that was drawn; leave --plant out")
-    wanted = Course(scenario, numbers, replay, exact)
+    if replay is None and samples is not None:
+        raise refusal("--samples says of which draws --replay makes one again; give --replay, or leave --samples out")
+    wanted = Course(scenario, numbers, replay, samples, seed, exact)
     raise typer.Exit(simulate_file(spec, given_gains(kp, ki, alpha), wanted, handling))
 
 
@@ -281,12 +320,3 @@ def main() -> None:
         app(prog_name="fopi")
     except Exception as error:
         sys.exit(report_failure("fopi", error, "--debug" in sys.argv))
-
-
-def _tune(files: Sequence[str], handling: Handling, proof: bool) -> None:
-    def make(spec: DesignSpec) -> Design:
-        from fopi_tune.pipeline import tune
-
-        return tune(spec) if proof else tune(spec, proof=False)
-
-    raise typer.Exit(process(files, make, handling, "tuning"))

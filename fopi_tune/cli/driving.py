@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fopi_tune.cli.certificates import gains_of_earlier_design
 from fopi_tune.cli.gains import found_or_tuned
@@ -26,12 +26,15 @@ class Course:
         scenario: name of the only one; None for all.
         plant: uncertain numbers by name.
         replay: index of a draw, instead.
+        samples, seed: what that draw was made with, in place of the file's.
         exact: in continuous time.
     """
 
     scenario: str | None
     plant: Mapping[str, float]
     replay: int | None
+    samples: int | None
+    seed: int | None
     exact: bool
 
 
@@ -62,7 +65,14 @@ def simulate_file(file: str, given: FoPi | None, course: Course, handling: Handl
         from fopi_tune import pipeline, pipeline_systems
         from fopi_tune.spec.model import SystemSpec
 
-        wanted = {"scenario": course.scenario, "plant": course.plant, "replay": course.replay, "exact": course.exact}
+        wanted: dict[str, Any] = {
+            "scenario": course.scenario,
+            "plant": course.plant,
+            "replay": course.replay,
+            "samples": course.samples,
+            "seed": course.seed,
+            "exact": course.exact,
+        }
         if isinstance(loaded, SystemSpec):
             return pipeline_systems.simulate_system(loaded, _gains_of_modes(loaded, given, handling), **wanted)
         found = given if given is not None else found_or_tuned(loaded, handling)

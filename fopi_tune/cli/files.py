@@ -9,19 +9,24 @@ from fopi_tune import __version__
 from fopi_tune.cli.output import to_json
 
 if TYPE_CHECKING:
+    from fopi_tune.prices import Tradeoff
     from fopi_tune.result import Check, Design, Discretized, Run, Validated
     from fopi_tune.simulated import Driven, Simulated
     from fopi_tune.systems import SimulatedSystem, ValidatedSystem
 
-    Result = Design | Check | Discretized | Run | Validated | Simulated | SimulatedSystem | ValidatedSystem
+    Result = Design | Check | Discretized | Run | Validated | Simulated | Tradeoff | SimulatedSystem | ValidatedSystem
 
 DESIGN, CHECK, DIGITAL = "design.json", "check.json", "digital.json"
 CERTIFICATE, DIGITAL_CERTIFICATE = "certificate.json", "digital_certificate.json"
+#: of the best gains there can be
+OPTIMUM = "optimum.json"
 #: the folder of the exported code, and the figure of the controller
 CODE, FIGURE = "c", "controller.svg"
 EVIDENCE = "evidence.json"
 #: beginnings of the names of simulations on samples and in continuous time
 SIMULATION, EXACT = "simulation", "exact"
+#: a sweep: .json, .csv and .svg
+TRADEOFF = "tradeoff"
 
 
 def files_of(result: Result) -> Iterator[tuple[str, str]]:
@@ -30,10 +35,14 @@ def files_of(result: Result) -> Iterator[tuple[str, str]]:
     Raises:
         DomainError: the controller cannot be exported as code.
     """
+    from fopi_tune.prices.result import Tradeoff
     from fopi_tune.result import Check, Discretized, Run, Validated
     from fopi_tune.simulated import Simulated
     from fopi_tune.systems import SimulatedSystem, ValidatedSystem
 
+    if isinstance(result, Tradeoff):
+        yield from _tradeoff(result)
+        return
     if isinstance(result, Validated | ValidatedSystem):
         yield EVIDENCE, to_json(result.to_dict()) + "\n"
         return
@@ -57,6 +66,8 @@ def files_of(result: Result) -> Iterator[tuple[str, str]]:
         return
     yield CHECK if isinstance(result, Check) else DESIGN, to_json(result.to_dict()) + "\n"
     yield from _certificate(result, CERTIFICATE)
+    if not isinstance(result, Check) and (optimum := result.optimum_document()) is not None:
+        yield OPTIMUM, to_json(optimum) + "\n"
 
 
 def _certificate(result: Design | Check | Discretized, name: str) -> Iterator[tuple[str, str]]:
@@ -87,6 +98,16 @@ def _table(driven: Driven) -> str:
 
     lines = (",".join(repr(value) for value in row) for row in driven.rows())
     return "\n".join([",".join(COLUMNS), *lines]) + "\n"
+
+
+def _tradeoff(result: Tradeoff) -> Iterator[tuple[str, str]]:
+    from fopi_tune.prices.result import COLUMNS
+    from fopi_tune.report import tradeoff_svg
+
+    yield f"{TRADEOFF}.json", to_json(result.to_dict()) + "\n"
+    lines = [",".join(COLUMNS), *(",".join(row) for row in result.rows())]
+    yield f"{TRADEOFF}.csv", "\n".join(lines) + "\n"
+    yield f"{TRADEOFF}.svg", tradeoff_svg(result)
 
 
 def _simulation_figure(result: Simulated | SimulatedSystem, driven: Driven) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import secrets
 import sys
 import traceback
 from collections.abc import Callable, Iterator
@@ -123,15 +124,18 @@ def read_text(path: Path) -> str:
 def write_file(path: Path, content: str | bytes) -> None:
     """Write a file at once or not at all, making its folder.
 
+    Whatever ends the process, the file is the old one or the new one.  Killed while it writes, it leaves a hidden file
+    beside it that nobody reads.
+
     Raises:
         OSError: not writable; an existing file is unchanged.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     data = content.encode("utf-8") if isinstance(content, str) else content
-    file = open(temporary, "xb")  # noqa: SIM115 - a file that is there is not ours to delete
+    # not the process's number: in a container that is the same each time, and so would be what a killed run left
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
-        with file:
+        with open(temporary, "xb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())

@@ -8,7 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fopi_tune.cli.files import CERTIFICATE, CHECK, CODE, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, FIGURE, files_of
+from fopi_tune.cli.files import (
+    CERTIFICATE,
+    CHECK,
+    CODE,
+    DESIGN,
+    DIGITAL,
+    DIGITAL_CERTIFICATE,
+    FIGURE,
+    OPTIMUM,
+    files_of,
+)
 from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
 from fopi_tune.errors import DomainError, SpecError
 
@@ -152,7 +162,8 @@ def _made_obsolete(written: set[str]) -> list[str]:
     if DIGITAL in written:
         return [] if DIGITAL_CERTIFICATE in written else [DIGITAL_CERTIFICATE]
     if DESIGN in written:
-        return [*([] if CERTIFICATE in written else [CERTIFICATE]), *digital]
+        unwritten = [file for file in (CERTIFICATE, OPTIMUM) if file not in written]
+        return [*unwritten, *digital]
     return [CERTIFICATE] if CHECK in written and CERTIFICATE not in written else []
 
 
@@ -163,6 +174,7 @@ def _exit_code(result: Result) -> Exit:
 
 
 def _table(result: Result) -> Text:
+    from fopi_tune.prices.result import Tradeoff
     from fopi_tune.report import (
         check_text,
         design_text,
@@ -170,11 +182,14 @@ def _table(result: Result) -> Text:
         evidence_text,
         simulation_text,
         system_evidence_text,
+        tradeoff_text,
     )
     from fopi_tune.result import Check, Design, Discretized, Validated
     from fopi_tune.simulated import Simulated
     from fopi_tune.systems import SimulatedSystem, ValidatedSystem
 
+    if isinstance(result, Tradeoff):
+        return tradeoff_text(result)
     if isinstance(result, Validated):
         return evidence_text(result)
     if isinstance(result, ValidatedSystem):

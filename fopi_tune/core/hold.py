@@ -75,17 +75,17 @@ def companion(numerator: Array, denominator: Array, sample_time_s: float) -> tup
     """
     m, width = denominator.shape
     n = width - 1
-    # s Ts = sigma: coefficients of falling powers take Ts^0, Ts^1, ...
-    scale = sample_time_s ** np.arange(width)
-    bottom = denominator * scale
-    top = np.concatenate([np.zeros((m, width - numerator.shape[1])), numerator], axis=1) * scale
-    top, bottom = top / bottom[:, :1], bottom / bottom[:, :1]
-    direct = top[:, 0]
+    # s Ts = sigma: coefficients of falling powers take Ts^0, Ts^1, ...; plants come last, in long rows
+    scale = (sample_time_s ** np.arange(width))[:, None]
+    bottom, top = np.ascontiguousarray(denominator.T) * scale, np.zeros((width, m))
+    top[width - numerator.shape[1] :] = numerator.T
+    top, bottom = top * scale / bottom[0], bottom / bottom[0]
+    direct = top[0]
     a = np.zeros((m, n, n))
     if n:
         a[:, 1:, :-1] = np.eye(n - 1)
-        a[:, 0, :] = -bottom[:, 1:]
-    return a, top[:, 1:] - direct[:, None] * bottom[:, 1:], direct
+        a[:, 0, :] = -bottom[1:].T
+    return a, np.ascontiguousarray((top[1:] - direct * bottom[1:]).T), direct
 
 
 def segment(a: Array, part: Array) -> tuple[Array, Array]:

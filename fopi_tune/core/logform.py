@@ -87,17 +87,25 @@ class LogForm:
 
     def derivative(self, rows: Rows, u: Array) -> Complex:
         """d ln f / du at u: the slope of ln|f| and, imaginary, that of the phase in rad."""
-        return self.value_and_derivative(rows, u)[1]
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            return self._derivative(rows, self._rays(rows, u), self.delay[rows] * np.exp(u))
 
     def value_and_derivative(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
         """ln f, unwrapped, and d ln f / du at u; rows and u of equal shape (n,)."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            nu, sign, slope0 = self.nu[rows], self.sign[rows], self.slope0[rows]
-            exponent = np.clip(nu * (u[:, None] - self.corner[rows]), -_EXPONENT_CAP, _EXPONENT_CAP)
-            w = np.exp(exponent) * self._direction[rows]
-            turn = self.delay[rows] * np.exp(u)
-            value = self.scale[rows] + slope0 * u + 1j * (self.phase0[rows] - turn) + (sign * np.log1p(w)).sum(axis=1)
-            return value, slope0 + (sign * nu * (w / (1.0 + w))).sum(axis=1) - 1j * turn
+            w, turn = self._rays(rows, u), self.delay[rows] * np.exp(u)
+            factors = (self.sign[rows] * np.log1p(w)).sum(axis=1)
+            value = self.scale[rows] + self.slope0[rows] * u + 1j * (self.phase0[rows] - turn) + factors
+            return value, self._derivative(rows, w, turn)
+
+    def _rays(self, rows: Rows, u: Array) -> Complex:
+        """w of every factor, shape (n, K)."""
+        exponent = np.clip(self.nu[rows] * (u[:, None] - self.corner[rows]), -_EXPONENT_CAP, _EXPONENT_CAP)
+        return np.exp(exponent) * self._direction[rows]
+
+    def _derivative(self, rows: Rows, w: Complex, turn: Array) -> Complex:
+        """Formula (2)."""
+        return self.slope0[rows] + (self.sign[rows] * self.nu[rows] * (w / (1.0 + w))).sum(axis=1) - 1j * turn
 
     def curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
         """An upper bound of |d2 ln f / du2| on [low, high], by (2)."""

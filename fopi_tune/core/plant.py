@@ -181,6 +181,10 @@ class PlantFamily:
         """The nominal member's place in the box, shape (p,)."""
         return np.array([self.parameters[n].nominal for n in self.uncertain_names], dtype=float)
 
+    def problem(self, name: str, value: Uncertain) -> str | None:
+        """What is wrong with a range of one of the numbers in this model, or None."""
+        return PLANT_MODELS[self.model].check(name, value)
+
     def corners(self, most: int = 64) -> Array:
         """The nominal place, then the box's corners (only the two extreme ones of a box with more than `most`)."""
         low, high = self.low, self.high

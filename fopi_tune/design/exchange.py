@@ -8,6 +8,7 @@ where a crossing appears that no cut speaks of, the search retreats to the last 
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -102,6 +103,12 @@ class Exchange:
             self.family, self.scale, self.sides, self.objective, self.horizon_s, self.capacity
         )
 
+    def about(self, sides: tuple[Side, ...]) -> Exchange:
+        """The same compiled problem about the same sides with other limits."""
+        other = copy.copy(self)
+        other.sides, other.oracle = sides, self.oracle.about(sides)
+        return other
+
     def first_cuts(self) -> Cuts:
         """What is in play before anything was solved.
 
@@ -167,6 +174,7 @@ class Exchange:
         hopeless: Callable[[Solved], bool] = lambda solved: False,
         most_rounds: int = _MOST_ROUNDS,
         trust: float = _TRUST,
+        peaks: tuple[Point, ...] = (),
     ) -> Converged:
         """Exchange from one start until nothing is violated.
 
@@ -177,9 +185,10 @@ class Exchange:
             hopeless: whether a solve of the relaxation is already no better than what is known.
             most_rounds: solves after which this start is given up.
             trust: how far the first solve may go; see `Task`.
+            peaks: known ones of the start, followed from the first solve on.
         """
         rounds = 0
-        cuts, gains, solved, violation = replace(cuts, peaks=()), start, None, math.inf
+        cuts, gains, solved, violation = replace(cuts, peaks=peaks), start, None, math.inf
         safe, safe_violation = None, math.inf
         follow_from, patience, stale = 0, 2, 0
         for rounds in range(1, most_rounds + 1):

@@ -7,6 +7,7 @@ around them and the worst frequencies by Newton's method or shrinking brackets. 
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from collections.abc import Callable
@@ -64,6 +65,12 @@ class Oracle:
         self.points, self.spacing = _box_points(family)
         self.plants = Plants.members(family, self.points)
         self.probes = tuple(_probe(k, side) for k, side in enumerate(sides)) + _objective_probe(objective, horizon_s)
+
+    def about(self, sides: tuple[Side, ...]) -> Oracle:
+        """The same search against other limits."""
+        other = copy.copy(self)
+        other.probes = tuple(_probe(k, side) for k, side in enumerate(sides)) + self.probes[len(sides) :]
+        return other
 
     def worst(self, gains: FoPi, within: float = math.inf) -> list[Finding]:
         """Of every side and of the objective, the worst plants and frequencies.

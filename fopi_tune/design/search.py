@@ -12,7 +12,7 @@ from fopi_tune.core.stability import is_stable
 from fopi_tune.design.exchange import Converged, Cuts, Exchange
 from fopi_tune.design.infeasible import MEETS, clash_of, explained, reason_without_solving
 from fopi_tune.design.integral import branches
-from fopi_tune.design.result import Candidate, Status
+from fopi_tune.design.result import Candidate, Status, Violation
 from fopi_tune.design.scale import Scale, scale_of
 from fopi_tune.design.sides import GUARD, Bound, Side, sides_of
 from fopi_tune.design.slots import MarginPlant, Mode, Point
@@ -26,26 +26,18 @@ from fopi_tune.spec.model import DesignSpec, Requirement
 #: inequalities are designed this much tighter (natural units), so that rounding does not undo them
 TIGHTENING = 4e-7
 _STARTS = 8
+#: of the objectives that are a largest member: from natural units to public ones
+_PUBLIC_UNIT = {
+    ObjectiveKind.PHASE_MARGIN_SPREAD: math.degrees(1.0),
+    ObjectiveKind.CROSSOVER_SPREAD: 1.0 / NEPER_PER_DB,
+    ObjectiveKind.SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
+    ObjectiveKind.CONTROL_SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
+}
 #: multipliers beyond this say only that limits coincide
 _NO_PRICE = 1e5
 #: solves a start may take before and after a first answer is known
 _FIRST_ROUNDS = 60
 _LATER_ROUNDS = 20
-
-
-@dataclass(frozen=True)
-class Violation:
-    """A plant and frequency at which a check refuted an earlier candidate: a cut for the next design.
-
-    Args:
-        requirement: index in the spec's list.
-        theta: the plant's place in the box, shape (p,).
-        omega_rad_s: the frequency; nan where none decides.
-    """
-
-    requirement: int
-    theta: tuple[float, ...]
-    omega_rad_s: float
 
 
 @dataclass(frozen=True)
@@ -108,10 +100,10 @@ def design(spec: DesignSpec, violations: Sequence[Violation] = (), start: FoPi |
         if best is not None:
             return near.candidate(best)
     searches = [Search.of(branch, violations) for branch in branches(spec)]
-    found = [(search, best) for search in searches if (best := search.best()) is not None]
-    if not found:
+    found = best_of(searches)
+    if found is None:
         return clash_of(searches[0])
-    search, best = min(found, key=lambda pair: pair[0].cost(pair[1].solved))
+    search, best = found
     return search.candidate(best)
 
 
@@ -142,7 +134,7 @@ class Search:
         first = [gains] if isinstance(gains, FoPi) else starts(spec, scale, sides, objective, _STARTS)
         known = near.cuts if near is not None and near.fits(spec) else None
         cuts = exchange.first_cuts() if known is None else known
-        cuts = _with(cuts, sides, violations, (float(scale.omega_grid[0]), float(scale.omega_grid[-1])))
+        cuts = with_violations(cuts, sides, violations, (float(scale.omega_grid[0]), float(scale.omega_grid[-1])))
         if first and known is None:
             cuts = exchange.with_worst_of(cuts, first[0])
         return cls(spec, scale, objective, exchange, first, cuts)
@@ -154,12 +146,7 @@ class Search:
 
     def limits(self, tightening: float) -> tuple[float, ...]:
         """The sides' limits, the inequalities' moved inwards."""
-        sides = self.exchange.sides
-        moved = (
-            side.limit - side.bound.value * (0.0 if side.requirement == GUARD else tightening / side.scale)
-            for side in sides
-        )
-        return tuple(moved)
+        return limits_of(self.exchange.sides, tightening)
 
     def stable(self, gains: FoPi) -> bool:
         """Whether the sampled members of the family are stable."""
@@ -233,6 +220,16 @@ class Search:
             return -solved.gains.ki
         return -solved.depth if self.objective is ObjectiveKind.DEPTH else solved.worst
 
+    def public_objective(self, solved: Solved) -> float:
+        """The objective as the solver sees it, in its public unit; without one the depth."""
+        if self.objective is ObjectiveKind.KI:
+            return solved.gains.ki
+        if self.objective is ObjectiveKind.DEPTH:
+            return solved.depth
+        if self.objective is ObjectiveKind.IAE_DISTURBANCE:
+            return math.exp(min(solved.worst, 600.0))
+        return solved.worst * _PUBLIC_UNIT[self.objective]
+
     def elastic(self, active: frozenset[int], giving: frozenset[int], limits: tuple[float, ...]) -> Converged | None:
         """The point where the requirements give least in sum, of several starts; None if Ipopt always gave up."""
         best = None
@@ -275,13 +272,10 @@ class Search:
     def _multipliers(self, solved: Solved) -> tuple[float | None, ...]:
         """d objective / d limit in public units, positive where relaxing gains."""
         unit = {
-            ObjectiveKind.PHASE_MARGIN_SPREAD: math.degrees(1.0),
-            ObjectiveKind.CROSSOVER_SPREAD: 1.0 / NEPER_PER_DB,
-            ObjectiveKind.SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
-            ObjectiveKind.CONTROL_SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
             ObjectiveKind.KI: solved.ki_scale,
             ObjectiveKind.IAE_DISTURBANCE: math.exp(min(solved.worst, 600.0)),
             ObjectiveKind.DEPTH: 1.0,
+            **_PUBLIC_UNIT,
         }[self.objective]
         totals: list[float | None] = [None] * len(self.spec.requirements)
         for k, side in enumerate(self.exchange.sides):
@@ -294,7 +288,24 @@ class Search:
         return tuple(None if total is not None and total > _NO_PRICE else total for total in totals)
 
 
-def _with(cuts: Cuts, sides: tuple[Side, ...], violations: Sequence[Violation], ends: tuple[float, float]) -> Cuts:
+def best_of(searches: Sequence[Search]) -> tuple[Search, Converged] | None:
+    """The best answer of all searches, each from all its starts, and whose it is; None when none has any."""
+    found = [(search, best) for search in searches if (best := search.best()) is not None]
+    return min(found, key=lambda pair: pair[0].cost(pair[1].solved)) if found else None
+
+
+def limits_of(sides: Sequence[Side], tightening: float) -> tuple[float, ...]:
+    """The limits of sides, the inequalities' moved inwards by so much."""
+    moved = (
+        side.limit - side.bound.value * (0.0 if side.requirement == GUARD else tightening / side.scale)
+        for side in sides
+    )
+    return tuple(moved)
+
+
+def with_violations(
+    cuts: Cuts, sides: tuple[Side, ...], violations: Sequence[Violation], ends: tuple[float, float]
+) -> Cuts:
     """The cuts with those a check has found."""
     points, plants, margin_plants = list(cuts.points), list(cuts.plants), list(cuts.margin_plants)
     for violation in violations:

@@ -4,7 +4,7 @@ from fopi_tune.proof.certificate import Certificate, Verdict
 from fopi_tune.proof.certify import certify
 from fopi_tune.proof.recheck import Recheck, recheck
 from fopi_tune.proof.results import Outcome, Place, RequirementResult, Stability, Verification
-from fopi_tune.proof.verify import verify
+from fopi_tune.proof.verify import verify, with_limits_of
 
 __all__ = [
     "Certificate",
@@ -18,4 +18,5 @@ __all__ = [
     "certify",
     "recheck",
     "verify",
+    "with_limits_of",
 ]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.logform import Array, Complex, LogForm, Rows
 from fopi_tune.core.loops import Loops
-from fopi_tune.proof.sample import Sample, evaluate
+from fopi_tune.proof.sample import Badness, Sample, evaluate
 from fopi_tune.proof.search import find_worst
 
 #: np.real or np.imag
@@ -32,8 +32,12 @@ _HALVINGS = 36
 _BOTH_IN_ONE = 4096.0
 #: a slope of ln f below this is rounding, or one that turns nothing
 _FLAT = 1e-9
+#: a slope this small is 0 but for rounding, and an interval (in u) this narrow is a place
+_TURNED, _NARROW = 1e-10, 1e-11
 #: a turning point this close to its line touches it
 _TOUCHES = 1e-8
+#: one this close may touch it somewhere near
+_NEARLY = 1e-4
 
 
 @dataclass(frozen=True)
@@ -56,9 +60,10 @@ def with_changes(sample: Sample) -> Sample:
     if not np.isfinite(distances).any():
         return sample  # no turning point near a line anywhere: nothing can change
     more = _both_sides(sample, sample.x, signatures, *sample.edges)
-    nearest = find_worst(sample, lambda loops: (-_signatures(loops)[1], np.zeros(len(loops))), ceiling=-_TOUCHES)
+    badness: Badness = lambda loops: (-_signatures(loops)[1], np.zeros(len(loops)))  # noqa: E731
+    nearest = find_worst(sample, badness, ceiling=-_TOUCHES, floor=-10.0 * _NEARLY)
     touching = nearest.candidates
-    if nearest.value > -1e-4 and len(touching):
+    if nearest.value > -_NEARLY and len(touching):
         more = np.concatenate([more, *(_around(sample, x) for x in touching)])
     return sample.with_more(more)
 
@@ -123,12 +128,26 @@ def _turning_points(log: LogForm, part: Part) -> tuple[Rows, Array, NDArray[np.b
     steep = np.abs(slope) > _FLAT
     rows, u, slope = rows[steep], u[steep], slope[steep]
     turns = np.flatnonzero((rows[1:] == rows[:-1]) & ((slope[1:] > 0) != (slope[:-1] > 0)))
-    rows, a, b, rising = rows[turns], u[turns], u[turns + 1], slope[turns] > 0
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (a + b)
-        same = (part(log.derivative(rows, middle)) > 0) == rising
-        a, b = np.where(same, middle, a), np.where(same, b, middle)
-    return rows, 0.5 * (a + b), rising
+    rows, ends, slopes = rows[turns], (u[turns], u[turns + 1]), (slope[turns], slope[turns + 1])
+    return rows, _sign_change(lambda u: part(log.derivative(rows, u)), ends, slopes), slopes[0] > 0
+
+
+def _sign_change(slope: Callable[[Array], Array], ends: tuple[Array, Array], slopes: tuple[Array, Array]) -> Array:
+    """Where slopes change their sign between two ends, shape (n,): secants (Illinois), every third step a halving."""
+    (a, b), (at_a, at_b) = ends, slopes
+    x, kept_b, kept_a = 0.5 * (a + b), np.zeros(len(a), dtype=bool), np.zeros(len(a), dtype=bool)
+    for step in range(3 * _HALVINGS):
+        secant = b - at_b * (b - a) / (at_b - at_a)
+        x = 0.5 * (a + b) if step % 3 == 2 else np.clip(secant, a, b)
+        at_x = slope(x)
+        if np.all((np.abs(at_x) < _TURNED) | (b - a < _NARROW)):
+            break
+        same = (at_x > 0) == (slopes[0] > 0)
+        # an end that stays twice counts half, so that the next secant passes the root
+        at_a, at_b = np.where(same, at_x, at_a * np.where(kept_a, 0.5, 1.0)), np.where(same, at_b, at_x)
+        at_b = np.where(same & kept_b, 0.5 * at_b, at_b)
+        a, b, kept_a, kept_b = np.where(same, x, a), np.where(same, b, x), ~same, same
+    return x
 
 
 def _places(log: LogForm) -> Array:

@@ -39,10 +39,18 @@ def evaluate_objective(objective: Objective | None, samples: Samples, results: t
 
 def _depth(samples: Samples, results: tuple[RequirementResult, ...]) -> Value:
     """The smallest slack of the inequalities; without any, minus ln of the largest |S|."""
+    found = depth_of(results)
+    if found is not None:
+        return found
+    value, place = _worst(samples.smooth, sensitivity_peak)
+    return (None if value is None else -value), place
+
+
+def depth_of(results: tuple[RequirementResult, ...]) -> Value | None:
+    """The smallest slack of the inequalities and where; None without any."""
     inequalities = [result for result in results if result.requirement.relation is not Relation.EQUALS]
     if not inequalities:
-        value, place = _worst(samples.smooth, sensitivity_peak)
-        return (None if value is None else -value), place
+        return None
     for result in inequalities:
         if result.slack is None:
             return None, result.worst

@@ -36,15 +36,22 @@ def check_requirement(requirement: Requirement, samples: Samples, tolerance: flo
         Extreme(largest, None if math.isnan(achieved) else achieved, place)
         for largest, (achieved, place) in zip(sides, results, strict=True)
     )
-    for achieved, place in results:
-        if math.isnan(achieved):
-            return RequirementResult(requirement, None, Outcome.NO_CROSSOVER, None, None, place, extremes)
-    slacks = [_slack(requirement, achieved) for achieved, _ in results]
+    return judged(requirement, extremes, tolerance)
+
+
+def judged(requirement: Requirement, extremes: tuple[Extreme, ...], tolerance: float) -> RequirementResult:
+    """What the measured ends of a quantity's range mean for a requirement: only here do its limits count."""
+    slacks = []
+    for extreme in extremes:
+        if extreme.achieved is None:
+            return RequirementResult(requirement, None, Outcome.NO_CROSSOVER, None, None, extreme.worst, extremes)
+        slacks.append(_slack(requirement, extreme.achieved))
     k = int(np.argmin(slacks))
-    (achieved, place), slack = results[k], slacks[k]
+    achieved, slack = extremes[k].achieved, slacks[k]
+    assert achieved is not None  # or the loop above had ended this
     score = _score(requirement, slack, tolerance)
     outcome = _outcome(requirement, achieved, score)
-    return RequirementResult(requirement, achieved, outcome, slack, score, place, extremes)
+    return RequirementResult(requirement, achieved, outcome, slack, score, extremes[k].worst, extremes)
 
 
 def _has_side(requirement: Requirement, largest: bool) -> bool:

@@ -29,7 +29,7 @@ _GRID = {1: 65, 2: 17, 3: 9}
 _MOST_CORNERS = 256
 _SOBOL_POINTS = 1024
 #: rows worked on together: the crossings of many loops with dead time are many
-_CHUNK = 256
+_CHUNK = 1024
 
 
 @dataclass(frozen=True)

@@ -62,13 +62,14 @@ class _Candidate:
     done: bool = False
 
 
-def find_worst(sample: Sample, badness: Badness, ceiling: float = np.inf) -> Worst:
+def find_worst(sample: Sample, badness: Badness, ceiling: float = np.inf, floor: float = -np.inf) -> Worst:
     """The largest badness over the box.
 
     Args:
         sample: where to start from.
         badness: to be maximised.
         ceiling: a badness beyond this is bad enough to stop.
+        floor: windows that do not come near this are given up: the answer then lies below it, and is not exact.
     """
     values, omegas = evaluate(sample.loops, badness)
     missing = np.isnan(values)
@@ -96,9 +97,9 @@ def find_worst(sample: Sample, badness: Badness, ceiling: float = np.inf) -> Wor
         best = max(c.value for c in moved + finished)
         if best > ceiling:
             return _result(moved + finished)
-        active = [c for c in moved if not c.done and c.value + 2.0 * c.spread >= best]
+        active = [c for c in moved if not c.done and c.value + 2.0 * c.spread >= max(best, floor)]
         if not active:
-            break
+            return _result(finished or moved)
     return _result(finished + active)
 
 

@@ -6,12 +6,14 @@ uncertain numbers, its interior included.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins_of
 from fopi_tune.core.sections import Implementation
 from fopi_tune.proof.changes import Samples
-from fopi_tune.proof.objectives import evaluate_objective
-from fopi_tune.proof.requirements import check_requirement
+from fopi_tune.proof.objectives import depth_of, evaluate_objective
+from fopi_tune.proof.requirements import check_requirement, judged
 from fopi_tune.proof.results import Verification
 from fopi_tune.proof.sample import Sample
 from fopi_tune.proof.stability import check_stability
@@ -46,3 +48,19 @@ def verify(
         nominal=margins_of(samples.smooth.nominal_loop),
         tolerance=tolerance,
     )
+
+
+def with_limits_of(spec: DesignSpec, found: Verification) -> Verification:
+    """What `verify` says of the same gains against a spec that differs in its requirements' limits alone.
+
+    What was measured does not depend on the limits, so nothing is measured again.
+
+    Args:
+        spec: with other limits than the one that was verified; the same quantities and relations, in the same order.
+        found: of the gains, in continuous time.
+    """
+    pairs = zip(spec.requirements, found.requirements, strict=True)
+    requirements = tuple(judged(requirement, old.extremes, found.tolerance) for requirement, old in pairs)
+    depth = depth_of(requirements) if spec.objective is None else None
+    objective, place = (found.objective, found.objective_worst) if depth is None else depth
+    return replace(found, requirements=requirements, objective=objective, objective_worst=place)

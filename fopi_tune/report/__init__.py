@@ -7,6 +7,7 @@ from fopi_tune.report.figures import controller_bode_svg, simulation_svg
 from fopi_tune.report.simulation import simulation_text
 from fopi_tune.report.study import study_text
 from fopi_tune.report.terminal import check_text, design_text
+from fopi_tune.report.tradeoff import tradeoff_svg, tradeoff_text
 
 __all__ = [
     "check_text",
@@ -19,4 +20,6 @@ __all__ = [
     "simulation_text",
     "study_text",
     "system_evidence_text",
+    "tradeoff_svg",
+    "tradeoff_text",
 ]

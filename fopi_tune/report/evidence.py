@@ -25,40 +25,47 @@ from fopi_tune.report.phrases import (
 )
 
 if TYPE_CHECKING:
+    from fopi_tune.core.distributions import Words
     from fopi_tune.result import Validated
     from fopi_tune.spec.model import ValidationSpec
     from fopi_tune.systems import ValidatedSystem
     from fopi_tune.validation.drawn import Judged
+    from fopi_tune.validation.joint import SystemEvidence
+    from fopi_tune.validation.montecarlo import Evidence
     from fopi_tune.validation.statistics import Fraction
 
 _SAID = {
     "met": "Every plant that was drawn is stable and meets everything.",
     "violated": "Not every plant that was drawn meets everything.",
+    "outside": "Not every plant that was drawn meets everything; those of the family do.",
     "contradiction": "A plant contradicts the proof: this is a defect of the tool, please report it.",
 }
+_REPLAY = "`fopi simulate {} --replay INDEX` makes a {} again by its index (with the same --seed and --samples)."
 _WHAT, _SHARE, _INTERVAL = 36, 12, 22
 
 
 def evidence_text(result: Validated) -> Text:
     """How often each requirement and limit held, with intervals, and the worst plants."""
     evidence, status = result.evidence, result.status
-    lines: list[Line] = [
-        *styled(f"{result.spec.name}, validated: {status}. {_SAID[status]}", style_of(status == "met"))
-    ]
+    family_is_fine = evidence.stable.total > evidence.outside and not evidence.missed_inside
+    said = _SAID["outside" if status == "violated" and family_is_fine else status]
+    lines: list[Line] = [*styled(f"{result.spec.name}, validated: {status}. {said}", style_of(status == "met"))]
     lines += [("", ""), (gains_line(result.digital.controller.gains), "bold")]
-    lines += _drawn(evidence.validation, evidence.outside, "plants")
+    lines += _drawn(evidence, "plants")
     lines += _header(evidence.validation)
     lines += _row("stable loop", evidence.stable)
+    lines += styled(_misses(evidence, evidence.stable, evidence.unstable_inside), QUIET, indent=" " * (VERDICT + 2))
     for judged in (*evidence.requirements, *evidence.limits):
         lines += _row(_phrase(judged), judged.fraction)
-        lines += styled(_below(judged), QUIET, indent=" " * (VERDICT + 2))
+        misses = _misses(evidence, judged.fraction, judged.missed_inside)
+        lines += styled("; ".join(filter(None, (_below(judged), misses))), QUIET, indent=" " * (VERDICT + 2))
     for problem in result.contradictions:
         lines += styled(problem, BAD)
     lines += [("", "")]
     lines += styled(
         "Requirements are about the loop on samples; those about the nominal plant alone are not sampled.", QUIET
     )
-    lines += styled("`fopi simulate SPEC --replay INDEX` makes a plant again by its index.", QUIET)
+    lines += styled(_REPLAY.format("SPEC", "plant"), QUIET)
     return to_text(lines)
 
 
@@ -68,7 +75,7 @@ def system_evidence_text(result: ValidatedSystem) -> Text:
     said = _SAID["met" if met else "violated"].replace("plant", "pair of plants").replace("is stable", "stays finite")
     lines: list[Line] = [*styled(f"{result.spec.name}, validated: {result.status}. {said}", style_of(met)), ("", "")]
     lines += gains_lines(result.gains)
-    lines += _drawn(evidence.validation, evidence.outside, "pairs of plants")
+    lines += _drawn(evidence, "pairs of plants")
     lines += _header(evidence.validation)
     for each in evidence.scenarios:
         lines.append((each.scenario, "bold"))
@@ -76,15 +83,43 @@ def system_evidence_text(result: ValidatedSystem) -> Text:
         lines += _row("modes do not chatter", each.calm)
         for judged in each.limits:
             lines += _row(_phrase(judged), judged.fraction)
-            lines += styled(_below(replace(judged, scenario=None)), QUIET, indent=" " * (VERDICT + 2))
-    lines += [("", ""), *styled("`fopi simulate SYSTEM --replay INDEX` makes a pair again by its index.", QUIET)]
+            misses = _misses(evidence, judged.fraction, judged.missed_inside)
+            below = "; ".join(filter(None, (_below(replace(judged, scenario=None)), misses)))
+            lines += styled(below, QUIET, indent=" " * (VERDICT + 2))
+    lines += [("", ""), *styled(_REPLAY.format("SYSTEM", "pair"), QUIET)]
     return to_text(lines)
 
 
-def _drawn(drawn: ValidationSpec, outside: int, what: str) -> list[Line]:
-    """How many were drawn, and how."""
-    beyond = f", {outside} of them outside the family" if outside else ""
-    return [*entry("drawn", f"{drawn.samples} {what}, {drawn.design}, seed {drawn.seed}{beyond}"), ("", "")]
+def _drawn(evidence: Evidence | SystemEvidence, what: str) -> Iterator[Line]:
+    """How many plants, from what, and how many of them no proof speaks of."""
+    drawn, listed = evidence.validation, evidence.validation.samples_file
+    how = f"{drawn.design}, seed {drawn.seed}" if listed is None else f"rows of {listed.name}, seed {drawn.seed}"
+    words = f"{drawn.samples - evidence.no_plants} {what}, {how}"
+    if evidence.outside:
+        words += f", {evidence.outside} of them outside the family, where nothing is proved"
+    if evidence.no_plants:
+        words += f"; {evidence.no_plants} more draws are no plants and are left out"
+    yield from entry("drawn", words)
+    for name, distribution in drawn.distributions.items():
+        yield from entry("", f"{name}: {_distribution_phrase(distribution.words())}")
+    yield "", ""
+
+
+def _distribution_phrase(words: Words) -> str:
+    """A distribution in one line: "truncated_normal, mean 2.25, std 0.4"."""
+    if isinstance(words, str):
+        return words
+    ((word, numbers),) = words.items()
+    parts = [f"{name} {number(v) if isinstance(v, float) else v}" for name, v in numbers.items()]
+    return ", ".join([word, *parts])
+
+
+def _misses(evidence: Evidence | SystemEvidence, found: Fraction, inside: int) -> str:
+    """Where the plants that miss lie, when some were drawn outside the family."""
+    missed = found.total - found.met
+    if not evidence.outside or not missed:
+        return ""
+    return f"{missed} miss, {f'{inside} of them' if inside else 'none'} in the family"
 
 
 def _header(drawn: ValidationSpec) -> list[Line]:

@@ -74,7 +74,7 @@ def simulation_svg(result: Simulated | SimulatedSystem, driven: Driven) -> str:
         output.plot(t.time_s, t.output[0], color=_IDEAL, label="output")
         rate.plot(t.time_s, t.rate[0], color=_IDEAL)
         control.step(t.time_s, t.applied[0], where="post", color=_DIGITAL)
-        _shade_second_mode((output, rate, control), t.time_s, t.mode[0])
+        shade_second_mode((output, rate, control), t.time_s, t.mode[0])
         for axes, label in ((output, "output"), (rate, "output's rate, 1/s"), (control, "control")):
             axes.set_ylabel(label)
             axes.grid(True, linewidth=0.3)
@@ -86,7 +86,7 @@ def simulation_svg(result: Simulated | SimulatedSystem, driven: Driven) -> str:
     return buffer.getvalue()
 
 
-def _shade_second_mode(every: Sequence[Axes], time_s: np.ndarray, mode: np.ndarray) -> None:
+def shade_second_mode(every: Sequence[Axes], time_s: np.ndarray, mode: np.ndarray) -> None:
     """Grey where mode 2 (the brake) acts, with one entry in the legend."""
     edges = np.flatnonzero(np.diff((mode == 2).astype(int), prepend=0, append=0))
     for number, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from fopi_tune.proof.results import Outcome, Place, RequirementResult, Stability
 from fopi_tune.report.certificates import proof_lines
+from fopi_tune.report.optimum import optimum_lines
 from fopi_tune.report.phrases import (
     BAD,
     QUIET,
@@ -30,6 +31,7 @@ from fopi_tune.report.phrases import (
     to_text,
     with_unit,
 )
+from fopi_tune.report.tradeoff import price_lines
 from fopi_tune.result import Check, Design, RequirementReport, loop_name, objective_name
 from fopi_tune.spec.model import Requirement, Scope
 
@@ -63,6 +65,7 @@ def design_text(design: Design) -> Text:
         lines += requirement_lines(design.requirements, design.objective)
     lines += summary_lines(objective_name(design.spec), design.objective, design.stability, design.nominal)
     lines += proof_lines(design.certificate)
+    lines += optimum_lines(design.optimum)
     return to_text(lines)
 
 
@@ -111,6 +114,13 @@ def requirement_lines(reports: Sequence[RequirementReport], objective: float | N
     yield "A score of at most 1 is met.", QUIET
     if priced:
         yield "The multiplier is what the objective gains for each unit the limit gives.", QUIET
+    yield from price_lines(
+        [
+            (r.requirement.quantity, r.price.relaxed, r.price.tightened, r.price.agrees, r.price.has_kink)
+            for r in reports
+            if r.price is not None
+        ]
+    )
 
 
 def _requirement(report: RequirementReport, objective: float | None, priced: bool) -> Iterator[Line]:
@@ -160,7 +170,8 @@ def _multiplier(report: RequirementReport, objective: float | None) -> str:
     if value is None:
         return "-"
     size = max(map(abs, report.requirement.limits)) or 1.0
-    return "0" if abs(value) * size <= _ROUNDING * abs(objective or 0.0) else f"{value:.3g}"
+    doubtful = "*" if report.price is not None and not report.price.agrees else ""
+    return "0" if abs(value) * size <= _ROUNDING * abs(objective or 0.0) else f"{value:.3g}{doubtful}"
 
 
 def _worst(requirement: Requirement, result: RequirementResult) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
-from fopi_tune.spec.model import DesignSpec, DigitalSpec, GainRange, Sense, ValidationSpec
+from fopi_tune.spec.draws import PlacedValidation, Reader, resolved, validation_shape
+from fopi_tune.spec.model import DesignSpec, DigitalSpec, GainRange, Sense
 from fopi_tune.spec.nodes import Table
 from fopi_tune.spec.objectives import objective_shape
 from fopi_tune.spec.places import Place
@@ -33,7 +34,6 @@ _METHODS = ("oustaloup", "modified_oustaloup", "fit")
 _RULES = ("tustin", "matched")
 _PREWARPS = ("none", "crossover")
 _DESIGNS = ("continuous", "sampled")
-_DRAWS = ("random", "latin_hypercube", "sobol")
 _START = "`fopi init` writes one to start from"
 
 
@@ -57,8 +57,8 @@ def spec_shape() -> Record:
     return Record("a design problem for fopi-tune", keys, lambda values, place: values, _START, rules=rules)
 
 
-def read_spec(place: Place, sha256: str) -> DesignSpec | None:
-    """The spec a document says, or None after reporting why there is none."""
+def read_spec(place: Place, sha256: str, read: Reader) -> DesignSpec | None:
+    """The spec a document says, or None after reporting why there is none; `read` gives the files that it names."""
     if not isinstance(place.node, Table):
         place.refuse(f"the file is no spec; {_START}")
         return None
@@ -71,6 +71,8 @@ def read_spec(place: Place, sha256: str) -> DesignSpec | None:
         return None
     placed = [each for each in values.get("requirements") or [] if each is not None]
     _check_between_sections(values, placed, place)
+    drawn: PlacedValidation | None = values.get("validation")
+    validation = None if drawn is None else resolved(drawn, values.get("plant"), read)
     if place.report.problems:
         return None
     return DesignSpec(
@@ -80,7 +82,7 @@ def read_spec(place: Place, sha256: str) -> DesignSpec | None:
         requirements=tuple(each.requirement for each in placed),
         objective=values.get("objective"),
         digital=values.get("digital"),
-        validation=values.get("validation"),
+        validation=validation,
         scenarios=tuple(values.get("scenarios") or ()),
         limits=tuple(each.limit for each in values.get("limits") or ()),
         description=values.get("description", ""),
@@ -152,18 +154,3 @@ def _build_digital(values: Values, place: Place) -> DigitalSpec | None:
         place.child("prewarp").refuse(f"prewarping belongs to rule tustin, and {used} does not use it; leave it out")
         return None
     return found
-
-
-def validation_shape() -> Shape:
-    """Reads to a `ValidationSpec`."""
-    keys = {
-        "samples": Key(Number("plants to draw", at_least=1, at_most=10**8, whole=True), required=False),
-        "seed": Key(Number("seed of the draw", at_least=0, at_most=2**63 - 1, whole=True), required=False),
-        "design": Key(Choice("how the plants are spread", _DRAWS), required=False),
-        "confidence": Key(Number("of the intervals", above=0.5, below=1), required=False),
-    }
-    return Record("the Monte-Carlo stage", keys, _build_validation, "{samples: 10000, seed: 1}")
-
-
-def _build_validation(values: Values, place: Place) -> ValidationSpec:
-    return ValidationSpec(**values)

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import os
+import posixpath
+from collections.abc import Mapping
+from importlib.resources import files as package_files
 
+from fopi_tune.spec.draws import MAX_SAMPLES_BYTES, Reader, UnreadableError
 from fopi_tune.spec.encoding import MAX_BYTES, decode, to_bytes
 from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.model import DesignSpec, SystemSpec
 from fopi_tune.spec.nodes import compose
 from fopi_tune.spec.places import Place
-from fopi_tune.spec.report import Mark, Report
-from fopi_tune.spec.systems import is_system, read_system
+from fopi_tune.spec.report import Mark, Report, quoted
+from fopi_tune.spec.systems import Loader, is_system, read_system
 
 
 def load_spec(source: str | os.PathLike[str] | DesignSpec) -> DesignSpec:
-    """The spec in a file.
+    """The spec in a file, and what is in the files that it names.
 
     Args:
         source: path of a YAML file; a `DesignSpec` is returned as it is.
@@ -26,7 +30,7 @@ def load_spec(source: str | os.PathLike[str] | DesignSpec) -> DesignSpec:
     if isinstance(source, DesignSpec):
         return source
     report = Report(os.fsdecode(source))
-    return _parse(_read_file(source, report), report)
+    return _parse(_read_file(source, report), report, _beside(source))
 
 
 def load_any(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> DesignSpec | SystemSpec:
@@ -42,17 +46,11 @@ def load_any(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> Design
         return source
     report = Report(os.fsdecode(source))
     data = _read_file(source, report)
-    place = Place(compose(decode(data, report), report), "", report)
-    if not is_system(place):
-        return _parse(data, Report(report.file))
     folder = os.path.dirname(report.file)
-    found = read_system(place, hashlib.sha256(data).hexdigest(), lambda path: load_spec(os.path.join(folder, path)))
-    if found is None:
-        raise report.error()
-    return found
+    return _parse_any(data, report, lambda path: load_spec(os.path.join(folder, path)), _beside(source))
 
 
-def load_system(source: str | os.PathLike[str] | SystemSpec) -> SystemSpec:
+def load_system(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> SystemSpec:
     """The system in a file.
 
     Args:
@@ -83,23 +81,58 @@ def load_document(source: str | os.PathLike[str]) -> tuple[Place, str]:
     return Place(compose(decode(data, report), report), "", report), hashlib.sha256(data).hexdigest()
 
 
-def parse_spec(text: str | bytes, file: str = "<spec>") -> DesignSpec:
-    """The spec in a text.
+def parse_spec(text: str | bytes, file: str = "<spec>", files: Mapping[str, bytes] | None = None) -> DesignSpec:
+    """The spec in a text; reads no disk.
 
     Args:
         text: YAML.
         file: what messages call it.
+        files: contents of the files that the spec names, by the names it gives them.
 
     Raises:
         SpecError: not a usable spec; carries every problem found.
     """
     report = Report(file)
-    return _parse(to_bytes(text, report), report)
+    return _parse(to_bytes(text, report), report, _among(files or {}))
 
 
-def _parse(data: bytes, report: Report) -> DesignSpec:
+def packaged_spec(package: str, path: str) -> DesignSpec:
+    """The spec in a file that comes with a package.
+
+    Args:
+        package: its name.
+        path: from the package's folder, with "/".
+    """
+    return parse_spec(_packaged(package, path), path)
+
+
+def packaged_system(package: str, path: str) -> SystemSpec:
+    """The system in a file that comes with a package, its specs beside it; arguments as for `packaged_spec`."""
+
+    def beside(told: str) -> DesignSpec:
+        return packaged_spec(package, posixpath.normpath(posixpath.join(posixpath.dirname(path), told)))
+
+    report = Report(path)
+    return load_system(_parse_any(to_bytes(_packaged(package, path), report), report, beside, _among({})))
+
+
+def _packaged(package: str, path: str) -> bytes:
+    return package_files(package).joinpath(*path.split("/")).read_bytes()
+
+
+def _parse_any(data: bytes, report: Report, loader: Loader, read: Reader) -> DesignSpec | SystemSpec:
+    place = Place(compose(decode(data, report), report), "", report)
+    if not is_system(place):
+        return _parse(data, Report(report.file), read)
+    found = read_system(place, hashlib.sha256(data).hexdigest(), loader, read)
+    if found is None:
+        raise report.error()
+    return found
+
+
+def _parse(data: bytes, report: Report, read: Reader) -> DesignSpec:
     document = compose(decode(data, report), report)
-    spec = read_spec(Place(document, "", report), hashlib.sha256(data).hexdigest())
+    spec = read_spec(Place(document, "", report), hashlib.sha256(data).hexdigest(), read)
     if spec is None:
         raise report.error()
     return spec
@@ -107,13 +140,47 @@ def _parse(data: bytes, report: Report) -> DesignSpec:
 
 def _read_file(path: str | os.PathLike[str], report: Report) -> bytes:
     try:
-        with open(path, "rb") as file:
-            data = file.read(MAX_BYTES + 1)  # one more than allowed shows that there is more
+        data = _contents(path, MAX_BYTES)
     except FileNotFoundError:
         report.stop(Mark(1, 1), "", "there is no such file; check the path, or write one with `fopi init`")
     except IsADirectoryError:
         report.stop(Mark(1, 1), "", "is a directory; give the spec file in it")
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        report.stop(Mark(1, 1), "", f"cannot be read ({reason}); check the path and its permissions")
+        report.stop(Mark(1, 1), "", f"cannot be read ({_reason(error)}); check the path and its permissions")
     return to_bytes(data, report)
+
+
+def _beside(spec: str | os.PathLike[str]) -> Reader:
+    """Reads files whose paths are relative to a spec's folder."""
+    folder = os.path.dirname(os.fsdecode(spec))
+
+    def read(name: str) -> bytes:
+        path = os.path.join(folder, name)
+        try:
+            return _contents(path, MAX_SAMPLES_BYTES)
+        except FileNotFoundError:
+            raise UnreadableError(f"there is no file {path!r}; write its path as seen from the spec's folder") from None
+        except (OSError, ValueError) as error:
+            raise UnreadableError(f"{path!r} cannot be read ({_reason(error)}); give a CSV file") from None
+
+    return read
+
+
+def _among(files: Mapping[str, bytes]) -> Reader:
+    def read(name: str) -> bytes:
+        if name in files:
+            return files[name]
+        raise UnreadableError(
+            f"{quoted(name)} is not there: a spec that is no file has no folder; load it from a file, or give `files`"
+        )
+
+    return read
+
+
+def _contents(path: str | os.PathLike[str], most: int) -> bytes:
+    with open(path, "rb") as file:
+        return file.read(most + 1)  # one more than allowed shows that there is more
+
+
+def _reason(error: OSError | ValueError) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

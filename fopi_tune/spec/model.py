@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.distributions import Distribution
+from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.core.samples import Table
 
 
 class Relation(StrEnum):
@@ -198,8 +201,8 @@ class MeasureKind:
 MEASURES: dict[str, MeasureKind] = {
     kind.name: kind
     for kind in (
-        MeasureKind("acceleration_m_s2", "m/s^2", "largest |dy/dt| at the samples, of a velocity in km/h, over 3.6"),
-        MeasureKind("peak_rate_per_s", "output unit per s", "largest |dy/dt| at the samples"),
+        MeasureKind("acceleration_m_s2", "m/s^2", "peak_rate_per_s of a velocity in km/h, over 3.6"),
+        MeasureKind("peak_rate_per_s", "output unit per s", "largest |dy/dt| just before and after the samples"),
         MeasureKind(
             "overshoot", "output unit", "how far the output goes beyond the last setpoint, in the step's direction"
         ),
@@ -236,20 +239,44 @@ class Limit:
 
 
 @dataclass(frozen=True)
+class SamplesFile:
+    """A file of plants that a spec names.
+
+    Args:
+        name: as the spec writes it.
+        sha256: of its bytes.
+        table: what it says; equal files have equal hashes.
+    """
+
+    name: str
+    sha256: str
+    table: Table = field(compare=False, repr=False)
+
+
+@dataclass(frozen=True)
 class ValidationSpec:
     """How many plants the Monte-Carlo stage draws, how, and how sure its intervals are.
 
     Args:
-        samples: plants.
+        samples: plants; of a file, its first rows.
         seed: of every random number.
         design: random, latin_hypercube or sobol.
         confidence: of each interval, between 0 and 1.
+        distributions: by the uncertain number's name; uniform where left out.
+        samples_file: the plants, one a row, instead of drawing them; the design has then no meaning.
     """
 
     samples: int = 10_000
     seed: int = 1
     design: str = "random"
     confidence: float = 0.99
+    distributions: Mapping[str, Distribution] = field(default_factory=dict)
+    samples_file: SamplesFile | None = None
+
+    @property
+    def samples_file_sha256(self) -> str | None:
+        """Of the file's bytes: the spec's own hash does not tell what is in there."""
+        return None if self.samples_file is None else self.samples_file.sha256
 
 
 @dataclass(frozen=True)
@@ -268,6 +295,27 @@ class DesignSpec:
     description: str = ""
     sha256: str = ""
     schema: int = 1
+
+
+@dataclass(frozen=True)
+class JointFamily(PlantFamily):
+    """Several families at once: one box, each number after its family's name and a dot; no plant.
+
+    Args:
+        members: the families by name.
+    """
+
+    members: Mapping[str, PlantFamily] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, members: Mapping[str, PlantFamily]) -> JointFamily:
+        """The joint box."""
+        numbers = {f"{name}.{key}": value for name, one in members.items() for key, value in one.parameters.items()}
+        return cls(" and ".join(members), numbers, members)
+
+    def problem(self, name: str, value: Uncertain) -> str | None:
+        member, _, number = name.partition(".")
+        return self.members[member].problem(number, value)
 
 
 @dataclass(frozen=True)
@@ -322,7 +370,6 @@ class SystemSpec:
     schema: int = 1
 
     @property
-    def family(self) -> PlantFamily:
+    def family(self) -> JointFamily:
         """The uncertain numbers of both plants, each after its mode's name and a dot: a box, not a plant."""
-        numbers = {f"{m.name}.{key}": value for m in self.modes for key, value in m.spec.plant.parameters.items()}
-        return PlantFamily("throttle and brake", numbers)
+        return JointFamily.of({mode.name: mode.spec.plant for mode in self.modes})

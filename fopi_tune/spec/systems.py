@@ -9,8 +9,9 @@ from typing import Any
 
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
 from fopi_tune.errors import DomainError, SpecError
-from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION, validation_shape
-from fopi_tune.spec.model import DesignSpec, ModeSpec, SystemSpec
+from fopi_tune.spec.draws import PlacedValidation, Reader, resolved, validation_shape
+from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
+from fopi_tune.spec.model import DesignSpec, JointFamily, ModeSpec, SystemSpec
 from fopi_tune.spec.nodes import Table
 from fopi_tune.spec.places import Place
 from fopi_tune.spec.records import Key, Record, Values
@@ -46,18 +47,19 @@ def system_shape() -> Record:
         SYSTEM: Key(_modes_shape()),
         "scenarios": Key(scenarios_shape()),
         "limits": Key(limits_shape(), required=False),
-        "validation": Key(validation_shape(), required=False),
+        "validation": Key(validation_shape(MODES), required=False),
     }
     return Record("two loops that share their output and take turns", keys, lambda values, place: values, _EXAMPLE)
 
 
-def read_system(place: Place, sha256: str, loader: Loader) -> SystemSpec | None:
+def read_system(place: Place, sha256: str, loader: Loader, read: Reader) -> SystemSpec | None:
     """The system a document says, or None after reporting why there is none.
 
     Args:
         place: the document.
         sha256: of its bytes.
         loader: reads the specs that it names.
+        read: gives the file of samples that it names.
     """
     assert isinstance(place.node, Table)
     values = system_shape().readable(place)
@@ -71,6 +73,11 @@ def read_system(place: Place, sha256: str, loader: Loader) -> SystemSpec | None:
     throttle, brake = modes
     if throttle is None or brake is None or not _fit(throttle, brake, values, place):
         return None
+    drawn: PlacedValidation | None = values.get("validation")
+    family = JointFamily.of({mode.name: mode.spec.plant for mode in (throttle, brake)})
+    validation = None if drawn is None else resolved(drawn, family, read)
+    if place.report.problems:
+        return None
     plain = {key: value for key, value in told.items() if key not in MODES}
     return SystemSpec(
         name=values["name"],
@@ -78,7 +85,7 @@ def read_system(place: Place, sha256: str, loader: Loader) -> SystemSpec | None:
         **plain,
         scenarios=tuple(values["scenarios"]),
         limits=tuple(each.limit for each in values.get("limits") or ()),
-        validation=values.get("validation"),
+        validation=validation,
         description=values.get("description", ""),
         sha256=_digest(sha256, throttle, brake),
         schema=values["schema"],

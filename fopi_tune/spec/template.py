@@ -69,6 +69,13 @@ digital:
 validation:
   samples: 10000
   seed: 1
+  # design: random            # or latin_hypercube, sobol
+  # distributions:            # of the uncertain numbers, uniform on their ranges when left out; one of:
+  #   time_constant_s: {{truncated_normal: {{mean: 2.25, std: 0.4}}}}                   # without what lies outside
+  #   time_constant_s: {{beta: {{a: 2, b: 3}}}}                                         # on the range
+  #   time_constant_s: {{normal: {{mean: 2.25, std: 0.4}}}}                             # may leave the range
+  #   time_constant_s: {{nominal_plus_noise: {{shape: half_normal, mean: 0.85}}}}       # may; or normal, uniform
+  # samples_file: draws.csv   # instead: a CSV file beside this one, a header of uncertain numbers, a plant a row
 """
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from fopi_tune.errors import SpecError
+from fopi_tune.spec.draws import UnreadableError
 from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.spec.nodes import Items, Node, Refused, Scalar, Table
@@ -145,4 +146,9 @@ def spec_of(text: str, name: str = "<cell>") -> DesignSpec:
 
 def spec_at(tree: Node, report: Report, sha256: str = "") -> DesignSpec | None:
     """The spec that a tree says, or None after reporting why there is none."""
-    return read_spec(Place(tree, "", report), sha256)
+    return read_spec(Place(tree, "", report), sha256, _no_file)
+
+
+def _no_file(name: str) -> bytes:
+    """A cell is text that travels alone."""
+    raise UnreadableError("the specs of a study take no file of samples; draw the plants from distributions")

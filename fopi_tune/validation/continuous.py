@@ -82,7 +82,12 @@ def drive_loop(
     accuracy = float(np.abs(fine.output[::2][: len(runs[0].output)] - runs[0].output).max())
     reference = course(scenario.reference, scenario.initial_output, fine.time_s)
     rows = (fine.output, fine.rate, fine.output, fine.error, fine.control, fine.control)
-    traces = Traces(fine.time_s, *(row[None, :] for row in rows), mode=np.ones((1, len(reference)), dtype=np.int64))
+    traces = Traces(
+        fine.time_s,
+        *(row[None, :] for row in rows),
+        mode=np.ones((1, len(reference)), dtype=np.int64),
+        rate_after=fine.rate[None, :],
+    )
     run = Scenario(coarse / 2, Signals(reference), start=_start(scenario))
     return Continuous(
         reference, traces, measures_of(traces, [controller], run, horizon_of(scenario, run)), (), accuracy
@@ -125,7 +130,12 @@ def drive_inclusion(
     found = simulate_hybrid(car, _corners(scenario), scenario.duration_s, np.unique(times), start=start, watch=watch)
     reference = course(scenario.reference, scenario.initial_output, found.time_s)
     rows = (found.output, found.rate, found.output, found.error, found.control, found.control)
-    traces = Traces(found.time_s, *(row[None, :] for row in rows), mode=found.mode[None, :].astype(np.int64))
+    traces = Traces(
+        found.time_s,
+        *(row[None, :] for row in rows),
+        mode=found.mode[None, :].astype(np.int64),
+        rate_after=found.rate[None, :],
+    )
     hybrid = Hybrid(system.hysteresis, first=int(first))
     run = Scenario(step, Signals(reference), start=_start(scenario), hybrid=hybrid)
     measures = measures_of(traces, controllers, run, horizon_of(scenario, run))

@@ -14,15 +14,14 @@ _ROUNDING = 1e-8
 
 
 def contradictions(evidence: Evidence, certificate: Certificate | None) -> tuple[str, ...]:
-    """One sentence for every drawn plant of the family that lies beyond what is proved of all of them."""
+    """One sentence for everything proved of all plants of the family that one of those drawn lies beyond.
+
+    Drawn plants outside the family's box are not spoken of by any proof and contradict none.
+    """
     if certificate is None:
         return ()
     found = []
-    if (
-        certificate.stability.verdict is Verdict.PROVED
-        and evidence.stable.met < evidence.stable.total
-        and not evidence.outside
-    ):
+    if certificate.stability.verdict is Verdict.PROVED and evidence.unstable_inside:
         found.append("a drawn plant's loop is unstable, though the stability of all of them is proved")
     proofs = {id(proof.requirement): proof for proof in certificate.requirements}
     by_meaning = {_meaning(proof): proof for proof in proofs.values()}
@@ -32,10 +31,10 @@ def contradictions(evidence: Evidence, certificate: Certificate | None) -> tuple
         bound = None if proof is None else _bound(proof, judged.upper)
         if proof is None or bound is None:
             continue
-        for worst in judged.worst:
-            if worst.inside and math.isfinite(worst.value) and _is_beyond(judged, worst.value, bound):
-                name = judged.requirement.quantity
-                found.append(f"plant {worst.index} has {name} = {worst.value!r}, beyond the proved {bound!r}")
+        worst = judged.worst_inside
+        if worst is not None and math.isfinite(worst.value) and _is_beyond(judged, worst.value, bound):
+            name = judged.requirement.quantity
+            found.append(f"plant {worst.index} has {name} = {worst.value!r}, beyond the proved {bound!r}")
     return tuple(found)
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from fopi_tune.core.distributions import Uniform
 from fopi_tune.spec.model import ValidationSpec
-from fopi_tune.validation.drawn import Judged
+from fopi_tune.validation.drawn import Judged, WorstPlant
 from fopi_tune.validation.joint import SystemEvidence
 from fopi_tune.validation.montecarlo import Evidence
 from fopi_tune.validation.statistics import Fraction
@@ -15,8 +16,8 @@ from fopi_tune.validation.statistics import Fraction
 def to_document(evidence: Evidence) -> dict[str, Any]:
     """What the JSON of `fopi validate` says of the plants that were drawn; infinite numbers are null."""
     return {
-        "drawn": _drawn(evidence.validation, evidence.outside),
-        "stable": _fraction(evidence.stable),
+        "drawn": _drawn(evidence),
+        "stable": {**_fraction(evidence.stable), "missed_in_the_family": evidence.unstable_inside},
         "requirements": [_judged(judged) for judged in evidence.requirements],
         "limits": [_judged(judged) for judged in evidence.limits],
     }
@@ -25,7 +26,7 @@ def to_document(evidence: Evidence) -> dict[str, Any]:
 def system_document(evidence: SystemEvidence) -> dict[str, Any]:
     """What the JSON of `fopi validate` says of a system."""
     return {
-        "drawn": _drawn(evidence.validation, evidence.outside),
+        "drawn": _drawn(evidence),
         "scenarios": [
             {
                 "name": each.scenario,
@@ -38,13 +39,18 @@ def system_document(evidence: SystemEvidence) -> dict[str, Any]:
     }
 
 
-def _drawn(drawn: ValidationSpec, outside: int) -> dict[str, Any]:
+def _drawn(evidence: Evidence | SystemEvidence) -> dict[str, Any]:
+    """How plants were drawn, and how many of them no proof speaks of."""
+    drawn = evidence.validation
     return {
         "samples": drawn.samples,
         "seed": drawn.seed,
-        "design": drawn.design,
+        "design": drawn.design if drawn.samples_file is None else None,
         "confidence": drawn.confidence,
-        "outside_the_family": outside,
+        "distributions": _distributions(drawn, evidence.numbers),
+        "samples_file": _file(drawn),
+        "outside_the_family": evidence.outside,
+        "no_plants": evidence.no_plants,
     }
 
 
@@ -69,16 +75,33 @@ def _judged(judged: Judged) -> dict[str, Any]:
             {"probability": q.probability, "value": _finite(q.value), "low": _finite(q.low), "high": _finite(q.high)}
             for q in judged.quantiles
         ],
-        "worst": [
-            {
-                "index": worst.index,
-                "value": _finite(worst.value),
-                "plant": dict(worst.plant),
-                "in_the_family": worst.inside,
-            }
-            for worst in judged.worst
-        ],
+        "worst": [_worst(worst) for worst in judged.worst],
+        "missed_in_the_family": judged.missed_inside,
+        "worst_in_the_family": None if judged.worst_inside is None else _worst(judged.worst_inside),
     }
+
+
+def _worst(worst: WorstPlant) -> dict[str, Any]:
+    return {
+        "index": worst.index,
+        "value": _finite(worst.value),
+        "plant": dict(worst.plant),
+        "in_the_family": worst.inside,
+    }
+
+
+def _distributions(drawn: ValidationSpec, numbers: tuple[str, ...]) -> dict[str, Any] | None:
+    """Of every uncertain number as a spec writes it; null where the plants come from a file."""
+    if drawn.samples_file is not None:
+        return None
+    return {name: drawn.distributions.get(name, Uniform()).words() for name in numbers}
+
+
+def _file(drawn: ValidationSpec) -> dict[str, Any] | None:
+    listed = drawn.samples_file
+    if listed is None:
+        return None
+    return {"name": listed.name, "sha256": listed.sha256, "rows": len(listed.table.rows)}
 
 
 def _fraction(fraction: Fraction) -> dict[str, Any]:

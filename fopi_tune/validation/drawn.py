@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.samples import outside_box, why_impossible
+from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import Limit, Relation, Requirement, ScenarioSpec, ValidationSpec
-from fopi_tune.validation.draws import Design, Draw, outside_box, points
+from fopi_tune.validation.counted import Counted, Marked, count, merge_counts
+from fopi_tune.validation.draws import Design, Draw, Listed, points, stays_inside
 from fopi_tune.validation.judged import MEASURE_VALUES, horizon_of
 from fopi_tune.validation.scenario import Array, Mode, Scenario
 from fopi_tune.validation.simulate import measure_chunks
 from fopi_tune.validation.statistics import Fraction, Quantile
-from fopi_tune.validation.tally import Tally, Worst, merge, tally
+from fopi_tune.validation.tally import Found, Worst
 
 #: plants whose simulations are in memory at once
 _SIMULATED = 8192
@@ -56,6 +60,8 @@ class Judged:
         fraction: of the plants that met it, with its interval.
         quantiles: of the values.
         worst: the worst plants, the worst first.
+        missed_inside: plants of the family that did not meet it.
+        worst_inside: the worst plant of the family; None when none of it was drawn.
     """
 
     requirement: Requirement | None
@@ -65,6 +71,8 @@ class Judged:
     fraction: Fraction
     quantiles: tuple[Quantile, ...]
     worst: tuple[WorstPlant, ...]
+    missed_inside: int = 0
+    worst_inside: WorstPlant | None = None
 
 
 @dataclass(frozen=True)
@@ -101,13 +109,27 @@ class Drawn:
         """Of every random number."""
         return self.validation.seed
 
+    @cached_property
+    def draw(self) -> Draw:
+        """What is drawn."""
+        return draw_of(self.validation)
+
+    @cached_property
+    def is_free(self) -> bool:
+        """Whether a draw may leave the family's box."""
+        return not stays_inside(self.draw, self.family)
+
     def places(self, first: int, end: int) -> Array:
         """Uncertain numbers of the draws first to end - 1, shape (end - first, p)."""
-        return points(draw_of(self.validation), self.family, first, end - first)
+        return points(self.draw, self.family, first, end - first)
+
+    def marked(self, first: int, end: int) -> Marked:
+        """The same with what is no plant replaced, and where each lies."""
+        return Marked.of(self.places(first, end), self.family, first, self.is_free)
 
     def plants(self, first: int, end: int) -> Plants:
         """The draws first to end - 1 as plants of the family's model."""
-        return Plants.members(self.family, self.places(first, end))
+        return Plants.members(self.family, self.marked(first, end).places)
 
     def chunks(self, size: int) -> Iterator[tuple[int, int]]:
         """(first, end) of so many draws at a time."""
@@ -115,9 +137,22 @@ class Drawn:
         for first in range(0, total, size):
             yield first, min(first + size, total)
 
-    def outside(self) -> int:
-        """How many draws lie outside the box."""
-        return sum(int(outside_box(self.places(*chunk), self.family).sum()) for chunk in self.chunks(_SIMULATED))
+    def strays(self) -> tuple[int, int]:
+        """Plants outside the family's box, and draws that are no plants.
+
+        Raises:
+            DomainError: none of the draws is a plant.
+        """
+        if not self.is_free:
+            return 0, 0
+        plants = inside = 0
+        for drawn in (self.marked(*chunk) for chunk in self.chunks(_SIMULATED)):
+            plants += int(drawn.is_plant.sum())
+            inside += int(drawn.inside.sum())
+        if not plants:
+            why = why_impossible(self.places(0, 1)[0], self.family)
+            raise DomainError(f"no draw is a plant; the first: {why}.  Check distributions: in section validation")
+        return plants - inside, self.validation.samples - plants
 
     def simulations(
         self, limits: Sequence[Limit], scenario: ScenarioSpec, modes: Sequence[Mode], run: Scenario, done: Done
@@ -132,46 +167,57 @@ class Drawn:
             done: told how many plants are done.
         """
         limits = limits_about(limits, scenario)
-        parts: list[list[Tally]] = []
+        parts: list[list[Counted]] = []
         first = 0
         horizon = horizon_of(scenario, run)
         for measures in measure_chunks(modes, run, horizon, self.validation.samples, chunk=_SIMULATED):
-            tallies = [_marked(first, measures.finite), _marked(first, ~measures.chattering)]
+            drawn = self.marked(first, first + len(measures.finite))
+            counts = [_yes(drawn, measures.finite), _yes(drawn, ~measures.chattering)]
             for limit in limits:
                 upper = limit.relation is Relation.AT_MOST
                 values = MEASURE_VALUES[limit.measure](measures)
                 values = np.where(np.isnan(values), np.inf if upper else -np.inf, values)
                 met = values <= limit.limit if upper else values >= limit.limit
-                tallies.append(tallied(first, values, met, upper))
-            parts.append(tallies)
+                counts.append(counted(drawn, values, met, upper))
+            parts.append(counts)
             first += len(measures.finite)
             done(first)
-        finite, calm, *rest = (merge(column) for column in zip(*parts, strict=True))
+        finite, calm, *rest = (merge_counts(column) for column in zip(*parts, strict=True))
         judged = [
             self.judged(t, e.relation is Relation.AT_MOST, limit=e, scenario=scenario.name)
             for t, e in zip(rest, limits, strict=True)
         ]
         sure = self.validation.confidence
-        return Simulations(scenario.name, finite.fraction(sure), calm.fraction(sure), tuple(judged))
+        return Simulations(scenario.name, finite.tally.fraction(sure), calm.tally.fraction(sure), tuple(judged))
 
     def judged(
         self,
-        found: Tally,
+        found: Counted,
         upper: bool,
         *,
         requirement: Requirement | None = None,
         limit: Limit | None = None,
         scenario: str | None = None,
     ) -> Judged:
-        """A tally with its intervals and its worst plants."""
-        confidence = self.validation.confidence
-        worst = []
-        for each in found.worst:
-            place = self.places(each.index, each.index + 1)
-            inside = not bool(outside_box(place, self.family)[0])
-            worst.append(WorstPlant(each.index, each.value, self.family.describe(place[0]), inside))
-        quantiles = found.quantiles(PROBABILITIES, confidence)
-        return Judged(requirement, limit, scenario, upper, found.fraction(confidence), quantiles, tuple(worst))
+        """Counts with their intervals and their worst plants."""
+        confidence, tally = self.validation.confidence, found.tally
+        return Judged(
+            requirement=requirement,
+            limit=limit,
+            scenario=scenario,
+            upper=upper,
+            fraction=tally.fraction(confidence),
+            quantiles=tally.quantiles(PROBABILITIES, confidence),
+            worst=tuple(self.worst_plant(each) for each in tally.worst),
+            missed_inside=found.missed_inside,
+            worst_inside=None if found.worst_inside is None else self.worst_plant(found.worst_inside),
+        )
+
+    def worst_plant(self, found: Found) -> WorstPlant:
+        """The plant of a draw."""
+        place = self.places(found.index, found.index + 1)
+        inside = not bool(outside_box(place, self.family)[0])
+        return WorstPlant(found.index, found.value, self.family.describe(place[0]), inside)
 
 
 def limits_about(limits: Sequence[Limit], scenario: ScenarioSpec) -> list[Limit]:
@@ -189,15 +235,17 @@ def steps_of(progress: Progress | None, samples: int, count: int) -> list[Done]:
 
 
 def draw_of(validation: ValidationSpec) -> Draw:
-    """The draws that a spec's section `validation` asks for."""
-    return Draw(seed=validation.seed, design=Design(validation.design), total=validation.samples)
+    """The draws that a spec's section `validation` asks for; those of a file are its rows in their order."""
+    listed = validation.samples_file
+    source = validation.distributions if listed is None else Listed(listed.table)
+    return Draw(validation.seed, Design(validation.design), validation.samples, source)
 
 
-def _marked(first: int, met: np.ndarray) -> Tally:
-    """A chunk of yes and no."""
-    return tally(np.where(met, 0.0, 1.0), met, first, Worst.LARGEST, KEPT)
-
-
-def tallied(first: int, values: Array, met: np.ndarray, upper: bool) -> Tally:
+def counted(drawn: Marked, values: Array, met: np.ndarray, upper: bool) -> Counted:
     """A chunk of values of which the large (upper) or the small ones are the worst."""
-    return tally(values, met, first, Worst.LARGEST if upper else Worst.SMALLEST, KEPT)
+    return count(drawn, values, met, Worst.LARGEST if upper else Worst.SMALLEST, KEPT)
+
+
+def _yes(drawn: Marked, met: np.ndarray) -> Counted:
+    """A chunk of yes and no."""
+    return counted(drawn, np.where(met, 0.0, 1.0), met, True)

@@ -29,12 +29,16 @@ class SystemEvidence:
     Args:
         validation: how it was drawn.
         scenarios: what was driven, and how often it kept its limits.
-        outside: draws outside the box.
+        outside: pairs outside the box.
+        no_plants: draws that are no plants; they count nowhere else.
+        numbers: names of the uncertain numbers.
     """
 
     validation: ValidationSpec
     scenarios: tuple[Simulations, ...]
     outside: int
+    no_plants: int = 0
+    numbers: tuple[str, ...] = ()
 
     @property
     def all_met(self) -> bool:
@@ -95,10 +99,11 @@ def system_evidence(
         progress: told how many plants are done.
     """
     drawn = Drawn(system.family, system.validation or ValidationSpec())
-    modes = modes_of(system, implementations, drawn.places)
+    modes = modes_of(system, implementations, lambda first, end: drawn.marked(first, end).places)
+    outside, no_plants = drawn.strays()
     done = steps_of(progress, drawn.validation.samples, len(system.scenarios))
     found = []
     for scenario, each in zip(system.scenarios, done, strict=True):
         run = hybrid_scenario(system, scenario, implementations[0], drawn.seed)
         found.append(drawn.simulations(system.limits, scenario, modes, run, each))
-    return SystemEvidence(drawn.validation, tuple(found), drawn.outside())
+    return SystemEvidence(drawn.validation, tuple(found), outside, no_plants, system.family.uncertain_names)

@@ -37,7 +37,7 @@ MEASURE_VALUES: dict[str, Callable[[Measures], Array]] = {
     "saturation_time_s": lambda found: found.saturated_s,
     "peak_control": lambda found: found.peak_control,
     "final_error": lambda found: np.abs(found.final_error),
-    "switch_count": lambda found: found.switches.astype(float),
+    "switch_count": lambda found: np.where(found.finite, found.switches, np.nan),
 }
 
 

@@ -1,6 +1,6 @@
 """Where the compiled simulation keeps its numbers:  a scratch array of rows of `WIDTH` doubles, one lane a plant.
 
-What a mode's controller has is a slot; slot A belongs to the active mode.
+What the controllers are made of is the same for all lanes and not here; a lane selects its mode's numbers.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: lanes: two of the widest registers, so that one chain of operations fills the wait of the other
-WIDTH = 16
+#: lanes: four of the widest registers, so that one chain of operations fills the wait of the others
+WIDTH = 32
 
 #: results, a row each
 RESULTS = (
@@ -18,17 +18,18 @@ RESULTS = (
     "chattering", "final_error", "finite",
 )  # fmt: skip
 #: traces, a row each
-TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode")
+TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", "rate_after")
 
 PEAK_RATE, OVER, OUTSIDE, IAE, ISE, SATURATED, PEAK_U = (WIDTH * i for i in range(7))
 SWITCHES, LONGEST, CHATTER, ERROR, FINITE = (WIDTH * i for i in range(7, 12))
 RUN, JUMPED, APPLIED, MODE, BEFORE, CONTROL, LOAD, ARRIVED = (WIDTH * i for i in range(12, 20))
-OLD_CONTROL, OLD_LOAD, OLD_ARRIVED, NOISE = (WIDTH * i for i in range(20, 24))
-#: rows with a fixed place, noise for four samples included
-FIXED_ROWS = 28
-#: rows of a slot before its coefficients p, w, r of every section
-SLOT_ROWS = 7
-DIRECT, GAIN, LOW, HIGH, LAST, START, INTEGRATES, SECTIONS = (WIDTH * i for i in range(SLOT_ROWS + 1))
+OLD_CONTROL, OLD_LOAD, OLD_ARRIVED, LAST, OTHER_LAST, SEEN, EXCESS, RECENT, NOISE = (WIDTH * i for i in range(20, 29))
+#: four rows each, for the noise of four samples; a pack may be read from the last place
+TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
+#: rows with a fixed place
+FIXED_ROWS = 42
+#: a controller's numbers before p, w, r of every section
+DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, SECTIONS = range(7)
 HOLD, TRACK, RESET = 0, 1, 2
 
 
@@ -55,8 +56,10 @@ class Settings(NamedTuple):
     bumpless: int
     delayed: int
     ring: int
+    same_late: int
     loaded: int
     load_delayed: int
+    prompt: int
     steps: int
     width: int
     keep: int
@@ -68,10 +71,8 @@ class Layout(NamedTuple):
     x: int
     plant: int
     following: int
-    slot_a: int
-    slot_b: int
-    active_0: int
-    active_1: int
+    active: int
+    spare: int
     inactive_0: int
     inactive_1: int
     size: int
@@ -79,6 +80,5 @@ class Layout(NamedTuple):
 
 def layout(order: int, plant_rows: int, sections: int) -> Layout:
     """The places for plants of an order with so many rows of numbers behind their states, and controllers."""
-    slot = SLOT_ROWS + 3 * sections
-    rows = (order, plant_rows, order, slot, slot, sections, sections, sections, sections)
+    rows = (order, plant_rows, order, sections, sections, sections, sections)
     return Layout(*(int(WIDTH * place) for place in np.cumsum((FIXED_ROWS, *rows))))

@@ -1,4 +1,4 @@
-"""Vectors of doubles for Numba:  `WIDTH` loops side by side in one value, each computed as it would be alone.
+"""Vectors for Numba:  `WIDTH` loops side by side in one value, each computed as it would be alone.
 
 LLVM gives up on vectorising loops over many arrays that might overlap; operations on its vector type need no proof of
 that.  There is no contraction and no reassociation: a lane's result has no other bits than the scalar operation's.
@@ -20,6 +20,7 @@ from fopi_tune.validation.layout import WIDTH
 
 _DOUBLES = ir.VectorType(ir.DoubleType(), WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
+_INTEGERS = ir.VectorType(ir.IntType(64), WIDTH)
 
 
 #: Numba fills in a function by the signature and the generator it returns; its users call what is filled in
@@ -40,6 +41,13 @@ class Mask(types.Type):
         super().__init__(f"Mask{WIDTH}")
 
 
+class Words(types.Type):
+    """The type of WIDTH unsigned words of 64 bits."""
+
+    def __init__(self) -> None:
+        super().__init__(f"Words{WIDTH}")
+
+
 @register_model(Pack)
 class _PackModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
@@ -52,7 +60,13 @@ class _MaskModel(models.PrimitiveModel):
         super().__init__(manager, kind, _BITS)
 
 
-_PACK, _MASK = Pack(), Mask()
+@register_model(Words)
+class _WordsModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _INTEGERS)
+
+
+_PACK, _MASK, _WORDS = Pack(), Mask(), Words()
 
 
 @_instruction
@@ -66,6 +80,12 @@ def pointer(_typing: Any, array: Any) -> Any:
         return context.make_array(sig.args[0])(context, builder, args[0]).data
 
     return types.CPointer(array.dtype)(array), generate
+
+
+@_instruction
+def behind(_typing: Any, begin: Any, place: Any) -> Any:
+    """The pointer to a place."""
+    return begin(begin, types.intp), lambda _context, builder, _sig, args: builder.gep(args[0], [args[1]])
 
 
 def _place(builder: Any, args: Any) -> Any:
@@ -93,16 +113,87 @@ def store(_typing: Any, begin: Any, place: Any, pack: Any) -> Any:
     return types.void(begin, types.intp, pack), generate
 
 
+def _spread(builder: Any, kind: Any, value: Any) -> Any:
+    index = ir.IntType(32)
+    one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(index, 0))
+    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(index, WIDTH), [0] * WIDTH))
+
+
 @_instruction
 def spread(_typing: Any, value: Any) -> Any:
     """A number in every lane."""
+    return _PACK(types.float64), lambda _context, builder, _sig, args: _spread(builder, _DOUBLES, args[0])
+
+
+@_instruction
+def words(_typing: Any, first: Any, step: Any) -> Any:
+    """The words first, first + step, first + 2 step, ..."""
 
     def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        index = ir.IntType(32)
-        one = builder.insert_element(ir.Constant(_DOUBLES, ir.Undefined), args[0], ir.Constant(index, 0))
-        return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(index, WIDTH), [0] * WIDTH))
+        begin, step = (_spread(builder, _INTEGERS, number) for number in args)
+        return builder.add(begin, builder.mul(step, ir.Constant(_INTEGERS, list(range(WIDTH)))))
 
-    return _PACK(types.float64), generate
+    return _WORDS(types.uint64, types.uint64), generate
+
+
+@_instruction
+def products(_typing: Any, pack: Any, factor: Any) -> Any:
+    """Lane by lane the upper and the lower 64 bits of a product, by the halves that vectors can multiply."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        half, mask = (ir.Constant(_INTEGERS, [number] * WIDTH) for number in (32, 2**32 - 1))
+        one, two = args[0], _spread(builder, _INTEGERS, args[1])
+        parts = [(builder.and_(word, mask), builder.lshr(word, half)) for word in (one, two)]
+        ll, lh, hl, hh = (builder.mul(x, y) for x in parts[0] for y in parts[1])
+        first = builder.add(hl, builder.lshr(ll, half))
+        second = builder.add(lh, builder.and_(first, mask))
+        upper = builder.add(builder.add(hh, builder.lshr(first, half)), builder.lshr(second, half))
+        lower = builder.or_(builder.shl(second, half), builder.and_(ll, mask))
+        return context.make_tuple(builder, sig.return_type, (upper, lower))
+
+    return types.UniTuple(_WORDS, 2)(_WORDS, types.uint64), generate
+
+
+@_instruction
+def upper_bits(_typing: Any, pack: Any) -> Any:
+    """The upper 52 bits of every word as a number."""
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        # a number below 2^63 has the same value with a sign
+        return builder.sitofp(builder.lshr(args[0], ir.Constant(_INTEGERS, [12] * WIDTH)), _DOUBLES)
+
+    return _PACK(_WORDS), generate
+
+
+@_instruction
+def squeeze(_typing: Any, begin: Any, place: Any, pack: Any, mask: Any) -> Any:
+    """Write the lanes of a mask without gaps behind pointer + place."""
+
+    def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [_DOUBLES, ir.DoubleType().as_pointer(), _BITS])
+        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.masked.compressstore.v{WIDTH}f64")
+        builder.call(function, [args[2], builder.gep(args[0], [args[1]]), args[3]])
+        return context.get_dummy_value()
+
+    return types.void(begin, types.intp, _PACK, _MASK), generate
+
+
+@_instruction
+def stretch(_typing: Any, begin: Any, place: Any, mask: Any, others: Any) -> Any:
+    """What `squeeze` wrote, in the lanes of the mask."""
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        kind = ir.FunctionType(_DOUBLES, [ir.DoubleType().as_pointer(), _BITS, _DOUBLES])
+        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.masked.expandload.v{WIDTH}f64")
+        return builder.call(function, [builder.gep(args[0], [args[1]]), args[2], args[3]])
+
+    return _PACK(begin, types.intp, _MASK, _PACK), generate
+
+
+@_instruction
+def count(_typing: Any, word: Any) -> Any:
+    """How many bits are set."""
+    return types.int64(types.int64), lambda _context, builder, _sig, args: builder.ctpop(args[0])
 
 
 @_instruction
@@ -122,13 +213,13 @@ def bits(_typing: Any, mask: Any) -> Any:
 
 
 @_instruction
-def lowest(_typing: Any, word: Any) -> Any:
-    """The place of the lowest bit that is set."""
+def lanes(_typing: Any, word: Any) -> Any:
+    """The mask of a whole number."""
 
     def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+        return builder.bitcast(builder.trunc(args[0], ir.IntType(WIDTH)), _BITS)
 
-    return types.int64(types.int64), generate
+    return _MASK(types.int64), generate
 
 
 def _by_llvm(name: str) -> Callable[..., Any]:
@@ -152,15 +243,9 @@ def rounded(_typing: Any, pack: Any) -> Any:
 
 
 @_instruction
-def upper_product(_typing: Any, one: Any, two: Any) -> Any:
-    """The upper 64 bits of the product of two words."""
-
-    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        wide = ir.IntType(128)
-        product = builder.mul(builder.zext(args[0], wide), builder.zext(args[1], wide))
-        return builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), ir.IntType(64))
-
-    return types.uint64(types.uint64, types.uint64), generate
+def root(_typing: Any, pack: Any) -> Any:
+    """Lane by lane the square root."""
+    return _PACK(_PACK), _by_llvm("sqrt")
 
 
 def _operator(function: Any, operand: Any, result: Any, emit: Callable[[Any, Any, Any], Any]) -> None:
@@ -187,3 +272,5 @@ _operator(operator.ge, _PACK, _MASK, lambda builder, x, y: builder.fcmp_ordered(
 _operator(operator.ne, _PACK, _MASK, lambda builder, x, y: builder.fcmp_unordered("!=", x, y))
 _operator(operator.and_, _MASK, _MASK, lambda builder, x, y: builder.and_(x, y))
 _operator(operator.or_, _MASK, _MASK, lambda builder, x, y: builder.or_(x, y))
+_operator(operator.add, _WORDS, _WORDS, lambda builder, x, y: builder.add(x, y))
+_operator(operator.xor, _WORDS, _WORDS, lambda builder, x, y: builder.xor(x, y))

@@ -79,6 +79,16 @@ class HeldPlants:
         """n."""
         return self.output.shape[1]
 
+    @property
+    def is_prompt(self) -> NDArray[np.bool_]:
+        """Whether control and load act at the samples, not between them; shape (m,)."""
+        return ~(np.any(self.control.weight[0] != 0.0, axis=1) | np.any(self.load.weight[0] != 0.0, axis=1))
+
+    @property
+    def rate_step(self) -> Array:
+        """By how much dy/dt jumps at a sample, for each unit by which what acts does; shape (m,)."""
+        return np.where(self.is_prompt, self.rate_input, 0.0)
+
     def begin(self, start: Start) -> tuple[Array, Array]:
         """States, shape (m, n), and the input before the first sample, shape (m,), that give the initial output.
 
@@ -139,7 +149,10 @@ def _delayed(a: Array, samples: Array) -> Delayed:
         raise DomainError(f"the delay is {samples.max():.3g} samples long; take a longer sample time")
     whole = np.floor(samples + _WHOLE)
     part = np.clip(samples - whole, 0.0, 1.0)
-    before, after = segment(a, part), segment(a, 1.0 - part)
+    m, n = a.shape[:2]
+    # most delays are whole, most often 0
+    none = np.broadcast_to(np.eye(n), (m, n, n)), np.zeros((m, n))
+    before, after = segment(a, part) if part.any() else none, segment(a, 1.0 - part)
     both = np.stack([before[0], after[0]]), np.stack([before[1], after[1]])
     return Delayed(whole.astype(np.int64), *both)
 

@@ -29,15 +29,15 @@ def simulate_plainly(
         first_index: of the first plant; the noise depends on it.
     """
     m, steps = len(plants[0]), len(scenario.signals)
-    rows = np.zeros((7, m, steps))
+    rows = np.zeros((8, m, steps))
     with np.errstate(all="ignore"):
         for i in range(m):
             run = _Run(controllers, plants, scenario, i, first_index + i)
             for k in range(steps):
                 rows[:, i, k] = run.sample(k)
     time_s = np.asarray(scenario.sample_time_s * np.arange(steps), dtype=float)
-    y, rate, measured, error, demanded, applied, mode = rows
-    return Traces(time_s, y, rate, measured, error, demanded, applied, mode.astype(np.int64))
+    y, rate, measured, error, demanded, applied, mode, after = rows
+    return Traces(time_s, y, rate, measured, error, demanded, applied, mode.astype(np.int64), after)
 
 
 def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenario, horizon: Horizon) -> Measures:
@@ -57,11 +57,15 @@ def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenar
         jumps = [np.flatnonzero(np.diff(row, prepend=_first(scenario))) for row in traces.mode]
         finite = np.all(np.isfinite(traces.output) & np.isfinite(traces.rate), axis=1)
 
+        peak_rate = np.abs(traces.rate[:, late]).max(axis=1)
+        # what begins with the last sample is beyond the end
+        peak_rate = np.maximum(peak_rate, np.abs(traces.rate_after[:, first:-1]).max(axis=1, initial=0.0))
+
         def known(values: Array) -> Array:
             return np.where(finite, values, np.nan)
 
         return Measures(
-            known(np.abs(traces.rate[:, late]).max(axis=1)),
+            known(peak_rate),
             known((direction * beyond if direction else off).max(axis=1)),
             np.where(finite, settled, np.inf),
             known(Ts * np.abs(error).sum(axis=1)),
@@ -137,8 +141,21 @@ class _Run:
             )
         self.applied.append(self.last)
         self.modes.append(self.mode)
+        after = self._rate_after(k, y, rate)
         self._flow(k)
-        return y, rate, measured, reference - measured, demanded, self.last, self.mode + 1.0
+        return y, rate, measured, reference - measured, demanded, self.last, self.mode + 1.0, after
+
+    def _rate_after(self, k: int, y: float, rate: float) -> float:
+        """dy/dt just after the sample, if something acts there anew."""
+        i = self.row
+        if not self.plants[0].is_prompt[i]:
+            return rate
+        place = k - int(self.plants[0].control.late[i])
+        if self.scenario.hybrid is None:
+            new = self._control(place) + self._load(k - int(self.plants[0].load.late[i]))
+            return rate + float(self.plants[0].rate_input[i]) * (new - self.before)
+        held = self.plants[self.modes[place] if place >= 0 else self.scenario.hybrid.first - 1]
+        return float(held.rate_state[i, 0]) * y + float(held.rate_input[i]) * (self._control(place) + self._load(k))
 
     def _measured(self, y: float, k: int) -> float:
         sensor = self.scenario.sensor

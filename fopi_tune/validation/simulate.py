@@ -16,7 +16,7 @@ import numpy as np
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital.runtime import Runtime, init
 from fopi_tune.errors import DomainError
-from fopi_tune.validation.layout import RESULTS, SLOT_ROWS, TRACES, WIDTH, Settings, layout
+from fopi_tune.validation.layout import RESULTS, SECTIONS, TRACES, WIDTH, Settings, layout
 from fopi_tune.validation.plants import HeldPlants, hold
 from fopi_tune.validation.scenario import Array, Horizon, Hybrid, Measures, Mode, Scenario, Traces
 from fopi_tune.validation.threads import threads as usual_threads
@@ -26,7 +26,7 @@ CHUNK = 8192
 
 
 def simulate(modes: Sequence[Mode], scenario: Scenario, count: int | None = None, first_index: int = 0) -> Traces:
-    """All signals of a few plants; 7 numbers a plant and sample are kept.
+    """All signals of a few plants; 8 numbers a plant and sample are kept.
 
     Args:
         modes: one, or two of a hybrid loop.
@@ -42,7 +42,7 @@ def simulate(modes: Sequence[Mode], scenario: Scenario, count: int | None = None
     kept = _run(modes, held, scenario, Horizon(0.0), first_index, keep=True)[1]
     time_s = np.asarray(scenario.sample_time_s * np.arange(len(scenario.signals)), dtype=float)
     signals = dict(zip(TRACES[:6], kept, strict=False))
-    return Traces(time_s, **signals, mode=kept[6].astype(np.int64) + 1)
+    return Traces(time_s, **signals, mode=kept[6].astype(np.int64) + 1, rate_after=kept[7])
 
 
 def measure(
@@ -147,7 +147,7 @@ def _discretised(parts: Sequence[Plants], scenario: Scenario) -> list[HeldPlants
 def _run(
     modes: Sequence[Mode], held: list[HeldPlants], scenario: Scenario, horizon: Horizon, begin: int, keep: bool = False
 ) -> tuple[Array, Array]:
-    """Results, shape (12, m), and traces, shape (7, m, steps) when they are kept."""
+    """Results, shape (12, m), and traces, shape (8, m, steps) when they are kept."""
     from fopi_tune.validation.kernel import run_blocks
 
     m, steps = len(held[0]), len(scenario.signals)
@@ -161,10 +161,10 @@ def _run(
     results = np.zeros((len(RESULTS), blocks * WIDTH))
     traces = np.zeros(len(TRACES) * steps * blocks * WIDTH if keep else 0)
     controllers = np.array([_rows(mode.controller, settings.sections) for mode in modes])
-    scratch = _aligned(places.size + (2 * max(settings.ring, 1) + settings.most_switches) * WIDTH)
+    scratch, jumps = _aligned(places.size + 2 * max(settings.ring, 1) * WIDTH), np.zeros(steps, dtype=np.int64)
     reference = scenario.signals.reference
     run_blocks(
-        0, blocks, settings, places, table, late, controllers, reference, signal, results, traces, scratch
+        0, blocks, settings, places, table, late, controllers, reference, signal, results, traces, scratch, jumps
     )  # fmt: skip
     kept = traces.reshape(len(TRACES), steps if keep else 0, blocks * WIDTH)[:, :, :m].transpose(0, 2, 1)
     return results[:, :m], kept
@@ -178,13 +178,13 @@ def _aligned(count: int) -> Array:
 
 
 def _rows(controller: Runtime, sections: int) -> Array:
-    """A slot's numbers, as `layout` has them; sections that are missing are 0 and stay 0."""
+    """A controller's numbers, as `layout` has them; sections that are missing are 0 and stay 0."""
     low, high = controller.limits
     start = float(init(controller).output)
-    rows = np.zeros(SLOT_ROWS + 3 * sections)
-    rows[:SLOT_ROWS] = controller.direct, controller.tracking_gain, low, high, start, start, controller.has_integrator
+    rows = np.zeros(SECTIONS + 3 * sections)
+    rows[:SECTIONS] = controller.direct, controller.tracking_gain, low, high, start, controller.has_integrator
     for place, row in enumerate((controller.poles, controller.weights, controller.residues)):
-        rows[SLOT_ROWS + place : SLOT_ROWS + 3 * len(row) : 3] = row
+        rows[SECTIONS + place : SECTIONS + 3 * len(row) : 3] = row
     return rows
 
 
@@ -197,7 +197,7 @@ def _table(held: list[HeldPlants], scenario: Scenario, width: int) -> Array:
         transition, new, old = first.control.whole
         _, load_new, load_old = first.load.whole
         plant = [transition.reshape(m, n * n), new, old, load_new, load_old, first.output, first.rate_state]
-        plant += [first.direct[:, None], first.rate_input[:, None]]
+        plant += [first.direct[:, None], first.rate_input[:, None], first.rate_step[:, None]]
     else:
         plant = []
         for part in held:
@@ -240,8 +240,10 @@ def _settings(
         bumpless=int(scenario.start.bumpless),
         delayed=int(delayed),
         ring=late + 1 if late else 0,
+        same_late=int(np.all(held[0].control.late == late)),
         loaded=int(scenario.signals.load is not None),
         load_delayed=int(load_delayed),
+        prompt=int(all(part.is_prompt.all() for part in held)),
         steps=len(scenario.signals),
         width=-(-len(held[0]) // WIDTH) * WIDTH,
         keep=int(keep),

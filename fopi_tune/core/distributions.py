@@ -1,31 +1,36 @@
 """Distributions of an uncertain number:  u in (0, 1), Uncertain -> value, by the inverse of the distribution function.
 
-`Uniform`, `TruncatedNormal` and `Beta` stay within the number's range.  `Normal`, `FoldedNoise` and `UniformNoise` may
-leave it: they are readings of "the nominal value plus random noise with mean value m", which does not say whose mean
-and which shape.  For a nominal value n,
+`Uniform`, `TruncatedNormal` and `Beta` stay within the number's range.  `Normal` and the noises may leave it: they are
+readings of "the nominal value plus random noise with mean value m", which does not say whose mean and which shape.  For
+a nominal value n,
 
-    Normal(n + m, std)   the noise itself has the mean m and some spread
+    NormalNoise(m, std)  n + noise; the noise itself has the mean m and some spread
     FoldedNoise(m)       n + |noise|, normal noise of mean 0 whose size has the mean m
     UniformNoise(m)      n + noise, uniform on [0, 2 m]
-    Normal(n, m sqrt(pi/2))   noise to both sides whose size has the mean m
+    NormalNoise(0, m sqrt(pi/2))   noise to both sides whose size has the mean m
 
 Only arithmetic and SciPy's scalar functions are used, so that a value does not depend on its neighbours in the array.
+SciPy is loaded when values are drawn: a spec is read without it.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from fopi_tune.core.plant import Uncertain
 from fopi_tune.errors import DomainError
 
 Array = NDArray[np.float64]
+#: what a spec says: a word, or a word with its numbers
+Words = str | Mapping[str, Mapping[str, float | str | list[float]]]
+#: no u of a draw lies further out: |Phi^-1(2^-53)| = 8.21 standard deviations, and 8.29 at 2^-54
+_FARTHEST = 9.0
 
 
 class Distribution(ABC):
@@ -47,6 +52,20 @@ class Distribution(ABC):
     def limits(self, number: Uncertain) -> tuple[float, float]:
         """The least and the greatest possible value, infinite where there is none."""
 
+    @abstractmethod
+    def words(self) -> Words:
+        """The distribution as a spec writes it."""
+
+    def reach(self, number: Uncertain) -> tuple[float, float]:
+        """Ends that no draw passes: a random number of 53 bits does not come close to infinitely many deviations."""
+        return self.limits(number)
+
+    def problem(self, number: Uncertain) -> str | None:
+        """Why nothing can be drawn for this number and what to do, or None."""
+        if all(map(math.isfinite, self.reach(number))):
+            return None
+        return "has values that are too large for a floating-point number; write smaller numbers"
+
 
 @dataclass(frozen=True)
 class Uniform(Distribution):
@@ -59,6 +78,10 @@ class Uniform(Distribution):
     def limits(self, number: Uncertain) -> tuple[float, float]:
         """The range."""
         return number.min, number.max
+
+    def words(self) -> Words:
+        """uniform."""
+        return "uniform"
 
 
 @dataclass(frozen=True)
@@ -79,21 +102,42 @@ class TruncatedNormal(Distribution):
             DomainError: the range's probability cannot be told from 0, or is so small a part of its tail's that
                 differences lose their digits.
         """
-        a, b = (number.min - self.mean) / self.std, (number.max - self.mean) / self.std
-        # the upper tail is computed as the lower one, where probabilities keep their digits
-        sign = -1.0 if a > 0.0 else 1.0
+        from scipy import special
+
+        if (problem := self.problem(number)) is not None:
+            raise DomainError(f"{self} {problem}")
+        sign, a, b = self._ends(number)
         start, end = special.ndtr(sign * a), special.ndtr(sign * b)
-        where = f"[{number.min!r}, {number.max!r}]"
-        if max(start, end) < 1e-290:
-            raise DomainError(f"{self} has next to no probability on {where}; check mean and std")
-        if abs(end - start) < 1e-6 * max(start, end):
-            raise DomainError(f"{self} does not vary on {where} by what a float can tell; use Uniform")
         x = self.mean + sign * self.std * special.ndtri(start + u * (end - start))
         return np.clip(x, number.min, number.max)
+
+    def problem(self, number: Uncertain) -> str | None:
+        """The range's probability must differ from 0, and vary along it by what a float can tell."""
+        sign, a, b = self._ends(number)
+        # Phi(x) = erfc(-x/sqrt 2)/2
+        start, end = (0.5 * math.erfc(-sign * x / math.sqrt(2.0)) for x in (a, b))
+        where = f"[{number.min!r}, {number.max!r}]"
+        if not max(start, end) >= 1e-290:
+            return f"has next to no probability on {where}; check mean and std"
+        if not abs(end - start) >= 1e-6 * max(start, end):
+            return f"does not vary on {where} by what a float can tell; write uniform"
+        return None
+
+    def _ends(self, number: Uncertain) -> tuple[float, float, float]:
+        """The ends in standard deviations, and the sign of the tail that is computed.
+
+        The upper tail is computed as the lower one, where probabilities keep their digits.
+        """
+        a, b = (number.min - self.mean) / self.std, (number.max - self.mean) / self.std
+        return -1.0 if a > 0.0 else 1.0, a, b
 
     def limits(self, number: Uncertain) -> tuple[float, float]:
         """The range."""
         return number.min, number.max
+
+    def words(self) -> Words:
+        """truncated_normal with mean and std."""
+        return {"truncated_normal": {"mean": self.mean, "std": self.std}}
 
 
 @dataclass(frozen=True)
@@ -110,11 +154,17 @@ class Beta(Distribution):
 
     def values(self, u: Array, number: Uncertain) -> Array:
         """min + I^-1(u; a, b) (max - min)."""
+        from scipy import special
+
         return _between(np.asarray(special.betaincinv(self.a, self.b, u)), number)
 
     def limits(self, number: Uncertain) -> tuple[float, float]:
         """The range."""
         return number.min, number.max
+
+    def words(self) -> Words:
+        """beta with a and b."""
+        return {"beta": {"a": self.a, "b": self.b}}
 
 
 @dataclass(frozen=True)
@@ -139,11 +189,54 @@ class Normal(Distribution):
 
     def values(self, u: Array, number: Uncertain) -> Array:
         """mean + std Phi^-1(u), clipped."""
+        from scipy import special
+
         return np.clip(self.mean + self.std * special.ndtri(u), *self.limits(number))
 
     def limits(self, number: Uncertain) -> tuple[float, float]:
         """The clip."""
         return self.clip or (-math.inf, math.inf)
+
+    def words(self) -> Words:
+        """normal with mean and std, and its clip if it has one."""
+        clip = {} if self.clip is None else {"clip": list(self.clip)}
+        return {"normal": {"mean": self.mean, "std": self.std, **clip}}
+
+    def reach(self, number: Uncertain) -> tuple[float, float]:
+        """Nine standard deviations, clipped."""
+        far, (least, most) = _FARTHEST * self.std, self.limits(number)
+        return min(max(self.mean - far, least), most), max(min(self.mean + far, most), least)
+
+
+@dataclass(frozen=True)
+class NormalNoise(Distribution):
+    """The nominal value plus normal noise with this mean and standard deviation, whatever the range says."""
+
+    mean: float
+    std: float
+
+    def __post_init__(self) -> None:
+        _finite(self, self.mean, self.std)
+        _positive(self, "std", self.std)
+
+    def values(self, u: Array, number: Uncertain) -> Array:
+        """nominal + (mean + std Phi^-1(u))."""
+        from scipy import special
+
+        return number.nominal + (self.mean + self.std * special.ndtri(u))
+
+    def limits(self, number: Uncertain) -> tuple[float, float]:
+        """None."""
+        return -math.inf, math.inf
+
+    def words(self) -> Words:
+        """nominal_plus_noise of shape normal."""
+        return {"nominal_plus_noise": {"shape": "normal", "mean": self.mean, "std": self.std}}
+
+    def reach(self, number: Uncertain) -> tuple[float, float]:
+        """Nine standard deviations."""
+        far = _FARTHEST * self.std
+        return number.nominal + (self.mean - far), number.nominal + (self.mean + far)
 
 
 @dataclass(frozen=True)
@@ -157,11 +250,22 @@ class FoldedNoise(Distribution):
 
     def values(self, u: Array, number: Uncertain) -> Array:
         """nominal + mean sqrt(pi/2) |z|, |z| = -Phi^-1((1 - u)/2), because E|z| = sqrt(2/pi)."""
+        from scipy import special
+
         return number.nominal - self.mean * math.sqrt(math.pi / 2) * special.ndtri((1.0 - u) / 2.0)
 
     def limits(self, number: Uncertain) -> tuple[float, float]:
         """From the nominal value on."""
         return (number.nominal, math.inf) if self.mean > 0 else (-math.inf, number.nominal)
+
+    def words(self) -> Words:
+        """nominal_plus_noise of shape half_normal."""
+        return {"nominal_plus_noise": {"shape": "half_normal", "mean": self.mean}}
+
+    def reach(self, number: Uncertain) -> tuple[float, float]:
+        """From the nominal value to nine standard deviations of the noise."""
+        far = number.nominal + self.mean * math.sqrt(math.pi / 2) * _FARTHEST
+        return min(number.nominal, far), max(number.nominal, far)
 
 
 @dataclass(frozen=True)
@@ -182,6 +286,10 @@ class UniformNoise(Distribution):
         low, high = sorted((number.nominal, number.nominal + 2.0 * self.mean))
         return low, high
 
+    def words(self) -> Words:
+        """nominal_plus_noise of shape uniform."""
+        return {"nominal_plus_noise": {"shape": "uniform", "mean": self.mean}}
+
 
 def _between(x: Array, number: Uncertain) -> Array:
     # x min and x max apart: max - min may overflow, and both ends are met exactly
@@ -201,4 +309,4 @@ def _positive(distribution: Distribution, name: str, value: float) -> None:
 def _noise(distribution: Distribution, mean: float) -> None:
     _finite(distribution, mean)
     if mean == 0:
-        raise DomainError(f"{distribution}: without a mean there is no noise; use Normal for noise to both sides")
+        raise DomainError(f"{distribution}: without a mean there is no noise; use shape normal for noise to both sides")

@@ -1,0 +1,204 @@
+"""Requirements as the convex path reads them:  limits in natural units, and the plants' own scale.
+
+Every limit is one side of one requirement, or of the two guards that keep a little distance from instability.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Plants
+from fopi_tune.core.peaks import Response
+from fopi_tune.quantities import QUANTITIES
+from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
+from fopi_tune.quantities.responses import FrequencyFunction
+from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Scope
+
+#: the loop keeps |S| below this and the phase margin above that for every plant, whatever the requirements say
+GUARD_DB, GUARD_DEG = 40.0, 0.573
+#: a limit that belongs to no requirement
+GUARD = -1
+#: inequalities are designed this much tighter (natural units), so that rounding does not undo them
+TIGHTENING = 4e-7
+#: a gain the spec leaves open is searched this far, in the plants' own scale
+OPEN_GAIN = 1e4
+#: scaled; a ki much smaller than this is as good as none
+_SMALL_KI = 1e-4
+#: quantities read at crossings that the rows know how to differentiate
+CROSSING_QUANTITIES = (
+    "crossover_rad_s",
+    "phase_margin_deg",
+    "gain_margin_db",
+    "delay_margin_s",
+    "phase_slope_deg_per_decade",
+)
+
+
+class Bound(Enum):
+    """Which way a limit bounds its quantity; the value is the slack's sign: slack = value (limit - quantity)."""
+
+    LOWER = -1
+    UPPER = 1
+    EQUAL = 0
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One side of one requirement.
+
+    Args:
+        requirement: index in the spec's list, or GUARD.
+        quantity: its name.
+        where: at which frequencies it is read.
+        response: of a frequency function, which.
+        bound: which way.
+        limit: in natural units, inequalities tightened.
+        scale: multiplies the slack, so that it is dimensionless.
+        nominal: only the nominal member counts.
+        from_rad_s, to_rad_s: the band of a frequency function.
+    """
+
+    requirement: int
+    quantity: str
+    where: Where
+    response: Response | None
+    bound: Bound
+    limit: float
+    scale: float
+    nominal: bool
+    from_rad_s: float
+    to_rad_s: float
+
+    def slack(self, value: Array) -> Array:
+        """How far inside the limit values are, natural units; of an equality, minus the distance."""
+        if self.bound is Bound.EQUAL:
+            return -np.abs(self.limit - value) * self.scale
+        return self.bound.value * (self.limit - value) * self.scale
+
+
+@dataclass(frozen=True)
+class Task:
+    """A spec, ready for the convex path.
+
+    In the scale of omega_s and g_s = |P(j omega_s)| the unknowns are x = (kp g_s, ki g_s omega_s^-alpha).
+    """
+
+    spec: DesignSpec
+    limits: tuple[Limit, ...]
+    objective: ObjectiveKind
+    horizon_s: float
+    omega_rad_s: float
+    gain: float
+
+    def ki_cost(self, gains: FoPi) -> tuple[float, float]:
+        """What `maximize: ki` costs, and its derivative by ki: -asinh of ki in a small unit, ln ki for all but 0."""
+        order = 0.5 * (self.spec.controller.alpha.min + self.spec.controller.alpha.max)
+        small = _SMALL_KI * self.omega_rad_s**order / self.gain
+        return -math.asinh(gains.ki / small), -1.0 / math.hypot(gains.ki, small)
+
+    @cached_property
+    def equalities(self) -> int:
+        """How many limits are equalities."""
+        return sum(limit.bound is Bound.EQUAL for limit in self.limits)
+
+    def scaled(self, gains: FoPi) -> Array:
+        """x of gains, shape (2,)."""
+        return np.array([gains.kp * self.gain, gains.ki * self.gain * self.omega_rad_s**-gains.alpha])
+
+    def unit(self, alpha: float) -> Array:
+        """(kp, ki) per unit of x, shape (2,)."""
+        return np.array([1.0 / self.gain, self.omega_rad_s**alpha / self.gain])
+
+    def gains(self, x: Array, alpha: float) -> FoPi:
+        """The gains at x, within the spec's ranges to the last bit."""
+        box, (kp, ki) = self.spec.controller, (x * self.unit(alpha)).tolist()
+        return FoPi(min(max(kp, box.kp.min), box.kp.max), min(max(ki, box.ki.min), box.ki.max), alpha)
+
+    def box(self, alpha: float) -> tuple[Array, Array]:
+        """The ends of x, shape (2,) each."""
+        ranges, unit = (self.spec.controller.kp, self.spec.controller.ki), self.unit(alpha)
+        low = np.array([max(r.min / u, -OPEN_GAIN) for r, u in zip(ranges, unit, strict=True)])
+        high = np.array([min(r.max / u, OPEN_GAIN) for r, u in zip(ranges, unit, strict=True)])
+        return low, high
+
+
+def task_of(spec: DesignSpec) -> Task:
+    """Limits, objective and scale of a spec."""
+    limits = tuple(limit for i, r in enumerate(spec.requirements) for limit in _split(i, r))
+    peak = Requirement("sensitivity_db", Relation.AT_MOST, (GUARD_DB,))
+    margin = Requirement("phase_margin_deg", Relation.AT_LEAST, (GUARD_DEG,))
+    guards = (_limit(GUARD, peak, Bound.UPPER, GUARD_DB), _limit(GUARD, margin, Bound.LOWER, GUARD_DEG))
+    objective = ObjectiveKind(spec.objective.quantity) if spec.objective else ObjectiveKind.DEPTH
+    if objective is ObjectiveKind.DEPTH and all(limit.bound is Bound.EQUAL for limit in limits):
+        objective = ObjectiveKind.SENSITIVITY_PEAK  # the depth is then the distance from -1
+    horizon = spec.objective.horizon_s if spec.objective else None
+    omega = _middle(spec)
+    nominal = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
+    gain = float(np.abs(nominal.response(np.zeros(1, dtype=np.intp), np.array([omega])))[0])
+    usable = math.isfinite(gain) and gain > 0.0
+    return Task(
+        spec, (*limits, *guards), objective, horizon or default_horizon_s(spec.plant), omega, gain if usable else 1.0
+    )
+
+
+def refusal(spec: DesignSpec) -> str | None:
+    """What the convex path cannot take, or None."""
+    if spec.digital is not None and spec.digital.designs_sampled:
+        return "the convex path designs in continuous time, and the spec asks for design: sampled; use the solver ipopt"
+    for requirement in spec.requirements:
+        quantity = QUANTITIES[requirement.quantity]
+        known = isinstance(quantity, FrequencyFunction) or requirement.quantity in CROSSING_QUANTITIES
+        if not known:
+            return f"the convex path does not know {requirement.quantity}; use the solver ipopt"
+        band = requirement.from_rad_s < requirement.to_rad_s
+        if requirement.relation is Relation.EQUALS and quantity.takes_band and band:
+            name = requirement.quantity
+            return f"the convex path takes {name} equals at one frequency only (at_rad_s); use the solver ipopt"
+    return None
+
+
+def _split(index: int, requirement: Requirement) -> list[Limit]:
+    if requirement.relation is Relation.EQUALS:
+        return [_limit(index, requirement, Bound.EQUAL, requirement.limits[0])]
+    ends = ((Bound.LOWER, requirement.lower), (Bound.UPPER, requirement.upper))
+    return [_limit(index, requirement, bound, end) for bound, end in ends if math.isfinite(end)]
+
+
+def _limit(index: int, requirement: Requirement, bound: Bound, public: float) -> Limit:
+    quantity = QUANTITIES[requirement.quantity]
+    scale = quantity.natural_scale(public)
+    tightening = 0.0 if index == GUARD else TIGHTENING / scale
+    return Limit(
+        requirement=index,
+        quantity=requirement.quantity,
+        where=quantity.where,
+        response=quantity.response if isinstance(quantity, FrequencyFunction) else None,
+        bound=bound,
+        limit=quantity.to_natural(public) - bound.value * tightening,
+        scale=scale,
+        nominal=requirement.scope is Scope.NOMINAL,
+        from_rad_s=requirement.from_rad_s,
+        to_rad_s=requirement.to_rad_s,
+    )
+
+
+def _middle(spec: DesignSpec) -> float:
+    """omega_s: the crossover that the spec names, else the geometric middle of the plants' corners and dead times."""
+    for requirement in spec.requirements:
+        if requirement.quantity == "crossover_rad_s":
+            return requirement.limits[0]
+    plants = Plants.members(spec.plant, spec.plant.corners())
+    roots = np.concatenate([plants.zeros.ravel(), plants.poles.ravel()])
+    roots = np.abs(roots[np.isfinite(roots) & (roots != 0.0)])
+    own = np.concatenate([roots, 1.0 / plants.dead_time_s[plants.dead_time_s > 0.0]])
+    named = [w for r in spec.requirements for w in (r.from_rad_s, r.to_rad_s) if 0.0 < w < math.inf]
+    known = own if len(own) else np.array(named)
+    return float(np.exp(np.mean(np.log(known)))) if len(known) else 1.0

@@ -1,0 +1,162 @@
+"""DesignSpec -> Candidate by convex problems alone:  the second opinion on what the search by Ipopt finds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fopi_tune.candidate import Candidate, Violation
+from fopi_tune.convex.limits import GUARD, OPEN_GAIN, TIGHTENING, Bound, Task, refusal, task_of
+from fopi_tune.convex.local import TOLERANCE, Found, Members, better
+from fopi_tune.convex.orders import Orders
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Plants
+from fopi_tune.errors import DomainError
+from fopi_tune.outcome import Status
+from fopi_tune.proof import verify
+from fopi_tune.quantities.objectives import ObjectiveKind
+from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
+
+#: rounds of: find the worst plants of the whole family, add them, solve again
+_MOST_EXCHANGES = 8
+#: natural units; limits missed by less are met, though they leave no room to be tightened
+_MEETS = TOLERANCE + TIGHTENING
+#: a miss below this is a search that did not end rather than a spec without an answer
+_NEARLY = 1e-5
+#: a smallest slack of so many neper or radian is no limit at all
+_DEPTH_CAP = 15.0
+
+
+def convex_design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Candidate:
+    """Search the gains that meet a spec over its whole family and are best by its objective, by convex problems.
+
+    Args:
+        spec: what the loop must do, in continuous time.
+        violations: places that a check found; their plants are in play from the start.
+
+    Returns:
+        A candidate.  Confirming it is `fopi_tune.proof`'s business; here `verify` only looks for plants to add.
+    """
+    nothing = tuple(None for _ in spec.requirements)
+    reason = refusal(spec)
+    if reason is not None:
+        return Candidate(Status.FAILED, None, nothing, message=reason)
+    box = spec.controller
+    if box.kp.is_fixed and box.ki.is_fixed and box.kp.min == 0.0 and box.ki.min == 0.0:
+        message = "kp and ki are fixed at 0: there is no controller"
+        return Candidate(Status.INFEASIBLE, None, nothing, message=message)
+    if box.kp.is_fixed and box.ki.is_fixed and box.alpha.is_fixed:
+        return Candidate(Status.SOLVED, FoPi(box.kp.min, box.ki.min, box.alpha.min), nothing)
+    searches = [_search(branch, violations) for branch in _branches(spec)]
+    found = [(search, best) for search in searches if (best := search.best()) is not None]
+    solves = sum(search.local.program.solves for search in searches)
+    if not found:
+        message = "the convex path found no gains within their ranges whose loop has the crossings that are asked for"
+        return Candidate(Status.INFEASIBLE, None, nothing, message=message, solves=solves)
+    search, best = found[0]
+    for other, its_best in found[1:]:
+        search, best = (other, its_best) if better(its_best.look, best.look) else (search, best)
+    return replace(_candidate(search.task, best), solves=solves, cuts=len(search.members.points))
+
+
+def _search(spec: DesignSpec, violations: Sequence[Violation]) -> Orders:
+    """Scan, exchange plants, refine, exchange again."""
+    task = task_of(spec)
+    members = Members.of(task)
+    members.add(np.array([v.theta for v in violations]).reshape(len(violations), members.points.shape[1]))
+    orders = Orders(task, members)
+    orders.scan()
+    for _ in range(_MOST_EXCHANGES):
+        orders.refine()
+        best = orders.best()
+        if best is None or not _with_worst_plants(spec, members, best):
+            break
+        orders.again()
+    return orders
+
+
+def _with_worst_plants(spec: DesignSpec, members: Members, best: Found) -> bool:
+    """Add the plants of the whole family where these gains are worst; False when they are no worse than known ones."""
+    if not members.points.shape[1]:
+        return False
+    try:
+        found = verify(spec, best.gains, TIGHTENING)
+    except DomainError:
+        return False
+    worst = [r.worst.point for r in found.requirements if not r.is_met]
+    if not found.stability.stable:
+        worst.append(found.stability.worst.point)
+    if found.objective_worst is not None:
+        worst.append(found.objective_worst.point)
+    return members.add(np.array(worst).reshape(len(worst), members.points.shape[1])) > 0
+
+
+def _branches(spec: DesignSpec) -> list[DesignSpec]:
+    """The spec, and the same without integral action where a response's jump at ki = 0 may make that better.
+
+    As omega -> 0, with ki != 0 on a plant with a finite P(0) != 0 and whatever the gains, |C S| -> 1/|P(0)|, |T| -> 1,
+    |L| -> inf and |S| -> 0; with ki = 0 not.
+    """
+    ki = spec.controller.ki
+    if ki.is_fixed or not ki.min <= 0.0 <= ki.max:
+        return [spec]
+    alpha = min(max(1.0, spec.controller.alpha.min), spec.controller.alpha.max)
+    controller = ControllerSpec(spec.controller.kp, GainRange(0.0, 0.0), GainRange(alpha, alpha))
+    without = replace(spec, controller=controller)
+    plants = Plants.members(spec.plant, spec.plant.corners())
+    if np.any(plants.numerator[:, -1] == 0.0):
+        return [without]  # a zero at s = 0 cancels the integral, which runs away unseen
+    floor = float(-plants.log.scale.min()) if np.all(plants.log.slope0 == 0.0) else -math.inf
+    at_rest = {"control_sensitivity_db": floor, "complementary_sensitivity_db": 0.0, "loop_gain_db": math.inf}
+    if math.isfinite(floor):
+        for limit in task_of(spec).limits:
+            if limit.from_rad_s == 0.0 and limit.bound is Bound.UPPER:
+                if at_rest.get(limit.quantity, -math.inf) > limit.limit + TIGHTENING:
+                    return [without]
+            elif limit.from_rad_s == 0.0 and limit.bound is Bound.LOWER and limit.quantity == "sensitivity_db":
+                return [without]
+        if spec.objective is not None and spec.objective.quantity == ObjectiveKind.CONTROL_SENSITIVITY_PEAK:
+            return [spec, without]
+    return [spec]
+
+
+def _candidate(task: Task, best: Found) -> Candidate:
+    spec, nothing = task.spec, tuple(None for _ in task.spec.requirements)
+    if best.look.violation <= _MEETS:
+        without_end = _without_end(task, best)
+        if without_end:
+            message = f"{without_end} without limit while the objective still improves"
+            return Candidate(Status.UNBOUNDED, best.gains, nothing, message=message, rounds=best.rounds)
+        return Candidate(Status.SOLVED, best.gains, nothing, rounds=best.rounds)
+    if not best.look.stable:
+        missed = "no start led to a loop that is stable for every plant"
+    else:
+        worst = [k for k, by in best.look.worst_limits(3).items() if by > _MEETS]
+        indices = [task.limits[k].requirement for k in worst]
+        names = " and ".join(
+            dict.fromkeys("stability" if i == GUARD else spec.requirements[i].quantity for i in indices)
+        )
+        missed = f"the gains that miss least miss {names} by {best.look.violation:.2g} neper or radian"
+    if best.look.violation <= _NEARLY:
+        message = f"the convex path did not end: {missed}"
+        return Candidate(Status.FAILED, best.gains, nothing, message=message, rounds=best.rounds)
+    message = f"the convex path found no gains that meet all requirements; {missed}"
+    return Candidate(Status.INFEASIBLE, best.gains, nothing, message=message, rounds=best.rounds)
+
+
+def _without_end(task: Task, best: Found) -> str:
+    """What ended where an open range is cut; empty when nothing did."""
+    x, box = task.scaled(best.gains), task.spec.controller
+    names = []
+    for name, value, gain, unit in zip(("kp", "ki"), x, (box.kp, box.ki), task.unit(best.gains.alpha), strict=True):
+        end = gain.max if value > 0.0 else gain.min
+        if abs(value) > 0.5 * OPEN_GAIN and (math.isinf(end) or abs(end / unit) > OPEN_GAIN):
+            names.append(name)
+    if task.objective is ObjectiveKind.DEPTH and best.look.cost < -0.999 * _DEPTH_CAP:
+        names.append("the smallest slack")
+    if not names:
+        return ""
+    return f"{' and '.join(names)} {'grow' if len(names) > 1 else 'grows'}"

@@ -1,0 +1,149 @@
+"""Samples of plants:  the text of a CSV file -> Table;  which places are no plants, and which lie outside a family."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.errors import DomainError
+
+Array = NDArray[np.float64]
+Marks = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Samples of plants.
+
+    Args:
+        names: the columns' parameter names.
+        rows: shape (m, len(names)), m >= 1, finite; a copy is kept.
+
+    Raises:
+        DomainError: no rows, the wrong shape, a value that is not finite, or a name that is empty or comes twice.
+    """
+
+    names: tuple[str, ...]
+    rows: Array
+
+    def __post_init__(self) -> None:
+        rows = np.array(self.rows, dtype=float, order="F")
+        if rows.ndim != 2 or rows.shape[1] != len(self.names) or rows.size == 0:
+            raise DomainError(f"a table of {len(self.names)} names needs rows of as many numbers; got {rows.shape}")
+        if not np.isfinite(rows).all():
+            raise DomainError(
+                f"row {int(np.argmin(np.isfinite(rows).all(axis=1))) + 1} has a number that is not finite"
+            )
+        known: set[str] = set()
+        for name in self.names:
+            if not name or name in known:
+                raise DomainError(f"column {name!r} " + ("comes twice" if name else "has no name"))
+            known.add(name)
+        rows.flags.writeable = False
+        object.__setattr__(self, "rows", rows)
+
+    def columns(self, family: PlantFamily) -> list[int]:
+        """Where the family's uncertain numbers stand.
+
+        Raises:
+            DomainError: a column is missing, or is no uncertain number of the family.
+        """
+        wanted = family.uncertain_names
+        if missing := [name for name in wanted if name not in self.names]:
+            raise DomainError(f"the table has no column {missing[0]!r}; it needs {', '.join(wanted)}")
+        if unknown := [name for name in self.names if name not in wanted]:
+            raise DomainError(not_uncertain(unknown[0], family))
+        return [self.names.index(name) for name in wanted]
+
+
+def parse_table(text: str) -> Table:
+    """A table from the text of a CSV file: a line of parameter names, then a line of numbers per plant.
+
+    Raises:
+        DomainError: empty, not CSV, a line with too few or too many fields, or a field that is no finite number; the
+            message names the line.
+    """
+    reader = csv.reader(io.StringIO(text.removeprefix("\ufeff"), newline=""), strict=True)
+    try:
+        names = tuple(name.strip() for name in next(reader, ()))
+        # doubles without an object each: a large file is a large table
+        values = array("d", (value for line in reader for value in _numbers(line, names, reader.line_num)))
+    except csv.Error as error:
+        raise DomainError(f"line {reader.line_num} is not CSV: {error}") from error
+    if not values:
+        raise DomainError("the table is empty; it needs a line of parameter names and at least one line of numbers")
+    return Table(names, np.array(values).reshape(-1, len(names)))
+
+
+def not_uncertain(name: str, family: PlantFamily) -> str:
+    """Why a name is not one of a family's uncertain numbers."""
+    if name in family.parameters:
+        return f"{name!r} is exact in this family; give it a range or leave it out"
+    known = ", ".join(family.uncertain_names) or "none: every number is exact"
+    return f"{name!r} is no number of this family; its uncertain numbers are {known}"
+
+
+def outside_box(places: Array, family: PlantFamily) -> Marks:
+    """Which places lie outside the family's box, shape (m,): no certificate speaks of them."""
+    return np.any((places < family.low) | (places > family.high), axis=1)
+
+
+def impossible(places: Array, family: PlantFamily) -> Marks:
+    """Which places are no plants of the model (a time constant of 0, a gain of 0, a negative delay), shape (m,)."""
+    refused = np.zeros(len(places), dtype=bool)
+    for column, name in enumerate(family.uncertain_names):
+        values = places[:, column]
+        if not len(values) or family.problem(name, _hull(values.min(), values.max())) is None:
+            continue
+        order = np.argsort(values, kind="stable")
+        ranked = values[order]
+        # the model judges ranges: what it refuses is cut in two until single values are left
+        pending = [(0, len(ranked))]
+        while pending:
+            start, stop = pending.pop()
+            low, high = ranked[start], ranked[stop - 1]
+            if family.problem(name, _hull(low, high)) is None:
+                continue
+            if low == high:
+                refused[order[start:stop]] = True
+            else:
+                middle = (start + stop) // 2
+                pending += [(start, middle), (middle, stop)]
+    return refused
+
+
+def why_impossible(place: Array, family: PlantFamily) -> str | None:
+    """What keeps one place, shape (p,), from being a plant, or None."""
+    for name, value in zip(family.uncertain_names, place.tolist(), strict=True):
+        if (wrong := family.problem(name, Uncertain.exactly(value))) is not None:
+            return f"{name} = {value!r} {wrong}"
+    return None
+
+
+def _hull(low: float, high: float) -> Uncertain:
+    return Uncertain(float(low), float(low), float(high))
+
+
+def _numbers(line: list[str], names: tuple[str, ...], number: int) -> Iterator[float]:
+    if len(line) != len(names):
+        raise DomainError(f"line {number} has {len(line)} fields; its header has {len(names)}")
+    for entry, name in zip(line, names, strict=True):
+        yield _number(entry, name, number)
+
+
+def _number(entry: str, name: str, line: int) -> float:
+    try:
+        value = float(entry)
+    except ValueError:
+        value = math.nan
+    if "_" in entry or not entry.isascii() or not math.isfinite(value):
+        raise DomainError(f"line {line}, column {name!r}: {entry!r} is not a finite number")
+    return value

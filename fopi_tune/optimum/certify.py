@@ -1,0 +1,255 @@
+"""How far gains can be from the best possible ones; and the proof that a spec has none.
+
+A level of the objective is taken, and every box of gains is discarded: because some frequency of some plant violates a
+requirement for all of its gains, or because their objective is not better than the level.  Levels come closer to the
+gains' own objective until the gap is what was asked for, or gains are met with that are better.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from flint import ctx
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.errors import DomainError
+from fopi_tune.optimum.conditions import Conditions, conditions_of, is_maximized, kind_of, nominal_equality
+from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.results import SMALLEST_OBJECTIVE, Optimum, OptimumProof, OptimumStatus, relative_gap
+from fopi_tune.optimum.screen import gains_at
+from fopi_tune.optimum.search import Ended, Limits, Progress, Search
+from fopi_tune.optimum.tree import Reasons, written
+from fopi_tune.proof import verify
+from fopi_tune.proof.balls.loop import PRECISION
+from fopi_tune.proof.results import Verification
+from fopi_tune.quantities.objectives import ObjectiveKind
+from fopi_tune.spec.model import DesignSpec
+
+#: what is tried on the way to the gap that is asked for
+_COARSE = 0.1
+#: the loosest gap that is of any use, and the ratio of gaps at which a search between two of them ends
+_LOOSEST, _CLOSE = 1.0, 1.15
+#: of the gap that is asked for, so that rounding does not miss it
+_AIM = 1.0 - 1e-6
+_RANGE_ROOM = 1e-9
+
+
+def certify_optimum(
+    spec: DesignSpec,
+    gains: FoPi | None,
+    *,
+    gap: float = 1e-3,
+    time_limit_s: float = 60.0,
+    most_boxes: int = 2_000_000,
+    progress: Progress | None = None,
+) -> Optimum:
+    """Prove a bound of the objective that no gains in the spec's box can beat, or that no gains meet the spec.
+
+    Args:
+        spec: what is asked, of the loop in continuous time.
+        gains: a design of it, the incumbent; None where there is none: then all is about whether the spec has one.
+        gap: relative distance of the bound from the incumbent's objective that is enough.
+        time_limit_s: when it is up, the gap that was reached is returned.
+        most_boxes: the same for boxes.
+        progress: told (boxes looked at, boxes open).
+
+    Raises:
+        DomainError: a gap or a limit that is not positive.
+    """
+    for name, value in (("gap", gap), ("time_limit_s", time_limit_s), ("most_boxes", most_boxes)):
+        if not value > 0:
+            raise DomainError(f"{name} = {value!r} must be greater than 0")
+    start = time.monotonic()
+    run = _Run(spec, gains, gap, start, Limits(start + time_limit_s, most_boxes), progress)
+    reason = why_no_bound(spec)
+    if reason:
+        return run.without_bound(reason)
+    found = None
+    if gains is not None:
+        found = verify(spec, gains)
+        reason = incumbent_refusal(spec, gains, found)
+        if reason:
+            return run.without_bound(reason)
+    with ctx.workprec(PRECISION):
+        return run.infeasible() if found is None else run.bounded(found)
+
+
+def why_no_bound(spec: DesignSpec) -> str:
+    """Why nothing can be shown of a spec; empty when something can."""
+    if spec.digital is not None and spec.digital.designs_sampled:
+        return "there is no bound for the loop on samples (design: sampled)"
+    if nominal_equality(spec, "crossover_rad_s") is not None:
+        return ""
+    for name in ("kp", "ki"):
+        side = getattr(spec.controller, name)
+        if not math.isfinite(side.min) or not math.isfinite(side.max):
+            end = "lower" if not math.isfinite(side.min) else "upper"
+            return f"{name} has no {end} end, so that the box of gains cannot be searched; give it a range"
+    if kind_of(spec) is ObjectiveKind.CROSSOVER_SPREAD:
+        return "crossover_spread_db is only bounded where the nominal crossover is fixed by an equality"
+    return ""
+
+
+def incumbent_refusal(spec: DesignSpec, gains: FoPi, found: Verification) -> str:
+    """Why these gains are no design of the spec; empty when they are."""
+    if not found.stability.stable:
+        return f"the gains are no design of this spec: {found.stability.reason}"
+    for result in found.requirements:
+        if not result.is_met:
+            return f"the gains are no design of this spec: they miss its requirement of {result.requirement.quantity}"
+    for name in ("kp", "ki", "alpha"):
+        side, value = getattr(spec.controller, name), getattr(gains, name)
+        room = _RANGE_ROOM * max(1.0, abs(value))
+        if not side.min - room <= value <= side.max + room:
+            return f"the gains are no design of this spec: {name} = {value:g} is outside its range"
+    if found.objective is None or not math.isfinite(found.objective):
+        return "the objective of these gains has no finite value"
+    return ""
+
+
+@dataclass
+class _Run:
+    """One certification."""
+
+    spec: DesignSpec
+    gains: FoPi | None
+    wanted: float
+    start: float
+    limits: Limits
+    progress: Progress | None
+
+    def without_bound(self, reason: str) -> Optimum:
+        """Nothing was shown."""
+        return self._result(OptimumStatus.NO_BOUND, reason=reason)
+
+    def infeasible(self) -> Optimum:
+        """Whether the requirements can be discarded everywhere."""
+        problem = Problem.of(self.spec, None)
+        search = Search.of(problem, self.limits, [], self.progress)
+        ended = search.show(problem)
+        if ended is Ended.SHOWN:
+            return self._result(OptimumStatus.INFEASIBLE, search, proof=_proof(search, None))
+        if ended is Ended.BETTER and search.better is not None:
+            gains = _gains(search)
+            words = (
+                f"kp = {gains.kp:.6g}, ki = {gains.ki:.6g}, alpha = {gains.alpha:.6g} seem to meet every requirement"
+            )
+            return self._result(OptimumStatus.LIMIT_REACHED, search, reason=words)
+        return self._result(OptimumStatus.LIMIT_REACHED, search, reason=ended.words)
+
+    def bounded(self, found: Verification) -> Optimum:
+        """The closest level that could be shown."""
+        assert found.objective is not None
+        objective = found.objective
+        problem = Problem.of(self.spec, self._level(objective, _COARSE))
+        worst = [(e.worst.omega_rad_s, e.worst.point) for r in found.requirements for e in r.extremes]
+        worst.append((found.stability.worst.omega_rad_s, found.stability.worst.point))
+        if found.objective_worst is not None:
+            worst.append((found.objective_worst.omega_rad_s, found.objective_worst.point))
+        search = Search.of(problem, self.limits, worst, self.progress)
+        shown, failed, ended = math.inf, 0.0, Ended.SHOWN
+        proof: OptimumProof | None = None
+        aim = self.wanted * _AIM
+        # with both equalities little is left to search: the level that is asked for comes first
+        gap = aim if problem.sheet_is_covered else max(_COARSE, aim)
+        while True:
+            level = self._level(objective, gap)
+            ended = search.show(problem.beating(level))
+            if ended is Ended.SHOWN:
+                shown, proof = gap, _proof(search, level)
+                if gap <= aim:
+                    break
+            else:
+                failed = gap
+            if ended is Ended.LIMIT:
+                break
+            if failed == 0.0:
+                gap = aim
+            elif math.isinf(shown):
+                if gap >= _LOOSEST:
+                    break
+                gap = min(_LOOSEST, 3.0 * gap)
+            elif shown / failed < _CLOSE:
+                break
+            else:
+                gap = math.sqrt(shown * failed)
+        return self._bounded_result(found, search, proof, ended)
+
+    def _bounded_result(self, found: Verification, search: Search, proof: OptimumProof | None, ended: Ended) -> Optimum:
+        better, better_objective = self._better(search, found)
+        if proof is None or proof.beat is None:
+            reason = ended.words or "no level could be shown"
+            return self._result(OptimumStatus.LIMIT_REACHED, search, found, None, reason, better, better_objective)
+        assert found.objective is not None
+        reached = relative_gap(found.objective, proof.beat)
+        if reached <= self.wanted:
+            return self._result(OptimumStatus.CERTIFIED, search, found, proof)
+        reason = ended.words
+        if better_objective is not None:
+            reason = f"there are better gains: their objective is {better_objective:.8g}"
+        return self._result(OptimumStatus.LIMIT_REACHED, search, found, proof, reason, better, better_objective)
+
+    def _level(self, objective: float, gap: float) -> float:
+        """The objective that is worse than nothing feasible if the gap is right."""
+        scale = gap * max(abs(objective), SMALLEST_OBJECTIVE)
+        return objective + scale if is_maximized(self.spec) else objective - scale
+
+    def _better(self, search: Search, found: Verification) -> tuple[FoPi | None, float | None]:
+        """Gains that were met with, if the verification agrees that they are better."""
+        if search.better is None:
+            return None, None
+        gains = _gains(search)
+        checked = verify(self.spec, gains)
+        if not checked.all_met or checked.objective is None or found.objective is None:
+            return None, None
+        ahead = checked.objective - found.objective
+        if not (ahead > 0.0 if is_maximized(self.spec) else ahead < 0.0):
+            return None, None
+        return gains, checked.objective
+
+    def _result(
+        self,
+        status: OptimumStatus,
+        search: Search | None = None,
+        found: Verification | None = None,
+        proof: OptimumProof | None = None,
+        reason: str = "",
+        better: FoPi | None = None,
+        better_objective: float | None = None,
+    ) -> Optimum:
+        objective = None if found is None else found.objective
+        bound = None if proof is None else proof.beat
+        conditions: Conditions = conditions_of(self.spec, None)
+        return Optimum(
+            name=self.spec.name,
+            spec_sha256=self.spec.sha256,
+            status=status,
+            gains=self.gains,
+            objective=objective,
+            bound=bound,
+            gap=None if objective is None or bound is None else relative_gap(objective, bound),
+            wanted_gap=self.wanted,
+            better=better,
+            better_objective=better_objective,
+            boxes=0 if search is None else search.looked_at,
+            seconds=time.monotonic() - self.start,
+            proof=proof,
+            left_out=conditions.left_out,
+            reason=reason,
+        )
+
+
+def _gains(search: Search) -> FoPi:
+    """The gains that were met with."""
+    assert search.better is not None
+    kp, ki, alpha = gains_at(search.problem.chart, np.array([search.better]))
+    return FoPi(float(kp[0]), float(ki[0]), float(alpha[0]))
+
+
+def _proof(search: Search, beat: float | None) -> OptimumProof:
+    reasons = Reasons()
+    covers = tuple(written(root, reasons) for root in search.roots)
+    return OptimumProof(beat, covers, tuple(reasons.places))

@@ -1,0 +1,259 @@
+"""Charts of the gains:  the coordinates that are searched, and C(s) over a box of them in ball arithmetic.
+
+Over a box with centre c and half-widths h the controller at one s is a plane and a rest,
+
+    C(s)  =  C_c + sum_i C_i t_i + e ,     |t_i| <= h_i ,   |e| <= rest ,                                          (1)
+
+C_i the derivatives at the centre, the rest of second order in the box's size.  `GainChart` has the gains themselves as
+coordinates, and with rho = s^-alpha, sigma = ln s
+
+    C = kp + ki rho ,   e = t_ki (rho - rho_c) + ki_c (rho - rho_c + sigma rho_c t_alpha) .                        (2)
+
+`CrossoverChart` holds every controller with |C(j wc) P0(j wc)| = 1, by alpha and psi = pi + arg L0(j wc) (modulo 2 pi):
+with x = e^{j(psi - pi)}/P0(j wc) and a = alpha pi/2
+
+    ki = -Im x wc^alpha/sin a ,   kp = Re x + Im x cot a ,   C = Re x + Im x h ,
+    h = (cos a - e^{-alpha tau})/sin a ,   tau = ln(s/wc) .                                                        (3)
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+from flint import acb, arb
+
+from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of
+from fopi_tune.spec.model import ControllerSpec, GainRange
+
+_ZERO = arb(0)
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A function over a box of coordinates, by (1); of a gain instead of the controller it is real.
+
+    Args:
+        middle: at the centre.
+        slopes: derivatives there.
+        rest: an upper bound of |e|.
+    """
+
+    middle: acb
+    slopes: tuple[acb, ...]
+    rest: arb
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """The controller over a box of coordinates and an interval of u = ln omega, s = j omega.
+
+    Args:
+        value: C.
+        slopes: its derivatives along the coordinates.
+        along: its derivative along u.
+    """
+
+    value: acb
+    slopes: tuple[acb, ...]
+    along: acb
+
+
+class Patch(ABC):
+    """The controllers of one box of coordinates.
+
+    Attributes:
+        box: their ranges.
+        kp, ki, alpha: balls that hold every gain of the box.
+        centre: the gains at the centre.
+    """
+
+    box: Box
+    kp: arb
+    ki: arb
+    alpha: arb
+    centre: tuple[arb, arb, arb]
+
+    @cached_property
+    def half(self) -> tuple[arb, ...]:
+        """Half-widths about the centre, rounded up."""
+        return tuple(
+            arb((arb(high) - c).union(c - arb(low)).abs_upper())
+            for (low, high), c in zip(self.box, map(arb, centre_of(self.box)), strict=True)
+        )
+
+    @abstractmethod
+    def plane(self, log_s: acb) -> Plane:
+        """C(s) by (1), at one s given by its logarithm."""
+
+    @abstractmethod
+    def gain_plane(self, name: str) -> Plane:
+        """The gain `kp` or `ki` by (1)."""
+
+    @abstractmethod
+    def sheet(self, u: Interval) -> Sheet:
+        """C(j omega) over an interval of u."""
+
+
+class Chart(ABC):
+    """Coordinates of the gains.
+
+    Attributes:
+        names: of the axes.
+    """
+
+    names: tuple[str, ...]
+
+    @abstractmethod
+    def patch(self, box: Box) -> Patch:
+        """The controllers of a box."""
+
+
+@dataclass(frozen=True)
+class GainChart(Chart):
+    """The gains themselves."""
+
+    names = ("kp", "ki", "alpha")
+
+    def patch(self, box: Box) -> Patch:
+        return GainPatch(box)
+
+    @staticmethod
+    def root(controller: ControllerSpec) -> Box:
+        """The whole box of gains."""
+        return tuple((side.min, side.max) for side in (controller.kp, controller.ki, controller.alpha))
+
+
+class GainPatch(Patch):
+    """A box of gains."""
+
+    def __init__(self, box: Box) -> None:
+        self.box = box
+        self.kp, self.ki, self.alpha = (ball_of(side) for side in box)
+        kp, ki, alpha = centre_of(box)
+        self.centre = arb(kp), arb(ki), arb(alpha)
+
+    def plane(self, log_s: acb) -> Plane:
+        kp, ki, alpha = self.centre
+        _, wide_ki, wide_alpha = self.half
+        rho = (-alpha * log_s).exp()
+        z = abs(log_s) * wide_alpha
+        # |e^z - 1| <= |z| e^|z|,  |e^z - 1 - z| <= |z|^2/2 e^|z|
+        rest = abs(rho) * z * z.exp() * (wide_ki + abs(ki) * z / 2)
+        return Plane(kp + ki * rho, (acb(1), rho, -log_s * (ki * rho)), rest.upper())
+
+    def gain_plane(self, name: str) -> Plane:
+        axis = GainChart.names.index(name)
+        return Plane(acb(self.centre[axis]), tuple(acb(int(k == axis)) for k in range(3)), _ZERO)
+
+    def sheet(self, u: Interval) -> Sheet:
+        log_s = acb(ball_of(u), arb.pi() / 2)
+        rho = (-self.alpha * log_s).exp()
+        integral = self.ki * rho
+        return Sheet(self.kp + integral, (acb(1), rho, -log_s * integral), -self.alpha * integral)
+
+
+@dataclass(frozen=True)
+class CrossoverChart(Chart):
+    """Every controller that makes one frequency a gain crossover of the nominal plant, by (3).
+
+    Args:
+        omega_rad_s: wc.
+        plant: P0(j wc), not 0.
+    """
+
+    omega_rad_s: float
+    plant: acb
+    names = ("alpha", "psi")
+
+    def patch(self, box: Box) -> Patch:
+        return CrossoverPatch(self, box)
+
+    @cached_property
+    def log_omega(self) -> arb:
+        """ln wc."""
+        return arb(self.omega_rad_s).log()
+
+    @staticmethod
+    def circle(alpha: GainRange, first: float) -> Box:
+        """Every order and every psi, from `first` (rounded down) once round."""
+        start = math.nextafter(first, -math.inf)
+        return (alpha.min, alpha.max), (start, start + 2.0 * math.pi + 1e-12)
+
+
+class CrossoverPatch(Patch):
+    """A box of alpha and psi."""
+
+    def __init__(self, chart: CrossoverChart, box: Box) -> None:
+        self.box, self.chart = box, chart
+        alpha, psi = map(arb, centre_of(box))
+        self._alpha_c, self._psi = alpha, ball_of(box[1])
+        self.alpha = ball_of(box[0])
+        self._x = self._point(psi)
+        over_x = self._point(self._psi)
+        self.kp, self.ki = self._gains(over_x, self.alpha)
+        self.centre = (*self._gains(self._x, alpha), alpha)
+
+    def _point(self, psi: arb) -> acb:
+        """x by (3)."""
+        return -acb(psi.cos(), psi.sin()) / self.chart.plant
+
+    def _gains(self, x: acb, alpha: arb) -> tuple[arb, arb]:
+        a = alpha * arb.pi() / 2
+        power = (alpha * self.chart.log_omega).exp()
+        return x.real + x.imag * a.cot(), -x.imag * power / a.sin()
+
+    def _h(self, alpha: arb, tau: acb) -> tuple[acb, acb, acb]:
+        """h with its first and second derivatives in alpha."""
+        k = arb.pi() / 2
+        sine, cosine, e = (k * alpha).sin(), (k * alpha).cos(), (-alpha * tau).exp()
+        h = (cosine - e) / sine
+        first = (-k / sine + tau * e + k * e * cosine / sine) / sine
+        second = 2 * k * k * cosine / sine**2 - tau * tau * e - 2 * k * tau * e * cosine / sine
+        return h, first, (second - k * k * e * (1 + cosine * cosine) / sine**2) / sine
+
+    def plane(self, log_s: acb) -> Plane:
+        tau, x = log_s - self.chart.log_omega, self._x
+        h, first, _ = self._h(self._alpha_c, tau)
+        return self._plane(x, h, first, *self._h(self.alpha, tau)[1:])
+
+    def _plane(self, x: acb, h: acb, first: acb, over_first: acb, over_second: acb) -> Plane:
+        """Of Re x + Im x h(alpha), x on a circle."""
+        t_alpha, t_psi = self.half
+        # |x(psi) - x_c| <= |x| t,  |x(psi) - x_c - j x_c t| <= |x| t^2/2
+        size = abs(x)
+        rest = size * t_psi * (t_psi / 2 * (1 + abs(h)) + abs(over_first) * t_alpha)
+        rest = rest + abs(x.imag) * abs(over_second) * t_alpha**2 / 2
+        return Plane(x.real + x.imag * h, (x.imag * first, -x.imag + x.real * h), rest.upper())
+
+    def gain_plane(self, name: str) -> Plane:
+        k, x = arb.pi() / 2, self._x
+
+        def cotangent(alpha: arb) -> tuple[arb, arb, arb]:
+            cot, sine = (k * alpha).cot(), (k * alpha).sin()
+            return cot, -k / sine**2, 2 * k * k * cot / sine**2
+
+        def power(alpha: arb) -> tuple[arb, arb, arb]:
+            # f = wc^alpha/sin a:  f' = f q,  f'' = f (q^2 + q'),  q = ln wc - k cot a
+            f = (alpha * self.chart.log_omega).exp() / (k * alpha).sin()
+            q = self.chart.log_omega - k * (k * alpha).cot()
+            return f, f * q, f * (q * q + (k / (k * alpha).sin()) ** 2)
+
+        if name == "kp":
+            f, first, _ = cotangent(self._alpha_c)
+            _, over_first, over_second = cotangent(self.alpha)
+            return self._plane(x, acb(f), acb(first), acb(over_first), acb(over_second))
+        f, first, _ = power(self._alpha_c)
+        _, over_first, over_second = power(self.alpha)
+        # ki = -Im x f:  the same without Re x, and its bound holds a fortiori
+        found = self._plane(x, acb(f), acb(first), acb(over_first), acb(over_second))
+        return Plane(acb(-x.imag * f), (acb(-x.imag * first), acb(-x.real * f)), found.rest)
+
+    def sheet(self, u: Interval) -> Sheet:
+        tau = acb(ball_of(u) - self.chart.log_omega, arb.pi() / 2)
+        x = self._point(self._psi)
+        h, first, _ = self._h(self.alpha, tau)
+        e = (-self.alpha * tau).exp() / (arb.pi() / 2 * self.alpha).sin()
+        return Sheet(x.real + x.imag * h, (x.imag * first, -x.imag + x.real * h), x.imag * self.alpha * e)

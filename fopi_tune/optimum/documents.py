@@ -1,0 +1,129 @@
+"""The bound as JSON, and back:  everything that it takes to test it again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.errors import CertificateError, DomainError
+from fopi_tune.optimum.refute import Reason
+from fopi_tune.optimum.results import Optimum, OptimumProof, OptimumStatus
+from fopi_tune.optimum.tree import Cover
+from fopi_tune.proof.entries import Entry
+
+#: version of the file; it may only grow
+OPTIMUM_SCHEMA = 1
+KIND = "fopi_tune optimum"
+
+
+def to_dict(optimum: Optimum) -> dict[str, Any]:
+    """What a result says of it, short of the proof's boxes."""
+    return {
+        "status": optimum.status.value,
+        "statement": optimum.statement,
+        "advice": optimum.status.advice,
+        "gap": optimum.gap,
+        "wanted_gap": optimum.wanted_gap,
+        "bound": optimum.bound,
+        "objective": optimum.objective,
+        "gains": gains_dict(optimum.gains),
+        "better_gains": gains_dict(optimum.better),
+        "better_objective": optimum.better_objective,
+        "boxes": optimum.boxes,
+        "discarded_boxes": optimum.proof.leaves if optimum.proof else 0,
+        "seconds": optimum.seconds,
+        "left_out": list(optimum.left_out),
+        "reason": optimum.reason,
+    }
+
+
+def gains_dict(gains: FoPi | None) -> dict[str, float] | None:
+    """Gains by name."""
+    return None if gains is None else {"kp": gains.kp, "ki": gains.ki, "alpha": gains.alpha}
+
+
+def to_document(optimum: Optimum, versions: dict[str, str]) -> dict[str, Any]:
+    """The whole of it, with the proof.
+
+    Args:
+        optimum: what to write.
+        versions: what computed it.
+    """
+    found = to_dict(optimum)
+    del found["seconds"]  # equal inputs give equal files, as far as no limit of time was reached
+    return {
+        "kind": KIND,
+        "schema": OPTIMUM_SCHEMA,
+        "name": optimum.name,
+        "spec_sha256": optimum.spec_sha256,
+        "versions": versions,
+        **found,
+        "proof": None if optimum.proof is None else _proof_dict(optimum.proof),
+    }
+
+
+def _proof_dict(proof: OptimumProof) -> dict[str, Any]:
+    return {
+        "beat": proof.beat,
+        "reasons": [
+            {
+                "condition": reason.condition,
+                "point": list(reason.point),
+                "omega_rad_s": list(reason.omega),
+                "above": reason.above,
+            }
+            for reason in proof.reasons
+        ],
+        "covers": [
+            {"root": [list(side) for side in cover.root], "tokens": " ".join(cover.tokens)} for cover in proof.covers
+        ],
+    }
+
+
+class Stated:
+    """What a document says, read strictly.
+
+    Raises:
+        CertificateError: it is none, or an entry is missing or of the wrong kind.
+    """
+
+    def __init__(self, document: object) -> None:
+        top = Entry(document, "")
+        if top.get("kind") != KIND:
+            raise CertificateError("this is no bound of an optimum: its kind is another")
+        if top.number("schema") != OPTIMUM_SCHEMA:
+            raise CertificateError(f"schema {top.number('schema'):g} is not known; this version reads {OPTIMUM_SCHEMA}")
+        self.name, self.spec_sha256 = top.text("name"), top.text("spec_sha256")
+        self.status = top.word("status", OptimumStatus)
+        self.bound, self.objective = top.number_or_none("bound"), top.number_or_none("objective")
+        self.gap, self.wanted_gap = top.number_or_none("gap"), top.number("wanted_gap")
+        self.gains = None if top.get("gains") is None else _read_gains(top.child("gains"))
+        self.proof = None if top.get("proof") is None else _read_proof(top.child("proof"))
+
+
+def _read_gains(entry: Entry) -> FoPi:
+    try:
+        return FoPi(entry.number("kp"), entry.number("ki"), entry.number("alpha"))
+    except DomainError as error:
+        raise CertificateError(str(error)) from None
+
+
+def _read_proof(entry: Entry) -> OptimumProof:
+    covers = tuple(_read_cover(child) for child in entry.children("covers"))
+    reasons = tuple(_read_reason(child) for child in entry.children("reasons"))
+    return OptimumProof(entry.number_or_none("beat"), covers, reasons)
+
+
+def _read_cover(entry: Entry) -> Cover:
+    sides = entry.get("root")
+    if not isinstance(sides, list) or not all(isinstance(side, list) and len(side) == 2 for side in sides):
+        raise CertificateError(f"{entry.place}.root is no box")
+    ends = [Entry({"side": side}, f"{entry.place}.root[{k}]").numbers("side") for k, side in enumerate(sides)]
+    return Cover(tuple((low, high) for low, high in ends), tuple(entry.text("tokens").split()))
+
+
+def _read_reason(entry: Entry) -> Reason:
+    condition = entry.count_or_none("condition")
+    if condition is None or condition < 0:
+        raise CertificateError(f"{entry.place}.condition is no place in a list")
+    return Reason(condition, entry.numbers("point"), entry.numbers("omega_rad_s"), entry.flag("above"))

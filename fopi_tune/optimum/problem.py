@@ -1,0 +1,193 @@
+"""What a search is about:  a spec, what is to be beaten, and the coordinates; with plants' responses remembered."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import cached_property
+
+from flint import acb, arb
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.optimum.charts import Chart, CrossoverChart, GainChart
+from fopi_tune.optimum.conditions import Conditions, conditions_of, degrees, nominal_equality
+from fopi_tune.proof.balls.argument import Argument, tracks_of
+from fopi_tune.proof.balls.box import Box, Interval
+from fopi_tune.proof.balls.loop import BallLoop
+from fopi_tune.proof.balls.plant import PlantBalls, polynomial
+from fopi_tune.proof.balls.reading import Reader
+from fopi_tune.proof.balls.values import LoopBalls
+from fopi_tune.spec.model import DesignSpec, GainRange
+
+_MOST_CELLS = 50_000
+
+
+class Sign(StrEnum):
+    """Which sign of ki a spec allows."""
+
+    POSITIVE = "ki >= 0"
+    NEGATIVE = "ki < 0"
+    EITHER = "any ki"
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One search.
+
+    Args:
+        spec: what is asked.
+        beat: the objective that is to be beaten, in its public unit; None for the requirements alone.
+        conditions: of both.
+        chart: the coordinates.
+        roots: boxes of them that together hold every gain that can be the answer.
+        sheet_is_covered: whether the last root holds everything with the nominal phase margin that is asked for.
+    """
+
+    spec: DesignSpec
+    beat: float | None
+    conditions: Conditions
+    chart: Chart
+    roots: tuple[Box, ...]
+    sheet_is_covered: bool
+
+    @classmethod
+    def of(cls, spec: DesignSpec, beat: float | None) -> Problem:
+        """A crossover of the nominal plant that is fixed takes one dimension away, a phase margin there a second.
+
+        Necessary is no more than |L0(j wc)| = 1.  The phase margin is the smallest over all crossovers, so it is that
+        of wc only if no lower crossover has it: the first root holds all of psi and is searched like any other, with
+        that as one more way to discard a box; the second holds psi as it is asked for.
+        """
+        conditions = conditions_of(spec, beat)
+        crossover = nominal_equality(spec, "crossover_rad_s")
+        nominal = tuple(spec.plant.nominal_point.tolist())
+        plain = BallLoop(FoPi(1.0, 0.0, 1.0), spec.plant)
+        at = None if crossover is None else _response(plain, nominal, crossover.limits[0])[1]
+        if crossover is None or at is None or not at.is_finite() or at.contains(0):
+            return cls(spec, beat, conditions, GainChart(), (GainChart.root(spec.controller),), False)
+        chart = CrossoverChart(crossover.limits[0], at)
+        margin = nominal_equality(spec, "phase_margin_deg")
+        if margin is None:
+            roots: tuple[Box, ...] = (CrossoverChart.circle(spec.controller.alpha, -math.pi),)
+        else:
+            exact = degrees(margin.limits[0])
+            line = tuple(math.nextafter(float(exact.mid()), end) for end in (-math.inf, math.inf))
+            if not (arb(line[0]) < exact < arb(line[1])):
+                raise ArithmeticError(f"{margin.limits[0]!r} degrees are not enclosed")
+            alpha = (spec.controller.alpha.min, spec.controller.alpha.max)
+            roots = (CrossoverChart.circle(spec.controller.alpha, line[0]), (alpha, (line[0], line[1])))
+        return cls(spec, beat, conditions, chart, roots, margin is not None)
+
+    def beating(self, beat: float | None) -> Problem:
+        """The same with another level."""
+        return replace(self, beat=beat, conditions=conditions_of(self.spec, beat))
+
+    @property
+    def family(self) -> PlantFamily:
+        """The plants."""
+        return self.spec.plant
+
+    @cached_property
+    def nominal(self) -> tuple[float, ...]:
+        """The nominal plant's place."""
+        return tuple(self.family.nominal_point.tolist())
+
+    @property
+    def crossover_rad_s(self) -> float | None:
+        """The nominal crossover, where it is fixed."""
+        return self.chart.omega_rad_s if isinstance(self.chart, CrossoverChart) else None
+
+    @cached_property
+    def sign(self) -> Sign:
+        """Which sign ki may have."""
+        ki: GainRange = self.spec.controller.ki
+        return Sign.POSITIVE if ki.min >= 0.0 else Sign.NEGATIVE if ki.max < 0.0 else Sign.EITHER
+
+    def has_member(self, point: tuple[float, ...], nominal: bool) -> bool:
+        """Whether a place is a plant of the family; the nominal one, where only that is meant."""
+        if nominal:
+            return point == self.nominal
+        low, high = self.family.low.tolist(), self.family.high.tolist()
+        return len(point) == len(low) and all(a <= x <= b for a, x, b in zip(low, point, high, strict=True))
+
+    @cached_property
+    def plain(self) -> BallLoop:
+        """The plants alone: the loop of the controller 1."""
+        return BallLoop(FoPi(1.0, 0.0, 1.0), self.family)
+
+    @cached_property
+    def reader(self) -> Reader:
+        """Unwrapped phases of the plants."""
+        return Reader(self.plain)
+
+    @cached_property
+    def _plants(self) -> dict[tuple[float, ...], PlantBalls]:
+        return {}
+
+    @cached_property
+    def _responses(self) -> dict[tuple[tuple[float, ...], float], tuple[acb, acb]]:
+        return {}
+
+    @cached_property
+    def _cells(self) -> dict[tuple[tuple[float, ...], Interval], LoopBalls]:
+        return {}
+
+    @cached_property
+    def sizes(self) -> dict[tuple[tuple[float, ...], Interval], tuple[arb, arb]]:
+        """Bounds of |P| over the same intervals."""
+        return {}
+
+    def cell(self, point: tuple[float, ...], u: Interval) -> LoopBalls:
+        """One plant over an interval of u; remembered, since many boxes ask for the same."""
+        if len(self._cells) > _MOST_CELLS:
+            self._cells.clear()
+            self.sizes.clear()
+        key = (point, u)
+        if key not in self._cells:
+            self._cells[key] = self.plain.balls(u, self.plant(point))
+        return self._cells[key]
+
+    @cached_property
+    def _tracks(self) -> dict[tuple[float, ...], tuple[Argument, Argument]]:
+        return {}
+
+    def plant(self, point: tuple[float, ...]) -> PlantBalls:
+        """One plant."""
+        if point not in self._plants:
+            self._plants[point] = self.plain.plant([arb(value) for value in point])
+        return self._plants[point]
+
+    def is_negative(self, point: tuple[float, ...]) -> bool | None:
+        """Whether a plant's sign turns its phase by half a turn; None where that is not known."""
+        if point not in self._tracks:
+            self._tracks[point] = tracks_of(self.plain, point)
+        numerator, denominator = self._tracks[point]
+        if numerator.right is None or denominator.right is None:
+            return None
+        return bool((numerator.leading_sign != denominator.leading_sign) ^ (numerator.right % 2 == 1))
+
+    def response(self, point: tuple[float, ...], omega: float) -> tuple[acb, acb]:
+        """ln(j omega), and P there."""
+        key = (point, omega)
+        if key not in self._responses:
+            self._responses[key] = _response(self.plain, point, omega)
+        return self._responses[key]
+
+    def real_response(self, point: tuple[float, ...], horizon_s: float) -> tuple[acb, acb]:
+        """ln(1/T), and P there."""
+        key = (point, -horizon_s)
+        if key not in self._responses:
+            plant, s = self.plant(point), 1 / arb(horizon_s)
+            top = polynomial([c.value for c in plant.numerator], acb(s)) * (-s * plant.dead_time.value).exp()
+            bottom = polynomial([c.value for c in plant.denominator], acb(s))
+            self._responses[key] = acb(s.log()), top / bottom
+        return self._responses[key]
+
+
+def _response(plain: BallLoop, point: tuple[float, ...], omega: float) -> tuple[acb, acb]:
+    plant, s = plain.plant([arb(value) for value in point]), acb(0, arb(omega))
+    late = (-s * plant.dead_time.value).exp()
+    top, bottom = (polynomial([c.value for c in side], s) for side in (plant.numerator, plant.denominator))
+    return acb(arb(omega).log(), arb.pi() / 2), top * late / bottom

@@ -1,0 +1,129 @@
+"""Test a bound again without searching:  every box of it in ball arithmetic, and the incumbent by the verification.
+
+Nothing is believed but the spec: the conditions, the boxes that must be covered and the incumbent's objective are made
+from it again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from flint import ctx
+
+from fopi_tune.optimum.certify import incumbent_refusal, why_no_bound
+from fopi_tune.optimum.documents import Stated
+from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.refute import fails
+from fopi_tune.optimum.results import OptimumProof, OptimumStatus, relative_gap
+from fopi_tune.optimum.tree import walk
+from fopi_tune.proof import verify
+from fopi_tune.proof.balls.loop import PRECISION
+from fopi_tune.spec.model import DesignSpec
+
+#: relative; the objective is computed the same way again, but perhaps on another machine
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class OptimumRecheck:
+    """What a recheck found.
+
+    Args:
+        status: as the file states it.
+        leaves: boxes that were tested.
+        problems: everything that is wrong; empty when the file is sound.
+    """
+
+    status: OptimumStatus
+    leaves: int
+    problems: tuple[str, ...]
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether everything that is stated follows."""
+        return not self.problems
+
+
+def recheck_optimum(document: object, spec: DesignSpec) -> OptimumRecheck:
+    """Whether what a file says of the best gains follows for a spec.
+
+    Args:
+        document: the file's JSON, as `json.load` gives it.
+        spec: what it is about.
+
+    Raises:
+        CertificateError: it is no such file.
+    """
+    stated = Stated(document)
+    problems = list(_disagreements(stated, spec))
+    leaves = 0
+    if stated.proof is not None and not problems:
+        with ctx.workprec(PRECISION):
+            leaves, found = _untrue(stated.proof, spec)
+        problems += found
+    if not problems and stated.gains is not None and stated.bound is not None:
+        problems += _about_incumbent(stated, spec)
+    return OptimumRecheck(stated.status, leaves, tuple(problems))
+
+
+def _disagreements(stated: Stated, spec: DesignSpec) -> list[str]:
+    """Where the file's statements do not go together."""
+    found = []
+    if (stated.name, stated.spec_sha256) != (spec.name, spec.sha256):
+        found.append("the file is about another spec")
+    beat = stated.proof.beat if stated.proof else None
+    if stated.status is OptimumStatus.INFEASIBLE and (stated.proof is None or beat is not None):
+        found.append("that there are no gains is stated, but not shown")
+    if stated.status is not OptimumStatus.INFEASIBLE and stated.bound != beat:
+        found.append("the bound that is stated is not the one that is shown")
+    if stated.bound is not None and (stated.objective is None or stated.gains is None or stated.gap is None):
+        found.append("a bound is stated without the gains, the objective and the gap that belong to it")
+    if stated.bound is None and stated.gap is not None:
+        found.append("a gap is stated without a bound")
+    if stated.status is OptimumStatus.CERTIFIED and (stated.gap is None or not stated.gap <= stated.wanted_gap):
+        found.append("the gap that is stated is not the one that was asked for")
+    if stated.status is OptimumStatus.NO_BOUND and stated.proof is not None:
+        found.append("a proof is given of nothing")
+    reason = why_no_bound(spec)
+    if stated.proof is not None and reason:
+        found.append(reason)
+    return found
+
+
+def _untrue(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]:
+    """Leaves that were tested, and what is wrong with the first that does not hold."""
+    problem = Problem.of(spec, proof.beat)
+    if tuple(cover.root for cover in proof.covers) != problem.roots:
+        return 0, ["the boxes that are covered are not those of the spec"]
+    if any(reason.condition >= len(problem.conditions.every) for reason in proof.reasons):
+        return 0, ["a reason names a condition that the spec does not have"]
+    leaves = 0
+    for cover in proof.covers:
+        try:
+            for box, reason in walk(cover, proof.reasons):
+                leaves += 1
+                if not fails(problem, problem.chart.patch(box), reason):
+                    return leaves, [f"box {leaves} is not discarded by the reason that is given"]
+        except ValueError as error:
+            return leaves, [str(error)]
+    return leaves, []
+
+
+def _about_incumbent(stated: Stated, spec: DesignSpec) -> list[str]:
+    """What is wrong with the gains and their objective."""
+    assert stated.gains is not None
+    assert stated.bound is not None
+    assert stated.objective is not None
+    found = verify(spec, stated.gains)
+    refusal = incumbent_refusal(spec, stated.gains, found)
+    if refusal:
+        return [refusal]
+    assert found.objective is not None
+    scale = max(abs(found.objective), 1e-6)
+    if abs(found.objective - stated.objective) > _SAME * scale:
+        return [f"the objective of these gains is {found.objective:.10g}, not {stated.objective:.10g}"]
+    gap = relative_gap(found.objective, stated.bound)
+    if stated.gap is None or not math.isclose(gap, stated.gap, rel_tol=1e-6, abs_tol=_SAME):
+        return ["the gap that is stated is not that of the bound and the objective"]
+    return []

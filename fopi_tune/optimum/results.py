@@ -1,0 +1,109 @@
+"""What is known of the best gains there can be, as frozen data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.optimum.refute import Reason
+from fopi_tune.optimum.tree import Cover
+
+#: an objective smaller than this counts as this in a relative gap
+SMALLEST_OBJECTIVE = 1e-6
+
+
+class OptimumStatus(StrEnum):
+    """How it ended; `advice` says what that means."""
+
+    CERTIFIED = "certified"
+    INFEASIBLE = "infeasible"
+    LIMIT_REACHED = "limit_reached"
+    NO_BOUND = "no_bound"
+
+    @property
+    def advice(self) -> str:
+        """One sentence."""
+        return {
+            OptimumStatus.CERTIFIED: "No gains in the box that meet every requirement are better by more than the gap.",
+            OptimumStatus.INFEASIBLE: "No gains in the box meet every requirement: that is proved.",
+            OptimumStatus.LIMIT_REACHED: "The gap that was asked for was not reached; what was proved is stated.",
+            OptimumStatus.NO_BOUND: "Nothing is proved of the best gains; the reason says why.",
+        }[self]
+
+
+@dataclass(frozen=True)
+class OptimumProof:
+    """Boxes that together hold every gain that could be the answer, each with the reason why it is not.
+
+    Args:
+        beat: the objective that nothing beats, in its public unit; None when no gains meet the requirements at all.
+        covers: trees of boxes.
+        reasons: what their leaves refer to.
+    """
+
+    beat: float | None
+    covers: tuple[Cover, ...]
+    reasons: tuple[Reason, ...]
+
+    @property
+    def leaves(self) -> int:
+        """Boxes that were discarded."""
+        return sum(cover.leaves for cover in self.covers)
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """How far given gains can be from the best ones; or that there are none.
+
+    Args:
+        name: of the spec.
+        spec_sha256: of its file.
+        status: how it ended.
+        gains: the incumbent; None without one.
+        objective: its objective, in the public unit, as the verification found it.
+        bound: no gains in the box that meet every requirement exactly have a better objective; None when not shown.
+        gap: |objective - bound| relative to the objective; None when there is no bound.
+        wanted_gap: what was asked for.
+        better: gains that meet the spec and have a better objective, as far as floating point tells; None when none
+            were met with.
+        better_objective: theirs.
+        boxes: boxes looked at.
+        seconds: how long it took.
+        proof: what shows it; None where nothing was shown.
+        left_out: parts of the spec that were not used: the bound holds, and could be closer.
+        reason: why there is no bound, or what stopped the search; empty otherwise.
+    """
+
+    name: str
+    spec_sha256: str
+    status: OptimumStatus
+    gains: FoPi | None
+    objective: float | None
+    bound: float | None
+    gap: float | None
+    wanted_gap: float
+    better: FoPi | None
+    better_objective: float | None
+    boxes: int
+    seconds: float
+    proof: OptimumProof | None
+    left_out: tuple[str, ...]
+    reason: str
+
+    @property
+    def statement(self) -> str:
+        """What is proved, in one or two sentences."""
+        if self.status is OptimumStatus.INFEASIBLE:
+            return "No gains in the box meet every requirement."
+        if self.bound is None or self.objective is None or self.gap is None:
+            return f"Nothing is proved of the best gains: {self.reason}."
+        return (
+            "No gains in the box that meet every requirement (exactly) have an objective better than "
+            f"{self.bound:.8g}; the design's is {self.objective:.8g}, a gap of {100.0 * self.gap:.2g} %."
+        )
+
+
+def relative_gap(objective: float, bound: float) -> float:
+    """|objective - bound| relative to the objective."""
+    return abs(objective - bound) / max(abs(objective), SMALLEST_OBJECTIVE)

@@ -1,0 +1,294 @@
+"""Branch and bound over the gains:  shows that no gains meet a spec with an objective better than a level.
+
+Boxes are screened in floating point by the hundred; what that suggests is tested in ball arithmetic, box by box, and
+only then a box is discarded.  What is left is cut along the axis that matters most.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from fopi_tune.optimum.brackets import Suggestion, suggestions
+from fopi_tune.optimum.charts import GainChart
+from fopi_tune.optimum.conditions import Test
+from fopi_tune.optimum.places import (
+    constant_reasons,
+    first_reasons,
+    further_reasons,
+    meets_conditions,
+    plants_to_try,
+)
+from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.refute import Reason, fails
+from fopi_tune.optimum.screen import Boxes, Samples
+from fopi_tune.optimum.tree import Node
+from fopi_tune.proof.balls.box import centre_of
+
+#: (boxes looked at, boxes open) while a search runs
+Progress = Callable[[int, int], None]
+
+_BATCH = 256
+#: a ratio from which a suggestion is worth a test in balls, of a plane and of what is bounded more roughly
+_SURE, _WORTH = 1.0 + 1e-9, 1.02
+#: rounds between looks for new samples, and boxes that are looked at for them
+_REFINE_EVERY, _REFINE_BOXES = 4, 24
+#: centres that are tried as controllers at each of these looks
+_MOST_TRIED = 3
+#: cuts between attempts at claims that cost milliseconds
+_COSTLY_EVERY = 3
+#: a box this much narrower than its root (along its widest side) is not worth cutting any more
+_NARROWEST = 2.0**-26
+#: how much narrower than its widest side a side may be cut, as parts of the root
+_ASPECT = 0.1
+
+
+class Ended(StrEnum):
+    """How a search for one level ended; the value says why it was not shown."""
+
+    SHOWN = ""
+    LIMIT = "the limit of time or boxes was reached"
+    NARROW = "a box became too narrow to be cut: the requirements may just touch"
+    BETTER = "gains were met with that seem to be better"
+
+    @property
+    def words(self) -> str:
+        """Why."""
+        return self.value
+
+
+@dataclass
+class Limits:
+    """When to stop.
+
+    Args:
+        until: `time.monotonic()` at which to stop.
+        boxes: the most boxes to look at.
+    """
+
+    until: float
+    boxes: int
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the time is up."""
+        return time.monotonic() >= self.until
+
+
+@dataclass
+class Search:
+    """A tree that grows from level to level.
+
+    Args:
+        problem: with the level that is being shown.
+        roots: of the trees.
+        looked_at: boxes so far.
+        better: coordinates of a controller that seems to meet every condition.
+    """
+
+    problem: Problem
+    roots: tuple[Node, ...]
+    limits: Limits
+    reasons: list[Reason]
+    points: list[tuple[float, ...]]
+    progress: Progress | None = None
+    looked_at: int = 0
+    better: tuple[float, ...] | None = None
+    _open: list[Node] = field(default_factory=list)
+    _samples: Samples | None = None
+    _hits: dict[int, int] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, problem: Problem, limits: Limits, places: list, progress: Progress | None = None) -> Search:
+        """With samples to start from.
+
+        Args:
+            problem: what to show.
+            limits: when to stop.
+            places: (frequency or None, plant) that are worth a look, from a verification.
+            progress: told how far it is.
+        """
+        points = plants_to_try(problem, places)
+        reasons = first_reasons(problem, points, places)
+        return cls(problem, tuple(Node(box) for box in problem.roots), limits, reasons, points, progress)
+
+    def show(self, problem: Problem) -> Ended:
+        """Discard every box at the level of this problem.
+
+        Boxes that were discarded for an earlier level stay so, unless their reason depends on it and no longer holds.
+        """
+        self.problem = problem
+        self._samples = Samples.of(problem, tuple(self.reasons))
+        self._open = []
+        for root in self.roots:
+            for leaf in root.leaves():
+                if leaf.reason is not None and self._still_holds(leaf):
+                    continue
+                leaf.reason = None
+                self._open.append(leaf)
+        rounds = 0
+        while self._open:
+            if self.limits.is_over or self.looked_at >= self.limits.boxes:
+                return Ended.LIMIT
+            batch, self._open = self._open[-_BATCH:], self._open[:-_BATCH]
+            self.looked_at += len(batch)
+            left = self._examined(batch)
+            rounds += 1
+            if left is None:
+                return Ended.NARROW
+            if self.progress is not None:
+                self.progress(self.looked_at, len(self._open))
+            if rounds % _REFINE_EVERY == 0 and left:
+                self._refine([node for node, _ in left])
+                if self._meets_a_controller(left):
+                    return Ended.BETTER
+        return Ended.SHOWN
+
+    def _meets_a_controller(self, left: list[tuple[Node, float]]) -> bool:
+        """Whether the centre of a box that no sample speaks against meets every condition."""
+        line = self.problem.sheet_is_covered
+        good = sorted((ratio, k) for k, (node, ratio) in enumerate(left) if ratio < 0.0 and self._is_line(node) == line)
+        for _, k in good[:_MOST_TRIED]:
+            centre = centre_of(left[k][0].box)
+            if meets_conditions(self.problem, np.array([centre]), self.points):
+                self.better = centre
+                return True
+        return False
+
+    def _still_holds(self, leaf: Node) -> bool:
+        assert leaf.reason is not None
+        if not self.problem.conditions.every[leaf.reason.condition].of_objective:
+            return True
+        return fails(self.problem, self.problem.chart.patch(leaf.box), leaf.reason)
+
+    def _examined(self, batch: list[Node]) -> list[tuple[Node, float]] | None:
+        """Discard what can be discarded and cut the rest.
+
+        Returns:
+            What was cut with its largest ratio; None when a box is too narrow to be cut.
+        """
+        assert self._samples is not None
+        boxes = _boxes(batch)
+        found = self._samples.screen(self.problem.chart, boxes)
+        axes, ratios = found.axis.copy(), found.ratio.copy()
+        rows: list[int] = []
+        for row, node in enumerate(batch):
+            if found.ratio[row] > _SURE and self._discard(node, self._samples.reasons[int(found.reason[row])]):
+                continue
+            rows.append(row)
+        rows = self._on_sheet(batch, self._simple(batch, rows))
+        if rows:
+            rows = self._from_crossovers(batch, boxes, rows, axes, ratios)
+        left = []
+        for row in rows:
+            node = batch[row]
+            axis = self._axis(node, int(axes[row]))
+            pieces = node.cut(axis) if axis >= 0 else None
+            if pieces is None:
+                self._open += [batch[other] for other in rows if batch[other].axis < 0]
+                return None
+            self._open += pieces
+            left.append((node, float(ratios[row])))
+        return left
+
+    def _discard(self, node: Node, reason: Reason) -> bool:
+        if not fails(self.problem, self.problem.chart.patch(node.box), reason):
+            return False
+        node.reason = reason
+        return True
+
+    def _simple(self, batch: list[Node], rows: list[int]) -> list[int]:
+        """By conditions on the gains themselves."""
+        in_range = isinstance(self.problem.chart, GainChart)
+        simple = [
+            Reason(k)
+            for k, condition in enumerate(self.problem.conditions.every)
+            if condition.test is Test.GAIN and (condition.of_objective or not in_range)
+        ] + constant_reasons(self.problem, self.points)
+        return [row for row in rows if not any(self._discard(batch[row], reason) for reason in simple)]
+
+    def _from_crossovers(
+        self, batch: list[Node], boxes: Boxes, rows: list[int], axes: np.ndarray, ratios: np.ndarray
+    ) -> list[int]:
+        picked = np.array(rows)
+        by_row: dict[int, list[Suggestion]] = {}
+        for suggestion in suggestions(self.problem, boxes.take(picked), self.points):
+            by_row.setdefault(suggestion.row, []).append(suggestion)
+        left = []
+        for k, row in enumerate(rows):
+            node = batch[row]
+            own = sorted(by_row.get(k, []), key=lambda s: -s.ratio)
+            if self.problem.sheet_is_covered and not self._is_line(node):
+                own = [s for s in own if not self._is_cover(s)]
+            if any(s.ratio > _WORTH and self._discard(node, s.reason) for s in own):
+                continue
+            if own and own[0].axis >= 0 and own[0].ratio > ratios[row]:
+                axes[row], ratios[row] = own[0].axis, own[0].ratio
+            if self._depth(node) % _COSTLY_EVERY == 0 and self._costly(node, own):
+                continue
+            left.append(row)
+        return left
+
+    def _on_sheet(self, batch: list[Node], rows: list[int]) -> list[int]:
+        """By what tells that the nominal phase margin can only be read at the crossover that is fixed."""
+        if not self.problem.sheet_is_covered:
+            return rows
+        place = next(k for k, c in enumerate(self.problem.conditions.every) if c.test is Test.LOWER_CROSSOVER)
+        return [row for row in rows if self._is_line(batch[row]) or not self._discard(batch[row], Reason(place))]
+
+    def _is_cover(self, suggestion: Suggestion) -> bool:
+        """Whether a claim is about the whole axis: too dear off the line, where another one does the work."""
+        condition = self.problem.conditions.every[suggestion.reason.condition]
+        return condition.test is Test.CROSSOVER or (condition.test is Test.MARGIN and condition.upper)
+
+    def _costly(self, node: Node, own: list[Suggestion]) -> bool:
+        """A claim about the whole frequency axis."""
+        unstable = [s for s in own if s.axis < 0 and s.ratio == 0.0]
+        return not self.limits.is_over and any(self._discard(node, s.reason) for s in unstable[:1])
+
+    def _is_line(self, node: Node) -> bool:
+        return node.box[-1] == self.roots[-1].box[-1]
+
+    def _depth(self, node: Node) -> int:
+        """Cuts since the root, told from the size."""
+        root = next(root for root in self.roots if _is_inside(node.box, root.box))
+        volume = 0.0
+        for (a, b), (first, last) in zip(node.box, root.box, strict=True):
+            if last > first and b > a:
+                volume += np.log2((last - first) / (b - a))
+        return round(volume)
+
+    def _widths(self, node: Node) -> list[float]:
+        """The box's sides as parts of the first root's."""
+        sides = zip(node.box, self.problem.roots[0], strict=True)
+        return [(b - a) / (last - first) if last > first else 0.0 for (a, b), (first, last) in sides]
+
+    def _axis(self, node: Node, wanted: int) -> int:
+        """The axis that is wanted, or the widest where that one is much narrower; -1 when all are too narrow."""
+        widths = self._widths(node)
+        widest = int(np.argmax(widths))
+        if widths[widest] <= _NARROWEST:
+            return -1
+        return wanted if wanted >= 0 and widths[wanted] > _ASPECT * widths[widest] else widest
+
+    def _refine(self, left: list[Node]) -> None:
+        """New samples where the centres of boxes that are left break a condition most."""
+        new = further_reasons(self.problem, _boxes(left[-_REFINE_BOXES:]).middle, self.points)
+        known = set(self.reasons)
+        new = [reason for reason in new if reason not in known]
+        if new:
+            self.reasons += new
+            self._samples = Samples.of(self.problem, tuple(self.reasons))
+
+
+def _boxes(nodes: list[Node]) -> Boxes:
+    ends = np.array([node.box for node in nodes], dtype=float)
+    return Boxes(ends[:, :, 0], ends[:, :, 1])
+
+
+def _is_inside(box: tuple, root: tuple) -> bool:
+    return all(first <= a and b <= last for (a, b), (first, last) in zip(box, root, strict=True))

@@ -1,0 +1,32 @@
+"""The paper's study:  every claim recomputed, with its verdict, and the figures.
+
+    CLAIMS["brake"]()            the rows of one group of claims
+    FIGURES["bode_brake"]()      a figure as SVG text
+    figure_png("bode_brake")     the same figure as PNG bytes
+    picture = PICTURES[...]()    computed once, then svg_of(picture), png_of(picture)
+    paper_text(rows), paper_markdown(rows), paper_csv(rows)
+
+Nothing here touches the disk or prints, and nothing that is recomputed is stored: each call computes.
+"""
+
+from fopi_tune.paper.canvas import Picture, png_of, svg_of
+from fopi_tune.paper.claims import CLAIMS
+from fopi_tune.paper.pictures import FIGURES, PICTURES, figure_png
+from fopi_tune.paper.rows import Row, Verdict
+from fopi_tune.paper.table import paper_csv, paper_markdown, paper_text, summary
+
+__all__ = [
+    "CLAIMS",
+    "FIGURES",
+    "PICTURES",
+    "Picture",
+    "Row",
+    "Verdict",
+    "figure_png",
+    "paper_csv",
+    "paper_markdown",
+    "paper_text",
+    "png_of",
+    "summary",
+    "svg_of",
+]

@@ -1,0 +1,94 @@
+"""What the paper prints: HosseinNia, Tejado, Vinagre, Milanes, Villagra, "Low Speed Control of an Autonomous Vehicle
+Using a Hybrid Fractional Order Controller".  Nothing here is computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.plant import Plant
+from fopi_tune.paper.rows import Printed
+
+
+@dataclass(frozen=True)
+class PrintedGains:
+    """A row of the paper's table of controllers."""
+
+    kp: Printed
+    ki: Printed
+    alpha: Printed
+
+    @property
+    def gains(self) -> FoPi:
+        """As numbers."""
+        return FoPi(self.kp.value, self.ki.value, self.alpha.value)
+
+    def agree(self, gains: FoPi | None) -> bool:
+        """Whether gains round to these."""
+        if gains is None:
+            return False
+        return self.kp.agrees(gains.kp) and self.ki.agrees(gains.ki) and self.alpha.agrees(gains.alpha)
+
+    def __str__(self) -> str:
+        return f"kp = {self.kp.text}, ki = {self.ki.text}, alpha = {self.alpha.text}"
+
+
+@dataclass(frozen=True)
+class PrintedFilter:
+    """R_d(z) = sum b_k z^-k/(1 + sum a_k z^-k).
+
+    Args:
+        name: of the controller.
+        of: its gains.
+        b: b_0 ... b_7.
+        a: 1, a_1 ... a_7.
+    """
+
+    name: str
+    of: PrintedGains
+    b: tuple[float, ...]
+    a: tuple[float, ...]
+
+
+THROTTLE = PrintedGains(Printed("0.09"), Printed("0.025"), Printed("0.8"))
+BRAKE = PrintedGains(Printed("0.07"), Printed("0.11"), Printed("0.45"))
+
+#: G1(s) = K/(s + p), km/h per full control
+THROTTLE_GAIN, THROTTLE_POLE_RAD_S = 4.39, 0.1746
+THROTTLE_PLANT = Plant((THROTTLE_GAIN,), (1.0, THROTTLE_POLE_RAD_S))
+#: G2(s) = 1/(tau s + 1)
+TAU_MIN_S, TAU_NOMINAL_S, TAU_MAX_S = 1.6, 2.25, 3.1
+#: "a random noise with mean value of 0.85 is added"
+TAU_NOISE_MEAN_S = 0.85
+
+#: |S| <= -20 dB up to this frequency
+REJECTION_DB, REJECTION_RAD_S = -20.0, 0.035
+#: the brake's specifications: PM, crossover, gain margin (absolute)
+SPECIFIED_PM_DEG, SPECIFIED_CROSSOVER_RAD_S, SPECIFIED_GAIN_MARGIN = 90.0, 0.3, Printed("4")
+#: what Fig. 3 is said to show
+FIG3_CROSSOVER_RAD_S, FIG3_PM_DEG = Printed("0.7"), Printed("93")
+
+COMFORT_M_S2 = 2.0
+MANOEUVRE_KMH = 30.0
+CONTROL_LIMIT = 1.0
+SAMPLE_TIME_S = 0.2
+
+FILTERS: Mapping[str, PrintedFilter] = {
+    found.name: found
+    for found in (
+        PrintedFilter(
+            "throttle",
+            THROTTLE,
+            (0.1573, 0.1325, -0.4389, -0.3658, 0.406, 0.3342, -0.1244, -0.1009),
+            (1.0, -0.8662, -2.746, 2.339, 2.507, -2.095, -0.7602, 0.6211),
+        ),
+        PrintedFilter(
+            "brake",
+            BRAKE,
+            (0.3529, 0.1878, -1.0274, -0.5381, 0.9959, 0.5128, -0.3215, -0.1625),
+            (1.0, -0.5400, -2.88062, 1.5053, 2.7658, -1.3952, -0.8852, 0.4299),
+        ),
+    )
+}

@@ -1,0 +1,87 @@
+"""The table of claims as text for a terminal, as Markdown and as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+
+from rich.text import Text
+
+from fopi_tune.paper.rows import Row, Verdict
+from fopi_tune.report.phrases import BAD, GOOD, QUIET, Line, styled, to_text
+
+COLUMNS = ("claim", "published", "recomputed", "verdict", "why")
+_LABEL = 14
+_STYLES = {
+    Verdict.HOLDS: GOOD,
+    Verdict.HOLDS_WITH: GOOD,
+    Verdict.DOES_NOT_HOLD: BAD,
+    Verdict.NOT_PRINTED: QUIET,
+}
+
+#: name of a group -> its rows; or rows alone
+Rows = Mapping[str, Sequence[Row]] | Sequence[Row]
+
+
+def paper_text(rows: Rows) -> Text:
+    """The rows in 80 columns, each claim with its verdict, numbers and reason, and how many have which verdict."""
+    lines: list[Line] = []
+    for group, members in _groups(rows):
+        if group:
+            lines += [(group, "bold"), ("", "")]
+        for row in members:
+            lines += _row(row)
+    return to_text([*lines, *styled(summary(rows), "bold")])
+
+
+def summary(rows: Rows) -> str:
+    """How many claims there are and how many have which verdict."""
+    every = [row for _, members in _groups(rows) for row in members]
+    counts = ", ".join(f"{verdict.value}: {sum(row.verdict is verdict for row in every)}" for verdict in Verdict)
+    return f"{len(every)} claims. {counts[0].upper()}{counts[1:]}."
+
+
+def paper_markdown(rows: Rows) -> str:
+    """A table a group, and the counts."""
+    parts = []
+    for group, members in _groups(rows):
+        head = [f"## {group}", ""] if group else []
+        table = [_cells(COLUMNS), _cells(("---",) * len(COLUMNS)), *(_cells(_values(row)) for row in members)]
+        parts.append("\n".join([*head, *table]))
+    return "\n\n".join([*parts, summary(rows)]) + "\n"
+
+
+def paper_csv(rows: Rows) -> str:
+    """One line a row after a header; the group comes first, empty without groups."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(("group", *COLUMNS))
+    for group, members in _groups(rows):
+        writer.writerows((group, *_values(row)) for row in members)
+    return buffer.getvalue()
+
+
+def _groups(rows: Rows) -> Iterable[tuple[str, Sequence[Row]]]:
+    return rows.items() if isinstance(rows, Mapping) else [("", rows)]
+
+
+def _values(row: Row) -> tuple[str, ...]:
+    return row.claim, row.published, row.recomputed, row.verdict.value, row.why
+
+
+def _cells(values: Sequence[str]) -> str:
+    # a bar would end the cell
+    return "| " + " | ".join(value.replace("|", "\\|") for value in values) + " |"
+
+
+def _row(row: Row) -> list[Line]:
+    lines = styled(row.claim, "bold")
+    for label, words, style in (
+        ("published", row.published, ""),
+        ("recomputed", row.recomputed, ""),
+        ("verdict", f"{row.verdict.value.upper()}", _STYLES[row.verdict]),
+        ("why", row.why, QUIET),
+    ):
+        lines += styled(words, style, indent=" " * _LABEL, first=f"  {label:<{_LABEL - 2}}")
+    return [*lines, ("", "")]

@@ -1,0 +1,241 @@
+"""One limit at a time:  limit, a neighbour's gains -> the best gains there, checked by `fopi_tune.proof`.
+
+The solver's answer counts only when the check finds every requirement met.  The check is also what tells whether a
+quick solve was enough: its objective is that of fewer constraints, hence no worse than the whole problem's local
+optimum, so gains that meet everything and have that objective are that optimum.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.design import Seen, Solution, Warm
+from fopi_tune.errors import DomainError
+from fopi_tune.prices.knob import Knob
+from fopi_tune.prices.result import PointStatus, TradeoffPoint
+from fopi_tune.proof import Verification, verify, with_limits_of
+from fopi_tune.spec.model import DesignSpec, Objective, Sense
+
+#: a limit that the gains keep by more than this (neper or radian) holds nothing back
+_CLEAR = 1e-5
+#: how often an answer of the exchange that the check refuses is made again
+_MOST_REFUTATIONS = 3
+#: gains that violate nothing by more than this (neper or radian) are nearly right
+_LITTLE = 0.03
+#: how far the check's objective may lie from the solver's, relative, and absolute for those in dB, degrees or neper
+_SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What became of a limit.
+
+    Args:
+        limit: public unit.
+        status: met only with a verification in which all is met.
+        found: of the gains; None when infeasible.
+    """
+
+    limit: float
+    status: PointStatus
+    found: Verification | None
+
+    @property
+    def is_met(self) -> bool:
+        """Whether there are gains that the check has passed."""
+        return self.status is PointStatus.MET
+
+    @property
+    def gains(self) -> FoPi:
+        """Those of a limit that is met."""
+        assert self.found is not None
+        return self.found.gains
+
+    @property
+    def objective(self) -> float | None:
+        """Its value, public unit; None unless the limit is met."""
+        return self.found.objective if self.found is not None and self.is_met else None
+
+
+@dataclass
+class Prober:
+    """Solves and checks a spec with one limit turned; keeps what is compiled, and which limits are infeasible."""
+
+    knob: Knob
+    base: Probe
+    warm: Warm
+    #: limits that no start met
+    infeasible: list[float] = field(default_factory=list)
+    #: whether the last solve would have done without a search for missing cuts
+    quick: bool = True
+
+    @classmethod
+    def of(cls, knob: Knob, gains: FoPi) -> Prober:
+        """Start from the design of the knob's spec.
+
+        Raises:
+            DomainError: the check refuses the design.
+        """
+        found = verify(knob.spec, gains)
+        if not found.all_met:
+            raise DomainError(
+                "the design at the spec's own limit does not pass the check; there is no point to start from"
+            )
+        return cls(knob, Probe(knob.limit, PointStatus.MET, found), Warm.of(knob.spec, gains))
+
+    def probe(self, limit: float, near: Probe) -> Probe:
+        """The best gains with the limit there.
+
+        Args:
+            limit: public unit.
+            near: a limit that is met, as near as there is one.
+        """
+        same = self.unmoved(limit, near)
+        if same is not None:
+            return same
+        if self.is_known_infeasible(limit):
+            return Probe(limit, PointStatus.INFEASIBLE, None)
+        warm = self.from_neighbour(limit, near)
+        return warm if warm is not None and warm.is_met else self.from_all_starts(limit, warm)
+
+    def unmoved(self, limit: float, near: Probe) -> Probe | None:
+        """The neighbour itself where the limit binds neither there nor here: its optimum is also this one's."""
+        if near.found is None or not near.is_met:
+            return None
+        found = with_limits_of(self.knob.at(limit), near.found)
+        return None if self._binds(found) or self._binds(near.found) else Probe(limit, PointStatus.MET, found)
+
+    def kept(self, limit: float, near: Probe) -> Probe:
+        """The neighbour's gains with the limit there, met or not: no other are looked for."""
+        assert near.found is not None
+        return _judged(limit, with_limits_of(self.knob.at(limit), near.found))
+
+    def from_neighbour(self, limit: float, near: Probe) -> Probe | None:
+        """Solve from the neighbour's gains, quickly and else thoroughly; None when that leads nowhere."""
+        spec, seen, start = self.knob.at(limit), seen_in(near.found), near.gains
+        if self.quick:
+            glanced = self._warm(spec, start).glance(spec, start, seen)
+            found = _checked(spec, glanced.gains) if glanced is not None else None
+            if glanced is not None and found is not None:
+                if found.all_met and self._agrees(found, glanced):
+                    return Probe(limit, PointStatus.MET, found)
+                # a cut was missing: what the check saw is put in, and where little was missing the answer is kept
+                seen += seen_in(found)
+                start = glanced.gains if _violation(found) < _LITTLE else start
+        return self._settled(limit, spec, start, seen)
+
+    def thoroughly(self, limit: float, near: Probe) -> Probe | None:
+        """The same without the quick look."""
+        return self._settled(limit, self.knob.at(limit), near.gains, seen_in(near.found))
+
+    def _settled(self, limit: float, spec: DesignSpec, start: FoPi, seen: tuple[Seen, ...]) -> Probe | None:
+        """The exchange; where the check refuses its answer, once more with what the check saw."""
+        probe = None
+        for _ in range(_MOST_REFUTATIONS):
+            solution = self._warm(spec, start).settle(spec, start, seen)
+            found = _checked(spec, solution.gains) if solution is not None else None
+            if solution is None or found is None:
+                return None
+            # where the first solve was the last one the next limit needs no more
+            self.quick, probe = solution.solves <= 1, _judged(limit, found)
+            if probe.is_met:
+                break
+            start, seen = found.gains, seen + seen_in(found)
+        return probe
+
+    def _warm(self, spec: DesignSpec, gains: FoPi) -> Warm:
+        """What is compiled, unless the limit itself is compiled in."""
+        return self.warm if self.warm.fits(spec) else Warm.of(spec, gains)
+
+    def from_all_starts(self, limit: float, refused: Probe | None = None) -> Probe:
+        """Solve as for a design; infeasible when no start leads anywhere."""
+        spec = self.knob.at(limit)
+        solution = self.warm.anew(spec)
+        found = _checked(spec, solution.gains) if solution is not None else None
+        anew = _judged(limit, found) if found is not None else refused
+        if anew is not None:
+            return anew
+        self.infeasible.append(limit)
+        return Probe(limit, PointStatus.INFEASIBLE, None)
+
+    def is_known_infeasible(self, limit: float) -> bool:
+        """Whether a limit that asks for no more was infeasible."""
+        return any((limit - known) * self.knob.tightens >= 0.0 for known in self.infeasible if self.knob.tightens)
+
+    def point(self, probe: Probe) -> TradeoffPoint:
+        """As the result has it."""
+        found = probe.found
+        scores = [r.score for r in found.requirements if r.score is not None] if found else []
+        binds = found is not None and self._binds(found)
+        gains = found.gains if found is not None else None
+        return TradeoffPoint(probe.limit, probe.status, probe.objective, gains, max(scores, default=None), binds)
+
+    def _binds(self, found: Verification) -> bool:
+        """Whether the limit holds gains back; where the smallest slack is the objective, by being the smallest."""
+        slack = found.requirements[self.knob.index].slack
+        depth = found.objective or 0.0 if self.knob.spec.objective is None else 0.0
+        return self.knob.tightens == 0 or slack is None or slack < _CLEAR + depth
+
+    def _agrees(self, found: Verification, solution: Solution) -> bool:
+        if found.objective is None:
+            return False
+        objective = self.knob.spec.objective
+        small = objective is not None and objective.quantity in ("ki", "iae_disturbance")
+        allowed = _SAME * abs(found.objective) + (0.0 if small else _SAME)
+        return abs(found.objective - solution.objective) <= allowed
+
+
+def is_maximised(objective: Objective | None) -> bool:
+    """Whether more is better, as of `ki` and of the depth that stands in for an objective."""
+    return objective is None or objective.sense is Sense.MAXIMIZE
+
+
+def is_no_worse(prober: Prober, one: Probe, other: Probe) -> bool:
+    """Whether the first has gains at least as good as the second's."""
+    if one.objective is None or other.objective is None:
+        return other.objective is None
+    if is_maximised(prober.knob.spec.objective):
+        return one.objective >= other.objective
+    return one.objective <= other.objective
+
+
+def seen_in(found: Verification | None) -> tuple[Seen, ...]:
+    """Where a check found everything worst, for the next solve."""
+    if found is None:
+        return ()
+    slacks = [math.inf if r.slack is None else r.slack for r in found.requirements]
+    # where the smallest slack is the objective, what is as deep as that binds
+    least = max(min((v for v in slacks if v >= 0.0), default=0.0), 0.0)
+    seen = [
+        Seen(i, extreme.worst.point, _frequency(extreme.worst.omega_rad_s), slacks[i] - least)
+        for i, result in enumerate(found.requirements)
+        for extreme in result.extremes
+    ]
+    if found.objective_worst is not None:
+        seen.append(Seen(None, found.objective_worst.point, _frequency(found.objective_worst.omega_rad_s), 0.0))
+    return tuple(seen)
+
+
+def _violation(found: Verification) -> float:
+    """The largest, natural units; infinite where a quantity does not exist or a member is not stable."""
+    if not found.stability.stable:
+        return math.inf
+    return max((math.inf if r.slack is None else -r.slack for r in found.requirements), default=0.0)
+
+
+def _frequency(omega_rad_s: float | None) -> float:
+    return math.nan if omega_rad_s is None else omega_rad_s
+
+
+def _checked(spec: DesignSpec, gains: FoPi) -> Verification | None:
+    try:
+        return verify(spec, gains)
+    except DomainError:
+        # Both gains ran to 0: there is no loop.
+        return None
+
+
+def _judged(limit: float, found: Verification) -> Probe:
+    return Probe(limit, PointStatus.MET if found.all_met else PointStatus.REFUSED, found)

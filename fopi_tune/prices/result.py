@@ -1,0 +1,146 @@
+"""Tradeoff:  what a sweep of one limit hands to people, files and scripts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.dicts import finite
+from fopi_tune.prices.knob import Knob
+from fopi_tune.spec.model import DesignSpec
+from fopi_tune.stamp import Stamp
+
+#: version of the result's JSON; it may only grow
+TRADEOFF_SCHEMA = 1
+COLUMNS = ("limit", "status", "objective", "kp", "ki", "alpha", "largest_score", "binds")
+
+
+class PointStatus(StrEnum):
+    """What became of one limit."""
+
+    MET = "met"
+    #: no start led to gains that meet everything, or a less demanding limit is infeasible already
+    INFEASIBLE = "infeasible"
+    #: the solver's answer did not pass the check
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True)
+class TradeoffPoint:
+    """One limit and the best that is possible with it.
+
+    Args:
+        limit: public unit.
+        status: `met` only after `fopi_tune.proof.verify` found every requirement met.
+        objective: as the check found it, public unit; None unless met.
+        gains: of a refused point those that were refused; None when infeasible.
+        largest_score: of all requirements; None without gains.
+        binds: whether the limit itself holds the objective back; without it a limit nearby gives the same gains.
+    """
+
+    limit: float
+    status: PointStatus
+    objective: float | None
+    gains: FoPi | None
+    largest_score: float | None
+    binds: bool
+
+    def row(self) -> tuple[str, ...]:
+        """As in the CSV file; numbers as they are, empty where there is none."""
+        gains = (self.gains.kp, self.gains.ki, self.gains.alpha) if self.gains else (None, None, None)
+        numbers = ["" if v is None else repr(v) for v in (self.objective, *gains, self.largest_score)]
+        return (repr(self.limit), self.status.value, *numbers, str(self.binds).lower())
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in the result's JSON."""
+        return {
+            "limit": self.limit,
+            "status": self.status.value,
+            "objective": finite(self.objective),
+            "gains": asdict(self.gains) if self.gains else None,
+            "largest_score": finite(self.largest_score),
+            "binds": self.binds,
+        }
+
+
+@dataclass(frozen=True)
+class End:
+    """Where the limits that can be met end.
+
+    Args:
+        way: 1 above, -1 below.
+        feasible: the farthest limit that was found to be met, public unit.
+        infeasible: the nearest that no start met; None where limits are met as far as was looked.
+    """
+
+    way: int
+    feasible: float
+    infeasible: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in the result's JSON."""
+        side = "above" if self.way > 0 else "below"
+        return {"side": side, "last_feasible": self.feasible, "first_infeasible": self.infeasible}
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """The objective against one limit, all else unchanged.
+
+    Args:
+        knob: the limit, in a spec where it is a requirement of its own.
+        spec: what was asked.
+        own: the spec's own limit.
+        points: the sweep, by rising limit.
+        ends: where it becomes infeasible; none where that was not looked for.
+        objective_quantity: the objective in words.
+        stamp: where this comes from.
+    """
+
+    knob: Knob
+    spec: DesignSpec
+    own: TradeoffPoint
+    points: tuple[TradeoffPoint, ...]
+    ends: tuple[End, ...]
+    objective_quantity: str
+    stamp: Stamp
+
+    @property
+    def status(self) -> str:
+        """`solved`, or `failed` when the check refused a point."""
+        return "failed" if any(p.status is PointStatus.REFUSED for p in self.points) else "solved"
+
+    @property
+    def met(self) -> tuple[TradeoffPoint, ...]:
+        """The points of the curve."""
+        return tuple(p for p in self.points if p.status is PointStatus.MET)
+
+    def rows(self) -> Iterator[tuple[str, ...]]:
+        """The columns `COLUMNS`, a row a point."""
+        yield from (point.row() for point in self.points)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON."""
+        requirement = self.knob.requirement
+        return {
+            "schema": TRADEOFF_SCHEMA,
+            "status": self.status,
+            "name": self.spec.name,
+            "requirement": {
+                "number": self.knob.number,
+                "end": self.knob.end or None,
+                "name": requirement.quantity,
+                "relation": requirement.relation.value,
+                "on": requirement.scope.value,
+                "from_rad_s": finite(requirement.from_rad_s) or None,
+                "to_rad_s": finite(requirement.to_rad_s),
+            },
+            "objective_quantity": self.objective_quantity,
+            "own": self.own.to_dict(),
+            "points": [point.to_dict() for point in self.points],
+            "ends": [end.to_dict() for end in self.ends],
+            "stamp": asdict(self.stamp),
+        }

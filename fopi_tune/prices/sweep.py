@@ -1,0 +1,142 @@
+"""The Pareto curve of one limit:  a design's gains -> Tradeoff, from the spec's own limit outwards.
+
+Every point starts from its neighbour.  Relaxing a limit adds gains to choose from and takes none away, so the objective
+cannot become worse: where a point is worse than its tighter neighbour, it is solved again from there, and at the least
+the neighbour's gains are its answer too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.errors import DomainError
+from fopi_tune.prices.ends import end_of
+from fopi_tune.prices.knob import Knob
+from fopi_tune.prices.prober import Probe, Prober, is_no_worse
+from fopi_tune.prices.result import End, Tradeoff
+from fopi_tune.spec.model import DesignSpec
+from fopi_tune.stamp import stamp
+
+_SOLVER = "ipopt"
+_MOST_POINTS = 10_000
+#: an objective that is worse by more than this (relative) is worth another solve
+_NOISE = 1e-7
+
+
+@dataclass(frozen=True)
+class Range:
+    """Which limits to look at.
+
+    Args:
+        start: the lowest, public unit; None leaves it to the sweep: as far from the spec's limit as the infeasible end.
+        stop: the highest.
+        points: how many.
+    """
+
+    start: float | None = None
+    stop: float | None = None
+    points: int = 50
+
+
+def sweep(spec: DesignSpec, knob: Knob, gains: FoPi, wanted: Range, objective_quantity: str) -> Tradeoff:
+    """Turn one limit, and solve and check the spec at every place.
+
+    Args:
+        spec: what was asked.
+        knob: one of its limits.
+        gains: of the design with the spec's own limit.
+        wanted: which limits.
+        objective_quantity: the objective in words.
+
+    Raises:
+        DomainError: the range or the number of points makes no sense, or the design does not pass the check.
+    """
+    _check(knob, wanted)
+    prober = Prober.of(knob, gains)
+    sides = [end_of(prober, way) for way in ((-1, 1) if knob.tightens == 0 else (knob.tightens,))]
+    ends, lasts = tuple(end for end, _ in sides), [last for _, last in sides]
+    limits = _limits(knob, wanted, ends)
+    probes = _swept(prober, limits)
+    if knob.tightens:
+        probes = monotone(prober, probes, lasts[0])
+    stamped = stamp(spec.sha256, _SOLVER)
+    points = tuple(prober.point(probe) for probe in probes)
+    return Tradeoff(knob, spec, prober.point(prober.base), points, ends, objective_quantity, stamped)
+
+
+def _check(knob: Knob, wanted: Range) -> None:
+    if not 2 <= wanted.points <= _MOST_POINTS:
+        raise DomainError(f"--points {wanted.points} must lie between 2 and {_MOST_POINTS}; 50 is usual")
+    for option, value in (("--from", wanted.start), ("--to", wanted.stop)):
+        if value is None:
+            continue
+        if not math.isfinite(value):
+            raise DomainError(f"{option} {value!r} is no finite number")
+        problem = knob.quantity.check_limit(value)
+        if problem:
+            raise DomainError(f"{option} {value:g}: a limit of {knob.requirement.quantity} {problem}")
+    if wanted.start is not None and wanted.stop is not None and wanted.start >= wanted.stop:
+        raise DomainError(f"--from {wanted.start:g} must be smaller than --to {wanted.stop:g}")
+
+
+def _limits(knob: Knob, wanted: Range, ends: Sequence[End]) -> list[float]:
+    """The limits to look at, rising: by default from the infeasible end as far to the other side of the spec's own."""
+    reached = {end.way: end.feasible if end.infeasible is not None else knob.usual(end.way) for end in ends}
+    for way in (-1, 1):
+        if way not in reached:
+            least = abs(knob.usual(way) - knob.limit) * 0.1
+            away = knob.limit + way * max(abs(reached[-way] - knob.limit), least)
+            reached[way] = away if knob.quantity.check_limit(away) is None else 0.5 * knob.limit
+    low = wanted.start if wanted.start is not None else reached[-1]
+    high = wanted.stop if wanted.stop is not None else reached[1]
+    if low >= high:
+        raise DomainError(
+            f"there is nothing between {low:g} and {high:g}: with one of --from and --to the other end is where "
+            "the limits that can be met end; give both"
+        )
+    return [float(v) for v in np.linspace(low, high, wanted.points)]
+
+
+def _swept(prober: Prober, rising: Sequence[float]) -> list[Probe]:
+    """Outwards from the spec's own limit in both directions."""
+    above = [v for v in rising if v >= prober.knob.limit]
+    below = [v for v in rising if v < prober.knob.limit][::-1]
+    found: list[Probe] = []
+    for side in (above, below):
+        near = prober.base
+        for limit in side:
+            probe = prober.probe(limit, near)
+            found.append(probe)
+            near = probe if probe.is_met else near
+    return sorted(found, key=lambda probe: probe.limit)
+
+
+def monotone(prober: Prober, probes: Sequence[Probe], tightest: Probe) -> list[Probe]:
+    """From the tightest limit on, none worse than the one before it."""
+    order = sorted((*probes, tightest), key=lambda probe: -probe.limit * prober.knob.tightens)
+    better: list[Probe] = []
+    before: Probe | None = None
+    for probe in order:
+        now = probe if before is None else _no_worse_than(prober, probe, before)
+        before = now if now.is_met else before
+        if probe is not tightest:
+            better.append(now)
+    return sorted(better, key=lambda probe: probe.limit)
+
+
+def _no_worse_than(prober: Prober, probe: Probe, tighter: Probe) -> Probe:
+    """The point itself, or a better one from its tighter neighbour's gains."""
+    kept = prober.kept(probe.limit, tighter)
+    if not kept.is_met or is_no_worse(prober, probe, kept):
+        return probe
+    here, bar = probe.objective, kept.objective
+    if here is None or bar is None or abs(here - bar) > _NOISE * abs(bar):
+        again = prober.thoroughly(probe.limit, tighter)
+        if again is not None and is_no_worse(prober, again, kept):
+            return again
+    return kept

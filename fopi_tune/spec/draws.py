@@ -1,0 +1,282 @@
+"""The shape of `validation:`:  how many plants are drawn, how each uncertain number is distributed, or which file lists
+the plants.
+
+A spec is read without its plant at hand, and a file it names only once everything else was read: `resolved` does both.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from fopi_tune.core.distributions import (
+    Beta,
+    Distribution,
+    FoldedNoise,
+    Normal,
+    NormalNoise,
+    TruncatedNormal,
+    Uniform,
+    UniformNoise,
+)
+from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
+from fopi_tune.core.samples import Table, impossible, not_uncertain, parse_table, why_impossible
+from fopi_tune.errors import DomainError
+from fopi_tune.spec import nodes
+from fopi_tune.spec.hints import closest, one_of
+from fopi_tune.spec.model import SamplesFile, ValidationSpec
+from fopi_tune.spec.places import Place
+from fopi_tune.spec.records import Key, OneKeyOf, Record, Tagged, Values, is_table
+from fopi_tune.spec.report import key_path, quoted
+from fopi_tune.spec.scalars import is_empty
+from fopi_tune.spec.shapes import Choice, Constant, JsonSchema, Number, Pair, Shape, Text
+
+MAX_SAMPLES_BYTES, MAX_ROWS = 16 * 1024 * 1024, 1_000_000
+#: what a Latin hypercube can tell apart in floats
+MAX_LATIN_HYPERCUBE = 2**26
+_DRAWS = ("random", "latin_hypercube", "sobol")
+_EXAMPLE = "{truncated_normal: {mean: 2.0, std: 0.5}}"
+_NOISE_EXAMPLE = "{shape: half_normal, mean: 0.85}"
+
+#: the bytes of a file that a spec names, as many as are allowed and one more where there are more
+Reader = Callable[[str], bytes]
+
+
+class UnreadableError(Exception):
+    """A file that a spec names cannot be read; the message says why and what to do."""
+
+
+@dataclass(frozen=True)
+class PlacedValidation:
+    """What is written under `validation:`, and where."""
+
+    values: Values
+    place: Place
+
+
+def validation_shape(members: tuple[str, ...] = ()) -> Record:
+    """Reads to a `PlacedValidation`.
+
+    Args:
+        members: names of the families of a joint box, which stand before their numbers' names.
+    """
+    keys = {
+        "samples": Key(Number("plants to draw", at_least=1, at_most=10**8, whole=True), required=False),
+        "seed": Key(Number("seed of the draw", at_least=0, at_most=2**63 - 1, whole=True), required=False),
+        "design": Key(Choice("how the plants are spread", _DRAWS), required=False),
+        "confidence": Key(Number("of the intervals", above=0.5, below=1), required=False),
+        "distributions": Key(_ByNumber(members), required=False),
+        "samples_file": Key(
+            Text("CSV file of plants, one a row, beside the spec", r"\S.*", "write the path of a CSV file"),
+            required=False,
+        ),
+    }
+    beside = [{"required": [key]} for key in ("distributions", "design")]
+    rules = {"not": {"required": ["samples_file"], "anyOf": beside}}
+    return Record("the Monte-Carlo stage", keys, PlacedValidation, "{samples: 10000, seed: 1}", rules=rules)
+
+
+def resolved(placed: PlacedValidation, family: PlantFamily | None, read: Reader) -> ValidationSpec | None:
+    """The section with its file read, or None after reporting why there is none.
+
+    Args:
+        placed: what is written.
+        family: the plants; None where the spec has no readable ones, and nothing is checked against them.
+        read: gives the contents of the file that is named.
+    """
+    values, place = dict(placed.values), placed.place
+    name = values.pop("samples_file", None)
+    if name is not None:
+        return _listed(name, values, place, family, read)
+    before = len(place.report.problems)
+    if family is not None:
+        _check_distributions(values.get("distributions", {}), place.child("distributions"), family)
+    if values.get("design") == "latin_hypercube" and values.get("samples", 0) > MAX_LATIN_HYPERCUBE:
+        message = f"a Latin hypercube has at most {MAX_LATIN_HYPERCUBE} cells; write fewer samples or another design"
+        place.child("samples").refuse(message)
+    return ValidationSpec(**values) if len(place.report.problems) == before else None
+
+
+# -- distributions ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _ByNumber(Shape):
+    """A mapping from uncertain numbers to distributions; whether the plant has these numbers is seen later."""
+
+    members: tuple[str, ...] = ()
+
+    def read(self, place: Place) -> dict[str, Distribution] | None:
+        if not is_table(place, "{time_constant_s: " + _EXAMPLE + "}"):
+            return None
+        assert isinstance(place.node, nodes.Table)
+        found = {name: _OneDistribution().read(place.child(name)) for name in place.node.entries}
+        readable = {name: distribution for name, distribution in found.items() if distribution is not None}
+        return readable if len(readable) == len(found) else None
+
+    def json_schema(self) -> JsonSchema:
+        scalars = sorted({name for model in PLANT_MODELS.values() for name in model.scalars})
+        lists = sorted({name for model in PLANT_MODELS.values() for name in model.lists})
+        before = rf"(?:{'|'.join(self.members)})\." if self.members else ""
+        pattern = rf"^{before}(?:{'|'.join(scalars)}|(?:{'|'.join(lists)})\[(?:0|[1-9][0-9]*)\])$"
+        return {
+            "type": "object",
+            "description": "how each uncertain number is distributed; uniform where left out",
+            "properties": {},
+            "patternProperties": {pattern: _OneDistribution().json_schema()},
+            "additionalProperties": False,
+        }
+
+
+@dataclass(frozen=True)
+class _OneDistribution(Shape):
+    """The word uniform, or a word with its numbers."""
+
+    def read(self, place: Place) -> Distribution | None:
+        shape, node = _with_numbers(), place.node
+        if not isinstance(node, nodes.Scalar) or (node.plain and is_empty(node.text)):
+            return shape.read(place)
+        if node.text == "uniform":
+            return Uniform()
+        words = ("uniform", *shape.records)
+        meant = node.text if node.text in words else closest(node.text, words)
+        if meant is None:
+            place.refuse(f"{quoted(node.text)} is no distribution; write {one_of(words)}")
+        elif meant == "uniform":
+            place.refuse(f"{quoted(node.text)} is not known here; did you mean 'uniform'?")
+        else:
+            place.refuse(f"{meant} needs its numbers; write a mapping such as {shape.records[meant].example}")
+        return None
+
+    def json_schema(self) -> JsonSchema:
+        word = {"const": "uniform", "description": "every value of the range alike"}
+        return {"description": "the distribution of one number", "anyOf": [word, _with_numbers().json_schema()]}
+
+
+def _with_numbers() -> OneKeyOf:
+    inner: dict[str, tuple[Shape, str]] = {
+        "truncated_normal": (
+            _record("a normal distribution without what lies outside the range", "mean std", TruncatedNormal),
+            _EXAMPLE,
+        ),
+        "beta": (_record("the beta distribution on the range", "a b", Beta), "{beta: {a: 2, b: 3}}"),
+        "normal": (
+            _record("a normal distribution, whatever the range says", "mean std clip", Normal),
+            "{normal: {mean: 3.1, std: 0.3}}",
+        ),
+        "nominal_plus_noise": (_noise_shape(), "{nominal_plus_noise: " + _NOISE_EXAMPLE + "}"),
+    }
+    records = {
+        word: Record(f"the distribution {word}", {word: Key(shape)}, lambda v, place: next(iter(v.values())), example)
+        for word, (shape, example) in inner.items()
+    }
+    return OneKeyOf("a distribution with its numbers", "distribution", records, _EXAMPLE)
+
+
+def _noise_shape() -> Tagged:
+    records = {
+        "normal": _noise("normal noise with this mean and standard deviation", "normal", "mean std", NormalNoise),
+        "half_normal": _noise("one-sided: the size of normal noise about 0", "half_normal", "mean", FoldedNoise),
+        "uniform": _noise("one-sided: uniform from 0 to twice its mean", "uniform", "mean", UniformNoise),
+    }
+    return Tagged("random noise on top of the nominal value; may leave the range", "shape", records, _NOISE_EXAMPLE)
+
+
+_NUMBERS: dict[str, tuple[Shape, bool]] = {
+    "mean": (Number("mean, in the number's unit"), True),
+    "std": (Number("standard deviation, in the number's unit", above=0), True),
+    "a": (Number("exponent at the range's lower end, plus 1", above=0), True),
+    "b": (Number("exponent at the range's upper end, plus 1", above=0), True),
+    "clip": (Pair("ends to which values beyond them are moved", Number("end")), False),
+}
+
+
+def _keys(names: str) -> dict[str, Key]:
+    return {name: Key(_NUMBERS[name][0], required=_NUMBERS[name][1]) for name in names.split()}
+
+
+def _record(meaning: str, names: str, make: Callable[..., Distribution]) -> Record:
+    example = "{a: 2, b: 3}" if names == "a b" else "{mean: 2.0, std: 0.5}"
+    return Record(meaning, _keys(names), lambda values, place: make(**values), example)
+
+
+def _noise(meaning: str, word: str, names: str, make: Callable[..., Distribution]) -> Record:
+    def build(values: Values, place: Place) -> Distribution | None:
+        if "std" not in values and values["mean"] == 0.0:
+            place.child("mean").refuse("one-sided noise of mean 0 is none; write its mean, or shape: normal with a std")
+            return None
+        return make(**{name: value for name, value in values.items() if name != "shape"})
+
+    keys = {"shape": Key(Constant("the noise's shape", word)), **_keys(names)}
+    rules: dict[str, Any] = {}
+    if "std" not in keys:
+        rules = {"not": {"properties": {"mean": {"const": 0}}, "required": ["mean"]}}
+    return Record(meaning, keys, build, _NOISE_EXAMPLE, rules=rules)
+
+
+def _check_distributions(found: dict[str, Distribution], place: Place, family: PlantFamily) -> None:
+    for name, distribution in found.items():
+        if name not in family.uncertain_names:
+            assert isinstance(place.node, nodes.Table)
+            meant = closest(name, family.uncertain_names)
+            hint = f"; did you mean {meant!r}?" if meant is not None and name not in family.parameters else ""
+            mark = place.node.entries[name][0]
+            place.report.refuse(mark, key_path(place.path, name), not_uncertain(name, family) + hint)
+        elif problem := distribution.problem(family.parameters[name]) or _no_plant(name, distribution, family):
+            place.child(name).refuse(problem)
+
+
+def _no_plant(name: str, distribution: Distribution, family: PlantFamily) -> str | None:
+    """Why no draw can be a plant: what a model refuses at both ends it refuses between them too."""
+    low, high = distribution.reach(family.parameters[name])
+    at_low, at_high = (family.problem(name, Uncertain.exactly(end)) for end in (low, high))
+    if at_low is None or at_high is None:
+        return None
+    return f"draws no plant: every value from {low:.6g} to {high:.6g} {at_high}"
+
+
+# -- a file of samples ------------------------------------------------------------------------------------------------
+
+
+def _listed(name: str, values: Values, place: Place, family: PlantFamily | None, read: Reader) -> ValidationSpec | None:
+    for key in ("distributions", "design"):
+        if key in values:
+            place.child(key).refuse("the plants are those of samples_file; remove this or samples_file")
+    where = place.child("samples_file")
+    try:
+        data = read(name)
+        table = _table(data, family)
+    except (UnreadableError, DomainError) as error:
+        where.refuse(str(error) if isinstance(error, UnreadableError) else f"{quoted(name)}: {error}")
+        return None
+    rows = len(table.rows)
+    if values.get("samples", rows) > rows:
+        place.child("samples").refuse(f"{quoted(name)} has {rows} rows; write at most as many, or leave samples out")
+        return None
+    listed = SamplesFile(name, hashlib.sha256(data).hexdigest(), table)
+    plain = {key: value for key, value in values.items() if key in ("seed", "confidence")}
+    return ValidationSpec(samples=values.get("samples", rows), samples_file=listed, **plain)
+
+
+def _table(data: bytes, family: PlantFamily | None) -> Table:
+    if len(data) > MAX_SAMPLES_BYTES:
+        raise DomainError(f"is larger than {MAX_SAMPLES_BYTES // 2**20} MiB; keep fewer rows or digits")
+    if max(data.count(b"\n"), data.count(b"\r")) > MAX_ROWS + 1:
+        raise DomainError(f"has more than {MAX_ROWS} rows; keep fewer")
+    try:
+        table = parse_table(data.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise DomainError(f"line {line} has a byte that is not UTF-8; save the file as CSV in UTF-8") from None
+    if family is None:
+        return table
+    if not family.uncertain_names:
+        raise DomainError("the plant has no uncertain number that a file could list; remove samples_file")
+    places = table.rows[:, table.columns(family)]
+    refused = impossible(places, family)
+    if refused.any():
+        row = int(refused.argmax())
+        raise DomainError(f"line {row + 2} is no plant: {why_impossible(places[row], family)}")
+    return table
