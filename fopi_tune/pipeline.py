@@ -21,6 +21,7 @@ from fopi_tune.spec.model import DesignSpec, ValidationSpec
 from fopi_tune.stamp import certificate_versions, stamp
 
 if TYPE_CHECKING:
+    from fopi_tune.design import Neighbour
     from fopi_tune.prices import Tradeoff
     from fopi_tune.simulated import Simulated
     from fopi_tune.validation.drawn import Progress
@@ -37,7 +38,9 @@ NOT_ON_SAMPLES = (
 Source = str | os.PathLike[str] | DesignSpec
 
 
-def tune(source: Source, proof: bool = True, solver: Solver = Solver.IPOPT) -> Design:
+def tune(
+    source: Source, proof: bool = True, solver: Solver = Solver.IPOPT, *, start: FoPi | Neighbour | None = None
+) -> Design:
     """Find the gains that meet a spec over its whole family, and prove that they do.
 
     With `design: sampled` in the spec's section `digital` the requirements are about the loop on samples.
@@ -47,6 +50,9 @@ def tune(source: Source, proof: bool = True, solver: Solver = Solver.IPOPT) -> D
         proof: False leaves the certificate out: `solved` then means verified in floating point, and the result says so.
         solver: which search finds the gains; `Solver.CONVEX` is the slower second opinion, which does not take
             `design: sampled`.
+        start: gains that are nearly right, or a neighbour (`fopi_tune.design.neighbour`) that has them, from which
+            alone the search begins unless that leads nowhere: faster, and blind to a better optimum elsewhere.  A
+            design for samples and the convex search have their own starts.
 
     Returns:
         A design; `status` says how it ended.  Infeasible, unbounded and failed are answers, not exceptions.
@@ -62,13 +68,13 @@ def tune(source: Source, proof: bool = True, solver: Solver = Solver.IPOPT) -> D
 
         return assembled(spec, sampled_attempt(spec, proof), proof)
     violations: tuple[Violation, ...] = ()
-    attempt = _attempt(spec, violations, proof, solver)
+    attempt = _attempt(spec, violations, proof, solver, start)
     for _ in range(_MOST_REFUTATIONS):
         new = refutations(attempt, violations)
         if not new:
             break
         violations += new
-        attempt = _attempt(spec, violations, proof, solver)
+        attempt = _attempt(spec, violations, proof, solver, start)
     return assembled(spec, attempt, proof, solver)
 
 
@@ -329,7 +335,9 @@ def wanted_validation(validation: ValidationSpec | None, samples: int | None, se
     return replace(wanted, samples=drawn, seed=wanted.seed if seed is None else seed)
 
 
-def _attempt(spec: DesignSpec, violations: tuple[Violation, ...], proof: bool, solver: Solver) -> Attempt:
+def _attempt(
+    spec: DesignSpec, violations: tuple[Violation, ...], proof: bool, solver: Solver, start: FoPi | Neighbour | None
+) -> Attempt:
     if solver is Solver.CONVEX:
         from fopi_tune.convex import convex_design
 
@@ -337,7 +345,7 @@ def _attempt(spec: DesignSpec, violations: tuple[Violation, ...], proof: bool, s
     else:
         from fopi_tune.design import design  # loads CasADi, which a check has no need of
 
-        candidate = design(spec, violations)
+        candidate = design(spec, violations, start)
     gains = candidate.gains
     if gains is None or (gains.kp == 0.0 and gains.ki == 0.0):
         return Attempt(candidate)

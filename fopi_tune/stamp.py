@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import platform
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
 from fopi_tune import __version__
 
 #: other distributions whose version can change a number
 _DISTRIBUTIONS = ("casadi", "numpy")
+_NUMERIC = ("casadi", "numba", "numpy", "python-flint", "scipy")
 #: the same of gains found by convex problems
 _CONVEX_DISTRIBUTIONS = ("clarabel", "cvxpy", "numpy")
 
@@ -38,19 +40,28 @@ class Stamp:
 def stamp(spec_sha256: str, solver: str | None) -> Stamp:
     """The stamp of a result made here and now; it holds no time, so that equal inputs give equal files."""
     versions = {"fopi-tune": __version__}
-    for name in _CONVEX_DISTRIBUTIONS if solver == "convex" else _DISTRIBUTIONS:
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            versions[name] = "not installed"
+    names = _CONVEX_DISTRIBUTIONS if solver == "convex" else _DISTRIBUTIONS
+    versions |= {name: _version_of(name) for name in names}
     return Stamp(spec_sha256, versions, platform.python_version(), f"{platform.system()} {platform.machine()}", solver)
+
+
+def numeric_versions() -> dict[str, str]:
+    """Everything whose version can change a number of any stage, which tells whether a study's cell is the same."""
+    return {"fopi-tune": __version__, **{name: _version_of(name) for name in _NUMERIC}}
 
 
 def certificate_versions() -> dict[str, str]:
     """What a certificate's balls were computed with."""
-    found = {"fopi-tune": __version__, "python": platform.python_version()}
+    return {
+        "fopi-tune": __version__,
+        "python": platform.python_version(),
+        "python-flint": _version_of("python-flint"),
+    }
+
+
+@cache
+def _version_of(name: str) -> str:
     try:
-        found["python-flint"] = version("python-flint")
+        return version(name)
     except PackageNotFoundError:
-        found["python-flint"] = "not installed"
-    return found
+        return "not installed"

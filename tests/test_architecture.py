@@ -63,10 +63,12 @@ ALLOWED = {
         "proof",
         "simulated",
         "spec.model",
+        "study",
         "systems",
         "result",
         "validation",
     ),
+    "study": ("core", "design", "errors", "outcome", "pipeline", "proof", "result", "spec", "stamp"),
     "simulated": ("core", "errors", "spec.model", "stamp", "validation"),
     "systems": ("core", "simulated", "spec.model", "stamp", "validation"),
     "pipeline_optimum": ("core", "optimum", "spec", "validation"),
@@ -101,11 +103,12 @@ ALLOWED = {
             "prices",
             "proof",
         ),
-        *("report", "result", "simulated", "spec", "systems"),
+        *("report", "result", "simulated", "spec", "study", "systems"),
     ),
 }
-#: these print or write; the loader of specs reads
-MAY_TOUCH_THE_DISK = {"fopi_tune.cli.output": {"print", "open"}, "fopi_tune.spec.load": {"open"}}
+#: these print or write; the loader of specs reads, and the ledger of a study is a database
+LEDGER = "fopi_tune.study.ledger"
+MAY_TOUCH_THE_DISK = {"fopi_tune.cli.output": {"print", "open"}, "fopi_tune.spec.load": {"open"}, LEDGER: {"open"}}
 
 
 def tree(path: Path) -> ast.Module:
@@ -166,6 +169,11 @@ def test_only_the_command_line_prints_or_touches_the_disk(name: str) -> None:
             owner = called.value.id if isinstance(called.value, ast.Name) else ""
             harmless = called.attr == "replace" and owner != "os"
             assert harmless, f"{name}:{node.lineno} calls {called.attr}"
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_only_the_ledger_has_a_database(name: str) -> None:
+    assert name == LEDGER or not any(found.startswith("sqlite3") for found in imports(tree(MODULES[name])))
 
 
 def public_definitions(body: list[ast.stmt]) -> Iterator[ast.FunctionDef | ast.ClassDef]:

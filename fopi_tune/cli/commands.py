@@ -17,6 +17,7 @@ from fopi_tune.cli.gains import found_or_tuned, given_gains, named_numbers, refu
 from fopi_tune.cli.output import print_out, reason_of, report_failure, say, to_json, write_file
 from fopi_tune.cli.prices import Asked, From, Points, Prices, Swept, To, designed
 from fopi_tune.cli.process import Handling, process
+from fopi_tune.cli.study import study
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
@@ -263,13 +264,23 @@ def simulate(
     raise typer.Exit(simulate_file(spec, given_gains(kp, ki, alpha), wanted, handling))
 
 
+app.command()(study)
+
+
 @app.command()
 def schema(
     system: Annotated[bool, typer.Option("--system", help="The language of systems instead.")] = False,
+    study: Annotated[bool, typer.Option("--study", help="The language of studies instead.")] = False,
 ) -> None:
     """Print the spec language as JSON Schema."""
     from fopi_tune.spec.schema import json_schema, system_json_schema
 
+    if system and study:
+        raise refusal("--system and --study are two languages; leave one of them out")
+    if study:
+        from fopi_tune.study.schema import study_json_schema
+
+        raise typer.Exit(print_out(to_json(study_json_schema())))
     raise typer.Exit(print_out(to_json(system_json_schema() if system else json_schema())))
 
 

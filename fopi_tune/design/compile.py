@@ -18,8 +18,9 @@ elastic.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
 
@@ -146,6 +147,47 @@ class _Symbols:
         return self.head[FIRST_GIVE + 2 * k], self.head[FIRST_GIVE + 2 * k + 1]
 
 
+#: (what a compiled problem depends on) -> the problem, the last used last; some ten megabytes each
+_kept: OrderedDict[tuple[object, ...], Problem] = OrderedDict()
+_MOST_KEPT = 4
+
+
+def compiled_problem(
+    family: PlantFamily,
+    scale: Scale,
+    sides: tuple[Side, ...],
+    objective: ObjectiveKind,
+    horizon_s: float,
+    capacity: int,
+) -> Problem:
+    """The same as `compile_problem`, for specs that are designed again and again in one process.
+
+    What was compiled lately is used again where it is the same problem: limits, ranges of numbers and the grid of
+    frequencies are no part of it.  A solve leaves nothing behind in it, so that an answer does not depend on what was
+    solved before.
+    """
+    numbers = tuple((name, value.min if value.is_exact else None) for name, value in family.parameters.items())
+    # a delay margin's scale is its limit's, and compiled in
+    kinds = tuple((s.quantity, s.bound, s.scale, s.from_rad_s < s.to_rad_s, s.in_depth) for s in sides)
+    key = (family.model, numbers, scale.omega_rad_s, scale.gain, kinds, objective, horizon_s, capacity)
+    problem = _kept.pop(key, None)
+    if problem is None:
+        problem = compile_problem(family, scale, sides, objective, horizon_s, capacity)
+    _kept[key] = problem
+    while len(_kept) > _MOST_KEPT:
+        _kept.popitem(last=False)
+    floor, unstable = _of_corners(family)
+    return replace(
+        problem, family=family, scale=scale, sides=sides, control_floor=floor, needs_crossover=unstable
+    )  # fmt: skip
+
+
+def _of_corners(family: PlantFamily) -> tuple[float, bool]:
+    """The least control gain at low frequencies, and whether some corner of the box is unstable without control."""
+    corners = Plants.members(family, family.corners())
+    return low_frequency_control_gain(corners), bool(corners.unstable_poles.any())
+
+
 def compile_problem(
     family: PlantFamily,
     scale: Scale,
@@ -219,8 +261,7 @@ def compile_problem(
         "f": cost,
         "g": ca.vertcat(*symbols.rows),
     }
-    corners = Plants.members(family, family.corners())
-    floor, unstable = low_frequency_control_gain(corners), bool(corners.unstable_poles.any())
+    floor, unstable = _of_corners(family)
     return Problem(
         family, scale, sides, objective, horizon_s, floor, unstable, blocks,
         ca.nlpsol("design", "ipopt", nlp, IPOPT_OPTIONS), prices,

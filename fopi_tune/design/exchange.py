@@ -18,7 +18,7 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.design.compile import PEAKS, Problem, compile_problem
+from fopi_tune.design.compile import PEAKS, Problem, compiled_problem
 from fopi_tune.design.layout import TooManySlotsError
 from fopi_tune.design.oracle import Finding, Oracle
 from fopi_tune.design.scale import Scale
@@ -99,7 +99,7 @@ class Exchange:
         self._compile()
 
     def _compile(self) -> None:
-        self.problem = compile_problem(
+        self.problem = compiled_problem(
             self.family, self.scale, self.sides, self.objective, self.horizon_s, self.capacity
         )
 

@@ -21,7 +21,7 @@ from fopi_tune.design.starts import fixed_gains, starts
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import NEPER_PER_DB, Where
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, Requirement
 
 #: inequalities are designed this much tighter (natural units), so that rounding does not undo them
 TIGHTENING = 4e-7
@@ -40,13 +40,47 @@ _FIRST_ROUNDS = 60
 _LATER_ROUNDS = 20
 
 
-def design(spec: DesignSpec, violations: Sequence[Violation] = (), start: FoPi | None = None) -> Candidate:
+@dataclass(frozen=True)
+class Neighbour:
+    """A spec that was designed, from which others that differ in their limits are started; made by `neighbour`.
+
+    Args:
+        spec: the spec.
+        gains: its gains.
+        cuts: where these are worst; as cuts they are valid whatever the limits are.
+    """
+
+    spec: DesignSpec
+    gains: FoPi
+    cuts: Cuts
+
+    def fits(self, spec: DesignSpec) -> bool:
+        """Whether the cuts speak of the same plants and requirements."""
+        mine, other = ([(*_about(r), r.scope, r.relation) for r in s.requirements] for s in (self.spec, spec))
+        return self.spec.plant == spec.plant and self.spec.objective == spec.objective and mine == other
+
+
+def neighbour(spec: DesignSpec, gains: FoPi) -> Neighbour:
+    """A designed spec as a place to start from.
+
+    Args:
+        spec: the spec.
+        gains: of its design.
+    """
+    return Neighbour(spec, gains, Search.of(spec, (), gains).first_cuts)
+
+
+def _about(requirement: Requirement) -> tuple[str, float, float]:
+    return requirement.quantity, requirement.from_rad_s, requirement.to_rad_s
+
+
+def design(spec: DesignSpec, violations: Sequence[Violation] = (), start: FoPi | Neighbour | None = None) -> Candidate:
     """Search the gains that meet a spec over its whole family and are best by its objective.
 
     Args:
         spec: what the loop must do.
         violations: points that a check found, to be respected from the start.
-        start: gains that are nearly right; the only start unless it leads nowhere.
+        start: gains that are nearly right, or a spec that has them; the only start unless it leads nowhere.
 
     Returns:
         A candidate; confirming it is `fopi_tune.proof`'s business.
@@ -87,7 +121,7 @@ class Search:
     relaxed: Converged | None = None
 
     @classmethod
-    def of(cls, spec: DesignSpec, violations: Sequence[Violation], start: FoPi | None = None) -> Search:
+    def of(cls, spec: DesignSpec, violations: Sequence[Violation], start: FoPi | Neighbour | None = None) -> Search:
         """Scale, compile and choose the starts."""
         sides = sides_of(spec)
         scale = scale_of(spec)
@@ -95,11 +129,13 @@ class Search:
         given = spec.objective.horizon_s if spec.objective else None
         horizon = given if given is not None else default_horizon_s(spec.plant)
         exchange = Exchange(spec.plant, scale, sides, objective, horizon, spec.controller)
-        first = [start] if start is not None else starts(spec, scale, sides, objective, _STARTS)
-        cuts = with_violations(
-            exchange.first_cuts(), sides, violations, (float(scale.omega_grid[0]), float(scale.omega_grid[-1]))
-        )
-        if first:
+        near = start if isinstance(start, Neighbour) else None
+        gains = near.gains if near is not None else start
+        first = [gains] if isinstance(gains, FoPi) else starts(spec, scale, sides, objective, _STARTS)
+        known = near.cuts if near is not None and near.fits(spec) else None
+        cuts = exchange.first_cuts() if known is None else known
+        cuts = with_violations(cuts, sides, violations, (float(scale.omega_grid[0]), float(scale.omega_grid[-1])))
+        if first and known is None:
             cuts = exchange.with_worst_of(cuts, first[0])
         return cls(spec, scale, objective, exchange, first, cuts)
 

@@ -5,6 +5,7 @@ from fopi_tune.report.digital import digital_text
 from fopi_tune.report.evidence import evidence_text, system_evidence_text
 from fopi_tune.report.figures import controller_bode_svg, simulation_svg
 from fopi_tune.report.simulation import simulation_text
+from fopi_tune.report.study import study_text
 from fopi_tune.report.terminal import check_text, design_text
 from fopi_tune.report.tradeoff import tradeoff_svg, tradeoff_text
 
@@ -17,6 +18,7 @@ __all__ = [
     "recheck_text",
     "simulation_svg",
     "simulation_text",
+    "study_text",
     "system_evidence_text",
     "tradeoff_svg",
     "tradeoff_text",

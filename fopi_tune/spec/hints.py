@@ -12,6 +12,8 @@ from fopi_tune.spec.report import quoted
 #: names longer than this are not misspellings, and comparing them takes long
 _LONGEST_NAME = 60
 _ALMOST = 0.72
+#: how every word about an unknown key begins
+UNKNOWN_KEY = "the key is not known here"
 
 #: the units of the language: ending of a name, the unit in words
 _UNITS = {"_rad_s": "rad/s", "_s": "s", "_deg": "degrees", "_db": "dB", "_deg_per_decade": "degrees per decade"}
@@ -66,8 +68,8 @@ def about_key(key: str, known: Collection[str]) -> Hint:
         return hint
     meant = closest(key, known)
     if meant is not None:
-        return Hint(f"the key is not known here; did you mean {meant!r}?", meant)
-    return Hint(f"the key is not known here; remove it or write {one_of(known)}", None)
+        return Hint(f"{UNKNOWN_KEY}; did you mean {meant!r}?", meant)
+    return Hint(f"{UNKNOWN_KEY}; remove it or write {one_of(known)}", None)
 
 
 def one_of(words: Collection[str]) -> str:

@@ -67,6 +67,20 @@ def load_system(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> Sys
     raise report.error()
 
 
+def load_document(source: str | os.PathLike[str]) -> tuple[Place, str]:
+    """A YAML file as a tree of places, for languages that are read with the shapes of this one.
+
+    Returns:
+        The document, and the SHA-256 of the file's bytes.
+
+    Raises:
+        SpecError: the file cannot be read, or is not YAML as it is allowed here.
+    """
+    report = Report(os.fsdecode(source))
+    data = _read_file(source, report)
+    return Place(compose(decode(data, report), report), "", report), hashlib.sha256(data).hexdigest()
+
+
 def parse_spec(text: str | bytes, file: str = "<spec>", files: Mapping[str, bytes] | None = None) -> DesignSpec:
     """The spec in a text; reads no disk.
 

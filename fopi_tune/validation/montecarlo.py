@@ -7,7 +7,6 @@ and each draw can be made again by itself.  Draws may leave the family (`counted
 from __future__ import annotations
 
 import math
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -27,6 +26,7 @@ from fopi_tune.validation.judged import scenario_of
 from fopi_tune.validation.scan import Scan
 from fopi_tune.validation.scenario import Array, Mode
 from fopi_tune.validation.statistics import Fraction
+from fopi_tune.validation.threads import threads
 
 #: plants whose margins are scanned at once
 _SCANNED = 512
@@ -132,7 +132,7 @@ class _Scanner:
             return counts
 
         parts: list[list[Counted]] = []
-        with ThreadPoolExecutor(_workers()) as pool:
+        with ThreadPoolExecutor(threads()) as pool:
             chunks = list(self.drawn.chunks(_SCANNED))
             for chunk, counts in zip(chunks, pool.map(scan, chunks), strict=True):
                 parts.append(counts)
@@ -159,7 +159,3 @@ def _keeps(requirement: Requirement, upper: bool, values: Array) -> np.ndarray:
     slack = _TOLERANCE * (abs(natural) if requirement.quantity == "delay_margin_s" else 1.0)
     relaxed = quantity.from_natural(natural + slack if upper else natural - slack)
     return values <= relaxed if upper else values >= relaxed
-
-
-def _workers() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -6,7 +6,6 @@ thread, and a result depends on neither chunk nor thread: noise has its place by
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -20,6 +19,7 @@ from fopi_tune.errors import DomainError
 from fopi_tune.validation.layout import RESULTS, SECTIONS, TRACES, WIDTH, Settings, layout
 from fopi_tune.validation.plants import HeldPlants, hold
 from fopi_tune.validation.scenario import Array, Horizon, Hybrid, Measures, Mode, Scenario, Traces
+from fopi_tune.validation.threads import threads as usual_threads
 
 #: plants that are held in memory at once, a thread
 CHUNK = 8192
@@ -75,7 +75,7 @@ def measure_chunks(
         DomainError: modes, plants, scenario and horizon do not belong together, or a plant cannot be simulated.
     """
     total = _count(modes, scenario, count)
-    workers = threads if threads is not None else _cores()
+    workers = threads if threads is not None else usual_threads()
     if chunk < 1 or workers < 1:
         raise DomainError(f"chunk {chunk!r} and threads {workers!r} must be at least 1")
     if horizon.first >= len(scenario.signals):
@@ -98,10 +98,6 @@ def _chunks(
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _count(modes: Sequence[Mode], scenario: Scenario, count: int | None) -> int:

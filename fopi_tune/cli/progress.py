@@ -1,0 +1,139 @@
+"""How far a study is, on stderr:  a bar where somebody is looking, else plain lines or JSON lines."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from fopi_tune.cli.output import say
+
+if TYPE_CHECKING:
+    from fopi_tune.study.ledger import Counts
+
+#: seconds between two plain lines
+_LINE_EVERY_S = 10.0
+
+Told = Callable[["Counts"], None]
+
+
+class Progress(StrEnum):
+    """What is shown while cells run."""
+
+    AUTO = "auto"
+    BAR = "bar"
+    LINES = "lines"
+    JSONL = "jsonl"
+    NONE = "none"
+
+
+@contextlib.contextmanager
+def shown(wanted: Progress, quiet: bool) -> Iterator[Told | None]:
+    """What is told how far it is."""
+    if wanted is Progress.AUTO:
+        looking = sys.stderr is not None and sys.stderr.isatty()
+        wanted = Progress.NONE if quiet else Progress.BAR if looking else Progress.LINES
+    if wanted is Progress.BAR:
+        with _bar() as told:
+            yield told
+    elif wanted is Progress.NONE:
+        yield None
+    else:
+        yield _lines() if wanted is Progress.LINES else _json_lines()
+
+
+class _Clock:
+    """Rate and time left, of the cells of this run."""
+
+    def __init__(self) -> None:
+        self.start = time.monotonic()
+        self.before: int | None = None
+
+    def at(self, counts: Counts) -> tuple[float, float | None, float | None]:
+        """Seconds since the start, cells a second, seconds left; None while nothing was run."""
+        ran = counts.total - counts.left
+        if self.before is None:
+            self.before = ran
+        elapsed = time.monotonic() - self.start
+        if ran == self.before or elapsed <= 0.0:
+            return elapsed, None, None
+        rate = (ran - self.before) / elapsed
+        return elapsed, rate, counts.left / rate
+
+
+def _lines() -> Told:
+    clock, last = _Clock(), [-_LINE_EVERY_S]
+
+    def told(counts: Counts) -> None:
+        elapsed, rate, left = clock.at(counts)
+        if elapsed - last[0] < _LINE_EVERY_S and counts.left:
+            return
+        last[0] = elapsed
+        failed = f", {counts.failed} failed" if counts.failed else ""
+        speed = f", {rate:.2g} cells/s" if rate is not None else ""
+        rest = f", {_duration(left)} left" if left is not None and counts.left else ""
+        say(f"{counts.done + counts.failed} of {counts.total} cells{failed}{speed}{rest}")
+
+    return told
+
+
+def _json_lines() -> Told:
+    clock = _Clock()
+
+    def told(counts: Counts) -> None:
+        elapsed, rate, left = clock.at(counts)
+        event = {
+            "event": "progress",
+            "total": counts.total,
+            "done": counts.done,
+            "failed": counts.failed,
+            "left": counts.left,
+            "elapsed_s": round(elapsed, 3),
+            "cells_per_s": rate,
+            "left_s": left,
+        }
+        say(json.dumps(event))
+
+    return told
+
+
+@contextlib.contextmanager
+def _bar() -> Iterator[Told]:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    columns = (
+        TextColumn("cells"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[failed]} failed  {task.fields[rate]}  {task.fields[left]}"),
+    )
+    clock = _Clock()
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("cells", total=None, failed=0, rate="", left="")
+
+        def told(counts: Counts) -> None:
+            _, rate, left = clock.at(counts)
+            bar.update(
+                task,
+                total=counts.total,
+                completed=counts.done + counts.failed,
+                failed=counts.failed,
+                rate=f"{rate:.2g}/s" if rate is not None else "",
+                left=f"{_duration(left)} left" if left is not None else "",
+            )
+
+        yield told
+
+
+def _duration(seconds: float) -> str:
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"

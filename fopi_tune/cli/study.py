@@ -1,0 +1,201 @@
+"""`fopi study`:  a study file, run on all cores or on a cluster, into a folder that can be resumed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fopi_tune.cli.gains import refusal
+from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
+from fopi_tune.cli.progress import Progress, shown
+from fopi_tune.errors import DomainError, FopiError, SpecError
+
+# Solvers and Dask are imported where they are needed: a mistake must not wait for them.
+if TYPE_CHECKING:
+    from fopi_tune.study import Machines, StudyResult
+    from fopi_tune.study.model import Study
+
+TABLE, PARQUET = "table.csv", "table.parquet"
+_MOST_FAILURES = 20
+#: as a shell says it of a process that was interrupted
+_INTERRUPTED = 130
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """What to do with a study, beside running it."""
+
+    out: str | None
+    parquet: bool
+    as_json: bool
+    quiet: bool
+    progress: Progress
+    resume: bool
+    retry_failed: bool
+
+    def folder(self, study: Study) -> Path:
+        """Of the ledger and the tables."""
+        return Path("results", study.name) if self.out is None else Path(self.out)
+
+    def note(self, words: str) -> None:
+        """Say something on stderr that is no mistake."""
+        if not self.quiet:
+            say(words)
+
+
+def study(
+    file: Annotated[str | None, typer.Argument(metavar="[STUDY]", help="Study file.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", help="Processes to start; 0: run in this one. Default: one a core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Run on this Dask scheduler's workers, as tcp://host:8786.")
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="List the cells and stop.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Run more cells than the study's limit_cells.")] = False,
+    status: Annotated[
+        str | None, typer.Option(metavar="DIR", help="Say how far the study in this folder is, and stop.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on, and refuse where there is nothing yet; going on is the default.")
+    ] = False,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run cells again that failed.")] = False,
+    parquet: Annotated[bool, typer.Option("--parquet", help="Write the table as Parquet, too; needs pyarrow.")] = False,
+    progress: Annotated[Progress, typer.Option(help="What is shown on stderr while cells run.")] = Progress.AUTO,
+    out: Annotated[str | None, typer.Option(metavar="DIR", help="Folder, instead of results/NAME.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback when the tool itself fails.")] = False,
+) -> None:
+    """Run many specs: a grid or list of overrides, on all cores or on a cluster.
+
+    What is done is kept in DIR/ledger.sqlite: the same command goes on where it was stopped, and runs only cells that
+    have changed.  Ends with 0 when every cell has an answer (infeasible is one), 3 when some failed or are undecided.
+    """
+    if status is not None:
+        raise typer.Exit(_status(status, as_json))
+    if file is None:
+        raise refusal("there is no STUDY to run; name a study file, or a folder with --status")
+    if workers is not None and scheduler is not None:
+        raise refusal("--workers are of this machine, --scheduler has its own; leave one of them out")
+    wish = _Wish(out, parquet, as_json, quiet, progress, resume, retry_failed)
+    try:
+        loaded = _load(file, force or dry_run, wish)
+        if dry_run:
+            raise typer.Exit(_list(loaded, wish))
+        from fopi_tune.study import Machines
+
+        raise typer.Exit(_run(loaded, Machines(workers, scheduler), wish))
+    except SpecError as error:
+        for problem in error.problems:
+            say(str(problem))
+        raise typer.Exit(Exit.BAD_INPUT) from None
+    except DomainError as error:
+        raise refusal(str(error)) from None
+    except FopiError as error:
+        say(str(error))
+        raise typer.Exit(Exit.TOOL_FAILED) from None
+    except KeyboardInterrupt:
+        say("stopped; what was done is kept: run the same command again to go on")
+        raise typer.Exit(_INTERRUPTED) from None
+    except typer.Exit:
+        raise
+    except Exception as error:
+        raise typer.Exit(report_failure(file, error, debug)) from None
+
+
+def _load(file: str, force: bool, wish: _Wish) -> Study:
+    from fopi_tune.study.load import load_study
+
+    return load_study(file, force, told=lambda count: wish.note(f"{file}: {count} cells"))
+
+
+def _list(loaded: Study, wish: _Wish) -> Exit:
+    """Every cell on a line."""
+    if wish.as_json:
+        cells = [{"cell": c.index + 1, c.kind.value: c.name, "overrides": dict(c.overrides)} for c in loaded.cells]
+        return print_out(to_json({"schema": 1, "name": loaded.name, "cells": cells}))
+    return print_out("\n".join(f"{cell.index + 1}  {cell.label}" for cell in loaded.cells))
+
+
+def _run(loaded: Study, machines: Machines, wish: _Wish) -> Exit:
+    from fopi_tune.study import run
+    from fopi_tune.study.table import require_parquet
+
+    if wish.parquet:
+        require_parquet()
+    folder = wish.folder(loaded)
+    with shown(wish.progress, wish.quiet) as told:
+        result = run(
+            loaded, folder, machines, retry_failed=wish.retry_failed, resume=wish.resume, told=told, say=wish.note
+        )  # fmt: skip
+    code = _write(result, folder, wish)
+    _tell(result, wish)
+    if wish.as_json:
+        code = max(code, print_out(to_json(_document(result))))
+    else:
+        from fopi_tune.report import study_text
+
+        code = max(code, print_styled(study_text(result, str(folder / TABLE))))
+    decided = not result.counts.failed and not result.table.undecided
+    return max(code, Exit.MET if decided else Exit.TOOL_FAILED)
+
+
+def _write(result: StudyResult, folder: Path, wish: _Wish) -> Exit:
+    files: dict[str, str | bytes] = {TABLE: result.table.to_csv()}
+    if wish.parquet:
+        files[PARQUET] = result.table.to_parquet()
+    # a registry's names become files' names
+    files |= {PurePosixPath(name).name: text for name, text in result.table.files.items()}
+    for name, content in files.items():
+        try:
+            write_file(folder / name, content)
+        except OSError as error:
+            say(f"cannot write {folder / name} ({reason_of(error)}); choose another folder with --out")
+            return Exit.BAD_INPUT
+        wish.note(f"{result.study.name}: wrote {folder / name}")
+    return Exit.MET
+
+
+def _tell(result: StudyResult, wish: _Wish) -> None:
+    """Failed cells with their reasons, and columns that stayed empty."""
+    for index, label, reason in result.failures[:_MOST_FAILURES]:
+        say(f"cell {index + 1} ({label}) failed: {reason}")
+    if len(result.failures) > _MOST_FAILURES:
+        say(f"{len(result.failures) - _MOST_FAILURES} more cells failed; the table has their reasons")
+    for name in result.table.empty:
+        wish.note(f"column {name} is empty in every row; is its path right?")
+
+
+def _document(result: StudyResult) -> dict[str, object]:
+    counts = result.counts
+    return {
+        "schema": 1,
+        "name": result.study.name,
+        "cells": {"total": counts.total, "done": counts.done, "failed": counts.failed},
+        "undecided": result.table.undecided,
+        "rows": result.table.to_dicts(),
+    }
+
+
+def _status(folder: str, as_json: bool) -> Exit:
+    """How far a study is, of its ledger alone; 0 when all is done, 1 when cells are left, 3 when some failed."""
+    from fopi_tune.study.ledger import read
+
+    try:
+        with read(Path(folder)) as ledger:
+            counts, failures, name, seconds = ledger.counts(), ledger.failures(), ledger.name, ledger.seconds()
+    except DomainError as error:
+        raise refusal(str(error)) from None
+    code = Exit.TOOL_FAILED if counts.failed else Exit.NOT_MET if counts.left else Exit.MET
+    if as_json:
+        failed = [{"cell": index + 1, "label": label, "reason": reason} for index, label, reason in failures]
+        told = {"total": counts.total, "done": counts.done, "failed": counts.failed, "left": counts.left}
+        document = {"schema": 1, "name": name, "cells": told, "cell_seconds": seconds, "failures": failed}
+        return max(code, print_out(to_json(document)))
+    words = f"{name}: {counts.done} of {counts.total} cells done, {counts.failed} failed, {counts.left} left"
+    lines = [words, *(f"cell {index + 1} ({label}) failed: {reason}" for index, label, reason in failures)]
+    return max(code, print_out("\n".join(lines)))

@@ -1,0 +1,206 @@
+"""What a worker does:  a chunk of cells -> a result each.  Everything that comes and goes is text and numbers.
+
+A result depends on its cell alone, not on what the worker has done before: compiled problems and the base specs' gains
+are kept between cells, and are the same bits whoever makes them.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from fopi_tune import pipeline
+from fopi_tune.core.controller import FoPi
+from fopi_tune.errors import FopiError
+from fopi_tune.outcome import Status
+from fopi_tune.proof import Verdict
+from fopi_tune.result import Design, loop_name
+from fopi_tune.spec.model import DesignSpec
+from fopi_tune.stamp import numeric_versions
+from fopi_tune.study.model import Cell, Kind, Stage
+from fopi_tune.study.registry import entries, figure_of
+from fopi_tune.study.trees import spec_of
+
+if TYPE_CHECKING:
+    from fopi_tune.design import Neighbour
+
+#: base specs whose gains, and designs that a worker keeps
+_BASES = 64
+_DESIGNS = 16
+#: statuses after which a cell goes on to its next stage and ends well
+GOOD = ("solved", "met")
+#: one cell at a time in a process: CasADi and the kept problems are not for threads
+_ONE_AT_A_TIME = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Result:
+    """The end of a cell.
+
+    Args:
+        key: of the cell.
+        document: JSON of its stages, its rows, or its figure; of a failed cell, as far as it came.
+        reason: why it failed; empty otherwise.
+        seconds: it took; belongs to no table.
+    """
+
+    key: str
+    document: str
+    reason: str
+    seconds: float
+
+    @property
+    def failed(self) -> bool:
+        """Whether there is no answer."""
+        return bool(self.reason)
+
+
+def run_chunk(cells: Sequence[tuple[str, Cell]], versions: Mapping[str, str]) -> list[Result]:
+    """Run some cells, one after the other.
+
+    Args:
+        cells: with their keys.
+        versions: those that the keys stand for.
+
+    Returns:
+        A result each; what a cell raises is its reason.
+    """
+    here = numeric_versions()
+    if here != dict(versions):
+        differing = ", ".join(f"{k} {here.get(k)} instead of {v}" for k, v in versions.items() if here.get(k) != v)
+        return [Result(key, "{}", f"this worker has {differing}; install the same versions", 0.0) for key, _ in cells]
+    with _ONE_AT_A_TIME:
+        return [run_cell(key, cell) for key, cell in cells]
+
+
+def run_cell(key: str, cell: Cell) -> Result:
+    """Run one cell; never raises."""
+    start = time.perf_counter()
+    document: dict[str, Any] = {}
+    try:
+        reason = _RUN[cell.kind](cell, document)
+        text = json.dumps(document, allow_nan=False)
+    except Exception as error:
+        expected = isinstance(error, FopiError)
+        reason = str(error) if expected else f"internal error, {type(error).__name__}: {error}"
+        text = _as_far_as_it_came(document)
+    return Result(key, text, reason, time.perf_counter() - start)
+
+
+def _as_far_as_it_came(document: dict[str, Any]) -> str:
+    try:
+        return json.dumps(document, allow_nan=False)
+    except (TypeError, ValueError):  # this may be what went wrong
+        return "{}"
+
+
+def _spec(cell: Cell, document: dict[str, Any]) -> str:
+    """Run a spec's stages; returns why there is no answer."""
+    spec = spec_of(cell.text, cell.name)
+    checked = spec_of(cell.check, cell.name) if cell.check else spec
+    gains: FoPi | None = _fixed(spec)
+    if Stage.TUNE in cell.stages:
+        # a proof against the same spec belongs to the design, which goes on searching where it is refuted
+        together = Stage.PROVE in cell.stages and not cell.check
+        design = _designed(cell.text, cell.base, together)
+        document[Stage.TUNE] = design.to_dict()
+        document["outcome"] = design.status.value
+        if together and design.certificate is not None:
+            document[Stage.PROVE] = _proved(design)
+        if design.status is not Status.SOLVED:
+            document["reason"] = design.message
+            return design.message if design.status is Status.FAILED else ""
+        gains = design.gains
+    assert gains is not None, "gains that are not tuned are fixed"
+    if Stage.PROVE in cell.stages and Stage.PROVE not in document:
+        document[Stage.PROVE] = pipeline.prove(checked, gains).to_dict()
+    contradictions = _sampled(cell, checked, gains, document)
+    _conclude(cell, document)
+    return contradictions
+
+
+def _sampled(cell: Cell, spec: DesignSpec, gains: FoPi, document: dict[str, Any]) -> str:
+    """The stages about the loop on samples; returns what sampling shows although a proof excludes it."""
+    if Stage.VALIDATE in cell.stages:
+        validated = pipeline.validate(spec, gains)
+        if Stage.DISCRETIZE in cell.stages:
+            document[Stage.DISCRETIZE] = validated.digital.to_dict()
+        document[Stage.VALIDATE] = validated.to_dict()
+        return "; ".join(validated.contradictions)
+    if Stage.DISCRETIZE in cell.stages:
+        document[Stage.DISCRETIZE] = pipeline.discretize(spec, gains).to_dict()
+    return ""
+
+
+def _conclude(cell: Cell, document: dict[str, Any]) -> None:
+    """The outcome is that of the first stage that did not end well; of the last one when all did."""
+    for stage in cell.stages:
+        document["outcome"] = document[stage]["status"]
+        if document["outcome"] not in GOOD:
+            document["reason"] = f"{stage}: {document['outcome']}"
+            return
+
+
+def _claim(cell: Cell, document: dict[str, Any]) -> str:
+    document["rows"] = [asdict(row) for row in entries(cell.text, "CLAIMS")[cell.name]()]
+    document["outcome"] = "computed"
+    return ""
+
+
+def _figure(cell: Cell, document: dict[str, Any]) -> str:
+    files = figure_of(cell.text, cell.name)
+    document["files"] = {name: content for name, content in files.items() if isinstance(content, str)}
+    document["base64"] = {
+        name: base64.b64encode(content).decode() for name, content in files.items() if isinstance(content, bytes)
+    }
+    document["outcome"] = "computed"
+    return ""
+
+
+_RUN: Mapping[Kind, Callable[[Cell, dict[str, Any]], str]] = {
+    Kind.SPEC: _spec,
+    Kind.CLAIM: _claim,
+    Kind.FIGURE: _figure,
+}
+
+
+def _fixed(spec: DesignSpec) -> FoPi | None:
+    box = spec.controller
+    if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
+        return FoPi(box.kp.min, box.ki.min, box.alpha.min)
+    return None
+
+
+def _proved(design: Design) -> dict[str, Any]:
+    """What a check of the design's gains says, shaped as `fopi prove` shapes it."""
+    assert design.certificate is not None
+    verdict = design.certificate.verdict
+    status = {Verdict.PROVED: "met", Verdict.REFUTED: "violated"}.get(verdict, "undecided")
+    document = design.to_dict()
+    kept = ("schema", "gains", "objective", "requirements", "name", "loop", "stability", "nominal", "proof")
+    return {"status": status, **{key: document[key] for key in kept}}
+
+
+@lru_cache(_DESIGNS)
+def _designed(text: str, base: str, proof: bool) -> Design:
+    """The design of a spec; cells that differ in what it is checked against share it."""
+    return pipeline.tune(spec_of(text), proof=proof, start=_base(base) if base else None)
+
+
+@lru_cache(_BASES)
+def _base(text: str) -> Neighbour | None:
+    """A base spec with its gains, where it has a solution that is searched in continuous time."""
+    from fopi_tune.design import neighbour
+
+    spec = spec_of(text)
+    box = spec.controller
+    if loop_name(spec) == "sampled" or all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
+        return None
+    design = pipeline.tune(spec, proof=False)
+    return neighbour(spec, design.gains) if design.status is Status.SOLVED and design.gains is not None else None

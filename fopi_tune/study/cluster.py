@@ -1,0 +1,194 @@
+"""Dask as what runs chunks:  processes of this machine, or a scheduler's address.  Importing it loads no Dask."""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import contextlib
+import logging
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from fopi_tune.errors import DomainError, FopiError
+from fopi_tune.study.cells import run_chunk
+from fopi_tune.study.engine import Ended, Keyed
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+#: seconds until a scheduler must have answered
+_PATIENCE_S = 20.0
+#: threads of numerical libraries in a worker: the cells themselves are what runs in parallel
+_THREADS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "FOPI_THREADS"), "1")
+#: others that say what Dask's connections do
+_LOGS = ("tornado.application", "asyncio")
+_CONFIG: Mapping[str, Any] = {
+    # a task whose worker died comes back at once: the engine runs its cells again, alone
+    "distributed.scheduler.allowed-failures": 0,
+    "distributed.nanny.pre-spawn-environ": _THREADS,
+    # a cell is long in C++ code, which is no reason for Dask to worry
+    "distributed.admin.tick.limit": "1h",
+}
+
+
+_GONE = "the scheduler is gone; what was done is kept: run the same command again"
+
+
+class ClusterError(DomainError):
+    """A cluster that cannot be reached."""
+
+
+class ClusterLostError(FopiError):
+    """A cluster that went away while cells were run."""
+
+
+class DaskRunner:
+    """Chunks as tasks of a Dask client."""
+
+    def __init__(self, client: Client) -> None:
+        from distributed import as_completed
+
+        self._client = client
+        self._ended = as_completed(raise_errors=False)
+        self._cells: dict[str, Sequence[Keyed]] = {}
+        self._count = 0
+        self._workers = 1
+        self._looked = -1e9
+
+    @property
+    def workers(self) -> int:
+        """Processes that are there, looked up now and then: workers come and go."""
+        now = time.monotonic()
+        if now - self._looked > 1.0:
+            self._looked = now
+            with _told_if_lost():
+                self._workers = max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+        return self._workers
+
+    def submit(self, cells: Sequence[Keyed], versions: Mapping[str, str]) -> None:
+        """Hand a chunk to the scheduler."""
+        self._count += 1
+        key = f"chunk-{id(self):x}-{self._count}"
+        with _told_if_lost():
+            future = self._client.submit(run_chunk, list(cells), dict(versions), key=key, pure=False)
+        self._cells[key] = cells
+        self._ended.add(future)
+
+    def next_ended(self) -> Ended:
+        """Wait for a chunk.
+
+        Raises:
+            ClusterLostError: the scheduler is gone.
+        """
+        from distributed.scheduler import KilledWorker
+
+        future: Any = next(self._ended)
+        cells = self._cells.pop(str(future.key))
+        with _told_if_lost():
+            if future.status == "finished":
+                results = future.result()
+                future.release()
+                return Ended(cells, results)
+            if future.status != "error":
+                raise ClusterLostError(_GONE)
+            error = future.exception()
+            future.release()
+        if isinstance(error, KilledWorker):
+            return Ended(cells, None)
+        return Ended(cells, None, f"the worker could not run it, {type(error).__name__}: {error}")
+
+
+@contextlib.contextmanager
+def _told_if_lost() -> Iterator[None]:
+    """A connection that breaks is the scheduler's end, wherever it is noticed."""
+    try:
+        yield
+    except (OSError, TimeoutError, asyncio.CancelledError, concurrent.futures.CancelledError) as error:
+        raise ClusterLostError(_GONE) from error
+
+
+def cores() -> int:
+    """Of this machine, as far as this process may use them."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextlib.contextmanager
+def local(workers: int) -> Iterator[DaskRunner]:
+    """Processes of this machine, one thread each."""
+    with _quiet():
+        from distributed import Client, LocalCluster
+
+        with _uninterrupted():
+            settings: dict[str, Any] = {"dashboard_address": None, "silence_logs": logging.CRITICAL}
+            cluster = LocalCluster(n_workers=workers, threads_per_worker=1, **settings)
+        with cluster, Client(cluster) as client:
+            yield DaskRunner(client)
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Ctrl-C is for this process alone: threads that begin here, and the workers they start, never see it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    # it unblocks the signal in the thread that starts it, which would else be the one that starts the workers
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
+def remote(address: str, say: Callable[[str], None], patience_s: float = _PATIENCE_S) -> Iterator[DaskRunner]:
+    """The workers of a scheduler.
+
+    Args:
+        address: as tcp://host:8786.
+        say: told when it has no workers.
+        patience_s: until it must have answered.
+
+    Raises:
+        ClusterError: nothing answers there.
+    """
+    with _quiet():
+        from distributed import Client
+
+        try:
+            client = Client(address, timeout=patience_s)
+        except (OSError, ValueError, TimeoutError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise ClusterError(
+                f"no scheduler answers at {address} ({reason}); start one with `dask scheduler`, or check the address"
+            ) from None
+        with client:
+            runner = DaskRunner(client)
+            told = client.scheduler_info(n_workers=-1)["workers"]
+            if not told:
+                say(f"{address} has no workers yet; start some with `dask worker {address} --nthreads 1`")
+            yield runner
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Dask's settings for the time of a study; what it logs about workers that come and go is not for the user."""
+    import dask.config
+    import distributed  # noqa: F401 - its own defaults must be there before they are changed for a while
+
+    # parts of Dask have levels of their own
+    names = ["distributed", *(n for n in logging.root.manager.loggerDict if n.startswith("distributed.")), *_LOGS]
+    levels = {name: logging.getLogger(name).level for name in names}
+    with dask.config.set(_CONFIG):
+        for name in levels:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+        try:
+            yield
+        finally:
+            for name, level in levels.items():
+                logging.getLogger(name).setLevel(level)

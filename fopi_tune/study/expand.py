@@ -1,0 +1,255 @@
+"""StudyFile and the trees of its specs -> cells, each judged by the spec language before anything runs."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from fopi_tune.errors import Problem, SpecError
+from fopi_tune.spec.hints import UNKNOWN_KEY, about_word, closest
+from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.nodes import Items, Node, Scalar, Table
+from fopi_tune.spec.report import Mark, Report
+from fopi_tune.study.language import ALL, CHECK, Placed, StudyFile
+from fopi_tune.study.model import Cell, Column, Kind, Stage, Starts, Study
+from fopi_tune.study.trees import NoSuchPlaceError, Override, path_of, replaced, spec_at, text_of, value_of
+
+#: cells that a message names
+_NAMED = 12
+
+#: what `fopi_tune.study` collects when the file does not say
+_DEFAULT = {
+    Stage.TUNE: ("tune.gains.kp", "tune.gains.ki", "tune.gains.alpha", "tune.objective"),
+    Stage.PROVE: ("prove.status",),
+    Stage.DISCRETIZE: ("discretize.status", "discretize.nominal.phase_margin_deg"),
+    Stage.VALIDATE: ("validate.status", "validate.stable.met", "validate.stable.total"),
+}
+
+
+@dataclass(frozen=True)
+class Base:
+    """A spec that cells are made of: its file and its tree."""
+
+    file: str
+    tree: Node
+
+
+@dataclass
+class _Problems:
+    """What is wrong with the cells; what is the same for many is said once and names them."""
+
+    study: StudyFile
+    found: dict[tuple[str, Mark, str, str], list[Cell]] = field(default_factory=dict)
+
+    def add(self, file: str, mark: Mark, path: str, message: str, cell: Cell) -> None:
+        cells = self.found.setdefault((file, mark, path, message), [])
+        if not cells or cells[-1].index != cell.index:
+            cells.append(cell)
+
+    def error(self) -> SpecError:
+        problems = []
+        for (file, mark, path, message), cells in self.found.items():
+            told = f"{_cells_in_words(cells)}: {message}" if file == self.study.file else message
+            problems.append(Problem(file, mark.line, mark.column, path, told))
+        return SpecError(tuple(sorted(problems, key=lambda p: (p.file, p.line, p.column))))
+
+
+def count_cells(study: StudyFile, claims: Collection[str] = (), figures: Collection[str] = ()) -> int:
+    """How many cells there are, without making them."""
+    grid = math.prod(len(axis.nodes) for axis in study.grid)
+    zipped = len(study.zipped[0].nodes) if study.zipped else 1
+    entries = len(_names(study.claims, claims)) + len(_names(study.figures, figures))
+    return len(study.specs) * len(study.cells) * grid * zipped + entries
+
+
+def expand(
+    study: StudyFile,
+    bases: Sequence[Base],
+    registry: str = "",
+    claims: Collection[str] = (),
+    figures: Collection[str] = (),
+) -> Study:
+    """Make and judge every cell.
+
+    Args:
+        study: the file.
+        bases: the specs it names, in order.
+        registry: module that has the claims and figures.
+        claims: names of all claims.
+        figures: names of all figures.
+
+    Raises:
+        SpecError: overrides that do not fit, or make a spec that cannot be used; every such cell is named.
+    """
+    problems = _Problems(study)
+    cells: list[Cell] = []
+    for base in bases:
+        start = _text(base.tree) if study.starts is Starts.BASE else ""
+        for overrides in _combinations(study):
+            cells.append(_cell(study, base, start, overrides, len(cells), problems))
+    for kind, wanted, known in ((Kind.CLAIM, study.claims, claims), (Kind.FIGURE, study.figures, figures)):
+        _refuse_unknown(study, kind, wanted, known)
+        cells += [Cell(len(cells) + i, kind, name, {}, registry) for i, name in enumerate(_names(wanted, known))]
+    if problems.found:
+        raise problems.error()
+    return Study(study.name, tuple(cells), _collected(study), study.description)
+
+
+def _combinations(study: StudyFile) -> Iterator[tuple[Override, ...]]:
+    """Explicit cells times what goes in step times the grid; the last path of the grid changes fastest."""
+    steps = range(len(study.zipped[0].nodes)) if study.zipped else range(1)
+    grid = [range(len(axis.nodes)) for axis in study.grid]
+    for told, step, places in itertools.product(study.cells, steps, itertools.product(*grid)):
+        explicit = (axis.override(0) for axis in told)
+        in_step = (axis.override(step) for axis in study.zipped)
+        crossed = (axis.override(place) for axis, place in zip(study.grid, places, strict=True))
+        yield (*explicit, *in_step, *crossed)
+
+
+def _cell(
+    study: StudyFile, base: Base, start: str, overrides: tuple[Override, ...], index: int, problems: _Problems
+) -> Cell:
+    shown = {each.path: value_of(each.node) for each in overrides}
+    cell = Cell(index, Kind.SPEC, _name(base.tree), shown, "", base=start, stages=study.stages)
+    design = [each for each in overrides if not each.path.startswith(CHECK)]
+    check = [Override(e.path[len(CHECK) :], e.mark, e.node) for e in overrides if e.path.startswith(CHECK)]
+    judge = _Judge(base, problems, cell)
+    # in turn, so that an override sees what the ones before it have put in
+    tree, spec = judge.judged(base.tree, design)
+    checked, checked_spec = judge.judged(tree, check, design) if check and spec is not None else (tree, spec)
+    if spec is None or checked_spec is None or not judge.fits(study.stages, spec, checked_spec):
+        return cell
+    text, check_text = text_of(tree), text_of(checked) if check else ""
+    return Cell(index, Kind.SPEC, cell.name, shown, text, check_text, start, study.stages)
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """Tells of one cell where it is wrong: in the study file where an override is to blame, else in the base's file."""
+
+    base: Base
+    problems: _Problems
+    cell: Cell
+
+    def judged(
+        self, tree: Node, overrides: Sequence[Override], before: Sequence[Override] = ()
+    ) -> tuple[Node, DesignSpec | None]:
+        """The tree with the overrides, and the spec it is; None after reporting."""
+        for override in overrides:
+            try:
+                tree = replaced(tree, override)
+            except NoSuchPlaceError as error:
+                self._blame(override, str(error))
+                return tree, None
+        report = Report(self.base.file)
+        spec = spec_at(tree, report)
+        for problem in report.problems:
+            self._tell(problem, [*overrides, *before])
+        return tree, spec
+
+    def fits(self, stages: Sequence[Stage], spec: DesignSpec, checked: DesignSpec) -> bool:
+        """Whether the stages can be run on the spec; reports if not."""
+        box = spec.controller
+        if Stage.TUNE not in stages and not all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
+            message = "there is no stage tune, and the spec does not fix kp, ki and alpha; add the stage or fix them"
+        elif checked.digital is None and {Stage.DISCRETIZE, Stage.VALIDATE} & set(stages):
+            message = "discretize and validate need a section digital; add digital: {sample_time_s: 0.2} to the spec"
+        else:
+            return True
+        self.problems.add(self.base.file, Mark(1, 1), "", message, self.cell)
+        return False
+
+    def _tell(self, problem: Problem, overrides: Sequence[Override]) -> None:
+        inside = [e for e in overrides if _within(problem.path, e.path)]
+        words = f"{problem.path}: {self._hinted(problem)}" if problem.path else problem.message
+        if inside:
+            # the place is in the study file: inside the override's value
+            self._blame(inside[0], words, Mark(problem.line, problem.column))
+        elif not overrides or self._also_without_overrides(problem):
+            place = Mark(problem.line, problem.column)
+            self.problems.add(self.base.file, place, problem.path, problem.message, self.cell)
+        else:
+            self._blame(max(overrides, key=lambda e: _in_common(e.path, problem.path)), words)
+
+    def _hinted(self, problem: Problem) -> str:
+        """The message; an unknown key may misspell one that is in the spec, which the spec language does not expect."""
+        *outer, last = path_of(problem.path) or ("",)
+        if not problem.message.startswith(UNKNOWN_KEY) or "did you mean" in problem.message:
+            return problem.message
+        where: Node = self.base.tree
+        for step in outer:
+            if isinstance(where, Table) and step in where.entries:
+                where = where.entries[str(step)][1]
+            elif isinstance(where, Items) and isinstance(step, int) and step < len(where.nodes):
+                where = where.nodes[step]
+            else:
+                return problem.message
+        meant = closest(str(last), where.entries) if isinstance(where, Table) else None
+        return f"{UNKNOWN_KEY}; did you mean {meant!r}?" if meant else problem.message
+
+    def _also_without_overrides(self, problem: Problem) -> bool:
+        report = Report(self.base.file)
+        spec_at(self.base.tree, report)
+        return problem in report.problems
+
+    def _blame(self, override: Override, message: str, mark: Mark | None = None) -> None:
+        self.problems.add(self.problems.study.file, mark or override.mark, override.path, message, self.cell)
+
+
+def _within(path: str, outer: str) -> bool:
+    """Whether a path is another one or inside it."""
+    return path == outer or path.startswith((f"{outer}.", f"{outer}["))
+
+
+def _in_common(one: str, other: str) -> int:
+    """Steps that two paths begin with."""
+    pairs = zip(path_of(one) or (), path_of(other) or (), strict=False)
+    return len(list(itertools.takewhile(lambda pair: pair[0] == pair[1], pairs)))
+
+
+def _cells_in_words(cells: Sequence[Cell]) -> str:
+    if len(cells) == 1:
+        return f"cell {cells[0].index + 1} ({cells[0].label})"
+    named = ", ".join(str(cell.index + 1) for cell in cells[:_NAMED])
+    rest = len(cells) - _NAMED
+    return f"cells {named}" + (f" and {rest} more" if rest > 0 else "")
+
+
+def _name(tree: Node) -> str:
+    """The spec's own name, as far as it has one."""
+    name = tree.entries["name"][1] if isinstance(tree, Table) and "name" in tree.entries else None
+    return name.text if isinstance(name, Scalar) else "?"
+
+
+def _text(tree: Node) -> str:
+    """The base's own text, where it can be used."""
+    report = Report("")
+    return text_of(tree) if spec_at(tree, report) is not None else ""
+
+
+def _names(wanted: Sequence[Placed], known: Collection[str]) -> list[str]:
+    if [each.word for each in wanted] == [ALL]:
+        return list(known)
+    return [each.word for each in wanted]
+
+
+def _refuse_unknown(study: StudyFile, kind: Kind, wanted: Sequence[Placed], known: Collection[str]) -> None:
+    unknown = [each for each in wanted if each.word not in known and [w.word for w in wanted] != [ALL]]
+    told: Callable[[str], str] = lambda word: (  # noqa: E731
+        about_word(word, known) if known else f"this version of fopi-tune has no {kind}s"
+    )
+    if unknown:
+        problems = (Problem(study.file, e.mark.line, e.mark.column, e.path, told(e.word)) for e in unknown)
+        raise SpecError(tuple(problems))
+
+
+def _collected(study: StudyFile) -> tuple[Column, ...]:
+    if study.collect or not study.specs:
+        return study.collect
+    # as in a table of gains: kp, not tune.gains.kp, where the last word is enough
+    paths = [path for stage in study.stages for path in _DEFAULT[stage]]
+    short = {path: path.rpartition(".")[2] for path in paths}
+    twice = [name for name in short.values() if list(short.values()).count(name) > 1]
+    return tuple(Column(path if short[path] in twice else short[path], path) for path in paths)

@@ -1,0 +1,290 @@
+"""The shape of a study file:  which specs, what is put into them, what is run, and what is collected."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fopi_tune.spec.hints import closest
+from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
+from fopi_tune.spec.nodes import Items, Node, Refused, Table
+from fopi_tune.spec.places import Place, kind_of
+from fopi_tune.spec.records import Key, Record, Values, is_table
+from fopi_tune.spec.report import Mark
+from fopi_tune.spec.shapes import Choice, Either, JsonSchema, ListOf, Number, Shape, Text, Version
+from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
+from fopi_tune.study.trees import PATH_PATTERN, Override, path_of
+
+#: keys that begin with this are for the spec that the gains are checked against
+CHECK = "check."
+#: all entries of a registry
+ALL = "all"
+_EXAMPLE = "{schema: 1, name: grid, specs: [brake.yaml], grid: {controller.alpha: [1, 0.8]}}"
+_LARGEST_LIMIT = 10_000_000
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Values for one path."""
+
+    path: str
+    mark: Mark
+    nodes: tuple[Node, ...]
+
+    def override(self, index: int) -> Override:
+        """The value with an index."""
+        return Override(self.path, self.mark, self.nodes[index])
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A word of the study and where it is."""
+
+    word: str
+    mark: Mark
+    path: str
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """A study file as it is written; `fopi_tune.study.expand` makes its cells."""
+
+    file: str
+    name: str
+    description: str
+    specs: tuple[Placed, ...]
+    cells: tuple[tuple[Axis, ...], ...]
+    grid: tuple[Axis, ...]
+    zipped: tuple[Axis, ...]
+    stages: tuple[Stage, ...]
+    starts: Starts
+    collect: tuple[Column, ...]
+    limit_cells: int
+    claims: tuple[Placed, ...]
+    figures: tuple[Placed, ...]
+
+
+@dataclass(frozen=True)
+class Anything(Shape):
+    """Any value; the spec language judges it where it is put in."""
+
+    meaning: str
+
+    def read(self, place: Place) -> Node | None:
+        return None if isinstance(place.node, Refused) else place.node
+
+    def json_schema(self) -> JsonSchema:
+        return {"description": self.meaning}
+
+
+@dataclass(frozen=True)
+class Several(Shape):
+    """A list of at least one of anything; reads to its nodes."""
+
+    meaning: str
+
+    def read(self, place: Place) -> tuple[Node, ...] | None:
+        if not isinstance(place.node, Items):
+            place.refuse(f"{kind_of(place.node)} is written where a list of values belongs; write [{_shown(place)}]")
+            return None
+        if not place.node.nodes:
+            place.refuse("the list is empty; write at least one value, or remove the key")
+            return None
+        return None if any(isinstance(node, Refused) for node in place.node.nodes) else place.node.nodes
+
+    def json_schema(self) -> JsonSchema:
+        return {"type": "array", "description": self.meaning, "minItems": 1}
+
+
+@dataclass(frozen=True)
+class ByPath(Shape):
+    """A mapping from paths into the spec to something; reads to axes."""
+
+    meaning: str
+    shape: Shape
+
+    def read(self, place: Place) -> tuple[Axis, ...] | None:
+        if not is_table(place, "{plant.time_constant_s.max: [2.5, 3.1]}"):
+            return None
+        assert isinstance(place.node, Table)
+        axes: list[Axis] = []
+        for key, (mark, _) in place.node.entries.items():
+            if path_of(key) is None or key == CHECK[:-1]:
+                message = "is no path into a spec; write one such as plant.time_constant_s.max or requirements[2].on"
+                place.report.refuse(mark, place.child(key).path, message)
+                continue
+            found = self.shape.read(place.child(key))
+            if found is not None:
+                axes.append(Axis(key, mark, found if isinstance(found, tuple) else (found,)))
+        return tuple(axes) if len(axes) == len(place.node.entries) else None
+
+    def json_schema(self) -> JsonSchema:
+        return {
+            "type": "object",
+            "description": self.meaning,
+            "patternProperties": {f"^{PATH_PATTERN}$": self.shape.json_schema()},
+            "additionalProperties": False,
+        }
+
+
+@dataclass(frozen=True)
+class Columns(Shape):
+    """A mapping from names of columns to paths into a cell's result."""
+
+    meaning: str
+    path: Shape
+
+    def read(self, place: Place) -> dict[str, str] | None:
+        assert isinstance(place.node, Table)
+        found = {key: self.path.read(place.child(key)) for key in place.node.entries}
+        return None if None in found.values() else found
+
+    def json_schema(self) -> JsonSchema:
+        return {"type": "object", "description": self.meaning, "additionalProperties": self.path.json_schema()}
+
+
+@dataclass(frozen=True)
+class Marked(Shape):
+    """A word that keeps its place."""
+
+    shape: Shape
+
+    def read(self, place: Place) -> Placed | None:
+        word = self.shape.read(place)
+        return None if word is None else Placed(word, place.mark, place.path)
+
+    def json_schema(self) -> JsonSchema:
+        return self.shape.json_schema()
+
+
+@dataclass(frozen=True)
+class WordOr(Shape):
+    """The word `all`, or a list."""
+
+    names: ListOf
+
+    def read(self, place: Place) -> list[Placed] | None:
+        if isinstance(place.node, Items):
+            return self.names.read(place)
+        word = Marked(Choice(f"`{ALL}`, or a list of names", [ALL])).read(place)
+        return None if word is None else [word]
+
+    def json_schema(self) -> JsonSchema:
+        return {"anyOf": [{"const": ALL}, self.names.json_schema()]}
+
+
+def study_shape() -> Record:
+    """The shape of a whole file; reads to the sections' values."""
+    path = Text("path from the study's folder")
+    result = Text("path into a cell's result, such as tune.gains.kp", PATH_PATTERN, "write one such as tune.gains.kp")
+    values = ByPath("paths into the spec, each with its values", Several("values"))
+    entry = Marked(Text("name of an entry"))
+    columns = Either(ListOf("paths", result), Columns("names of columns, each with its path", result))
+    limit = Number("more cells than this need --force", at_least=1, at_most=_LARGEST_LIMIT, whole=True)
+    keys = {
+        "schema": Key(Version("version of the language", SCHEMA_VERSION)),
+        "name": Key(Text("name of the study and of its results' folder", NAME_PATTERN, NAME_RULE)),
+        "description": Key(Text("one sentence for people"), required=False),
+        "specs": Key(ListOf("the specs that the cells are made of", Marked(path), 1), required=False),
+        "cells": Key(ListOf("overrides, path to value, a cell each", ByPath("a cell", Anything("value")), 1), False),
+        "grid": Key(values, required=False),
+        "zip": Key(values, required=False),
+        "stages": Key(ListOf("what is run on each cell", Choice("stage", [s.value for s in Stage]), 1), False),
+        "starts": Key(Choice("where the search of a cell's gains begins", [s.value for s in Starts]), required=False),
+        "collect": Key(columns, required=False),
+        "limit_cells": Key(limit, required=False),
+        "claims": Key(WordOr(ListOf("claims to recompute", entry, 1)), required=False),
+        "figures": Key(WordOr(ListOf("figures to draw", entry, 1)), required=False),
+    }
+    about = [{"required": [key]} for key in ("specs", "claims", "figures")]
+    return Record("many specs", keys, lambda values, place: values, _EXAMPLE, rules={"anyOf": about})
+
+
+def read_study(place: Place) -> StudyFile | None:
+    """The study a document says, or None after reporting why there is none."""
+    if not isinstance(place.node, Table):
+        place.refuse(f"the file is no study; write one such as {_EXAMPLE}")
+        return None
+    values = study_shape().readable(place)
+    if values is None:
+        return None
+    _check_between_sections(values, place)
+    if place.report.problems:
+        return None
+    return StudyFile(
+        file=place.report.file,
+        name=values["name"],
+        description=values.get("description", ""),
+        specs=tuple(values.get("specs", ())),
+        cells=tuple(values.get("cells", ((),))),
+        grid=values.get("grid", ()),
+        zipped=values.get("zip", ()),
+        stages=_stages(values),
+        starts=Starts(values.get("starts", Starts.ALL)),
+        collect=_columns(values),
+        limit_cells=values.get("limit_cells", LIMIT_CELLS),
+        claims=tuple(values.get("claims", ())),
+        figures=tuple(values.get("figures", ())),
+    )
+
+
+def _stages(values: Values) -> tuple[Stage, ...]:
+    wanted = values.get("stages", [Stage.TUNE, Stage.PROVE])
+    return tuple(stage for stage in Stage if stage in wanted)
+
+
+def _columns(values: Values) -> tuple[Column, ...]:
+    given = values.get("collect", [])
+    pairs = given.items() if isinstance(given, Mapping) else ((path, path) for path in given)
+    return tuple(Column(name, path) for name, path in pairs)
+
+
+def _check_between_sections(values: Values, place: Place) -> None:
+    if not any(place.has(key) for key in ("specs", "claims", "figures")):
+        place.refuse("there is nothing to study; add specs: [FILE], with the paths of specs from this file's folder")
+    for key in ("cells", "grid", "zip", "stages", "starts", "collect"):
+        if place.has(key) and not place.has("specs") and any(place.has(k) for k in ("claims", "figures")):
+            place.child(key).refuse("this is about specs, and there are none; add specs: [FILE] or remove it")
+    _refuse_twice(values, place)
+    zipped: list[Axis] = list(values.get("zip") or ())
+    for first, axis in ((zipped[0], other) for other in zipped[1:]):
+        if len(axis.nodes) != len(first.nodes):
+            message = f"has {len(axis.nodes)} values and {first.path} {len(first.nodes)}; they go in step"
+            place.child("zip").child(axis.path).refuse(message)
+    stages = _stages(values) if values.get("stages", []) is not None else ()
+    for name, path in _collected(values, place):
+        first = path.word.split(".")[0]
+        if stages and first not in (*stages, "outcome", "reason"):
+            meant = closest(first, [str(stage) for stage in stages])
+            hint = f"did you mean {meant!r}?" if meant else f"the stages of this study are {', '.join(stages)}"
+            place.report.refuse(path.mark, name, f"{path.word} begins with no stage that is run; {hint}")
+
+
+def _refuse_twice(values: Values, place: Place) -> None:
+    """A path belongs to one section."""
+    sections: list[tuple[Place, tuple[Axis, ...]]] = [(place.child(k), values.get(k) or ()) for k in ("grid", "zip")]
+    if values.get("cells"):
+        cells = place.child("cells")
+        sections += [(cells.item(i), axes or ()) for i, axes in enumerate(values["cells"])]
+    for i, (where, axes) in enumerate(sections):
+        others = {axis.path: axis.mark.line for _, other in sections[: min(i, 2)] for axis in other}
+        for axis in axes:
+            if axis.path in others:
+                message = f"the path has values on line {others[axis.path]} already; keep one of the two"
+                where.report.refuse(axis.mark, where.child(axis.path).path, message)
+
+
+def _collected(values: Values, place: Place) -> list[tuple[str, Placed]]:
+    given, where = values.get("collect"), place.child("collect")
+    if given is None:
+        return []
+    if isinstance(given, Mapping):
+        places: list[tuple[Place, Any]] = [(where.child(name), path) for name, path in given.items()]
+    else:
+        places = [(where.item(index), path) for index, path in enumerate(given)]
+    return [(place.path, Placed(path, place.mark, place.path)) for place, path in places]
+
+
+def _shown(place: Place) -> str:
+    return kind_of(place.node).strip("'") if not isinstance(place.node, Table) else "{...}"

@@ -1,0 +1,219 @@
+"""What is known of a study's cells, in a file that survives being killed:  SQLite in WAL mode, keyed by content.
+
+A cell is in the ledger with its result or not at all, so that nothing is ever left "running".  The plan says which
+cells the study has now; results of cells that it had once stay, for when it has them again.  One process writes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fopi_tune.errors import DomainError
+from fopi_tune.study.cells import Result
+from fopi_tune.study.model import Cell, Study
+
+#: the file in a study's folder
+LEDGER = "ledger.sqlite"
+_LOCK = "ledger.lock"
+#: `user_version` of the file
+_FORMAT = 1
+_TABLES = """
+CREATE TABLE IF NOT EXISTS results (
+    key TEXT PRIMARY KEY, failed INTEGER NOT NULL, document TEXT NOT NULL, reason TEXT NOT NULL, seconds REAL NOT NULL
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS plan (position INTEGER PRIMARY KEY, key TEXT NOT NULL, label TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+"""
+
+
+class LedgerError(DomainError):
+    """A ledger that cannot be used; the message says which, why and what to do."""
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How far a study is.
+
+    Args:
+        total: cells of the plan.
+        done: with an answer.
+        failed: without one.
+    """
+
+    total: int
+    done: int
+    failed: int
+
+    @property
+    def left(self) -> int:
+        """Cells that were not run."""
+        return self.total - self.done - self.failed
+
+
+class Ledger:
+    """An open ledger; made by `opened` and `read`."""
+
+    def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
+        self._connection = connection
+        self.path = path
+
+    def plan(self, study: Study, keys: Sequence[str], versions: Mapping[str, str]) -> None:
+        """Say which cells the study has now."""
+        about = {"name": study.name, "versions": json.dumps(dict(versions), sort_keys=True)}
+        with self._transaction() as connection:
+            connection.execute("DELETE FROM plan")
+            rows = ((cell.index, key, cell.label) for cell, key in zip(study.cells, keys, strict=True))
+            connection.executemany("INSERT INTO plan VALUES (?, ?, ?)", rows)
+            connection.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", about.items())
+
+    def record(self, results: Iterable[Result]) -> None:
+        """Keep results, all or none; a cell that was there is replaced."""
+        rows = [(r.key, int(r.failed), r.document, r.reason, r.seconds) for r in results]
+        with self._transaction() as connection:
+            connection.executemany("INSERT OR REPLACE INTO results VALUES (?, ?, ?, ?, ?)", rows)
+
+    def forget_failed(self, study: Study, versions: Mapping[str, str]) -> None:
+        """Take a study's failed cells out, so that they are run again."""
+        with self._transaction() as connection:
+            keys = ((key,) for key in keyed(study.cells, versions))
+            connection.executemany("DELETE FROM results WHERE failed = 1 AND key = ?", keys)
+
+    def known(self) -> frozenset[str]:
+        """Keys of all results."""
+        return frozenset(key for (key,) in self._all("SELECT key FROM results"))
+
+    def counts(self) -> Counts:
+        """How far the plan is."""
+        (total,) = self._all("SELECT COUNT(*) FROM plan")[0]
+        told = dict(self._all("SELECT r.failed, COUNT(*) FROM plan p JOIN results r USING (key) GROUP BY r.failed"))
+        return Counts(total, told.get(0, 0), told.get(1, 0))
+
+    def failures(self) -> list[tuple[int, str, str]]:
+        """Index, label and reason of every failed cell of the plan, in order."""
+        asked = "SELECT p.position, p.label, r.reason FROM plan p JOIN results r USING (key) WHERE r.failed = 1"
+        return self._all(f"{asked} ORDER BY p.position")
+
+    def results(self) -> Iterator[tuple[int, Result]]:
+        """Index and result of every cell of the plan that was run, in order."""
+        asked = "SELECT p.position, r.key, r.document, r.reason, r.seconds FROM plan p JOIN results r USING (key)"
+        with self._explained():
+            for position, *result in self._connection.execute(f"{asked} ORDER BY p.position"):
+                yield position, Result(*result)
+
+    def seconds(self) -> float:
+        """What the plan's results took, in sum."""
+        return float(self._all("SELECT TOTAL(r.seconds) FROM plan p JOIN results r USING (key)")[0][0])
+
+    @property
+    def name(self) -> str:
+        """Of the study."""
+        told = self._all("SELECT value FROM about WHERE name = 'name'")
+        return told[0][0] if told else "?"
+
+    def _all(self, asked: str) -> list[Any]:
+        with self._explained():
+            return self._connection.execute(asked).fetchall()
+
+    @contextlib.contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        with self._explained(), self._connection:
+            yield self._connection
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise _unusable(self.path, error) from error
+
+
+@contextlib.contextmanager
+def opened(folder: Path) -> Iterator[Ledger]:
+    """The ledger in a study's folder, made where there is none, for one process at a time.
+
+    Raises:
+        LedgerError: it cannot be read or written, or another process runs this study.
+    """
+    path = folder / LEDGER
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LedgerError(f"cannot make {folder} ({error.strerror}); choose another folder with --out") from None
+    with _locked(folder), contextlib.closing(_connect(path, path.as_posix(), uri=False)) as connection:
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+            # a commit survives this process's death; a power cut may take the last ones, never the file
+            connection.execute("PRAGMA synchronous = NORMAL")
+            _check_format(connection, path)
+            connection.executescript(_TABLES)
+            connection.execute(f"PRAGMA user_version = {_FORMAT}")
+        except sqlite3.Error as error:
+            raise _unusable(path, error) from error
+        yield Ledger(connection, path)
+
+
+@contextlib.contextmanager
+def read(folder: Path) -> Iterator[Ledger]:
+    """The ledger in a study's folder, to look at, also while the study runs.
+
+    Raises:
+        LedgerError: there is none, or it cannot be read.
+    """
+    path = folder / LEDGER
+    if not path.is_file():
+        raise LedgerError(f"there is no {LEDGER} in {folder}; name the folder of a study's results")
+    with contextlib.closing(_connect(path, f"{path.absolute().as_uri()}?mode=rw", uri=True)) as connection:
+        try:
+            _check_format(connection, path)
+            yield Ledger(connection, path)
+        except sqlite3.Error as error:
+            raise _unusable(path, error) from error
+
+
+def keyed(cells: Sequence[Cell], versions: Mapping[str, str]) -> list[str]:
+    """The cells' keys."""
+    return [cell.key(versions) for cell in cells]
+
+
+def _connect(path: Path, target: str, uri: bool) -> sqlite3.Connection:
+    try:
+        return sqlite3.connect(target, timeout=30.0, uri=uri)
+    except sqlite3.Error as error:
+        raise _unusable(path, error) from error
+
+
+def _check_format(connection: sqlite3.Connection, path: Path) -> None:
+    (found,) = connection.execute("PRAGMA user_version").fetchone()
+    if found > _FORMAT:
+        raise LedgerError(f"{path} was made by a newer fopi-tune (format {found}); update, or choose another --out")
+
+
+def _unusable(path: Path, error: sqlite3.Error) -> LedgerError:
+    return LedgerError(f"{path} cannot be used ({error}); move it away to begin anew, or choose another --out")
+
+
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """A lock that ends with the process, however it ends."""
+    try:
+        import fcntl
+    except ImportError:  # where there are no such locks, SQLite's own keep the file whole
+        yield
+        return
+    descriptor = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR, 0o644)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            message = f"another process runs the study in {folder}; wait for it, or choose another --out"
+            raise LedgerError(message) from None
+        yield
+    finally:
+        os.close(descriptor)

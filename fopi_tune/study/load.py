@@ -1,0 +1,73 @@
+"""A study's file and the files of its specs -> Study."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+
+from fopi_tune.errors import DomainError, Problem, SpecError
+from fopi_tune.spec import load_document
+from fopi_tune.study.expand import Base, count_cells, expand
+from fopi_tune.study.language import StudyFile, read_study
+from fopi_tune.study.model import Study
+from fopi_tune.study.registry import REGISTRY, names_of
+
+
+class TooManyCellsError(DomainError):
+    """More cells than the study's limit; nothing was made."""
+
+
+def load_study(
+    source: str | os.PathLike[str],
+    force: bool = False,
+    registry: str = REGISTRY,
+    told: Callable[[int], None] | None = None,
+) -> Study:
+    """The study in a file, with all its cells made and judged.
+
+    Args:
+        source: path of a YAML file.
+        force: make more cells than the study's limit.
+        registry: module that has CLAIMS and FIGURES.
+        told: the number of cells, before they are made.
+
+    Raises:
+        SpecError: the file or one of its specs cannot be used, or an override makes a spec that cannot.
+        TooManyCellsError: there are more cells than `limit_cells`.
+    """
+    place, _ = load_document(source)
+    study = read_study(place)
+    if study is None:
+        raise place.report.error()
+    claims = names_of(registry, "CLAIMS") if study.claims else ()
+    figures = names_of(registry, "FIGURES") if study.figures else ()
+    count = count_cells(study, claims, figures)
+    if told is not None:
+        told(count)
+    if count > study.limit_cells and not force:
+        raise TooManyCellsError(
+            f"{os.fsdecode(source)}: {count} cells are more than {study.limit_cells}; run them with --force, raise "
+            "limit_cells, or give fewer values"
+        )
+    return expand(study, _bases(study), registry, claims, figures)
+
+
+def _bases(study: StudyFile) -> list[Base]:
+    folder = os.path.dirname(study.file)
+    found: list[Base] = []
+    problems: list[Problem] = []
+    for placed in study.specs:
+        path = os.path.join(folder, placed.word)
+        try:
+            place, _ = load_document(path)
+        except SpecError as error:
+            # where the study names it, and what is wrong there
+            where = Problem(study.file, placed.mark.line, placed.mark.column, placed.path, "the spec cannot be used:")
+            problems += [replace(where, message=f"{where.message} {problem}") for problem in error.problems]
+            continue
+        problems += place.report.problems
+        found.append(Base(path, place.node))
+    if problems:
+        raise SpecError(tuple(problems))
+    return found

@@ -1,0 +1,106 @@
+"""What a study file says, as frozen data:  cells, the stages to run on each, and what to collect of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+#: more cells than this need a word
+LIMIT_CELLS = 10_000
+
+
+class Stage(StrEnum):
+    """What is run on a cell, in this order."""
+
+    TUNE = "tune"
+    PROVE = "prove"
+    DISCRETIZE = "discretize"
+    VALIDATE = "validate"
+
+
+class Starts(StrEnum):
+    """Where the search for a cell's gains begins."""
+
+    #: every start, as `fopi tune`
+    ALL = "all"
+    #: the gains of the spec without overrides; every start where that leads nowhere
+    BASE = "base"
+
+
+class Kind(StrEnum):
+    """What a cell is."""
+
+    SPEC = "spec"
+    CLAIM = "claim"
+    FIGURE = "figure"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One collected number or word.
+
+    Args:
+        name: of the column.
+        path: where it is in a cell's result ("tune.gains.kp").
+    """
+
+    name: str
+    path: str
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One thing to compute; everything a worker needs is text.
+
+    Args:
+        index: its place in the study, from 0.
+        kind: a spec, or an entry of a registry.
+        name: of the base spec, or of the entry.
+        overrides: path to value, as in the study file; what distinguishes the cell.
+        text: the spec as canonical JSON (which is YAML); of an entry, its registry.
+        check: the spec that the gains are proved, discretised and validated against; empty: `text` itself.
+        base: the spec whose gains the search starts from; empty: every start.
+        stages: what is run, in order.
+    """
+
+    index: int
+    kind: Kind
+    name: str
+    overrides: Mapping[str, object]
+    text: str
+    check: str = ""
+    base: str = ""
+    stages: tuple[Stage, ...] = ()
+
+    def key(self, versions: Mapping[str, str]) -> str:
+        """SHA-256 of everything that a cell's result depends on."""
+        # an entry of a registry is named; a spec's name is in its text
+        name = "" if self.kind is Kind.SPEC else self.name
+        content = [self.kind, name, self.text, self.check, self.base, self.stages, dict(versions)]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def label(self) -> str:
+        """The cell in words, for people."""
+        told = (f"{path} = {json.dumps(value)}" for path, value in self.overrides.items())
+        return ", ".join([self.name, *told])
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study with all its cells.
+
+    Args:
+        name: of the study and of its results' folder.
+        cells: in the order of the file.
+        collect: columns of the table, beside the cells' names and overrides.
+        description: for people.
+    """
+
+    name: str
+    cells: tuple[Cell, ...]
+    collect: tuple[Column, ...]
+    description: str = ""

@@ -1,0 +1,177 @@
+"""The table of a study:  cells and their results -> columns and rows, and these as CSV and Parquet.
+
+It holds no times and nothing of the order in which cells were run: a study that was interrupted gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import base64
+import csv
+import io
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from fopi_tune.errors import DomainError
+from fopi_tune.study.cells import Result
+from fopi_tune.study.model import Cell, Kind, Study
+from fopi_tune.study.trees import path_of
+
+Value = float | int | str | bool | None
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns in order, and rows in the order of the cells; what is missing is None.
+
+    Args:
+        columns: their names.
+        rows: a value each.
+        claims: rows of claims, as their registry made them, in order.
+        files: name to content of the figures.
+        empty: collected columns that no cell fills.
+        undecided: cells that could be neither proved nor refuted.
+    """
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Value, ...], ...]
+    claims: tuple[Mapping[str, Value], ...]
+    files: Mapping[str, str | bytes]
+    empty: tuple[str, ...]
+    undecided: int
+
+    def to_csv(self) -> str:
+        """RFC 4180 with newlines; numbers can be read back to the last bit."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows([_csv(value) for value in row] for row in self.rows)
+        return text.getvalue()
+
+    def to_parquet(self) -> bytes:
+        """The same; a column with words and numbers is of words.
+
+        Raises:
+            DomainError: pyarrow is not installed.
+        """
+        require_parquet()
+        pa, pq = import_module("pyarrow"), import_module("pyarrow.parquet")
+
+        columns = [_typed([row[i] for row in self.rows]) for i in range(len(self.columns))]
+        types = [_arrow_type(pa, column) for column in columns]
+        arrays = [pa.array(column, type=kind) for column, kind in zip(columns, types, strict=True)]
+        sink = pa.BufferOutputStream()
+        pq.write_table(pa.Table.from_arrays(arrays, names=list(self.columns)), sink)
+        return sink.getvalue().to_pybytes()
+
+    def to_dicts(self) -> list[dict[str, Value]]:
+        """The rows for JSON."""
+        return [dict(zip(self.columns, row, strict=True)) for row in self.rows]
+
+
+def require_parquet() -> None:
+    """Say so where Parquet cannot be written, before anything is computed.
+
+    Raises:
+        DomainError: pyarrow is not installed.
+    """
+    try:
+        import_module("pyarrow")
+    except ImportError:
+        message = "Parquet needs pyarrow, which is not installed; install fopi-tune[parquet], or take the CSV file"
+        raise DomainError(message) from None
+
+
+def table_of(study: Study, results: Iterable[tuple[int, Result]]) -> Table:
+    """What a study collects of its results.
+
+    Args:
+        study: with its cells.
+        results: index and result of every cell that was run, in order.
+    """
+    records: list[dict[str, Value]] = []
+    claims: list[Mapping[str, Value]] = []
+    files: dict[str, str | bytes] = {}
+    for index, result in results:
+        cell, document = study.cells[index], json.loads(result.document)
+        files |= document.get("files", {})
+        files |= {name: base64.b64decode(text) for name, text in document.get("base64", {}).items()}
+        common: dict[str, Value] = {"cell": index + 1, _named(cell): cell.name}
+        common |= {path: _plain(value) for path, value in cell.overrides.items()}
+        common["outcome"] = "failed" if result.failed else document.get("outcome", "failed")
+        reason: dict[str, Value] = {"reason": result.reason or document.get("reason") or None}
+        if cell.kind is Kind.CLAIM:
+            told = [{key: _plain(value) for key, value in row.items()} for row in document.get("rows", [])]
+            claims += told
+            records += [{**common, **row, **reason} for row in told] or [{**common, **reason}]
+            continue
+        collected = {c.name: _plain(found(document, c.path)) for c in study.collect} if cell.kind is Kind.SPEC else {}
+        records.append({**common, **collected, **reason})
+    columns = _columns(study, records)
+    rows = tuple(tuple(record.get(name) for name in columns) for record in records)
+    undecided = sum(record["outcome"] == "undecided" for record in records)
+    specs = [record for record in records if "spec" in record]
+    empty = [c.name for c in study.collect if specs and all(record[c.name] is None for record in specs)]
+    return Table(columns, rows, tuple(claims), files, tuple(empty), undecided)
+
+
+def found(document: Any, path: str) -> Any:
+    """What is at a path of a result, None where there is nothing."""
+    for step in path_of(path) or ():
+        if isinstance(step, int):
+            document = document[step] if isinstance(document, list) and step < len(document) else None
+        else:
+            document = document.get(step) if isinstance(document, dict) else None
+    return document
+
+
+def _columns(study: Study, records: Sequence[Mapping[str, Value]]) -> tuple[str, ...]:
+    """Cell, names, overrides, outcome, what was collected, reason."""
+    cells: Sequence[Cell] = study.cells
+    names = dict.fromkeys(["cell", *(_named(cell) for cell in cells)])
+    names |= dict.fromkeys(path for cell in cells for path in cell.overrides)
+    names |= dict.fromkeys(["outcome", *(c.name for c in study.collect)])
+    names |= dict.fromkeys(name for record in records for name in record if name != "reason")
+    return (*names, "reason")
+
+
+def _named(cell: Cell) -> str:
+    """The column of a cell's name."""
+    return "spec" if cell.kind is Kind.SPEC else "entry"
+
+
+def _plain(value: Any) -> Value:
+    """A value for one field of a table: what is no single value is JSON."""
+    if value is None or isinstance(value, str | int | float | bool):
+        return value
+    return json.dumps(value, sort_keys=True)
+
+
+def _csv(value: Value) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+def _typed(column: Sequence[Value]) -> list[Any]:
+    """A column of one type."""
+    there = [value for value in column if value is not None]
+    if all(isinstance(value, bool) for value in there):
+        return list(column)
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in there)
+    if numbers and all(isinstance(value, int) for value in there):
+        return list(column)
+    if numbers:
+        return [None if value is None else float(value) for value in column]
+    return [None if value is None else _csv(value) for value in column]
+
+
+def _arrow_type(pa: Any, column: Sequence[Any]) -> Any:
+    """Of the column's values; words where it is empty, whoever made it."""
+    first = next((value for value in column if value is not None), "")
+    kinds = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
+    return kinds[type(first)]

@@ -1,0 +1,154 @@
+"""Trees of a document's nodes:  values put in at paths, and the canonical text in which a spec travels.
+
+The text is JSON, which every YAML 1.2 reader reads: keys sorted, numbers in their shortest form, no description.  Equal
+specs have equal texts, whatever their files look like.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from dataclasses import dataclass, replace
+from typing import Any
+
+from fopi_tune.errors import SpecError
+from fopi_tune.spec.draws import UnreadableError
+from fopi_tune.spec.language import read_spec
+from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.nodes import Items, Node, Refused, Scalar, Table
+from fopi_tune.spec.places import Place, kind_of
+from fopi_tune.spec.report import Mark, Report
+from fopi_tune.spec.scalars import is_number
+
+_STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,4}\])*)")
+#: a path as a whole, for the schema
+PATH_PATTERN = r"[A-Za-z_][A-Za-z0-9_]*(?:\[[0-9]{1,4}\])*(?:\.[A-Za-z_][A-Za-z0-9_]*(?:\[[0-9]{1,4}\])*)*"
+_WHOLE = re.compile(r"[+-]?[0-9]+")
+_NOWHERE = Mark(1, 1)
+
+#: keys and indices
+Path = tuple[str | int, ...]
+
+
+class NoSuchPlaceError(ValueError):
+    """A path that leads through something that is no mapping or list; the message says where."""
+
+
+@dataclass(frozen=True)
+class Override:
+    """A value for a path.
+
+    Args:
+        path: as it is written.
+        mark: of the path, in the study file.
+        node: the value.
+    """
+
+    path: str
+    mark: Mark
+    node: Node
+
+
+def path_of(text: str) -> Path | None:
+    """`requirements[2].limit` as keys and indices; None if it is no path."""
+    steps: list[str | int] = []
+    for part in text.split("."):
+        match = _STEP.fullmatch(part)
+        if match is None:
+            return None
+        steps.append(match.group(1))
+        steps += [int(index) for index in re.findall(r"[0-9]+", match.group(2))]
+    return tuple(steps)
+
+
+def written(path: Path) -> str:
+    """The inverse of `path_of`."""
+    text = ""
+    for step in path:
+        text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
+    return text
+
+
+def replaced(tree: Node, override: Override) -> Node:
+    """The tree with a value put in; a key that is missing is added, for the spec language to judge.
+
+    Raises:
+        NoSuchPlaceError: the path leads through a number or a word, or beyond the end of a list.
+    """
+    path = path_of(override.path)
+    assert path is not None, override.path
+    return _replaced(tree, path, 0, override)
+
+
+def _replaced(tree: Node, path: Path, depth: int, override: Override) -> Node:
+    if depth == len(path):
+        return override.node
+    step, where = path[depth], written(path[:depth])
+    if isinstance(step, int):
+        if not isinstance(tree, Items):
+            raise NoSuchPlaceError(f"{where} is {kind_of(tree)} in the spec, not a list; there is no entry [{step}]")
+        if step >= len(tree.nodes):
+            raise NoSuchPlaceError(f"{where} has {len(tree.nodes)} entries in the spec; they count from [0]")
+        nodes = list(tree.nodes)
+        nodes[step] = _replaced(nodes[step], path, depth + 1, override)
+        return replace(tree, nodes=tuple(nodes))
+    if not isinstance(tree, Table):
+        raise NoSuchPlaceError(f"{where} is {kind_of(tree)} in the spec, not a mapping; override {where} as a whole")
+    mark, inner = tree.entries.get(step, (override.mark, Table(override.mark, {})))
+    if isinstance(path[depth + 1] if depth + 1 < len(path) else "", int) and step not in tree.entries:
+        raise NoSuchPlaceError(f"{written(path[: depth + 1])} is not in the spec; give the whole list")
+    return replace(tree, entries={**tree.entries, step: (mark, _replaced(inner, path, depth + 1, override))})
+
+
+def value_of(node: Node) -> Any:
+    """A node as JSON has it; only numbers as the spec language writes them are numbers."""
+    if isinstance(node, Table):
+        return {key: value_of(value) for key, (_, value) in node.entries.items()}
+    if isinstance(node, Items):
+        return [value_of(value) for value in node.nodes]
+    assert not isinstance(node, Refused)
+    if not node.plain or not is_number(node.text):
+        return node.text
+    return int(node.text) if _WHOLE.fullmatch(node.text) else float(node.text) + 0.0
+
+
+def text_of(tree: Node) -> str:
+    """The canonical text of a spec's tree."""
+    value = value_of(tree)
+    value.pop("description", None)
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+
+
+def node_of(value: Any) -> Node:
+    """JSON as nodes."""
+    if isinstance(value, dict):
+        return Table(_NOWHERE, {key: (_NOWHERE, node_of(inner)) for key, inner in value.items()})
+    if isinstance(value, list):
+        return Items(_NOWHERE, tuple(node_of(inner) for inner in value))
+    if isinstance(value, str):
+        return Scalar(_NOWHERE, value, plain=False)
+    return Scalar(_NOWHERE, repr(value), plain=True)
+
+
+def spec_of(text: str, name: str = "<cell>") -> DesignSpec:
+    """The spec of a canonical text: what `parse_spec` says, without its YAML reader's milliseconds.
+
+    Raises:
+        SpecError: not a usable spec.
+    """
+    report = Report(name)
+    spec = spec_at(node_of(json.loads(text)), report, hashlib.sha256(text.encode()).hexdigest())
+    if spec is None:
+        raise SpecError(tuple(report.problems))
+    return spec
+
+
+def spec_at(tree: Node, report: Report, sha256: str = "") -> DesignSpec | None:
+    """The spec that a tree says, or None after reporting why there is none."""
+    return read_spec(Place(tree, "", report), sha256, _no_file)
+
+
+def _no_file(name: str) -> bytes:
+    """A cell is text that travels alone."""
+    raise UnreadableError("the specs of a study take no file of samples; draw the plants from distributions")
