@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 #: how often a refuted design is made again
 _MOST_REFUTATIONS = 5
+#: as the spec language allows
+_MOST_SAMPLES = 10**8
 
 #: why there are no prices and no sweeps of such a spec
 NOT_ON_SAMPLES = (
@@ -328,8 +330,8 @@ def wanted_validation(validation: ValidationSpec | None, samples: int | None, se
     """
     wanted = validation or ValidationSpec()
     drawn, listed = wanted.samples if samples is None else samples, wanted.samples_file
-    if drawn < 1:
-        raise DomainError(f"samples = {drawn} must be at least 1")
+    if not 1 <= drawn <= _MOST_SAMPLES:
+        raise DomainError(f"samples = {drawn} must be at least 1 and at most {_MOST_SAMPLES}")
     if listed is not None and drawn > len(listed.table.rows):
         raise DomainError(f"samples = {drawn} are more than the {len(listed.table.rows)} rows of {listed.name}")
     return replace(wanted, samples=drawn, seed=wanted.seed if seed is None else seed)

@@ -27,11 +27,13 @@ from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.optimum import Optimum, OptimumStatus, certify_optimum, recheck_optimum, to_document
 from fopi_tune.optimum.charts import Chart, CrossoverChart, GainChart
+from fopi_tune.optimum.conditions import Test as Kind
 from fopi_tune.optimum.cover import Cells
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.refute import quadratic
+from fopi_tune.optimum.refute import Reason, fails, quadratic
 from fopi_tune.optimum.screen import gains_at
 from fopi_tune.proof import verify
+from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange, Objective, Relation, Requirement, Scope, Sense
 
@@ -337,6 +339,61 @@ def test_a_file_is_sound_until_something_in_it_is_changed(
         covers = copy.deepcopy(document["proof"]["covers"])
         covers[0]["tokens"] = " ".join(cut)
         assert changed(proof__covers=covers)
+
+
+#: a cover of the circle on which the nominal crossover is fixed
+OFF_THE_LINE = "1 1 1 #0 1 #1 #0 1 #0 #0 1 #2 1 #0 1 #0 #0"
+
+
+def test_what_discards_gains_off_the_line_of_a_fixed_margin_discards_none_on_it() -> None:
+    # a spec that has a design, and a proof that it has none: each claim is true, the last is not about its box
+    spec = spec_named("pi_baseline")
+    honest = to_document(certify_optimum(spec, TUNED["pi_baseline"]), {})
+    with ctx.workprec(PRECISION):
+        problem = Problem.of(spec, None)
+    lower = next(k for k, c in enumerate(problem.conditions.every) if c.test is Kind.LOWER_CROSSOVER)
+    with ctx.workprec(PRECISION):
+        assert fails(problem, problem.chart.patch(problem.roots[-1]), Reason(lower))
+
+    def reason(condition: int, point: list[float], omega: list[float]) -> dict[str, Any]:
+        return {"condition": condition, "point": point, "omega_rad_s": omega, "above": False}
+
+    forged = {
+        **honest,
+        **dict.fromkeys(("gains", "objective", "bound", "gap", "better_gains", "better_objective")),
+        "status": "infeasible",
+        "statement": "No gains in the box meet every requirement.",
+        "advice": OptimumStatus.INFEASIBLE.advice,
+        "discarded_boxes": 10,
+        "proof": {
+            "beat": None,
+            "reasons": [reason(lower, [], []), reason(lower - 1, [1.6], [0.02]), reason(1, [], [])],
+            "covers": [
+                {"root": [list(side) for side in problem.roots[0]], "tokens": OFF_THE_LINE},
+                {"root": [list(side) for side in problem.roots[1]], "tokens": "#0"},
+            ],
+        },
+    }
+    problems = recheck_optimum(forged, spec).problems
+    assert len(problems) == 1
+    assert "on the line" in problems[0]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"statement": "No gains are better than 42."},
+        {"advice": "Trust it."},
+        {"better_gains": {"kp": 1.0, "ki": 1.0, "alpha": 1.0}, "better_objective": 1.0},
+        {"discarded_boxes": 3},
+        {"left_out": ["nothing"]},
+    ],
+)
+def test_changed_words_are_refused_like_changed_numbers(change: dict[str, Any]) -> None:
+    spec = spec_named("throttle")
+    honest = to_document(certify_optimum(spec, TUNED["throttle"]), {})
+    assert recheck_optimum(honest, spec).is_sound
+    assert not recheck_optimum({**honest, **change}, spec).is_sound
 
 
 def test_what_is_no_file_of_an_optimum_is_refused() -> None:

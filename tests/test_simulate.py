@@ -268,6 +268,16 @@ def test_the_rate_after_a_sample_is_the_derivative_that_begins_there() -> None:
                 state = e @ state + np.ravel(f) * held[k + 1]
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.7, 1.4])
+def test_the_largest_rate_of_a_lag_is_where_its_control_arrives(delay: float) -> None:
+    # a lag at rest, then a constant control u0 from the first sample on: y' = u0/tau when it arrives, and less later
+    controller = Runtime.of(Sections(TS, 1.0, (), ()), Precision.FLOAT64, (0.0, 1.5))
+    plants = Plants(np.ones((2, 1)), np.array([[0.2, 1.0], [0.4, 1.0]]), np.zeros(2))
+    scenario = Scenario(TS, Signals(np.full(30, 1e3)), actuator=Actuator(delay_samples=delay))
+    found = measure([Mode(controller, plants)], scenario, Horizon(0.1))
+    np.testing.assert_allclose(found.peak_rate, 1.5 / np.array([0.2, 0.4]), rtol=1e-12)
+
+
 def test_a_sine_s_steady_state_is_the_frequency_response_of_the_sampled_loop() -> None:
     sections = discretize(FoPi(0.4, 0.3, 0.6), DigitalSpec(TS, "oustaloup", 5, band_rad_s=(0.05, 100.0))).sections
     plants = Plants(np.array([[2.0]]), np.array([[1.0, 1.2]]), np.array([0.33]))

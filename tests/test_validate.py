@@ -171,6 +171,14 @@ def test_a_course_steps_and_ramps() -> None:
     assert course(knots, 1.0, time_s).tolist() == pytest.approx(expected, abs=1e-8)
 
 
+def test_a_ramp_starts_where_the_entry_before_ended_also_between_samples() -> None:
+    time_s = np.asarray(0.2 * np.arange(8), dtype=float)
+    found = course([Knot(0.05, 5.0), Knot(0.1, 10.0, 1.0)], 0.0, time_s)
+    assert found[:6] == pytest.approx([0.0, 5.5, 6.5, 7.5, 8.5, 9.5])
+    found = course([Knot(0.0, 10.0, 0.9), Knot(0.9, 0.0, 1.0)], 0.0, time_s)
+    assert found[5] == pytest.approx(9.0)
+
+
 def test_a_knot_on_a_sample_acts_from_that_sample_on() -> None:
     time_s = np.array([0.2 * k for k in range(200)])  # 0.2 k is not the nearest double to k/5
     for k in range(1, 200):

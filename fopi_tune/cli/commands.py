@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from pathlib import Path
@@ -35,6 +36,9 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
 )
+
+#: of --certify-optimum
+_GAP, _TIME_LIMIT_S = 1e-3, 60.0
 
 Specs = Annotated[list[str], typer.Argument(metavar="SPEC", help="Spec files.")]
 Out = Annotated[
@@ -84,8 +88,8 @@ def tune(
         bool,
         typer.Option("--certify-optimum", help="Prove how far the gains can be from the best; or that none exist."),
     ] = False,
-    gap: Annotated[float, typer.Option(help="Relative gap that --certify-optimum is to reach.")] = 1e-3,
-    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When --certify-optimum stops.")] = 60.0,
+    gap: Annotated[float, typer.Option(help="Relative gap that --certify-optimum is to reach.")] = _GAP,
+    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When --certify-optimum stops.")] = _TIME_LIMIT_S,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
@@ -97,6 +101,10 @@ def tune(
     problem = asked.problem(len(specs))
     if problem is not None:
         raise refusal(problem)
+    if not certify_optimum and (gap != _GAP or time_limit != _TIME_LIMIT_S):
+        raise refusal("--gap and --time-limit belong to --certify-optimum")
+    if certify_optimum and not (0.0 < gap < math.inf and 0.0 < time_limit < math.inf):
+        raise refusal("--gap and --time-limit must be greater than 0")
     if certify_optimum and tradeoff is not None:
         raise refusal("--certify-optimum is about one design and --tradeoff about many; give one of them")
     doing = "tuning" if tradeoff is None else "sweeping"

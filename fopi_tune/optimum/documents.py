@@ -99,6 +99,32 @@ class Stated:
         self.gap, self.wanted_gap = top.number_or_none("gap"), top.number("wanted_gap")
         self.gains = None if top.get("gains") is None else _read_gains(top.child("gains"))
         self.proof = None if top.get("proof") is None else _read_proof(top.child("proof"))
+        self.statement, self.advice, self.reason = top.text("statement"), top.text("advice"), top.text("reason")
+        self.better = None if top.get("better_gains") is None else _read_gains(top.child("better_gains"))
+        self.better_objective = top.number_or_none("better_objective")
+        self.boxes, self.discarded_boxes = top.number("boxes"), top.number("discarded_boxes")
+        left_out = top.get("left_out")
+        self.left_out = tuple(left_out) if isinstance(left_out, list) else ()
+
+    def worded(self) -> Optimum:
+        """The numbers, which know their own words."""
+        return Optimum(
+            name=self.name,
+            spec_sha256=self.spec_sha256,
+            status=self.status,
+            gains=self.gains,
+            objective=self.objective,
+            bound=self.bound,
+            gap=self.gap,
+            wanted_gap=self.wanted_gap,
+            better=self.better,
+            better_objective=self.better_objective,
+            boxes=int(self.boxes),
+            seconds=0.0,
+            proof=self.proof,
+            left_out=self.left_out,
+            reason=self.reason,
+        )
 
 
 def _read_gains(entry: Entry) -> FoPi:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from flint import ctx
 
 from fopi_tune.optimum.certify import incumbent_refusal, why_no_bound
+from fopi_tune.optimum.conditions import Test, conditions_of
 from fopi_tune.optimum.documents import Stated
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.refute import fails
@@ -62,8 +63,10 @@ def recheck_optimum(document: object, spec: DesignSpec) -> OptimumRecheck:
         with ctx.workprec(PRECISION):
             leaves, found = _untrue(stated.proof, spec)
         problems += found
-    if not problems and stated.gains is not None and stated.bound is not None:
+    if not problems and stated.gains is not None and stated.objective is not None:
         problems += _about_incumbent(stated, spec)
+    if not problems:
+        problems += _misworded(stated, spec)
     return OptimumRecheck(stated.status, leaves, tuple(problems))
 
 
@@ -75,6 +78,8 @@ def _disagreements(stated: Stated, spec: DesignSpec) -> list[str]:
     beat = stated.proof.beat if stated.proof else None
     if stated.status is OptimumStatus.INFEASIBLE and (stated.proof is None or beat is not None):
         found.append("that there are no gains is stated, but not shown")
+    if stated.status is OptimumStatus.INFEASIBLE and (stated.gains is not None or stated.objective is not None):
+        found.append("gains are stated of a spec that is said to have none")
     if stated.status is not OptimumStatus.INFEASIBLE and stated.bound != beat:
         found.append("the bound that is stated is not the one that is shown")
     if stated.bound is not None and (stated.objective is None or stated.gains is None or stated.gap is None):
@@ -99,10 +104,15 @@ def _untrue(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]:
     if any(reason.condition >= len(problem.conditions.every) for reason in proof.reasons):
         return 0, ["a reason names a condition that the spec does not have"]
     leaves = 0
-    for cover in proof.covers:
+    for place, cover in enumerate(proof.covers):
+        # that no lower crossover has the margin discards what lies off the line, for the line is covered after it
+        on_line = problem.sheet_is_covered and place == len(proof.covers) - 1
         try:
             for box, reason in walk(cover, proof.reasons):
                 leaves += 1
+                test = problem.conditions.every[reason.condition].test
+                if on_line and test is Test.LOWER_CROSSOVER:
+                    return leaves, [f"box {leaves} lies on the line of the fixed margin, where its reason says nothing"]
                 if not fails(problem, problem.chart.patch(box), reason):
                     return leaves, [f"box {leaves} is not discarded by the reason that is given"]
         except ValueError as error:
@@ -113,7 +123,6 @@ def _untrue(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]:
 def _about_incumbent(stated: Stated, spec: DesignSpec) -> list[str]:
     """What is wrong with the gains and their objective."""
     assert stated.gains is not None
-    assert stated.bound is not None
     assert stated.objective is not None
     found = verify(spec, stated.gains)
     refusal = incumbent_refusal(spec, stated.gains, found)
@@ -123,7 +132,27 @@ def _about_incumbent(stated: Stated, spec: DesignSpec) -> list[str]:
     scale = max(abs(found.objective), 1e-6)
     if abs(found.objective - stated.objective) > _SAME * scale:
         return [f"the objective of these gains is {found.objective:.10g}, not {stated.objective:.10g}"]
+    if stated.bound is None:
+        return []
     gap = relative_gap(found.objective, stated.bound)
     if stated.gap is None or not math.isclose(gap, stated.gap, rel_tol=1e-6, abs_tol=_SAME):
         return ["the gap that is stated is not that of the bound and the objective"]
     return []
+
+
+def _misworded(stated: Stated, spec: DesignSpec) -> list[str]:
+    """Where the sentences and numbers for people are not those that follow."""
+    found = []
+    if stated.statement != stated.worded().statement or stated.advice != stated.status.advice:
+        found.append("the statement in words is not that of the numbers")
+    if stated.proof is not None and stated.discarded_boxes != stated.proof.leaves:
+        found.append("the number of discarded boxes is not that of the proof")
+    if stated.proof is not None and stated.left_out != conditions_of(spec, stated.proof.beat).left_out:
+        found.append("what is said to be left out of the proof is not what is")
+    if stated.better is not None:
+        checked = verify(spec, stated.better)
+        objective, claimed = checked.objective, stated.better_objective
+        same = objective is not None and claimed is not None and math.isclose(objective, claimed, rel_tol=_SAME)
+        if not (same and checked.all_met):
+            found.append("the gains that are said to be better are not, or their objective is another")
+    return found

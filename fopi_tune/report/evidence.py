@@ -95,6 +95,8 @@ def _drawn(evidence: Evidence | SystemEvidence, what: str) -> Iterator[Line]:
     drawn, listed = evidence.validation, evidence.validation.samples_file
     how = f"{drawn.design}, seed {drawn.seed}" if listed is None else f"rows of {listed.name}, seed {drawn.seed}"
     words = f"{drawn.samples - evidence.no_plants} {what}, {how}"
+    if listed is None and drawn.design != "random":
+        words += " (the intervals are those of independent draws)"
     if evidence.outside:
         words += f", {evidence.outside} of them outside the family, where nothing is proved"
     if evidence.no_plants:

@@ -26,6 +26,9 @@ def _said(optimum: Optimum) -> str:
     if optimum.bound is None or optimum.gap is None:
         return f"nothing proved: {optimum.reason} ({effort})"
     found = f"no gains that meet every requirement are better than {number(optimum.bound)}"
+    if optimum.better is not None:
+        g = optimum.better
+        found += f"; better gains: kp = {number(g.kp, 8)}, ki = {number(g.ki, 8)}, alpha = {number(g.alpha, 8)}"
     word = "certified" if status is OptimumStatus.CERTIFIED else f"bounded, {optimum.reason}"
     unused = f"; not used: {', '.join(optimum.left_out)}" if optimum.left_out else ""
     return f"{word}: {found}, a gap of {100.0 * optimum.gap:.2g} % ({effort}){unused}"

@@ -73,7 +73,8 @@ def _end_words(end: End) -> str:
         return f"Looking {side} to {number(end.feasible)}, every limit can be met."
     beyond = "above" if end.way > 0 else "below"
     return (
-        f"Infeasible {beyond} {number(end.feasible, 6)}: no start led to gains that meet {number(end.infeasible, 6)}."
+        f"Feasible up to {number(end.feasible, 6)}; no start led to gains that meet {number(end.infeasible, 6)}, "
+        f"and what lies {beyond} it is taken for infeasible."
     )
 
 

@@ -50,7 +50,9 @@ def _scenario_shape() -> Record:
         "initial_output": Key(Number("output at the start, in its unit"), required=False),
         "before": Key(Choice("what the plant's input was before", ("rest", "free")), required=False),
         "bumpless": Key(Choice("whether the controller starts at that input", ("no", "yes")), required=False),
-        "noise_std": Key(Number("standard deviation of the measurement's noise", at_least=0), required=False),
+        "noise_std": Key(
+            Number("standard deviation of the measurement's noise", at_least=0, at_most=1e100), required=False
+        ),
         "quantum": Key(Number("step of the measurement; 0 for none", at_least=0), required=False),
         "rate_per_s": Key(Number("fastest change of the control, per s", above=0), required=False),
         "settling_band": Key(Number("half-width of what counts as settled, output unit", above=0), required=False),
@@ -83,6 +85,11 @@ def _build_scenario(values: Values, place: Place) -> ScenarioSpec | None:
             if after.at_s < before.at_s + before.ramp_s or after.at_s == before.at_s:
                 where = place.child(name).item(index).child("at_s")
                 where.refuse(f"{after.at_s} is not after {before.at_s + before.ramp_s}, where the entry before ends")
+                fine = False
+        for index, knot in enumerate(knots):
+            if knot.at_s >= found.duration_s:
+                where = place.child(name).item(index).child("at_s")
+                where.refuse(f"{knot.at_s} is not before the end at {found.duration_s}")
                 fine = False
     if found.judged_from_s >= found.duration_s:
         place.child("judged_from_s").refuse(f"{found.judged_from_s} is not before the end at {found.duration_s}")

@@ -99,7 +99,7 @@ def _modes_shape() -> Shape:
         "inactive": Key(Choice("what the inactive controller's memory does", _INACTIVE), required=False),
         "first": Key(Choice("mode at the start", MODES), required=False),
         "most_switches": Key(Number("more jumps than this within window_s chatter", at_least=1, whole=True), False),
-        "window_s": Key(Number("of chattering, s", above=0), required=False),
+        "window_s": Key(Number("of chattering, s", above=0, at_most=1e9), required=False),
     }
     return Record("which loops take turns, and when", keys, lambda values, place: values, _EXAMPLE)
 

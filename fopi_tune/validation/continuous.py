@@ -79,7 +79,8 @@ def drive_loop(
     coarse = _step(scenario.duration_s, sample_time_s, plant.dead_time_s)
     runs = [_follow(scenario, gains, plant, controller.limits, coarse / halves) for halves in (1, 2)]
     fine = runs[1]
-    accuracy = float(np.abs(fine.output[::2][: len(runs[0].output)] - runs[0].output).max())
+    shared = min(len(fine.output[::2]), len(runs[0].output))
+    accuracy = float(np.abs(fine.output[::2][:shared] - runs[0].output[:shared]).max())
     reference = course(scenario.reference, scenario.initial_output, fine.time_s)
     rows = (fine.output, fine.rate, fine.output, fine.error, fine.control, fine.control)
     traces = Traces(
@@ -169,7 +170,13 @@ def _step(duration_s: float, sample_time_s: float, dead_time_s: float) -> float:
         if abs(lag - round(lag)) <= 1e-9 * max(1.0, lag) and parts * samples <= _MOST_STEPS:
             return sample_time_s / parts
     # then a scenario's steps act up to one of these steps late
-    return dead_time_s / math.ceil(dead_time_s * usual / sample_time_s)
+    step = dead_time_s / math.ceil(dead_time_s * usual / sample_time_s)
+    if duration_s / step > _MOST_STEPS:
+        raise DomainError(
+            f"a dead time of {dead_time_s:g} s is too short for {duration_s:g} s in continuous time: more than "
+            f"{_MOST_STEPS} steps; end earlier"
+        )
+    return step
 
 
 def _follow(

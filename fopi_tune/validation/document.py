@@ -47,6 +47,7 @@ def _drawn(evidence: Evidence | SystemEvidence) -> dict[str, Any]:
         "seed": drawn.seed,
         "design": drawn.design if drawn.samples_file is None else None,
         "confidence": drawn.confidence,
+        "intervals_are_exact": drawn.design == "random",
         "distributions": _distributions(drawn, evidence.numbers),
         "samples_file": _file(drawn),
         "outside_the_family": evidence.outside,

@@ -108,14 +108,19 @@ def simulate_exactly(
     model = state_space(plant)
     run = _Run(gains, model, step_s, steps, limits, _lag(plant.dead_time_s, step_s), start or Start())
     arriving = _later(_sides(load, step_s, steps, "load"), run.lag)
-    run.follow(_sides(reference, step_s, steps, "reference"), arriving)
+    sides = _sides(reference, step_s, steps, "reference")
+    run.follow(sides, arriving)
+    rate = run.rate
+    if model.direct != 0.0:
+        # within each step, from just after its begin to just before its end
+        rate = np.concatenate([rate[:1], (sides[0] - run.error_before - np.roll(run.output, 1))[1:] / step_s])
     return TimeResponse(
         np.asarray(step_s * np.arange(steps + 1.0), dtype=float),
         run.output,
         run.control,
         run.demand,
         run.error,
-        run.rate if model.direct == 0.0 else np.concatenate([run.rate[:1], np.diff(run.output) / step_s]),
+        rate,
     )
 
 

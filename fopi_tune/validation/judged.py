@@ -85,9 +85,11 @@ def course(knots: Sequence[Knot], before: float, time_s: Array, *, just_before: 
     # a knot on a sample acts from that sample on, whatever rounding made of the time
     late = 1e-9 * (time_s[1] - time_s[0]) if len(time_s) > 1 else 0.0
     late = -late if just_before else late
+    start = before
     for knot in knots:
         since = time_s - knot.at_s + late
-        start = values[np.searchsorted(since, 0.0) - 1] if since[0] < 0.0 else before
         share = np.clip(since / knot.ramp_s, 0.0, 1.0) if knot.ramp_s > 0.0 else np.ones(len(time_s))
         values = np.where(since >= 0.0, start + share * (knot.value - start), values)
+        # entries do not overlap: the next one starts from where this one ends
+        start = knot.value
     return values

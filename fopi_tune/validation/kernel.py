@@ -135,15 +135,17 @@ def _sample(s, history, modes, c, other, block, k, settings, places, jumps, late
         for row, value in enumerate((y, rate, measured, e, u, applied, load(s, MODE))):
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
     stages.arrive(s, history, modes, block, k, applied, signal, late, settings)
-    after = stages.rate_after(s, settings, places, y, rate)
+    if settings.hybrid:
+        after = stages.flow_hybrid(s, settings, places)
+    else:
+        after = stages.rate_after(s, settings, places, rate)
+        stages.flow(s, settings, places)
+        if settings.order == 1 and settings.prompt == 0:
+            after = stages.rate_on_arrival(s, places, after)
     if k >= settings.horizon and k < settings.steps - 1:
         controlled.keep_larger(s, PEAK_RATE, size(after))
     if settings.keep:
         store(traces, (7 * settings.steps + k) * settings.width + block * WIDTH, after)
-    if settings.hybrid:
-        stages.flow_hybrid(s, settings, places)
-    else:
-        stages.flow(s, settings, places)
     return careful
 
 

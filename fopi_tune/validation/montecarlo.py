@@ -127,7 +127,8 @@ class _Scanner:
             for requirement, upper in sides:
                 values = found.measure(requirement, upper)
                 # without a gain crossover there is no such number, and the requirement is not met
-                values = np.where(np.isnan(values), np.inf if upper else -np.inf, values)
+                # nor does an unstable loop meet any
+                values = np.where(np.isnan(values) | ~stable, np.inf if upper else -np.inf, values)
                 counts.append(counted(drawn, values, _keeps(requirement, upper, values), upper))
             return counts
 

@@ -89,6 +89,14 @@ class HeldPlants:
         """By how much dy/dt jumps at a sample, for each unit by which what acts does; shape (m,)."""
         return np.where(self.is_prompt, self.rate_input, 0.0)
 
+    @property
+    def growth(self) -> Array:
+        """dy/dt when the control arrives over dy/dt just before the next sample, for first order; shape (m,)."""
+        if self.order != 1:
+            return np.ones(len(self))
+        with np.errstate(divide="ignore"):
+            return 1.0 / self.control.transition[1, :, 0, 0]
+
     def begin(self, start: Start) -> tuple[Array, Array]:
         """States, shape (m, n), and the input before the first sample, shape (m,), that give the initial output.
 

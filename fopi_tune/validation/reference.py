@@ -141,21 +141,25 @@ class _Run:
             )
         self.applied.append(self.last)
         self.modes.append(self.mode)
-        after = self._rate_after(k, y, rate)
-        self._flow(k)
+        after = self._rate_after(k, rate)
+        arriving = self._flow(k)
+        if scenario.hybrid is not None:
+            after = arriving
+        elif not self.plants[0].is_prompt[self.row] and self.plants[0].order == 1:
+            after = self._rate_now() * float(self.plants[0].growth[self.row])
         return y, rate, measured, reference - measured, demanded, self.last, self.mode + 1.0, after
 
-    def _rate_after(self, k: int, y: float, rate: float) -> float:
-        """dy/dt just after the sample, if something acts there anew."""
-        i = self.row
-        if not self.plants[0].is_prompt[i]:
+    def _rate_after(self, k: int, rate: float) -> float:
+        """dy/dt just after the sample of a plant on which something acts there anew."""
+        i, held = self.row, self.plants[0]
+        if not held.is_prompt[i]:
             return rate
-        place = k - int(self.plants[0].control.late[i])
-        if self.scenario.hybrid is None:
-            new = self._control(place) + self._load(k - int(self.plants[0].load.late[i]))
-            return rate + float(self.plants[0].rate_input[i]) * (new - self.before)
-        held = self.plants[self.modes[place] if place >= 0 else self.scenario.hybrid.first - 1]
-        return float(held.rate_state[i, 0]) * y + float(held.rate_input[i]) * (self._control(place) + self._load(k))
+        new = self._control(k - int(held.control.late[i])) + self._load(k - int(held.load.late[i]))
+        return rate + float(held.rate_input[i]) * (new - self.before)
+
+    def _rate_now(self) -> float:
+        held = self.plants[self.arrived]
+        return float(held.rate_state[self.row] @ self.x) + float(held.rate_input[self.row]) * self.before
 
     def _measured(self, y: float, k: int) -> float:
         sensor = self.scenario.sensor
@@ -179,8 +183,11 @@ class _Run:
         change = wanted - self.last
         self.last = wanted if abs(change) <= most else self.last + (most if change > 0.0 else -most)
 
-    def _flow(self, k: int) -> None:
-        """(1) of `plants`, the control's part and the load's; in a hybrid loop the load acts undelayed."""
+    def _flow(self, k: int) -> float:
+        """(1) of `plants`, the control's part and the load's; in a hybrid loop the load acts undelayed.
+
+        Gives dy/dt when the new control arrives in a hybrid loop.
+        """
         i = self.row
         if self.scenario.hybrid is None:
             held = self.plants[0]
@@ -193,14 +200,16 @@ class _Run:
             _, *weights = (whole[i] for whole in held.load.whole)
             self.x = follow + weights[0] * load + weights[1] * old_load
             self.before = now + load
-            return
+            return 0.0
         late = int(self.plants[0].control.late[i])
-        load = self._load(k)
+        load, after = self._load(k), 0.0
         for segment, place in ((0, k - late - 1), (1, k - late)):
             self.arrived = self.modes[place] if place >= 0 else self.scenario.hybrid.first - 1
             control = self.plants[self.arrived].control
             self.before = self._control(place) + load
+            after = self._rate_now()
             self.x = control.transition[segment, i] @ self.x + control.weight[segment, i] * self.before
+        return after
 
     def _control(self, place: int) -> float:
         return self.applied[place] if place >= 0 else self.past

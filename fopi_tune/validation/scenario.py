@@ -231,7 +231,8 @@ class Traces:
         time_s: of the samples, shape (steps,).
         output: y just before the new control acts.
         rate: dy/dt there, per s; the jumps of a direct path are not in it.
-        rate_after: dy/dt just after the sample; `rate` where what is new arrives between samples.
+        rate_after: dy/dt just after what is new arrives, at the sample or, of a plant of first order, between samples;
+            `rate` of a plant of higher order on which it arrives between samples.
         measured: what the controller sees, y_m.
         error: r - y_m.
         demanded: the controller's output.
@@ -257,8 +258,8 @@ class Measures:
     Where an output did not stay finite the measures are nan, its settling time inf.
 
     Args:
-        peak_rate: largest |dy/dt| just before and after the samples: of a plant of first order on which the control
-            acts at the samples, the largest at any time.
+        peak_rate: largest |dy/dt| just before and after the samples: of a plant of first order the largest at any
+            time (but for a load that arrives between samples).
         overshoot: largest y - r_f in the direction of the step, which is from the reference before the horizon (the
             initial output when it starts at sample 0) to r_f; negative when y stays short of r_f; largest |y - r_f|
             without a step.

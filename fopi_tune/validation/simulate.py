@@ -197,7 +197,8 @@ def _table(held: list[HeldPlants], scenario: Scenario, width: int) -> Array:
         transition, new, old = first.control.whole
         _, load_new, load_old = first.load.whole
         plant = [transition.reshape(m, n * n), new, old, load_new, load_old, first.output, first.rate_state]
-        plant += [first.direct[:, None], first.rate_input[:, None], first.rate_step[:, None]]
+        plant += [first.direct[:, None], first.rate_input[:, None]]
+        plant += [first.rate_step[:, None], first.growth[:, None]]
     else:
         plant = []
         for part in held:

@@ -58,18 +58,19 @@ def output(s, settings, places):
 
 
 @_inlined
-def rate_after(s, settings, places, y, rate):
+def rate_after(s, settings, places, rate):
     """dy/dt just after what arrives at the sample; what arrives between samples is not in it."""
-    v = load(s, CONTROL) + load(s, LOAD)
-    if settings.hybrid:
-        if settings.prompt == 0:
-            return rate
-        first, p = load(s, ARRIVED) < spread(0.5), places.plant
-        pole = where(first, load(s, p + 4 * WIDTH), load(s, p + 10 * WIDTH))
-        return pole * y + where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH)) * v
     n = settings.order
     step = places.plant + (n * n + 6 * n + 2) * WIDTH
-    return rate + load(s, step) * (v - load(s, BEFORE))
+    return rate + load(s, step) * (load(s, CONTROL) + load(s, LOAD) - load(s, BEFORE))
+
+
+@_inlined
+def rate_on_arrival(s, places, after):
+    """The same of a plant of first order on which the control acts between the samples: told from the next sample's."""
+    c = places.plant + 5 * WIDTH
+    later = load(s, c + WIDTH) * load(s, places.x) + load(s, c + 3 * WIDTH) * load(s, BEFORE)
+    return where(size(load(s, c + 4 * WIDTH)) > spread(0.0), after, later * load(s, c + 5 * WIDTH))
 
 
 @_inlined
@@ -162,7 +163,10 @@ def flow(s, settings, places):
 
 @_inlined
 def flow_hybrid(s, settings, places):
-    """The same of two modes: the old one until its control is followed by the next, the new one from there."""
+    """The same of two modes: the old one until its control is followed by the next, the new one from there.
+
+    Gives dy/dt just after the new one begins.
+    """
     p, x, w = places.plant, load(s, places.x), load(s, LOAD)
     if settings.delayed:
         first = load(s, OLD_ARRIVED) < spread(0.5)
@@ -170,6 +174,9 @@ def flow_hybrid(s, settings, places):
         weight = where(first, load(s, p + WIDTH), load(s, p + 7 * WIDTH))
         x = x + weight * (load(s, OLD_CONTROL) + w)
     first, before = load(s, ARRIVED) < spread(0.5), load(s, CONTROL) + w
+    pole = where(first, load(s, p + 4 * WIDTH), load(s, p + 10 * WIDTH))
+    after = pole * x + where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH)) * before
     x = where(first, load(s, p + 2 * WIDTH), load(s, p + 8 * WIDTH)) * x
     store(s, places.x, x + where(first, load(s, p + 3 * WIDTH), load(s, p + 9 * WIDTH)) * before)
     store(s, BEFORE, before)
+    return after
