@@ -323,9 +323,9 @@ def test_a_refuted_requirement_goes_back_to_the_design_as_a_cut(monkeypatch: pyt
     seen: list[tuple[object, ...]] = []
     from fopi_tune.design import design as real_design
 
-    def watched(spec: DesignSpec, violations: tuple[object, ...]) -> object:
+    def watched(spec: DesignSpec, violations: tuple[object, ...], start: object = None) -> object:
         seen.append(violations)
-        return real_design(spec, violations)  # pyright: ignore[reportArgumentType]
+        return real_design(spec, violations, start)  # pyright: ignore[reportArgumentType]
 
     def refuting(spec: DesignSpec, found: ft.Verification, versions: dict[str, str]) -> ft.Certificate:
         certificate = certify(spec, found, versions)

@@ -65,6 +65,10 @@ def is_whole(ledger: Path) -> bool:
         connection.close()
 
 
+def hear_ctrl_c() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
     try:
         children = psutil.Process(process.pid).children(recursive=True)
@@ -152,7 +156,14 @@ def test_ctrl_c_ends_at_once_without_noise_and_leaves_a_ledger_that_goes_on(tmp_
         "jsonl",
     ]
     process = subprocess.Popen(
-        command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # what a shell starts in the background ignores Ctrl-C, and its children with it
+        preexec_fn=hear_ctrl_c,
     )
     assert process.stderr is not None
     # the number of cells, where nothing is done yet, and the first that are
