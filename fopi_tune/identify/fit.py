@@ -31,6 +31,8 @@ _ON_BEND = 3
 _CORRELATED = 0.5
 #: residuals below this share of the output's change are rounding, in which any shape may be found
 _ROUNDING = 1e-6
+#: shares of the record's length that are no dead time, but rounding
+_NO_TIME = 1e-9
 
 
 @dataclass(frozen=True)
@@ -86,15 +88,16 @@ def _fit(recording: Recording) -> LagFit:
     value, half = _spread(scaled, free, None)
     reach = float(value[3] + half[3])
     notes: list[str] = []
-    if value[3] < 0:
+    if value[3] < _NO_TIME:
         # the interval of the dead time keeps what the free fit says of its upper end
-        told = scaled.length_s * value[3]
-        notes.append(f"the fit's dead time is {told:.3g} s, below 0; 0 is taken")
-        if reach < 0:
+        if value[3] < -_ROUNDING:
+            notes.append(f"the fit's dead time is {scaled.length_s * value[3]:.3g} s, below 0; 0 is taken")
+        if reach < -_ROUNDING:
             notes.append("the output moves before the input does: compare the time of both columns")
         free = _refined(scaled, [free], 0.0)
         value, half = _spread(scaled, free, 0.0)
     _check_intervals(scaled, value, half)
+    reach = reach if reach > _NO_TIME else 0.0
     residuals = scaled.output - _response(scaled.time, value)
     notes += _notes(residuals, float(value[1]))
     gain, tau, dead = (Interval(v, v - h, v + h) for v, h in zip(value[1:].tolist(), half[1:].tolist(), strict=True))
@@ -105,7 +108,7 @@ def _fit(recording: Recording) -> LagFit:
         recording.name,
         Interval(gain.value * gain_unit, low, high),
         Interval(tau.value * seconds, tau.low * seconds, tau.high * seconds),
-        Interval(dead.value * seconds, max(0.0, dead.low) * seconds, max(0.0, reach, dead.value) * seconds),
+        Interval(dead.value * seconds, max(0.0, dead.low) * seconds, max(reach, dead.value) * seconds),
         float(np.sqrt(residuals @ residuals / (len(residuals) - 4))) * scaled.height,
         tuple(notes),
     )
@@ -167,9 +170,9 @@ def _starts(scaled: _Scaled) -> list[Array]:
     rows = np.unique(np.linspace(0, len(scaled.time) - 1, min(_SEARCHED, len(scaled.time))).astype(int))
     time, output = scaled.time[rows], scaled.output[rows]
     finest = float(np.diff(scaled.time).min())
-    taus = np.geomspace(max(finest / 3, 1e-5), 10.0, 30)
+    taus = np.geomspace(max(finest / 3, 1e-5), 10.0, 24)
     found: list[tuple[float, Array]] = []
-    for dead in np.linspace(max(float(time[0]), -0.1), 0.95, 64):
+    for dead in np.linspace(max(float(time[0]), -0.1), 0.95, 48):
         shape = _shape(time[:, None], taus, dead)
         centred, level = shape - shape.mean(axis=0), output - output.mean()
         power = np.maximum((centred**2).sum(axis=0), 1e-300)
@@ -180,7 +183,7 @@ def _starts(scaled: _Scaled) -> list[Array]:
         y0 = output.mean() - gains[best] * shape[:, best].mean()
         found.append((float(left[best]), np.array([y0, gains[best], taus[best], dead])))
     found.sort(key=lambda pair: pair[0])
-    return [place for _, place in found[:4]] + _through_two_points(scaled)
+    return [place for _, place in found[:2]] + _through_two_points(scaled)
 
 
 def _through_two_points(scaled: _Scaled) -> list[Array]:
@@ -201,19 +204,20 @@ def _refined(scaled: _Scaled, starts: list[Array], dead: float | None) -> Array:
     if dead is not None:
         return min((_solved(scaled, start, (dead, dead)) for start in starts), key=lambda found: found[0])[1]
     anywhere = (float(scaled.time[0]), 1.0)
-    rough = min((_solved(scaled, start, anywhere, 1e-6) for start in starts), key=lambda found: found[0])[1]
-    found = [_solved(scaled, rough, anywhere)]
+    rough = min((_solved(scaled, start, anywhere, 1e-4) for start in starts), key=lambda found: found[0])
+    found = [rough]
     # Where the dead time passes a sample the sum of squares has a kink, at which a solver may stop: the gaps between
     # samples around it are searched one by one.  Among many samples one kink is nothing.
     if len(scaled.time) <= _SEARCHED:
-        at = int(np.searchsorted(scaled.time, found[0][1][3]))
-        edges = scaled.time[max(at - 3, 0) : at + 3].tolist()
-        found += [_solved(scaled, found[0][1], gap) for gap in itertools.pairwise(edges)]
-    return min(found, key=lambda pair: pair[0])[1]
+        at = int(np.searchsorted(scaled.time, rough[1][3]))
+        edges = scaled.time[max(at - 2, 0) : at + 2].tolist()
+        found += [_solved(scaled, rough[1], gap, 1e-7) for gap in itertools.pairwise(edges)]
+    best = min(found, key=lambda pair: pair[0])
+    return min(best, _solved(scaled, best[1], anywhere), key=lambda pair: pair[0])[1]
 
 
 def _solved(
-    scaled: _Scaled, start: Array, dead: tuple[float, float], tolerance: float = 1e-14
+    scaled: _Scaled, start: Array, dead: tuple[float, float], tolerance: float = 1e-12
 ) -> tuple[float, Array]:
     """Half the least sum of squares from one start with the dead time in a range, and where it is."""
     from scipy.optimize import least_squares
