@@ -1,8 +1,9 @@
-"""Lags from step responses: exact data, SciPy's covariance, coverage of the intervals, and what a recording cannot tell."""
+"""Lags from step responses: exact data, SciPy's covariance, the intervals' coverage, what a recording cannot tell."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -82,7 +83,7 @@ def test_a_plant_that_is_stepped_from_sample_to_sample_is_found() -> None:
     output, decay = np.full(120, gain * 2.0), math.exp(-dt / tau)
     for k in range(119):
         output[k + 1] = decay * output[k] + (1 - decay) * gain * moved[max(k - delay, 0)]
-    fit = fit_lag(parse_recording(text_of(dt * np.arange(120), moved, output), "held.csv"))
+    fit = fit_lag(parse_recording(text_of(dt * np.arange(120.0), moved, output), "held.csv"))
     found = [each.value for each in numbers(fit)]
     assert found == pytest.approx([gain, tau, delay * dt], rel=1e-6)
 
@@ -178,8 +179,9 @@ def test_a_plant_that_is_no_lag_is_noted() -> None:
         (lambda rng: recording(tau=0.4, dead=0.0, n=60, noise=0.3 * rng.standard_normal(60)), ""),
     ],
 )
-def test_what_a_recording_cannot_tell_is_named_with_the_file(given: object, said: str) -> None:
-    assert callable(given)
+def test_what_a_recording_cannot_tell_is_named_with_the_file(
+    given: Callable[[np.random.Generator], Recording], said: str
+) -> None:
     with pytest.raises(DomainError, match=r"^a\.csv: .*(record|sample faster)") as caught:
         fit_lag(given(np.random.default_rng(6)))
     assert said in str(caught.value)
@@ -204,7 +206,9 @@ def test_a_family_holds_the_interval_of_every_fit() -> None:
     rng = np.random.default_rng(9)
     family = identify_lag([recording(noise=0.05 * rng.standard_normal(100)) for _ in range(4)])
     for fit in family.fits:
-        for box, each in zip((family.static_gain, family.time_constant_s, family.dead_time_s), numbers(fit), strict=True):
+        for box, each in zip(
+            (family.static_gain, family.time_constant_s, family.dead_time_s), numbers(fit), strict=True
+        ):
             assert box.min <= each.low <= each.value <= each.high <= box.max
 
 

@@ -48,8 +48,8 @@ def identify_lag(recordings: Sequence[Recording]) -> LagFamily:
     if min(gains) < 0 < max(gains):
         up, down = fits[gains.index(max(gains))], fits[gains.index(min(gains))]
         raise DomainError(
-            f"the static gain is {max(gains):.3g} in {up.name} and {min(gains):.3g} in {down.name}: no controller serves "
-            "both signs; check the columns, or make a spec of each"
+            f"the static gain is {max(gains):.3g} in {up.name} and {min(gains):.3g} in {down.name}: no controller "
+            "serves both signs; check the columns, or make a spec of each"
         )
     return LagFamily(
         fits,

@@ -216,9 +216,7 @@ def _refined(scaled: _Scaled, starts: list[Array], dead: float | None) -> Array:
     return min(best, _solved(scaled, best[1], anywhere), key=lambda pair: pair[0])[1]
 
 
-def _solved(
-    scaled: _Scaled, start: Array, dead: tuple[float, float], tolerance: float = 1e-12
-) -> tuple[float, Array]:
+def _solved(scaled: _Scaled, start: Array, dead: tuple[float, float], tolerance: float = 1e-12) -> tuple[float, Array]:
     """Half the least sum of squares from one start with the dead time in a range, and where it is."""
     from scipy.optimize import least_squares
 
@@ -256,8 +254,8 @@ def _spread(scaled: _Scaled, value: Array, dead: float | None) -> tuple[Array, A
     sizes = np.sqrt((slopes**2).sum(axis=0))
     if sizes.min() == 0.0 or np.linalg.cond(slopes / sizes) > 1e8:
         raise DomainError(
-            "cannot tell gain, time constant and dead time apart; record more samples while the output rises, and until "
-            "it settles"
+            "cannot tell gain, time constant and dead time apart; record more samples while the output rises, and "
+            "until it settles"
         )
     # (J'J)^-1 from the QR factors of J with unit columns
     inverse = np.linalg.inv(np.linalg.qr(slopes / sizes, mode="r"))
@@ -276,14 +274,14 @@ def _check_bend(scaled: _Scaled, value: Array) -> None:
         # a ramp or worse: gain and time constant only appear as their ratio
         longer = f"about {tau * seconds:.3g} s" if tau < 100 else "far longer"
         raise DomainError(
-            f"the time constant ({longer}) with the dead time is longer than the record after the step ({seconds:.3g} s): "
-            "record at least three time constants"
+            f"the time constant ({longer}) with the dead time is longer than the record after the step "
+            f"({seconds:.3g} s): record at least three time constants"
         )
     bend = int(np.count_nonzero((scaled.time > dead) & (scaled.time < dead + 3 * tau)))
     if bend < _ON_BEND:
         raise DomainError(
-            f"only {bend} samples lie on the rise, which takes about {3 * tau * seconds:.3g} s: too few to tell the time "
-            "constant; sample faster"
+            f"only {bend} samples lie on the rise, which takes about {3 * tau * seconds:.3g} s: too few to tell "
+            "the time constant; sample faster"
         )
 
 
@@ -308,6 +306,6 @@ def _notes(residuals: Array, gain: float) -> list[str]:
     if correlation <= _CORRELATED:
         return []
     return [
-        f"what the curve leaves is no independent noise (correlation {correlation:.2f} from one sample to the next): the "
-        "plant is not quite a lag, or is disturbed, and the intervals are too narrow; widen them"
+        f"what the curve leaves is no independent noise (correlation {correlation:.2f} from one sample to the next): "
+        "the plant is not quite a lag, or is disturbed, and the intervals are too narrow; widen them"
     ]

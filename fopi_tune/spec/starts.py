@@ -41,13 +41,13 @@ def _digital(sample_time_s: str, band_rad_s: str, design: str) -> str:
         about = "the requirements are about the loop without samples; or sampled"
     return f"""\
 digital:
-  {f"sample_time_s: {sample_time_s}":<28}# short against 1 / crossover_rad_s
+  {f"sample_time_s: {sample_time_s}":<27} # short against 1 / crossover_rad_s
   method: oustaloup           # or modified_oustaloup, fit
   poles: 7                    # of the approximation of s^(1-alpha)
   {f"band_rad_s: {band_rad_s}":<27} # where it holds
   rule: tustin                # or matched
   delay_samples: 0            # computing delay
-  {f"design: {design}":<28}# {about}
+  {f"design: {design}":<27} # {about}
 """
 
 
@@ -144,8 +144,9 @@ def fitted_start(
     """A start from a family of lags whose requirements suit its times.
 
     The slowest crossover asked for is 0.6 over the longest time constant, less where dead time and the spread of the
-    plants' speeds would otherwise cost more than 0.25 rad of phase; the sampling time is about a fiftieth of the plant's
-    times.
+    plants' speeds would otherwise cost more than 0.25 rad of phase; the fastest one is three times what the slowest
+    makes of the fastest plant, which also keeps the search near these speeds.  The sampling time is about a fiftieth of
+    time constant and dead time.
 
     Args:
         static_gain: output unit per input unit; its range does not hold 0.
@@ -159,6 +160,7 @@ def fitted_start(
     crossover = 0.6 / time_constant_s.max
     if dead_time_s.max > 0:
         crossover = min(crossover, 0.25 / (dead_time_s.max * spread))
+    slowest, fastest = _rounded(crossover, 2, ROUND_FLOOR), _rounded(3 * spread * crossover, 2, ROUND_CEILING)
     scale = time_constant_s.nominal + dead_time_s.nominal
     band = [10.0 ** math.floor(math.log10(1e-3 / scale)), 10.0 ** math.ceil(math.log10(1e3 / scale))]
     side = "min: 0.0" if static_gain.nominal > 0 else "max: 0.0"
@@ -177,13 +179,13 @@ def fitted_start(
 """,
         controller=f"""\
 controller:
-  {f"kp: {{{side}}}":<28}# of the static gain's sign
+  {f"kp: {{{side}}}":<27} # of the static gain's sign
   ki: {{{side}}}
   alpha: {{min: 0.5, max: 1.5}}
 """,
         requirements=f"""\
 requirements:
-  - crossover_rad_s: {f"{{at_least: {_rounded(crossover, 2, ROUND_FLOOR)!r}}}":<23}# speed of every loop
+  {f"- crossover_rad_s: {{between: [{slowest!r}, {fastest!r}]}}":<41} # speed of every loop
   - phase_margin_deg: {{at_least: 60}}        # its damping
   - gain_margin_db: {{at_least: 6}}           # the gain may be twice as large
   - sensitivity_db: {{at_most: 6}}            # distance from -1: no disturbance is made more than twice as large
@@ -212,4 +214,5 @@ def _rounded(value: float, digits: int, how: str) -> float:
 def _sample_time(scale: float) -> float:
     """The largest of 1, 2 and 5 times a power of ten that is at most a fiftieth of a time."""
     power = math.floor(math.log10(scale / 50))
-    return max(step * 10.0**power for step in (1, 2, 5) if step * 10.0**power <= scale / 50 * (1 + 1e-9))
+    steps = [float(f"{digit}e{power}") for digit in (1, 2, 5)]
+    return max([step for step in steps if step <= scale / 50], default=steps[0])

@@ -12,7 +12,8 @@ from fopi_tune.spec.report import quoted
 from fopi_tune.spec.starts import STARTS, Start
 
 _TEMPLATE = """\
-{modeline}# A spec for fopi-tune: what the loop must do, for every plant of a family.  Times are in seconds, frequencies in rad/s,
+{modeline}\
+# A spec for fopi-tune: what the loop must do, for every plant of a family.  Times are in seconds, frequencies in rad/s,
 # angles in degrees and gains in dB; the unit is part of each name.  `fopi run` on this file finds the gains.
 schema: {version}       # version of this language; `fopi schema` prints it as JSON Schema
 name: {name}   # also the name of the results' folder
@@ -57,9 +58,10 @@ validation:
 """
 #: a line for each model, shown as the other ones
 _MODELS = {
-    "lag": "{model: lag, static_gain: 1.0, time_constant_s: 2.25}                        is static_gain / (time_constant_s s + 1)",
+    "lag": "{model: lag, static_gain: 1.0, time_constant_s: 2.25}                 is static_gain / (time_constant_s s + 1)",
     "pole": "{model: pole, gain: 4.39, pole_rad_s: 0.1746}                               is gain / (s + pole_rad_s)",
-    "transfer_function": "{model: transfer_function, numerator: [1.0], denominator: [1.0, 1.4, 1.0]}  has descending powers of s",
+    "transfer_function": "{model: transfer_function, numerator: [1.0], denominator: [1.0, 1.4, 1.0]}  has descending "
+    "powers of s",
 }
 
 
