@@ -146,7 +146,8 @@ def fitted_start(
     The slowest crossover asked for is 0.6 over the longest time constant, less where dead time and the spread of the
     plants' speeds would otherwise cost more than 0.25 rad of phase; the fastest one is three times what the slowest
     makes of the fastest plant, which also keeps the search near these speeds.  The sampling time is about a fiftieth of
-    time constant and dead time.
+    time constant and dead time, or a twentieth of 1 / the fastest crossover where that is longer: a dead time of many
+    samples makes the loop on samples hard to prove.
 
     Args:
         static_gain: output unit per input unit; its range does not hold 0.
@@ -192,7 +193,7 @@ requirements:
 """,
         objective="""\
 # objective: {minimize: iae_disturbance}     # without it there is room left, which the loop on samples needs""",
-        digital=_digital(repr(_sample_time(scale)), f"[{band[0]:.1e}, {band[1]:.1e}]", "continuous"),
+        digital=_digital(repr(_sample_time(max(scale / 50, 0.05 / fastest))), f"[{band[0]:.1e}, {band[1]:.1e}]", "continuous"),
         drawn=wide[0] if wide else "time_constant_s",
     )
 
@@ -211,8 +212,8 @@ def _rounded(value: float, digits: int, how: str) -> float:
     return float(Context(prec=digits, rounding=how).create_decimal(repr(value)))
 
 
-def _sample_time(scale: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is at most a fiftieth of a time."""
-    power = math.floor(math.log10(scale / 50))
+def _sample_time(longest: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is at most this."""
+    power = math.floor(math.log10(longest))
     steps = [float(f"{digit}e{power}") for digit in (1, 2, 5)]
-    return max([step for step in steps if step <= scale / 50], default=steps[0])
+    return max([step for step in steps if step <= longest], default=steps[0])
