@@ -35,7 +35,7 @@ class Model(Enum):
 Words = Annotated[
     list[str] | None,
     typer.Argument(
-        metavar="[NAME]",
+        metavar="NAME",
         show_default=False,
         help="Name of the design; `design` when left out.  After --from-step-data, more .csv files too.",
     ),

@@ -100,6 +100,14 @@ def _fit(recording: Recording) -> LagFit:
     reach = reach if reach > _NO_TIME else 0.0
     residuals = scaled.output - _response(scaled.time, value)
     notes += _notes(residuals, float(value[1]))
+    return _result(recording, scaled, (value, half, reach), residuals, notes)
+
+
+def _result(
+    recording: Recording, scaled: _Scaled, found: tuple[Array, Array, float], residuals: Array, notes: list[str]
+) -> LagFit:
+    """The fit in the recording's units; `reach` is the upper end of the dead time."""
+    value, half, reach = found
     gain, tau, dead = (Interval(v, v - h, v + h) for v, h in zip(value[1:].tolist(), half[1:].tolist(), strict=True))
     gain_unit = scaled.height / recording.step
     low, high = sorted((gain.low * gain_unit, gain.high * gain_unit))

@@ -146,7 +146,7 @@ def fitted_start(
     The slowest crossover asked for is 0.6 over the longest time constant, less where dead time and the spread of the
     plants' speeds would otherwise cost more than 0.25 rad of phase; the fastest one is three times what the slowest
     makes of the fastest plant, which also keeps the search near these speeds.  The sampling time is about a fiftieth of
-    time constant and dead time, or a twentieth of 1 / the fastest crossover where that is longer: a dead time of many
+    time constant and dead time, or a twentieth of 1 / the middle crossover where that is longer: a dead time of many
     samples makes the loop on samples hard to prove.
 
     Args:
@@ -155,15 +155,10 @@ def fitted_start(
         dead_time_s: s, >= 0.
         about: where the numbers come from, lines of a comment.
     """
-    gains = sorted((abs(static_gain.min), abs(static_gain.max)))
-    # the ratio of the fastest plant's speed to the slowest one's, at a given controller
-    spread = gains[1] / gains[0] * time_constant_s.max / time_constant_s.min
-    crossover = 0.6 / time_constant_s.max
-    if dead_time_s.max > 0:
-        crossover = min(crossover, 0.25 / (dead_time_s.max * spread))
-    slowest, fastest = _rounded(crossover, 2, ROUND_FLOOR), _rounded(3 * spread * crossover, 2, ROUND_CEILING)
+    slowest, fastest = _speeds(static_gain, time_constant_s, dead_time_s)
     scale = time_constant_s.nominal + dead_time_s.nominal
     band = [10.0 ** math.floor(math.log10(1e-3 / scale)), 10.0 ** math.ceil(math.log10(1e3 / scale))]
+    sample_time_s = _sample_time(max(scale / 50, 0.05 / math.sqrt(slowest * fastest)))
     side = "min: 0.0" if static_gain.nominal > 0 else "max: 0.0"
     uncertain = {"static_gain": static_gain, "time_constant_s": time_constant_s, "dead_time_s": dead_time_s}
     wide = [name for name, number in uncertain.items() if "{" in _written(number)]
@@ -193,9 +188,20 @@ requirements:
 """,
         objective="""\
 # objective: {minimize: iae_disturbance}     # without it there is room left, which the loop on samples needs""",
-        digital=_digital(repr(_sample_time(max(scale / 50, 0.05 / fastest))), f"[{band[0]:.1e}, {band[1]:.1e}]", "continuous"),
+        digital=_digital(repr(sample_time_s), f"[{band[0]:.1e}, {band[1]:.1e}]", "continuous"),
         drawn=wide[0] if wide else "time_constant_s",
     )
+
+
+def _speeds(static_gain: Uncertain, time_constant_s: Uncertain, dead_time_s: Uncertain) -> tuple[float, float]:
+    """The slowest and the fastest crossover to ask for, rad/s."""
+    gains = sorted((abs(static_gain.min), abs(static_gain.max)))
+    # the ratio of the fastest plant's speed to the slowest one's, at a given controller
+    spread = gains[1] / gains[0] * time_constant_s.max / time_constant_s.min
+    crossover = 0.6 / time_constant_s.max
+    if dead_time_s.max > 0:
+        crossover = min(crossover, 0.25 / (dead_time_s.max * spread))
+    return _rounded(crossover, 2, ROUND_FLOOR), _rounded(3 * spread * crossover, 2, ROUND_CEILING)
 
 
 def _written(number: Uncertain) -> str:

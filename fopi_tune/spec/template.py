@@ -58,8 +58,8 @@ validation:
 """
 #: a line for each model, shown as the other ones
 _MODELS = {
-    "lag": "{model: lag, static_gain: 1.0, time_constant_s: 2.25}            is static_gain / (time_constant_s s + 1)",
-    "pole": "{model: pole, gain: 4.39, pole_rad_s: 0.1746}                          is gain / (s + pole_rad_s)",
+    "lag": "{model: lag, static_gain: 1.0, time_constant_s: 2.25}             is static_gain / (time_constant_s s + 1)",
+    "pole": "{model: pole, gain: 4.39, pole_rad_s: 0.1746}                           is gain / (s + pole_rad_s)",
     "transfer_function": "{model: transfer_function, numerator: [1.0], denominator: [1, 1.4, 1]}  has descending "
     "powers of s",
 }
