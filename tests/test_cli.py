@@ -339,7 +339,7 @@ def test_init_writes_a_spec_that_can_be_used() -> None:
     result = fopi("init", "motor")
     assert (result.exit_code, result.stdout) == (0, "")
     assert load_spec("motor.yaml").name == "motor"
-    assert os.listdir() == ["motor.yaml"]
+    assert sorted(os.listdir()) == ["fopi.schema.json", "motor.yaml"]
     assert fopi("init").exit_code == 0
     assert fopi("init", "--out", "deeper/x.yaml").exit_code == 0
     assert (load_spec("design.yaml").name, load_spec("deeper/x.yaml").name) == ("design", "x")

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,12 +13,12 @@ from fopi_tune.candidate import Solver
 from fopi_tune.cli.certificates import recheck_file
 from fopi_tune.cli.driving import Course, simulate_file, validate_file
 from fopi_tune.cli.gains import found_or_tuned, given_gains, named_numbers, refusal
-from fopi_tune.cli.output import print_out, reason_of, report_failure, say, to_json, write_file
+from fopi_tune.cli.init import NoSchema, PlantOption, Recorded, Wanted, Words, write_spec
+from fopi_tune.cli.output import print_out, report_failure, to_json
 from fopi_tune.cli.prices import Asked, From, Points, Prices, Swept, To, designed
 from fopi_tune.cli.process import Handling, process
 from fopi_tune.cli.study import study
 from fopi_tune.core.controller import FoPi
-from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
     from fopi_tune.prices import Tradeoff
@@ -294,32 +292,16 @@ def schema(
 
 @app.command()
 def init(
-    name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="Name of the design; `design` when left out.")
-    ] = None,
+    words: Words = None,
+    plant: PlantOption = None,
+    from_step_data: Recorded = None,
     out: Annotated[str | None, typer.Option("--out", "-o", metavar="FILE", help="File, instead of NAME.yaml.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+    no_schema: NoSchema = False,
 ) -> None:
-    """Write a commented spec to start from."""
-    from fopi_tune.spec.template import template
-
-    if name is None:
-        name = Path(out).stem if out else "design"
-    name = name.removesuffix(".yaml")
-    path = Path(out or f"{name}.yaml")
-    try:
-        text = template(name)
-    except DomainError as error:
-        raise refusal(str(error)) from None
-    if path.is_dir():
-        raise refusal(f"{path} is a folder; give a file's name with --out")
-    if os.path.lexists(path) and not force:
-        raise refusal(f"{path} exists already; choose another name, or overwrite it with --force")
-    try:
-        write_file(path, text)
-    except OSError as error:
-        raise refusal(f"cannot write {path} ({reason_of(error)}); choose another file with --out") from None
-    say(f"wrote {path}; next: fopi tune {path}")
+    """Write a commented spec to start from, and the JSON Schema for editors beside it."""
+    recordings = tuple(from_step_data or ())
+    write_spec(Wanted(tuple(words or ()), plant, recordings, out, force, not no_schema))
 
 
 def main() -> None:

@@ -1,0 +1,183 @@
+"""`fopi init`:  a commented spec, from an example or from recorded step responses, and the schema that editors read."""
+
+from __future__ import annotations
+
+import json
+import os
+import textwrap
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fopi_tune.cli.gains import refusal
+from fopi_tune.cli.output import read_text, reason_of, say, to_json, write_file
+from fopi_tune.errors import DomainError
+
+if TYPE_CHECKING:
+    from fopi_tune.identify import Interval, LagFit, Recording
+    from fopi_tune.spec.starts import Start
+
+#: written beside a spec, whose first line names it
+SCHEMA_FILE = "fopi.schema.json"
+
+
+class Model(Enum):
+    """The plants that `--plant` knows; a test compares them with the language's."""
+
+    LAG = "lag"
+    POLE = "pole"
+    TRANSFER_FUNCTION = "transfer_function"
+
+
+Words = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="NAME",
+        show_default=False,
+        help="Name of the design; `design` when left out.  After --from-step-data, more .csv files too.",
+    ),
+]
+PlantOption = Annotated[Model | None, typer.Option("--plant", help="Model of the plant; lag when left out.")]
+Recorded = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--from-step-data",
+        metavar="CSV",
+        help="Fit a lag with dead time to a step response, columns time_s,input,output; several files: a family.",
+    ),
+]
+NoSchema = Annotated[bool, typer.Option("--no-schema", help="Leave out the JSON Schema that editors read.")]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What `fopi init` was asked for; see its options."""
+
+    words: tuple[str, ...]
+    model: Model | None
+    recordings: tuple[str, ...]
+    out: str | None
+    force: bool
+    schema: bool
+
+
+def write_spec(wanted: Wanted) -> None:
+    """Write a spec that can be used as it is, and beside it the JSON Schema that its first line names.
+
+    Raises:
+        typer.Exit: a file that is in the way, cannot be written, or cannot be fitted; nothing was written.
+    """
+    from fopi_tune.spec.template import template
+
+    name, recordings = _sorted_out(wanted)
+    path = Path(wanted.out or f"{name}.yaml")
+    if path.is_dir():
+        raise refusal(f"{path} is a folder; give a file's name with --out")
+    if os.path.lexists(path) and not wanted.force:
+        raise refusal(f"{path} exists already; choose another name, or overwrite it with --force")
+    beside = path.parent / SCHEMA_FILE
+    if wanted.schema:
+        _check_schema_file(beside, wanted.force)
+    try:
+        text = template(name, _start(wanted.model, recordings), SCHEMA_FILE if wanted.schema else None)
+    except DomainError as error:
+        raise refusal(str(error)) from None
+    if wanted.schema:
+        _write(beside, _schema())
+    _write(path, text)
+    say(f"wrote {path}; next: fopi run {path}")
+
+
+def _sorted_out(wanted: Wanted) -> tuple[str, tuple[str, ...]]:
+    """The design's name, and all recordings: shells turn *.csv into many words, of which the option takes one."""
+    more = tuple(word for word in wanted.words if wanted.recordings and word.lower().endswith(".csv"))
+    names = [word for word in wanted.words if word not in more]
+    if len(names) > 1:
+        hint = "" if wanted.recordings else "; recordings go after --from-step-data"
+        raise refusal(f"{len(names)} names are given, {names[0]} and {names[1]}; a spec has one{hint}")
+    if wanted.recordings and wanted.model not in (None, Model.LAG):
+        raise refusal("--from-step-data fits a lag; leave --plant out")
+    name = names[0] if names else Path(wanted.out).stem if wanted.out else "design"
+    return name.removesuffix(".yaml"), wanted.recordings + more
+
+
+# -- from recordings ---------------------------------------------------------------------------------------------------
+
+
+def _start(model: Model | None, recordings: tuple[str, ...]) -> Start:
+    from fopi_tune.spec.starts import STARTS, fitted_start
+
+    if not recordings:
+        return STARTS[(model or Model.LAG).value]
+    from fopi_tune.identify import identify_lag
+
+    family = identify_lag([_recording(file) for file in recordings])
+    about = [line for fit in family.fits for line in _told(fit)]
+    for line in about:
+        say(line)
+    hull = "Each range holds the 95 % intervals of these fits, y0 + static_gain step (1 - e^(-(t - dead_time_s) / "
+    lines = [*about, f"{hull}time_constant_s)) after the step; nominal is the median of the fitted values."]
+    wrapped = [part for line in lines for part in textwrap.wrap(_shown(line), 116, subsequent_indent="  ")]
+    return fitted_start(family.static_gain, family.time_constant_s, family.dead_time_s, wrapped)
+
+
+def _recording(file: str) -> Recording:
+    from fopi_tune.identify import parse_recording
+
+    try:
+        text = read_text(Path(file))
+    except OSError as error:
+        raise refusal(f"cannot read {file} ({reason_of(error)}); give CSV files with --from-step-data") from None
+    except UnicodeDecodeError:
+        raise refusal(f"{file} is not UTF-8; save it as CSV in UTF-8") from None
+    except ValueError as error:  # too large, or a NUL in the path
+        raise refusal(f"cannot read {file} ({error})") from None
+    return parse_recording(text, file)
+
+
+def _told(fit: LagFit) -> list[str]:
+    def shown(value: Interval, unit: str = "") -> str:
+        return f"{value.value:.5g} ({value.low:.5g} ... {value.high:.5g}){unit}"
+
+    numbers = (
+        f"{fit.name}: static gain {shown(fit.static_gain)}, time constant {shown(fit.time_constant_s, ' s')}, "
+        f"dead time {shown(fit.dead_time_s, ' s')}, noise {fit.residual_std:.3g}"
+    )
+    return [numbers, *(f"{fit.name}: {note}" for note in fit.notes)]
+
+
+def _shown(line: str) -> str:
+    """A line of a comment, whatever a file's name holds."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+
+
+def _schema() -> str:
+    from fopi_tune.spec.schema import json_schema
+
+    return to_json(json_schema()) + "\n"
+
+
+def _check_schema_file(path: Path, force: bool) -> None:
+    """Refuse to replace what is no schema of this tool; an older one is."""
+    if force or not os.path.lexists(path):
+        return
+    try:
+        found = json.loads(read_text(path))
+        ours = isinstance(found, dict) and str(found.get("title", "")).startswith("fopi-tune spec")
+    except (OSError, ValueError, RecursionError):
+        ours = False
+    if not ours:
+        raise refusal(f"{path} exists already and is no schema of fopi; move it, use --force, or add --no-schema")
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        write_file(path, text)
+    except OSError as error:
+        raise refusal(f"cannot write {path} ({reason_of(error)}); choose another file with --out") from None

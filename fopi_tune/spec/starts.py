@@ -1,0 +1,225 @@
+"""Plants that a commented spec can start from, and what is asked of them, as the text of its sections."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context
+
+from fopi_tune.core.plant import Uncertain
+
+
+@dataclass(frozen=True)
+class Start:
+    """The sections of a spec that depend on the plant, as YAML with comments and without the lines' last break.
+
+    Args:
+        model: the word after `model:`.
+        description: one sentence.
+        plant: the section, as are `controller`, `requirements`, `objective` (which may be a comment) and `digital`.
+        drawn: one of its uncertain numbers, for the examples of distributions; with its quotes where YAML needs them.
+    """
+
+    model: str
+    description: str
+    plant: str
+    controller: str
+    requirements: str
+    objective: str
+    digital: str
+    drawn: str
+
+    def sections(self) -> dict[str, str]:
+        """The texts by their names, without the model."""
+        return {name: text.rstrip() for name, text in vars(self).items() if name != "model"}
+
+
+def _digital(sample_time_s: str, band_rad_s: str, design: str) -> str:
+    about = "the requirements are about the loop on samples; or continuous"
+    if design == "continuous":
+        about = "the requirements are about the loop without samples; or sampled"
+    return f"""\
+digital:
+  {f"sample_time_s: {sample_time_s}":<27} # short against 1 / crossover_rad_s
+  method: oustaloup           # or modified_oustaloup, fit
+  poles: 7                    # of the approximation of s^(1-alpha)
+  {f"band_rad_s: {band_rad_s}":<27} # where it holds
+  rule: tustin                # or matched
+  delay_samples: 0            # computing delay
+  {f"design: {design}":<27} # {about}
+"""
+
+
+_GAINS = """\
+controller:
+  kp: {min: 0.0, max: 10.0}
+  ki: {min: 0.0, max: 10.0}
+  alpha: {min: 0.3, max: 1.5}
+"""
+
+_LAG = Start(
+    model="lag",
+    description="Robust fractional PI for a first-order lag whose time constant is uncertain.",
+    plant="""\
+plant:
+  model: lag                  # static_gain e^(-dead_time_s s) / (time_constant_s s + 1)
+  static_gain: 1.0            # output unit per control unit
+  time_constant_s: {nominal: 2.25, min: 1.6, max: 3.1}
+  dead_time_s: 0.0            # 0 when left out
+""",
+    controller=_GAINS,
+    requirements="""\
+requirements:
+  - crossover_rad_s: {equals: 0.3}          # speed of the nominal loop
+    on: nominal
+  - phase_margin_deg: {equals: 90}          # its damping
+    on: nominal
+  - phase_margin_deg: {at_least: 80}        # and that of every other plant
+  - gain_margin_db: {at_least: 12.04}       # the gain may be 4 times as large
+  - sensitivity_db: {at_most: -20}          # slow disturbances are reduced to a tenth
+    to_rad_s: 0.02
+""",
+    objective="objective: {minimize: phase_margin_spread_deg}",
+    digital=_digital("0.2", "[1.0e-3, 1.0e3]", "sampled"),
+    drawn="time_constant_s",
+)
+
+_POLE = Start(
+    model="pole",
+    description="Robust fractional PI for a first-order plant whose gain is uncertain, given by its pole.",
+    plant="""\
+plant:
+  model: pole                 # gain e^(-dead_time_s s) / (s + pole_rad_s)
+  gain: {nominal: 4.39, min: 3.9, max: 4.9}   # output unit per second and control unit
+  pole_rad_s: 0.1746          # 1 / time constant; 0 is an integrator, below 0 is unstable
+  dead_time_s: 0.0            # 0 when left out
+""",
+    controller=_GAINS,
+    requirements="""\
+requirements:
+  - crossover_rad_s: {equals: 0.46}         # speed of the nominal loop
+    on: nominal
+  - phase_margin_deg: {at_least: 75}        # damping of every plant
+  - gain_margin_db: {at_least: 12.04}       # the gain may be 4 times as large
+  - sensitivity_db: {at_most: -20}          # slow disturbances are reduced to a tenth
+    to_rad_s: 0.03
+""",
+    objective="objective: {maximize: ki}",
+    digital=_digital("0.1", "[1.0e-3, 1.0e3]", "sampled"),
+    drawn="gain",
+)
+
+_TRANSFER_FUNCTION = Start(
+    model="transfer_function",
+    description="Robust fractional PI for a second-order plant whose damping is uncertain.",
+    plant="""\
+plant:
+  model: transfer_function    # numerator(s) / denominator(s) e^(-dead_time_s s), in descending powers of s
+  numerator: [1.0]
+  denominator: [1.0, {nominal: 1.2, min: 0.9, max: 1.5}, 1.0]   # s^2 + (0.9 ... 1.5) s + 1
+  dead_time_s: 0.05           # 0 when left out
+""",
+    controller=_GAINS,
+    requirements="""\
+requirements:
+  - crossover_rad_s: {at_least: 0.15}       # speed of every loop
+  - phase_margin_deg: {at_least: 55}        # its damping
+  - gain_margin_db: {at_least: 6}           # the gain may be twice as large
+  - sensitivity_db: {at_most: 5}            # distance from -1: no disturbance is made much larger
+""",
+    objective="""\
+# objective: {minimize: iae_disturbance}     # without it there is room left, which the loop on samples needs""",
+    digital=_digital("0.05", "[1.0e-3, 1.0e3]", "continuous"),
+    drawn='"denominator[1]"',
+)
+
+#: model -> what `fopi init --plant MODEL` starts from
+STARTS = {start.model: start for start in (_LAG, _POLE, _TRANSFER_FUNCTION)}
+
+
+def fitted_start(
+    static_gain: Uncertain, time_constant_s: Uncertain, dead_time_s: Uncertain, about: Sequence[str]
+) -> Start:
+    """A start from a family of lags whose requirements suit its times.
+
+    The slowest crossover asked for is 0.6 over the longest time constant, less where dead time and the spread of the
+    plants' speeds would otherwise cost more than 0.25 rad of phase; the fastest one is three times what the slowest
+    makes of the fastest plant, which also keeps the search near these speeds.  The sampling time is about a fiftieth of
+    time constant and dead time, or a twentieth of 1 / the middle crossover where that is longer: a dead time of many
+    samples makes the loop on samples hard to prove.
+
+    Args:
+        static_gain: output unit per input unit; its range does not hold 0.
+        time_constant_s: s, > 0.
+        dead_time_s: s, >= 0.
+        about: where the numbers come from, lines of a comment.
+    """
+    slowest, fastest = _speeds(static_gain, time_constant_s, dead_time_s)
+    scale = time_constant_s.nominal + dead_time_s.nominal
+    band = [10.0 ** math.floor(math.log10(1e-3 / scale)), 10.0 ** math.ceil(math.log10(1e3 / scale))]
+    sample_time_s = _sample_time(max(scale / 50, 0.05 / math.sqrt(slowest * fastest)))
+    side = "min: 0.0" if static_gain.nominal > 0 else "max: 0.0"
+    uncertain = {"static_gain": static_gain, "time_constant_s": time_constant_s, "dead_time_s": dead_time_s}
+    wide = [name for name, number in uncertain.items() if "{" in _written(number)]
+    comments = "".join(f"# {line}\n" for line in about)
+    return Start(
+        model="lag",
+        description="Robust fractional PI for a lag whose numbers come from recorded step responses.",
+        plant=f"""\
+{comments}plant:
+  model: lag                  # static_gain e^(-dead_time_s s) / (time_constant_s s + 1)
+  static_gain: {_written(static_gain)}
+  time_constant_s: {_written(time_constant_s)}
+  dead_time_s: {_written(dead_time_s)}
+""",
+        controller=f"""\
+controller:
+  {f"kp: {{{side}}}":<27} # of the static gain's sign
+  ki: {{{side}}}
+  alpha: {{min: 0.5, max: 1.5}}
+""",
+        requirements=f"""\
+requirements:
+  {f"- crossover_rad_s: {{between: [{slowest!r}, {fastest!r}]}}":<41} # speed of every loop
+  - phase_margin_deg: {{at_least: 60}}        # its damping
+  - gain_margin_db: {{at_least: 6}}           # the gain may be twice as large
+  - sensitivity_db: {{at_most: 6}}            # distance from -1: no disturbance is made more than twice as large
+""",
+        objective="""\
+# objective: {minimize: iae_disturbance}     # without it there is room left, which the loop on samples needs""",
+        digital=_digital(repr(sample_time_s), f"[{band[0]:.1e}, {band[1]:.1e}]", "continuous"),
+        drawn=wide[0] if wide else "time_constant_s",
+    )
+
+
+def _speeds(static_gain: Uncertain, time_constant_s: Uncertain, dead_time_s: Uncertain) -> tuple[float, float]:
+    """The slowest and the fastest crossover to ask for, rad/s."""
+    gains = sorted((abs(static_gain.min), abs(static_gain.max)))
+    # the ratio of the fastest plant's speed to the slowest one's, at a given controller
+    spread = gains[1] / gains[0] * time_constant_s.max / time_constant_s.min
+    crossover = 0.6 / time_constant_s.max
+    if dead_time_s.max > 0:
+        crossover = min(crossover, 0.25 / (dead_time_s.max * spread))
+    return _rounded(crossover, 2, ROUND_FLOOR), _rounded(3 * spread * crossover, 2, ROUND_CEILING)
+
+
+def _written(number: Uncertain) -> str:
+    """Six significant digits, the ends rounded outwards; one number where that leaves no range."""
+    nominal = _rounded(number.nominal, 6, ROUND_HALF_EVEN)
+    low, high = _rounded(number.min, 6, ROUND_HALF_EVEN), _rounded(number.max, 6, ROUND_HALF_EVEN)
+    if low == nominal == high:
+        return repr(nominal)
+    low, high = _rounded(number.min, 6, ROUND_FLOOR), _rounded(number.max, 6, ROUND_CEILING)
+    return f"{{nominal: {nominal!r}, min: {low!r}, max: {high!r}}}"
+
+
+def _rounded(value: float, digits: int, how: str) -> float:
+    return float(Context(prec=digits, rounding=how).create_decimal(repr(value)))
+
+
+def _sample_time(longest: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is at most this."""
+    power = math.floor(math.log10(longest))
+    steps = [float(f"{digit}e{power}") for digit in (1, 2, 5)]
+    return max([step for step in steps if step <= longest], default=steps[0])

@@ -1,0 +1,231 @@
+"""`fopi init`: every spec it writes parses, matches the schema that it names, and can be solved."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+from typer.testing import CliRunner, Result
+
+from fopi_tune.cli import app
+from fopi_tune.cli.init import Model
+from fopi_tune.core.plant import PLANT_MODELS, Uncertain
+from fopi_tune.spec import load_spec, parse_spec
+from fopi_tune.spec.schema import json_schema
+from fopi_tune.spec.starts import STARTS, fitted_start
+from fopi_tune.spec.template import template
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def fopi(*arguments: str) -> Result:
+    return CliRunner().invoke(app, list(arguments))
+
+
+def recorded(
+    file: str, gain: float = 2.0, tau: float = 3.0, dead: float = 0.5, noise: float = 0.0, seed: int = 1
+) -> str:
+    """Writes a step response of a lag: 120 samples in 30 s, the input from 1 to 3 at 2 s, the output from 10."""
+    time = np.linspace(0.0, 29.75, 120)
+    late = np.maximum(time - 2.0 - dead, 0.0)
+    output = 10 + gain * 2 * (1 - np.exp(-late / tau)) + noise * np.random.default_rng(seed).standard_normal(120)
+    rows = zip(time.tolist(), output.tolist(), strict=True)
+    text = "".join(f"{t!r},{1 if t < 2.0 else 3},{y!r}\n" for t, y in rows)
+    Path(file).write_text("time_s,input,output\n" + text, encoding="utf-8")
+    return file
+
+
+def plain(path: str) -> Any:
+    return YAML(typ="safe", pure=True).load(Path(path).read_text(encoding="utf-8"))
+
+
+def named_schema(path: str) -> Any:
+    """What an editor would load for a file."""
+    first = Path(path).read_text(encoding="utf-8").splitlines()[0]
+    found = re.fullmatch(r"# yaml-language-server: \$schema=(\./\S+)", first)
+    assert found is not None, first
+    return json.loads((Path(path).parent / found.group(1)).read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("model", list(STARTS))
+def test_the_spec_names_a_schema_that_it_matches(model: str) -> None:
+    assert fopi("init", "x", "--plant", model).exit_code == 0
+    schema, document = named_schema("x.yaml"), plain("x.yaml")
+    assert schema == json_schema()
+    jsonschema.Draft202012Validator(schema).validate(document)
+    assert document["plant"]["model"] == model
+    assert load_spec("x.yaml").plant.uncertain_names
+    # what an editor underlines
+    document["plant"]["static_gian"] = 1.0
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.Draft202012Validator(schema).validate(document)
+
+
+def test_every_model_of_plants_has_a_start() -> None:
+    assert set(STARTS) == set(PLANT_MODELS) == {model.value for model in Model}
+    assert all(model == start.model for model, start in STARTS.items())
+
+
+def test_every_distribution_in_a_start_can_be_used_for_its_plant() -> None:
+    for start in STARTS.values():
+        beta = next(line for line in template("a", start).splitlines() if "{beta:" in line)
+        drawn = beta.removeprefix("  #").partition("    #")[0]
+        text = template("a", start) + f"  distributions:\n  {drawn}\n"
+        found = parse_spec(text)
+        assert found.validation is not None
+        assert set(found.validation.distributions) == set(found.plant.uncertain_names)
+
+
+def test_the_schema_stands_beside_a_spec_in_another_folder() -> None:
+    assert fopi("init", "--out", "deeper/x.yaml").exit_code == 0
+    assert sorted(os.listdir("deeper")) == ["fopi.schema.json", "x.yaml"]
+    assert named_schema("deeper/x.yaml") == json_schema()
+
+
+def test_without_schema_neither_file_nor_line_is_written() -> None:
+    assert fopi("init", "x", "--no-schema").exit_code == 0
+    assert os.listdir() == ["x.yaml"]
+    assert "yaml-language-server" not in Path("x.yaml").read_text(encoding="utf-8")
+
+
+def test_an_older_schema_is_replaced_and_a_foreign_file_is_not() -> None:
+    path = Path("fopi.schema.json")
+    path.write_text('{"title": "fopi-tune spec, schema 0"}', encoding="utf-8")
+    assert fopi("init", "x").exit_code == 0
+    assert named_schema("x.yaml") == json_schema()
+    path.write_text("mine", encoding="utf-8")
+    refused = fopi("init", "y")
+    assert refused.exit_code == 2
+    assert "fopi.schema.json exists already" in refused.stderr
+    assert sorted(os.listdir()) == ["fopi.schema.json", "x.yaml"]
+    assert path.read_text(encoding="utf-8") == "mine"
+    assert fopi("init", "y", "--force").exit_code == 0
+    assert named_schema("y.yaml") == json_schema()
+
+
+# -- from step data ----------------------------------------------------------------------------------------------------
+
+
+def test_one_recording_without_noise_gives_the_plant() -> None:
+    result = fopi("init", "motor", "--from-step-data", recorded("step.csv"))
+    assert (result.exit_code, result.stdout) == (0, "")
+    plant = plain("motor.yaml")["plant"]
+    assert plant == {"model": "lag", "static_gain": 2.0, "time_constant_s": 3.0, "dead_time_s": 0.5}
+    assert "step.csv: static gain 2 (2 ... 2), time constant 3 (3 ... 3) s" in result.stderr
+    jsonschema.Draft202012Validator(named_schema("motor.yaml")).validate(plain("motor.yaml"))
+
+
+def test_several_recordings_give_a_family_that_holds_every_interval() -> None:
+    files = [recorded(f"{k}.csv", 2.0 + 0.1 * k, 3.0 + k, 0.5, 0.05, k) for k in range(3)]
+    # as a shell makes it of *.csv, with the name before or after
+    assert fopi("init", "motor", "--from-step-data", *files).exit_code == 0
+    assert fopi("init", "--from-step-data", *files, "same").exit_code == 0
+    once_each = [word for file in files for word in ("--from-step-data", file)]
+    assert fopi("init", "again", *once_each).exit_code == 0
+    family = load_spec("motor.yaml").plant
+    assert load_spec("same.yaml").plant == load_spec("again.yaml").plant == family
+    for k in range(3):
+        for name, true in (("static_gain", 2.0 + 0.1 * k), ("time_constant_s", 3.0 + k), ("dead_time_s", 0.5)):
+            number = family.parameters[name]
+            assert number.min <= true <= number.max
+    jsonschema.Draft202012Validator(named_schema("motor.yaml")).validate(plain("motor.yaml"))
+
+
+def test_ranges_are_rounded_outwards() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        middle = 10.0 ** rng.uniform(-5, 5)
+        low, high = middle * (1 - 10.0 ** rng.uniform(-9, -1)), middle * (1 + 10.0 ** rng.uniform(-9, -1))
+        number = Uncertain(middle, low, high)
+        start = fitted_start(number, number, Uncertain(0.0, 0.0, high), [])
+        family = parse_spec(template("a", start)).plant
+        for name in ("static_gain", "time_constant_s"):
+            found = family.parameters[name]
+            # six digits are written: half a unit of the sixth is 5e-6 of the number at most, a whole one 1e-5
+            assert found.min <= low <= high <= found.max or found.is_exact
+            assert math.isclose(found.min, low, rel_tol=1e-5)
+            assert math.isclose(found.max, high, rel_tol=1e-5)
+
+
+def test_a_files_name_cannot_leave_the_comment() -> None:
+    file = recorded("a\nplant: {}\n.csv")
+    assert fopi("init", "x", "--from-step-data", file).exit_code == 0
+    assert load_spec("x.yaml").plant.parameters["static_gain"].nominal == 2.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--from-step-data", "none.csv"), "cannot read none.csv"),
+        (("--from-step-data", "."), "cannot read ."),
+        (("--from-step-data", "latin.csv"), "latin.csv is not UTF-8"),
+        (("--from-step-data", "flat.csv"), "flat.csv: column 'output' does not move"),
+        (("--from-step-data", "bad.csv"), "bad.csv: line 3, column 'output'"),
+        (("--from-step-data", "good.csv", "--plant", "pole"), "leave --plant out"),
+        (("one", "two"), "a spec has one"),
+        (("one.csv", "two.csv"), "--from-step-data"),
+        (("--plant", "pid"), "--plant"),
+    ],
+)
+def test_what_cannot_be_used_ends_with_2_and_writes_nothing(arguments: tuple[str, ...], said: str) -> None:
+    recorded("good.csv")
+    recorded("flat.csv", gain=0.0)
+    Path("latin.csv").write_bytes(b"time_s,input,output\n0,0,\xe9\n")
+    Path("bad.csv").write_text("time_s,input,output\n0,0,1\n1,0,x\n", encoding="utf-8")
+    before = sorted(os.listdir())
+    result = fopi("init", *arguments)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert "Traceback" not in result.stderr
+    assert sorted(os.listdir()) == before
+
+
+# -- the specs run -----------------------------------------------------------------------------------------------------
+
+
+def test_a_spec_from_recordings_is_solved() -> None:
+    # exact recordings that differ in the time constant: one uncertain number, which is quick
+    files = [recorded("a.csv", tau=2.5), recorded("b.csv", tau=3.5)]
+    assert fopi("init", "motor", "--from-step-data", *files).exit_code == 0
+    result = fopi("tune", "motor.yaml", "-q")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.startswith("motor: solved.")
+
+
+@pytest.mark.parametrize("model", ["pole", "transfer_function"])
+def test_a_spec_from_a_model_is_solved(model: str) -> None:
+    assert fopi("init", "x", "--plant", model, "--no-schema").exit_code == 0
+    result = fopi("tune", "x.yaml", "-q", "--no-proof")
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("model", list(STARTS))
+def test_every_stage_succeeds_on_a_spec_from_a_model(model: str) -> None:
+    assert fopi("init", "x", "--plant", model).exit_code == 0
+    result = fopi("run", "x.yaml", "-q")
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("gain", "tau", "dead"), [(2.0, 3.0, 0.5), (-0.5, 3.0, 0.0), (40.0, 6.0, 0.2), (1.0, 1.0, 2.0)]
+)
+def test_every_stage_succeeds_on_a_spec_from_noisy_recordings(gain: float, tau: float, dead: float) -> None:
+    noise = 0.02 * abs(gain)
+    files = [recorded(f"{k}.csv", gain, tau * (1 + 0.1 * k), dead, noise, k) for k in range(3)]
+    assert fopi("init", "motor", "--from-step-data", *files).exit_code == 0
+    result = fopi("run", "motor.yaml", "-q")
+    assert result.exit_code == 0, result.output
