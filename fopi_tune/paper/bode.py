@@ -14,7 +14,7 @@ from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
 from fopi_tune.outcome import Status
 from fopi_tune.paper.brake import PLANT_GAIN, explained
-from fopi_tune.paper.canvas import STYLES, Picture, labelled
+from fopi_tune.report.canvas import STYLES, Picture, labelled
 from fopi_tune.paper.filters import ours, printed_response
 from fopi_tune.paper.printed import (
     BRAKE,

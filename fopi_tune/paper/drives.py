@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fopi_tune.paper.canvas import BLUE, ORANGE, STYLES, Picture, labelled
+from fopi_tune.report.canvas import BLUE, ORANGE, STYLES, Picture, labelled
 from fopi_tune.paper.manoeuvre import GAINS, READINGS
 from fopi_tune.paper.printed import BRAKE, COMFORT_M_S2
 from fopi_tune.paper.rows import about

@@ -1,0 +1,235 @@
+"""The report:  Findings -> report.html and its figures as SVG and PNG; the same findings give the same bytes.
+
+The page asks no network for anything: style, script, curves and figures are in it, and its policy forbids the rest.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+from fopi_tune.errors import DomainError
+from fopi_tune.report.canvas import Picture, both_of
+from fopi_tune.report.chances import chances_of, drawn_phrase, histograms
+from fopi_tune.report.filters import filter_picture
+from fopi_tune.report.findings import Findings
+from fopi_tune.report.frequency import bode, margins_along, nyquist, sensitivities
+from fopi_tune.report.members import Members, members_of
+from fopi_tune.report.phrases import gains_line, number, requirement_phrase, scope_phrase, sentence
+from fopi_tune.report.rows import place_phrase, rows_of
+from fopi_tune.report.slider import HEIGHT, WIDTH, slider_of
+from fopi_tune.report.times import responses
+from fopi_tune.result import loop_name
+
+#: the report's file, and the folder of its figures
+REPORT, FIGURES = "report.html", "figures"
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure as it stands in the page and in files.
+
+    Args:
+        name: of its files, without ending.
+        caption: the description in words.
+        svg: to be put into HTML.
+        svg_file: the same as a file of its own.
+        png: the same as points.
+    """
+
+    name: str
+    caption: str
+    svg: str
+    svg_file: str
+    png: bytes
+
+
+def report_files(findings: Findings) -> dict[str, str | bytes]:
+    """The report and its figures, by their names in the folder of results.
+
+    Args:
+        findings: the spec and the documents of its results.
+
+    Returns:
+        `report.html` last, as text; figures as text (SVG) and bytes (PNG).
+    """
+    members = members_of(findings)
+    of_loop = [] if members is None else list(_drawn(_of_loop(members)))
+    of_filter = list(_drawn({"digital": filter_picture(findings)}))
+    evidence = findings.evidence
+    of_plants = [] if evidence is None else list(_drawn({"plants": histograms(evidence, findings.spec.name)}))
+    made: dict[str, str | bytes] = {}
+    for each in (*of_loop, *of_filter, *of_plants):
+        made[f"{FIGURES}/{each.name}.svg"] = each.svg_file
+        made[f"{FIGURES}/{each.name}.png"] = each.png
+    values = {**_words(findings), **_moved(members)}
+    values |= {"figures": of_loop, "digital_figures": of_filter, "evidence_figures": of_plants}
+    return {**made, REPORT: _rendered(values)}
+
+
+def _of_loop(members: Members) -> dict[str, Picture | None]:
+    return {
+        "bode": bode(members),
+        "nyquist": nyquist(members),
+        "sensitivities": sensitivities(members),
+        "responses": responses(members),
+        "margins": margins_along(members),
+    }
+
+
+def _drawn(pictures: Mapping[str, Picture | None]) -> Iterator[Drawn]:
+    for name, picture in pictures.items():
+        if picture is not None:
+            svg, png = both_of(picture)
+            yield Drawn(name, picture.description, _inline(svg, name), svg, png)
+
+
+def _inline(svg: str, name: str) -> str:
+    """An SVG file as part of a page: names of its own, since several files use the same, and words that are found."""
+    body = svg[svg.index("<svg") :]
+    body = re.sub(r"\s*<metadata>.*?</metadata>", "", body, count=1, flags=re.DOTALL)
+    body = re.sub(r'\bid="', f'id="{name}-', body)
+    body = re.sub(r"url\(#", f"url(#{name}-", body)
+    body = re.sub(r'(xlink:href|href)="#', rf'\1="#{name}-', body)
+    body = body.replace("<title>", f'<title id="{name}-title">', 1).replace("<desc>", f'<desc id="{name}-desc">', 1)
+    return body.replace("<svg", f'<svg role="img" aria-labelledby="{name}-title {name}-desc"', 1)
+
+
+def _rendered(values: Mapping[str, Any]) -> str:
+    # where a report is asked for only: what starts in a hurry does not read templates
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    script = _resource("slider.js")
+    environment = Environment(
+        loader=PackageLoader("fopi_tune.report", "templates"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=True,
+    )
+    figures = {
+        key: [{"svg": Markup(each.svg), "caption": each.caption} for each in values[key]]
+        for key in ("figures", "digital_figures", "evidence_figures")
+    }
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    own = {"script": Markup(script), "script_hash": f"sha256-{digest}", "style": Markup(_resource("report.css"))}
+    return environment.get_template("report.html.jinja").render({**values, **figures, **own})
+
+
+def _resource(name: str) -> str:
+    return files("fopi_tune.report").joinpath("templates", name).read_bytes().decode()
+
+
+def _moved(members: Members | None) -> dict[str, Any]:
+    """The slider, its curves, and -1 in the small Nyquist picture."""
+    try:
+        slider = None if members is None else slider_of(members)
+    except DomainError:
+        slider = None  # crossings that cannot be listed
+    curves = {} if slider is None else {panel.key: panel.curves for panel in slider.panels}
+    x, y = 1.2 / 3.4 * WIDTH, 0.8 / 2.4 * HEIGHT
+    return {
+        "slider": slider,
+        "curves": {"labels": () if slider is None else slider.labels, "curves": curves},
+        "width": WIDTH,
+        "height": HEIGHT,
+        "minus_one": f"M{x - 5:.1f} {y:.1f}h10M{x:.1f} {y - 5:.1f}v10",
+    }
+
+
+def _words(findings: Findings) -> dict[str, Any]:
+    """Everything that is told in words."""
+    spec, design, digital, evidence = findings.spec, findings.design, findings.digital, findings.evidence
+    rows = rows_of(findings.requirements)
+    status = str(design["status"])
+    verdict = design["proof"]["verdict"]
+    return {
+        "name": spec.name,
+        "description": spec.description,
+        "good": status == "solved",
+        "status": f"{status}. {design['advice']} {_proof_words(status, verdict)}".rstrip(),
+        "message": sentence(design["message"]) if design["message"] else "",
+        "gains": None if findings.gains is None else " ".join(gains_line(findings.gains, 0).split()),
+        "sampled": loop_name(spec) == "sampled",
+        "clash": _clash(findings),
+        "rows": rows,
+        "summary": list(_summary(design)),
+        "why_no_figures": "there are no gains, or the digital controller that the requirements speak of is not there",
+        "digital_status": "" if digital is None else _digital_words(findings, digital),
+        "digital_rows": rows_of(findings.digital_requirements),
+        "drawn_words": "" if evidence is None else drawn_phrase(evidence),
+        "confidence": "" if evidence is None else f"{100.0 * evidence['drawn']['confidence']:g} %",
+        "chances": () if evidence is None else chances_of(evidence),
+        "priced": any(row.cost for row in rows),
+        "objective_name": design["objective_quantity"],
+        "proof": list(_proof(design["proof"])),
+        "stamp": list(_stamp(design)),
+    }
+
+
+def _proof_words(status: str, verdict: str) -> str:
+    if status != "solved":
+        return ""
+    return "Proved for every plant and every frequency." if verdict == "proved" else "Checked in floating point, not proved."
+
+
+def _clash(findings: Findings) -> list[str]:
+    words = []
+    for give in findings.design["clash"]:
+        requirement = findings.spec.requirements[give["requirement"]]
+        said = f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})"
+        if give["give"] is not None and give["new_limit"] is not None:
+            said += f": alone it would have to give {number(give['give'])}, to {number(give['new_limit'])}"
+        words.append(said)
+    return words
+
+
+def _summary(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    stability, nominal = design["stability"], design["nominal"]
+    value = "undefined" if design["objective"] is None else number(design["objective"])
+    yield "objective", f"{design['objective_quantity']}: {value}"
+    if stability is not None:
+        stable = "stable" if stability["stable"] else "NOT STABLE"
+        yield "stability", f"{stable}: {stability['reason']}; closest to -1 {place_phrase(stability['worst'])}"
+    if nominal is not None:
+        names = (("crossover", "crossover_rad_s", "rad/s"), ("phase margin", "phase_margin_deg", "deg"))
+        parts = [f"{word} {number(nominal[key])} {unit}" for word, key, unit in names if nominal[key] is not None]
+        gain = nominal["gain_margin_db"]
+        parts.append("gain margin infinite" if gain is None else f"gain margin {number(gain)} dB")
+        yield "nominal plant", ", ".join(parts)
+
+
+def _digital_words(findings: Findings, digital: Mapping[str, Any]) -> str:
+    asked = findings.spec.digital
+    assert asked is not None  # of this very spec, which asked for it
+    words = f"{digital['status']}. Every {number(asked.sample_time_s)} s, {asked.method} with {asked.poles} poles"
+    words += "" if asked.method == "fit" else f", {asked.rule}"
+    words += f", {number(asked.delay_samples)} samples of computing delay" if asked.delay_samples else ""
+    return words + "."
+
+
+def _proof(proof: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "verdict", f"{str(proof['verdict']).replace('_', ' ')}. {sentence(proof['reason'])}"
+    if "stability" in proof:
+        yield "stability", f"{proof['stability']['verdict']}: {proof['stability']['reason']}"
+        yield "boxes", f"{proof['boxes']} in ball arithmetic"
+        yield "tolerance", f"{proof['tolerance']:g} (neper or radian)"
+        yield "certificate", f"certificate.json, digest {proof['certificate_digest']}"
+        yield "again", "fopi prove --recheck certificate.json tests it without searching"
+
+
+def _stamp(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    stamp = design["stamp"]
+    yield "spec (SHA-256)", stamp["spec_sha256"]
+    yield "versions", ", ".join(f"{name} {version}" for name, version in stamp["versions"].items())
+    yield "Python", stamp["python"]
+    yield "platform", stamp["platform"]
+    yield "gains from", stamp["solver"] or "the spec"
+    yield "result's schema", str(design["schema"])
