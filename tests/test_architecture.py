@@ -57,10 +57,12 @@ ALLOWED = {
     ),
     "report": (
         "core",
+        "errors",
         "optimum",
         "outcome",
         "prices",
         "proof",
+        "quantities",
         "simulated",
         "spec.model",
         "systems",

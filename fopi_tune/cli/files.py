@@ -25,6 +25,8 @@ CODE, FIGURE = "c", "controller.svg"
 EVIDENCE = "evidence.json"
 #: beginnings of the names of simulations on samples and in continuous time
 SIMULATION, EXACT = "simulation", "exact"
+#: what a run says to people, and the folder of its figures
+REPORT, FIGURES = "report.html", "figures"
 #: a sweep: .json, .csv and .svg
 TRADEOFF = "tradeoff"
 

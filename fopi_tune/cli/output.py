@@ -121,11 +121,15 @@ def read_text(path: Path) -> str:
     return text
 
 
-def write_file(path: Path, text: str) -> None:
+def write_file(path: Path, content: str | bytes) -> None:
     """Write a file at once or not at all, making its folder.
 
     Whatever ends the process, the file is the old one or the new one.  Killed while it writes, it leaves a hidden file
     beside it that nobody reads.
+
+    Args:
+        path: the file.
+        content: text, written as UTF-8 with its line ends as they are, or bytes.
 
     Raises:
         OSError: not writable; an existing file is unchanged.
@@ -134,8 +138,8 @@ def write_file(path: Path, text: str) -> None:
     # not the process's number: in a container that is the same each time, and so would be what a killed run left
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
-        with open(temporary, "x", encoding="utf-8", newline="\n") as file:
-            file.write(text)
+        with open(temporary, "xb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, path)

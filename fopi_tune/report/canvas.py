@@ -62,7 +62,10 @@ def png_of(picture: Picture) -> bytes:
 def both_of(picture: Picture) -> tuple[str, bytes]:
     """The SVG text and the PNG bytes, drawn once."""
     with _figure(picture) as figure:
-        return _svg(picture, figure), _png(picture, figure)
+        svg = _svg(picture, figure)
+        # where everything stands is known now, and costs as much as the drawing
+        figure.set_layout_engine("none")
+        return svg, _png(picture, figure)
 
 
 def labelled(axes: Axes, y: str, x: str = "") -> None:

@@ -11,7 +11,6 @@ import numpy as np
 from fopi_tune.report.canvas import BLACK, BLUE, ORANGE, Picture, labelled
 from fopi_tune.report.phrases import number
 from fopi_tune.report.rows import place_phrase
-from fopi_tune.validation.statistics import fraction
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,6 +51,8 @@ def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
     told = [judged for judged in _judged(evidence) if judged.get("histogram")][:_MOST]
     if not told:
         return None
+    from fopi_tune.validation.statistics import fraction  # loads SciPy's distributions
+
     confidence = float(evidence["drawn"]["confidence"])
 
     def draw(figure: Figure) -> None:
@@ -60,7 +61,8 @@ def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
             edges, counts = np.array(judged["histogram"]["edges"]), judged["histogram"]["counts"]
             shares = [fraction(count, judged["fraction"]["total"], confidence) for count in counts]
             heights = np.array([100.0 * each.met / each.total for each in shares])
-            low, high = (np.array([100.0 * end for end in ends]) for ends in zip(*((s.low, s.high) for s in shares)))
+            low = np.array([100.0 * each.low for each in shares])
+            high = np.array([100.0 * each.high for each in shares])
             middle = 0.5 * (edges[1:] + edges[:-1])
             axes.bar(middle, heights, np.diff(edges), color=BLUE, alpha=0.5, edgecolor=BLUE, linewidth=0.5)
             axes.errorbar(middle, heights, (heights - low, high - heights), fmt="none", ecolor=BLACK, elinewidth=0.7)

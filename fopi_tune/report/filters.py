@@ -34,6 +34,8 @@ def filter_picture(findings: Findings) -> Picture | None:
             gain.semilogx(omega, 20.0 * np.log10(np.abs(response)), color=colour, linestyle=dashes, label=label)
             phase.semilogx(omega, np.degrees(np.unwrap(np.angle(response))), color=colour, linestyle=dashes)
         distance.loglog(omega, error, color=BLACK)
+        for axes in (gain, phase, distance):
+            axes.minorticks_off()
         labelled(gain, "|C|, dB")
         labelled(phase, "arg C, deg")
         labelled(distance, "relative error", "omega, rad/s")
@@ -42,8 +44,8 @@ def filter_picture(findings: Findings) -> Picture | None:
     below = error[omega <= 0.3 * nyquist]
     title = f"{findings.spec.name}: controller, ideal and digital at {number(digital.sample_time_s)} s"
     said = (
-        f"Gain and phase of the ideal fractional controller and of the digital one up to Nyquist's frequency, "
-        f"{number(nyquist)} rad/s, and the relative error, at most {number(100.0 * float(below.max()), 3)} % in the part "
-        "of the figure below 0.3 of that frequency."
+        "Gain and phase of the ideal fractional controller and of the digital one up to Nyquist's frequency, "
+        f"{number(nyquist)} rad/s, and the relative error: at most {number(100.0 * float(below.max()), 3)} % in the "
+        "part of the figure below 0.3 of that frequency."
     )
     return Picture(title, said, draw, (6.4, 6.0))

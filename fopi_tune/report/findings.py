@@ -121,9 +121,10 @@ def findings_of(
 
 def _matching(spec: DesignSpec, gains: object, document: Document | None) -> Document | None:
     """A document that is of this spec and these gains."""
-    if document is None or document["stamp"]["spec_sha256"] != spec.sha256 or document["gains"] != gains:
+    if document is None or gains is None or not {"stamp", "gains", "requirements"} <= document.keys():
         return None
-    return document
+    same = document["stamp"].get("spec_sha256") == spec.sha256 and document["gains"] == gains
+    return document if same else None
 
 
 def _found(spec: DesignSpec, document: Document) -> tuple[Found, ...]:

@@ -97,7 +97,7 @@ def nyquist(members: Members) -> Picture:
         f"than {number(radius or 0.0)}, the dotted disc."
     )  # fmt: skip
     title = f"{members.findings.spec.name}: Nyquist, the loop L = C P"
-    said = f"The loop in the complex plane near -1, marked +, for positive frequencies; grey: plants of the family.{kept}"
+    said = f"The loop in the complex plane near -1 (marked +), positive frequencies; grey: plants of the family.{kept}"
     return Picture(title, said, draw, (6.4, 6.4))
 
 
@@ -124,8 +124,8 @@ def sensitivities(members: Members) -> Picture:
     ).replace("C ", "C S ")
     title = f"{members.findings.spec.name}: sensitivities"
     said = (
-        "Sensitivity S = 1/(1 + L), complementary sensitivity T = L/(1 + L) and control sensitivity C S over frequency, "
-        f"the family as a band. Largest values drawn: {peaks}. {_HATCHED}"
+        "Sensitivity S = 1/(1 + L), complementary sensitivity T = L/(1 + L) and control sensitivity C S over "
+        f"frequency, the family as a band. Largest values drawn: {peaks}. {_HATCHED}"
     )
     return Picture(title, said, draw, (6.4, 7.0))
 
@@ -137,9 +137,7 @@ def margins_along(members: Members) -> Picture | None:
         return None
     loops, values = members.loops_at(members.along(members.path)), members.path
     try:
-        found = {
-            word: evaluate(loops, _reader(word))[0] for word in ("phase_margin_deg", "gain_margin_db")
-        }
+        found = {word: evaluate(loops, _reader(word))[0] for word in ("phase_margin_deg", "gain_margin_db")}
     except DomainError:
         return None  # more crossings than can be listed
     requirements, nominal = members.findings.spec.requirements, float(members.findings.spec.plant.nominal_point[0])
@@ -194,6 +192,8 @@ def _range_told(what: str, ends: tuple[float, float], unit: str) -> str:
 def _lines(axes: Axes, members: Members, family: Array, named: Array) -> None:
     """The band of the family and a line for each plant that has a name."""
     axes.set_xscale("log")
+    # ten lines a decade cost more time than they tell
+    axes.minorticks_off()
     axes.set_xlim(float(members.omega[0]), float(members.omega[-1]))
     if len(family) > 1:
         axes.fill_between(members.omega, family.min(axis=0), family.max(axis=0), label="family", **_ENVELOPE)

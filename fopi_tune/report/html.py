@@ -8,10 +8,10 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import Any
+from typing import Any, TypeVar
 
 from fopi_tune.errors import DomainError
 from fopi_tune.report.canvas import Picture, both_of
@@ -22,10 +22,12 @@ from fopi_tune.report.frequency import bode, margins_along, nyquist, sensitiviti
 from fopi_tune.report.members import Members, members_of
 from fopi_tune.report.phrases import gains_line, number, requirement_phrase, scope_phrase, sentence
 from fopi_tune.report.rows import place_phrase, rows_of
-from fopi_tune.report.slider import HEIGHT, WIDTH, slider_of
+from fopi_tune.report.slider import HEIGHT, WIDTH, minus_one, slider_of
 from fopi_tune.report.times import responses
 from fopi_tune.result import loop_name
 
+#: what a figure is made from
+Source = TypeVar("Source", Members, Findings)
 #: the report's file, and the folder of its figures
 REPORT, FIGURES = "report.html", "figures"
 
@@ -58,11 +60,10 @@ def report_files(findings: Findings) -> dict[str, str | bytes]:
     Returns:
         `report.html` last, as text; figures as text (SVG) and bytes (PNG).
     """
-    members = members_of(findings)
-    of_loop = [] if members is None else list(_drawn(_of_loop(members)))
-    of_filter = list(_drawn({"digital": filter_picture(findings)}))
-    evidence = findings.evidence
-    of_plants = [] if evidence is None else list(_drawn({"plants": histograms(evidence, findings.spec.name)}))
+    members, evidence = members_of(findings), findings.evidence
+    of_loop = [] if members is None else list(_drawn(_OF_LOOP, members))
+    of_filter = list(_drawn({"digital": filter_picture}, findings))
+    of_plants = [] if evidence is None else list(_drawn({"plants": _histograms}, findings))
     made: dict[str, str | bytes] = {}
     for each in (*of_loop, *of_filter, *of_plants):
         made[f"{FIGURES}/{each.name}.svg"] = each.svg_file
@@ -72,18 +73,26 @@ def report_files(findings: Findings) -> dict[str, str | bytes]:
     return {**made, REPORT: _rendered(values)}
 
 
-def _of_loop(members: Members) -> dict[str, Picture | None]:
-    return {
-        "bode": bode(members),
-        "nyquist": nyquist(members),
-        "sensitivities": sensitivities(members),
-        "responses": responses(members),
-        "margins": margins_along(members),
-    }
+#: name -> what is drawn of the loop, in the order of the page
+_OF_LOOP: Mapping[str, Callable[[Members], Picture | None]] = {
+    "bode": bode,
+    "nyquist": nyquist,
+    "sensitivities": sensitivities,
+    "responses": responses,
+    "margins": margins_along,
+}
 
 
-def _drawn(pictures: Mapping[str, Picture | None]) -> Iterator[Drawn]:
-    for name, picture in pictures.items():
+def _histograms(findings: Findings) -> Picture | None:
+    return None if findings.evidence is None else histograms(findings.evidence, findings.spec.name)
+
+
+def _drawn(pictures: Mapping[str, Callable[[Source], Picture | None]], source: Source) -> Iterator[Drawn]:
+    for name, make in pictures.items():
+        try:
+            picture = make(source)
+        except DomainError:
+            picture = None  # crossings that cannot be listed: the page does without this figure
         if picture is not None:
             svg, png = both_of(picture)
             yield Drawn(name, picture.description, _inline(svg, name), svg, png)
@@ -134,13 +143,12 @@ def _moved(members: Members | None) -> dict[str, Any]:
     except DomainError:
         slider = None  # crossings that cannot be listed
     curves = {} if slider is None else {panel.key: panel.curves for panel in slider.panels}
-    x, y = 1.2 / 3.4 * WIDTH, 0.8 / 2.4 * HEIGHT
     return {
         "slider": slider,
         "curves": {"labels": () if slider is None else slider.labels, "curves": curves},
         "width": WIDTH,
         "height": HEIGHT,
-        "minus_one": f"M{x - 5:.1f} {y:.1f}h10M{x:.1f} {y - 5:.1f}v10",
+        "minus_one": minus_one(),
     }
 
 
@@ -177,7 +185,11 @@ def _words(findings: Findings) -> dict[str, Any]:
 def _proof_words(status: str, verdict: str) -> str:
     if status != "solved":
         return ""
-    return "Proved for every plant and every frequency." if verdict == "proved" else "Checked in floating point, not proved."
+    return (
+        "Proved for every plant and every frequency."
+        if verdict == "proved"
+        else "Checked in floating point, not proved."
+    )
 
 
 def _clash(findings: Findings) -> list[str]:

@@ -146,7 +146,8 @@ class Members:
         implementation = self.findings.implementation
         if implementation is not None:
             return implementation.sections.response(self.omega)
-        return self.gains.kp + self.gains.ki * (1j * self.omega) ** -self.gains.alpha
+        s = np.asarray(1j * self.omega, dtype=complex)
+        return np.asarray(self.gains.kp + self.gains.ki * s**-self.gains.alpha, dtype=complex)
 
 
 def members_of(findings: Findings) -> Members | None:

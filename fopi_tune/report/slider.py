@@ -17,6 +17,8 @@ from fopi_tune.validation.exact_linear import Signal
 
 #: size of a panel's frame, in the units of its view box
 WIDTH, HEIGHT = 300.0, 200.0
+#: the part of the complex plane that is shown
+_NYQUIST = ((-2.2, 1.2), (-1.6, 0.8))
 _DB = 20.0 / math.log(10.0)
 #: of the frequencies that figures have: a small picture needs no more
 _EVERY = 3
@@ -70,13 +72,13 @@ def slider_of(members: Members) -> Slider | None:
     log_loop = members.log_loop(members.loops_at(points))[:, ::_EVERY]
     omega = np.log10(members.omega[::_EVERY])
     with np.errstate(over="ignore"):
-        loop = np.exp(log_loop)
+        loop = np.asarray(np.exp(log_loop), dtype=complex)
     x = np.broadcast_to(omega, log_loop.shape)
     view = np.clip(log_loop.real * _DB, -80.0, 80.0), np.clip(np.degrees(log_loop.imag), -540.0, 180.0)
     panels = [
         _panel("gain", "Bode: gain of L", ("omega, rad/s (log)", "|L|, dB"), x, view[0], log=True),
         _panel("phase", "Bode: phase of L", ("omega, rad/s (log)", "arg L, deg"), x, view[1], log=True),
-        _panel("nyquist", "Nyquist: L, with -1", ("Re L", "Im L"), loop.real, loop.imag, frame=((-2.2, 1.2), (-1.6, 0.8))),
+        _panel("nyquist", "Nyquist: L, with -1", ("Re L", "Im L"), loop.real, loop.imag, frame=_NYQUIST),
     ]
     steps = [response(members, tuple(point), Signal.OUTPUT_AFTER_REFERENCE) for point in points.tolist()]
     if all(step is not None for step in steps):
@@ -86,6 +88,13 @@ def slider_of(members: Members) -> Slider | None:
     labels = tuple(f"{name} = {number(float(value), 4)}" for value in values)
     nominal = int(np.argmin(np.abs(values - family.nominal_point[0])))
     return Slider(name, labels, nominal, tuple(panels))
+
+
+def minus_one() -> str:
+    """The path of a cross at -1 in the frame of the panel `nyquist`."""
+    (left, right), (bottom, top) = _NYQUIST
+    x, y = (-1.0 - left) / (right - left) * WIDTH, top / (top - bottom) * HEIGHT
+    return f"M{x - 5:.1f} {y:.1f}h10M{x:.1f} {y - 5:.1f}v10"
 
 
 def _panel(

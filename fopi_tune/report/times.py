@@ -69,11 +69,12 @@ def responses(members: Members) -> Picture | None:
         every[-1].set_xlabel("time, s")
         every[0].legend(loc="best", fontsize=8.0)
 
-    nominal = drawn[Signal.OUTPUT_AFTER_REFERENCE][0][0]
-    told = "" if nominal is None else (
-        f" The nominal output's largest value is {number(float(nominal.max()), 4)}; at {number(float(t[-1]), 4)} s it is "
-        f"{number(float(nominal[-1]), 4)}, and a fractional loop settles with a slow algebraic tail."
-    )  # fmt: skip
+    nominal, told = drawn[Signal.OUTPUT_AFTER_REFERENCE][0][0], ""
+    if nominal is not None:
+        told = (
+            f" The nominal output's largest value is {number(float(nominal.max()), 4)}; at {number(float(t[-1]), 4)} s "
+            f"it is {number(float(nominal[-1]), 4)}. A fractional loop settles with a slow algebraic tail."
+        )
     title = f"{members.findings.spec.name}: unit steps of the reference and of a load at the plant's input"
     said = f"Output over time with the ideal controller, in continuous time; grey: plants of the family.{told}"
     return Picture(title, said, draw)
