@@ -105,17 +105,17 @@ def findings_of(
         DomainError: the design is of another spec, or no result of this tool.
     """
     try:
-        if design["stamp"]["spec_sha256"] != spec.sha256:
-            raise DomainError("design.json is of another spec, or of an earlier text of this one; run `fopi run` again")
+        is_same = design["stamp"]["spec_sha256"] == spec.sha256
+        entries = len(design["requirements"])
         said = design["gains"]
         gains = None if said is None else FoPi(float(said["kp"]), float(said["ki"]), float(said["alpha"]))
         findings = Findings(spec, design, _matching(spec, said, digital), _matching(spec, said, evidence), gains)
-        complete = len(findings.requirements) == len(spec.requirements)
-    except (KeyError, TypeError, ValueError):
-        complete = False
-        findings = None
-    if not complete or findings is None:
-        raise DomainError("design.json is no result of this tool; run `fopi run` again")
+    except (LookupError, TypeError, ValueError, AttributeError):
+        raise DomainError("design.json is no result of this tool; run `fopi run` again") from None
+    if not is_same:
+        raise DomainError("design.json is of another spec, or of an earlier text of this one; run `fopi run` again")
+    if entries != len(spec.requirements):
+        raise DomainError("design.json has not the requirements of its spec; run `fopi run` again")
     return findings
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fopi_tune.report.members import Array, Members
+from fopi_tune.report.members import Array, Complex, Members
 from fopi_tune.report.phrases import number
 from fopi_tune.report.times import response, times_s
 from fopi_tune.validation.exact_linear import Signal
@@ -72,7 +72,7 @@ def slider_of(members: Members) -> Slider | None:
     log_loop = members.log_loop(members.loops_at(points))[:, ::_EVERY]
     omega = np.log10(members.omega[::_EVERY])
     with np.errstate(over="ignore"):
-        loop = np.asarray(np.exp(log_loop), dtype=complex)
+        loop: Complex = np.exp(log_loop)
     x = np.broadcast_to(omega, log_loop.shape)
     view = np.clip(log_loop.real * _DB, -80.0, 80.0), np.clip(np.degrees(log_loop.imag), -540.0, 180.0)
     panels = [

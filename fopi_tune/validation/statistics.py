@@ -24,8 +24,7 @@ Array = NDArray[np.float64]
 
 #: relative; what the roundings of a probability and its product with a number of draws may make
 _ROUNDING = 2.0**-50
-
-
+#: of a histogram
 _BINS = 30
 
 
