@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import math
 import re
@@ -186,9 +188,6 @@ def test_hostile_words_reach_no_script_of_a_whole_page() -> None:
 
 
 def test_the_pages_policy_allows_its_own_script_alone() -> None:
-    import base64
-    import hashlib
-
     script = re.findall(r"<script>(.*?)</script>", brake_page(), re.DOTALL)[0]
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     assert f"script-src 'sha256-{digest}'" in brake_page().replace("&#39;", "'")
@@ -414,9 +413,18 @@ def test_a_run_writes_its_report_and_report_makes_it_again(tmp_path: Path, monke
         name: (folder / ("" if name == "report.html" else "figures") / name).read_bytes() for name in first
     } == first
     Path("brake.yaml").write_text(BRAKE + "# changed\n", encoding="utf-8")
+    from_folder = CliRunner().invoke(app, ["report", "results/brake"])
+    assert (from_folder.exit_code, from_folder.stdout) == (0, "results/brake/report.html\n")
+    assert (folder / "report.html").read_bytes() == first["report.html"]
     changed = CliRunner().invoke(app, ["report", "brake.yaml"])
     assert changed.exit_code == 2
     assert "of another spec" in changed.stderr
+
+
+def test_a_spec_keeps_the_bytes_it_was_read_from() -> None:
+    data = BRAKE.replace("\n", "\r\n").encode()
+    assert parse_spec(data).source == data
+    assert parse_spec(data).sha256 == hashlib.sha256(data).hexdigest()
 
 
 def test_without_results_report_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -136,10 +136,15 @@ def run(
 
 
 @app.command()
-def report(specs: Specs, out: Out = None, quiet: Quiet = False, debug: Debug = False) -> None:
+def report(
+    specs: Annotated[list[str], typer.Argument(metavar="SPEC", help="Spec files, or folders that `fopi run` filled.")],
+    out: Out = None,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
     """Make the report of a spec again from the results that `fopi run` and `fopi validate` left.
 
-    What it is made of must be of the spec as it is now.  Prints where the report is.
+    The results must be of the spec as it is; a folder holds its own.  Prints where the report is.
     """
     from fopi_tune.cli.report import remake
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fopi_tune.cli.files import REPORT
+from fopi_tune.cli.files import REPORT, SPEC
 from fopi_tune.cli.making import report_again
 from fopi_tune.cli.output import Exit, print_out, report_failure, say
 from fopi_tune.cli.process import Handling, load_each, write_each
@@ -16,22 +18,33 @@ if TYPE_CHECKING:
 
 
 def remake(files: Sequence[str], handling: Handling) -> Exit:
-    """Make the report of every spec again, print where it is, and end with the worst of the exit codes."""
+    """Make the report of every spec again, print where it is, and end with the worst of the exit codes.
+
+    Args:
+        files: specs, or folders of results with the specs they are of.
+        handling: where results are, and what to say.
+    """
+
+    folders: dict[str, Path] = {}
 
     def load(file: str) -> DesignSpec:
         from fopi_tune.spec import load_spec
 
-        return load_spec(file)
+        if not os.path.isdir(file):
+            return load_spec(file)
+        spec = load_spec(Path(file, SPEC))
+        folders[spec.name] = Path(file)
+        return spec
 
     specs, code = load_each(files, load, handling)
     for spec in specs:
         handling.note(f"{spec.name}: reporting ...")
-        code = max(code, _one(spec, handling))
+        folder = folders.get(spec.name) if handling.out is None else None
+        code = max(code, _one(spec, folder or handling.folder(spec), handling))
     return code
 
 
-def _one(spec: DesignSpec, handling: Handling) -> Exit:
-    folder = handling.folder(spec)
+def _one(spec: DesignSpec, folder: Path, handling: Handling) -> Exit:
     try:
         made = report_again(spec, folder)
     except DomainError as error:

@@ -10,7 +10,6 @@ import hashlib
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any, TypeVar
 
 from fopi_tune.errors import DomainError
@@ -114,26 +113,23 @@ def _rendered(values: Mapping[str, Any]) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
-    script = _resource("slider.js")
+    loader = PackageLoader("fopi_tune.report", "templates")
     environment = Environment(
-        loader=PackageLoader("fopi_tune.report", "templates"),
+        loader=loader,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
         autoescape=True,
     )
+    script, style = (loader.get_source(environment, name)[0] for name in ("slider.js", "report.css"))
     figures = {
         key: [{"svg": Markup(each.svg), "caption": each.caption} for each in values[key]]
         for key in ("figures", "digital_figures", "evidence_figures")
     }
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    own = {"script": Markup(script), "script_hash": f"sha256-{digest}", "style": Markup(_resource("report.css"))}
+    own = {"script": Markup(script), "script_hash": f"sha256-{digest}", "style": Markup(style)}
     return environment.get_template("report.html.jinja").render({**values, **figures, **own})
-
-
-def _resource(name: str) -> str:
-    return files("fopi_tune.report").joinpath("templates", name).read_bytes().decode()
 
 
 def _moved(members: Members | None) -> dict[str, Any]:
