@@ -199,6 +199,7 @@ def test_the_table_says_what_the_documents_say() -> None:
     for words in ("phase_margin_deg >= 80", "82.906", "time_constant_s = 3.1", "-20", "infinite", "7.3856"):
         assert words.replace(" = ", "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}") in text
     assert "solved. All requirements hold for the whole family. Checked in floating point, not proved." in text
+    assert "The loop on samples: violated." in text  # the gains are those of continuous time
     assert run_of(BRAKE).spec.sha256 in text
 
 
@@ -425,6 +426,18 @@ def test_a_spec_keeps_the_bytes_it_was_read_from() -> None:
     data = BRAKE.replace("\n", "\r\n").encode()
     assert parse_spec(data).source == data
     assert parse_spec(data).sha256 == hashlib.sha256(data).hexdigest()
+
+
+def test_figures_that_a_new_report_does_not_draw_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    known = BRAKE.replace("{nominal: 2.25, min: 1.6, max: 3.1}", "2.25").replace("digital:", "# digital:")
+    Path("brake.yaml").write_text(known, encoding="utf-8")
+    old = Path("results", "brake", "figures", "margins.svg")
+    old.parent.mkdir(parents=True)
+    old.write_text("old", encoding="utf-8")
+    ran = CliRunner().invoke(app, ["run", "brake.yaml", "--no-proof"])
+    assert "figures/margins.svg in results/brake is of an earlier result, not of this one" in ran.stderr
+    assert old.read_text(encoding="utf-8") == "old"
 
 
 def test_without_results_report_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

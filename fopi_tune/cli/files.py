@@ -29,6 +29,8 @@ SIMULATION, EXACT = "simulation", "exact"
 SPEC = "spec.yaml"
 #: what a run says to people, and the folder of its figures
 REPORT, FIGURES = "report.html", "figures"
+#: what a report may draw; not every one draws all
+DRAWN = ("bode", "nyquist", "sensitivities", "responses", "margins", "digital", "plants")
 #: a sweep: .json, .csv and .svg
 TRADEOFF = "tradeoff"
 

@@ -15,6 +15,7 @@ from fopi_tune.cli.files import (
     DESIGN,
     DIGITAL,
     DIGITAL_CERTIFICATE,
+    DRAWN,
     FIGURE,
     FIGURES,
     OPTIMUM,
@@ -168,12 +169,14 @@ def write_each(folder: Path, files: Sequence[tuple[str, str | bytes]], name: str
 def _made_obsolete(written: set[str]) -> list[str]:
     """Files that belong to another result of the kind that was written now."""
     digital = [DIGITAL, DIGITAL_CERTIFICATE, FIGURE, CODE]
+    figures = [f"{FIGURES}/{name}.{kind}" for name in DRAWN for kind in ("svg", "png")] if REPORT in written else []
+    undrawn = [file for file in figures if file not in written]
     if DIGITAL in written:
-        return [] if DIGITAL_CERTIFICATE in written else [DIGITAL_CERTIFICATE]
+        return undrawn + ([] if DIGITAL_CERTIFICATE in written else [DIGITAL_CERTIFICATE])
     if DESIGN in written:
         unwritten = [file for file in (CERTIFICATE, OPTIMUM, REPORT) if file not in written]
-        return [*unwritten, *digital]
-    return [CERTIFICATE] if CHECK in written and CERTIFICATE not in written else []
+        return [*unwritten, *undrawn, *digital]
+    return undrawn + ([CERTIFICATE] if CHECK in written and CERTIFICATE not in written else [])
 
 
 def _exit_code(result: Result) -> Exit:

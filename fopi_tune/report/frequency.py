@@ -60,8 +60,8 @@ def bode(members: Members) -> Picture:
     at = "no plant has a gain crossover" if crossings is None else _range_told("gain crossovers", crossings, "rad/s")
     title = f"{members.findings.spec.name}: Bode, the loop L = C P"
     said = (
-        f"Gain and phase of the loop over frequency for {len(family)} plants of the family as a band, the nominal "
-        f"plant and the worst ones as lines; {at}. {_HATCHED} A cross marks what has to be met exactly."
+        f"Gain and phase of the loop over frequency, {_shown(members)}; {at}. {_HATCHED} "
+        "A cross marks what has to be met exactly."
     )
     return Picture(title, said, draw)
 
@@ -97,7 +97,7 @@ def nyquist(members: Members) -> Picture:
         f"than {number(radius or 0.0)}, the dotted disc."
     )  # fmt: skip
     title = f"{members.findings.spec.name}: Nyquist, the loop L = C P"
-    said = f"The loop in the complex plane near -1 (marked +), positive frequencies; grey: plants of the family.{kept}"
+    said = f"The loop in the complex plane near -1 (marked +), positive frequencies; grey: other plants.{kept}"
     return Picture(title, said, draw, (6.4, 6.4))
 
 
@@ -125,7 +125,7 @@ def sensitivities(members: Members) -> Picture:
     title = f"{members.findings.spec.name}: sensitivities"
     said = (
         "Sensitivity S = 1/(1 + L), complementary sensitivity T = L/(1 + L) and control sensitivity C S over "
-        f"frequency, the family as a band. Largest values drawn: {peaks}. {_HATCHED}"
+        f"frequency, {_shown(members)}. Largest values drawn: {peaks}. {_HATCHED}"
     )
     return Picture(title, said, draw, (6.4, 7.0))
 
@@ -170,6 +170,13 @@ def _reader(word: str) -> Badness:
         return measured.value, measured.omega_rad_s
 
     return read
+
+
+def _shown(members: Members) -> str:
+    """Whose lines and band a figure shows."""
+    if not members.findings.spec.plant.uncertain_names:
+        return "of the one plant there is"
+    return f"{len(members.sample.x)} plants of the family as a band, the nominal plant and the worst ones as lines"
 
 
 def _told(found: dict[str, Array]) -> str:

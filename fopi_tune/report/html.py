@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 from fopi_tune.report.canvas import Picture, both_of
 from fopi_tune.report.chances import chances_of, drawn_phrase, histograms
@@ -19,7 +20,7 @@ from fopi_tune.report.filters import filter_picture
 from fopi_tune.report.findings import Findings
 from fopi_tune.report.frequency import bode, margins_along, nyquist, sensitivities
 from fopi_tune.report.members import Members, members_of
-from fopi_tune.report.phrases import gains_line, number, requirement_phrase, scope_phrase, sentence
+from fopi_tune.report.phrases import number, requirement_phrase, scope_phrase, sentence
 from fopi_tune.report.rows import place_phrase, rows_of
 from fopi_tune.report.slider import HEIGHT, WIDTH, minus_one, slider_of
 from fopi_tune.report.times import responses
@@ -151,16 +152,16 @@ def _moved(members: Members | None) -> dict[str, Any]:
 def _words(findings: Findings) -> dict[str, Any]:
     """Everything that is told in words."""
     spec, design, digital, evidence = findings.spec, findings.design, findings.digital, findings.evidence
-    rows = rows_of(findings.requirements)
+    rows = rows_of(findings.requirements, design["objective"])
     status = str(design["status"])
     verdict = design["proof"]["verdict"]
     return {
         "name": spec.name,
         "description": spec.description,
-        "good": status == "solved",
-        "status": f"{status}. {design['advice']} {_proof_words(status, verdict)}".rstrip(),
+        "good": status == "solved" and (digital is None or digital["status"] == "met"),
+        "status": " ".join([f"{status}. {design['advice']}", *_proof_words(status, verdict), *_on_samples(digital)]),
         "message": sentence(design["message"]) if design["message"] else "",
-        "gains": None if findings.gains is None else " ".join(gains_line(findings.gains, 0).split()),
+        "gains": None if findings.gains is None else _gains_words(findings.gains, status),
         "sampled": loop_name(spec) == "sampled",
         "clash": _clash(findings),
         "rows": rows,
@@ -178,9 +179,19 @@ def _words(findings: Findings) -> dict[str, Any]:
     }
 
 
-def _proof_words(status: str, verdict: str) -> str:
+def _gains_words(gains: FoPi, status: str) -> str:
+    values = ", ".join(f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha"))
+    no_solution = "" if status == "solved" else "; these gains are no solution, only where the search ended"
+    return f"C(s) = kp + ki / s^alpha with {values}{no_solution}"
+
+
+def _on_samples(digital: Mapping[str, Any] | None) -> list[str]:
+    return [] if digital is None else [f"The loop on samples: {digital['status']}."]
+
+
+def _proof_words(status: str, verdict: str) -> list[str]:
     if status != "solved":
-        return ""
+        return []
     return (
         "Proved for every plant and every frequency."
         if verdict == "proved"

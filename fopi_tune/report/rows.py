@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +11,8 @@ from fopi_tune.report.phrases import TIE, number, requirement_phrase, scope_phra
 
 #: verdict -> a sign that reads without colour
 _SIGNS = {"proved": "✓", "met": "✓", "refuted": "✗", "missed": "✗", "undecided": "?"}
-_WORTH = 1e-12
+#: a multiplier that changes the objective by less than this part of it is rounding
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,9 @@ class Row:
     checked: str
 
 
-def rows_of(requirements: Sequence[Found]) -> tuple[Row, ...]:
-    """A row for each requirement."""
-    return tuple(_row(found) for found in requirements)
+def rows_of(requirements: Sequence[Found], objective: float | None = None) -> tuple[Row, ...]:
+    """A row for each requirement; what changes the objective by rounding only costs nothing."""
+    return tuple(_row(found, objective) for found in requirements)
 
 
 def place_phrase(place: Mapping[str, Any] | None) -> str:
@@ -59,7 +59,7 @@ def place_phrase(place: Mapping[str, Any] | None) -> str:
     return " ".join(part for part in (where, f"with {plant}" if plant else "") if part)
 
 
-def _row(found: Found) -> Row:
+def _row(found: Found, objective: float | None) -> Row:
     said, requirement = found.said, found.requirement
     proof, outcome = said["proof"], said["outcome"]
     if proof is not None:
@@ -75,7 +75,7 @@ def _row(found: Found) -> Row:
         score=_score(said["score"]),
         worst=place_phrase(said["worst"]),
         proved="" if proof is None else _proved(proof),
-        cost=_cost(said["multiplier"]),
+        cost=_cost(said["multiplier"], found, objective),
         checked=_checked(said["multiplier_checked"]),
     )
 
@@ -101,10 +101,11 @@ def _proved(proof: Mapping[str, Any]) -> str:
     return "; ".join(filter(None, (" and ".join(parts), proof["reason"])))
 
 
-def _cost(multiplier: float | None) -> str:
-    if multiplier is None or not math.isfinite(multiplier):
+def _cost(multiplier: float | None, found: Found, objective: float | None) -> str:
+    if multiplier is None:
         return ""
-    return "0" if abs(multiplier) < _WORTH else f"{multiplier:.3g}"
+    size = max(map(abs, found.requirement.limits)) or 1.0
+    return "0" if abs(multiplier) * size <= _ROUNDING * abs(objective or 0.0) else f"{multiplier:.3g}"
 
 
 def _checked(price: Mapping[str, Any] | None) -> str:
