@@ -192,11 +192,8 @@ def _on_samples(digital: Mapping[str, Any] | None) -> list[str]:
 def _proof_words(status: str, verdict: str) -> list[str]:
     if status != "solved":
         return []
-    return (
-        "Proved for every plant and every frequency."
-        if verdict == "proved"
-        else "Checked in floating point, not proved."
-    )
+    proved = verdict == "proved"
+    return ["Proved for every plant and every frequency." if proved else "Checked in floating point, not proved."]
 
 
 def _clash(findings: Findings) -> list[str]:
