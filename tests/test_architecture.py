@@ -58,10 +58,12 @@ ALLOWED = {
     ),
     "report": (
         "core",
+        "errors",
         "optimum",
         "outcome",
         "prices",
         "proof",
+        "quantities",
         "simulated",
         "spec.model",
         "study",

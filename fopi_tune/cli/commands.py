@@ -129,9 +129,9 @@ def run(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Run every stage on a spec: the design, its proof, the digital controller, the proof of its loop, and C code.
+    """Run every stage on a spec: design, proof, digital controller, the proof of its loop, C code, and the report.
 
-    Without a section `digital` that is what `fopi tune` does.
+    Without a section `digital` that is what `fopi tune` does, and the report.
     """
 
     def make(spec: DesignSpec) -> Run:
@@ -140,6 +140,22 @@ def run(
         return run(spec, not no_proof)
 
     raise typer.Exit(process(specs, make, Handling(out, as_json, quiet, debug, len(specs) > 1), "running"))
+
+
+@app.command()
+def report(
+    specs: Annotated[list[str], typer.Argument(metavar="SPEC", help="Spec files, or folders that `fopi run` filled.")],
+    out: Out = None,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Make the report of a spec again from the results that `fopi run` and `fopi validate` left.
+
+    The results must be of the spec as it is; a folder holds its own.  Prints where the report is.
+    """
+    from fopi_tune.cli.report import remake
+
+    raise typer.Exit(remake(specs, Handling(out, False, quiet, debug, len(specs) > 1)))
 
 
 @app.command()

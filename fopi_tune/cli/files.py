@@ -25,11 +25,17 @@ CODE, FIGURE = "c", "controller.svg"
 EVIDENCE = "evidence.json"
 #: beginnings of the names of simulations on samples and in continuous time
 SIMULATION, EXACT = "simulation", "exact"
+#: the spec of a run, as it was
+SPEC = "spec.yaml"
+#: what a run says to people, and the folder of its figures
+REPORT, FIGURES = "report.html", "figures"
+#: what a report may draw; not every one draws all
+DRAWN = ("bode", "nyquist", "sensitivities", "responses", "margins", "digital", "plants")
 #: a sweep: .json, .csv and .svg
 TRADEOFF = "tradeoff"
 
 
-def files_of(result: Result) -> Iterator[tuple[str, str]]:
+def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
     """What a result leaves on the disk.
 
     Raises:
@@ -54,6 +60,8 @@ def files_of(result: Result) -> Iterator[tuple[str, str]]:
             yield f"{kind}_{driven.scenario.name}.svg", _simulation_figure(result, driven)
         return
     if isinstance(result, Run):
+        if result.spec.source:
+            yield SPEC, result.spec.source
         yield from files_of(result.design)
         if result.digital is not None:
             yield from files_of(result.digital)

@@ -127,6 +127,10 @@ def write_file(path: Path, content: str | bytes) -> None:
     Whatever ends the process, the file is the old one or the new one.  Killed while it writes, it leaves a hidden file
     beside it that nobody reads.
 
+    Args:
+        path: the file.
+        content: text, written as UTF-8 with its line ends as they are, or bytes.
+
     Raises:
         OSError: not writable; an existing file is unchanged.
     """

@@ -15,10 +15,14 @@ from fopi_tune.cli.files import (
     DESIGN,
     DIGITAL,
     DIGITAL_CERTIFICATE,
+    DRAWN,
     FIGURE,
+    FIGURES,
     OPTIMUM,
+    REPORT,
     files_of,
 )
+from fopi_tune.cli.making import report_of
 from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
 from fopi_tune.errors import DomainError, SpecError
 
@@ -75,7 +79,7 @@ def process_loaded(
     doing: str,
 ) -> Exit:
     """The same with a loader of one's own, which raises SpecError."""
-    specs, code = _load(files, load, handling)
+    specs, code = load_each(files, load, handling)
     documents: list[dict[str, Any]] = []
     for spec in specs:
         handling.note(f"{spec.name}: {doing} ...")
@@ -85,7 +89,7 @@ def process_loaded(
     return code
 
 
-def _load(files: Sequence[str], load: Callable[[str], Loaded], handling: Handling) -> tuple[list[Loaded], Exit]:
+def load_each(files: Sequence[str], load: Callable[[str], Loaded], handling: Handling) -> tuple[list[Loaded], Exit]:
     """The usable specs; every mistake in the others is reported."""
     code, specs = Exit.MET, dict[str, tuple[str, Loaded]]()
     for file in files:
@@ -113,7 +117,7 @@ def _one(spec: Loaded, make: Callable[[Loaded], Result], handling: Handling, doc
     try:
         result = make(spec)
         document = result.to_dict()
-        files = list(files_of(result))
+        files: list[tuple[str, str | bytes]] = list(files_of(result))
         table = None if handling.as_json else _table(result)
     except DomainError as error:
         say(f"{spec.name}: {error}")
@@ -121,12 +125,17 @@ def _one(spec: Loaded, make: Callable[[Loaded], Result], handling: Handling, doc
     except Exception as error:
         return report_failure(spec.name, error, handling.debug)
     handling.note(f"{spec.name}: {result.status} after {time.perf_counter() - start:.1f} s")
+    failed = Exit.MET
+    try:
+        files += report_of(result, handling.folder(spec)).items()
+    except Exception as error:  # what was found is worth more than what is said about it
+        failed = report_failure(f"{spec.name}: report", error, handling.debug)
     # The files come before the table, so that a closed stdout costs nothing.
     problem = getattr(result, "problem", "")
     if problem:
         say(f"{spec.name}: {problem}")
-    code = max(_exit_code(result), Exit.BAD_INPUT if problem else Exit.MET)
-    code = max(code, _write(handling.folder(spec), files, spec.name, handling))
+    code = max(_exit_code(result), failed, Exit.BAD_INPUT if problem else Exit.MET)
+    code = max(code, write_each(handling.folder(spec), files, spec.name, handling))
     if table is not None:
         if documents:
             print_out("")
@@ -135,20 +144,21 @@ def _one(spec: Loaded, make: Callable[[Loaded], Result], handling: Handling, doc
     return code
 
 
-def _write(folder: Path, files: Sequence[tuple[str, str]], name: str, handling: Handling) -> Exit:
+def write_each(folder: Path, files: Sequence[tuple[str, str | bytes]], name: str, handling: Handling) -> Exit:
     """Each file at once or not at all, and a word about those there that belong to an earlier result."""
-    for file, text in files:
+    for file, content in files:
         path = folder / file
         try:
-            write_file(path, text)
+            write_file(path, content)
         except OSError as error:
             say(f"{name}: cannot write {path} ({reason_of(error)}); choose another folder with --out")
             return Exit.BAD_INPUT
         if path.parent == folder:
             handling.note(f"{name}: wrote {path}")
     written = {file for file, _ in files}
-    if any(file.startswith(f"{CODE}/") for file in written):
-        handling.note(f"{name}: wrote {folder / CODE}")
+    for inner in (CODE, FIGURES):
+        if any(file.startswith(f"{inner}/") for file in written):
+            handling.note(f"{name}: wrote {folder / inner}")
     stale = [file for file in _made_obsolete(written) if (folder / file).exists()]
     if stale:
         are = "is" if len(stale) == 1 else "are"
@@ -159,12 +169,14 @@ def _write(folder: Path, files: Sequence[tuple[str, str]], name: str, handling: 
 def _made_obsolete(written: set[str]) -> list[str]:
     """Files that belong to another result of the kind that was written now."""
     digital = [DIGITAL, DIGITAL_CERTIFICATE, FIGURE, CODE]
+    figures = [f"{FIGURES}/{name}.{kind}" for name in DRAWN for kind in ("svg", "png")] if REPORT in written else []
+    undrawn = [file for file in figures if file not in written]
     if DIGITAL in written:
-        return [] if DIGITAL_CERTIFICATE in written else [DIGITAL_CERTIFICATE]
+        return undrawn + ([] if DIGITAL_CERTIFICATE in written else [DIGITAL_CERTIFICATE])
     if DESIGN in written:
-        unwritten = [file for file in (CERTIFICATE, OPTIMUM) if file not in written]
-        return [*unwritten, *digital]
-    return [CERTIFICATE] if CHECK in written and CERTIFICATE not in written else []
+        unwritten = [file for file in (CERTIFICATE, OPTIMUM, REPORT) if file not in written]
+        return [*unwritten, *undrawn, *digital]
+    return undrawn + ([CERTIFICATE] if CHECK in written and CERTIFICATE not in written else [])
 
 
 def _exit_code(result: Result) -> Exit:

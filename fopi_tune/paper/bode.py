@@ -14,7 +14,6 @@ from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
 from fopi_tune.outcome import Status
 from fopi_tune.paper.brake import PLANT_GAIN, explained
-from fopi_tune.paper.canvas import STYLES, Picture, labelled
 from fopi_tune.paper.filters import ours, printed_response
 from fopi_tune.paper.printed import (
     BRAKE,
@@ -28,6 +27,7 @@ from fopi_tune.paper.printed import (
 )
 from fopi_tune.paper.sources import brake_plant, spec
 from fopi_tune.pipeline import tune
+from fopi_tune.report.canvas import STYLES, Picture, labelled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fopi_tune.core.margins import margins
-from fopi_tune.paper.canvas import STYLES, Picture, labelled
 from fopi_tune.paper.fopi_vs_pi import pair
 from fopi_tune.paper.printed import TAU_MAX_S, TAU_MIN_S, TAU_NOMINAL_S
 from fopi_tune.paper.responses import step_of
 from fopi_tune.paper.sources import brake_plant, spec
+from fopi_tune.report.canvas import STYLES, Picture, labelled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 
 from fopi_tune.errors import DomainError
-from fopi_tune.paper.canvas import Picture, png_of, svg_of
+from fopi_tune.report.canvas import Picture, png_of, svg_of
 
 #: name -> module that draws it, with a function of its name
 _MODULES = {

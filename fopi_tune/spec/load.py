@@ -6,6 +6,7 @@ import hashlib
 import os
 import posixpath
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.resources import files as package_files
 
 from fopi_tune.spec.draws import MAX_SAMPLES_BYTES, Reader, UnreadableError
@@ -135,7 +136,7 @@ def _parse(data: bytes, report: Report, read: Reader) -> DesignSpec:
     spec = read_spec(Place(document, "", report), hashlib.sha256(data).hexdigest(), read)
     if spec is None:
         raise report.error()
-    return spec
+    return replace(spec, source=data)
 
 
 def _read_file(path: str | os.PathLike[str], report: Report) -> bytes:

@@ -281,7 +281,7 @@ class ValidationSpec:
 
 @dataclass(frozen=True)
 class DesignSpec:
-    """A whole spec.  `sha256` is of the file's bytes (or of the text it was made from)."""
+    """A whole spec.  `sha256` is of the file's bytes (or of the text it was made from), `source` those bytes."""
 
     name: str
     plant: PlantFamily
@@ -295,6 +295,7 @@ class DesignSpec:
     description: str = ""
     sha256: str = ""
     schema: int = 1
+    source: bytes = field(default=b"", compare=False, repr=False)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from fopi_tune.spec.model import ValidationSpec
 from fopi_tune.validation.drawn import Judged, WorstPlant
 from fopi_tune.validation.joint import SystemEvidence
 from fopi_tune.validation.montecarlo import Evidence
-from fopi_tune.validation.statistics import Fraction
+from fopi_tune.validation.statistics import Fraction, Histogram
 
 
 def to_document(evidence: Evidence) -> dict[str, Any]:
@@ -76,10 +76,15 @@ def _judged(judged: Judged) -> dict[str, Any]:
             {"probability": q.probability, "value": _finite(q.value), "low": _finite(q.low), "high": _finite(q.high)}
             for q in judged.quantiles
         ],
+        "histogram": _histogram(judged.histogram),
         "worst": [_worst(worst) for worst in judged.worst],
         "missed_in_the_family": judged.missed_inside,
         "worst_in_the_family": None if judged.worst_inside is None else _worst(judged.worst_inside),
     }
+
+
+def _histogram(histogram: Histogram | None) -> dict[str, Any] | None:
+    return None if histogram is None else {"edges": list(histogram.edges), "counts": list(histogram.counts)}
 
 
 def _worst(worst: WorstPlant) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from fopi_tune.validation.draws import Design, Draw, Listed, points, stays_insid
 from fopi_tune.validation.judged import MEASURE_VALUES, horizon_of
 from fopi_tune.validation.scenario import Array, Mode, Scenario
 from fopi_tune.validation.simulate import measure_chunks
-from fopi_tune.validation.statistics import Fraction, Quantile
+from fopi_tune.validation.statistics import Fraction, Histogram, Quantile, histogram
 from fopi_tune.validation.tally import Found, Worst
 
 #: plants whose simulations are in memory at once
@@ -62,6 +62,7 @@ class Judged:
         worst: the worst plants, the worst first.
         missed_inside: plants of the family that did not meet it.
         worst_inside: the worst plant of the family; None when none of it was drawn.
+        histogram: of the finite values; None without any.
     """
 
     requirement: Requirement | None
@@ -73,6 +74,7 @@ class Judged:
     worst: tuple[WorstPlant, ...]
     missed_inside: int = 0
     worst_inside: WorstPlant | None = None
+    histogram: Histogram | None = None
 
 
 @dataclass(frozen=True)
@@ -208,6 +210,7 @@ class Drawn:
             upper=upper,
             fraction=tally.fraction(confidence),
             quantiles=tally.quantiles(PROBABILITIES, confidence),
+            histogram=histogram(tally.values()),
             worst=tuple(self.worst_plant(each) for each in tally.worst),
             missed_inside=found.missed_inside,
             worst_inside=None if found.worst_inside is None else self.worst_plant(found.worst_inside),

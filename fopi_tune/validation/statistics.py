@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 #: relative; what the roundings of a probability and its product with a number of draws may make
 _ROUNDING = 2.0**-50
+#: of a histogram
+_BINS = 30
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,19 @@ class Fraction:
     def estimate(self) -> float:
         """met/total."""
         return self.met / self.total
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """How many values lie between neighbouring edges, the last one's own included; infinite values lie nowhere.
+
+    Args:
+        edges: ascending.
+        counts: one fewer.
+    """
+
+    edges: tuple[float, ...]
+    counts: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -179,6 +194,23 @@ def _ranks(n: int, q: float, confidence: float) -> tuple[int, int, float]:
         k = (fails + reaches) // 2
         fails, reaches = (fails, k) if coverage(k) >= confidence else (k, reaches)
     return left - reaches, right + reaches, coverage(reaches)
+
+
+def histogram(values: Array) -> Histogram | None:
+    """The finite values in bins of equal width; None without any.
+
+    Args:
+        values: shape (n,), in any order.
+    """
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return None
+    low, high = float(finite.min()), float(finite.max())
+    # values that are all the same, but for rounding, still need a width
+    width = max(high - low, 1e-9 * max(abs(low), abs(high), 1e-9))
+    edges = low + width * np.arange(_BINS + 1) / _BINS
+    counts = np.bincount(np.clip((finite - low) / width * _BINS, 0, _BINS - 1).astype(int), minlength=_BINS)
+    return Histogram(tuple(edges.tolist()), tuple(counts.tolist()))
 
 
 def _check_inside(name: str, value: float) -> None:

@@ -7,7 +7,8 @@ print in grey reads.
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -48,40 +49,23 @@ class Picture:
 
 def svg_of(picture: Picture) -> str:
     """SVG text with a title and a description that screen readers find."""
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-    text = io.StringIO()
-    _drawn(
-        picture,
-        lambda figure: FigureCanvasSVG(figure).print_svg(
-            text,
-            metadata={
-                "Date": None,
-                "Title": picture.title,
-                "Description": picture.description,
-                "Creator": "fopi-tune",
-            },
-        ),
-    )
-    told = f"<title>{escape(picture.title, quote=False)}</title>"
-    found = text.getvalue()
-    assert told in found
-    return found.replace(told, f"{told}\n <desc>{escape(picture.description, quote=False)}</desc>", 1)
+    with _figure(picture) as figure:
+        return _svg(picture, figure)
 
 
 def png_of(picture: Picture) -> bytes:
     """PNG bytes at 150 dots an inch; title and description are in its text chunks."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    with _figure(picture) as figure:
+        return _png(picture, figure)
 
-    data = io.BytesIO()
-    words = {"Title": picture.title, "Description": picture.description, "Software": "fopi-tune"}
 
-    def put(figure: Figure) -> None:
-        figure.set_dpi(_DOTS_PER_INCH)
-        FigureCanvasAgg(figure).print_png(data, metadata=words)
-
-    _drawn(picture, put)
-    return data.getvalue()
+def both_of(picture: Picture) -> tuple[str, bytes]:
+    """The SVG text and the PNG bytes, drawn once."""
+    with _figure(picture) as figure:
+        svg = _svg(picture, figure)
+        # where everything stands is known now, and costs as much as the drawing
+        figure.set_layout_engine("none")
+        return svg, _png(picture, figure)
 
 
 def labelled(axes: Axes, y: str, x: str = "") -> None:
@@ -92,7 +76,8 @@ def labelled(axes: Axes, y: str, x: str = "") -> None:
     axes.grid(True, which="both", linewidth=0.3)
 
 
-def _drawn(picture: Picture, put: Callable[[Figure], None]) -> None:
+@contextmanager
+def _figure(picture: Picture) -> Iterator[Figure]:
     # loaded here: plotting costs half a second
     import matplotlib
     from matplotlib.figure import Figure
@@ -101,4 +86,26 @@ def _drawn(picture: Picture, put: Callable[[Figure], None]) -> None:
         figure = Figure(figsize=picture.size_inches, layout="constrained")
         picture.draw(figure)
         figure.suptitle(picture.title, fontsize=10.0)
-        put(figure)
+        yield figure
+
+
+def _svg(picture: Picture, figure: Figure) -> str:
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    text = io.StringIO()
+    words = {"Date": None, "Title": picture.title, "Description": picture.description, "Creator": "fopi-tune"}
+    FigureCanvasSVG(figure).print_svg(text, metadata=words)
+    told = f"<title>{escape(picture.title, quote=False)}</title>"
+    found = text.getvalue()
+    assert told in found
+    return found.replace(told, f"{told}\n <desc>{escape(picture.description, quote=False)}</desc>", 1)
+
+
+def _png(picture: Picture, figure: Figure) -> bytes:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    data = io.BytesIO()
+    words = {"Title": picture.title, "Description": picture.description, "Software": "fopi-tune"}
+    figure.set_dpi(_DOTS_PER_INCH)
+    FigureCanvasAgg(figure).print_png(data, metadata=words)
+    return data.getvalue()

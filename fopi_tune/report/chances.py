@@ -1,0 +1,106 @@
+"""Plants drawn at random:  the document of `fopi validate` -> rows of a table, and histograms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fopi_tune.report.canvas import BLACK, BLUE, ORANGE, Picture, labelled
+from fopi_tune.report.phrases import number
+from fopi_tune.report.rows import place_phrase
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SIGNS = {"at_least": ">=", "at_most": "<="}
+#: histograms in a figure: what has more is told by the table
+_MOST = 8
+
+
+@dataclass(frozen=True)
+class Chance:
+    """How often one requirement or limit held, in words."""
+
+    what: str
+    share: str
+    interval: str
+    median: str
+    worst: str
+
+
+def chances_of(evidence: Mapping[str, Any]) -> tuple[Chance, ...]:
+    """Stability, then every requirement and limit."""
+    stable = Chance("stable loop", *_fraction(evidence["stable"]), "", "")
+    return (stable, *(_chance(judged) for judged in _judged(evidence)))
+
+
+def drawn_phrase(evidence: Mapping[str, Any]) -> str:
+    """How many plants, drawn how, and how many of them no proof speaks of."""
+    drawn, total = evidence["drawn"], evidence["stable"]["total"]
+    how = f"rows of {drawn['samples_file']['name']}" if drawn["samples_file"] else str(drawn["design"])
+    words = f"{evidence['status']}: {total} plants, {how}, seed {drawn['seed']}"
+    outside = drawn["outside_the_family"]
+    return f"{words}, {outside} of them outside the family, where nothing is proved" if outside else words
+
+
+def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
+    """How often each value was drawn, with the exact interval of each share; None without counts."""
+    told = [judged for judged in _judged(evidence) if judged.get("histogram")][:_MOST]
+    if not told:
+        return None
+    from fopi_tune.validation.statistics import fraction  # loads SciPy's distributions
+
+    confidence = float(evidence["drawn"]["confidence"])
+
+    def draw(figure: Figure) -> None:
+        every = figure.subplots(len(told), 1, squeeze=False)[:, 0]
+        for axes, judged in zip(every, told, strict=True):
+            edges, counts = np.array(judged["histogram"]["edges"]), judged["histogram"]["counts"]
+            shares = [fraction(count, judged["fraction"]["total"], confidence) for count in counts]
+            heights = np.array([100.0 * each.met / each.total for each in shares])
+            low = np.array([100.0 * each.low for each in shares])
+            high = np.array([100.0 * each.high for each in shares])
+            middle = 0.5 * (edges[1:] + edges[:-1])
+            axes.bar(middle, heights, np.diff(edges), color=BLUE, alpha=0.5, edgecolor=BLUE, linewidth=0.5)
+            axes.errorbar(middle, heights, (heights - low, high - heights), fmt="none", ecolor=BLACK, elinewidth=0.7)
+            for limit in judged["limits"]:
+                if edges[0] - np.ptp(edges) <= limit <= edges[-1] + np.ptp(edges):
+                    axes.axvline(limit, color=ORANGE, linestyle="--")
+            labelled(axes, "share, %", _phrase(judged))
+
+    words = "; ".join(f"{_phrase(j)}: met by {' in '.join(_fraction(j['fraction']))}" for j in told)
+    said = (
+        f"Histograms of the values that {evidence['stable']['total']} drawn plants reach, each share with its "
+        f"{100.0 * confidence:g} % interval; dashed: the limit, where it is near. {words}."
+    )
+    return Picture(f"{name}: plants drawn at random", said, draw, (6.4, 1.0 + 1.8 * len(told)))
+
+
+def _judged(evidence: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    return [*evidence["requirements"], *evidence["limits"]]
+
+
+def _chance(judged: Mapping[str, Any]) -> Chance:
+    middle = [each["value"] for each in judged["quantiles"] if each["probability"] == 0.5]
+    worst = judged["worst"][0] if judged["worst"] else None
+    told = "" if worst is None else f"{_value(worst['value'])} {place_phrase(worst)} (plant {worst['index']})"
+    return Chance(_phrase(judged), *_fraction(judged["fraction"]), _value(middle[0]) if middle else "", told)
+
+
+def _phrase(judged: Mapping[str, Any]) -> str:
+    side = judged.get("side", judged["relation"])
+    limit = judged["limits"][-1 if side == "at_most" else 0]
+    scenario = f", {judged['scenario']}" if judged.get("scenario") else ""
+    return f"{judged['name']} {_SIGNS.get(side, side)} {number(limit)}{scenario}"
+
+
+def _fraction(said: Mapping[str, Any]) -> tuple[str, str]:
+    share = f"{100.0 * said['met'] / said['total']:.4g} %"
+    return share, f"{100.0 * said['low']:.4g} .. {100.0 * said['high']:.4g} %"
+
+
+def _value(value: float | None) -> str:
+    return "infinite" if value is None else number(value)

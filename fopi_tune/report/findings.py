@@ -1,0 +1,136 @@
+"""What a report is made from:  a spec and the documents of its results -> Findings.
+
+The documents are those on the disk (`design.json`, `digital.json`, `evidence.json`), so that a report made with the
+results and one made from them later are the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.sections import Implementation, Sections
+from fopi_tune.errors import DomainError
+from fopi_tune.result import Run, loop_name
+from fopi_tune.spec.model import DesignSpec, Requirement
+
+#: a result's JSON
+Document = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Found:
+    """A requirement and what a document says of it.
+
+    Args:
+        requirement: the spec's.
+        said: the document's entry: `achieved`, `score`, `worst`, `proof`, ...
+    """
+
+    requirement: Requirement
+    said: Document
+
+
+@dataclass(frozen=True)
+class Findings:
+    """A spec and what was found.
+
+    Args:
+        spec: what was asked.
+        design: the JSON of the design.
+        digital: that of the digital controller and its loop; None without one.
+        evidence: that of the plants that were drawn; None without.
+        gains: the design's; None where it has none.
+    """
+
+    spec: DesignSpec
+    design: Document
+    digital: Document | None
+    evidence: Document | None
+    gains: FoPi | None
+
+    @property
+    def requirements(self) -> tuple[Found, ...]:
+        """Of the design, in the order of the spec."""
+        return _found(self.spec, self.design)
+
+    @property
+    def digital_requirements(self) -> tuple[Found, ...]:
+        """Of the loop on samples; none without a digital controller."""
+        return () if self.digital is None else _found(self.spec, self.digital)
+
+    @property
+    def digital_implementation(self) -> Implementation | None:
+        """The digital controller; None without one."""
+        if self.digital is None or self.spec.digital is None:
+            return None
+        said = self.digital["controller"]
+        poles = tuple(float(each["pole"]) for each in said["sections"])
+        residues = tuple(float(each["residue"]) for each in said["sections"])
+        sections = Sections(self.spec.digital.sample_time_s, float(said["direct"]), poles, residues)
+        return Implementation(sections, self.spec.digital.delay_samples)
+
+    @property
+    def implementation(self) -> Implementation | None:
+        """The digital controller where the requirements are about the loop on samples; None in continuous time."""
+        return self.digital_implementation if loop_name(self.spec) == "sampled" else None
+
+
+def findings_of_run(run: Run, evidence: Document | None = None) -> Findings:
+    """What a run found.
+
+    Args:
+        run: every stage of a spec.
+        evidence: the JSON of plants that were drawn, when there is one; left out unless it is of these very gains.
+    """
+    digital = None if run.digital is None else _plain(run.digital.to_dict())
+    return findings_of(run.spec, _plain(run.design.to_dict()), digital, evidence)
+
+
+def findings_of(
+    spec: DesignSpec, design: Document, digital: Document | None = None, evidence: Document | None = None
+) -> Findings:
+    """What documents say of a spec.
+
+    Args:
+        spec: what was asked.
+        design: the JSON of `fopi tune` or `fopi run`.
+        digital: that of `fopi discretize`; left out unless it is of this spec and the design's gains.
+        evidence: that of `fopi validate`; the same.
+
+    Raises:
+        DomainError: the design is of another spec, or no result of this tool.
+    """
+    try:
+        is_same = design["stamp"]["spec_sha256"] == spec.sha256
+        entries = len(design["requirements"])
+        said = design["gains"]
+        gains = None if said is None else FoPi(float(said["kp"]), float(said["ki"]), float(said["alpha"]))
+        findings = Findings(spec, design, _matching(spec, said, digital), _matching(spec, said, evidence), gains)
+    except (LookupError, TypeError, ValueError, AttributeError):
+        raise DomainError("design.json is no result of this tool; run `fopi run` again") from None
+    if not is_same:
+        raise DomainError("design.json is of another spec, or of an earlier text of this one; run `fopi run` again")
+    if entries != len(spec.requirements):
+        raise DomainError("design.json has not the requirements of its spec; run `fopi run` again")
+    return findings
+
+
+def _matching(spec: DesignSpec, gains: object, document: Document | None) -> Document | None:
+    """A document that is of this spec and these gains."""
+    if document is None or gains is None or not {"stamp", "gains", "requirements"} <= document.keys():
+        return None
+    same = document["stamp"].get("spec_sha256") == spec.sha256 and document["gains"] == gains
+    return document if same else None
+
+
+def _found(spec: DesignSpec, document: Document) -> tuple[Found, ...]:
+    return tuple(Found(r, said) for r, said in zip(spec.requirements, document["requirements"], strict=True))
+
+
+def _plain(document: Document) -> Document:
+    """As it is read back from the disk: lists for tuples; numbers keep every digit."""
+    return json.loads(json.dumps(document, allow_nan=False))

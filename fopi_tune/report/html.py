@@ -1,0 +1,251 @@
+"""The report:  Findings -> report.html and its figures as SVG and PNG; the same findings give the same bytes.
+
+The page asks no network for anything: style, script, curves and figures are in it, and its policy forbids the rest.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.errors import DomainError
+from fopi_tune.report.canvas import Picture, both_of
+from fopi_tune.report.chances import chances_of, drawn_phrase, histograms
+from fopi_tune.report.filters import filter_picture
+from fopi_tune.report.findings import Findings
+from fopi_tune.report.frequency import bode, margins_along, nyquist, sensitivities
+from fopi_tune.report.members import Members, members_of
+from fopi_tune.report.phrases import number, requirement_phrase, scope_phrase, sentence
+from fopi_tune.report.rows import place_phrase, rows_of
+from fopi_tune.report.slider import HEIGHT, WIDTH, minus_one, slider_of
+from fopi_tune.report.times import responses
+from fopi_tune.result import loop_name
+
+#: what a figure is made from
+Source = TypeVar("Source", Members, Findings)
+#: the report's file, and the folder of its figures
+REPORT, FIGURES = "report.html", "figures"
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure as it stands in the page and in files.
+
+    Args:
+        name: of its files, without ending.
+        caption: the description in words.
+        svg: to be put into HTML.
+        svg_file: the same as a file of its own.
+        png: the same as points.
+    """
+
+    name: str
+    caption: str
+    svg: str
+    svg_file: str
+    png: bytes
+
+
+def report_files(findings: Findings) -> dict[str, str | bytes]:
+    """The report and its figures, by their names in the folder of results.
+
+    Args:
+        findings: the spec and the documents of its results.
+
+    Returns:
+        `report.html` last, as text; figures as text (SVG) and bytes (PNG).
+    """
+    members, evidence = members_of(findings), findings.evidence
+    of_loop = [] if members is None else list(_drawn(_OF_LOOP, members))
+    of_filter = list(_drawn({"digital": filter_picture}, findings))
+    of_plants = [] if evidence is None else list(_drawn({"plants": _histograms}, findings))
+    made: dict[str, str | bytes] = {}
+    for each in (*of_loop, *of_filter, *of_plants):
+        made[f"{FIGURES}/{each.name}.svg"] = each.svg_file
+        made[f"{FIGURES}/{each.name}.png"] = each.png
+    values = {**_words(findings), **_moved(members)}
+    values |= {"figures": of_loop, "digital_figures": of_filter, "evidence_figures": of_plants}
+    return {**made, REPORT: _rendered(values)}
+
+
+#: name -> what is drawn of the loop, in the order of the page
+_OF_LOOP: Mapping[str, Callable[[Members], Picture | None]] = {
+    "bode": bode,
+    "nyquist": nyquist,
+    "sensitivities": sensitivities,
+    "responses": responses,
+    "margins": margins_along,
+}
+
+
+def _histograms(findings: Findings) -> Picture | None:
+    return None if findings.evidence is None else histograms(findings.evidence, findings.spec.name)
+
+
+def _drawn(pictures: Mapping[str, Callable[[Source], Picture | None]], source: Source) -> Iterator[Drawn]:
+    for name, make in pictures.items():
+        try:
+            picture = make(source)
+        except DomainError:
+            picture = None  # crossings that cannot be listed: the page does without this figure
+        if picture is not None:
+            svg, png = both_of(picture)
+            yield Drawn(name, picture.description, _inline(svg, name), svg, png)
+
+
+def _inline(svg: str, name: str) -> str:
+    """An SVG file as part of a page: names of its own, since several files use the same, and words that are found."""
+    body = svg[svg.index("<svg") :]
+    body = re.sub(r"\s*<metadata>.*?</metadata>", "", body, count=1, flags=re.DOTALL)
+    body = re.sub(r'\bid="', f'id="{name}-', body)
+    body = re.sub(r"url\(#", f"url(#{name}-", body)
+    body = re.sub(r'(xlink:href|href)="#', rf'\1="#{name}-', body)
+    body = body.replace("<title>", f'<title id="{name}-title">', 1).replace("<desc>", f'<desc id="{name}-desc">', 1)
+    return body.replace("<svg", f'<svg role="img" aria-labelledby="{name}-title {name}-desc"', 1)
+
+
+def _rendered(values: Mapping[str, Any]) -> str:
+    # where a report is asked for only: what starts in a hurry does not read templates
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    loader = PackageLoader("fopi_tune.report", "templates")
+    environment = Environment(
+        loader=loader,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=True,
+    )
+    script, style = (loader.get_source(environment, name)[0] for name in ("slider.js", "report.css"))
+    figures = {
+        key: [{"svg": Markup(each.svg), "caption": each.caption} for each in values[key]]
+        for key in ("figures", "digital_figures", "evidence_figures")
+    }
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    own = {"script": Markup(script), "script_hash": f"sha256-{digest}", "style": Markup(style)}
+    return environment.get_template("report.html.jinja").render({**values, **figures, **own})
+
+
+def _moved(members: Members | None) -> dict[str, Any]:
+    """The slider, its curves, and -1 in the small Nyquist picture."""
+    try:
+        slider = None if members is None else slider_of(members)
+    except DomainError:
+        slider = None  # crossings that cannot be listed
+    curves = {} if slider is None else {panel.key: panel.curves for panel in slider.panels}
+    return {
+        "slider": slider,
+        "curves": {"labels": () if slider is None else slider.labels, "curves": curves},
+        "width": WIDTH,
+        "height": HEIGHT,
+        "minus_one": minus_one(),
+    }
+
+
+def _words(findings: Findings) -> dict[str, Any]:
+    """Everything that is told in words."""
+    spec, design, digital, evidence = findings.spec, findings.design, findings.digital, findings.evidence
+    rows = rows_of(findings.requirements, design["objective"])
+    status = str(design["status"])
+    verdict = design["proof"]["verdict"]
+    return {
+        "name": spec.name,
+        "description": spec.description,
+        "good": status == "solved" and (digital is None or digital["status"] == "met"),
+        "status": " ".join([f"{status}. {design['advice']}", *_proof_words(status, verdict), *_on_samples(digital)]),
+        "message": sentence(design["message"]) if design["message"] else "",
+        "gains": None if findings.gains is None else _gains_words(findings.gains, status),
+        "sampled": loop_name(spec) == "sampled",
+        "clash": _clash(findings),
+        "rows": rows,
+        "summary": list(_summary(design)),
+        "why_no_figures": "there are no gains, or the digital controller that the requirements speak of is not there",
+        "digital_status": "" if digital is None else _digital_words(findings, digital),
+        "digital_rows": rows_of(findings.digital_requirements),
+        "drawn_words": "" if evidence is None else drawn_phrase(evidence),
+        "confidence": "" if evidence is None else f"{100.0 * evidence['drawn']['confidence']:g} %",
+        "chances": () if evidence is None else chances_of(evidence),
+        "priced": any(row.cost for row in rows),
+        "objective_name": design["objective_quantity"],
+        "proof": list(_proof(design["proof"])),
+        "stamp": list(_stamp(design)),
+    }
+
+
+def _gains_words(gains: FoPi, status: str) -> str:
+    values = ", ".join(f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha"))
+    no_solution = "" if status == "solved" else "; these gains are no solution, only where the search ended"
+    return f"C(s) = kp + ki / s^alpha with {values}{no_solution}"
+
+
+def _on_samples(digital: Mapping[str, Any] | None) -> list[str]:
+    return [] if digital is None else [f"The loop on samples: {digital['status']}."]
+
+
+def _proof_words(status: str, verdict: str) -> list[str]:
+    if status != "solved":
+        return []
+    proved = verdict == "proved"
+    return ["Proved for every plant and every frequency." if proved else "Checked in floating point, not proved."]
+
+
+def _clash(findings: Findings) -> list[str]:
+    words = []
+    for give in findings.design["clash"]:
+        requirement = findings.spec.requirements[give["requirement"]]
+        said = f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})"
+        if give["give"] is not None and give["new_limit"] is not None:
+            said += f": alone it would have to give {number(give['give'])}, to {number(give['new_limit'])}"
+        words.append(said)
+    return words
+
+
+def _summary(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    stability, nominal = design["stability"], design["nominal"]
+    value = "undefined" if design["objective"] is None else number(design["objective"])
+    yield "objective", f"{design['objective_quantity']}: {value}"
+    if stability is not None:
+        stable = "stable" if stability["stable"] else "NOT STABLE"
+        yield "stability", f"{stable}: {stability['reason']}; closest to -1 {place_phrase(stability['worst'])}"
+    if nominal is not None:
+        names = (("crossover", "crossover_rad_s", "rad/s"), ("phase margin", "phase_margin_deg", "deg"))
+        parts = [f"{word} {number(nominal[key])} {unit}" for word, key, unit in names if nominal[key] is not None]
+        gain = nominal["gain_margin_db"]
+        parts.append("gain margin infinite" if gain is None else f"gain margin {number(gain)} dB")
+        yield "nominal plant", ", ".join(parts)
+
+
+def _digital_words(findings: Findings, digital: Mapping[str, Any]) -> str:
+    asked = findings.spec.digital
+    assert asked is not None  # of this very spec, which asked for it
+    words = f"{digital['status']}. Every {number(asked.sample_time_s)} s, {asked.method} with {asked.poles} poles"
+    words += "" if asked.method == "fit" else f", {asked.rule}"
+    words += f", {number(asked.delay_samples)} samples of computing delay" if asked.delay_samples else ""
+    return words + "."
+
+
+def _proof(proof: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "verdict", f"{str(proof['verdict']).replace('_', ' ')}. {sentence(proof['reason'])}"
+    if "stability" in proof:
+        yield "stability", f"{proof['stability']['verdict']}: {proof['stability']['reason']}"
+        yield "boxes", f"{proof['boxes']} in ball arithmetic"
+        yield "tolerance", f"{proof['tolerance']:g} (neper or radian)"
+        yield "certificate", f"certificate.json, digest {proof['certificate_digest']}"
+        yield "again", "fopi prove --recheck certificate.json tests it without searching"
+
+
+def _stamp(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    stamp = design["stamp"]
+    yield "spec (SHA-256)", stamp["spec_sha256"]
+    yield "versions", ", ".join(f"{name} {version}" for name, version in stamp["versions"].items())
+    yield "Python", stamp["python"]
+    yield "platform", stamp["platform"]
+    yield "gains from", stamp["solver"] or "the spec"
+    yield "result's schema", str(design["schema"])

@@ -1,0 +1,115 @@
+"""Requirements as rows of a table:  what a document says -> words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from fopi_tune.report.findings import Found
+from fopi_tune.report.phrases import TIE, number, requirement_phrase, scope_phrase, with_unit
+
+#: verdict -> a sign that reads without colour
+_SIGNS = {"proved": "✓", "met": "✓", "refuted": "✗", "missed": "✗", "undecided": "?"}
+#: a multiplier that changes the objective by less than this part of it is rounding
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class Row:
+    """One requirement in words.
+
+    Args:
+        verdict: proved, refuted or undecided; met or missed without a proof; open without gains.
+        sign: the same without words.
+        what: the requirement as a formula.
+        scope: for which plants and frequencies.
+        achieved: the worst value.
+        score: at most 1 is met.
+        worst: where.
+        proved: what is shown of the value, or why it is not.
+        cost: what the objective gains for each unit the limit gives; empty where not known.
+        checked: the same by solving again; empty where not asked for.
+    """
+
+    verdict: str
+    sign: str
+    what: str
+    scope: str
+    achieved: str
+    score: str
+    worst: str
+    proved: str
+    cost: str
+    checked: str
+
+
+def rows_of(requirements: Sequence[Found], objective: float | None = None) -> tuple[Row, ...]:
+    """A row for each requirement; what changes the objective by rounding only costs nothing."""
+    return tuple(_row(found, objective) for found in requirements)
+
+
+def place_phrase(place: Mapping[str, Any] | None) -> str:
+    """A worst place: "at 0.02 rad/s with time_constant_s = 3.1"."""
+    if place is None:
+        return ""
+    omega, limit = place.get("omega_rad_s"), place.get("limit")
+    where = f"as {limit}" if limit else f"at {with_unit(omega, 'rad/s')}" if omega is not None else ""
+    plant = ", ".join(f"{name}{TIE}={TIE}{number(value)}" for name, value in place["plant"].items())
+    return " ".join(part for part in (where, f"with {plant}" if plant else "") if part)
+
+
+def _row(found: Found, objective: float | None) -> Row:
+    said, requirement = found.said, found.requirement
+    proof, outcome = said["proof"], said["outcome"]
+    if proof is not None:
+        verdict = str(proof["verdict"])
+    else:
+        verdict = "open" if outcome is None else "met" if said["met"] else "missed"
+    return Row(
+        verdict=verdict,
+        sign=_SIGNS.get(verdict, "–"),
+        what=requirement_phrase(requirement),
+        scope=scope_phrase(requirement),
+        achieved=_achieved(said),
+        score=_score(said["score"]),
+        worst=place_phrase(said["worst"]),
+        proved="" if proof is None else _proved(proof),
+        cost=_cost(said["multiplier"], found, objective),
+        checked=_checked(said["multiplier_checked"]),
+    )
+
+
+def _achieved(said: Mapping[str, Any]) -> str:
+    if said["achieved"] is not None:
+        return number(said["achieved"], 5 if said["met"] else 9)
+    names = {"infinite": "infinite", "no_crossover": "no crossover", "beyond_nyquist": "beyond Nyquist"}
+    return names.get(said["outcome"], "infinite" if said["outcome"] else "–")
+
+
+def _score(score: float | None) -> str:
+    if score is None:
+        return "–"
+    digits = 6 if 1.0 < score < 1.0005 else 3
+    return f"{abs(score):.{digits}f}" if score < 1000.0 else f"{score:.3g}"
+
+
+def _proved(proof: Mapping[str, Any]) -> str:
+    low, high = proof["proved_from"], proof["proved_to"]
+    parts = [] if low is None else [f"at least {number(low, 9)}"]
+    parts += [] if high is None else [f"at most {number(high, 9)}"]
+    return "; ".join(filter(None, (" and ".join(parts), proof["reason"])))
+
+
+def _cost(multiplier: float | None, found: Found, objective: float | None) -> str:
+    if multiplier is None:
+        return ""
+    size = max(map(abs, found.requirement.limits)) or 1.0
+    return "0" if abs(multiplier) * size <= _ROUNDING * abs(objective or 0.0) else f"{multiplier:.3g}"
+
+
+def _checked(price: Mapping[str, Any] | None) -> str:
+    if price is None:
+        return ""
+    told = [f"{word} {price[word]:.3g}" for word in ("relaxed", "tightened") if price[word] is not None]
+    return ", ".join(told) + ("" if price["agrees"] else ": not what the multiplier says")

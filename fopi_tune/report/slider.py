@@ -1,0 +1,135 @@
+"""What the report's slider moves:  curves for values of the first uncertain number, as paths of SVG.
+
+Everything is computed here; the script in the report only exchanges one path for another.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopi_tune.report.members import Array, Complex, Members
+from fopi_tune.report.phrases import number
+from fopi_tune.report.times import response, times_s
+from fopi_tune.validation.exact_linear import Signal
+
+#: size of a panel's frame, in the units of its view box
+WIDTH, HEIGHT = 300.0, 200.0
+#: the part of the complex plane that is shown
+_NYQUIST = ((-2.2, 1.2), (-1.6, 0.8))
+_DB = 20.0 / math.log(10.0)
+#: of the frequencies that figures have: a small picture needs no more
+_EVERY = 3
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A small picture whose curve moves.
+
+    Args:
+        key: names it in the page.
+        title: above it.
+        x, y: labels of the axes.
+        x_ticks, y_ticks: places in the frame and their words.
+        curves: a path for each value of the number.
+    """
+
+    key: str
+    title: str
+    x: str
+    y: str
+    x_ticks: tuple[tuple[float, str], ...]
+    y_ticks: tuple[tuple[float, str], ...]
+    curves: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Slider:
+    """The panels and where the slider stands.
+
+    Args:
+        name: of the number.
+        labels: its values in words.
+        nominal: index of the nominal one.
+        panels: what moves.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    nominal: int
+    panels: tuple[Panel, ...]
+
+
+def slider_of(members: Members) -> Slider | None:
+    """The slider over the first uncertain number; None without one."""
+    family = members.findings.spec.plant
+    if not family.uncertain_names:
+        return None
+    values, name = members.path, family.uncertain_names[0]
+    points = members.along(values)
+    log_loop = members.log_loop(members.loops_at(points))[:, ::_EVERY]
+    omega = np.log10(members.omega[::_EVERY])
+    with np.errstate(over="ignore"):
+        loop: Complex = np.exp(log_loop)
+    x = np.broadcast_to(omega, log_loop.shape)
+    view = np.clip(log_loop.real * _DB, -80.0, 80.0), np.clip(np.degrees(log_loop.imag), -540.0, 180.0)
+    panels = [
+        _panel("gain", "Bode: gain of L", ("omega, rad/s (log)", "|L|, dB"), x, view[0], log=True),
+        _panel("phase", "Bode: phase of L", ("omega, rad/s (log)", "arg L, deg"), x, view[1], log=True),
+        _panel("nyquist", "Nyquist: L, with -1", ("Re L", "Im L"), loop.real, loop.imag, frame=_NYQUIST),
+    ]
+    steps = [response(members, tuple(point), Signal.OUTPUT_AFTER_REFERENCE) for point in points.tolist()]
+    if all(step is not None for step in steps):
+        t = np.broadcast_to(times_s(members), (len(values), len(times_s(members))))
+        y = np.array(steps, dtype=float)
+        panels.append(_panel("step", "Unit step of the reference", ("time, s", "output"), t, y))
+    labels = tuple(f"{name} = {number(float(value), 4)}" for value in values)
+    nominal = int(np.argmin(np.abs(values - family.nominal_point[0])))
+    return Slider(name, labels, nominal, tuple(panels))
+
+
+def minus_one() -> str:
+    """The path of a cross at -1 in the frame of the panel `nyquist`."""
+    (left, right), (bottom, top) = _NYQUIST
+    x, y = (-1.0 - left) / (right - left) * WIDTH, top / (top - bottom) * HEIGHT
+    return f"M{x - 5:.1f} {y:.1f}h10M{x:.1f} {y - 5:.1f}v10"
+
+
+def _panel(
+    key: str, title: str, labels: tuple[str, str], x: Array, y: Array, *,
+    log: bool = False, frame: tuple[tuple[float, float], tuple[float, float]] | None = None,
+) -> Panel:  # fmt: skip
+    """Curves in a frame that holds all of them, unless one is given."""
+    across, up = frame or ((float(x.min()), float(x.max())), _wider(float(y.min()), float(y.max())))
+    places = (x - across[0]) / (across[1] - across[0]) * WIDTH, (up[1] - y) / (up[1] - up[0]) * HEIGHT
+    # what lies far outside is cut by the frame; it must not be far in digits
+    h, v = (np.clip(place, -2.0 * WIDTH, 3.0 * WIDTH) for place in places)
+    curves = tuple(_path(a, b) for a, b in zip(h, v, strict=True))
+    h_ticks = tuple(((t - across[0]) / (across[1] - across[0]) * WIDTH, _tick(t, log)) for t in _ticks(*across, log))
+    v_ticks = tuple(((up[1] - t) / (up[1] - up[0]) * HEIGHT, _tick(t, False)) for t in _ticks(*up, False))
+    return Panel(key, title, *labels, h_ticks, v_ticks, curves)
+
+
+def _path(x: Array, y: Array) -> str:
+    return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+
+
+def _wider(low: float, high: float) -> tuple[float, float]:
+    margin = 0.05 * (high - low) or 1.0
+    return low - margin, high + margin
+
+
+def _ticks(low: float, high: float, log: bool) -> list[float]:
+    """Round numbers between two ends; whole powers of ten where the axis is their logarithm."""
+    if log:
+        return [float(k) for k in range(math.ceil(low), math.floor(high) + 1)]
+    raw = (high - low) / 5.0
+    power = 10.0 ** math.floor(math.log10(raw))
+    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw)
+    return [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
+
+
+def _tick(value: float, log: bool) -> str:
+    return number(10.0**value if log else value, 4)

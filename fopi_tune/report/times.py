@@ -1,0 +1,90 @@
+"""Figures over time:  the family after a step of the reference and of a load."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fopi_tune.core.margins import gain_crossovers
+from fopi_tune.errors import DomainError
+from fopi_tune.report.canvas import STYLES, Picture, labelled
+from fopi_tune.report.members import Array, Members
+from fopi_tune.report.phrases import number
+from fopi_tune.validation.exact_linear import Signal, response_and_error
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_POINTS = 120
+#: the longest time drawn, over the nominal gain crossover's 1/omega
+_HORIZON = 25.0
+#: relative to the largest value; beyond it a curve is left out rather than drawn wrong
+_TRUSTED = 1e-4
+
+
+def times_s(members: Members) -> Array:
+    """When responses are drawn, s: closer at first, where they move."""
+    omega = gain_crossovers(members.named_loops).omega_rad_s
+    fastest = float(omega.min()) if len(omega) else 1.0
+    return np.asarray(_HORIZON / fastest * np.linspace(0.0, 1.0, _POINTS) ** 1.7, dtype=float)
+
+
+def response(members: Members, point: tuple[float, ...], signal: Signal) -> Array | None:
+    """A unit step's response of one plant with the ideal controller; None where it could not be computed to 1e-4."""
+    plant = members.findings.spec.plant.member(np.array(point))
+    try:
+        found = response_and_error(members.gains, plant, signal, times_s(members))
+    except DomainError:
+        return None
+    size = float(np.abs(found.value).max(initial=0.0))
+    return found.value if np.all(found.error <= _TRUSTED * max(size, 1e-12)) else None
+
+
+def responses(members: Members) -> Picture | None:
+    """Output after a unit step of the reference and of the load, over the family; None where nothing is certain."""
+    t = times_s(members)
+    points = [tuple(row) for row in _corners(members).tolist()]
+    drawn = {}
+    for signal in (Signal.OUTPUT_AFTER_REFERENCE, Signal.OUTPUT_AFTER_LOAD):
+        named = [response(members, member.point, signal) for member in members.named]
+        others = [row for point in points if (row := response(members, point, signal)) is not None]
+        drawn[signal] = (named, others)
+    if all(row is None for named, _ in drawn.values() for row in named):
+        return None
+
+    def draw(figure: Figure) -> None:
+        every = figure.subplots(2, 1, sharex=True)
+        for axes, (signal, (named, others)) in zip(every, drawn.items(), strict=True):
+            for row in others:
+                axes.plot(t, row, color="0.75", linewidth=0.7)
+            for k, row in enumerate(named):
+                if row is not None:
+                    colour, dashes = STYLES[k]
+                    axes.plot(t, row, color=colour, linestyle=dashes, label=members.named[k].label)
+            step = signal is Signal.OUTPUT_AFTER_REFERENCE
+            axes.axhline(1.0 if step else 0.0, color="black", linewidth=0.6, linestyle=":")
+            labelled(axes, "output, reference + 1" if step else "output, load + 1")
+            axes.set_xlim(0.0, float(t[-1]))
+        every[-1].set_xlabel("time, s")
+        every[0].legend(loc="best", fontsize=8.0)
+
+    nominal, told = drawn[Signal.OUTPUT_AFTER_REFERENCE][0][0], ""
+    if nominal is not None:
+        told = (
+            f" The nominal output's largest value is {number(float(nominal.max()), 4)}; at {number(float(t[-1]), 4)} s "
+            f"it is {number(float(nominal[-1]), 4)}. A fractional loop settles with a slow algebraic tail."
+        )
+    title = f"{members.findings.spec.name}: unit steps of the reference and of a load at the plant's input"
+    said = f"Output over time with the ideal controller, in continuous time; grey: plants of the family.{told}"
+    return Picture(title, said, draw)
+
+
+def _corners(members: Members) -> Array:
+    """Plants to draw in grey: along the first uncertain number, or corners of the box."""
+    family = members.findings.spec.plant
+    if not family.uncertain_names:
+        return np.zeros((0, 0))
+    if len(family.uncertain_names) == 1:
+        return members.along(members.path[::3])
+    return family.corners(16)

@@ -1,0 +1,460 @@
+"""The report: safe, whole, the same bytes twice; its figures against the check; its script against its data."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import math
+import re
+import shutil
+import subprocess
+from collections import Counter
+from dataclasses import replace
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from plants import ROBUST_BRAKE, brake, lag
+from typer.testing import CliRunner
+
+import fopi_tune as ft
+from fopi_tune.cli import app
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.margins import margins
+from fopi_tune.core.sections import Implementation
+from fopi_tune.errors import DomainError
+from fopi_tune.report.findings import Findings, findings_of, findings_of_run
+from fopi_tune.report.html import report_files
+from fopi_tune.report.members import Members, members_of
+from fopi_tune.report.slider import slider_of
+from fopi_tune.result import Run
+from fopi_tune.spec import parse_spec
+from fopi_tune.validation.statistics import histogram
+
+ROOT = Path(__file__).parents[1]
+BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
+#: elements without an end
+VOID = {"meta", "br", "input", "link", "img"}
+HOSTILE = "</script><script>alert(1)</script>\"'&{{ 7*7 }}<img src=x onerror=alert(1)>"
+
+
+@cache
+def run_of(text: str) -> Run:
+    return ft.run(parse_spec(text), proof=False)
+
+
+def brake_findings(evidence: Any = None) -> Findings:
+    return findings_of_run(run_of(BRAKE), evidence)
+
+
+@cache
+def brake_files() -> dict[str, str | bytes]:
+    return report_files(brake_findings())
+
+
+def brake_page() -> str:
+    page = brake_files()["report.html"]
+    assert isinstance(page, str)
+    return page
+
+
+def loop_of(findings: Findings) -> Members:
+    members = members_of(findings)
+    assert members is not None
+    return members
+
+
+class Page(HTMLParser):
+    """Elements, identifiers, references and the text of a page; refuses ends that fit no beginning."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: Counter[str] = Counter()
+        self.ids: list[str] = []
+        self.attributes: list[tuple[str, str]] = []
+        self.text: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags[tag] += 1
+        self.attributes += [(name, value or "") for name, value in attrs]
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+
+def test_a_report_is_the_same_bytes_twice() -> None:
+    assert report_files(brake_findings()) == brake_files()
+
+
+def test_a_report_from_the_documents_on_the_disk_is_that_of_the_run() -> None:
+    run = run_of(BRAKE)
+    assert run.digital is not None
+    design, digital = (json.loads(json.dumps(each.to_dict(), indent=2)) for each in (run.design, run.digital))
+    assert report_files(findings_of(run.spec, design, digital)) == brake_files()
+
+
+def test_a_page_is_well_formed_small_and_needs_no_network() -> None:
+    text = brake_page()
+    page = Page(text)
+    assert page.open == []
+    assert len(text.encode()) <= 3_000_000
+    assert [name for name, count in Counter(page.ids).items() if count > 1] == []
+    # namespaces are names, not addresses that are fetched
+    fetched = [v for name, v in page.attributes if name in ("src", "href", "xlink:href") and not v.startswith("#")]
+    assert fetched == []
+    assert "@import" not in text
+    assert page.tags["script"] == 2
+
+
+def test_every_reference_within_a_page_is_to_something_in_it() -> None:
+    page = Page(brake_page())
+    named = {v[1:] for name, v in page.attributes if name in ("href", "xlink:href")}
+    named |= {found for _, v in page.attributes for found in re.findall(r"url\(#([^)]+)\)", v)}
+    named |= {word for name, v in page.attributes if name in ("aria-labelledby", "for") for word in v.split()}
+    assert named
+    assert named <= set(page.ids)
+
+
+def test_every_figure_has_words_for_those_who_do_not_see_it() -> None:
+    text = brake_page()
+    figures = re.findall(r"<figure>.*?</figure>", text, re.DOTALL)
+    assert len(figures) == 7  # the slider's, five of the loop, one of the filter
+    for figure in figures:
+        assert re.search(r"<figcaption>[^<]{40,}</figcaption>", figure)
+        for svg in re.findall(r"<svg.*?</svg>", figure, re.DOTALL):
+            assert 'role="img"' in svg
+            assert re.search(r"<title[^>]*>[^<]+</title>", svg)
+            assert re.search(r"<desc[^>]*>[^<]{20,}</desc>", svg)
+
+
+def test_figures_are_files_that_programs_read() -> None:
+    names = {name.removeprefix("figures/") for name in brake_files() if name.startswith("figures/")}
+    stems = ("bode", "nyquist", "sensitivities", "responses", "margins", "digital")
+    assert names == {f"{stem}.{kind}" for stem in stems for kind in ("svg", "png")}
+    for stem in stems:
+        svg, png = brake_files()[f"figures/{stem}.svg"], brake_files()[f"figures/{stem}.png"]
+        assert isinstance(svg, str)
+        assert ElementTree.fromstring(svg).tag.endswith("svg")
+        assert isinstance(png, bytes)
+        assert png.startswith(b"\x89PNG\r\n\x1a\n")
+
+
+def without_gains(text: str = BRAKE, **said: Any) -> Findings:
+    """A design that failed: a page without figures, which is made at once."""
+    spec, design = parse_spec(text), brake_findings().design
+    stamp = {**design["stamp"], "spec_sha256": spec.sha256}
+    nothing = {"gains": None, "status": "failed", "objective": None, "stability": None, "nominal": None}
+    return findings_of(spec, {**design, **nothing, "stamp": stamp, **said})
+
+
+def test_hostile_words_of_a_spec_are_shown_and_not_obeyed() -> None:
+    words = (HOSTILE * (10_000 // len(HOSTILE) + 1))[:10_000]
+    text = re.sub(r"^description:.*$", lambda _: f"description: {json.dumps(words)}", BRAKE, flags=re.MULTILINE)
+    page = report_files(without_gains(text, message=HOSTILE, objective_quantity=HOSTILE))["report.html"]
+    assert isinstance(page, str)
+    read = Page(page)
+    assert read.open == []
+    assert read.tags["script"] == 0
+    assert read.tags["img"] == 0
+    assert words in "".join(read.text)
+    assert f"Why: {HOSTILE}." in "".join(read.text)
+
+
+def test_hostile_words_reach_no_script_of_a_whole_page() -> None:
+    # the plants' numbers and the design's name are the only words of a spec in figures and curves
+    with pytest.raises(ft.SpecError):
+        parse_spec(BRAKE.replace("name: brake", f"name: {json.dumps(HOSTILE)}"))
+    with pytest.raises(ft.SpecError):
+        parse_spec(BRAKE.replace("static_gain: 1.0", f"{json.dumps(HOSTILE)}: 1.0"))
+
+
+def test_the_pages_policy_allows_its_own_script_alone() -> None:
+    script = re.findall(r"<script>(.*?)</script>", brake_page(), re.DOTALL)[0]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in brake_page().replace("&#39;", "'")
+    assert "default-src 'none'" in brake_page().replace("&#39;", "'")
+
+
+def test_the_table_says_what_the_documents_say() -> None:
+    text = "".join(Page(brake_page()).text)
+    for words in ("phase_margin_deg >= 80", "82.906", "time_constant_s = 3.1", "-20", "infinite", "7.3856"):
+        assert words.replace(" = ", "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}") in text
+    assert "solved. All requirements hold for the whole family. Checked in floating point, not proved." in text
+    assert "The loop on samples: violated." in text  # the gains are those of continuous time
+    assert run_of(BRAKE).spec.sha256 in text
+
+
+def test_verdicts_of_a_proof_are_told_with_their_signs() -> None:
+    proofs = [
+        {"verdict": verdict, "proved_from": None, "proved_to": 1.5, "relative_gap": None, "boxes": 1, "reason": ""}
+        for verdict in ("proved", "refuted", "undecided")
+    ]
+    said = list(brake_findings().design["requirements"])
+    entries = [{**entry, "proof": proof} for entry, proof in zip(said, proofs, strict=False)] + said[3:]
+    page = str(report_files(without_gains(requirements=entries))["report.html"])
+    cells = re.findall(r'<td class="verdict">(.*?)</td>', page)
+    assert cells == ["✓ proved", "✗ refuted", "? undecided", "✓ met", "✓ met"]
+
+
+def test_a_design_of_another_spec_is_refused() -> None:
+    found = brake_findings()
+    with pytest.raises(DomainError, match="another spec"):
+        findings_of(parse_spec(BRAKE + "# changed\n"), found.design)
+
+
+def test_documents_of_other_gains_are_left_out() -> None:
+    found = brake_findings()
+    assert found.digital is not None
+    other = {**found.digital, "gains": {"kp": 1.0, "ki": 1.0, "alpha": 1.0}}
+    assert findings_of(found.spec, found.design, other, other).digital is None
+    assert findings_of(found.spec, found.design, other, other).evidence is None
+    assert findings_of(found.spec, found.design, found.digital).digital == found.digital
+
+
+def test_without_gains_there_is_a_report_without_figures() -> None:
+    nothing = {"met": False, "achieved": None, "outcome": None, "score": None, "worst": None, "multiplier": None}
+    entries = [{**entry, **nothing} for entry in brake_findings().design["requirements"]]
+    files = report_files(without_gains(requirements=entries))
+    assert list(files) == ["report.html"]
+    assert "There is no loop to draw" in str(files["report.html"])
+    assert re.findall(r'<td class="verdict">(.*?)</td>', str(files["report.html"])) == ["– open"] * 5
+
+
+def test_drawn_loops_are_the_formula() -> None:
+    members = loop_of(brake_findings())
+    gains, omega = members.gains, members.omega
+    s = 1j * omega
+    controller = gains.kp + gains.ki * s**-gains.alpha
+    # the nominal plant and the worst ones, by their time constants
+    expected = [controller / (member.point[0] * s + 1.0) for member in members.named]
+    # rounding of a logarithm and its exponential
+    np.testing.assert_allclose(np.exp(members.named_log_loop), expected, rtol=1e-10)
+    assert [member.point for member in members.named] == [(2.25,), (3.1,), (1.6,)]
+    np.testing.assert_allclose(members.controller, controller, rtol=1e-12)
+
+
+def test_on_samples_the_drawn_loop_is_the_filter_behind_its_hold() -> None:
+    text = BRAKE.replace("delay_samples: 0}", "delay_samples: 0, design: sampled}")
+    found = brake_findings()
+    design = {**found.design, "stamp": {**found.design["stamp"], "spec_sha256": parse_spec(text).sha256}}
+    digital = {**(found.digital or {}), "stamp": design["stamp"]}
+    assert members_of(findings_of(parse_spec(text), design)) is None  # nothing is drawn of another loop
+    members = loop_of(findings_of(parse_spec(text), design, digital))
+    implementation = members.findings.implementation
+    assert isinstance(implementation, Implementation)
+    # ZOH of 1/(tau s + 1):  (1 - a)/(z - a), a = e^{-Ts/tau}
+    z, a = np.exp(1j * members.omega * 0.2), math.exp(-0.2 / 2.25)
+    expected = implementation.sections.response(members.omega) * (1.0 - a) / (z - a)
+    # poles next to z = 1 cost digits in z - a, not in what is drawn
+    np.testing.assert_allclose(np.exp(members.named_log_loop[0]), expected, rtol=1e-8)
+    assert members.omega[-1] < math.pi / 0.2
+
+
+def test_the_figure_of_margins_tells_their_range() -> None:
+    low, high = (margins(ROBUST_BRAKE, brake().member(np.array([tau]))).phase_margin_deg for tau in (3.1, 1.6))
+    assert low is not None
+    assert high is not None
+    # the gains of the run and those written down agree to five digits
+    assert f"phase margin from {low:.4g} to {high:.4g} deg, gain margin infinite" in brake_page()
+
+
+def test_the_slider_ends_at_the_ends_of_the_family_and_stands_at_the_nominal_plant() -> None:
+    slider = slider_of(loop_of(brake_findings()))
+    assert slider is not None
+    assert slider.labels[0] == "time_constant_s = 1.6"
+    assert slider.labels[-1] == "time_constant_s = 3.1"
+    assert slider.labels[slider.nominal] == "time_constant_s = 2.25"
+    assert [panel.key for panel in slider.panels] == ["gain", "phase", "nyquist", "step"]
+    for panel in slider.panels:
+        assert len(panel.curves) == len(slider.labels)
+        assert len(set(panel.curves)) == len(panel.curves)  # every value moves the curve
+        assert all(re.fullmatch(r"M-?\d+\.\d -?\d+\.\d(L-?\d+\.\d -?\d+\.\d)+", curve) for curve in panel.curves)
+
+
+def test_a_known_plant_has_no_slider() -> None:
+    known = parse_spec(BRAKE.replace("{nominal: 2.25, min: 1.6, max: 3.1}", "2.25"))
+    found = replace(brake_findings(), spec=known, digital=None)
+    assert slider_of(Members(found, FoPi(1.0, 1.0, 0.5))) is None
+
+
+#: a page of three elements, enough for the script; prints what it shows at first and after a move
+STAGE = """
+const fs = require("fs");
+const [script, curves, keys, start, moved] = JSON.parse(fs.readFileSync(0, "utf8"));
+const elements = {};
+function element(id) {
+  return elements[id] || (elements[id] = {
+    attributes: {}, heard: {}, textContent: "", value: "",
+    setAttribute(name, value) { this.attributes[name] = value; },
+    addEventListener(name, told) { this.heard[name] = told; },
+  });
+}
+globalThis.document = { getElementById: element };
+element("curves").textContent = curves;
+element("slider").value = start;
+(0, eval)(script);
+function seen() {
+  return [element("slider-value").textContent, element("slider").attributes["aria-valuetext"],
+          ...keys.map((key) => element("moved-" + key).attributes.d)];
+}
+const first = seen();
+element("slider").value = moved;
+element("slider").heard.input();
+console.log(JSON.stringify([first, seen()]));
+"""
+
+
+def test_the_pages_script_moves_every_curve() -> None:
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no program `node` to run the page's script with")
+    slider = slider_of(loop_of(brake_findings()))
+    assert slider is not None
+    text = brake_page()
+    curves = re.findall(r'<script type="application/json" id="curves">(.*?)</script>', text, re.DOTALL)[0]
+    script = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)[0]
+    keys = [panel.key for panel in slider.panels]
+    told = json.dumps([script, curves, keys, str(slider.nominal), "0"])
+    ran = subprocess.run([node, "-e", STAGE], input=told, capture_output=True, text=True, check=False)
+    assert ran.stderr == ""
+    for seen, k in zip(json.loads(ran.stdout), (slider.nominal, 0), strict=True):
+        assert seen == [slider.labels[k], slider.labels[k], *(panel.curves[k] for panel in slider.panels)]
+
+
+def test_the_pages_data_name_every_curve_that_the_page_has() -> None:
+    text = brake_page()
+    data = json.loads(re.findall(r'id="curves">(.*?)</script>', text, re.DOTALL)[0])
+    ids = set(Page(text).ids)
+    assert {"slider", "slider-value", "curves", *(f"moved-{key}" for key in data["curves"])} <= ids
+    assert all(len(curves) == len(data["labels"]) for curves in data["curves"].values())
+    assert f'max="{len(data["labels"]) - 1}"' in text
+
+
+def test_a_slider_moves_in_a_browser_without_errors(tmp_path: Path) -> None:
+    playwright = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
+    (tmp_path / "report.html").write_text(brake_page(), encoding="utf-8")
+    said: list[str] = []
+    with playwright.sync_playwright() as tool:
+        try:
+            browser = tool.chromium.launch()
+        except playwright.Error:
+            pytest.skip("there is no Chromium that Playwright could start")
+        page = browser.new_page()
+        page.on("console", lambda message: said.append(message.text))
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto((tmp_path / "report.html").as_uri())
+        before = page.get_attribute("#moved-gain", "d")
+        page.focus("#slider")
+        page.keyboard.press("Home")
+        assert page.get_attribute("#moved-gain", "d") != before
+        page.screenshot(path=tmp_path / "report.png", full_page=True)
+        browser.close()
+    assert said == []
+    assert (tmp_path / "report.png").stat().st_size > 10_000
+
+
+def test_a_histogram_counts_every_finite_value_once() -> None:
+    values = np.random.default_rng(1).normal(size=1000)
+    found = histogram(np.concatenate([values, [np.inf]]))
+    assert found is not None
+    counts, edges = np.histogram(values, bins=len(found.counts))
+    np.testing.assert_allclose(found.edges, edges, rtol=1e-12)
+    # a value on an edge may be rounded to either side
+    assert np.abs(np.array(found.counts) - counts).sum() <= 2
+    assert sum(found.counts) == 1000
+    assert histogram(np.array([np.inf])) is None
+    same = histogram(np.array([2.0, 2.0]))
+    assert same is not None
+    assert same.counts[0] == 2
+
+
+def test_the_evidence_is_part_of_a_report() -> None:
+    run = run_of(BRAKE)
+    assert run.design.gains is not None
+    evidence = json.loads(json.dumps(ft.validate(run.spec, run.design.gains, samples=50).to_dict()))
+    files = report_files(brake_findings(evidence))
+    assert "figures/plants.svg" in files
+    text = "".join(Page(str(files["report.html"])).text)
+    assert "met: 50 plants, random, seed 1" in text
+    # Clopper-Pearson of 50 of 50 at 99 %: (0.005)^(1/50) = 0.89946
+    assert "89.95 .. 100 %" in text
+
+
+def test_a_run_writes_its_report_and_report_makes_it_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("brake.yaml").write_text(BRAKE, encoding="utf-8")
+    ran = CliRunner().invoke(app, ["run", "brake.yaml", "--no-proof"])
+    assert "wrote results/brake/report.html" in ran.stderr
+    folder = Path("results", "brake")
+    first = {p.name: p.read_bytes() for p in (folder / "report.html", *sorted((folder / "figures").iterdir()))}
+    assert first["report.html"] == brake_page().encode()
+    (folder / "report.html").unlink()
+    again = CliRunner().invoke(app, ["report", "brake.yaml"])
+    assert (again.exit_code, again.stdout) == (0, "results/brake/report.html\n")
+    assert {
+        name: (folder / ("" if name == "report.html" else "figures") / name).read_bytes() for name in first
+    } == first
+    Path("brake.yaml").write_text(BRAKE + "# changed\n", encoding="utf-8")
+    from_folder = CliRunner().invoke(app, ["report", "results/brake"])
+    assert (from_folder.exit_code, from_folder.stdout) == (0, "results/brake/report.html\n")
+    assert (folder / "report.html").read_bytes() == first["report.html"]
+    changed = CliRunner().invoke(app, ["report", "brake.yaml"])
+    assert changed.exit_code == 2
+    assert "of another spec" in changed.stderr
+
+
+def test_a_spec_keeps_the_bytes_it_was_read_from() -> None:
+    data = BRAKE.replace("\n", "\r\n").encode()
+    assert parse_spec(data).source == data
+    assert parse_spec(data).sha256 == hashlib.sha256(data).hexdigest()
+
+
+def test_figures_that_a_new_report_does_not_draw_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    known = BRAKE.replace("{nominal: 2.25, min: 1.6, max: 3.1}", "2.25").replace("digital:", "# digital:")
+    Path("brake.yaml").write_text(known, encoding="utf-8")
+    old = Path("results", "brake", "figures", "margins.svg")
+    old.parent.mkdir(parents=True)
+    old.write_text("old", encoding="utf-8")
+    ran = CliRunner().invoke(app, ["run", "brake.yaml", "--no-proof"])
+    assert "figures/margins.svg in results/brake is of an earlier result, not of this one" in ran.stderr
+    assert old.read_text(encoding="utf-8") == "old"
+
+
+def test_without_results_report_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("brake.yaml").write_text(BRAKE, encoding="utf-8")
+    found = CliRunner().invoke(app, ["report", "brake.yaml"])
+    assert found.exit_code == 2
+    assert "there is no design.json to read in results/brake; make one with `fopi run`" in found.stderr
+    (Path("results") / "brake").mkdir(parents=True)
+    (Path("results") / "brake" / "design.json").write_text("{}", encoding="utf-8")
+    assert "run `fopi run` again" in CliRunner().invoke(app, ["report", "brake.yaml"]).stderr
+
+
+def test_an_unstable_loop_is_drawn_too() -> None:
+    found = brake_findings()
+    text = BRAKE.replace("dead_time_s: 0.0", "dead_time_s: 20.0")
+    stamp = {**found.design["stamp"], "spec_sha256": parse_spec(text).sha256}
+    members = loop_of(findings_of(parse_spec(text), {**found.design, "stamp": stamp}))
+    assert margins(members.gains, lag(1.0, 2.25, 20.0).member(np.zeros(0))).phase_margin_deg < 0  # pyright: ignore[reportOptionalOperand]
+    assert "figures/bode.svg" in report_files(members.findings)
