@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
     from fopi_tune.optimum import Optimum, OptimumRecheck, OptimumStatus
     from fopi_tune.outcome import Status
-    from fopi_tune.pipeline import discretize, price, prove, recheck, run, simulate, tradeoff, tune, validate
+    from fopi_tune.pipeline import discretize, price, prove, recheck, run, tradeoff, tune
     from fopi_tune.pipeline_optimum import certify_optimum, recheck_optimum
     from fopi_tune.pipeline_systems import simulate_system, validate_system
+    from fopi_tune.pipeline_time import simulate, validate
     from fopi_tune.prices import Tradeoff
     from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
     from fopi_tune.result import Check, Design, Discretized, Run, Validated
@@ -72,11 +73,11 @@ _PUBLIC = {
     "recheck": "fopi_tune.pipeline",
     "recheck_optimum": "fopi_tune.pipeline_optimum",
     "run": "fopi_tune.pipeline",
-    "simulate": "fopi_tune.pipeline",
+    "simulate": "fopi_tune.pipeline_time",
     "simulate_system": "fopi_tune.pipeline_systems",
     "tradeoff": "fopi_tune.pipeline",
     "tune": "fopi_tune.pipeline",
-    "validate": "fopi_tune.pipeline",
+    "validate": "fopi_tune.pipeline_time",
     "validate_system": "fopi_tune.pipeline_systems",
 }
 

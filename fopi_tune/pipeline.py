@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,21 +14,17 @@ from fopi_tune.errors import DomainError
 from fopi_tune.outcome import Status
 from fopi_tune.proof import Recheck, certify, verify
 from fopi_tune.proof.certificate import LARGEST_TOLERANCE
-from fopi_tune.result import Check, Design, Discretized, Run, Validated, loop_name, objective_name
+from fopi_tune.result import Check, Design, Discretized, Run, loop_name, objective_name
 from fopi_tune.spec import load_spec
-from fopi_tune.spec.model import DesignSpec, ValidationSpec
+from fopi_tune.spec.model import DesignSpec
 from fopi_tune.stamp import certificate_versions, stamp
 
 if TYPE_CHECKING:
     from fopi_tune.design import Neighbour
     from fopi_tune.prices import Tradeoff
-    from fopi_tune.simulated import Simulated
-    from fopi_tune.validation.drawn import Progress
 
 #: how often a refuted design is made again
 _MOST_REFUTATIONS = 5
-#: as the spec language allows
-_MOST_SAMPLES = 10**8
 
 #: why there are no prices and no sweeps of such a spec
 NOT_ON_SAMPLES = (
@@ -224,75 +219,6 @@ def run(source: Source, proof: bool = True) -> Run:
     return Run(design, digital if known is None else replace(digital, certificate=known))
 
 
-def validate(
-    source: Source,
-    gains: FoPi,
-    *,
-    samples: int | None = None,
-    seed: int | None = None,
-    progress: Progress | None = None,
-) -> Validated:
-    """Draw plants from the family and say how often the digital controller's loop meets everything.
-
-    Args:
-        source: a spec file, or a spec, with a section `digital`.
-        gains: the controller, usually from a design.
-        samples: plants to draw, in place of the spec's; of a file of samples, its first rows.
-        seed: in place of the spec's.
-        progress: told how many plants are done, of how many.
-
-    Raises:
-        SpecError: the file cannot be read, or has mistakes.
-        DomainError: as for `discretize`, a number of samples that cannot be drawn, or no draw that is a plant.
-    """
-    from fopi_tune.validation.contradict import contradictions
-    from fopi_tune.validation.montecarlo import monte_carlo
-
-    spec = load_spec(source)
-    spec = replace(spec, validation=wanted_validation(spec.validation, samples, seed))
-    digital = discretize(spec, gains)
-    implementation = Implementation(digital.controller.sections, digital.controller.digital.delay_samples)
-    evidence = monte_carlo(spec, gains, implementation, progress)
-    return Validated(digital, evidence, contradictions(evidence, digital.certificate))
-
-
-def simulate(
-    source: Source,
-    gains: FoPi,
-    *,
-    scenario: str | None = None,
-    plant: Mapping[str, float] | None = None,
-    replay: int | None = None,
-    exact: bool = False,
-    samples: int | None = None,
-    seed: int | None = None,
-) -> Simulated:
-    """Drive one plant through the spec's scenarios with its digital controller.
-
-    Args:
-        source: a spec file, or a spec, with sections `digital` and `scenarios`.
-        gains: the controller, usually from a design.
-        scenario: name of the only one.
-        plant: uncertain numbers by name; the nominal ones where left out.
-        replay: index of a plant that `validate` drew, to make it and its noise again.
-        exact: the fractional loop in continuous time instead, without filter, samples and computing delay.
-        samples: what was given to `validate`.
-        seed: what was given to `validate`.
-
-    Raises:
-        SpecError: the file cannot be read, or has mistakes.
-        DomainError: as for `discretize`, or an unknown scenario, number or index.
-    """
-    from fopi_tune.implement import implementation_of
-    from fopi_tune.simulated import drive
-
-    spec = load_spec(source)
-    spec = replace(spec, validation=wanted_validation(spec.validation, samples, seed))
-    made = stamp(spec.sha256, None)
-    implementation = implementation_of(spec, gains)
-    return drive(spec, gains, implementation, made, only=scenario, plant=plant, index=replay, exact=exact)
-
-
 def recheck(document: object, source: Source | None = None) -> Recheck:
     """Check a certificate without searching.
 
@@ -322,21 +248,6 @@ def recheck(document: object, source: Source | None = None) -> Recheck:
     return replace(found, problems=(*found.problems, problem))
 
 
-def wanted_validation(validation: ValidationSpec | None, samples: int | None, seed: int | None) -> ValidationSpec:
-    """A section `validation` with the command line's numbers in place of the file's.
-
-    Raises:
-        DomainError: a number of samples that is not positive, or more than the rows of a file of samples.
-    """
-    wanted = validation or ValidationSpec()
-    drawn, listed = wanted.samples if samples is None else samples, wanted.samples_file
-    if not 1 <= drawn <= _MOST_SAMPLES:
-        raise DomainError(f"samples = {drawn} must be at least 1 and at most {_MOST_SAMPLES}")
-    if listed is not None and drawn > len(listed.table.rows):
-        raise DomainError(f"samples = {drawn} are more than the {len(listed.table.rows)} rows of {listed.name}")
-    return replace(wanted, samples=drawn, seed=wanted.seed if seed is None else seed)
-
-
 def _attempt(
     spec: DesignSpec, violations: tuple[Violation, ...], proof: bool, solver: Solver, start: FoPi | Neighbour | None
 ) -> Attempt:
@@ -363,15 +274,11 @@ __all__ = [
     "Discretized",
     "Run",
     "Solver",
-    "Validated",
     "discretize",
     "price",
     "prove",
     "recheck",
     "run",
-    "simulate",
     "tradeoff",
     "tune",
-    "validate",
-    "wanted_validation",
 ]

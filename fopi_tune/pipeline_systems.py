@@ -11,7 +11,8 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.outcome import Status
-from fopi_tune.pipeline import tune, wanted_validation
+from fopi_tune.pipeline import tune
+from fopi_tune.pipeline_time import wanted_validation
 from fopi_tune.spec import load_system
 from fopi_tune.spec.model import SystemSpec
 from fopi_tune.stamp import stamp

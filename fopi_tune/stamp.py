@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 
 from fopi_tune import __version__
 
 #: other distributions whose version can change a number
 _DISTRIBUTIONS = ("casadi", "numpy")
 _NUMERIC = ("casadi", "numba", "numpy", "python-flint", "scipy")
+#: files of this package that can
+_SOURCES = (".py", ".yaml", ".jinja")
 #: the same of gains found by convex problems
 _CONVEX_DISTRIBUTIONS = ("clarabel", "cvxpy", "numpy")
 
@@ -46,8 +52,11 @@ def stamp(spec_sha256: str, solver: str | None) -> Stamp:
 
 
 def numeric_versions() -> dict[str, str]:
-    """Everything whose version can change a number of any stage, which tells whether a study's cell is the same."""
-    return {"fopi-tune": __version__, **{name: _version_of(name) for name in _NUMERIC}}
+    """Everything whose version can change a number of any stage, which tells whether a study's cell is the same.
+
+    Two checkouts of one version may differ, hence `sources`: a hash of this package's code.
+    """
+    return {"fopi-tune": __version__, "sources": _sources(), **{name: _version_of(name) for name in _NUMERIC}}
 
 
 def certificate_versions() -> dict[str, str]:
@@ -57,6 +66,25 @@ def certificate_versions() -> dict[str, str]:
         "python": platform.python_version(),
         "python-flint": _version_of("python-flint"),
     }
+
+
+@cache
+def _sources() -> str:
+    """A hash of every module and template of this package, whatever way its lines end."""
+    digest = hashlib.sha256()
+    for path, content in _walk(files("fopi_tune"), ""):
+        text = content.replace(b"\r\n", b"\n")
+        digest.update(f"{path}\0{len(text)}\0".encode() + text)
+    return digest.hexdigest()[:16]
+
+
+def _walk(folder: Traversable, path: str) -> Iterator[tuple[str, bytes]]:
+    for entry in sorted(folder.iterdir(), key=lambda e: e.name):
+        name = f"{path}/{entry.name}"
+        if entry.is_dir():
+            yield from _walk(entry, name)
+        elif entry.name.endswith(_SOURCES):
+            yield name, entry.read_bytes()
 
 
 @cache

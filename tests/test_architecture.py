@@ -28,6 +28,7 @@ ALLOWED = {
         "pipeline",
         "pipeline_optimum",
         "pipeline_systems",
+        "pipeline_time",
         "result",
         "simulated",
         "systems",
@@ -71,12 +72,19 @@ ALLOWED = {
         "result",
         "validation",
     ),
-    "study": ("core", "design", "errors", "outcome", "pipeline", "proof", "result", "spec", "stamp"),
+    "study": (
+        *("core", "design", "errors", "outcome", "pipeline", "pipeline_time", "proof", "result", "spec", "stamp"),
+        "validation",
+    ),
     "simulated": ("core", "errors", "spec.model", "stamp", "validation"),
     "systems": ("core", "simulated", "spec.model", "stamp", "validation"),
     "pipeline_optimum": ("core", "optimum", "spec", "validation"),
     "pipeline_systems": (
-        *("core", "errors", "implement", "outcome", "pipeline", "spec", "stamp", "systems", "validation"),
+        *("core", "errors", "implement", "outcome", "pipeline", "pipeline_time", "spec", "stamp", "systems"),
+        "validation",
+    ),
+    "pipeline_time": (
+        *("core", "errors", "implement", "pipeline", "result", "simulated", "spec", "stamp", "validation"),
     ),
     "assemble": ("candidate", "outcome", "proof", "result", "spec.model", "stamp"),
     "implement": (
@@ -88,7 +96,7 @@ ALLOWED = {
         *("proof", "result", "simulated", "spec", "stamp", "validation"),
     ),
     "paper": (
-        *("core", "digital", "errors", "outcome", "pipeline", "pipeline_systems", "report"),
+        *("core", "digital", "errors", "outcome", "pipeline", "pipeline_systems", "pipeline_time", "report"),
         *("result", "simulated", "spec", "validation"),
     ),
     "__main__": ("cli",),
@@ -104,6 +112,7 @@ ALLOWED = {
             "pipeline",
             "pipeline_optimum",
             "pipeline_systems",
+            "pipeline_time",
             "prices",
             "proof",
         ),
@@ -112,7 +121,13 @@ ALLOWED = {
 }
 #: these print or write; the loader of specs reads, and the ledger of a study is a database
 LEDGER = "fopi_tune.study.ledger"
-MAY_TOUCH_THE_DISK = {"fopi_tune.cli.output": {"print", "open"}, "fopi_tune.spec.load": {"open"}, LEDGER: {"open"}}
+MAY_TOUCH_THE_DISK = {
+    "fopi_tune.cli.output": {"print", "open"},
+    "fopi_tune.spec.load": {"open"},
+    # this package's own sources
+    "fopi_tune.stamp": {"open"},
+    LEDGER: {"open"},
+}
 
 
 def tree(path: Path) -> ast.Module:

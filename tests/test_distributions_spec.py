@@ -21,7 +21,7 @@ from scipy import stats
 from typer.testing import CliRunner
 
 import fopi_tune as ft
-from fopi_tune import pipeline
+from fopi_tune import pipeline_time
 from fopi_tune.cli import app
 from fopi_tune.core.distributions import (
     Beta,
@@ -323,17 +323,17 @@ def test_a_plant_is_made_again_exactly(written: str) -> None:
     evidence = evidence_of(spec)
     assert all(judged.worst for judged in (*evidence.limits, *evidence.requirements))
     for worst in evidence.limits[0].worst[:2]:
-        again = pipeline.simulate(spec, GAINS, replay=worst.index)
+        again = pipeline_time.simulate(spec, GAINS, replay=worst.index)
         assert again.plant == worst.plant
         # two ways to the same samples: the kernel of many plants and the plain one
         assert again.driven[0].measures["overshoot"] == pytest.approx(worst.value, rel=1e-12)
     for judged in evidence.requirements:
-        assert pipeline.simulate(spec, GAINS, replay=judged.worst[0].index).plant == judged.worst[0].plant
+        assert pipeline_time.simulate(spec, GAINS, replay=judged.worst[0].index).plant == judged.worst[0].plant
 
 
 @pytest.fixture(scope="module")
 def folded() -> Validated:
-    return pipeline.validate(drawing(FOLDED, "samples: 2000"), GAINS)
+    return pipeline_time.validate(drawing(FOLDED, "samples: 2000"), GAINS)
 
 
 def test_plants_outside_the_family_are_counted_and_contradict_no_proof(folded: Validated) -> None:
@@ -382,7 +382,7 @@ def test_unstable_loops_outside_the_family_contradict_no_proof_of_stability() ->
     )
     noise = "{nominal_plus_noise: {shape: half_normal, mean: 8}}"
     text = text.replace("{samples: 10000, seed: 1}", f"{{samples: 60, distributions: {{dead_time_s: {noise}}}}}")
-    result = pipeline.validate(parse_spec(text), GAINS)
+    result = pipeline_time.validate(parse_spec(text), GAINS)
     assert result.digital.certificate is not None
     assert result.digital.certificate.stability.verdict is ft.Verdict.PROVED
     assert result.evidence.stable.met < result.evidence.outside
@@ -402,7 +402,7 @@ def test_draws_that_are_no_plants_are_counted_and_left_out() -> None:
         assert not any(refused[worst.index] for worst in judged.worst)
     index = int(np.flatnonzero(refused)[0])
     with pytest.raises(DomainError, match=rf"draw {index} is no plant: time_constant_s = -.* must be greater than 0"):
-        pipeline.simulate(spec, GAINS, replay=index)
+        pipeline_time.simulate(spec, GAINS, replay=index)
 
 
 def test_evidence_of_the_possible_ones_is_that_of_a_file_of_them() -> None:
@@ -468,7 +468,7 @@ def test_samples_takes_the_first_rows_of_a_file() -> None:
     evidence = evidence_of(spec)
     assert (evidence.stable.total, evidence.outside) == (3, 1)
     with pytest.raises(DomainError, match=r"samples = 5 are more than the 4 rows of f\.csv"):
-        pipeline.validate(spec, GAINS, samples=5)
+        pipeline_time.validate(spec, GAINS, samples=5)
 
 
 def test_columns_of_a_file_go_by_name() -> None:

@@ -2,35 +2,43 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import dataclasses
 import io
 import json
 import os
+import signal
 import sqlite3
 import subprocess
 import sys
+import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
-from fopi_tune import pipeline
+from fopi_tune import pipeline, pipeline_time
 from fopi_tune.cli import app
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.design import design, neighbour
+from fopi_tune.design.interrupt import not_swallowed
+from fopi_tune.errors import FopiError
 from fopi_tune.report import study_text
 from fopi_tune.spec import load_spec
 from fopi_tune.stamp import numeric_versions
 from fopi_tune.study import Machines, StudyResult, run
-from fopi_tune.study.cells import Result, run_cell, run_chunk
-from fopi_tune.study.engine import Ended, InProcess, run_study
+from fopi_tune.study.cells import Result, finish, run_block, run_cell, run_chunk
+from fopi_tune.study.engine import Ended, InProcess, Task, divided, run_study
 from fopi_tune.study.ledger import LEDGER, Counts, LedgerError, opened, read
 from fopi_tune.study.load import load_study
 from fopi_tune.study.model import Cell, Column, Kind, Study
 from fopi_tune.study.table import found, table_of
 from fopi_tune.study.trees import spec_of
+from fopi_tune.validation.montecarlo import SCANNED
 from fopi_tune.validation.threads import threads
 
 ROOT = Path(__file__).parents[1]
@@ -86,7 +94,7 @@ def test_a_cells_numbers_are_those_of_the_single_commands() -> None:
     assert found["tune"] == pipeline.tune(spec_of(cell.text), proof=False).to_dict()
     assert found["prove"] == pipeline.prove(checked, gains).to_dict()
     assert found["discretize"] == pipeline.discretize(checked, gains).to_dict()
-    assert found["validate"] == pipeline.validate(checked, gains).to_dict()
+    assert found["validate"] == pipeline_time.validate(checked, gains).to_dict()
     assert found["outcome"] == "met"
 
 
@@ -136,7 +144,8 @@ def test_what_a_cell_raises_is_its_reason_and_what_it_did_before_is_kept() -> No
 def test_a_worker_with_other_versions_runs_nothing() -> None:
     cell = study("").cells[0]
     (result,) = run_chunk([("key", cell)], {**VERSIONS, "casadi": "0.0"})
-    assert result.reason == f"this worker has casadi {VERSIONS['casadi']} instead of 0.0; install the same versions"
+    told = f"this worker has casadi {VERSIONS['casadi']} instead of 0.0"
+    assert result.reason == f"{told}; install the same versions and use --retry-failed"
 
 
 def test_a_result_does_not_depend_on_what_was_run_before() -> None:
@@ -184,9 +193,9 @@ def test_equal_cells_are_run_once_and_have_a_row_each(folder: Path) -> None:
     asked: list[int] = []
 
     class Counting(InProcess):
-        def submit(self, cells: object, versions: object) -> None:
-            asked.append(len(cells))  # type: ignore[arg-type]
-            super().submit(cells, versions)  # type: ignore[arg-type]
+        def submit(self, task: Task, versions: Mapping[str, str]) -> None:
+            asked.append(len(task.cells))
+            super().submit(task, versions)
 
     with opened(folder / "out") as ledger:
         counts = run_study(same, ledger, VERSIONS, Counting)
@@ -253,13 +262,13 @@ def test_a_chunk_whose_worker_died_is_run_again_cell_by_cell(folder: Path) -> No
         """Dies whenever slow_2 is in the chunk, and the first time that slow_3 is."""
 
         def next_ended(self) -> Ended:
-            asked, _ = self._waiting[0]
-            names = [cell.name for _, cell in asked]
+            task, _ = self._waiting[0]
+            names = [cell.name for _, cell in task.cells]
             tried.append(names)
             dies = "slow_2" in names or ("slow_3" in names and sum("slow_3" in t for t in tried) == 1)
             if dies:
                 self._waiting.popleft()
-                return Ended(asked, None)
+                return Ended(task)
             return super().next_ended()
 
     with opened(folder / "out") as ledger:
@@ -291,13 +300,13 @@ def test_chunks_grow_where_cells_are_short_and_never_starve_a_worker(folder: Pat
     sizes: list[int] = []
 
     class Quick(InProcess):
-        def submit(self, cells: object, versions: object) -> None:
-            sizes.append(len(cells))  # type: ignore[arg-type]
-            super().submit(cells, versions)  # type: ignore[arg-type]
+        def submit(self, task: Task, versions: Mapping[str, str]) -> None:
+            sizes.append(len(task.cells))
+            super().submit(task, versions)
 
         def next_ended(self) -> Ended:
-            asked, _ = self._waiting.popleft()
-            return Ended(asked, [Result(key, "{}", "", 0.05) for key, _ in asked])
+            task, _ = self._waiting.popleft()
+            return Ended(task, [Result(key, "{}", "", 0.05) for key, _ in task.cells])
 
     with opened(folder / "out") as ledger:
         counts = run_study(Study("q", cells, ()), ledger, VERSIONS, lambda: Quick(2))
@@ -441,7 +450,10 @@ def test_failed_cells_end_with_3_and_their_reasons() -> None:
 
 
 def test_a_dry_run_lists_the_cells_and_runs_nothing() -> None:
-    told = CliRunner().invoke(app, ["study", write("limit_cells: 1\ngrid: {digital.poles: [5, 7]}"), "--dry-run"])
+    file = write("limit_cells: 1\ngrid: {digital.poles: [5, 7]}")
+    # the limit keeps a slip from filling the memory, also of a list
+    assert CliRunner().invoke(app, ["study", file, "--dry-run"]).exit_code == 2
+    told = CliRunner().invoke(app, ["study", file, "--dry-run", "--force"])
     assert (told.exit_code, told.stdout) == (0, "1  lag, digital.poles = 5\n2  lag, digital.poles = 7\n")
     assert not Path("results").exists()
 
@@ -456,12 +468,20 @@ def test_a_dry_run_lists_the_cells_and_runs_nothing() -> None:
         (["none.yaml"], "none.yaml:1:1: there is no such file"),
         (["many.yaml"], "2 cells are more than 1; run them with --force"),
         (["--status", "."], "there is no ledger.sqlite in ."),
+        (["--status", "new"], "new/ledger.sqlite has no study yet"),
+        (["s.yaml", "--out", "alien"], "alien/ledger.sqlite is a database of something else"),
+        (["s.yaml", "--out", "locked"], "cannot write locked/ledger.lock (Is a directory); choose another folder"),
     ],
 )
 def test_bad_input_ends_with_2_and_one_line(arguments: list[str], part: str) -> None:
     write("limit_cells: 1\ngrid: {digital.poles: [5, 7]}\n")
     Path("s.yaml").rename("many.yaml")
     write("stages: [tune]\n")
+    for name in ("new", "alien", "locked/ledger.lock"):
+        Path(name).mkdir(parents=True)
+    Path("new/ledger.sqlite").touch()
+    with contextlib.closing(sqlite3.connect("alien/ledger.sqlite")) as connection:
+        connection.execute("CREATE TABLE t (a)")
     told = CliRunner().invoke(app, ["study", "-q", *arguments])
     assert told.exit_code == 2
     assert part in told.stderr
@@ -492,3 +512,162 @@ def test_what_runs_no_cell_loads_neither_dask_nor_a_solver(arguments: list[str])
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=ENVIRONMENT)
     assert told.stdout.splitlines()[-1] == "[]"
+
+
+# -- many draws -------------------------------------------------------------------------------------------------------
+
+
+class Dividing(InProcess):
+    """Two workers in this process; `dies` and `fails` are the draws of tasks that end so."""
+
+    dies: tuple[int, int] | None = None
+    fails: tuple[int, int] | None = None
+
+    def __init__(self) -> None:
+        super().__init__(2)
+        self.ran: list[str] = []
+
+    def next_ended(self) -> Ended:
+        task, versions = self._waiting[0]
+        if task.draws is None and not task.blocks:
+            self.ran.append("cells")
+            return super().next_ended()
+        self._waiting.popleft()
+        ((key, cell),) = task.cells
+        if task.draws is None:
+            self.ran.append("finish")
+            return Ended(task, [finish(key, cell, task.blocks)])  # type: ignore[arg-type]
+        self.ran.append("block")
+        if task.draws in (self.dies, self.fails):
+            return Ended(task) if task.draws == self.dies else Ended(task, reason="no")
+        return Ended(task, block=run_block(cell, versions, *task.draws))
+
+
+@pytest.mark.parametrize(
+    ("dies", "fails", "ran"),
+    [
+        (None, None, ["block"] * 3 + ["finish"]),
+        ((512, 1024), None, ["block"] * 2 + ["block"] + ["cells"]),
+        (None, (0, 512), ["block"] * 3 + ["cells"]),
+    ],
+)
+def test_draws_that_are_divided_give_the_same_cell(
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    dies: tuple[int, int] | None,
+    fails: tuple[int, int] | None,
+    ran: list[str],
+) -> None:
+    cells = study("cells: [{validation.samples: 1600}]\nstages: [tune, prove, discretize, validate]")
+    monkeypatch.setattr("fopi_tune.study.engine.BLOCK", 512)
+    runner = Dividing()
+    runner.dies, runner.fails = dies, fails
+    with opened(folder / "out") as ledger:
+        assert run_study(cells, ledger, VERSIONS, lambda: runner) == Counts(1, 1, 0)
+        ((_, result),) = ledger.results()
+    assert json.loads(result.document) == document(cells.cells[0])
+    assert runner.ran == ran
+
+
+def test_a_cell_without_gains_has_no_blocks_and_ends_as_it_would(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    infeasible = "requirements: [{phase_margin_deg: {at_least: 140}}], validation.samples: 1600"
+    cells = study(f"cells: [{{{infeasible}}}]\nstages: [tune, validate]")
+    monkeypatch.setattr("fopi_tune.study.engine.BLOCK", 512)
+
+    class Raising(Dividing):
+        def next_ended(self) -> Ended:
+            task, _ = self._waiting[0]
+            try:
+                return super().next_ended()
+            except FopiError as error:
+                return Ended(task, reason=str(error))
+
+    with opened(folder / "out") as ledger:
+        assert run_study(cells, ledger, VERSIONS, Raising) == Counts(1, 1, 0)
+        ((_, result),) = ledger.results()
+    assert json.loads(result.document) == document(cells.cells[0])
+    assert json.loads(result.document)["outcome"] == "infeasible"
+
+
+def test_blocks_are_of_at_least_so_many_draws_and_leave_none_out() -> None:
+    for draws in (200_000, 299_999, 1_234_567, 10_000_000):
+        edges = divided(draws)
+        assert [first for first, _ in edges] == [0, *(end for _, end in edges[:-1])]
+        assert edges[-1][1] == draws
+        assert min(end - first for first, end in edges) >= 100_000
+        assert all(first % SCANNED == 0 for first, _ in edges)
+
+
+def test_a_file_of_samples_travels_with_its_cells(folder: Path) -> None:
+    (folder / "few.csv").write_text("time_constant_s\n1.7\n3.0\n", encoding="utf-8")
+    (folder / "more.csv").write_text("time_constant_s\n1.7\n3.0\n2.0\n", encoding="utf-8")
+    values = "[{samples_file: few.csv}, {samples_file: more.csv}]"
+    cells = study(f"grid: {{validation: {values}}}\nstages: [validate]").cells
+    assert [dict(cell.files) for cell in cells] == [
+        {name: (folder / name).read_bytes()} for name in ("few.csv", "more.csv")
+    ]
+    for name in ("few.csv", "more.csv"):
+        (folder / name).unlink()
+    found: list[Any] = [document(cell)["validate"] for cell in cells]
+    assert [each["stable"]["total"] for each in found] == [2, 3]
+    whole = load_spec("lag.yaml")
+    listed = dataclasses.replace(whole, validation=spec_of(cells[1].text, files=cells[1].files).validation)
+    alone = pipeline_time.validate(listed, FoPi(0.385, 0.388, 0.82)).to_dict()
+    assert alone["requirements"] == found[1]["requirements"]
+
+
+def test_a_file_of_samples_that_changes_changes_its_cell(folder: Path) -> None:
+    keys = []
+    for rows in ("1.7\n3.0\n", "1.7\n3.1\n"):
+        (folder / "f.csv").write_text(f"time_constant_s\n{rows}", encoding="utf-8")
+        keys.append(study("cells: [{validation: {samples_file: f.csv}}]\nstages: [validate]").cells[0].key(VERSIONS))
+    assert keys[0] != keys[1]
+
+
+@pytest.mark.parametrize("damage", ["not json", "[1]", "", "NaN"])
+def test_a_result_that_was_damaged_is_no_row(folder: Path, damage: str) -> None:
+    cells = study("stages: [prove]")
+    run(cells, folder / "out", HERE)
+    with contextlib.closing(sqlite3.connect(folder / "out" / LEDGER)) as connection, connection:
+        connection.execute("UPDATE results SET document = ?", (damage,))
+    with pytest.raises(LedgerError, match="has of cell 1 is damaged; move the file away"):
+        run(cells, folder / "out", HERE)
+
+
+def test_a_finished_study_can_be_looked_at_where_nothing_can_be_written(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(study("stages: [prove]"), folder / "out", HERE)
+    # a superuser can write everywhere
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with read(folder / "out") as ledger:
+        assert ledger.counts() == Counts(1, 1, 0)
+        with pytest.raises(LedgerError, match="readonly"):
+            ledger.record([Result("k", "{}", "", 0.0)])
+    assert sorted(path.name for path in (folder / "out").iterdir()) == ["ledger.lock", LEDGER]
+
+
+def test_progress_for_programs_has_no_other_lines() -> None:
+    told = CliRunner().invoke(app, ["study", write("stages: [prove]"), "--workers", "0", "--progress", "jsonl"])
+    assert told.exit_code == 0
+    assert [json.loads(line)["done"] for line in told.stderr.splitlines()] == [0, 1]
+
+
+# -- Ctrl-C -----------------------------------------------------------------------------------------------------------
+
+
+def test_ctrl_c_is_heard_though_a_solver_takes_it_for_a_failed_solve() -> None:
+    def solve() -> None:
+        with not_swallowed(), contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(1.0)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            solve()
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        with not_swallowed():
+            pass
+    finally:
+        signal.signal(signal.SIGINT, before)

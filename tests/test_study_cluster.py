@@ -261,3 +261,16 @@ def test_an_address_where_nothing_answers_is_bad_input(tmp_path: Path) -> None:
         cluster.remote("tcp://nonsense:1", print, patience_s=0.3),
     ):
         pass
+
+
+def test_draws_that_are_divided_among_processes_give_the_same_rows(tmp_path: Path) -> None:
+    brake = json.dumps(str(ROOT / "specs" / "brake.yaml"))
+    (tmp_path / "s.yaml").write_text(
+        f"schema: 1\nname: s\nspecs: [{brake}]\ngrid: {{validation.samples: [3000], validation.seed: [1, 2]}}\n"
+        "stages: [tune, validate]\n"
+        'collect: ["validate.requirements[0].fraction", "validate.requirements[0].quantiles"]\n',
+        encoding="utf-8",
+    )
+    alone = table_of(tmp_path / "s.yaml", tmp_path / "alone", "0")
+    assert alone.count(",met,") == 2
+    assert table_of(tmp_path / "s.yaml", tmp_path / "many", "2", "blocks") == alone

@@ -189,6 +189,18 @@ def test_a_misspelt_path_is_told_as_the_spec_language_tells_it(folder: Path) -> 
         ("limit_cells: 0", "out of range"),
         ("gird: {}", "did you mean 'grid'?"),
         ("claims: sum", "'sum' is not known here"),
+        ("grid: {plant.time_constant_s.max: [2], plant.time_constant_s: [{min: 1, max: 2}]}", "4:8: grid.plant.time_"
+         "constant_s.max: plant.time_constant_s, which is put in later, replaces this; put it before, or into its"),
+        ("cells: [{'requirements[0].on': family, requirements: []}]", "requirements, which is put in later, replaces"),
+        ("cells: [{plant.time_constant_s.max: 2}]\ngrid: {plant: [{}]}", "4:10: cells[0].plant.time_constant_s"),
+        ("grid: {check.controller.kp: [1]}", "4:8: grid.check.controller.kp: the gains that are checked are those"),
+        ("collect: {outcome: tune.gains.kp}", "4:20: collect.outcome: every table of this study has a column outco"),
+        ("collect: [outcome]", "4:11: collect[0]: every table of this study has a column outcome already"),
+        ("collect: [tune.gains.kp, tune.gains.kp]", "4:26: collect[1]: is collected already; remove one of the two"),
+        ("cells: []", "4:8: cells: the list has 0 entries; write a list of at least 1"),
+        (f"grid: {{{'a.' * 40}a: [1]}}", "is no path into a spec; write one such as"),
+        ("grid: {controller.kp: [{min: 0.5, max: 1}]}\nstages: [prove]", "s.yaml:4:8: controller.kp: cell 1 (lag, "
+         'controller.kp = {"min": 0.5, "max": 1}): there is no stage tune'),
     ],
 )  # fmt: skip
 def test_mistakes_have_a_place_and_advice(folder: Path, text: str, part: str) -> None:

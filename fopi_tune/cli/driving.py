@@ -42,7 +42,7 @@ def validate_file(file: str, given: FoPi | None, samples: int | None, seed: int 
     """Draw plants, judge and report."""
 
     def make(loaded: DesignSpec | SystemSpec) -> Result:
-        from fopi_tune import pipeline, pipeline_systems
+        from fopi_tune import pipeline_systems, pipeline_time
         from fopi_tune.spec.model import SystemSpec
 
         if isinstance(loaded, SystemSpec):
@@ -53,7 +53,7 @@ def validate_file(file: str, given: FoPi | None, samples: int | None, seed: int 
         if not isinstance(found, FoPi):
             return found
         with progress_bar("loops", handling.quiet) as progress:
-            return pipeline.validate(loaded, found, samples=samples, seed=seed, progress=progress)
+            return pipeline_time.validate(loaded, found, samples=samples, seed=seed, progress=progress)
 
     return process_loaded([file], _load, make, handling, "validating")
 
@@ -62,7 +62,7 @@ def simulate_file(file: str, given: FoPi | None, course: Course, handling: Handl
     """Drive one plant, or one pair of them, and report."""
 
     def make(loaded: DesignSpec | SystemSpec) -> Result:
-        from fopi_tune import pipeline, pipeline_systems
+        from fopi_tune import pipeline_systems, pipeline_time
         from fopi_tune.spec.model import SystemSpec
 
         wanted: dict[str, Any] = {
@@ -76,7 +76,7 @@ def simulate_file(file: str, given: FoPi | None, course: Course, handling: Handl
         if isinstance(loaded, SystemSpec):
             return pipeline_systems.simulate_system(loaded, _gains_of_modes(loaded, given, handling), **wanted)
         found = given if given is not None else found_or_tuned(loaded, handling)
-        return found if not isinstance(found, FoPi) else pipeline.simulate(loaded, found, **wanted)
+        return found if not isinstance(found, FoPi) else pipeline_time.simulate(loaded, found, **wanted)
 
     return process_loaded([file], _load, make, handling, "simulating")
 

@@ -41,8 +41,8 @@ class _Wish:
         return Path("results", study.name) if self.out is None else Path(self.out)
 
     def note(self, words: str) -> None:
-        """Say something on stderr that is no mistake."""
-        if not self.quiet:
+        """Say something on stderr that is no mistake; where a program reads there, it reads progress alone."""
+        if not self.quiet and self.progress is not Progress.JSONL:
             say(words)
 
 
@@ -83,7 +83,7 @@ def study(
         raise refusal("--workers are of this machine, --scheduler has its own; leave one of them out")
     wish = _Wish(out, parquet, as_json, quiet, progress, resume, retry_failed)
     try:
-        loaded = _load(file, force or dry_run, wish)
+        loaded = _load(file, force, wish)
         if dry_run:
             raise typer.Exit(_list(loaded, wish))
         from fopi_tune.study import Machines

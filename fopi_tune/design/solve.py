@@ -9,6 +9,7 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array
 from fopi_tune.design.compile import ALPHA, DEPTH, FIRST_GIVE, WORST, Problem
+from fopi_tune.design.interrupt import not_swallowed
 from fopi_tune.design.layout import Layout
 from fopi_tune.design.slots import Task
 from fopi_tune.spec.model import ControllerSpec
@@ -45,7 +46,9 @@ def solve(problem: Problem, box: ControllerSpec, task: Task, start: FoPi, worst:
     """
     layout = Layout(problem, box, start, task)
     layout.fill(worst)
-    result = problem.solver(x0=layout.x0, p=layout.p, lbx=layout.lbx, ubx=layout.ubx, lbg=layout.lbg, ubg=layout.ubg)
+    bounds = {"lbx": layout.lbx, "ubx": layout.ubx, "lbg": layout.lbg, "ubg": layout.ubg}
+    with not_swallowed():
+        result = problem.solver(x0=layout.x0, p=layout.p, **bounds)
     stats = problem.solver.stats()
     x = np.array(result["x"]).ravel()
     sides = len(problem.sides)

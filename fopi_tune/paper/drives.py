@@ -11,8 +11,8 @@ from fopi_tune.paper.printed import BRAKE, COMFORT_M_S2
 from fopi_tune.paper.rows import about
 from fopi_tune.paper.sources import manoeuvre as spec_of
 from fopi_tune.paper.sources import system
-from fopi_tune.pipeline import simulate
 from fopi_tune.pipeline_systems import simulate_system
+from fopi_tune.pipeline_time import simulate
 from fopi_tune.report.canvas import BLUE, ORANGE, STYLES, Picture, labelled
 from fopi_tune.report.figures import shade_second_mode
 from fopi_tune.simulated import Driven

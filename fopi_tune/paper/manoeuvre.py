@@ -18,7 +18,7 @@ from fopi_tune.paper.printed import (
 )
 from fopi_tune.paper.rows import Row, Verdict, judged
 from fopi_tune.paper.sources import manoeuvre as spec_of
-from fopi_tune.pipeline import simulate, validate
+from fopi_tune.pipeline_time import simulate, validate
 from fopi_tune.validation.montecarlo import Evidence
 
 GAINS = (1, 10)

@@ -31,7 +31,7 @@ def load_spec(source: str | os.PathLike[str] | DesignSpec) -> DesignSpec:
     if isinstance(source, DesignSpec):
         return source
     report = Report(os.fsdecode(source))
-    return _parse(_read_file(source, report), report, _beside(source))
+    return _parse(_read_file(source, report), report, reader_beside(source))
 
 
 def load_any(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> DesignSpec | SystemSpec:
@@ -48,7 +48,7 @@ def load_any(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> Design
     report = Report(os.fsdecode(source))
     data = _read_file(source, report)
     folder = os.path.dirname(report.file)
-    return _parse_any(data, report, lambda path: load_spec(os.path.join(folder, path)), _beside(source))
+    return _parse_any(data, report, lambda path: load_spec(os.path.join(folder, path)), reader_beside(source))
 
 
 def load_system(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> SystemSpec:
@@ -94,7 +94,7 @@ def parse_spec(text: str | bytes, file: str = "<spec>", files: Mapping[str, byte
         SpecError: not a usable spec; carries every problem found.
     """
     report = Report(file)
-    return _parse(to_bytes(text, report), report, _among(files or {}))
+    return _parse(to_bytes(text, report), report, reader_among(files or {}))
 
 
 def packaged_spec(package: str, path: str) -> DesignSpec:
@@ -114,7 +114,7 @@ def packaged_system(package: str, path: str) -> SystemSpec:
         return packaged_spec(package, posixpath.normpath(posixpath.join(posixpath.dirname(path), told)))
 
     report = Report(path)
-    return load_system(_parse_any(to_bytes(_packaged(package, path), report), report, beside, _among({})))
+    return load_system(_parse_any(to_bytes(_packaged(package, path), report), report, beside, reader_among({})))
 
 
 def _packaged(package: str, path: str) -> bytes:
@@ -151,7 +151,7 @@ def _read_file(path: str | os.PathLike[str], report: Report) -> bytes:
     return to_bytes(data, report)
 
 
-def _beside(spec: str | os.PathLike[str]) -> Reader:
+def reader_beside(spec: str | os.PathLike[str]) -> Reader:
     """Reads files whose paths are relative to a spec's folder."""
     folder = os.path.dirname(os.fsdecode(spec))
 
@@ -167,7 +167,9 @@ def _beside(spec: str | os.PathLike[str]) -> Reader:
     return read
 
 
-def _among(files: Mapping[str, bytes]) -> Reader:
+def reader_among(files: Mapping[str, bytes]) -> Reader:
+    """Reads files whose contents are at hand, by the names that a spec gives them."""
+
     def read(name: str) -> bytes:
         if name in files:
             return files[name]

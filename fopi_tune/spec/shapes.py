@@ -204,6 +204,8 @@ class ListOf(Shape):
             return f"a list of {self.least} entries"
         if self.least == 0:
             return "a list" if self.most is None else f"a list of at most {self.most} entries"
+        if self.most is None:
+            return f"a list of at least {self.least}"
         return f"a list of {self.least} to {self.most} entries"
 
 

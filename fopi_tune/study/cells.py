@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune import pipeline
+from fopi_tune import pipeline, pipeline_time
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import FopiError
 from fopi_tune.outcome import Status
@@ -25,10 +25,11 @@ from fopi_tune.spec.model import DesignSpec
 from fopi_tune.stamp import numeric_versions
 from fopi_tune.study.model import Cell, Kind, Stage
 from fopi_tune.study.registry import entries, figure_of
-from fopi_tune.study.trees import spec_of
+from fopi_tune.study.trees import Files, spec_of
 
 if TYPE_CHECKING:
     from fopi_tune.design import Neighbour
+    from fopi_tune.validation.montecarlo import Block
 
 #: base specs whose gains, and designs that a worker keeps
 _BASES = 64
@@ -74,17 +75,43 @@ def run_chunk(cells: Sequence[tuple[str, Cell]], versions: Mapping[str, str]) ->
     here = numeric_versions()
     if here != dict(versions):
         differing = ", ".join(f"{k} {here.get(k)} instead of {v}" for k, v in versions.items() if here.get(k) != v)
-        return [Result(key, "{}", f"this worker has {differing}; install the same versions", 0.0) for key, _ in cells]
+        return [
+            Result(key, "{}", f"this worker has {differing}; install the same versions and use --retry-failed", 0.0)
+            for key, _ in cells
+        ]
     with _ONE_AT_A_TIME:
         return [run_cell(key, cell) for key, cell in cells]
 
 
-def run_cell(key: str, cell: Cell) -> Result:
-    """Run one cell; never raises."""
+class NoBlockError(FopiError):
+    """A cell that has no draws: no gains, no filter, other versions; running it says why."""
+
+
+def run_block(cell: Cell, versions: Mapping[str, str], first: int, end: int) -> Block:
+    """What a cell's stage `validate` counts of the draws first to end - 1.
+
+    Raises:
+        NoBlockError: there are none.
+    """
+    with _ONE_AT_A_TIME:
+        gains = _gains(cell) if numeric_versions() == dict(versions) else None
+        if gains is None:
+            raise NoBlockError(cell.label)
+        return pipeline_time.validate_block(_checked(cell), gains, first, end)
+
+
+def finish(key: str, cell: Cell, blocks: Sequence[Block]) -> Result:
+    """`run_cell` of a cell whose draws were counted before; never raises."""
+    with _ONE_AT_A_TIME:
+        return run_cell(key, cell, blocks)
+
+
+def run_cell(key: str, cell: Cell, blocks: Sequence[Block] = ()) -> Result:
+    """Run one cell; never raises.  `blocks` are all its draws, where they were counted before."""
     start = time.perf_counter()
     document: dict[str, Any] = {}
     try:
-        reason = _RUN[cell.kind](cell, document)
+        reason = _spec(cell, document, blocks) if cell.kind is Kind.SPEC else _RUN[cell.kind](cell, document)
         text = json.dumps(document, allow_nan=False)
     except Exception as error:
         expected = isinstance(error, FopiError)
@@ -100,15 +127,12 @@ def _as_far_as_it_came(document: dict[str, Any]) -> str:
         return "{}"
 
 
-def _spec(cell: Cell, document: dict[str, Any]) -> str:
+def _spec(cell: Cell, document: dict[str, Any], blocks: Sequence[Block]) -> str:
     """Run a spec's stages; returns why there is no answer."""
-    spec = spec_of(cell.text, cell.name)
-    checked = spec_of(cell.check, cell.name) if cell.check else spec
-    gains: FoPi | None = _fixed(spec)
+    checked = _checked(cell)
     if Stage.TUNE in cell.stages:
-        # a proof against the same spec belongs to the design, which goes on searching where it is refuted
-        together = Stage.PROVE in cell.stages and not cell.check
-        design = _designed(cell.text, cell.base, together)
+        together = _together(cell)
+        design = _designed(cell.text, cell.files, cell.base, together)
         document[Stage.TUNE] = design.to_dict()
         document["outcome"] = design.status.value
         if together and design.certificate is not None:
@@ -116,19 +140,37 @@ def _spec(cell: Cell, document: dict[str, Any]) -> str:
         if design.status is not Status.SOLVED:
             document["reason"] = design.message
             return design.message if design.status is Status.FAILED else ""
-        gains = design.gains
+    gains = _gains(cell)
     assert gains is not None, "gains that are not tuned are fixed"
     if Stage.PROVE in cell.stages and Stage.PROVE not in document:
         document[Stage.PROVE] = pipeline.prove(checked, gains).to_dict()
-    contradictions = _sampled(cell, checked, gains, document)
+    contradictions = _sampled(cell, checked, gains, blocks, document)
     _conclude(cell, document)
     return contradictions
 
 
-def _sampled(cell: Cell, spec: DesignSpec, gains: FoPi, document: dict[str, Any]) -> str:
+def _checked(cell: Cell) -> DesignSpec:
+    """The spec that the gains are checked against."""
+    return spec_of(cell.check or cell.text, cell.name, cell.files)
+
+
+def _together(cell: Cell) -> bool:
+    """Whether the proof is the design's own, which goes on searching where it is refuted."""
+    return Stage.PROVE in cell.stages and not cell.check
+
+
+def _gains(cell: Cell) -> FoPi | None:
+    """Those of a cell: tuned or fixed; None where the design is not solved."""
+    if Stage.TUNE not in cell.stages:
+        return _fixed(spec_of(cell.text, cell.name, cell.files))
+    design = _designed(cell.text, cell.files, cell.base, _together(cell))
+    return design.gains if design.status is Status.SOLVED else None
+
+
+def _sampled(cell: Cell, spec: DesignSpec, gains: FoPi, blocks: Sequence[Block], document: dict[str, Any]) -> str:
     """The stages about the loop on samples; returns what sampling shows although a proof excludes it."""
     if Stage.VALIDATE in cell.stages:
-        validated = pipeline.validate(spec, gains)
+        validated = pipeline_time.validate(spec, gains, blocks=blocks)
         if Stage.DISCRETIZE in cell.stages:
             document[Stage.DISCRETIZE] = validated.digital.to_dict()
         document[Stage.VALIDATE] = validated.to_dict()
@@ -164,7 +206,6 @@ def _figure(cell: Cell, document: dict[str, Any]) -> str:
 
 
 _RUN: Mapping[Kind, Callable[[Cell, dict[str, Any]], str]] = {
-    Kind.SPEC: _spec,
     Kind.CLAIM: _claim,
     Kind.FIGURE: _figure,
 }
@@ -188,9 +229,9 @@ def _proved(design: Design) -> dict[str, Any]:
 
 
 @lru_cache(_DESIGNS)
-def _designed(text: str, base: str, proof: bool) -> Design:
+def _designed(text: str, files: Files, base: str, proof: bool) -> Design:
     """The design of a spec; cells that differ in what it is checked against share it."""
-    return pipeline.tune(spec_of(text), proof=proof, start=_base(base) if base else None)
+    return pipeline.tune(spec_of(text, files=files), proof=proof, start=_base(base) if base else None)
 
 
 @lru_cache(_BASES)

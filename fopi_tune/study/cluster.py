@@ -1,4 +1,4 @@
-"""Dask as what runs chunks:  processes of this machine, or a scheduler's address.  Importing it loads no Dask."""
+"""Dask as what runs tasks:  processes of this machine, or a scheduler's address.  Importing it loads no Dask."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import contextlib
 import logging
 import os
 import signal
+import socket
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.errors import DomainError, FopiError
-from fopi_tune.study.cells import run_chunk
-from fopi_tune.study.engine import Ended, Keyed
+from fopi_tune.study.cells import finish, run_block, run_chunk
+from fopi_tune.study.engine import Ended, Task
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -31,6 +32,8 @@ _CONFIG: Mapping[str, Any] = {
     "distributed.nanny.pre-spawn-environ": _THREADS,
     # a cell is long in C++ code, which is no reason for Dask to worry
     "distributed.admin.tick.limit": "1h",
+    # a file of samples may be 16 MB, and travels with its cell
+    "distributed.admin.large-graph-warning-threshold": "1GB",
 }
 
 
@@ -46,14 +49,14 @@ class ClusterLostError(FopiError):
 
 
 class DaskRunner:
-    """Chunks as tasks of a Dask client."""
+    """Tasks of a Dask client."""
 
     def __init__(self, client: Client) -> None:
         from distributed import as_completed
 
         self._client = client
         self._ended = as_completed(raise_errors=False)
-        self._cells: dict[str, Sequence[Keyed]] = {}
+        self._tasks: dict[str, Task] = {}
         self._count = 0
         self._workers = 1
         self._looked = -1e9
@@ -68,17 +71,18 @@ class DaskRunner:
                 self._workers = max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
         return self._workers
 
-    def submit(self, cells: Sequence[Keyed], versions: Mapping[str, str]) -> None:
-        """Hand a chunk to the scheduler."""
+    def submit(self, task: Task, versions: Mapping[str, str]) -> None:
+        """Hand a task to the scheduler; blocks stay on the workers that counted them until they are put together."""
         self._count += 1
-        key = f"chunk-{id(self):x}-{self._count}"
+        key = f"task-{id(self):x}-{self._count}"
+        run, *words = _call(task, dict(versions))
         with _told_if_lost():
-            future = self._client.submit(run_chunk, list(cells), dict(versions), key=key, pure=False)
-        self._cells[key] = cells
+            future = self._client.submit(run, *words, key=key, pure=False)
+        self._tasks[key] = task
         self._ended.add(future)
 
     def next_ended(self) -> Ended:
-        """Wait for a chunk.
+        """Wait for a task.
 
         Raises:
             ClusterLostError: the scheduler is gone.
@@ -86,19 +90,32 @@ class DaskRunner:
         from distributed.scheduler import KilledWorker
 
         future: Any = next(self._ended)
-        cells = self._cells.pop(str(future.key))
+        task = self._tasks.pop(str(future.key))
         with _told_if_lost():
             if future.status == "finished":
+                if task.draws is not None:
+                    return Ended(task, block=future)
                 results = future.result()
                 future.release()
-                return Ended(cells, results)
+                return Ended(task, results if isinstance(results, list) else [results])
             if future.status != "error":
                 raise ClusterLostError(_GONE)
             error = future.exception()
             future.release()
         if isinstance(error, KilledWorker):
-            return Ended(cells, None)
-        return Ended(cells, None, f"the worker could not run it, {type(error).__name__}: {error}")
+            return Ended(task)
+        return Ended(task, reason=f"the worker could not run it, {type(error).__name__}: {error}")
+
+
+def _call(task: Task, versions: dict[str, str]) -> tuple[Any, ...]:
+    """The function that a worker calls, and its arguments."""
+    if task.draws is not None:
+        ((_, cell),) = task.cells
+        return run_block, cell, versions, *task.draws
+    if task.blocks:
+        ((key, cell),) = task.cells
+        return finish, key, cell, list(task.blocks)
+    return run_chunk, list(task.cells), versions
 
 
 @contextlib.contextmanager
@@ -122,10 +139,17 @@ def local(workers: int) -> Iterator[DaskRunner]:
         from distributed import Client, LocalCluster
 
         with _uninterrupted():
-            settings: dict[str, Any] = {"dashboard_address": None, "silence_logs": logging.CRITICAL}
+            # the scheduler opens an HTTP server in any case: on a port that is free, for this machine alone
+            http = {"dashboard": False, "dashboard_address": f"{_loopback()}:0"}
+            settings: dict[str, Any] = {"scheduler_kwargs": http, "silence_logs": logging.CRITICAL}
             cluster = LocalCluster(n_workers=workers, threads_per_worker=1, **settings)
         with cluster, Client(cluster) as client:
             yield DaskRunner(client)
+
+
+def _loopback() -> str:
+    """The address under which this machine alone reaches itself."""
+    return str(socket.getaddrinfo(None, 0, socket.AF_INET, socket.SOCK_STREAM)[0][4][0])
 
 
 @contextlib.contextmanager

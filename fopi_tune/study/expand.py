@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from fopi_tune.errors import Problem, SpecError
+from fopi_tune.spec.draws import Reader
 from fopi_tune.spec.hints import UNKNOWN_KEY, about_word, closest
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, ValidationSpec
 from fopi_tune.spec.nodes import Items, Node, Scalar, Table
 from fopi_tune.spec.report import Mark, Report
 from fopi_tune.study.language import ALL, CHECK, Placed, StudyFile
@@ -30,10 +31,11 @@ _DEFAULT = {
 
 @dataclass(frozen=True)
 class Base:
-    """A spec that cells are made of: its file and its tree."""
+    """A spec that cells are made of: its file, its tree, and what reads the files that it names."""
 
     file: str
     tree: Node
+    read: Reader
 
 
 @dataclass
@@ -86,7 +88,7 @@ def expand(
     problems = _Problems(study)
     cells: list[Cell] = []
     for base in bases:
-        start = _text(base.tree) if study.starts is Starts.BASE else ""
+        start = _start(base) if study.starts is Starts.BASE else ""
         for overrides in _combinations(study):
             cells.append(_cell(study, base, start, overrides, len(cells), problems))
     for kind, wanted, known in ((Kind.CLAIM, study.claims, claims), (Kind.FIGURE, study.figures, figures)):
@@ -119,10 +121,19 @@ def _cell(
     # in turn, so that an override sees what the ones before it have put in
     tree, spec = judge.judged(base.tree, design)
     checked, checked_spec = judge.judged(tree, check, design) if check and spec is not None else (tree, spec)
-    if spec is None or checked_spec is None or not judge.fits(study.stages, spec, checked_spec):
+    if spec is None or checked_spec is None or not judge.fits(study.stages, overrides, spec, checked_spec):
         return cell
     text, check_text = text_of(tree), text_of(checked) if check else ""
-    return Cell(index, Kind.SPEC, cell.name, shown, text, check_text, start, study.stages)
+    files = _files((spec, checked_spec), base.read)
+    drawn = (checked_spec.validation or ValidationSpec()).samples if Stage.VALIDATE in study.stages else 0
+    return Cell(index, Kind.SPEC, cell.name, shown, text, check_text, start, study.stages, files, drawn)
+
+
+def _files(specs: Sequence[DesignSpec], read: Reader) -> tuple[tuple[str, bytes], ...]:
+    """Files that specs name, with what is in them."""
+    listed = (spec.validation.samples_file for spec in specs if spec.validation is not None)
+    names = sorted({each.name for each in listed if each is not None})
+    return tuple((name, read(name)) for name in names)
 
 
 @dataclass(frozen=True)
@@ -144,21 +155,28 @@ class _Judge:
                 self._blame(override, str(error))
                 return tree, None
         report = Report(self.base.file)
-        spec = spec_at(tree, report)
+        spec = spec_at(tree, report, self.base.read)
         for problem in report.problems:
             self._tell(problem, [*overrides, *before])
         return tree, spec
 
-    def fits(self, stages: Sequence[Stage], spec: DesignSpec, checked: DesignSpec) -> bool:
+    def fits(
+        self, stages: Sequence[Stage], overrides: Sequence[Override], spec: DesignSpec, checked: DesignSpec
+    ) -> bool:
         """Whether the stages can be run on the spec; reports if not."""
-        box = spec.controller
+        box, section = spec.controller, "controller"
         if Stage.TUNE not in stages and not all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
             message = "there is no stage tune, and the spec does not fix kp, ki and alpha; add the stage or fix them"
         elif checked.digital is None and {Stage.DISCRETIZE, Stage.VALIDATE} & set(stages):
+            section = "digital"
             message = "discretize and validate need a section digital; add digital: {sample_time_s: 0.2} to the spec"
         else:
             return True
-        self.problems.add(self.base.file, Mark(1, 1), "", message, self.cell)
+        blamed = [e for e in overrides if _within(e.path, section)]
+        if blamed:
+            self._blame(blamed[0], message)
+        else:
+            self.problems.add(self.base.file, Mark(1, 1), "", message, self.cell)
         return False
 
     def _tell(self, problem: Problem, overrides: Sequence[Override]) -> None:
@@ -191,7 +209,7 @@ class _Judge:
 
     def _also_without_overrides(self, problem: Problem) -> bool:
         report = Report(self.base.file)
-        spec_at(self.base.tree, report)
+        spec_at(self.base.tree, report, self.base.read)
         return problem in report.problems
 
     def _blame(self, override: Override, message: str, mark: Mark | None = None) -> None:
@@ -223,10 +241,12 @@ def _name(tree: Node) -> str:
     return name.text if isinstance(name, Scalar) else "?"
 
 
-def _text(tree: Node) -> str:
-    """The base's own text, where it can be used."""
-    report = Report("")
-    return text_of(tree) if spec_at(tree, report) is not None else ""
+def _start(base: Base) -> str:
+    """The base's own text, where it can be used, without what says nothing about its gains."""
+    if spec_at(base.tree, Report(""), base.read) is None or not isinstance(base.tree, Table):
+        return ""
+    entries = {key: entry for key, entry in base.tree.entries.items() if key != "validation"}
+    return text_of(replace(base.tree, entries=entries))
 
 
 def _names(wanted: Sequence[Placed], known: Collection[str]) -> list[str]:

@@ -21,6 +21,8 @@ CHECK = "check."
 #: all entries of a registry
 ALL = "all"
 _EXAMPLE = "{schema: 1, name: grid, specs: [brake.yaml], grid: {controller.alpha: [1, 0.8]}}"
+#: columns of every table
+_COLUMNS = ("cell", "spec", "entry", "outcome", "reason")
 _LARGEST_LIMIT = 10_000_000
 
 
@@ -247,6 +249,8 @@ def _check_between_sections(values: Values, place: Place) -> None:
         if place.has(key) and not place.has("specs") and any(place.has(k) for k in ("claims", "figures")):
             place.child(key).refuse("this is about specs, and there are none; add specs: [FILE] or remove it")
     _refuse_twice(values, place)
+    _refuse_replaced(values, place)
+    _refuse_taken(values, place)
     zipped: list[Axis] = list(values.get("zip") or ())
     for first, axis in ((zipped[0], other) for other in zipped[1:]):
         if len(axis.nodes) != len(first.nodes):
@@ -273,6 +277,39 @@ def _refuse_twice(values: Values, place: Place) -> None:
             if axis.path in others:
                 message = f"the path has values on line {others[axis.path]} already; keep one of the two"
                 where.report.refuse(axis.mark, where.child(axis.path).path, message)
+
+
+def _refuse_replaced(values: Values, place: Place) -> None:
+    """What the table would show though it has no effect: put in first and replaced later, or gains of the check."""
+    after = [(place.child(key), axis) for key in ("zip", "grid") for axis in values.get(key) or ()]
+    given: list[tuple[Axis, ...]] = values.get("cells") or []
+    cells = [[(place.child("cells").item(i), axis) for axis in axes or ()] for i, axes in enumerate(given)]
+    for own, rest in [*((cell, after) for cell in cells), (after, [])]:
+        ordered = [*own, *rest]
+        for n, (where, axis) in enumerate(own):
+            outer = next((o for _, o in ordered[n + 1 :] if axis.path.startswith((f"{o.path}.", f"{o.path}["))), None)
+            if outer is not None:
+                message = f"{outer.path}, which is put in later, replaces this; put it before, or into its value"
+                where.report.refuse(axis.mark, where.child(axis.path).path, message)
+            if axis.path.startswith(f"{CHECK}controller"):
+                message = "the gains that are checked are those of the design; give values to controller itself"
+                where.report.refuse(axis.mark, where.child(axis.path).path, message)
+
+
+def _refuse_taken(values: Values, place: Place) -> None:
+    """Every column of the table has a name of its own."""
+    groups = [values.get("grid"), values.get("zip"), *(values.get("cells") or ())]
+    taken = {*_COLUMNS, *(axis.path for axes in groups for axis in axes or ())}
+    given, where = values.get("collect"), place.child("collect")
+    if given is None:
+        return
+    names = list(given)
+    for index, name in enumerate(names):
+        at = where.child(name) if isinstance(given, Mapping) else where.item(index)
+        if name in taken:
+            at.refuse(f"every table of this study has a column {name} already; remove this, or give it another name")
+        elif name in names[:index]:
+            at.refuse("is collected already; remove one of the two")
 
 
 def _collected(values: Values, place: Place) -> list[tuple[str, Placed]]:

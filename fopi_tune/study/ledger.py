@@ -104,8 +104,12 @@ class Ledger:
         """Index and result of every cell of the plan that was run, in order."""
         asked = "SELECT p.position, r.key, r.document, r.reason, r.seconds FROM plan p JOIN results r USING (key)"
         with self._explained():
-            for position, *result in self._connection.execute(f"{asked} ORDER BY p.position"):
-                yield position, Result(*result)
+            for position, *found in self._connection.execute(f"{asked} ORDER BY p.position"):
+                result = Result(*found)
+                if not _is_document(result.document):
+                    message = f"what {self.path} has of cell {position + 1} is damaged"
+                    raise LedgerError(f"{message}; move the file away to begin anew, or choose another --out")
+                yield position, result
 
     def seconds(self) -> float:
         """What the plan's results took, in sum."""
@@ -152,8 +156,8 @@ def opened(folder: Path) -> Iterator[Ledger]:
             # a commit survives this process's death; a power cut may take the last ones, never the file
             connection.execute("PRAGMA synchronous = NORMAL")
             _check_format(connection, path)
-            connection.executescript(_TABLES)
-            connection.execute(f"PRAGMA user_version = {_FORMAT}")
+            # at once: tables without a format would be somebody else's
+            connection.executescript(f"BEGIN; {_TABLES} PRAGMA user_version = {_FORMAT}; COMMIT;")
         except sqlite3.Error as error:
             raise _unusable(path, error) from error
         yield Ledger(connection, path)
@@ -169,9 +173,12 @@ def read(folder: Path) -> Iterator[Ledger]:
     path = folder / LEDGER
     if not path.is_file():
         raise LedgerError(f"there is no {LEDGER} in {folder}; name the folder of a study's results")
-    with contextlib.closing(_connect(path, f"{path.absolute().as_uri()}?mode=rw", uri=True)) as connection:
+    # where nothing can be written nobody else writes either, and SQLite needs to be told so
+    mode = "mode=rw" if os.access(folder, os.W_OK) and os.access(path, os.W_OK) else "immutable=1"
+    with contextlib.closing(_connect(path, f"{path.absolute().as_uri()}?{mode}", uri=True)) as connection:
         try:
-            _check_format(connection, path)
+            if _check_format(connection, path) == 0:
+                raise LedgerError(f"{path} has no study yet; it has only just begun, or never did")
             yield Ledger(connection, path)
         except sqlite3.Error as error:
             raise _unusable(path, error) from error
@@ -182,6 +189,13 @@ def keyed(cells: Sequence[Cell], versions: Mapping[str, str]) -> list[str]:
     return [cell.key(versions) for cell in cells]
 
 
+def _is_document(text: object) -> bool:
+    try:
+        return isinstance(text, str) and isinstance(json.loads(text), dict)
+    except ValueError:
+        return False
+
+
 def _connect(path: Path, target: str, uri: bool) -> sqlite3.Connection:
     try:
         return sqlite3.connect(target, timeout=30.0, uri=uri)
@@ -189,10 +203,14 @@ def _connect(path: Path, target: str, uri: bool) -> sqlite3.Connection:
         raise _unusable(path, error) from error
 
 
-def _check_format(connection: sqlite3.Connection, path: Path) -> None:
+def _check_format(connection: sqlite3.Connection, path: Path) -> int:
+    """Of the file: 0 of a new one."""
     (found,) = connection.execute("PRAGMA user_version").fetchone()
     if found > _FORMAT:
         raise LedgerError(f"{path} was made by a newer fopi-tune (format {found}); update, or choose another --out")
+    if not found and connection.execute("SELECT name FROM sqlite_master").fetchall():
+        raise LedgerError(f"{path} is a database of something else; choose another folder with --out")
+    return int(found)
 
 
 def _unusable(path: Path, error: sqlite3.Error) -> LedgerError:
@@ -207,7 +225,12 @@ def _locked(folder: Path) -> Iterator[None]:
     except ImportError:  # where there are no such locks, SQLite's own keep the file whole
         yield
         return
-    descriptor = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR, 0o644)
+    try:
+        descriptor = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR, 0o644)
+    except OSError as error:
+        raise LedgerError(
+            f"cannot write {folder / _LOCK} ({error.strerror}); choose another folder with --out"
+        ) from None
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 from fopi_tune.errors import DomainError, Problem, SpecError
 from fopi_tune.spec import load_document
+from fopi_tune.spec.load import reader_beside
 from fopi_tune.study.expand import Base, count_cells, expand
 from fopi_tune.study.language import StudyFile, read_study
 from fopi_tune.study.model import Study
@@ -67,7 +69,8 @@ def _bases(study: StudyFile) -> list[Base]:
             problems += [replace(where, message=f"{where.message} {problem}") for problem in error.problems]
             continue
         problems += place.report.problems
-        found.append(Base(path, place.node))
+        # cells that name the same file share what was read
+        found.append(Base(path, place.node, cache(reader_beside(path))))
     if problems:
         raise SpecError(tuple(problems))
     return found

@@ -10,6 +10,8 @@ from enum import StrEnum
 
 #: more cells than this need a word
 LIMIT_CELLS = 10_000
+#: characters of a value in a cell's label
+_LONGEST_SHOWN = 200
 
 
 class Stage(StrEnum):
@@ -64,6 +66,8 @@ class Cell:
         check: the spec that the gains are proved, discretised and validated against; empty: `text` itself.
         base: the spec whose gains the search starts from; empty: every start.
         stages: what is run, in order.
+        files: that the specs name, as they write it, and what is in them.
+        draws: plants that the stage `validate` draws.
     """
 
     index: int
@@ -74,19 +78,26 @@ class Cell:
     check: str = ""
     base: str = ""
     stages: tuple[Stage, ...] = ()
+    files: tuple[tuple[str, bytes], ...] = ()
+    draws: int = 0
 
     def key(self, versions: Mapping[str, str]) -> str:
         """SHA-256 of everything that a cell's result depends on."""
         # an entry of a registry is named; a spec's name is in its text
         name = "" if self.kind is Kind.SPEC else self.name
-        content = [self.kind, name, self.text, self.check, self.base, self.stages, dict(versions)]
+        files = [(file, hashlib.sha256(content).hexdigest()) for file, content in self.files]
+        content = [self.kind, name, self.text, self.check, self.base, self.stages, files, dict(versions)]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
     def label(self) -> str:
         """The cell in words, for people."""
-        told = (f"{path} = {json.dumps(value)}" for path, value in self.overrides.items())
+        told = (f"{path} = {_shortened(json.dumps(value))}" for path, value in self.overrides.items())
         return ", ".join([self.name, *told])
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 3]}..."
 
 
 @dataclass(frozen=True)

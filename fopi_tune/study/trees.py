@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from fopi_tune.errors import SpecError
-from fopi_tune.spec.draws import UnreadableError
+from fopi_tune.spec.draws import Reader
 from fopi_tune.spec.language import read_spec
+from fopi_tune.spec.load import reader_among
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.spec.nodes import Items, Node, Refused, Scalar, Table
 from fopi_tune.spec.places import Place, kind_of
@@ -24,9 +25,13 @@ from fopi_tune.spec.scalars import is_number
 _STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,4}\])*)")
 #: a path as a whole, for the schema
 PATH_PATTERN = r"[A-Za-z_][A-Za-z0-9_]*(?:\[[0-9]{1,4}\])*(?:\.[A-Za-z_][A-Za-z0-9_]*(?:\[[0-9]{1,4}\])*)*"
+#: steps of a path; no spec is half as deep
+_DEEPEST = 32
 _WHOLE = re.compile(r"[+-]?[0-9]+")
 _NOWHERE = Mark(1, 1)
 
+#: names of files, as a spec writes them, and what is in them
+Files = tuple[tuple[str, bytes], ...]
 #: keys and indices
 Path = tuple[str | int, ...]
 
@@ -52,6 +57,8 @@ class Override:
 
 def path_of(text: str) -> Path | None:
     """`requirements[2].limit` as keys and indices; None if it is no path."""
+    if text.count(".") + text.count("[") >= _DEEPEST:
+        return None
     steps: list[str | int] = []
     for part in text.split("."):
         match = _STEP.fullmatch(part)
@@ -131,24 +138,25 @@ def node_of(value: Any) -> Node:
     return Scalar(_NOWHERE, repr(value), plain=True)
 
 
-def spec_of(text: str, name: str = "<cell>") -> DesignSpec:
+def spec_of(text: str, name: str = "<cell>", files: Files = ()) -> DesignSpec:
     """The spec of a canonical text: what `parse_spec` says, without its YAML reader's milliseconds.
+
+    Args:
+        text: the spec.
+        name: what messages call it.
+        files: that it names, with what is in them.
 
     Raises:
         SpecError: not a usable spec.
     """
     report = Report(name)
-    spec = spec_at(node_of(json.loads(text)), report, hashlib.sha256(text.encode()).hexdigest())
+    read = reader_among(dict(files))
+    spec = spec_at(node_of(json.loads(text)), report, read, hashlib.sha256(text.encode()).hexdigest())
     if spec is None:
         raise SpecError(tuple(report.problems))
     return spec
 
 
-def spec_at(tree: Node, report: Report, sha256: str = "") -> DesignSpec | None:
-    """The spec that a tree says, or None after reporting why there is none."""
-    return read_spec(Place(tree, "", report), sha256, _no_file)
-
-
-def _no_file(name: str) -> bytes:
-    """A cell is text that travels alone."""
-    raise UnreadableError("the specs of a study take no file of samples; draw the plants from distributions")
+def spec_at(tree: Node, report: Report, read: Reader, sha256: str = "") -> DesignSpec | None:
+    """The spec that a tree says, or None after reporting why there is none; `read` gives the files that it names."""
+    return read_spec(Place(tree, "", report), sha256, read)

@@ -133,33 +133,42 @@ class Drawn:
         """The draws first to end - 1 as plants of the family's model."""
         return Plants.members(self.family, self.marked(first, end).places)
 
-    def chunks(self, size: int) -> Iterator[tuple[int, int]]:
+    def chunks(self, size: int, first: int, end: int) -> Iterator[tuple[int, int]]:
         """(first, end) of so many draws at a time."""
-        total = self.validation.samples
-        for first in range(0, total, size):
-            yield first, min(first + size, total)
+        for begin in range(first, end, size):
+            yield begin, min(begin + size, end)
 
-    def strays(self) -> tuple[int, int]:
-        """Plants outside the family's box, and draws that are no plants.
-
-        Raises:
-            DomainError: none of the draws is a plant.
-        """
+    def strays(self, first: int = 0, end: int | None = None) -> tuple[int, int]:
+        """Plants outside the family's box, and draws that are no plants, of the draws first to end - 1 (of all)."""
+        end = self.validation.samples if end is None else end
         if not self.is_free:
             return 0, 0
         plants = inside = 0
-        for drawn in (self.marked(*chunk) for chunk in self.chunks(_SIMULATED)):
+        for drawn in (self.marked(*chunk) for chunk in self.chunks(_SIMULATED, first, end)):
             plants += int(drawn.is_plant.sum())
             inside += int(drawn.inside.sum())
-        if not plants:
+        return plants - inside, end - first - plants
+
+    def check_plants(self, no_plants: int) -> None:
+        """Refuse draws of which none is a plant.
+
+        Raises:
+            DomainError: as many draws are no plants as there are draws.
+        """
+        if no_plants == self.validation.samples:
             why = why_impossible(self.places(0, 1)[0], self.family)
             raise DomainError(f"no draw is a plant; the first: {why}.  Check distributions: in section validation")
-        return plants - inside, self.validation.samples - plants
 
-    def simulations(
-        self, limits: Sequence[Limit], scenario: ScenarioSpec, modes: Sequence[Mode], run: Scenario, done: Done
-    ) -> Simulations:
-        """A scenario and every limit about it, judged on every draw.
+    def simulated(
+        self,
+        limits: Sequence[Limit],
+        scenario: ScenarioSpec,
+        modes: Sequence[Mode],
+        run: Scenario,
+        done: Done,
+        block: tuple[int, int] | None = None,
+    ) -> tuple[Counted, ...]:
+        """A scenario driven with draws, and what is counted: finite, calm, then every limit about it.
 
         Args:
             limits: the spec's.
@@ -167,12 +176,14 @@ class Drawn:
             modes: controllers, and the plants by index.
             run: the scenario on the controllers' samples.
             done: told how many plants are done.
+            block: draws, (first, end); None: all.
         """
         limits = limits_about(limits, scenario)
         parts: list[list[Counted]] = []
-        first = 0
+        start, end = block or (0, self.validation.samples)
+        first = start
         horizon = horizon_of(scenario, run)
-        for measures in measure_chunks(modes, run, horizon, self.validation.samples, chunk=_SIMULATED):
+        for measures in measure_chunks(modes, run, horizon, end - start, first=start, chunk=_SIMULATED):
             drawn = self.marked(first, first + len(measures.finite))
             counts = [_yes(drawn, measures.finite), _yes(drawn, ~measures.chattering)]
             for limit in limits:
@@ -183,11 +194,21 @@ class Drawn:
                 counts.append(counted(drawn, values, met, upper))
             parts.append(counts)
             first += len(measures.finite)
-            done(first)
-        finite, calm, *rest = (merge_counts(column) for column in zip(*parts, strict=True))
+            done(first - start)
+        return tuple(merge_counts(column) for column in zip(*parts, strict=True))
+
+    def simulations(self, limits: Sequence[Limit], scenario: ScenarioSpec, found: Sequence[Counted]) -> Simulations:
+        """What `simulated` counted over all draws, with its intervals.
+
+        Args:
+            limits: the spec's.
+            scenario: the spec's.
+            found: finite, calm, then every limit about the scenario.
+        """
+        finite, calm, *rest = found
         judged = [
             self.judged(t, e.relation is Relation.AT_MOST, limit=e, scenario=scenario.name)
-            for t, e in zip(rest, limits, strict=True)
+            for t, e in zip(rest, limits_about(limits, scenario), strict=True)
         ]
         sure = self.validation.confidence
         return Simulations(scenario.name, finite.tally.fraction(sure), calm.tally.fraction(sure), tuple(judged))

@@ -101,9 +101,11 @@ def system_evidence(
     drawn = Drawn(system.family, system.validation or ValidationSpec())
     modes = modes_of(system, implementations, lambda first, end: drawn.marked(first, end).places)
     outside, no_plants = drawn.strays()
+    drawn.check_plants(no_plants)
     done = steps_of(progress, drawn.validation.samples, len(system.scenarios))
     found = []
     for scenario, each in zip(system.scenarios, done, strict=True):
         run = hybrid_scenario(system, scenario, implementations[0], drawn.seed)
-        found.append(drawn.simulations(system.limits, scenario, modes, run, each))
+        counts = drawn.simulated(system.limits, scenario, modes, run, each)
+        found.append(drawn.simulations(system.limits, scenario, counts))
     return SystemEvidence(drawn.validation, tuple(found), outside, no_plants, system.family.uncertain_names)

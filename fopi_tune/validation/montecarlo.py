@@ -7,6 +7,7 @@ and each draw can be made again by itself.  Draws may leave the family (`counted
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -18,8 +19,9 @@ from fopi_tune.core.sampled import SampledLoops
 from fopi_tune.core.sections import Implementation
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
+from fopi_tune.errors import DomainError
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.spec.model import DesignSpec, Requirement, Scope, ValidationSpec
+from fopi_tune.spec.model import DesignSpec, Requirement, ScenarioSpec, Scope, ValidationSpec
 from fopi_tune.validation.counted import Counted, merge_counts
 from fopi_tune.validation.drawn import Done, Drawn, Judged, Progress, counted, limits_about, steps_of
 from fopi_tune.validation.judged import scenario_of
@@ -28,8 +30,9 @@ from fopi_tune.validation.scenario import Array, Mode
 from fopi_tune.validation.statistics import Fraction
 from fopi_tune.validation.threads import threads
 
-#: plants whose margins are scanned at once
-_SCANNED = 512
+#: plants whose margins are scanned at once, on a grid of frequencies that all of them have in common: cut elsewhere,
+#: their margins would differ in the last bits
+SCANNED = 512
 #: by how much a requirement may be missed, as in the verification
 _TOLERANCE = 1e-6
 
@@ -70,6 +73,27 @@ class Evidence:
         return all(fraction.met == fraction.total for fraction in every)
 
 
+@dataclass(frozen=True, eq=False)
+class Block:
+    """What was counted of the draws first to end - 1.
+
+    Args:
+        first: index of the first draw.
+        end: index after the last.
+        outside: plants outside the family's box.
+        no_plants: draws that are no plants.
+        margins: stable, then every side of every requirement over the family.
+        simulated: of each scenario that is judged, as `Drawn.simulated`.
+    """
+
+    first: int
+    end: int
+    outside: int
+    no_plants: int
+    margins: tuple[Counted, ...]
+    simulated: tuple[tuple[Counted, ...], ...]
+
+
 def monte_carlo(
     spec: DesignSpec, gains: FoPi, implementation: Implementation, progress: Progress | None = None
 ) -> Evidence:
@@ -84,26 +108,88 @@ def monte_carlo(
     Raises:
         DomainError: none of the draws is a plant, or a loop so late that it cannot be simulated.
     """
+    samples = (spec.validation or ValidationSpec()).samples
+    return evidence_of(spec, [drawn_block(spec, gains, implementation, 0, samples, progress)])
+
+
+def drawn_block(
+    spec: DesignSpec,
+    gains: FoPi,
+    implementation: Implementation,
+    first: int,
+    end: int,
+    progress: Progress | None = None,
+) -> Block:
+    """`monte_carlo` of the draws first to end - 1 alone, on whatever machine; `evidence_of` puts blocks together.
+
+    Raises:
+        DomainError: a block that does not begin and end at multiples of `SCANNED` (or at the last draw); none of the
+            draws of the whole is a plant, or a loop so late that it cannot be simulated.
+    """
+    samples = (spec.validation or ValidationSpec()).samples
+    if first % SCANNED or not first < end <= samples or (end % SCANNED and end != samples):
+        raise DomainError(f"draws {first} to {end - 1} of {samples} are no block; cut at multiples of {SCANNED}")
     drawn = Drawn(spec.plant, spec.validation or ValidationSpec())
-    outside, no_plants = drawn.strays()
-    driven = [scenario for scenario in spec.scenarios if limits_about(spec.limits, scenario)]
-    done = steps_of(progress, drawn.validation.samples, 1 + len(driven))
-    stable, requirements = _Scanner(spec, gains, implementation, drawn).margins(done[0])
+    outside, no_plants = drawn.strays(first, end)
+    drawn.check_plants(no_plants)
+    driven = _driven(spec)
+    done = steps_of(progress, end - first, 1 + len(driven))
+    margins = _Scanner(spec, gains, implementation, drawn).margins(first, end, done[0])
     modes = [Mode(controller_of(spec, implementation), drawn.plants)]
+    simulated = [
+        drawn.simulated(
+            spec.limits, scenario, modes, scenario_of(scenario, implementation, drawn.seed), each, (first, end)
+        )
+        for scenario, each in zip(driven, done[1:], strict=True)
+    ]
+    return Block(first, end, outside, no_plants, margins, tuple(simulated))
+
+
+def evidence_of(spec: DesignSpec, blocks: Sequence[Block]) -> Evidence:
+    """The evidence of all draws, to the same bits however they were divided.
+
+    Args:
+        spec: that the blocks were drawn for.
+        blocks: of all its draws, in any order.
+
+    Raises:
+        DomainError: draws that are missing or were counted twice, or of which none is a plant.
+    """
+    drawn = Drawn(spec.plant, spec.validation or ValidationSpec())
+    ordered = sorted(blocks, key=lambda block: block.first)
+    edges = [0, *(block.end for block in ordered)]
+    if [block.first for block in ordered] != edges[:-1] or edges[-1] != drawn.validation.samples:
+        raise DomainError(f"blocks up to {edges[1:]} do not make up {drawn.validation.samples} draws")
+    no_plants = sum(block.no_plants for block in ordered)
+    drawn.check_plants(no_plants)
+    stable, *rest = (merge_counts(column) for column in zip(*(block.margins for block in ordered), strict=True))
     limits: list[Judged] = []
-    for scenario, each in zip(driven, done[1:], strict=True):
-        run = scenario_of(scenario, implementation, drawn.seed)
-        limits += drawn.simulations(spec.limits, scenario, modes, run, each).limits
+    for place, scenario in enumerate(_driven(spec)):
+        found = [merge_counts(column) for column in zip(*(block.simulated[place] for block in ordered), strict=True)]
+        limits += drawn.simulations(spec.limits, scenario, found).limits
     return Evidence(
         validation=drawn.validation,
         stable=stable.tally.fraction(drawn.validation.confidence),
-        requirements=requirements,
+        requirements=tuple(
+            drawn.judged(t, upper, requirement=r) for t, (r, upper) in zip(rest, _sides(spec), strict=True)
+        ),
         limits=tuple(limits),
-        outside=outside,
+        outside=sum(block.outside for block in ordered),
         unstable_inside=stable.missed_inside,
         no_plants=no_plants,
         numbers=spec.plant.uncertain_names,
     )
+
+
+def _driven(spec: DesignSpec) -> list[ScenarioSpec]:
+    """The scenarios that a limit judges."""
+    return [scenario for scenario in spec.scenarios if limits_about(spec.limits, scenario)]
+
+
+def _sides(spec: DesignSpec) -> list[tuple[Requirement, bool]]:
+    """Every requirement over the family with each of its limits: whether it is the upper one."""
+    family = [r for r in spec.requirements if r.scope is Scope.FAMILY]
+    return [(r, upper) for r in family for upper in (False, True) if math.isfinite(_limit_of(r, upper))]
 
 
 @dataclass(frozen=True)
@@ -113,10 +199,9 @@ class _Scanner:
     implementation: Implementation
     drawn: Drawn
 
-    def margins(self, done: Done) -> tuple[Counted, tuple[Judged, ...]]:
-        """Stability and every requirement over the family."""
-        requirements = [r for r in self.spec.requirements if r.scope is Scope.FAMILY]
-        sides = [(r, upper) for r in requirements for upper in (False, True) if math.isfinite(_limit_of(r, upper))]
+    def margins(self, first: int, end: int, done: Done) -> tuple[Counted, ...]:
+        """Stability and every requirement over the family, of the draws first to end - 1."""
+        sides = _sides(self.spec)
 
         def scan(chunk: tuple[int, int]) -> list[Counted]:
             drawn = self.drawn.marked(*chunk)
@@ -134,13 +219,11 @@ class _Scanner:
 
         parts: list[list[Counted]] = []
         with ThreadPoolExecutor(threads()) as pool:
-            chunks = list(self.drawn.chunks(_SCANNED))
+            chunks = list(self.drawn.chunks(SCANNED, first, end))
             for chunk, counts in zip(chunks, pool.map(scan, chunks), strict=True):
                 parts.append(counts)
-                done(chunk[1])
-        whole = [merge_counts(column) for column in zip(*parts, strict=True)]
-        judged = [self.drawn.judged(t, upper, requirement=r) for t, (r, upper) in zip(whole[1:], sides, strict=True)]
-        return whole[0], tuple(judged)
+                done(chunk[1] - first)
+        return tuple(merge_counts(column) for column in zip(*parts, strict=True))
 
 
 def controller_of(spec: DesignSpec, implementation: Implementation) -> Runtime:

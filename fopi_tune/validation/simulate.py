@@ -59,7 +59,7 @@ def measure(
 
 def measure_chunks(
     modes: Sequence[Mode], scenario: Scenario, horizon: Horizon, count: int | None = None, *,
-    chunk: int = CHUNK, threads: int | None = None,
+    first: int = 0, chunk: int = CHUNK, threads: int | None = None,
 ) -> Iterator[Measures]:  # fmt: skip
     """The measures of chunks of plants, in order; memory is bounded by the chunks at work, not by the plants.
 
@@ -68,6 +68,7 @@ def measure_chunks(
         scenario: everything else.
         horizon: which samples count.
         count: number of plants; needed when they come from functions, which are called in order from this thread.
+        first: index of the first plant that functions are asked for, and of its noise.
         chunk: plants a chunk.
         threads: at work; None: one a core.
 
@@ -75,24 +76,26 @@ def measure_chunks(
         DomainError: modes, plants, scenario and horizon do not belong together, or a plant cannot be simulated.
     """
     total = _count(modes, scenario, count)
+    if first and any(isinstance(mode.plants, Plants) for mode in modes):
+        raise DomainError(f"plants that are given are counted from 0, not from {first!r}")
     workers = threads if threads is not None else usual_threads()
     if chunk < 1 or workers < 1:
         raise DomainError(f"chunk {chunk!r} and threads {workers!r} must be at least 1")
     if horizon.first >= len(scenario.signals):
         raise DomainError(f"the horizon starts at sample {horizon.first}; there are {len(scenario.signals)}")
-    return _chunks(modes, scenario, horizon, total, chunk, workers)
+    return _chunks(modes, scenario, horizon, range(first, first + total, chunk), first + total, workers)
 
 
 def _chunks(
-    modes: Sequence[Mode], scenario: Scenario, horizon: Horizon, total: int, chunk: int, workers: int
+    modes: Sequence[Mode], scenario: Scenario, horizon: Horizon, begins: range, end: int, workers: int
 ) -> Iterator[Measures]:
     def work(parts: list[Plants], begin: int) -> Measures:
         return _measures(_run(modes, _discretised(parts, scenario), scenario, horizon, begin)[0], scenario, horizon)
 
     waiting: deque[Future[Measures]] = deque()
     with ThreadPoolExecutor(workers) as pool:
-        for begin in range(0, total, chunk):
-            parts = _taken(modes, begin, min(begin + chunk, total))
+        for begin in begins:
+            parts = _taken(modes, begin, min(begin + begins.step, end))
             waiting.append(pool.submit(work, parts, begin))
             if len(waiting) > workers:
                 yield waiting.popleft().result()
