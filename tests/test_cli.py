@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from typer.testing import CliRunner, Result
 
 from fopi_tune import __version__
 from fopi_tune.cli import app
+from fopi_tune.cli.output import patience
 from fopi_tune.design import Status
 from fopi_tune.errors import DomainError
 from fopi_tune.spec import load_spec
@@ -460,3 +463,55 @@ def test_a_full_stdout_is_told_and_the_file_is_written_all_the_same() -> None:
     assert done.returncode == 2
     assert done.stderr == "cannot write to stdout (No space left on device)\n"
     assert Path("results/throttle/design.json").exists()
+
+
+# -- long work, completion --------------------------------------------------------------------------------------------
+
+
+def test_long_work_is_told_of_ever_more_seldom_and_never_when_it_should_be_quiet(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("fopi_tune.cli.output._FIRST_WORD_S", 0.05)
+    told = threading.Event()
+    said: list[str] = []
+
+    def say(words: str) -> None:
+        said.append(words)
+        if len(said) == 3:
+            told.set()
+
+    monkeypatch.setattr("fopi_tune.cli.output.say", say)
+    with patience("s: still tuning", quiet=False) as enough:
+        assert told.wait(30.0)
+        enough()
+    assert said[:3] == [f"s: still tuning after {seconds} s ..." for seconds in ("0.05", "0.1", "0.2")]
+    said.clear()
+    with patience("s: still tuning", quiet=True):
+        time.sleep(0.15)
+    with patience("s: still tuning", quiet=False):
+        pass
+    assert said == []
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("words", "at", "found"),
+    [("fopi tu", 1, ["tune"]), ("fopi tune --sol", 2, ["--solver"]), ("fopi tune --solver ", 3, ["ipopt", "convex"])],
+)
+def test_a_shell_completes_commands_options_and_their_words(words: str, at: int, found: list[str]) -> None:
+    done = python(
+        "from fopi_tune.cli import main; import sys; sys.argv = ['fopi']; main()",
+        _FOPI_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=str(at),
+    )  # fmt: skip
+    assert done.stdout.split() == found
+    assert done.stderr == ""
+
+
+def test_every_command_is_told_in_one_whole_line_of_the_help() -> None:
+    told = fopi("--help").stdout
+    lines = told[told.index("Commands:") :].splitlines()[1:]
+    commands = [line for line in lines[: lines.index("")] if line]
+    assert [line.split()[0] for line in commands] == [
+        c.callback.__name__ for c in app.registered_commands if c.callback
+    ]
+    assert not [line for line in commands if line.endswith("...")]

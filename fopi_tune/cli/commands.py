@@ -31,7 +31,6 @@ app = typer.Typer(
     epilog="Exit codes: 0 all requirements met and proved, 1 not met, 2 bad input, 3 the tool failed.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    add_completion=False,
     no_args_is_help=True,
 )
 
@@ -129,7 +128,9 @@ def run(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Run every stage on a spec: design, proof, digital controller, the proof of its loop, C code, and the report.
+    """Run every stage on a spec, and write the report.
+
+    Stages: design, proof, digital controller, the proof of its loop, C code.
 
     Without a section `digital` that is what `fopi tune` does, and the report.
     """
@@ -149,7 +150,9 @@ def report(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Make the report of a spec again from the results that `fopi run` and `fopi validate` left.
+    """Make reports again from results.
+
+    From the results that `fopi run` and `fopi validate` left.
 
     The results must be of the spec as it is; a folder holds its own.  Prints where the report is.
     """
@@ -176,7 +179,9 @@ def prove(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Prove or refute that gains meet a spec, for every plant and every frequency.
+    """Prove or refute that gains meet a spec.
+
+    For every plant and every frequency.
 
     The gains may come from anywhere; the ranges that the spec gives them are not looked at.  Without --kp, --ki and
     --alpha they are those of DIR/design.json if it is of this spec, and are tuned otherwise.
@@ -211,7 +216,9 @@ def discretize(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Turn gains into a digital controller, prove what the loop on samples keeps of the requirements, and export C.
+    """Turn gains into a digital controller, and prove its loop.
+
+    Says what the loop on samples keeps of the requirements, and exports C.
 
     Gains are taken as `fopi prove` takes them.
     """
@@ -240,7 +247,9 @@ def validate(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Draw plants and say, with intervals, how often the digital controller's loop meets requirements and limits.
+    """Draw plants and say how often everything holds.
+
+    With intervals: how often the digital controller's loop meets requirements and limits.
 
     Gains are taken as `fopi prove` takes them, those of a system from its file.
     """
@@ -271,7 +280,9 @@ def simulate(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Drive one plant through the scenarios of a spec or a system, with the digital controllers' own arithmetic.
+    """Drive one plant through a spec's or a system's scenarios.
+
+    With the digital controllers' own arithmetic.
 
     Gains are taken as `fopi prove` takes them, those of a system from its file.  The signals are written to a CSV file
     and a figure a scenario.
@@ -315,7 +326,10 @@ def init(
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
     no_schema: NoSchema = False,
 ) -> None:
-    """Write a commented spec to start from, and the JSON Schema for editors beside it."""
+    """Write a commented spec to start from.
+
+    Beside it the JSON Schema, with which editors complete and check it.
+    """
     recordings = tuple(from_step_data or ())
     write_spec(Wanted(tuple(words or ()), plant, recordings, out, force, not no_schema))
 

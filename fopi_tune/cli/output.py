@@ -7,6 +7,7 @@ import json
 import os
 import secrets
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterator
 from enum import IntEnum
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 
+#: seconds
+_FIRST_WORD_S = 5.0
 #: characters
 _LARGEST_RESULT = 200_000_000
 
@@ -95,6 +98,28 @@ def progress_bar(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] 
             bar.update(task, completed=done, total=of)
 
         yield told
+
+
+@contextlib.contextmanager
+def patience(words: str, quiet: bool) -> Iterator[Callable[[], None]]:
+    """A line on stderr now and then, ever more seldom, while something takes long; what is given ends it before."""
+    done = threading.Event()
+
+    def tell() -> None:
+        wait = after = _FIRST_WORD_S
+        while not done.wait(wait):
+            say(f"{words} after {after:g} s ...")
+            wait, after = after, 2 * after
+
+    teller = threading.Thread(target=tell, daemon=True)
+    if quiet:
+        done.set()
+    teller.start()
+    try:
+        yield done.set
+    finally:
+        done.set()
+        teller.join()
 
 
 def to_json(document: object) -> str:

@@ -23,7 +23,17 @@ from fopi_tune.cli.files import (
     files_of,
 )
 from fopi_tune.cli.making import report_of
-from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
+from fopi_tune.cli.output import (
+    Exit,
+    patience,
+    print_out,
+    print_styled,
+    reason_of,
+    report_failure,
+    say,
+    to_json,
+    write_file,
+)
 from fopi_tune.errors import DomainError, SpecError
 
 # Solver, NumPy and Rich are imported where they are needed: a mistake must not wait for them.
@@ -83,7 +93,8 @@ def process_loaded(
     documents: list[dict[str, Any]] = []
     for spec in specs:
         handling.note(f"{spec.name}: {doing} ...")
-        code = max(code, _one(spec, make, handling, documents))
+        with patience(f"{spec.name}: still {doing}", handling.quiet) as enough:
+            code = max(code, _one(spec, make, handling, documents, enough))
     if handling.as_json and (documents or handling.several):
         code = max(code, print_out(to_json(documents if handling.several else documents[0])))
     return code
@@ -111,7 +122,13 @@ def load_each(files: Sequence[str], load: Callable[[str], Loaded], handling: Han
     return [spec for _, spec in specs.values()], code
 
 
-def _one(spec: Loaded, make: Callable[[Loaded], Result], handling: Handling, documents: list[dict[str, Any]]) -> Exit:
+def _one(
+    spec: Loaded,
+    make: Callable[[Loaded], Result],
+    handling: Handling,
+    documents: list[dict[str, Any]],
+    enough: Callable[[], None],
+) -> Exit:
     """Make one result, write it, print it or add it to the documents."""
     start = time.perf_counter()
     try:
@@ -130,6 +147,7 @@ def _one(spec: Loaded, make: Callable[[Loaded], Result], handling: Handling, doc
         files += report_of(result, handling.folder(spec)).items()
     except Exception as error:  # what was found is worth more than what is said about it
         failed = report_failure(f"{spec.name}: report", error, handling.debug)
+    enough()
     # The files come before the table, so that a closed stdout costs nothing.
     problem = getattr(result, "problem", "")
     if problem:

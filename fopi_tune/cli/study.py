@@ -70,7 +70,9 @@ def study(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback when the tool itself fails.")] = False,
 ) -> None:
-    """Run many specs: a grid or list of overrides, on all cores or on a cluster.
+    """Run many specs, on all cores or on a cluster.
+
+    A study file says which: a grid or a list of overrides of specs.
 
     What is done is kept in DIR/ledger.sqlite: the same command goes on where it was stopped, and runs only cells that
     have changed.  Ends with 0 when every cell has an answer (infeasible is one), 3 when some failed or are undecided.
