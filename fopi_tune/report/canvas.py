@@ -7,6 +7,7 @@ print in grey reads.
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,6 +29,10 @@ STYLES: tuple[tuple[str, Any], ...] = (
 )
 _RC: dict[Any, Any] = {"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fonttype": "none"}
 _DOTS_PER_INCH = 150
+#: inches; the width of a report's figures
+WIDE = 8.0
+#: characters of a legend's line, and of the longest entry that shares its line with others
+_LEGEND, _SHORT = 96, 44
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ class Picture:
     title: str
     description: str
     draw: Callable[[Figure], None]
-    size_inches: tuple[float, float] = (6.4, 6.0)
+    size_inches: tuple[float, float] = (WIDE, 5.8)
 
 
 def svg_of(picture: Picture) -> str:
@@ -74,6 +79,32 @@ def labelled(axes: Axes, y: str, x: str = "") -> None:
     if x:
         axes.set_xlabel(x)
     axes.grid(True, which="both", linewidth=0.3)
+
+
+def logarithmic(axes: Axes, *, both: bool = False) -> None:
+    """Frequencies (and values, on demand) on a logarithmic axis, with plain numbers at the powers of ten.
+
+    Lines between them would be ten a decade, and numbers as formulas take longer to set than the curves to draw.
+    """
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    if both:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.minorticks_off()
+
+
+def legend_below(figure: Figure, axes: Axes) -> None:
+    """The legend of one of the axes under all of them, where it covers no curve."""
+    handles, labels = axes.get_legend_handles_labels()
+    if not labels:
+        return
+    longest = max(map(len, labels))
+    columns = 4 if longest <= _SHORT // 2 else 2 if longest <= _SHORT else 1
+    lines = ["\n".join(textwrap.wrap(label, _LEGEND)) for label in labels]
+    figure.legend(
+        handles, lines, loc="outside lower center", ncols=columns, fontsize=8.0, frameon=False, handlelength=3
+    )
 
 
 @contextmanager

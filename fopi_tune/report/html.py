@@ -158,8 +158,10 @@ def _words(findings: Findings) -> dict[str, Any]:
     return {
         "name": spec.name,
         "description": spec.description,
-        "good": status == "solved" and (digital is None or digital["status"] == "met"),
-        "status": " ".join([f"{status}. {design['advice']}", *_proof_words(status, verdict), *_on_samples(digital)]),
+        "good": status == "solved",
+        "status": " ".join([f"{status}. {design['advice']}", *_proof_words(status, verdict)]),
+        "good_on_samples": digital is not None and digital["status"] == "met",
+        "on_samples": "" if digital is None else f"The loop on samples: {digital['status']}.{_misses(digital)}",
         "message": sentence(design["message"]) if design["message"] else "",
         "gains": None if findings.gains is None else _gains_words(findings.gains, status),
         "sampled": loop_name(spec) == "sampled",
@@ -185,8 +187,11 @@ def _gains_words(gains: FoPi, status: str) -> str:
     return f"C(s) = kp + ki / s^alpha with {values}{no_solution}"
 
 
-def _on_samples(digital: Mapping[str, Any] | None) -> list[str]:
-    return [] if digital is None else [f"The loop on samples: {digital['status']}."]
+def _misses(digital: Mapping[str, Any]) -> str:
+    """How many requirements the loop on samples misses."""
+    said = digital["requirements"]
+    missed = sum(not each["met"] for each in said)
+    return f" It misses {missed} of {len(said)} requirements; see below." if missed else ""
 
 
 def _proof_words(status: str, verdict: str) -> list[str]:
@@ -227,7 +232,8 @@ def _digital_words(findings: Findings, digital: Mapping[str, Any]) -> str:
     assert asked is not None  # of this very spec, which asked for it
     words = f"{digital['status']}. Every {number(asked.sample_time_s)} s, {asked.method} with {asked.poles} poles"
     words += "" if asked.method == "fit" else f", {asked.rule}"
-    words += f", {number(asked.delay_samples)} samples of computing delay" if asked.delay_samples else ""
+    samples = "sample" if asked.delay_samples == 1.0 else "samples"
+    words += f", {number(asked.delay_samples)} {samples} of computing delay" if asked.delay_samples else ""
     return words + "."
 
 

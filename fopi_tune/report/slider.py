@@ -22,6 +22,7 @@ _NYQUIST = ((-2.2, 1.2), (-1.6, 0.8))
 _DB = 20.0 / math.log(10.0)
 #: of the frequencies that figures have: a small picture needs no more
 _EVERY = 3
+_FREQUENCY = "omega, rad/s"
 
 
 @dataclass(frozen=True)
@@ -74,10 +75,21 @@ def slider_of(members: Members) -> Slider | None:
     with np.errstate(over="ignore"):
         loop: Complex = np.exp(log_loop)
     x = np.broadcast_to(omega, log_loop.shape)
-    view = np.clip(log_loop.real * _DB, -80.0, 80.0), np.clip(np.degrees(log_loop.imag), -540.0, 180.0)
+    gain, phase = log_loop.real * _DB, np.degrees(log_loop.imag)
+    across = (float(omega[0]), float(omega[-1]))
     panels = [
-        _panel("gain", "Bode: gain of L", ("omega, rad/s (log)", "|L|, dB"), x, view[0], log=True),
-        _panel("phase", "Bode: phase of L", ("omega, rad/s (log)", "arg L, deg"), x, view[1], log=True),
+        _panel(
+            "gain", "Bode: gain of L", (_FREQUENCY, "|L|, dB"), x, gain, log=True, frame=(across, _top(gain, 140.0))
+        ),
+        _panel(
+            "phase",
+            "Bode: phase of L",
+            (_FREQUENCY, "arg L, deg"),
+            x,
+            phase,
+            log=True,
+            frame=(across, _top(phase, 400.0)),
+        ),
         _panel("nyquist", "Nyquist: L, with -1", ("Re L", "Im L"), loop.real, loop.imag, frame=_NYQUIST),
     ]
     steps = [response(members, tuple(point), Signal.OUTPUT_AFTER_REFERENCE) for point in points.tolist()]
@@ -114,6 +126,12 @@ def _panel(
 
 def _path(x: Array, y: Array) -> str:
     return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+
+
+def _top(values: Array, most: float) -> tuple[float, float]:
+    """The ends of an axis that shows the upper part of values: a dead time turns the phase without end."""
+    high = float(values.max())
+    return _wider(max(float(values.min()), high - most), high)
 
 
 def _wider(low: float, high: float) -> tuple[float, float]:

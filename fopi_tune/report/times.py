@@ -8,7 +8,7 @@ import numpy as np
 
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.errors import DomainError
-from fopi_tune.report.canvas import STYLES, Picture, labelled
+from fopi_tune.report.canvas import STYLES, Picture, labelled, legend_below
 from fopi_tune.report.members import Array, Members
 from fopi_tune.report.phrases import number
 from fopi_tune.validation.exact_linear import Signal, response_and_error
@@ -64,10 +64,10 @@ def responses(members: Members) -> Picture | None:
                     axes.plot(t, row, color=colour, linestyle=dashes, label=members.named[k].label)
             step = signal is Signal.OUTPUT_AFTER_REFERENCE
             axes.axhline(1.0 if step else 0.0, color="black", linewidth=0.6, linestyle=":")
-            labelled(axes, "output, reference + 1" if step else "output, load + 1")
+            labelled(axes, "output, step of reference" if step else "output, step of load")
             axes.set_xlim(0.0, float(t[-1]))
         every[-1].set_xlabel("time, s")
-        every[0].legend(loc="best", fontsize=8.0)
+        legend_below(figure, every[0])
 
     nominal, told = drawn[Signal.OUTPUT_AFTER_REFERENCE][0][0], ""
     if nominal is not None:
