@@ -12,13 +12,13 @@ import subprocess
 from collections import Counter
 from dataclasses import replace
 from functools import cache
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from pages import HOSTILE, Page
 from plants import ROBUST_BRAKE, brake, lag
 from typer.testing import CliRunner
 
@@ -38,9 +38,6 @@ from fopi_tune.validation.statistics import histogram
 
 ROOT = Path(__file__).parents[1]
 BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
-#: elements without an end
-VOID = {"meta", "br", "input", "link", "img"}
-HOSTILE = "</script><script>alert(1)</script>\"'&{{ 7*7 }}<img src=x onerror=alert(1)>"
 
 
 @cache
@@ -67,38 +64,6 @@ def loop_of(findings: Findings) -> Members:
     members = members_of(findings)
     assert members is not None
     return members
-
-
-class Page(HTMLParser):
-    """Elements, identifiers, references and the text of a page; refuses ends that fit no beginning."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.tags: Counter[str] = Counter()
-        self.ids: list[str] = []
-        self.attributes: list[tuple[str, str]] = []
-        self.text: list[str] = []
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags[tag] += 1
-        self.attributes += [(name, value or "") for name, value in attrs]
-        self.ids += [value or "" for name, value in attrs if name == "id"]
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.handle_starttag(tag, attrs)
-        if tag not in VOID:
-            self.open.pop()
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.text.append(data)
 
 
 def test_a_report_is_the_same_bytes_twice() -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BLUE, ORANGE, GREEN, PURPLE, BLACK = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000"
+BLUE, ORANGE, GREEN, PURPLE, BLACK, GOLD = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000", "#e69f00"
 #: colour and dashes of the first, second, ... line
 STYLES: tuple[tuple[str, Any], ...] = (
     (BLUE, "-"),
@@ -26,11 +26,14 @@ STYLES: tuple[tuple[str, Any], ...] = (
     (GREEN, "-."),
     (PURPLE, ":"),
     (BLACK, (0, (5, 1, 1, 1, 1, 1))),
+    (GOLD, (0, (9, 3))),
 )
 _RC: dict[Any, Any] = {"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fonttype": "none"}
 _DOTS_PER_INCH = 150
 #: inches; the width of a report's figures
 WIDE = 8.0
+#: inches; of two panels over each other
+TWO_PANELS = (WIDE, 5.8)
 #: characters of a legend's line, and of the longest entry that shares its line with others
 _LEGEND, _SHORT = 96, 44
 
@@ -49,7 +52,7 @@ class Picture:
     title: str
     description: str
     draw: Callable[[Figure], None]
-    size_inches: tuple[float, float] = (WIDE, 5.8)
+    size_inches: tuple[float, float] = (6.4, 6.0)
 
 
 def svg_of(picture: Picture) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fopi_tune.report.canvas import BLACK, BLUE, ORANGE, Picture, labelled, legend_below, logarithmic
+from fopi_tune.report.canvas import BLACK, BLUE, ORANGE, TWO_PANELS, Picture, labelled, legend_below, logarithmic
 from fopi_tune.report.findings import Findings
 from fopi_tune.report.phrases import number
 
@@ -49,4 +49,4 @@ def filter_picture(findings: Findings) -> Picture | None:
         f"{number(nyquist)} rad/s, and the relative error: at most {number(100.0 * float(below.max()), 3)} % in the "
         "part of the figure below 0.3 of that frequency."
     )
-    return Picture(title, said, draw)
+    return Picture(title, said, draw, TWO_PANELS)

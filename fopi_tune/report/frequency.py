@@ -11,7 +11,7 @@ from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.sample import Badness, evaluate
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.report.canvas import STYLES, WIDE, Picture, labelled, legend_below, logarithmic
+from fopi_tune.report.canvas import STYLES, TWO_PANELS, WIDE, Picture, labelled, legend_below, logarithmic
 from fopi_tune.report.members import Array, Complex, Members
 from fopi_tune.report.phrases import number
 from fopi_tune.report.regions import forbid_along, forbid_crossovers, forbid_phases, forbid_values, room
@@ -69,7 +69,7 @@ def bode(members: Members) -> Picture:
         "its gain crossovers, where its phase margin is read: a dot may not lie in a hatched part, its line may pass "
         "there. A cross marks what has to be met exactly."
     )
-    return Picture(title, said, draw)
+    return Picture(title, said, draw, TWO_PANELS)
 
 
 def nyquist(members: Members) -> Picture:
@@ -110,7 +110,7 @@ def nyquist(members: Members) -> Picture:
 def sensitivities(members: Members) -> Picture:
     """|S|, |T| and |C S| with their bounds."""
     requirements = members.findings.spec.requirements
-    family, named = _responses(members, members.family_log_loop), _responses(members, members.named_log_loop)
+    family, named = decibels(members, members.family_log_loop), decibels(members, members.named_log_loop)
 
     def draw(figure: Figure) -> None:
         every = figure.subplots(3, 1, sharex=True)
@@ -141,9 +141,9 @@ def margins_along(members: Members) -> Picture | None:
     names = members.findings.spec.plant.uncertain_names
     if not names:
         return None
-    loops, values = members.loops_at(members.along(members.path)), members.path
+    values = members.path
     try:
-        found = {word: evaluate(loops, _reader(word))[0] for word in ("phase_margin_deg", "gain_margin_db")}
+        found = margin_curves(members)
     except DomainError:
         return None  # more crossings than can be listed
     requirements, nominal = members.findings.spec.requirements, float(members.findings.spec.plant.nominal_point[0])
@@ -166,6 +166,16 @@ def margins_along(members: Members) -> Picture | None:
     title = f"{members.findings.spec.name}: margins against {names[0]}"
     said = f"Phase margin and gain margin against {names[0]}{others}: {_told(found)}. Dotted: nominal. {_HATCHED}."
     return Picture(title, said, draw, (WIDE, 4.6))
+
+
+def margin_curves(members: Members) -> dict[str, Array]:
+    """Phase and gain margin along `path`, by their quantities' names.
+
+    Raises:
+        DomainError: more crossings than can be listed.
+    """
+    loops = members.loops_at(members.along(members.path))
+    return {word: evaluate(loops, _reader(word))[0] for word in ("phase_margin_deg", "gain_margin_db")}
 
 
 _WORDS = ("sensitivity_db", "complementary_sensitivity_db", "control_sensitivity_db")
@@ -224,8 +234,8 @@ def _lines(axes: Axes, members: Members, family: Array, named: Array) -> None:
         axes.plot(members.omega, row, color=colour, linestyle=dashes, label=members.named[k].label)
 
 
-def _responses(members: Members, log_loop: Complex) -> dict[str, Array]:
-    """|S|, |T| and |C S| in dB, shape (m, n) each."""
+def decibels(members: Members, log_loop: Complex) -> dict[str, Array]:
+    """|S|, |T| and |C S| in dB by their quantities' names, shape (m, n) each."""
     with np.errstate(over="ignore", divide="ignore"):
         # 1 + L from ln L: where L overflows, ln|1 + L| is ln|L|
         large = log_loop.real > 300.0

@@ -52,10 +52,12 @@ class Members:
     Args:
         findings: where all comes from; there are gains.
         gains: of the design.
+        ends_rad_s: the frequency axis's; chosen from what happens where when left out.
     """
 
     findings: Findings
     gains: FoPi
+    ends_rad_s: tuple[float, float] | None = None
 
     @cached_property
     def sample(self) -> Sample:
@@ -104,8 +106,11 @@ class Members:
 
     @cached_property
     def omega(self) -> Array:
-        """Frequencies to draw, rad/s."""
+        """Frequencies to draw, rad/s; below Nyquist's."""
         loops = self.named_loops
+        if self.ends_rad_s is not None:
+            top = min(self.ends_rad_s[1], _BELOW_NYQUIST * loops.highest_rad_s)
+            return np.geomspace(self.ends_rad_s[0], top, _POINTS)
         crossings = np.concatenate([gain_crossovers(loops).omega_rad_s, _phase_crossovers(loops)])
         ends = [end for r in self.findings.spec.requirements for end in (r.from_rad_s, r.to_rad_s)]
         said = [found.said["worst"]["omega_rad_s"] for found in self.findings.requirements if found.said["worst"]]

@@ -8,7 +8,7 @@ import numpy as np
 
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.errors import DomainError
-from fopi_tune.report.canvas import STYLES, Picture, labelled, legend_below
+from fopi_tune.report.canvas import STYLES, TWO_PANELS, Picture, labelled, legend_below
 from fopi_tune.report.members import Array, Members
 from fopi_tune.report.phrases import number
 from fopi_tune.validation.exact_linear import Signal, response_and_error
@@ -30,11 +30,18 @@ def times_s(members: Members) -> Array:
     return np.asarray(_HORIZON / fastest * np.linspace(0.0, 1.0, _POINTS) ** 1.7, dtype=float)
 
 
-def response(members: Members, point: tuple[float, ...], signal: Signal) -> Array | None:
-    """A unit step's response of one plant with the ideal controller; None where it could not be computed to 1e-4."""
+def response(members: Members, point: tuple[float, ...], signal: Signal, times: Array | None = None) -> Array | None:
+    """A unit step's response of one plant with the ideal controller; None where it could not be computed to 1e-4.
+
+    Args:
+        members: family and gains.
+        point: the plant's place in the family's box.
+        signal: what is stepped and looked at.
+        times: ascending, s; `times_s` when left out.
+    """
     plant = members.findings.spec.plant.member(np.array(point))
     try:
-        found = response_and_error(members.gains, plant, signal, times_s(members))
+        found = response_and_error(members.gains, plant, signal, times_s(members) if times is None else times)
     except DomainError:
         return None
     size = float(np.abs(found.value).max(initial=0.0))
@@ -77,7 +84,7 @@ def responses(members: Members) -> Picture | None:
         )
     title = f"{members.findings.spec.name}: unit steps of the reference and of a load at the plant's input"
     said = f"Output over time with the ideal controller, in continuous time; grey: plants of the family.{told}"
-    return Picture(title, said, draw)
+    return Picture(title, said, draw, TWO_PANELS)
 
 
 def _corners(members: Members) -> Array:
