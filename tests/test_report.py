@@ -11,15 +11,14 @@ import shutil
 import subprocess
 from collections import Counter
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from pages import HOSTILE, Page
 from plants import ROBUST_BRAKE, brake, lag
+from reports import BRAKE, brake_files, brake_findings, brake_page, run_of, without_gains
 from typer.testing import CliRunner
 
 import fopi_tune as ft
@@ -28,36 +27,12 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins
 from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
-from fopi_tune.report.findings import Findings, findings_of, findings_of_run
+from fopi_tune.report.findings import Findings, findings_of
 from fopi_tune.report.html import report_files
 from fopi_tune.report.members import Members, members_of
 from fopi_tune.report.slider import slider_of
-from fopi_tune.result import Run
 from fopi_tune.spec import parse_spec
 from fopi_tune.validation.statistics import histogram
-
-ROOT = Path(__file__).parents[1]
-BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
-
-
-@cache
-def run_of(text: str) -> Run:
-    return ft.run(parse_spec(text), proof=False)
-
-
-def brake_findings(evidence: Any = None) -> Findings:
-    return findings_of_run(run_of(BRAKE), evidence)
-
-
-@cache
-def brake_files() -> dict[str, str | bytes]:
-    return report_files(brake_findings())
-
-
-def brake_page() -> str:
-    page = brake_files()["report.html"]
-    assert isinstance(page, str)
-    return page
 
 
 def loop_of(findings: Findings) -> Members:
@@ -121,14 +96,6 @@ def test_figures_are_files_that_programs_read() -> None:
         assert ElementTree.fromstring(svg).tag.endswith("svg")
         assert isinstance(png, bytes)
         assert png.startswith(b"\x89PNG\r\n\x1a\n")
-
-
-def without_gains(text: str = BRAKE, **said: Any) -> Findings:
-    """A design that failed: a page without figures, which is made at once."""
-    spec, design = parse_spec(text), brake_findings().design
-    stamp = {**design["stamp"], "spec_sha256": spec.sha256}
-    nothing = {"gains": None, "status": "failed", "objective": None, "stability": None, "nominal": None}
-    return findings_of(spec, {**design, **nothing, "stamp": stamp, **said})
 
 
 def test_hostile_words_of_a_spec_are_shown_and_not_obeyed() -> None:
@@ -312,29 +279,6 @@ def test_the_pages_data_name_every_curve_that_the_page_has() -> None:
     assert {"slider", "slider-value", "curves", *(f"moved-{key}" for key in data["curves"])} <= ids
     assert all(len(curves) == len(data["labels"]) for curves in data["curves"].values())
     assert f'max="{len(data["labels"]) - 1}"' in text
-
-
-def test_a_slider_moves_in_a_browser_without_errors(tmp_path: Path) -> None:
-    playwright = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
-    (tmp_path / "report.html").write_text(brake_page(), encoding="utf-8")
-    said: list[str] = []
-    with playwright.sync_playwright() as tool:
-        try:
-            browser = tool.chromium.launch()
-        except playwright.Error:
-            pytest.skip("there is no Chromium that Playwright could start")
-        page = browser.new_page()
-        page.on("console", lambda message: said.append(message.text))
-        page.on("pageerror", lambda error: said.append(str(error)))
-        page.goto((tmp_path / "report.html").as_uri())
-        before = page.get_attribute("#moved-gain", "d")
-        page.focus("#slider")
-        page.keyboard.press("Home")
-        assert page.get_attribute("#moved-gain", "d") != before
-        page.screenshot(path=tmp_path / "report.png", full_page=True)
-        browser.close()
-    assert said == []
-    assert (tmp_path / "report.png").stat().st_size > 10_000
 
 
 def test_a_histogram_counts_every_finite_value_once() -> None:
