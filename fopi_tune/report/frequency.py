@@ -15,7 +15,7 @@ from fopi_tune.report.canvas import STYLES, TWO_PANELS, WIDE, Picture, labelled,
 from fopi_tune.report.members import Array, Complex, Members
 from fopi_tune.report.phrases import number
 from fopi_tune.report.regions import forbid_along, forbid_crossovers, forbid_phases, forbid_values, room
-from fopi_tune.spec.model import Relation, Scope
+from fopi_tune.spec.model import Relation, Requirement, Scope
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +48,8 @@ def bode(members: Members) -> Picture:
         room(gain, [_DB * family.real, _DB * named.real], 160.0)
         room(phase, [np.degrees(family.imag), np.degrees(named.imag)], 300.0)
         low, high = phase.get_ylim()
-        phase.set_ylim(min(low, -190.0), high)
+        exact = [r.limits[0] - 160.0 for r in requirements if _is_exact(r, "phase_margin_deg")]
+        phase.set_ylim(min([low, -190.0, *(each - 40.0 for each in exact)]), max([high, *exact]))
         gain.axhline(0.0, color="black", linewidth=0.6)
         phase.axhline(-180.0, color="black", linewidth=0.6)
         forbid_values(gain, requirements, "loop_gain_db")
@@ -74,9 +75,12 @@ def bode(members: Members) -> Picture:
 
 def nyquist(members: Members) -> Picture:
     """L in the complex plane with the circle around -1 that no plant enters."""
-    named = np.exp(members.named_log_loop)
-    grey = np.exp(members.family_log_loop[:: max(1, len(members.family_log_loop) // _GREY)])
-    peak_db = (members.findings.design["stability"] or {}).get("peak_sensitivity_db")
+    near, loops = members.near, members.sample.loops
+    named = np.exp(near.named_log_loop)
+    grey = np.exp(near.log_loop(loops.take(np.arange(0, len(loops), max(1, len(loops) // _GREY)))))
+    stability = members.findings.design["stability"] or {}
+    # the check of an unstable family ends with the plant that shows it
+    peak_db = stability.get("peak_sensitivity_db") if stability.get("stable") else None
     radius = None if peak_db is None else 10.0 ** (-peak_db / 20.0)
 
     def draw(figure: Figure) -> None:
@@ -98,7 +102,7 @@ def nyquist(members: Members) -> Picture:
         labelled(axes, "Im L", "Re L")
         legend_below(figure, axes)
 
-    kept = "" if peak_db is None else (
+    kept = " The loop is not shown to be stable for every plant." if peak_db is None else (
         f" The largest |S| that the check found is {number(peak_db)} dB: no plant that it looked at comes closer to -1 "
         f"than {number(radius or 0.0)}, the dotted disc."
     )  # fmt: skip
@@ -196,6 +200,10 @@ def _shown(members: Members) -> str:
     return f"{len(members.sample.x)} plants of the family as a band, the nominal plant and the worst ones as lines"
 
 
+def _is_exact(r: Requirement, quantity: str) -> bool:
+    return r.quantity == quantity and r.relation is Relation.EQUALS
+
+
 def _hatched(members: Members) -> str:
     """What hatching means, also where some of it is not about every line."""
     spec = members.findings.spec
@@ -218,7 +226,8 @@ def _told(found: dict[str, Array]) -> str:
 
 def _range_told(what: str, ends: tuple[float, float], unit: str) -> str:
     unit = {"db": "dB"}.get(unit, unit)
-    return f"{what} from {number(ends[0], 4)} to {number(ends[1], 4)} {unit}"
+    low, high = (number(end, 4) for end in ends)
+    return f"{what} from {low} to {high} {unit}" if low != high else f"{what} {low} {unit}"
 
 
 def _lines(axes: Axes, members: Members, family: Array, named: Array) -> None:

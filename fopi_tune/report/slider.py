@@ -22,6 +22,8 @@ _NYQUIST = ((-2.2, 1.2), (-1.6, 0.8))
 _DB = 20.0 / math.log(10.0)
 #: of the frequencies that figures have: a small picture needs no more
 _EVERY = 3
+#: the same of those that the Nyquist figure has
+_EVERY_NEAR = 2
 _FREQUENCY = "omega, rad/s"
 
 
@@ -72,8 +74,9 @@ def slider_of(members: Members) -> Slider | None:
     points = members.along(values)
     log_loop = members.log_loop(members.loops_at(points))[:, ::_EVERY]
     omega = np.log10(members.omega[::_EVERY])
+    near = members.near
     with np.errstate(over="ignore"):
-        loop: Complex = np.exp(log_loop)
+        loop: Complex = np.exp(near.log_loop(near.loops_at(points))[:, ::_EVERY_NEAR])
     x = np.broadcast_to(omega, log_loop.shape)
     gain, phase = log_loop.real * _DB, np.degrees(log_loop.imag)
     across = (float(omega[0]), float(omega[-1]))
@@ -92,9 +95,10 @@ def slider_of(members: Members) -> Slider | None:
         ),
         _panel("nyquist", "Nyquist: L, with -1", ("Re L", "Im L"), loop.real, loop.imag, frame=_NYQUIST),
     ]
-    steps = [response(members, tuple(point), Signal.OUTPUT_AFTER_REFERENCE) for point in points.tolist()]
+    times = times_s(members)
+    steps = [response(members, tuple(point), Signal.OUTPUT_AFTER_REFERENCE, times) for point in points.tolist()]
     if all(step is not None for step in steps):
-        t = np.broadcast_to(times_s(members), (len(values), len(times_s(members))))
+        t = np.broadcast_to(times, (len(values), len(times)))
         y = np.array(steps, dtype=float)
         panels.append(_panel("step", "Unit step of the reference", ("time, s", "output"), t, y))
     labels = tuple(f"{name} = {number(float(value), 4)}" for value in values)

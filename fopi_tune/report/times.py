@@ -30,18 +30,18 @@ def times_s(members: Members) -> Array:
     return np.asarray(_HORIZON / fastest * np.linspace(0.0, 1.0, _POINTS) ** 1.7, dtype=float)
 
 
-def response(members: Members, point: tuple[float, ...], signal: Signal, times: Array | None = None) -> Array | None:
+def response(members: Members, point: tuple[float, ...], signal: Signal, times: Array) -> Array | None:
     """A unit step's response of one plant with the ideal controller; None where it could not be computed to 1e-4.
 
     Args:
         members: family and gains.
         point: the plant's place in the family's box.
         signal: what is stepped and looked at.
-        times: ascending, s; `times_s` when left out.
+        times: ascending, s.
     """
     plant = members.findings.spec.plant.member(np.array(point))
     try:
-        found = response_and_error(members.gains, plant, signal, times_s(members) if times is None else times)
+        found = response_and_error(members.gains, plant, signal, times)
     except DomainError:
         return None
     size = float(np.abs(found.value).max(initial=0.0))
@@ -54,8 +54,8 @@ def responses(members: Members) -> Picture | None:
     points = [tuple(row) for row in _corners(members).tolist()]
     drawn = {}
     for signal in (Signal.OUTPUT_AFTER_REFERENCE, Signal.OUTPUT_AFTER_LOAD):
-        named = [response(members, member.point, signal) for member in members.named]
-        others = [row for point in points if (row := response(members, point, signal)) is not None]
+        named = [response(members, member.point, signal, t) for member in members.named]
+        others = [row for point in points if (row := response(members, point, signal, t)) is not None]
         drawn[signal] = (named, others)
     if all(row is None for named, _ in drawn.values() for row in named):
         return None
@@ -80,8 +80,12 @@ def responses(members: Members) -> Picture | None:
     if nominal is not None:
         told = (
             f" The nominal output's largest value is {number(float(nominal.max()), 4)}; at {number(float(t[-1]), 4)} s "
-            f"it is {number(float(nominal[-1]), 4)}. A fractional loop settles with a slow algebraic tail."
+            f"it is {number(float(nominal[-1]), 4)}."
         )
+    if (members.findings.design["stability"] or {}).get("stable"):
+        told += "" if members.gains.alpha == 1.0 else " A fractional loop settles with a slow algebraic tail."
+    else:
+        told += " The loop is not shown to be stable for every plant."
     title = f"{members.findings.spec.name}: unit steps of the reference and of a load at the plant's input"
     said = f"Output over time with the ideal controller, in continuous time; grey: plants of the family.{told}"
     return Picture(title, said, draw, TWO_PANELS)
