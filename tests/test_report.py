@@ -233,7 +233,8 @@ def line_of(axes: Axes, label: str = "nominal") -> tuple[np.ndarray, np.ndarray]
 def hatched(axes: Axes) -> list[tuple[float, float, float, float, str]]:
     """Left, bottom, right and top of each forbidden region, and how it is hatched."""
     found = [patch for patch in axes.patches if isinstance(patch, Rectangle) and patch.get_hatch()]
-    return [(*np.ravel(patch.get_bbox().extents).tolist(), str(patch.get_hatch())) for patch in found]
+    boxes = [(patch.get_bbox(), str(patch.get_hatch())) for patch in found]
+    return [(float(box.x0), float(box.y0), float(box.x1), float(box.y1), hatch) for box, hatch in boxes]
 
 
 def test_drawn_sensitivities_and_what_they_may_not_reach_are_the_specs() -> None:

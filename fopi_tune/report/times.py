@@ -76,19 +76,23 @@ def responses(members: Members) -> Picture | None:
         every[-1].set_xlabel("time, s")
         legend_below(figure, every[0])
 
-    nominal, told = drawn[Signal.OUTPUT_AFTER_REFERENCE][0][0], ""
+    told = _told(members, t, drawn[Signal.OUTPUT_AFTER_REFERENCE][0][0])
+    title = f"{members.findings.spec.name}: unit steps of the reference and of a load at the plant's input"
+    said = f"Output over time with the ideal controller, in continuous time; grey: plants of the family.{told}"
+    return Picture(title, said, draw, TWO_PANELS)
+
+
+def _told(members: Members, t: Array, nominal: Array | None) -> str:
+    """The nominal step in words, and how the loop settles, if it does."""
+    told = ""
     if nominal is not None:
         told = (
             f" The nominal output's largest value is {number(float(nominal.max()), 4)}; at {number(float(t[-1]), 4)} s "
             f"it is {number(float(nominal[-1]), 4)}."
         )
-    if (members.findings.design["stability"] or {}).get("stable"):
-        told += "" if members.gains.alpha == 1.0 else " A fractional loop settles with a slow algebraic tail."
-    else:
-        told += " The loop is not shown to be stable for every plant."
-    title = f"{members.findings.spec.name}: unit steps of the reference and of a load at the plant's input"
-    said = f"Output over time with the ideal controller, in continuous time; grey: plants of the family.{told}"
-    return Picture(title, said, draw, TWO_PANELS)
+    if not (members.findings.design["stability"] or {}).get("stable"):
+        return f"{told} The loop is not shown to be stable for every plant."
+    return told if members.gains.alpha == 1.0 else f"{told} A fractional loop settles with a slow algebraic tail."
 
 
 def _corners(members: Members) -> Array:
