@@ -99,7 +99,7 @@ def test_tune_writes_what_json_prints_and_prints_nothing_else() -> None:
     document = json.loads(result.stdout)
     assert list(document)[:6] == ["schema", "status", "gains", "objective", "requirements", "stamp"]
     assert document["gains"] == pytest.approx({"kp": 0.38512, "ki": 0.38776, "alpha": 0.82038}, rel=1e-4)
-    assert sorted(os.listdir("results/brake")) == ["certificate.json", "design.json"]
+    assert sorted(os.listdir("results/brake")) == ["certificate.json", "design.json", "spec.yaml"]
 
 
 def test_notes_go_to_stderr_and_quiet_silences_them() -> None:
@@ -122,7 +122,7 @@ def test_run_without_a_digital_section_does_what_tune_does() -> None:
 def test_out_replaces_the_folder() -> None:
     assert fopi("tune", THROTTLE_FILE, "--out", "a/b").exit_code == 0
     assert os.listdir() == ["a"]
-    assert sorted(os.listdir("a/b")) == ["certificate.json", "design.json"]
+    assert sorted(os.listdir("a/b")) == ["certificate.json", "design.json", "spec.yaml"]
 
 
 def test_several_specs_get_a_folder_each_and_the_worst_exit_code_counts() -> None:
@@ -293,7 +293,7 @@ def test_a_failed_write_leaves_the_old_result_and_no_litter(monkeypatch: pytest.
     result = fopi("prove", BRAKE_FILE, *ROBUST)
     assert result.exit_code == 2
     assert "No space left on device" in result.stderr
-    assert sorted(os.listdir("results/brake")) == ["certificate.json", "check.json"]
+    assert sorted(os.listdir("results/brake")) == ["certificate.json", "check.json", "spec.yaml"]
     assert Path("results/brake/check.json").read_bytes() == before
 
 

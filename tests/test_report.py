@@ -11,15 +11,19 @@ import shutil
 import subprocess
 from collections import Counter
 from dataclasses import replace
-from functools import cache
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from pages import HOSTILE, Page
 from plants import ROBUST_BRAKE, brake, lag
+from reports import BRAKE, brake_files, brake_findings, brake_page, run_of, without_gains
 from typer.testing import CliRunner
 
 import fopi_tune as ft
@@ -28,77 +32,21 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins
 from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
-from fopi_tune.report.findings import Findings, findings_of, findings_of_run
+from fopi_tune.report.canvas import Picture
+from fopi_tune.report.findings import Findings, findings_of
+from fopi_tune.report.frequency import bode, margins_along, nyquist, sensitivities
 from fopi_tune.report.html import report_files
 from fopi_tune.report.members import Members, members_of
 from fopi_tune.report.slider import slider_of
-from fopi_tune.result import Run
+from fopi_tune.report.times import responses
 from fopi_tune.spec import parse_spec
 from fopi_tune.validation.statistics import histogram
-
-ROOT = Path(__file__).parents[1]
-BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
-#: elements without an end
-VOID = {"meta", "br", "input", "link", "img"}
-HOSTILE = "</script><script>alert(1)</script>\"'&{{ 7*7 }}<img src=x onerror=alert(1)>"
-
-
-@cache
-def run_of(text: str) -> Run:
-    return ft.run(parse_spec(text), proof=False)
-
-
-def brake_findings(evidence: Any = None) -> Findings:
-    return findings_of_run(run_of(BRAKE), evidence)
-
-
-@cache
-def brake_files() -> dict[str, str | bytes]:
-    return report_files(brake_findings())
-
-
-def brake_page() -> str:
-    page = brake_files()["report.html"]
-    assert isinstance(page, str)
-    return page
 
 
 def loop_of(findings: Findings) -> Members:
     members = members_of(findings)
     assert members is not None
     return members
-
-
-class Page(HTMLParser):
-    """Elements, identifiers, references and the text of a page; refuses ends that fit no beginning."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.tags: Counter[str] = Counter()
-        self.ids: list[str] = []
-        self.attributes: list[tuple[str, str]] = []
-        self.text: list[str] = []
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags[tag] += 1
-        self.attributes += [(name, value or "") for name, value in attrs]
-        self.ids += [value or "" for name, value in attrs if name == "id"]
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.handle_starttag(tag, attrs)
-        if tag not in VOID:
-            self.open.pop()
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.text.append(data)
 
 
 def test_a_report_is_the_same_bytes_twice() -> None:
@@ -156,14 +104,6 @@ def test_figures_are_files_that_programs_read() -> None:
         assert ElementTree.fromstring(svg).tag.endswith("svg")
         assert isinstance(png, bytes)
         assert png.startswith(b"\x89PNG\r\n\x1a\n")
-
-
-def without_gains(text: str = BRAKE, **said: Any) -> Findings:
-    """A design that failed: a page without figures, which is made at once."""
-    spec, design = parse_spec(text), brake_findings().design
-    stamp = {**design["stamp"], "spec_sha256": spec.sha256}
-    nothing = {"gains": None, "status": "failed", "objective": None, "stability": None, "nominal": None}
-    return findings_of(spec, {**design, **nothing, "stamp": stamp, **said})
 
 
 def test_hostile_words_of_a_spec_are_shown_and_not_obeyed() -> None:
@@ -269,6 +209,113 @@ def test_on_samples_the_drawn_loop_is_the_filter_behind_its_hold() -> None:
     assert members.omega[-1] < math.pi / 0.2
 
 
+def pi_members(text: str = BRAKE, **said: Any) -> Members:
+    """Of the PI that cancels the nominal brake: L = 0.3/s there."""
+    found = brake_findings()
+    spec = parse_spec(text)
+    stamp = {**found.design["stamp"], "spec_sha256": spec.sha256}
+    gains = {"kp": 0.675, "ki": 0.3, "alpha": 1.0}
+    return loop_of(findings_of(spec, {**found.design, "stamp": stamp, "gains": gains, **said}))
+
+
+def axes_of(picture: Picture | None) -> list[Axes]:
+    assert picture is not None
+    figure = Figure(layout="constrained")
+    picture.draw(figure)
+    return figure.axes
+
+
+def line_of(axes: Axes, label: str = "nominal") -> tuple[np.ndarray, np.ndarray]:
+    line = next(line for line in axes.lines if line.get_label() == label)
+    return np.asarray(line.get_xdata(), dtype=float), np.asarray(line.get_ydata(), dtype=float)
+
+
+def hatched(axes: Axes) -> list[tuple[float, float, float, float, str]]:
+    """Left, bottom, right and top of each forbidden region, and how it is hatched."""
+    found = [patch for patch in axes.patches if isinstance(patch, Rectangle) and patch.get_hatch()]
+    boxes = [(patch.get_bbox(), str(patch.get_hatch())) for patch in found]
+    return [(float(box.x0), float(box.y0), float(box.x1), float(box.y1), hatch) for box, hatch in boxes]
+
+
+def test_drawn_sensitivities_and_what_they_may_not_reach_are_the_specs() -> None:
+    s_axes, t_axes, cs_axes = axes_of(sensitivities(pi_members()))
+    omega, s_db = line_of(s_axes)
+    s = 1j * omega
+    # rounding of logarithms, in dB
+    np.testing.assert_allclose(s_db, 20.0 * np.log10(np.abs(s / (s + 0.3))), atol=1e-8)
+    np.testing.assert_allclose(line_of(t_axes)[1], 20.0 * np.log10(np.abs(0.3 / (s + 0.3))), atol=1e-8)
+    control = (0.675 * s + 0.3) / (s + 0.3)
+    np.testing.assert_allclose(line_of(cs_axes)[1], 20.0 * np.log10(np.abs(control)), atol=1e-8)
+    # |S| <= -20 dB up to 0.02 rad/s: above that and to the left
+    left, bottom, right, top, hatch = hatched(s_axes)[0]
+    assert (left, bottom, right, top) == (*(s_axes.get_xlim()[0], -20.0, 0.02), s_axes.get_ylim()[1])
+    assert hatch == "////"
+    assert hatched(t_axes) == hatched(cs_axes) == []
+
+
+def test_drawn_steps_are_the_closed_form() -> None:
+    reference, load = axes_of(responses(pi_members()))
+    t, output = line_of(reference)
+    # what is drawn may be wrong by 1e-4 at most
+    np.testing.assert_allclose(output, 1.0 - np.exp(-0.3 * t), atol=1e-4)
+    # P/(1 + C P)/s = 1/((2.25 s + 1)(s + 0.3))
+    a, b = 0.3, 1.0 / 2.25
+    np.testing.assert_allclose(line_of(load)[1], (np.exp(-a * t) - np.exp(-b * t)) / (b - a) / 2.25, atol=1e-4)
+
+
+def test_a_drawn_loop_has_dots_at_its_crossovers_and_its_phases_are_forbidden_there() -> None:
+    gain, phase = axes_of(bode(pi_members()))
+    omega, db = line_of(gain)
+    np.testing.assert_allclose(db, 20.0 * np.log10(0.3 / omega), atol=1e-8)
+    np.testing.assert_allclose(line_of(phase)[1], -90.0, atol=1e-8)
+    dots = [tuple(np.ravel(line.get_xydata())) for line in phase.lines if line.get_marker() == "o"]
+    # |L| = 1 at 0.3 rad/s, to the root finder's tolerance
+    assert dots[0] == pytest.approx((0.3, -90.0), rel=1e-9)
+    crosses = [tuple(np.ravel(line.get_xydata())) for line in phase.lines if line.get_marker() == "x"]
+    assert crosses == [pytest.approx((0.3, -90.0), rel=1e-9)]
+    left, bottom, right, top, _ = hatched(phase)[0]
+    assert (bottom, top) == (phase.get_ylim()[0], -100.0)
+    assert left < min(x for x, _ in dots) < max(x for x, _ in dots) < right
+
+
+def test_what_only_the_nominal_plant_may_not_do_is_hatched_the_other_way() -> None:
+    text = BRAKE.replace("- phase_margin_deg: {at_least: 80}", "- phase_margin_deg: {at_least: 80}\n    on: nominal")
+    picture = bode(pi_members(text))
+    left, _, right, _, hatch = hatched(axes_of(picture)[1])[0]
+    assert hatch == "\\" * 4
+    assert left < 0.3 < right < 0.33  # the family's region ends at 1.05 times 0.33
+    assert "slanted the other way: for the nominal plant alone" in picture.description
+    assert "slanted" not in bode(pi_members()).description
+
+
+def test_of_an_unstable_loop_no_disc_is_claimed_to_be_free() -> None:
+    said = {**brake_findings().design["stability"], "stable": False}
+    picture = nyquist(pi_members(stability=said))
+    assert "not shown to be stable" in picture.description
+    assert len([patch for patch in axes_of(picture)[0].patches if patch.get_hatch()]) == 0
+    assert len([patch for patch in axes_of(nyquist(pi_members()))[0].patches if patch.get_hatch()]) == 1
+
+
+def test_the_figure_of_margins_has_one_label_below() -> None:
+    phase, gain = axes_of(margins_along(pi_members()))
+    assert (phase.get_xlabel(), gain.get_xlabel()) == ("", "time_constant_s")
+    tau, margin = (np.asarray(each, dtype=float) for each in phase.lines[0].get_data())
+    expected = [margins(FoPi(0.675, 0.3, 1.0), brake().member(np.array([each]))).phase_margin_deg for each in tau]
+    np.testing.assert_allclose(margin, np.array(expected, dtype=float), rtol=1e-9)
+
+
+def test_legends_cover_no_curve() -> None:
+    for picture in (bode(pi_members()), nyquist(pi_members()), sensitivities(pi_members()), responses(pi_members())):
+        assert picture is not None
+        figure = Figure(figsize=picture.size_inches, layout="constrained")
+        picture.draw(figure)
+        FigureCanvasAgg(figure).draw()
+        legend = figure.legends[0].get_window_extent()
+        assert not any(legend.overlaps(axes.get_tightbbox()) for axes in figure.axes)  # pyright: ignore[reportArgumentType]
+        assert all(axes.get_legend() is None for axes in figure.axes)
+        assert figure.bbox.x0 <= legend.x0 < legend.x1 <= figure.bbox.x1
+
+
 def test_the_figure_of_margins_tells_their_range() -> None:
     low, high = (margins(ROBUST_BRAKE, brake().member(np.array([tau]))).phase_margin_deg for tau in (3.1, 1.6))
     assert low is not None
@@ -347,29 +394,6 @@ def test_the_pages_data_name_every_curve_that_the_page_has() -> None:
     assert {"slider", "slider-value", "curves", *(f"moved-{key}" for key in data["curves"])} <= ids
     assert all(len(curves) == len(data["labels"]) for curves in data["curves"].values())
     assert f'max="{len(data["labels"]) - 1}"' in text
-
-
-def test_a_slider_moves_in_a_browser_without_errors(tmp_path: Path) -> None:
-    playwright = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
-    (tmp_path / "report.html").write_text(brake_page(), encoding="utf-8")
-    said: list[str] = []
-    with playwright.sync_playwright() as tool:
-        try:
-            browser = tool.chromium.launch()
-        except playwright.Error:
-            pytest.skip("there is no Chromium that Playwright could start")
-        page = browser.new_page()
-        page.on("console", lambda message: said.append(message.text))
-        page.on("pageerror", lambda error: said.append(str(error)))
-        page.goto((tmp_path / "report.html").as_uri())
-        before = page.get_attribute("#moved-gain", "d")
-        page.focus("#slider")
-        page.keyboard.press("Home")
-        assert page.get_attribute("#moved-gain", "d") != before
-        page.screenshot(path=tmp_path / "report.png", full_page=True)
-        browser.close()
-    assert said == []
-    assert (tmp_path / "report.png").stat().st_size > 10_000
 
 
 def test_a_histogram_counts_every_finite_value_once() -> None:

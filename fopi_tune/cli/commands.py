@@ -146,6 +146,9 @@ def run(
 @app.command()
 def report(
     specs: Annotated[list[str], typer.Argument(metavar="SPEC", help="Spec files, or folders that `fopi run` filled.")],
+    compare: Annotated[
+        bool, typer.Option("--compare", help="One page with all of them side by side, in results/compare.")
+    ] = False,
     out: Out = None,
     quiet: Quiet = False,
     debug: Debug = False,
@@ -154,8 +157,13 @@ def report(
 
     From the results that `fopi run` and `fopi validate` left.
 
-    The results must be of the spec as it is; a folder holds its own.  Prints where the report is.
+    The results must be of the spec as it is; a folder holds its own.  Prints where the report is.  With --compare also
+    folders that `fopi tune` or `fopi prove` filled, or the design.json or check.json in them.
     """
+    if compare:
+        from fopi_tune.cli.compare import compare_results
+
+        raise typer.Exit(compare_results(specs, Handling(out, False, quiet, debug)))
     from fopi_tune.cli.report import remake
 
     raise typer.Exit(remake(specs, Handling(out, False, quiet, debug, len(specs) > 1)))

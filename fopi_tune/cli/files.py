@@ -25,12 +25,14 @@ CODE, FIGURE = "c", "controller.svg"
 EVIDENCE = "evidence.json"
 #: beginnings of the names of simulations on samples and in continuous time
 SIMULATION, EXACT = "simulation", "exact"
-#: the spec of a run, as it was
+#: the spec of a result, as it was
 SPEC = "spec.yaml"
 #: what a run says to people, and the folder of its figures
 REPORT, FIGURES = "report.html", "figures"
 #: what a report may draw; not every one draws all
 DRAWN = ("bode", "nyquist", "sensitivities", "responses", "margins", "digital", "plants")
+#: designs side by side, and the folder of that page
+COMPARISON, COMPARED = "compare.html", "compare"
 #: a sweep: .json, .csv and .svg
 TRADEOFF = "tradeoff"
 
@@ -60,8 +62,6 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
             yield f"{kind}_{driven.scenario.name}.svg", _simulation_figure(result, driven)
         return
     if isinstance(result, Run):
-        if result.spec.source:
-            yield SPEC, result.spec.source
         yield from files_of(result.design)
         if result.digital is not None:
             yield from files_of(result.digital)
@@ -73,6 +73,8 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
         yield FIGURE, _figure(result)
         return
     yield CHECK if isinstance(result, Check) else DESIGN, to_json(result.to_dict()) + "\n"
+    if result.spec.source:
+        yield SPEC, result.spec.source
     yield from _certificate(result, CERTIFICATE)
     if not isinstance(result, Check) and (optimum := result.optimum_document()) is not None:
         yield OPTIMUM, to_json(optimum) + "\n"

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.files import DESIGN, DIGITAL, EVIDENCE
+from fopi_tune.cli.files import CHECK, DESIGN, DIGITAL, EVIDENCE
 from fopi_tune.cli.output import read_text
 
 if TYPE_CHECKING:
-    from fopi_tune.report.findings import Document
+    from fopi_tune.report.findings import Document, Findings
     from fopi_tune.spec.model import DesignSpec
 
 
@@ -31,6 +32,32 @@ def report_of(result: object, folder: Path) -> dict[str, str | bytes]:
     return report_files(findings_of_run(result, _document(folder / EVIDENCE)))
 
 
+def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> dict[str, str | bytes]:
+    """Designs side by side.
+
+    Args:
+        named: of each design where it was named, its spec, the folder of its results and the file of its gains.
+
+    Raises:
+        DomainError: some result is not there, or of another spec; says which.
+    """
+    from fopi_tune.errors import DomainError
+    from fopi_tune.report.compare import comparison_files
+
+    found = []
+    for source, spec, folder, file in named:
+        try:
+            found.append((source, _findings(spec, folder, file)))
+        except DomainError as error:
+            raise DomainError(f"{source}: {error}") from None
+    try:
+        return comparison_files(found)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        if isinstance(error, DomainError):
+            raise
+        raise DomainError("some of these results are not as this tool writes them; make them again") from error
+
+
 def report_again(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]:
     """The same from what a run left.
 
@@ -42,18 +69,27 @@ def report_again(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]:
         DomainError: there is no design of this spec.
     """
     from fopi_tune.errors import DomainError
-    from fopi_tune.report.findings import findings_of
     from fopi_tune.report.html import report_files
 
-    design = _document(folder / DESIGN)
-    if design is None:
-        raise DomainError(f"there is no {DESIGN} to read in {folder}; make one with `fopi run`, or name its folder")
     try:
-        return report_files(findings_of(spec, design, _document(folder / DIGITAL), _document(folder / EVIDENCE)))
+        return report_files(_findings(spec, folder, DESIGN))
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         if isinstance(error, DomainError):
             raise
         raise DomainError(f"the results in {folder} are not as this tool writes them; run `fopi run` again") from error
+
+
+def _findings(spec: DesignSpec, folder: Path, file: str) -> Findings:
+    """What a folder of results says of a spec, its gains from one of the files there."""
+    from fopi_tune.errors import DomainError
+    from fopi_tune.report.findings import findings_of
+
+    command = "fopi prove" if file == CHECK else "fopi run"
+    found = _document(folder / file)
+    if found is None:
+        raise DomainError(f"there is no {file} to read in {folder}; make one with `{command}`, or name its folder")
+    digital, evidence = _document(folder / DIGITAL), _document(folder / EVIDENCE)
+    return findings_of(spec, found, digital, evidence, file=file, command=command)
 
 
 def _document(path: Path) -> Document | None:

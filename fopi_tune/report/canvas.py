@@ -7,6 +7,7 @@ print in grey reads.
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BLUE, ORANGE, GREEN, PURPLE, BLACK = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000"
+BLUE, ORANGE, GREEN, PURPLE, BLACK, GOLD = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000", "#e69f00"
 #: colour and dashes of the first, second, ... line
 STYLES: tuple[tuple[str, Any], ...] = (
     (BLUE, "-"),
@@ -25,9 +26,16 @@ STYLES: tuple[tuple[str, Any], ...] = (
     (GREEN, "-."),
     (PURPLE, ":"),
     (BLACK, (0, (5, 1, 1, 1, 1, 1))),
+    (GOLD, (0, (9, 3))),
 )
 _RC: dict[Any, Any] = {"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fonttype": "none"}
 _DOTS_PER_INCH = 150
+#: inches; the width of a report's figures
+WIDE = 8.0
+#: inches; of two panels over each other
+TWO_PANELS = (WIDE, 5.8)
+#: characters of a legend's line, and of the longest entry that shares its line with others
+_LEGEND, _SHORT = 96, 44
 
 
 @dataclass(frozen=True)
@@ -74,6 +82,32 @@ def labelled(axes: Axes, y: str, x: str = "") -> None:
     if x:
         axes.set_xlabel(x)
     axes.grid(True, which="both", linewidth=0.3)
+
+
+def logarithmic(axes: Axes, *, both: bool = False) -> None:
+    """Frequencies (and values, on demand) on a logarithmic axis, with plain numbers at the powers of ten.
+
+    Lines between them would be ten a decade, and numbers as formulas take longer to set than the curves to draw.
+    """
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    if both:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.minorticks_off()
+
+
+def legend_below(figure: Figure, axes: Axes) -> None:
+    """The legend of one of the axes under all of them, where it covers no curve."""
+    handles, labels = axes.get_legend_handles_labels()
+    if not labels:
+        return
+    longest = max(map(len, labels))
+    columns = 4 if longest <= _SHORT // 2 else 2 if longest <= _SHORT else 1
+    lines = ["\n".join(textwrap.wrap(label, _LEGEND)) for label in labels]
+    figure.legend(
+        handles, lines, loc="outside lower center", ncols=columns, fontsize=8.0, frameon=False, handlelength=3
+    )
 
 
 @contextmanager

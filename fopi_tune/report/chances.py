@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fopi_tune.report.canvas import BLACK, BLUE, ORANGE, Picture, labelled
+from fopi_tune.report.canvas import BLACK, BLUE, ORANGE, WIDE, Picture, labelled
 from fopi_tune.report.phrases import number
 from fopi_tune.report.rows import place_phrase
 
@@ -51,7 +51,7 @@ def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
     told = [judged for judged in _judged(evidence) if judged.get("histogram")][:_MOST]
     if not told:
         return None
-    from fopi_tune.validation.statistics import fraction  # loads SciPy's distributions
+    from fopi_tune.validation.statistics import fraction  # loads SciPy's special functions
 
     confidence = float(evidence["drawn"]["confidence"])
 
@@ -76,7 +76,7 @@ def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
         f"Histograms of the values that {evidence['stable']['total']} drawn plants reach, each share with its "
         f"{100.0 * confidence:g} % interval; dashed: the limit, where it is near. {words}."
     )
-    return Picture(f"{name}: plants drawn at random", said, draw, (6.4, 1.0 + 1.8 * len(told)))
+    return Picture(f"{name}: plants drawn at random", said, draw, (WIDE, 1.0 + 1.8 * len(told)))
 
 
 def _judged(evidence: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fopi_tune.report.canvas import BLACK, BLUE, ORANGE, Picture, labelled
+from fopi_tune.report.canvas import BLACK, BLUE, ORANGE, TWO_PANELS, Picture, labelled, legend_below, logarithmic
 from fopi_tune.report.findings import Findings
 from fopi_tune.report.phrases import number
 
@@ -31,15 +31,16 @@ def filter_picture(findings: Findings) -> Picture | None:
     def draw(figure: Figure) -> None:
         gain, phase, distance = figure.subplots(3, 1, sharex=True)
         for response, colour, dashes, label in ((ideal, BLUE, "-", "ideal"), (filtered, ORANGE, "--", "digital")):
-            gain.semilogx(omega, 20.0 * np.log10(np.abs(response)), color=colour, linestyle=dashes, label=label)
-            phase.semilogx(omega, np.degrees(np.unwrap(np.angle(response))), color=colour, linestyle=dashes)
-        distance.loglog(omega, error, color=BLACK)
+            gain.plot(omega, 20.0 * np.log10(np.abs(response)), color=colour, linestyle=dashes, label=label)
+            phase.plot(omega, np.degrees(np.unwrap(np.angle(response))), color=colour, linestyle=dashes)
+        distance.plot(omega, error, color=BLACK)
         for axes in (gain, phase, distance):
-            axes.minorticks_off()
+            logarithmic(axes, both=axes is distance)
+            axes.set_xlim(float(omega[0]), float(omega[-1]))
         labelled(gain, "|C|, dB")
         labelled(phase, "arg C, deg")
         labelled(distance, "relative error", "omega, rad/s")
-        gain.legend(loc="upper right", fontsize=8.0)
+        legend_below(figure, gain)
 
     below = error[omega <= 0.3 * nyquist]
     title = f"{findings.spec.name}: controller, ideal and digital at {number(digital.sample_time_s)} s"
@@ -48,4 +49,4 @@ def filter_picture(findings: Findings) -> Picture | None:
         f"{number(nyquist)} rad/s, and the relative error: at most {number(100.0 * float(below.max()), 3)} % in the "
         "part of the figure below 0.3 of that frequency."
     )
-    return Picture(title, said, draw, (6.4, 6.0))
+    return Picture(title, said, draw, TWO_PANELS)

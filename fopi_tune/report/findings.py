@@ -91,15 +91,23 @@ def findings_of_run(run: Run, evidence: Document | None = None) -> Findings:
 
 
 def findings_of(
-    spec: DesignSpec, design: Document, digital: Document | None = None, evidence: Document | None = None
+    spec: DesignSpec,
+    design: Document,
+    digital: Document | None = None,
+    evidence: Document | None = None,
+    *,
+    file: str = "design.json",
+    command: str = "fopi run",
 ) -> Findings:
     """What documents say of a spec.
 
     Args:
         spec: what was asked.
-        design: the JSON of `fopi tune` or `fopi run`.
+        design: the JSON of `fopi tune` or `fopi run`; or of `fopi prove`, where only what both have is asked of it.
         digital: that of `fopi discretize`; left out unless it is of this spec and the design's gains.
         evidence: that of `fopi validate`; the same.
+        file: the name of the first, for messages.
+        command: what writes it, for messages.
 
     Raises:
         DomainError: the design is of another spec, or no result of this tool.
@@ -111,11 +119,11 @@ def findings_of(
         gains = None if said is None else FoPi(float(said["kp"]), float(said["ki"]), float(said["alpha"]))
         findings = Findings(spec, design, _matching(spec, said, digital), _matching(spec, said, evidence), gains)
     except (LookupError, TypeError, ValueError, AttributeError):
-        raise DomainError("design.json is no result of this tool; run `fopi run` again") from None
+        raise DomainError(f"{file} is no result of this tool; run `{command}` again") from None
     if not is_same:
-        raise DomainError("design.json is of another spec, or of an earlier text of this one; run `fopi run` again")
+        raise DomainError(f"{file} is of another spec, or of an earlier text of this one; run `{command}` again")
     if entries != len(spec.requirements):
-        raise DomainError("design.json has not the requirements of its spec; run `fopi run` again")
+        raise DomainError(f"{file} has not the requirements of its spec; run `{command}` again")
     return findings
 
 

@@ -11,10 +11,11 @@ from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.sample import Badness, evaluate
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.report.canvas import STYLES, Picture, labelled
+from fopi_tune.report.canvas import STYLES, TWO_PANELS, WIDE, Picture, labelled, legend_below, logarithmic
 from fopi_tune.report.members import Array, Complex, Members
 from fopi_tune.report.phrases import number
 from fopi_tune.report.regions import forbid_along, forbid_crossovers, forbid_phases, forbid_values, room
+from fopi_tune.spec.model import Relation, Requirement, Scope
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,50 +28,59 @@ _ENVELOPE = {"color": "#56b4e9", "alpha": 0.35, "linewidth": 0.0}
 _NYQUIST_VIEW = (-2.2, 1.2, -1.9, 1.5)
 #: members that the Nyquist figure draws in grey
 _GREY = 25
-_HATCHED = "Hatched: what the requirements forbid."
+_HATCHED = "Hatched: what the requirements forbid"
 
 
 def bode(members: Members) -> Picture:
     """Gain and phase of L: the family's envelope, the nominal plant, the worst ones, and what is forbidden."""
     family, named = members.family_log_loop, members.named_log_loop
     requirements = members.findings.spec.requirements
-    crossings = _crossovers(members)
+    crossings, of_named = _crossovers(members), gain_crossovers(members.named_loops)
+    nominal = of_named.omega_rad_s[of_named.row == 0]
 
     def draw(figure: Figure) -> None:
         gain, phase = figure.subplots(2, 1, sharex=True)
-        for axes, of_family, of_named in (
+        for axes, band, lines in (
             (gain, _DB * family.real, _DB * named.real),
             (phase, np.degrees(family.imag), np.degrees(named.imag)),
         ):
-            _lines(axes, members, of_family, of_named)
+            _lines(axes, members, band, lines)
         room(gain, [_DB * family.real, _DB * named.real], 160.0)
         room(phase, [np.degrees(family.imag), np.degrees(named.imag)], 300.0)
         low, high = phase.get_ylim()
-        phase.set_ylim(min(low, -190.0), high)
+        exact = [r.limits[0] - 160.0 for r in requirements if _is_exact(r, "phase_margin_deg")]
+        phase.set_ylim(min([low, -190.0, *(each - 40.0 for each in exact)]), max([high, *exact]))
         gain.axhline(0.0, color="black", linewidth=0.6)
         phase.axhline(-180.0, color="black", linewidth=0.6)
         forbid_values(gain, requirements, "loop_gain_db")
         forbid_crossovers(gain, requirements)
         if crossings is not None:
-            forbid_phases(phase, requirements, crossings)
+            forbid_phases(phase, requirements, crossings, nominal)
+        for row, omega, arg in zip(of_named.row, of_named.omega_rad_s, of_named.phase_rad, strict=True):
+            for axes, height in ((gain, 0.0), (phase, math.degrees(arg))):
+                axes.plot([omega], [height], "o", color=STYLES[row][0], markersize=5, zorder=4)
         labelled(gain, "|L|, dB")
         labelled(phase, "arg L, deg", "omega, rad/s")
-        gain.legend(loc="best", fontsize=8.0)
+        legend_below(figure, gain)
 
     at = "no plant has a gain crossover" if crossings is None else _range_told("gain crossovers", crossings, "rad/s")
     title = f"{members.findings.spec.name}: Bode, the loop L = C P"
     said = (
-        f"Gain and phase of the loop over frequency, {_shown(members)}; {at}. {_HATCHED} "
-        "A cross marks what has to be met exactly."
+        f"Gain and phase of the loop over frequency, {_shown(members)}; {at}. {_hatched(members)} Dots: each line at "
+        "its gain crossovers, where its phase margin is read: a dot may not lie in a hatched part, its line may pass "
+        "there. A cross marks what has to be met exactly."
     )
-    return Picture(title, said, draw)
+    return Picture(title, said, draw, TWO_PANELS)
 
 
 def nyquist(members: Members) -> Picture:
     """L in the complex plane with the circle around -1 that no plant enters."""
-    named = np.exp(members.named_log_loop)
-    grey = np.exp(members.family_log_loop[:: max(1, len(members.family_log_loop) // _GREY)])
-    peak_db = (members.findings.design["stability"] or {}).get("peak_sensitivity_db")
+    near, loops = members.near, members.sample.loops
+    named = np.exp(near.named_log_loop)
+    grey = np.exp(near.log_loop(loops.take(np.arange(0, len(loops), max(1, len(loops) // _GREY)))))
+    stability = members.findings.design["stability"] or {}
+    # the check of an unstable family ends with the plant that shows it
+    peak_db = stability.get("peak_sensitivity_db") if stability.get("stable") else None
     radius = None if peak_db is None else 10.0 ** (-peak_db / 20.0)
 
     def draw(figure: Figure) -> None:
@@ -90,9 +100,9 @@ def nyquist(members: Members) -> Picture:
         axes.set_ylim(*_NYQUIST_VIEW[2:])
         axes.set_aspect("equal")
         labelled(axes, "Im L", "Re L")
-        axes.legend(loc="upper left", fontsize=8.0)
+        legend_below(figure, axes)
 
-    kept = "" if peak_db is None else (
+    kept = " The loop is not shown to be stable for every plant." if peak_db is None else (
         f" The largest |S| that the check found is {number(peak_db)} dB: no plant that it looked at comes closer to -1 "
         f"than {number(radius or 0.0)}, the dotted disc."
     )  # fmt: skip
@@ -104,7 +114,7 @@ def nyquist(members: Members) -> Picture:
 def sensitivities(members: Members) -> Picture:
     """|S|, |T| and |C S| with their bounds."""
     requirements = members.findings.spec.requirements
-    family, named = _responses(members, members.family_log_loop), _responses(members, members.named_log_loop)
+    family, named = decibels(members, members.family_log_loop), decibels(members, members.named_log_loop)
 
     def draw(figure: Figure) -> None:
         every = figure.subplots(3, 1, sharex=True)
@@ -117,7 +127,7 @@ def sensitivities(members: Members) -> Picture:
             forbid_values(axes, requirements, word)
             labelled(axes, label)
         every[-1].set_xlabel("omega, rad/s")
-        every[0].legend(loc="best", fontsize=8.0)
+        legend_below(figure, every[0])
 
     peaks = ", ".join(
         f"{letter} {number(float(family[word].max()), 4)} dB" for letter, word in zip("STC", _WORDS, strict=True)
@@ -125,9 +135,9 @@ def sensitivities(members: Members) -> Picture:
     title = f"{members.findings.spec.name}: sensitivities"
     said = (
         "Sensitivity S = 1/(1 + L), complementary sensitivity T = L/(1 + L) and control sensitivity C S over "
-        f"frequency, {_shown(members)}. Largest values drawn: {peaks}. {_HATCHED}"
+        f"frequency, {_shown(members)}. Largest values drawn: {peaks}. {_hatched(members)}"
     )
-    return Picture(title, said, draw, (6.4, 7.0))
+    return Picture(title, said, draw, (WIDE, 6.8))
 
 
 def margins_along(members: Members) -> Picture | None:
@@ -135,9 +145,9 @@ def margins_along(members: Members) -> Picture | None:
     names = members.findings.spec.plant.uncertain_names
     if not names:
         return None
-    loops, values = members.loops_at(members.along(members.path)), members.path
+    values = members.path
     try:
-        found = {word: evaluate(loops, _reader(word))[0] for word in ("phase_margin_deg", "gain_margin_db")}
+        found = margin_curves(members)
     except DomainError:
         return None  # more crossings than can be listed
     requirements, nominal = members.findings.spec.requirements, float(members.findings.spec.plant.nominal_point[0])
@@ -151,14 +161,25 @@ def margins_along(members: Members) -> Picture | None:
                 axes.text(0.5, 0.7, "infinite for every plant", transform=axes.transAxes, ha="center")
             axes.set_xlim(values[0], values[-1])
             room(axes, [curve, np.array(bounds or [0.0])], math.inf)
-            forbid_along(axes, requirements, word)
+            forbid_along(axes, requirements, word, nominal)
             axes.axvline(nominal, color="black", linewidth=0.6, linestyle=":")
-            labelled(axes, word.replace("_deg", ", deg").replace("_db", ", dB").replace("_", " "), names[0])
+            labelled(axes, word.replace("_deg", ", deg").replace("_db", ", dB").replace("_", " "))
+            axes.set_xlabel(names[0] if word == "gain_margin_db" else "")
 
     others = "" if len(names) == 1 else "; the other uncertain numbers are nominal"
     title = f"{members.findings.spec.name}: margins against {names[0]}"
-    said = f"Phase margin and gain margin against {names[0]}{others}: {_told(found)}. Dotted: nominal. {_HATCHED}"
-    return Picture(title, said, draw, (6.4, 5.0))
+    said = f"Phase margin and gain margin against {names[0]}{others}: {_told(found)}. Dotted: nominal. {_HATCHED}."
+    return Picture(title, said, draw, (WIDE, 4.6))
+
+
+def margin_curves(members: Members) -> dict[str, Array]:
+    """Phase and gain margin along `path`, by their quantities' names.
+
+    Raises:
+        DomainError: more crossings than can be listed.
+    """
+    loops = members.loops_at(members.along(members.path))
+    return {word: evaluate(loops, _reader(word))[0] for word in ("phase_margin_deg", "gain_margin_db")}
 
 
 _WORDS = ("sensitivity_db", "complementary_sensitivity_db", "control_sensitivity_db")
@@ -179,6 +200,18 @@ def _shown(members: Members) -> str:
     return f"{len(members.sample.x)} plants of the family as a band, the nominal plant and the worst ones as lines"
 
 
+def _is_exact(r: Requirement, quantity: str) -> bool:
+    return r.quantity == quantity and r.relation is Relation.EQUALS
+
+
+def _hatched(members: Members) -> str:
+    """What hatching means, also where some of it is not about every line."""
+    spec = members.findings.spec
+    alone = any(r.scope is Scope.NOMINAL and r.relation is not Relation.EQUALS for r in spec.requirements)
+    of_nominal = "; slanted the other way: for the nominal plant alone" if alone and spec.plant.uncertain_names else ""
+    return f"{_HATCHED}{of_nominal}."
+
+
 def _told(found: dict[str, Array]) -> str:
     parts = []
     for word, curve in found.items():
@@ -193,24 +226,25 @@ def _told(found: dict[str, Array]) -> str:
 
 def _range_told(what: str, ends: tuple[float, float], unit: str) -> str:
     unit = {"db": "dB"}.get(unit, unit)
-    return f"{what} from {number(ends[0], 4)} to {number(ends[1], 4)} {unit}"
+    low, high = (number(end, 4) for end in ends)
+    return f"{what} from {low} to {high} {unit}" if low != high else f"{what} {low} {unit}"
 
 
 def _lines(axes: Axes, members: Members, family: Array, named: Array) -> None:
     """The band of the family and a line for each plant that has a name."""
-    axes.set_xscale("log")
-    # ten lines a decade cost more time than they tell
-    axes.minorticks_off()
+    logarithmic(axes)
     axes.set_xlim(float(members.omega[0]), float(members.omega[-1]))
     if len(family) > 1:
+        # a worst plant may lie between those of the grid
+        family = np.concatenate([family, named])
         axes.fill_between(members.omega, family.min(axis=0), family.max(axis=0), label="family", **_ENVELOPE)
     for k, row in enumerate(named):
         colour, dashes = STYLES[k]
         axes.plot(members.omega, row, color=colour, linestyle=dashes, label=members.named[k].label)
 
 
-def _responses(members: Members, log_loop: Complex) -> dict[str, Array]:
-    """|S|, |T| and |C S| in dB, shape (m, n) each."""
+def decibels(members: Members, log_loop: Complex) -> dict[str, Array]:
+    """|S|, |T| and |C S| in dB by their quantities' names, shape (m, n) each."""
     with np.errstate(over="ignore", divide="ignore"):
         # 1 + L from ln L: where L overflows, ln|1 + L| is ln|L|
         large = log_loop.real > 300.0

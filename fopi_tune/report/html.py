@@ -1,54 +1,30 @@
 """The report:  Findings -> report.html and its figures as SVG and PNG; the same findings give the same bytes.
 
-The page asks no network for anything: style, script, curves and figures are in it, and its policy forbids the rest.
+What is drawn and told; how it becomes a page is in `page.py`.
 """
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
-from fopi_tune.report.canvas import Picture, both_of
+from fopi_tune.report.canvas import Picture
 from fopi_tune.report.chances import chances_of, drawn_phrase, histograms
 from fopi_tune.report.filters import filter_picture
 from fopi_tune.report.findings import Findings
 from fopi_tune.report.frequency import bode, margins_along, nyquist, sensitivities
 from fopi_tune.report.members import Members, members_of
+from fopi_tune.report.page import drawn, figure_files, rendered
 from fopi_tune.report.phrases import number, requirement_phrase, scope_phrase, sentence
 from fopi_tune.report.rows import place_phrase, rows_of
 from fopi_tune.report.slider import HEIGHT, WIDTH, minus_one, slider_of
 from fopi_tune.report.times import responses
 from fopi_tune.result import loop_name
 
-#: what a figure is made from
-Source = TypeVar("Source", Members, Findings)
-#: the report's file, and the folder of its figures
-REPORT, FIGURES = "report.html", "figures"
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """A figure as it stands in the page and in files.
-
-    Args:
-        name: of its files, without ending.
-        caption: the description in words.
-        svg: to be put into HTML.
-        svg_file: the same as a file of its own.
-        png: the same as points.
-    """
-
-    name: str
-    caption: str
-    svg: str
-    svg_file: str
-    png: bytes
+#: the report's file
+REPORT = "report.html"
 
 
 def report_files(findings: Findings) -> dict[str, str | bytes]:
@@ -61,16 +37,13 @@ def report_files(findings: Findings) -> dict[str, str | bytes]:
         `report.html` last, as text; figures as text (SVG) and bytes (PNG).
     """
     members, evidence = members_of(findings), findings.evidence
-    of_loop = [] if members is None else list(_drawn(_OF_LOOP, members))
-    of_filter = list(_drawn({"digital": filter_picture}, findings))
-    of_plants = [] if evidence is None else list(_drawn({"plants": _histograms}, findings))
-    made: dict[str, str | bytes] = {}
-    for each in (*of_loop, *of_filter, *of_plants):
-        made[f"{FIGURES}/{each.name}.svg"] = each.svg_file
-        made[f"{FIGURES}/{each.name}.png"] = each.png
+    of_loop = [] if members is None else list(drawn(_OF_LOOP, members))
+    of_filter = list(drawn({"digital": filter_picture}, findings))
+    of_plants = [] if evidence is None else list(drawn({"plants": _histograms}, findings))
     values = {**_words(findings), **_moved(members)}
     values |= {"figures": of_loop, "digital_figures": of_filter, "evidence_figures": of_plants}
-    return {**made, REPORT: _rendered(values)}
+    figures = figure_files([*of_loop, *of_filter, *of_plants])
+    return {**figures, REPORT: rendered("report.html.jinja", values)}
 
 
 #: name -> what is drawn of the loop, in the order of the page
@@ -85,52 +58,6 @@ _OF_LOOP: Mapping[str, Callable[[Members], Picture | None]] = {
 
 def _histograms(findings: Findings) -> Picture | None:
     return None if findings.evidence is None else histograms(findings.evidence, findings.spec.name)
-
-
-def _drawn(pictures: Mapping[str, Callable[[Source], Picture | None]], source: Source) -> Iterator[Drawn]:
-    for name, make in pictures.items():
-        try:
-            picture = make(source)
-        except DomainError:
-            picture = None  # crossings that cannot be listed: the page does without this figure
-        if picture is not None:
-            svg, png = both_of(picture)
-            yield Drawn(name, picture.description, _inline(svg, name), svg, png)
-
-
-def _inline(svg: str, name: str) -> str:
-    """An SVG file as part of a page: names of its own, since several files use the same, and words that are found."""
-    body = svg[svg.index("<svg") :]
-    body = re.sub(r"\s*<metadata>.*?</metadata>", "", body, count=1, flags=re.DOTALL)
-    body = re.sub(r'\bid="', f'id="{name}-', body)
-    body = re.sub(r"url\(#", f"url(#{name}-", body)
-    body = re.sub(r'(xlink:href|href)="#', rf'\1="#{name}-', body)
-    body = body.replace("<title>", f'<title id="{name}-title">', 1).replace("<desc>", f'<desc id="{name}-desc">', 1)
-    return body.replace("<svg", f'<svg role="img" aria-labelledby="{name}-title {name}-desc"', 1)
-
-
-def _rendered(values: Mapping[str, Any]) -> str:
-    # where a report is asked for only: what starts in a hurry does not read templates
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-    from markupsafe import Markup
-
-    loader = PackageLoader("fopi_tune.report", "templates")
-    environment = Environment(
-        loader=loader,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=True,
-    )
-    script, style = (loader.get_source(environment, name)[0] for name in ("slider.js", "report.css"))
-    figures = {
-        key: [{"svg": Markup(each.svg), "caption": each.caption} for each in values[key]]
-        for key in ("figures", "digital_figures", "evidence_figures")
-    }
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    own = {"script": Markup(script), "script_hash": f"sha256-{digest}", "style": Markup(style)}
-    return environment.get_template("report.html.jinja").render({**values, **figures, **own})
 
 
 def _moved(members: Members | None) -> dict[str, Any]:
@@ -158,8 +85,10 @@ def _words(findings: Findings) -> dict[str, Any]:
     return {
         "name": spec.name,
         "description": spec.description,
-        "good": status == "solved" and (digital is None or digital["status"] == "met"),
-        "status": " ".join([f"{status}. {design['advice']}", *_proof_words(status, verdict), *_on_samples(digital)]),
+        "good": status == "solved",
+        "status": " ".join([f"{status}. {design['advice']}", *_proof_words(status, verdict)]),
+        "good_on_samples": digital is not None and digital["status"] == "met",
+        "on_samples": "" if digital is None else f"The loop on samples: {digital['status']}.{_misses(digital)}",
         "message": sentence(design["message"]) if design["message"] else "",
         "gains": None if findings.gains is None else _gains_words(findings.gains, status),
         "sampled": loop_name(spec) == "sampled",
@@ -185,8 +114,11 @@ def _gains_words(gains: FoPi, status: str) -> str:
     return f"C(s) = kp + ki / s^alpha with {values}{no_solution}"
 
 
-def _on_samples(digital: Mapping[str, Any] | None) -> list[str]:
-    return [] if digital is None else [f"The loop on samples: {digital['status']}."]
+def _misses(digital: Mapping[str, Any]) -> str:
+    """How many requirements the loop on samples misses."""
+    said = digital["requirements"]
+    missed = sum(not each["met"] for each in said)
+    return f" It misses {missed} of {len(said)} requirements; see below." if missed else ""
 
 
 def _proof_words(status: str, verdict: str) -> list[str]:
@@ -227,7 +159,8 @@ def _digital_words(findings: Findings, digital: Mapping[str, Any]) -> str:
     assert asked is not None  # of this very spec, which asked for it
     words = f"{digital['status']}. Every {number(asked.sample_time_s)} s, {asked.method} with {asked.poles} poles"
     words += "" if asked.method == "fit" else f", {asked.rule}"
-    words += f", {number(asked.delay_samples)} samples of computing delay" if asked.delay_samples else ""
+    samples = "sample" if asked.delay_samples == 1.0 else "samples"
+    words += f", {number(asked.delay_samples)} {samples} of computing delay" if asked.delay_samples else ""
     return words + "."
 
 

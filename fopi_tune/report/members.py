@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +30,8 @@ _MOST_WORST = 3
 _BEYOND, _MOST_DECADES = 1.5, 9.0
 #: next to Nyquist's frequency a figure has nothing more to say
 _BELOW_NYQUIST = 0.9999
+#: |L| below and above which the loop is a point, or outside a Nyquist figure
+_NEAR = (0.02, 6.0)
 
 
 @dataclass(frozen=True)
@@ -52,10 +54,12 @@ class Members:
     Args:
         findings: where all comes from; there are gains.
         gains: of the design.
+        ends_rad_s: the frequency axis's; chosen from what happens where when left out.
     """
 
     findings: Findings
     gains: FoPi
+    ends_rad_s: tuple[float, float] | None = None
 
     @cached_property
     def sample(self) -> Sample:
@@ -104,8 +108,11 @@ class Members:
 
     @cached_property
     def omega(self) -> Array:
-        """Frequencies to draw, rad/s."""
+        """Frequencies to draw, rad/s; below Nyquist's."""
         loops = self.named_loops
+        if self.ends_rad_s is not None:
+            top = min(self.ends_rad_s[1], _BELOW_NYQUIST * loops.highest_rad_s)
+            return np.geomspace(self.ends_rad_s[0], top, _POINTS)
         crossings = np.concatenate([gain_crossovers(loops).omega_rad_s, _phase_crossovers(loops)])
         ends = [end for r in self.findings.spec.requirements for end in (r.from_rad_s, r.to_rad_s)]
         said = [found.said["worst"]["omega_rad_s"] for found in self.findings.requirements if found.said["worst"]]
@@ -118,6 +125,17 @@ class Members:
             high = min(high, math.log10(_BELOW_NYQUIST * loops.highest_rad_s))
             low = min(low, high - 2.0)
         return np.asarray(np.logspace(low, high, _POINTS), dtype=float)
+
+    @cached_property
+    def near(self) -> Members:
+        """The same over the frequencies where |L| is neither large nor small: those that a Nyquist figure shows."""
+        size = self.named_log_loop.real
+        inside = np.flatnonzero(np.any((size > math.log(_NEAR[0])) & (size < math.log(_NEAR[1])), axis=0))
+        if len(inside) < 2:
+            return self
+        last = len(self.omega) - 1
+        ends = self.omega[[max(int(inside[0]) - 1, 0), min(int(inside[-1]) + 1, last)]].tolist()
+        return replace(self, ends_rad_s=(ends[0], ends[1]))
 
     def along_ends(self) -> Array:
         """The nominal plant and the box's two extreme corners."""

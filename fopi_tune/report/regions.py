@@ -8,25 +8,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fopi_tune.spec.model import Relation, Requirement
+from fopi_tune.spec.model import Relation, Requirement, Scope
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_STYLE = {"facecolor": "none", "edgecolor": "0.45", "hatch": "////", "linewidth": 0.6, "zorder": 0.5}
+_STYLE = {"facecolor": "none", "edgecolor": "0.45", "linewidth": 0.6, "zorder": 0.5}
+#: what all plants may not do, and what only the nominal one may not
+_HATCH = {Scope.FAMILY: "////", Scope.NOMINAL: "\\\\\\\\"}
 #: dB; half the height of the marks on the line |L| = 1
 _MARK_DB = 4.0
+#: factor by which a band around crossovers is wider than they are
+_WIDEN = 1.05
 
 
-def forbid(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
-    """Hatch a rectangle; what is infinite ends where the axes do."""
+def forbid(axes: Axes, x: tuple[float, float], y: tuple[float, float], scope: Scope = Scope.FAMILY) -> None:
+    """Hatch a rectangle, the other way round for the nominal plant; what is infinite ends where the axes do."""
     from matplotlib.patches import Rectangle
 
     (left, right), (bottom, top) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
     a, b = max(x[0], left), min(x[1], right)
     c, d = max(y[0], bottom), min(y[1], top)
     if a < b and c < d:
-        axes.add_patch(Rectangle((a, c), b - a, d - c, **_STYLE))
+        axes.add_patch(Rectangle((a, c), b - a, d - c, hatch=_HATCH[scope], **_STYLE))
 
 
 def forbid_values(axes: Axes, requirements: Sequence[Requirement], quantity: str) -> None:
@@ -39,18 +43,18 @@ def forbid_values(axes: Axes, requirements: Sequence[Requirement], quantity: str
             for limit in r.limits:
                 axes.plot([band[0]] if band[0] == band[1] else band, [limit] * (1 if band[0] == band[1] else 2), "kx-")
             continue
-        forbid(axes, band, (r.upper, math.inf))
-        forbid(axes, band, (-math.inf, r.lower))
+        forbid(axes, band, (r.upper, math.inf), r.scope)
+        forbid(axes, band, (-math.inf, r.lower), r.scope)
 
 
-def forbid_along(axes: Axes, requirements: Sequence[Requirement], quantity: str) -> None:
-    """The same against a plant's number, where every requirement holds for all of it."""
+def forbid_along(axes: Axes, requirements: Sequence[Requirement], quantity: str, nominal: float) -> None:
+    """The same against a plant's number; a cross where the nominal plant has to meet an equality."""
     for r in requirements:
         if r.quantity != quantity:
             continue
         if r.relation is Relation.EQUALS:
-            axes.axhline(r.limits[0], color="0.45", linewidth=0.8, linestyle=(0, (1, 2)))
-        elif r.scope.value == "family":
+            axes.plot([nominal], [r.limits[0]], "kx", markersize=7)
+        elif r.scope is Scope.FAMILY:
             forbid(axes, (-math.inf, math.inf), (r.upper, math.inf))
             forbid(axes, (-math.inf, math.inf), (-math.inf, r.lower))
 
@@ -63,29 +67,33 @@ def forbid_crossovers(axes: Axes, requirements: Sequence[Requirement]) -> None:
         if r.relation is Relation.EQUALS:
             axes.plot([r.limits[0]], [0.0], "kx", markersize=7)
             continue
-        forbid(axes, (r.upper, math.inf), (-_MARK_DB, _MARK_DB))
-        forbid(axes, (-math.inf, r.lower), (-_MARK_DB, _MARK_DB))
+        forbid(axes, (r.upper, math.inf), (-_MARK_DB, _MARK_DB), r.scope)
+        forbid(axes, (-math.inf, r.lower), (-_MARK_DB, _MARK_DB), r.scope)
 
 
-def forbid_phases(axes: Axes, requirements: Sequence[Requirement], crossovers: tuple[float, float]) -> None:
-    """Phases that a phase margin forbids, over the gain crossovers of the family; a cross for an equality.
+def forbid_phases(
+    axes: Axes, requirements: Sequence[Requirement], crossovers: tuple[float, float], nominal: np.ndarray
+) -> None:
+    """Phases that a phase margin forbids, over the gain crossovers of the plants it is about; a cross for an equality.
 
     Args:
         axes: of the phase, deg.
         requirements: all of them.
-        crossovers: lowest and highest, rad/s.
+        crossovers: lowest and highest of the family, rad/s.
+        nominal: those of the nominal plant, rad/s; shape (n,).
     """
-    middle = math.sqrt(crossovers[0] * crossovers[1])
-    # a rectangle needs a width, also where there is one plant only
-    low, high = min(crossovers[0], middle / 1.1), max(crossovers[1], middle * 1.1)
+    own = (float(nominal.min()), float(nominal.max())) if len(nominal) else crossovers
     for r in requirements:
         if r.quantity != "phase_margin_deg":
             continue
         if r.relation is Relation.EQUALS:
-            axes.plot([middle], [r.limits[0] - 180.0], "kx", markersize=7)
+            axes.plot([own[1]], [r.limits[0] - 180.0], "kx", markersize=7)
             continue
-        forbid(axes, (low, high), (-math.inf, r.lower - 180.0))
-        forbid(axes, (low, high), (r.upper - 180.0, math.inf))
+        ends = own if r.scope is Scope.NOMINAL else crossovers
+        # a rectangle needs a width, also where there is one plant only
+        band = (ends[0] / _WIDEN, ends[1] * _WIDEN)
+        forbid(axes, band, (-math.inf, r.lower - 180.0), r.scope)
+        forbid(axes, band, (r.upper - 180.0, math.inf), r.scope)
 
 
 def room(axes: Axes, values: Sequence[np.ndarray], most: float) -> None:

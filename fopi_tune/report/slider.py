@@ -22,6 +22,9 @@ _NYQUIST = ((-2.2, 1.2), (-1.6, 0.8))
 _DB = 20.0 / math.log(10.0)
 #: of the frequencies that figures have: a small picture needs no more
 _EVERY = 3
+#: the same of those that the Nyquist figure has
+_EVERY_NEAR = 2
+_FREQUENCY = "omega, rad/s"
 
 
 @dataclass(frozen=True)
@@ -71,18 +74,31 @@ def slider_of(members: Members) -> Slider | None:
     points = members.along(values)
     log_loop = members.log_loop(members.loops_at(points))[:, ::_EVERY]
     omega = np.log10(members.omega[::_EVERY])
+    near = members.near
     with np.errstate(over="ignore"):
-        loop: Complex = np.exp(log_loop)
+        loop: Complex = np.exp(near.log_loop(near.loops_at(points))[:, ::_EVERY_NEAR])
     x = np.broadcast_to(omega, log_loop.shape)
-    view = np.clip(log_loop.real * _DB, -80.0, 80.0), np.clip(np.degrees(log_loop.imag), -540.0, 180.0)
+    gain, phase = log_loop.real * _DB, np.degrees(log_loop.imag)
+    across = (float(omega[0]), float(omega[-1]))
     panels = [
-        _panel("gain", "Bode: gain of L", ("omega, rad/s (log)", "|L|, dB"), x, view[0], log=True),
-        _panel("phase", "Bode: phase of L", ("omega, rad/s (log)", "arg L, deg"), x, view[1], log=True),
+        _panel(
+            "gain", "Bode: gain of L", (_FREQUENCY, "|L|, dB"), x, gain, log=True, frame=(across, _top(gain, 140.0))
+        ),
+        _panel(
+            "phase",
+            "Bode: phase of L",
+            (_FREQUENCY, "arg L, deg"),
+            x,
+            phase,
+            log=True,
+            frame=(across, _top(phase, 400.0)),
+        ),
         _panel("nyquist", "Nyquist: L, with -1", ("Re L", "Im L"), loop.real, loop.imag, frame=_NYQUIST),
     ]
-    steps = [response(members, tuple(point), Signal.OUTPUT_AFTER_REFERENCE) for point in points.tolist()]
+    times = times_s(members)
+    steps = [response(members, tuple(point), Signal.OUTPUT_AFTER_REFERENCE, times) for point in points.tolist()]
     if all(step is not None for step in steps):
-        t = np.broadcast_to(times_s(members), (len(values), len(times_s(members))))
+        t = np.broadcast_to(times, (len(values), len(times)))
         y = np.array(steps, dtype=float)
         panels.append(_panel("step", "Unit step of the reference", ("time, s", "output"), t, y))
     labels = tuple(f"{name} = {number(float(value), 4)}" for value in values)
@@ -114,6 +130,12 @@ def _panel(
 
 def _path(x: Array, y: Array) -> str:
     return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+
+
+def _top(values: Array, most: float) -> tuple[float, float]:
+    """The ends of an axis that shows the upper part of values: a dead time turns the phase without end."""
+    high = float(values.max())
+    return _wider(max(float(values.min()), high - most), high)
 
 
 def _wider(low: float, high: float) -> tuple[float, float]:

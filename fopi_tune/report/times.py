@@ -8,7 +8,7 @@ import numpy as np
 
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.errors import DomainError
-from fopi_tune.report.canvas import STYLES, Picture, labelled
+from fopi_tune.report.canvas import STYLES, TWO_PANELS, Picture, labelled, legend_below
 from fopi_tune.report.members import Array, Members
 from fopi_tune.report.phrases import number
 from fopi_tune.validation.exact_linear import Signal, response_and_error
@@ -30,11 +30,18 @@ def times_s(members: Members) -> Array:
     return np.asarray(_HORIZON / fastest * np.linspace(0.0, 1.0, _POINTS) ** 1.7, dtype=float)
 
 
-def response(members: Members, point: tuple[float, ...], signal: Signal) -> Array | None:
-    """A unit step's response of one plant with the ideal controller; None where it could not be computed to 1e-4."""
+def response(members: Members, point: tuple[float, ...], signal: Signal, times: Array) -> Array | None:
+    """A unit step's response of one plant with the ideal controller; None where it could not be computed to 1e-4.
+
+    Args:
+        members: family and gains.
+        point: the plant's place in the family's box.
+        signal: what is stepped and looked at.
+        times: ascending, s.
+    """
     plant = members.findings.spec.plant.member(np.array(point))
     try:
-        found = response_and_error(members.gains, plant, signal, times_s(members))
+        found = response_and_error(members.gains, plant, signal, times)
     except DomainError:
         return None
     size = float(np.abs(found.value).max(initial=0.0))
@@ -47,8 +54,8 @@ def responses(members: Members) -> Picture | None:
     points = [tuple(row) for row in _corners(members).tolist()]
     drawn = {}
     for signal in (Signal.OUTPUT_AFTER_REFERENCE, Signal.OUTPUT_AFTER_LOAD):
-        named = [response(members, member.point, signal) for member in members.named]
-        others = [row for point in points if (row := response(members, point, signal)) is not None]
+        named = [response(members, member.point, signal, t) for member in members.named]
+        others = [row for point in points if (row := response(members, point, signal, t)) is not None]
         drawn[signal] = (named, others)
     if all(row is None for named, _ in drawn.values() for row in named):
         return None
@@ -64,20 +71,28 @@ def responses(members: Members) -> Picture | None:
                     axes.plot(t, row, color=colour, linestyle=dashes, label=members.named[k].label)
             step = signal is Signal.OUTPUT_AFTER_REFERENCE
             axes.axhline(1.0 if step else 0.0, color="black", linewidth=0.6, linestyle=":")
-            labelled(axes, "output, reference + 1" if step else "output, load + 1")
+            labelled(axes, "output, step of reference" if step else "output, step of load")
             axes.set_xlim(0.0, float(t[-1]))
         every[-1].set_xlabel("time, s")
-        every[0].legend(loc="best", fontsize=8.0)
+        legend_below(figure, every[0])
 
-    nominal, told = drawn[Signal.OUTPUT_AFTER_REFERENCE][0][0], ""
+    told = _told(members, t, drawn[Signal.OUTPUT_AFTER_REFERENCE][0][0])
+    title = f"{members.findings.spec.name}: unit steps of the reference and of a load at the plant's input"
+    said = f"Output over time with the ideal controller, in continuous time; grey: plants of the family.{told}"
+    return Picture(title, said, draw, TWO_PANELS)
+
+
+def _told(members: Members, t: Array, nominal: Array | None) -> str:
+    """The nominal step in words, and how the loop settles, if it does."""
+    told = ""
     if nominal is not None:
         told = (
             f" The nominal output's largest value is {number(float(nominal.max()), 4)}; at {number(float(t[-1]), 4)} s "
-            f"it is {number(float(nominal[-1]), 4)}. A fractional loop settles with a slow algebraic tail."
+            f"it is {number(float(nominal[-1]), 4)}."
         )
-    title = f"{members.findings.spec.name}: unit steps of the reference and of a load at the plant's input"
-    said = f"Output over time with the ideal controller, in continuous time; grey: plants of the family.{told}"
-    return Picture(title, said, draw)
+    if not (members.findings.design["stability"] or {}).get("stable"):
+        return f"{told} The loop is not shown to be stable for every plant."
+    return told if members.gains.alpha == 1.0 else f"{told} A fractional loop settles with a slow algebraic tail."
 
 
 def _corners(members: Members) -> Array:

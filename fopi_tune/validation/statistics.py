@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
-from scipy.stats import binom
 
 from fopi_tune.errors import DomainError
 
@@ -178,6 +177,9 @@ def _upper(met: int, total: int, tail: float) -> float:
 
 def _ranks(n: int, q: float, confidence: float) -> tuple[int, int, float]:
     """r and s of the smallest interval about (n + 1) q, below 1 or above n where there is none, and its coverage."""
+    # loaded here: SciPy's distributions take a second, and intervals of fractions need none
+    from scipy.stats import binom
+
     middle = (n + 1) * q
     if abs(middle - round(middle)) <= _ROUNDING * middle:
         middle = round(middle)

@@ -1,0 +1,119 @@
+"""The page of a comparison:  designs -> compare.html and its figures; the same designs give the same bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from fopi_tune.report.chances import chances_of, drawn_phrase
+from fopi_tune.report.comparison import ALIKE, Comparison, Entry, compared
+from fopi_tune.report.findings import Document, Findings
+from fopi_tune.report.overlays import Overlay, overlay_pictures
+from fopi_tune.report.page import drawn, figure_files, rendered
+from fopi_tune.report.phrases import number
+
+#: the page's file
+COMPARISON = "compare.html"
+
+
+def comparison_files(named: Sequence[tuple[str, Findings]]) -> dict[str, str | bytes]:
+    """Designs side by side, as files by their names.
+
+    Args:
+        named: where each was read from, and its findings; two to `comparison.MOST`.
+
+    Returns:
+        Figures as text (SVG) and bytes (PNG), `compare.html` last.
+    """
+    comparison = compared(named)
+    figures = list(drawn(overlay_pictures(), Overlay(comparison)))
+    values = {
+        "title": "; ".join(entry.label for entry in comparison.entries),
+        "entries": comparison.entries,
+        "facts": _facts(comparison),
+        "lines": comparison.lines,
+        "words": comparison.words,
+        "groups": [" and ".join(comparison.entries[k].letter for k in group) for group in comparison.groups],
+        "plants": [_plants_phrase(comparison.entries[group[0]].findings) for group in comparison.groups],
+        "loops": [comparison.entries[group[0]].loop for group in comparison.groups],
+        "alike": f"{ALIKE:g}",
+        "chances": _chances(comparison.entries),
+        "figures": figures,
+    }
+    return {**figure_files(figures), COMPARISON: rendered("compare.html.jinja", values)}
+
+
+def _facts(comparison: Comparison) -> list[tuple[str, list[str]]]:
+    """What is told of each design in words, a line each."""
+    every = [entry.findings for entry in comparison.entries]
+    makers = (
+        ("result", lambda f: _verdict_of(f.design)),
+        ("kp", lambda f: "–" if f.gains is None else number(f.gains.kp)),
+        ("ki", lambda f: "–" if f.gains is None else number(f.gains.ki)),
+        ("alpha", lambda f: "–" if f.gains is None else number(f.gains.alpha)),
+        ("gains from", lambda f: f.design["stamp"]["solver"] or "the spec or the command line"),
+        ("stability", _stability),
+        ("nominal crossover, rad/s", lambda f: _nominal(f, "crossover_rad_s")),
+        ("nominal phase margin, deg", lambda f: _nominal(f, "phase_margin_deg")),
+        ("nominal gain margin, dB", lambda f: _nominal(f, "gain_margin_db")),
+        ("digital controller", _digital),
+        ("spec (SHA-256)", lambda f: f.spec.sha256[:12]),
+    )
+    return [(name, [str(tell(each)) for each in every]) for name, tell in makers]
+
+
+def _stability(findings: Findings) -> str:
+    found = findings.design["stability"]
+    return "–" if found is None else "stable family" if found["stable"] else f"NOT STABLE: {found['reason']}"
+
+
+def _nominal(findings: Findings, key: str) -> str:
+    found = findings.design["nominal"]
+    if found is None:
+        return "–"
+    value = found[key]
+    return number(value) if value is not None else "infinite" if key == "gain_margin_db" else "none"
+
+
+def _digital(findings: Findings) -> str:
+    digital, asked = findings.digital, findings.spec.digital
+    if digital is None or asked is None:
+        return "none"
+    missed = sum(not each["met"] for each in digital["requirements"])
+    told = f"{digital['status']} every {number(asked.sample_time_s)} s"
+    return f"{told}, {missed} of {len(digital['requirements'])} missed" if missed else told
+
+
+def _chances(entries: Sequence[Entry]) -> dict[str, Any] | None:
+    """The plants that were drawn, as rows of all designs; None where none were."""
+    if all(entry.findings.evidence is None for entry in entries):
+        return None
+    found = [entry.findings.evidence for entry in entries]
+    rows = [{} if each is None else {chance.what: chance for chance in chances_of(each)} for each in found]
+    names = list(dict.fromkeys(name for each in rows for name in each))
+    return {
+        "drawn": ["none were drawn" if each is None else drawn_phrase(each) for each in found],
+        "rows": [(name, [_chance(each.get(name)) for each in rows]) for name in names],
+    }
+
+
+def _chance(chance: Any) -> str:
+    return "–" if chance is None else f"{chance.share} ({chance.interval})"
+
+
+def _plants_phrase(findings: Findings) -> str:
+    """The family in words."""
+    plant = findings.spec.plant
+    parts = [
+        f"{name} = {number(value.nominal)}"
+        if value.is_exact
+        else f"{name} from {number(value.min)} to {number(value.max)}, nominal {number(value.nominal)}"
+        for name, value in plant.parameters.items()
+    ]
+    return f"{plant.model}: {'; '.join(parts)}"
+
+
+def _verdict_of(document: Document) -> str:
+    """The status of a result and its proof's verdict."""
+    verdict = str(document["proof"]["verdict"]).replace("_", " ")
+    return f"{document['status']}; proof: {verdict}"

@@ -1,0 +1,307 @@
+"""Designs side by side:  what each was asked, what it reached, and who is better in what.
+
+Values are compared only where they are the same quantity, over the same plants, of the same loop; everything else is
+shown and not compared.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from fopi_tune.report.findings import Findings, Found
+from fopi_tune.report.phrases import number, requirement_phrase, scope_phrase
+from fopi_tune.report.rows import Row, rows_of
+from fopi_tune.result import loop_name
+from fopi_tune.spec.model import Relation, Requirement, Sense
+
+#: designs on a page: more lines than these are not told apart
+MOST = 6
+#: relative; values that differ by less are called alike
+ALIKE = 1e-4
+_LETTERS = "ABCDEF"
+_SIDES = {Relation.AT_LEAST: ", least", Relation.AT_MOST: ", largest"}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One of the designs.
+
+    Args:
+        letter: its short name.
+        name: of its spec; with where it was read from, if two specs have that name.
+        findings: what is known of it.
+    """
+
+    letter: str
+    name: str
+    findings: Findings
+
+    @property
+    def label(self) -> str:
+        """Short name and name."""
+        return f"{self.letter} {self.name}"
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether the check found the whole family stable."""
+        return bool((self.findings.design["stability"] or {}).get("stable"))
+
+    @property
+    def loop(self) -> str:
+        """Which loop the requirements are about."""
+        digital = self.findings.spec.digital
+        if digital is None or loop_name(self.findings.spec) != "sampled":
+            return "in continuous time"
+        return f"on samples, every {number(digital.sample_time_s)} s, {number(digital.delay_samples)} samples of delay"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What one design has in a row.
+
+    Args:
+        words: the value.
+        note: below it; its own limit, or its verdict.
+        sign: of the verdict; empty where there is none.
+        is_best: whether it is better than every other one it is compared with.
+    """
+
+    words: str
+    note: str = ""
+    sign: str = ""
+    is_best: bool = False
+
+
+@dataclass(frozen=True)
+class Line:
+    """One quantity over all designs.
+
+    Args:
+        what: the quantity, with its limit where all have the same.
+        scope: for which plants and frequencies.
+        cells: one for each design; None where its spec does not speak of it.
+    """
+
+    what: str
+    scope: str
+    cells: tuple[Cell | None, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Designs side by side.
+
+    Args:
+        entries: the designs, in the order they were named.
+        groups: indices of designs of the same plants and the same loop, in the same order.
+        lines: requirements, then objectives and the largest |S|.
+        words: who is better in what, and what is not compared.
+    """
+
+    entries: tuple[Entry, ...]
+    groups: tuple[tuple[int, ...], ...]
+    lines: tuple[Line, ...]
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """One number of one design.
+
+    Args:
+        value: infinite is a value.
+        good: grows as it gets better; None where that cannot be said.
+        cell: how it is shown.
+        target: what it has to equal; None for other relations.
+    """
+
+    value: float
+    good: float | None
+    cell: Cell
+    target: float | None = None
+
+
+def compared(named: Sequence[tuple[str, Findings]]) -> Comparison:
+    """Put designs side by side.
+
+    Args:
+        named: where each was read from, and its findings; at most `MOST`.
+    """
+    names = [findings.spec.name for _, findings in named]
+    entries = tuple(
+        Entry(_LETTERS[k], name if names.count(name) == 1 else f"{name} ({plain(source)})", findings)
+        for k, (name, (source, findings)) in enumerate(zip(names, named, strict=True))
+    )
+    groups = _groups(entries)
+    lines, words = [], [_met_words(entry) for entry in entries]
+    for line, readings in (*_requirement_lines(entries), *_other_lines(entries)):
+        best, told = _judged(line, readings, entries, groups)
+        cells = tuple(
+            cell if cell is None or k not in best else Cell(cell.words, cell.note, cell.sign, True)
+            for k, cell in enumerate(line.cells)
+        )
+        lines.append(Line(line.what, line.scope, cells))
+        words += told
+    return Comparison(entries, groups, tuple(lines), (*words, *_not_compared(entries, groups)))
+
+
+def plain(text: str, most: int = 60) -> str:
+    """A file's name as text of a page: what cannot be printed as its code, and its middle left out where it is long."""
+    shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+    half = (most - 3) // 2
+    return shown if len(shown) <= most else f"{shown[:half]}...{shown[-half:]}"
+
+
+def _met_words(entry: Entry) -> str:
+    """How many of its own requirements a design meets."""
+    design = entry.findings.design
+    said, verdict = design["requirements"], design["proof"]["verdict"]
+    missed = sum(not each["met"] for each in said)
+    told = f"misses {missed} of the {len(said)} requirements" if missed else f"meets all {len(said)} requirements"
+    word = {"proved": "proved", "refuted": "refuted", "undecided": "undecided"}.get(verdict, "not proved")
+    return f"{entry.label} {told} of its spec ({design['status']}, {word})."
+
+
+def _groups(entries: Sequence[Entry]) -> tuple[tuple[int, ...], ...]:
+    """The same plants (model, ranges and nominal values) and the same loop belong together."""
+    keys = [(entry.findings.spec.plant, entry.loop) for entry in entries]
+    firsts = [k for k, key in enumerate(keys) if keys.index(key) == k]
+    return tuple(tuple(k for k, key in enumerate(keys) if key == keys[first]) for first in firsts)
+
+
+def _requirement_lines(entries: Sequence[Entry]) -> list[tuple[Line, tuple[_Reading | None, ...]]]:
+    """A line for each quantity, side, scope and band that some spec speaks of, in the order they come."""
+    said = [_by_key(entry.findings) for entry in entries]
+    keys = list(dict.fromkeys(key for each in said for key in each))
+    made = []
+    for key in keys:
+        found = [each.get(key) for each in said]
+        asked = [pair[0].requirement for pair in found if pair is not None]
+        same = all(r.limits == asked[0].limits for r in asked)
+        what = requirement_phrase(asked[0]) if same else asked[0].quantity + _SIDES.get(asked[0].relation, "")
+        readings = tuple(None if pair is None else _reading(*pair, own_limit=not same) for pair in found)
+        cells = tuple(None if each is None else each.cell for each in readings)
+        made.append((Line(what, scope_phrase(asked[0]), cells), readings))
+    return made
+
+
+def _by_key(findings: Findings) -> dict[tuple[Any, ...], tuple[Found, Row]]:
+    """Requirements by what they say but for their limits; of two that say the same, the second counts as another."""
+    found: dict[tuple[Any, ...], tuple[Found, Row]] = {}
+    for each, row in zip(findings.requirements, rows_of(findings.requirements), strict=True):
+        r = each.requirement
+        key = (r.quantity, r.relation, r.scope, r.from_rad_s, r.to_rad_s)
+        number_of = sum(other[:-1] == key for other in found)
+        found[(*key, number_of)] = (each, row)
+    return found
+
+
+def _reading(found: Found, row: Row, *, own_limit: bool) -> _Reading:
+    said, r = found.said, found.requirement
+    value = said["achieved"] if said["outcome"] != "infinite" else math.inf
+    limit = f"asked: {requirement_phrase(r).removeprefix(r.quantity).strip()}; " if own_limit else ""
+    cell = Cell(row.achieved, f"{limit}{row.verdict}, score {row.score}", row.sign)
+    target = r.limits[0] if r.relation is Relation.EQUALS else None
+    if value is None:
+        return _Reading(math.nan, None, cell, target)
+    return _Reading(float(value), _goodness(r, float(value)), cell, target)
+
+
+def _goodness(r: Requirement, value: float) -> float | None:
+    if r.relation is Relation.BETWEEN:
+        return None
+    return {Relation.AT_LEAST: value, Relation.AT_MOST: -value}.get(r.relation, -abs(value - r.limits[0]))
+
+
+def _other_lines(entries: Sequence[Entry]) -> list[tuple[Line, tuple[_Reading | None, ...]]]:
+    """Each objective that some spec has, and the distance from -1."""
+    objectives = list(dict.fromkeys(str(entry.findings.design["objective_quantity"]) for entry in entries))
+    makers: list[tuple[str, Callable[[Findings], float | None], float | None]] = [
+        (f"objective: {words}", lambda f, words=words: _objective(f, words), _sign(entries, words))
+        for words in objectives
+    ]
+    makers.append(("largest |S|, dB, all frequencies", _peak, -1.0))
+    made = []
+    for what, value_of, sign in makers:
+        values = [value_of(entry.findings) for entry in entries]
+        readings = tuple(
+            None if v is None else _Reading(v, None if sign is None else sign * v, Cell(number(v))) for v in values
+        )
+        made.append((Line(what, "family", tuple(None if each is None else each.cell for each in readings)), readings))
+    return made
+
+
+def _objective(findings: Findings, words: str) -> float | None:
+    design = findings.design
+    return design["objective"] if design["objective_quantity"] == words else None
+
+
+def _peak(findings: Findings) -> float | None:
+    return (findings.design["stability"] or {}).get("peak_sensitivity_db")
+
+
+def _sign(entries: Sequence[Entry], words: str) -> float | None:
+    """+1 where more is better; None for the depth inside the requirements, which is another quantity in every spec."""
+    objective = next(e.findings.spec.objective for e in entries if e.findings.design["objective_quantity"] == words)
+    if objective is None:
+        return None
+    return 1.0 if objective.sense is Sense.MAXIMIZE else -1.0
+
+
+def _judged(
+    line: Line, readings: Sequence[_Reading | None], entries: Sequence[Entry], groups: Sequence[Sequence[int]]
+) -> tuple[set[int], list[str]]:
+    """Who is best in a line, and a sentence about it for every group with at least two to compare."""
+    best, words = set[int](), []
+    where = f"{line.what} ({line.scope})"
+    for group in groups:
+        ranked = [(k, r, r.good) for k in group if (r := readings[k]) is not None and r.good is not None]
+        ranked = sorted((each for each in ranked if entries[each[0]].is_stable), key=lambda each: -each[2])
+        targets = {r.target for _, r, _ in ranked}
+        if len(ranked) < 2 or len(targets) > 1:
+            continue
+        (first, top, _), others = ranked[0], ranked[1:]
+        tied = sorted(entries[k].letter for k, r, _ in ranked if _alike(top, r))
+        rest = ", ".join(f"{_told(r.value)} ({entries[k].letter})" for k, r, _ in others if not _alike(top, r))
+        against = f"{_told(top.value)} against {rest}" if rest else _told(top.value)
+        if len(tied) > 1:
+            words.append(f"{' and '.join(tied)} are alike in {where}: {against}.")
+            continue
+        best.add(first)
+        few = len(others) == 1
+        comparative = ("better in" if few else "best in") if targets == {None} else "closer to" if few else "closest to"
+        words.append(f"{entries[first].label} is {comparative} {where}: {against}.")
+    return best, words
+
+
+def _alike(a: _Reading, b: _Reading) -> bool:
+    assert a.good is not None
+    assert b.good is not None  # only what can be ranked is asked about
+    if a.good == b.good:
+        return True
+    size = max(abs(a.value), abs(b.value), abs(a.target or 0.0))
+    return math.isfinite(size) and abs(a.good - b.good) <= ALIKE * size
+
+
+def _told(value: float) -> str:
+    return "infinite" if math.isinf(value) else number(value)
+
+
+def _not_compared(entries: Sequence[Entry], groups: Sequence[Sequence[int]]) -> list[str]:
+    words = [
+        f"{entry.label} is {entry.findings.design['status']}: its gains are no solution, only where the search ended."
+        for entry in entries
+        if entry.findings.design["status"] in ("infeasible", "unbounded", "failed")
+    ]
+    words += [
+        f"{entry.label} is not shown to be stable for every plant: its values are not compared."
+        for entry in entries
+        if not entry.is_stable
+    ]
+    if len(groups) > 1:
+        told = "; ".join(" and ".join(entries[k].letter for k in group) for group in groups)
+        words.append(f"Not about the same plants or the same loop, and not compared with each other: {told}.")
+    return words

@@ -1,0 +1,97 @@
+"""Pages that need no network:  pictures and words into a template -> HTML, the same bytes for the same words.
+
+Style, script, curves and figures are in the page, and its policy forbids the rest.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from fopi_tune.errors import DomainError
+from fopi_tune.report.canvas import Picture, both_of
+
+#: what a figure is made from
+Source = TypeVar("Source")
+#: the folder of a page's figures
+FIGURES = "figures"
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure as it stands in the page and in files.
+
+    Args:
+        name: of its files, without ending.
+        caption: the description in words.
+        svg: to be put into HTML.
+        svg_file: the same as a file of its own.
+        png: the same as points.
+    """
+
+    name: str
+    caption: str
+    svg: str
+    svg_file: str
+    png: bytes
+
+
+def drawn(pictures: Mapping[str, Callable[[Source], Picture | None]], source: Source) -> Iterator[Drawn]:
+    """The pictures there are, by their names."""
+    for name, make in pictures.items():
+        try:
+            picture = make(source)
+        except DomainError:
+            picture = None  # crossings that cannot be listed: the page does without this figure
+        if picture is not None:
+            svg, png = both_of(picture)
+            yield Drawn(name, picture.description, _inline(svg, name), svg, png)
+
+
+def _inline(svg: str, name: str) -> str:
+    """An SVG file as part of a page: names of its own, since several files use the same, and words that are found."""
+    body = svg[svg.index("<svg") :]
+    body = re.sub(r"\s*<metadata>.*?</metadata>", "", body, count=1, flags=re.DOTALL)
+    body = re.sub(r'\bid="', f'id="{name}-', body)
+    body = re.sub(r"url\(#", f"url(#{name}-", body)
+    body = re.sub(r'(xlink:href|href)="#', rf'\1="#{name}-', body)
+    body = body.replace("<title>", f'<title id="{name}-title">', 1).replace("<desc>", f'<desc id="{name}-desc">', 1)
+    return body.replace("<svg", f'<svg role="img" aria-labelledby="{name}-title {name}-desc"', 1)
+
+
+def figure_files(figures: Sequence[Drawn]) -> dict[str, str | bytes]:
+    """Figures by their files' names."""
+    made: dict[str, str | bytes] = {}
+    for each in figures:
+        made |= {f"{FIGURES}/{each.name}.svg": each.svg_file, f"{FIGURES}/{each.name}.png": each.png}
+    return made
+
+
+def rendered(template: str, values: Mapping[str, Any]) -> str:
+    """A template filled; everything in `values` is text to be escaped but the SVG of figures (lists of `Drawn`)."""
+    # where a report is asked for only: what starts in a hurry does not read templates
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    loader = PackageLoader("fopi_tune.report", "templates")
+    environment = Environment(
+        loader=loader,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=True,
+    )
+    script, style = (loader.get_source(environment, name)[0] for name in ("slider.js", "report.css"))
+    figures = {
+        key: [{"svg": Markup(each.svg), "caption": each.caption} for each in value]
+        for key, value in values.items()
+        if isinstance(value, list) and value and isinstance(value[0], Drawn)
+    }
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    own = {"script": Markup(script), "script_hash": f"sha256-{digest}", "style": Markup(style)}
+    return environment.get_template(template).render({**values, **figures, **own})
