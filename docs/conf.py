@@ -6,11 +6,11 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from fopi_tune import __version__  # noqa: E402
+from fopi_tune import __version__
 
 project = "fopi-tune"
 author = "the fopi-tune authors"
-copyright = "the fopi-tune authors"  # noqa: A001
+copyright = "the fopi-tune authors"
 release = version = __version__
 html_title = f"fopi-tune {release}"
 html_theme = "furo"

@@ -1,9 +1,9 @@
 """Blocks of code in Markdown pages, run as a reader would:  in order, in one folder, with what is printed compared.
 
-    ```sh, ```python         run, one after the other
-    ```text                  what the block before it printed; a line "…" stands for any lines, "…" in a line for its rest
-    ```yaml                  a whole spec, system or study
-    ```{code-block} LANG     with a `:caption: FILE`: the reader's file of that name
+```sh, ```python         run, one after the other
+```text                  what the block before it printed; a line "…" stands for any lines, "…" in a line for its rest
+```yaml                  a whole spec, system or study
+```{code-block} LANG     with a `:caption: FILE`: the reader's file of that name
 """
 
 from __future__ import annotations
@@ -16,6 +16,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from ruamel.yaml import YAML
+from typer.main import get_command
+
+from fopi_tune.cli import app
+from fopi_tune.spec import load_any
+from fopi_tune.study.load import load_study
 
 ROOT = Path(__file__).parents[1]
 INSTALL = "python3 -m venv .venv && .venv/bin/pip install -q -c constraints.txt "
@@ -57,6 +64,17 @@ def looks_like(printed: str, shown: str) -> bool:
         for line in shown.splitlines()
     )
     return re.fullmatch("".join(lines), printed.rstrip("\n") + "\n") is not None
+
+
+def load(path: Path) -> object:
+    """What a YAML file of a page says, by whatever reads such files: a spec, a system or a study.
+
+    Raises:
+        SpecError: it has mistakes.
+    """
+    document = YAML(typ="safe").load(path)
+    is_study = any(key in document for key in ("specs", "claims", "figures"))
+    return load_study(path) if is_study else load_any(path)
 
 
 def copy_the_clone(folder: Path) -> None:
@@ -102,3 +120,26 @@ def run_page(blocks: Sequence[Block], folder: Path) -> list[tuple[Block, str]]:
     )
     assert done.returncode == 0, f"{done.stdout}{done.stderr}"
     return [(block, path.read_text(encoding="utf-8")) for block, path in ran]
+
+
+def unknown_words(page: str) -> list[str]:
+    """Commands and options that a page's sentences name in `code` and that `fopi` does not have."""
+    commands = {name: _options(command) for name, command in get_command(app).commands.items()}  # type: ignore[attr-defined]
+    every = {option for options in commands.values() for option in options}
+    wrong = []
+    for code in re.findall(r"(?<!`)`([^`\n]+)`(?!`)", _BLOCK.sub("", page)):
+        words = code.split()
+        if words[0] == "fopi" and len(words) > 1:
+            options = commands.get(words[1], set())
+            wrong += [code] if words[1] not in commands or not _named(words) <= options else []
+        elif words[0].startswith("--"):
+            wrong += [code] if not _named(words) <= every else []
+    return wrong
+
+
+def _named(words: Sequence[str]) -> set[str]:
+    return {word for word in words if word.startswith("-")}
+
+
+def _options(command: object) -> set[str]:
+    return {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)} | {"--help"}  # type: ignore[attr-defined]

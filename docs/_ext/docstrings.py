@@ -14,7 +14,9 @@ def escaped(line: str) -> str:
     """A line with `code` as literal text, and with |L|, s*, name_ as they are written."""
     parts = _CODE.split(line)
     # code is every second part
-    return "".join(f"``{part}``" if i % 2 else re.sub(r"([|*\\]|_(?!\w))", r"\\\1", part) for i, part in enumerate(parts))
+    return "".join(
+        f"``{part}``" if i % 2 else re.sub(r"([|*\\]|_(?!\w))", r"\\\1", part) for i, part in enumerate(parts)
+    )
 
 
 def _escape(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:

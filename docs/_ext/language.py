@@ -156,7 +156,9 @@ def _takes(value: Schema) -> str:
         return ", ".join(f"`{word}`" for word in value["enum"])
     alternatives = value.get("anyOf") or value.get("oneOf")
     if alternatives:
-        return " or ".join(dict.fromkeys(_takes(each) for each in alternatives)) if len(alternatives) < 3 else "see below"
+        return (
+            " or ".join(dict.fromkeys(_takes(each) for each in alternatives)) if len(alternatives) < 3 else "see below"
+        )
     kind = value.get("type")
     if kind in ("number", "integer"):
         return _number(value)

@@ -10,7 +10,6 @@ from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 from sphinx.writers.html5 import HTML5Translator
 
-
 #: what the converter does not know, or draws without the space that belongs to it
 _INSTEAD = {
     "\\arg": "\\operatorname{arg}",
