@@ -122,7 +122,7 @@ def tradeoff(
             or ".upper" behind.
         start: lowest limit, in the limit's unit; by default the sweep reaches as far beyond the spec's own limit as the
             infeasible end lies before it.
-        stop: highest limit.
+        stop: highest limit, in the limit's unit.
         points: how many.
 
     Raises:
@@ -204,6 +204,10 @@ def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:
 def run(source: Source, proof: bool = True) -> Run:
     """Every stage there is: the design, and of a solved one whose spec has a section `digital` its digital controller.
 
+    Args:
+        source: a spec file, or a spec.
+        proof: False leaves the certificates out.
+
     Returns:
         The run; where the digital controller cannot be made, the design and the reason.
 
@@ -273,7 +277,7 @@ def simulate(
         source: a spec file, or a spec, with sections `digital` and `scenarios`.
         gains: the controller, usually from a design.
         scenario: name of the only one.
-        plant: uncertain numbers by name; the nominal ones where left out.
+        plant: uncertain numbers by name, in the spec's units; the nominal ones where left out.
         replay: index of a plant that `validate` drew, to make it and its noise again.
         exact: the fractional loop in continuous time instead, without filter, samples and computing delay.
         samples: what was given to `validate`.
