@@ -35,7 +35,7 @@ def markdown(schema: Schema, told: Iterable[str] = ()) -> str:
     for name, value in schema["properties"].items():
         inside = [] if name in told else _section(value)
         if inside:
-            parts += [f"### `{name}`", f"{_sentence(value)}.", *inside]
+            parts += [f"### `{name}`", f"{_sentence(value)[:1].upper()}{_sentence(value)[1:]}.", *inside]
     return "\n\n".join(parts) + "\n"
 
 
@@ -157,7 +157,9 @@ def _takes(value: Schema) -> str:
     alternatives = value.get("anyOf") or value.get("oneOf")
     if alternatives:
         return (
-            " or ".join(dict.fromkeys(_takes(each) for each in alternatives)) if len(alternatives) < 3 else "see below"
+            " or ".join(dict.fromkeys(_takes(each) for each in alternatives))
+            if len(alternatives) < 3
+            else "a mapping, see below"
         )
     kind = value.get("type")
     if kind in ("number", "integer"):
