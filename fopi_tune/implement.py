@@ -8,6 +8,8 @@ was found to be off:
 
 at the gains of the round before, until the loop on samples meets the limits themselves.  What decides is always the
 verification of that loop; the stand-in has no say in it.
+
+Source: derived; where the stand-in is at limit', the loop on samples is at the limit itself.
 """
 
 from __future__ import annotations

@@ -117,7 +117,7 @@ def tradeoff(
             or ".upper" behind.
         start: lowest limit, in the limit's unit; by default the sweep reaches as far beyond the spec's own limit as the
             infeasible end lies before it.
-        stop: highest limit.
+        stop: highest limit, in the limit's unit.
         points: how many.
 
     Raises:
@@ -198,6 +198,10 @@ def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:
 
 def run(source: Source, proof: bool = True) -> Run:
     """Every stage there is: the design, and of a solved one whose spec has a section `digital` its digital controller.
+
+    Args:
+        source: a spec file, or a spec.
+        proof: False leaves the certificates out.
 
     Returns:
         The run; where the digital controller cannot be made, the design and the reason.

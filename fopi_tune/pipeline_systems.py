@@ -41,7 +41,7 @@ def simulate_system(
         source: a system file, or a system.
         gains: by mode's name; those of the file where left out, and tuned where the file has none.
         scenario: name of the only one.
-        plant: uncertain numbers by name ("brake.time_constant_s"); the nominal ones where left out.
+        plant: uncertain numbers by name ("brake.time_constant_s"), in the specs' units; nominal where left out.
         replay: index of a pair that `validate_system` drew, to make it and its noise again.
         samples: what was given to `validate_system`.
         seed: what was given to `validate_system`.

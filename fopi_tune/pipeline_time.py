@@ -98,7 +98,7 @@ def simulate(
         source: a spec file, or a spec, with sections `digital` and `scenarios`.
         gains: the controller, usually from a design.
         scenario: name of the only one.
-        plant: uncertain numbers by name; the nominal ones where left out.
+        plant: uncertain numbers by name, in the spec's units; the nominal ones where left out.
         replay: index of a plant that `validate` drew, to make it and its noise again.
         exact: the fractional loop in continuous time instead, without filter, samples and computing delay.
         samples: what was given to `validate`.

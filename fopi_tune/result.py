@@ -159,7 +159,14 @@ class Design:
 
 @dataclass(frozen=True)
 class Check:
-    """The verification and the certificate of given gains against a spec: what `fopi prove` hands out."""
+    """The verification and the certificate of given gains against a spec: what `fopi prove` hands out.
+
+    Args:
+        spec: what was asked.
+        verification: of the gains, in floating point.
+        certificate: what is proved or refuted of them.
+        stamp: where this comes from.
+    """
 
     spec: DesignSpec
     verification: Verification

@@ -11,19 +11,42 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from markdown_pages import INSTALL, ROOT, blocks_of, copy_the_clone, load, unknown_words
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
 from fopi_tune.spec import load_spec, parse_spec
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, SystemSpec
+from fopi_tune.study.model import Study
 
-ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-INSTALL = "python3 -m venv .venv && .venv/bin/pip install -q -c constraints.txt "
+BLOCKS = blocks_of(README)
 
 
 def block(language: str, index: int = 0) -> str:
-    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.DOTALL | re.MULTILINE)[index]
+    return [each.text for each in BLOCKS if each.language == language][index]
+
+
+def test_there_is_no_block_that_no_test_here_is_about() -> None:
+    # main command and its table, test command, library, the three languages; fences count twice
+    assert [each.language for each in BLOCKS] == ["yaml", "sh", "text", "sh", "python", "yaml", "yaml"]
+    assert len(re.findall(r"^```", README, re.MULTILINE)) == 2 * len(BLOCKS)
+
+
+@pytest.mark.parametrize(("index", "kind"), [(0, DesignSpec), (1, SystemSpec), (2, Study)])
+def test_the_spec_the_system_and_the_study_can_be_used(index: int, kind: type, tmp_path: Path) -> None:
+    copy_the_clone(tmp_path)
+    # their paths are from a folder beside `specs`
+    file = tmp_path / "studies" / "readme.yaml"
+    file.write_text(block("yaml", index), encoding="utf-8")
+    found = load(file)
+    assert isinstance(found, kind)
+    if isinstance(found, Study):
+        assert len(found.cells) == 3 * 2 * 2
+
+
+def test_commands_and_options_in_sentences_exist() -> None:
+    assert unknown_words(README) == []
 
 
 def without_lines(spec: DesignSpec) -> DesignSpec:
@@ -59,8 +82,11 @@ def test_the_library_example_runs(monkeypatch: pytest.MonkeyPatch) -> None:
         exec(compile(block("python"), "README.md", "exec"), {})
     lines = printed.getvalue().splitlines()
     assert lines[0].startswith("solved FoPi(kp=0.3851")
-    assert "violated refuted" in lines
-    assert "True" in lines
+    after = lines.index("violated refuted")
+    assert lines[after + 1 : after + 3] == ["True", "solved"]
+    assert any("s^" in line for line in lines[after + 3 : -2])
+    assert lines[-2].startswith("violated 87.869")
+    assert lines[-1] == "0.2"
 
 
 def test_the_test_command_is_one_line_and_ci_runs_it_as_printed() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,47 @@ def test_the_schema_is_a_valid_schema_of_its_draft() -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     assert SCHEMA["$schema"] == "https://json-schema.org/draft/2020-12/schema"
     assert json.loads(json.dumps(SCHEMA)) == SCHEMA
+
+
+def with_defaults(schema: dict[str, Any], document: dict[str, Any]) -> tuple[dict[str, Any], int]:
+    """A mapping with what the schema says of its left-out keys written down, and how many those are."""
+    found = {
+        key: value["default"]
+        for key, value in schema["properties"].items()
+        if "default" in value and key not in document
+    }
+    return {**found, **document}, len(found)
+
+
+def test_a_default_that_the_schema_states_is_what_holds_when_the_key_is_left_out() -> None:
+    sections: dict[str, Any] = {
+        "controller": {},
+        "digital": {"sample_time_s": 0.2},
+        "validation": {},
+        "scenarios": [{"name": "step", "duration_s": 9.0, "reference": [{"at_s": 0, "value": 1}]}],
+    }
+    short = BASE | sections
+    keys = SCHEMA["properties"]
+    scenario = keys["scenarios"]["items"]
+    written = {name: with_defaults(keys[name], sections[name]) for name in ("controller", "digital", "validation")}
+    step, step_count = with_defaults(scenario, sections["scenarios"][0])
+    knot, knot_count = with_defaults(scenario["properties"]["reference"]["items"], {"at_s": 0, "value": 1})
+    plant, plant_count = with_defaults(keys["plant"]["oneOf"][0], BASE["plant"])
+    margin = next(r for r in keys["requirements"]["items"]["oneOf"] if "phase_margin_deg" in r["properties"])
+    requirement, requirement_count = with_defaults(margin, BASE["requirements"][0])
+    long = {
+        **BASE,
+        **{name: section for name, (section, _) in written.items()},
+        "plant": plant,
+        "requirements": [requirement],
+        "scenarios": [step | {"reference": [knot]}],
+    }
+    counts = [count for _, count in written.values()]
+    # structure and alpha; seven of the filter; four of the draws
+    assert [*counts, step_count, knot_count, plant_count, requirement_count] == [2, 7, 4, 6, 1, 1, 1]
+    assert VALIDATOR.is_valid(long)
+    said, left_out = parse_spec(yaml_of(long)), parse_spec(yaml_of(short))
+    assert dataclasses.replace(said, sha256="", source=b"") == dataclasses.replace(left_out, sha256="", source=b"")
 
 
 def test_every_object_is_closed_and_every_key_described() -> None:

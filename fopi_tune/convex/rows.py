@@ -11,6 +11,8 @@ with it: with l = ln L,  dl/dx = (1, s^-alpha)/C,  and
     gain crossover    du_c/dx = -Re(dl/dx)/Re(dl/du) ,        phase crossover    du_c/dx = -Im(dl/dx)/Im(dl/du) ,    (2)
 
 which makes a half-plane of d.  Rows are divided by their size, so that a row's slack at d = 0 is in neper or radian.
+
+Source: derived; (1) since Re(conj(e) z) <= |z| for |e| = 1, (2) by the implicit function theorem.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ With crossover omega_c and phase margin phi of the nominal plant P, X = e^{j(phi
     ki = -Im X omega_c^alpha/sin(alpha pi/2) ,      kp = Re X - ki omega_c^-alpha cos(alpha pi/2) .                  (1)
 
 Where the spec fixes one of the two or both, only that one is tried.
+
+Source: derived from L(j omega_c) = e^{j(phi - pi)}, two real equations that are linear in the gains.
 """
 
 from __future__ import annotations

@@ -13,6 +13,8 @@ closed form.  With
 
 the second derivative is bounded on an interval of u by the ray's smallest distance from -1, which is what
 `fopi_tune.core.roots` and `fopi_tune.core.peaks` need in order to miss nothing between two points.
+
+Source: derived; (1) is the sum of the logarithms of the factors of N, D and C.
 """
 
 from __future__ import annotations

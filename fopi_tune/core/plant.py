@@ -25,7 +25,12 @@ Assembled = tuple[list[Any], list[Any], Any]
 
 @dataclass(frozen=True)
 class Uncertain:
-    """A number known to lie in [min, max]; `nominal` is the member that nominal requirements look at.
+    """A number known to lie in [min, max], in the unit of the number's name.
+
+    Args:
+        nominal: the member that nominal requirements look at, same unit.
+        min: smallest possible value, same unit.
+        max: largest possible value, same unit.
 
     Raises:
         DomainError: not finite, min > max, or the nominal value lies outside.
@@ -45,12 +50,12 @@ class Uncertain:
 
     @classmethod
     def exactly(cls, value: float) -> Uncertain:
-        """A number that is known."""
+        """A number that is known: `value`, in any unit."""
         return cls(value, value, value)
 
     @classmethod
     def between(cls, low: float, high: float) -> Uncertain:
-        """A number in [low, high] whose nominal value is the midpoint."""
+        """A number from `low` to `high`, in any unit, whose nominal value is the midpoint."""
         return cls(low + 0.5 * (high - low), low, high)
 
     @property
@@ -182,11 +187,11 @@ class PlantFamily:
         return np.array([self.parameters[n].nominal for n in self.uncertain_names], dtype=float)
 
     def problem(self, name: str, value: Uncertain) -> str | None:
-        """What is wrong with a range of one of the numbers in this model, or None."""
+        """What is wrong with a range of the number called `name` in this model, or None."""
         return PLANT_MODELS[self.model].check(name, value)
 
     def corners(self, most: int = 64) -> Array:
-        """The nominal place, then the box's corners (only the two extreme ones of a box with more than `most`)."""
+        """The nominal place, then the box's corners, shape (1 + 2^p, p); of more than `most` the two extreme ones."""
         low, high = self.low, self.high
         if 2 ** len(low) > most:
             return np.array([self.nominal_point, low, high])
@@ -194,9 +199,9 @@ class PlantFamily:
         return np.array([self.nominal_point.tolist(), *map(list, every)]).reshape(1 + len(every), len(low))
 
     def assemble(self, values: Mapping[str, Any]) -> Assembled:
-        """Coefficients from values of the uncertain numbers (floats, arrays or symbols); the exact ones are filled in.
+        """Coefficients from `values` of the uncertain numbers (floats, arrays or symbols) by name.
 
-        A value that is missing is the nominal one.
+        The exact ones are filled in; a value that is missing is the nominal one.
         """
         full = {name: values.get(name, number.nominal) for name, number in self.parameters.items()}
         return PLANT_MODELS[self.model].assemble(full)
@@ -219,10 +224,10 @@ class PlantFamily:
         return table(numerator), table(denominator), table([dead_time])[:, 0]
 
     def member(self, point: Array) -> Plant:
-        """The plant at one place of the box, shape (p,)."""
+        """The plant at one place of the box, `point` of shape (p,)."""
         numerator, denominator, dead_time = self.coefficients(np.asarray(point, dtype=float)[None, :])
         return Plant(tuple(numerator[0].tolist()), tuple(denominator[0].tolist()), float(dead_time[0]))
 
     def describe(self, point: Array) -> dict[str, float]:
-        """The uncertain numbers of one member by name: what a result calls its worst plant."""
+        """The uncertain numbers of the member at `point`, shape (p,), by name: what a result calls its worst plant."""
         return {name: float(value) for name, value in zip(self.uncertain_names, point, strict=True)}

@@ -14,6 +14,8 @@ half-plane, and the loop is rational in w: everything that holds for continuous 
 included, is read off the same factors (`fopi_tune.core.logform`), with u = ln nu.  A root z0 gives
 
     z - z0 = (-delta_0 + w (2 + delta_0))/(1 - w),    delta_0 = z0 - 1,    z^-1 = (1 - w)/(1 + w) .                  (2)
+
+Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997; (2) is the w-transform of a factor.
 """
 
 from __future__ import annotations

@@ -9,6 +9,8 @@ it follows arg L across the negative real axis.  With q(phi) the number of whole
     Z = P - 2 sum (q(phi at the end) - q(phi at the start))    over the intervals of omega with |L| > 1.            (1)
 
 The unwrapped phase is known in closed form, so no phase crossover has to be found, whatever the dead time.
+
+Source: derived from the argument principle as Nyquist uses it (Bell System Technical Journal 11, 1932).
 """
 
 from __future__ import annotations

@@ -70,7 +70,12 @@ class Solution:
 
 @dataclass
 class Warm:
-    """A spec's compiled problem, and the cuts that bind where it was solved last."""
+    """A spec's compiled problem, and the cuts that bind where it was solved last.
+
+    Args:
+        search: the compiled problem.
+        cuts: places where it is asked something.
+    """
 
     search: Search
     cuts: Cuts
@@ -103,7 +108,7 @@ class Warm:
         """One solve, of a problem that may lack a cut; None when the solver gave up or went too far.
 
         Its objective is at least as good as that of the whole problem's local optimum: where a check of the gains
-        agrees with it, and finds every requirement met, nothing was missing.
+        agrees with it, and finds every requirement met, nothing was missing.  `seen` are places that a check found.
         """
         exchange = self.search.exchange.about(sides_of(spec))
         cuts = self._with_seen(exchange, seen)
@@ -117,7 +122,7 @@ class Warm:
         return None
 
     def settle(self, spec: DesignSpec, start: FoPi, seen: Sequence[Seen] = ()) -> Solution | None:
-        """The exchange from a neighbour's gains; None when it leads nowhere."""
+        """The exchange from a neighbour's gains and from places `seen` by a check; None when it leads nowhere."""
         exchange = self.search.exchange.about(sides_of(spec))
         cuts = self._with_seen(exchange, seen)
         peaks = self._peaks(exchange.sides, seen)

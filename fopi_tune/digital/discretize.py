@@ -93,7 +93,16 @@ def discretize(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None 
 
 
 def sections_of(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None = None) -> Sections:
-    """The digital controller alone, not measured; arguments and errors as for `discretize`."""
+    """The digital controller alone, not measured.
+
+    Args:
+        gains: kp, ki, alpha.
+        digital: how to make it.
+        crossover_rad_s: where Tustin's rule is exact with `prewarp: crossover`.
+
+    Raises:
+        DomainError: as for `discretize`.
+    """
     with np.errstate(all="ignore"):
         sections = _sections(gains, digital, crossover_rad_s)
     if not np.all(np.isfinite([sections.direct, *sections.poles, *sections.residues])):

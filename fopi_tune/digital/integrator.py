@@ -2,7 +2,8 @@
 
     s^-alpha = s^-1 s^beta,   beta = 1 - alpha in (-1, 1),   and only s^beta is approximated:
 
-Oustaloup, N poles and zeros spread geometrically over the band [wb, wh], exact in gain in its middle,
+Oustaloup (Oustaloup, Levron, Mathieu, Nanot, 2000), N poles and zeros spread geometrically over the band [wb, wh],
+exact in gain in its middle,
 
     s^beta ~ K prod_k (s + wz_k)/(s + wp_k),
     wz_k = wb (wh/wb)^((k - 1/2 - beta/2)/N),   wp_k = wb (wh/wb)^((k - 1/2 + beta/2)/N),   k = 1 ... N.             (1)

@@ -31,6 +31,8 @@ missing to the applied output u,
 
 so that the next output with the same error is u, and stays u while the error is 0: nothing was remembered of errors
 that were not this controller's to remove.
+
+Source: back-calculation as in Astrom and Hagglund, Advanced PID Control, 2006; weights and (2) derived here.
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ Tustin's rule with T = tan(w_p Ts/2)/w_p (T = Ts/2 without prewarping) maps a se
     r/(s - p)  ->  g + g (1 + q)/(z - q),    q = (1 + pT)/(1 - pT),    g = r T/(1 - pT) .                          (1)
 
 Matched poles and zeros, z = e^{s Ts}, keep the gain at one frequency; the zero at infinity goes to z = -1.
+
+Source: derived; (1) is r/(s - p) with s = (z - 1)/(T (z + 1)).
 """
 
 from __future__ import annotations

@@ -37,7 +37,13 @@ _NO_TIME = 1e-9
 
 @dataclass(frozen=True)
 class Interval:
-    """A fitted number and the interval of 95 % (`CONFIDENCE`) around it, low <= value <= high."""
+    """A fitted number and the interval of 95 % (`CONFIDENCE`) around it, low <= value <= high.
+
+    Args:
+        value: the fitted one, in the number's unit.
+        low: lower end, in the number's unit.
+        high: upper end, in the number's unit.
+    """
 
     value: float
     low: float

@@ -5,6 +5,8 @@ Where |L| = 1 the angle varies with the coordinates as
     d(arg L)/dg = Im(C_g/C) - (arg L)_u/(ln|L|)_u Re(C_g/C) ,                                                      (1)
 
 and the crossover moves by Re(C_g/C)/(ln|L|)_u.  As in `fopi_tune.optimum.screen`, nothing here is a proof.
+
+Source: derived by the implicit function theorem from ln|L| = 0.
 """
 
 from __future__ import annotations

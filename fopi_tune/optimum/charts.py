@@ -14,6 +14,8 @@ with x = e^{j(psi - pi)}/P0(j wc) and a = alpha pi/2
 
     ki = -Im x wc^alpha/sin a ,   kp = Re x + Im x cot a ,   C = Re x + Im x h ,
     h = (cos a - e^{-alpha tau})/sin a ,   tau = ln(s/wc) .                                                        (3)
+
+Source: derived; (1) and (2) are C written out around the centre, (3) solves L0 = e^{j(psi - pi)} for the gains.
 """
 
 from __future__ import annotations

@@ -7,6 +7,8 @@ With z = ki omega^-alpha and kp, ki >= 0, whatever they are,
 
 also where ki may be 0 and z has no end.  (2): -d ln C/du/alpha = 1 - 1/(1 + z e^{-ja}/kp), and 1/(1 + .) runs along a
 circle through 0 whose real part is at most (1 + sin a)/(2 sin a).
+
+Source: derived; (1) from the angle a between the two terms, (2) as said.
 """
 
 from __future__ import annotations

@@ -16,6 +16,8 @@ and the opposite for >=.  With the plane of `fopi_tune.optimum.charts` and w = a
 
 What is read off a crossover is bounded where |L| = 1 by a multiple of ln|L| that costs nothing there, as in
 `fopi_tune.proof.balls.crossings`.
+
+Source: derived; (1) is each response's limit squared and written out, (2) its least value over the plane.
 """
 
 from __future__ import annotations

@@ -62,14 +62,15 @@ class Optimum:
         status: how it ended.
         gains: the incumbent; None without one.
         objective: its objective, in the public unit, as the verification found it.
-        bound: no gains in the box that meet every requirement exactly have a better objective; None when not shown.
+        bound: no gains in the box that meet every requirement exactly have a better objective, in its public unit; None
+            when not shown.
         gap: |objective - bound| relative to the objective; None when there is no bound.
-        wanted_gap: what was asked for.
+        wanted_gap: what was asked for, relative.
         better: gains that meet the spec and have a better objective, as far as floating point tells; None when none
             were met with.
-        better_objective: theirs.
+        better_objective: theirs, in the public unit.
         boxes: boxes looked at.
-        seconds: how long it took.
+        seconds: how long it took, in s.
         proof: what shows it; None where nothing was shown.
         left_out: parts of the spec that were not used: the bound holds, and could be closer.
         reason: why there is no bound, or what stopped the search; empty otherwise.

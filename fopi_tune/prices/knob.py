@@ -58,20 +58,25 @@ class Knob:
         return {Relation.AT_LEAST: 1, Relation.AT_MOST: -1}.get(self.requirement.relation, 0)
 
     def at(self, limit: float) -> DesignSpec:
-        """The spec with the limit there."""
+        """The spec with the limit at `limit`, in its public unit."""
         moved = replace(self.requirement, limits=(limit,))
         requirements = (*self.spec.requirements[: self.index], moved, *self.spec.requirements[self.index + 1 :])
         return replace(self.spec, requirements=requirements)
 
     def reach(self, way: int, part: float = 1.0) -> float:
-        """The limit as far up (1) or down (-1) as it is turned at the most, or a part of that way."""
+        """The limit, public unit, as far up (`way` 1) or down (-1) as it is turned at the most.
+
+        Args:
+            way: 1 or -1.
+            part: of that way, dimensionless, from 0 to 1.
+        """
         for unit, farthest in _FARTHEST.items():
             if self.requirement.quantity.endswith(unit):
                 return self.limit + way * part * farthest
         return self.limit * _MOST_TIMES ** (way * part)
 
     def usual(self, way: int) -> float:
-        """Where a sweep ends when nothing else ends it."""
+        """Where a sweep up (`way` 1) or down (-1) ends when nothing else ends it, public unit."""
         return self.reach(way, _USUAL)
 
 

@@ -9,6 +9,8 @@ exact but for h^2 J'''/3.  J is that of `fopi_tune.proof`, of gains that were so
 has no part in it.  The exchange ends when nothing is violated by more than 2e-7, which moves J by 2e-7 times the price:
 4 (2e-7)/h of it in (1), 4e-4 for h = 2e-3.  Where the two sides differ the optimum has a kink: another requirement
 comes into play there, and the price of relaxing is not that of tightening.
+
+Source: Taylor's formula with J(0) = 0.
 """
 
 from __future__ import annotations

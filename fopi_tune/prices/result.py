@@ -37,7 +37,7 @@ class TradeoffPoint:
         status: `met` only after `fopi_tune.proof.verify` found every requirement met.
         objective: as the check found it, public unit; None unless met.
         gains: of a refused point those that were refused; None when infeasible.
-        largest_score: of all requirements; None without gains.
+        largest_score: of all requirements, dimensionless; None without gains.
         binds: whether the limit itself holds the objective back; without it a limit nearby gives the same gains.
     """
 
@@ -73,7 +73,7 @@ class End:
     Args:
         way: 1 above, -1 below.
         feasible: the farthest limit that was found to be met, public unit.
-        infeasible: the nearest that no start met; None where limits are met as far as was looked.
+        infeasible: the nearest that no start met, public unit; None where limits are met as far as was looked.
     """
 
     way: int

@@ -7,6 +7,8 @@ point's ln|L| passes 0 (its phase passes -180 deg mod 360).  With +1 for a maxim
 
 changes exactly there, not when turning points are born in pairs.  The distance of the nearest turning point from its
 line is continuous, and leads to narrow parts of the box that lie between the places of a sample.
+
+Source: derived; between two turning points a function passes a level once at most.
 """
 
 from __future__ import annotations

@@ -65,7 +65,8 @@ class RequirementResult:
         outcome: what became of it.
         slack: how far inside the limit, negative outside, in neper or radian (for a delay margin: relative to the
             limit); for `equals` minus the distance; None without a gain crossover.
-        score: at most 1 exactly when the requirement holds within the tolerance; None without a gain crossover.
+        score: dimensionless, at most 1 exactly when the requirement holds within the tolerance; None without a gain
+            crossover.
         worst: the member and the frequency that decide.
         extremes: the ends that the requirement limits, smallest first.
     """

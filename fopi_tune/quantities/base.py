@@ -103,14 +103,14 @@ class Quantity(ABC):
 
     @abstractmethod
     def to_natural(self, value: float) -> float:
-        """The value in neper or radian, increasing in `value`."""
+        """The value in neper or radian, increasing in `value`, which is in the public unit."""
 
     @abstractmethod
     def from_natural(self, value: float) -> float:
-        """The inverse of `to_natural`."""
+        """The inverse of `to_natural`: `value` in neper or radian to the public unit."""
 
     def natural_scale(self, limit: float) -> float:
-        """What a slack against this limit is multiplied with to be dimensionless."""
+        """What a slack against `limit`, in the public unit, is multiplied with to be dimensionless."""
         return 1.0
 
     @abstractmethod
@@ -119,10 +119,20 @@ class Quantity(ABC):
 
     @abstractmethod
     def measure(self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float) -> Measured:
-        """The exact value of every loop; of a frequency function the largest or smallest over the band."""
+        """The exact value of every loop; of a frequency function the largest or smallest over the band.
+
+        Args:
+            loops: m loops.
+            largest: of a frequency function, the largest value instead of the smallest.
+            from_rad_s: lower end of the band; 0 is all low frequencies.
+            to_rad_s: upper end; infinite is all high frequencies.
+
+        Returns:
+            Values and where, shape (m,).
+        """
 
     def check_limit(self, limit: float) -> str | None:
-        """What is wrong with this limit by itself, or None."""
+        """What is wrong with `limit`, in the public unit, by itself, or None."""
         return None
 
 

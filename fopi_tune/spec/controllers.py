@@ -22,10 +22,12 @@ def controller_shape() -> Shape:
     """Reads to a `ControllerSpec`."""
     orders = partial(Number, above=ALPHA_MIN, below=ALPHA_MAX)
     keys = {
-        "structure": Key(Choice("C(s) = kp + ki s^-alpha", ["fopi"]), required=False),
-        "kp": Key(_gain_shape("proportional gain", Number, _FREE), required=False),
-        "ki": Key(_gain_shape("integral gain", Number, _FREE), required=False),
-        "alpha": Key(_gain_shape("order of the integral", orders, _ALPHA), required=False),
+        "structure": Key(Choice("C(s) = kp + ki s^-alpha", ["fopi"]), required=False, default="fopi"),
+        "kp": Key(_gain_shape("proportional gain, control per output unit", Number, _FREE), required=False),
+        "ki": Key(_gain_shape("integral gain, in kp's unit times (rad/s)^alpha", Number, _FREE), required=False),
+        "alpha": Key(
+            _gain_shape("order of the integral", orders, _ALPHA), False, {"min": _ALPHA.min, "max": _ALPHA.max}
+        ),
     }
 
     def build(values: Values, place: Place) -> ControllerSpec:

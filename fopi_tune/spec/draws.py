@@ -28,7 +28,7 @@ from fopi_tune.spec import nodes
 from fopi_tune.spec.hints import closest, one_of
 from fopi_tune.spec.model import SamplesFile, ValidationSpec
 from fopi_tune.spec.places import Place
-from fopi_tune.spec.records import Key, OneKeyOf, Record, Tagged, Values, is_table
+from fopi_tune.spec.records import Key, OneKeyOf, Record, Tagged, Values, defaulting_to, is_table
 from fopi_tune.spec.report import key_path, quoted
 from fopi_tune.spec.scalars import is_empty
 from fopi_tune.spec.shapes import Choice, Constant, JsonSchema, Number, Pair, Shape, Text
@@ -63,7 +63,15 @@ def validation_shape(members: tuple[str, ...] = ()) -> Record:
         members: names of the families of a joint box, which stand before their numbers' names.
     """
     keys = {
-        "samples": Key(Number("plants to draw", at_least=1, at_most=10**8, whole=True), required=False),
+        "samples": Key(
+            Number(
+                "plants to draw; of a samples_file its first rows, all when left out",
+                at_least=1,
+                at_most=10**8,
+                whole=True,
+            ),
+            required=False,
+        ),
         "seed": Key(Number("seed of the draw", at_least=0, at_most=2**63 - 1, whole=True), required=False),
         "design": Key(Choice("how the plants are spread", _DRAWS), required=False),
         "confidence": Key(Number("of the intervals", above=0.5, below=1), required=False),
@@ -75,6 +83,7 @@ def validation_shape(members: tuple[str, ...] = ()) -> Record:
     }
     beside = [{"required": [key]} for key in ("distributions", "design")]
     rules = {"not": {"required": ["samples_file"], "anyOf": beside}}
+    keys = defaulting_to(ValidationSpec, keys)
     return Record("the Monte-Carlo stage", keys, PlacedValidation, "{samples: 10000, seed: 1}", rules=rules)
 
 

@@ -11,7 +11,7 @@ from fopi_tune.spec.nodes import Table
 from fopi_tune.spec.objectives import objective_shape
 from fopi_tune.spec.places import Place
 from fopi_tune.spec.plants import plant_shape
-from fopi_tune.spec.records import Key, Record, Values
+from fopi_tune.spec.records import Key, Record, Values, defaulting_to
 from fopi_tune.spec.requirements import (
     PlacedRequirement,
     refuse_bands_beyond,
@@ -144,6 +144,7 @@ def _digital_shape() -> Shape:
     prewarps = {"properties": {"prewarp": {"const": "crossover"}}, "required": ["prewarp"]}
     by_tustin = {"properties": {"rule": {"const": "tustin"}, "method": {"enum": [m for m in _METHODS if m != "fit"]}}}
     rules = {"if": prewarps, "then": by_tustin}
+    keys = defaulting_to(DigitalSpec, keys)
     return Record("how the gains become a filter", keys, _build_digital, "{sample_time_s: 0.2}", rules=rules)
 
 

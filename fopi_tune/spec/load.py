@@ -71,6 +71,9 @@ def load_system(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> Sys
 def load_document(source: str | os.PathLike[str]) -> tuple[Place, str]:
     """A YAML file as a tree of places, for languages that are read with the shapes of this one.
 
+    Args:
+        source: path of the file.
+
     Returns:
         The document, and the SHA-256 of the file's bytes.
 

@@ -281,7 +281,23 @@ class ValidationSpec:
 
 @dataclass(frozen=True)
 class DesignSpec:
-    """A whole spec.  `sha256` is of the file's bytes (or of the text it was made from), `source` those bytes."""
+    """A whole spec.
+
+    Args:
+        name: of the design and of its results' folder.
+        plant: the family.
+        controller: the box of gains.
+        requirements: in the order of the file.
+        objective: None for the gains that are deepest inside all requirements.
+        digital: how the gains become a filter; None without.
+        validation: how plants are drawn; None without.
+        scenarios: what is simulated.
+        limits: what simulations are judged by.
+        description: for people.
+        sha256: of the file's bytes, or of the text it was made from.
+        schema: version of the language.
+        source: those bytes.
+    """
 
     name: str
     plant: PlantFamily

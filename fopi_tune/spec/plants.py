@@ -14,6 +14,14 @@ from fopi_tune.spec.shapes import Constant, Converted, Either, ListOf, Number, S
 #: more coefficients than this are no model anybody has identified, and polynomials that long cannot be evaluated well
 MAX_COEFFICIENTS = 32
 _DEAD_TIME = "dead_time_s"
+#: what the scalars of the models are, with their units
+_MEANINGS = {
+    "static_gain": "static gain, output per control unit",
+    "time_constant_s": "time constant, s",
+    "gain": "gain of the pole, output per control unit and s",
+    "pole_rad_s": "the pole is at -pole_rad_s, rad/s; 0 integrates, negative is unstable",
+    "dead_time_s": "dead time, s",
+}
 _EXAMPLE = "{model: lag, static_gain: 1.0, time_constant_s: 2.0}"
 
 
@@ -56,7 +64,8 @@ def _model_record(model: PlantModel) -> Record:
         entry = uncertain_shape("a coefficient")
         keys[name] = Key(ListOf(f"coefficients of the {name}, descending powers of s", entry, 1, MAX_COEFFICIENTS))
     for name in model.scalars:
-        keys[name] = Key(uncertain_shape(name.replace("_", " ")), required=name != _DEAD_TIME)
+        shape = uncertain_shape(_MEANINGS.get(name, name.replace("_", " ")))
+        keys[name] = Key(shape, False, 0.0) if name == _DEAD_TIME else Key(shape)
     return Record(f"the plant model {model.name}", keys, partial(_build_family, model), _EXAMPLE)
 
 

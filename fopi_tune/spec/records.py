@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any
 
 from fopi_tune.spec.hints import about_key, closest, one_of
@@ -18,10 +19,21 @@ Values = dict[str, Any]
 
 @dataclass(frozen=True)
 class Key:
-    """One key of a record."""
+    """One key of a record.
+
+    Args:
+        shape: of its value.
+        required: whether it must be there.
+        default: what holds when it is left out, as it would be written; None when nothing does, or no fixed value.
+    """
 
     shape: Shape
     required: bool = True
+    default: Any = None
+
+    def json_schema(self) -> JsonSchema:
+        """The value's shape, and what holds when the key is left out."""
+        return self.shape.json_schema() | ({} if self.default is None else {"default": self.default})
 
 
 @dataclass(frozen=True)
@@ -69,7 +81,7 @@ class Record(Shape):
         return {
             "type": "object",
             "description": self.meaning,
-            "properties": {name: key.shape.json_schema() for name, key in self.keys.items()},
+            "properties": {name: key.json_schema() for name, key in self.keys.items()},
             "required": [name for name, key in self.keys.items() if key.required],
             "additionalProperties": False,
         } | self.rules
@@ -140,6 +152,24 @@ class OneKeyOf(Shape):
 
     def _too_many(self, first: str, line: int) -> str:
         return f"a second {self.what} beside {first} on line {line}; write one {self.what}, such as {self.example}"
+
+
+def defaulting_to(made: type, keys: Mapping[str, Key]) -> dict[str, Key]:
+    """The keys with the defaults of the dataclass that their values make; the ends of infinite ranges are no values."""
+    found = {each.name: each.default for each in fields(made)}
+    return {
+        name: key if key.required else replace(key, default=_written(found.get(name, MISSING)))
+        for name, key in keys.items()
+    }
+
+
+def _written(value: object) -> Any:
+    """A default as it would be written in a file, or None where it cannot be."""
+    if isinstance(value, tuple):
+        return list(value) or None
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if isinstance(value, int | str) and not isinstance(value, bool) and value != "" else None
 
 
 def is_table(place: Place, example: str) -> bool:

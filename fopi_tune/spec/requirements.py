@@ -89,7 +89,7 @@ def _said(placed: PlacedRequirement) -> str:
 def _record(quantity: Quantity) -> Record:
     keys = {
         quantity.name: Key(_relation_shape(quantity)),
-        "on": Key(Choice("every plant, or the nominal one alone", [s.value for s in Scope]), required=False),
+        "on": Key(Choice("every plant, or the nominal one alone", [s.value for s in Scope]), False, Scope.FAMILY.value),
     }
     build = partial(_build_requirement, quantity)
     if not quantity.takes_band:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from fopi_tune.spec.model import MEASURES, Knot, Limit, MeasureKind, Relation, ScenarioSpec
 from fopi_tune.spec.places import Place
-from fopi_tune.spec.records import Key, OneKeyOf, Record, Values
+from fopi_tune.spec.records import Key, OneKeyOf, Record, Values, defaulting_to
 from fopi_tune.spec.shapes import Choice, ListOf, Number, Text
 
 MAX_SCENARIOS, MAX_KNOTS, MAX_SAMPLES = 100, 10_000, 1_000_000
@@ -59,6 +59,7 @@ def _scenario_shape() -> Record:
         "judged_from_s": Key(Number("from when on it is judged, s", at_least=0), required=False),
     }
     example = "{name: step, duration_s: 60, reference: [{at_s: 0, value: 1}]}"
+    keys = defaulting_to(ScenarioSpec, keys) | {"bumpless": replace(keys["bumpless"], default="no")}
     return Record("one thing to simulate", keys, _build_scenario, example)
 
 
@@ -70,7 +71,9 @@ def _knot_shape() -> Record:
             Number("time in which it is reached, in a straight line; 0 for a step", at_least=0), required=False
         ),
     }
-    return Record("a value from a time on", keys, lambda values, place: Knot(**values), "{at_s: 0, value: 1}")
+    return Record(
+        "a value from a time on", defaulting_to(Knot, keys), lambda values, place: Knot(**values), "{at_s: 0, value: 1}"
+    )
 
 
 def _build_scenario(values: Values, place: Place) -> ScenarioSpec | None:

@@ -14,7 +14,7 @@ from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.model import DesignSpec, JointFamily, ModeSpec, SystemSpec
 from fopi_tune.spec.nodes import Table
 from fopi_tune.spec.places import Place
-from fopi_tune.spec.records import Key, Record, Values
+from fopi_tune.spec.records import Key, Record, Values, defaulting_to
 from fopi_tune.spec.scenarios import (
     limits_shape,
     refuse_too_many_samples,
@@ -101,6 +101,7 @@ def _modes_shape() -> Shape:
         "most_switches": Key(Number("more jumps than this within window_s chatter", at_least=1, whole=True), False),
         "window_s": Key(Number("of chattering, s", above=0, at_most=1e9), required=False),
     }
+    keys = defaulting_to(SystemSpec, keys)
     return Record("which loops take turns, and when", keys, lambda values, place: values, _EXAMPLE)
 
 

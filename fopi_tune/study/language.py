@@ -176,6 +176,10 @@ class WordOr(Shape):
         return {"anyOf": [{"const": ALL}, self.names.json_schema()]}
 
 
+#: when a study does not say
+_STAGES = [Stage.TUNE.value, Stage.PROVE.value]
+
+
 def study_shape() -> Record:
     """The shape of a whole file; reads to the sections' values."""
     path = Text("path from the study's folder")
@@ -192,10 +196,12 @@ def study_shape() -> Record:
         "cells": Key(ListOf("overrides, path to value, a cell each", ByPath("a cell", Anything("value")), 1), False),
         "grid": Key(values, required=False),
         "zip": Key(values, required=False),
-        "stages": Key(ListOf("what is run on each cell", Choice("stage", [s.value for s in Stage]), 1), False),
-        "starts": Key(Choice("where the search of a cell's gains begins", [s.value for s in Starts]), required=False),
+        "stages": Key(ListOf("what is run on each cell", Choice("stage", [s.value for s in Stage]), 1), False, _STAGES),
+        "starts": Key(
+            Choice("where the search of a cell's gains begins", [s.value for s in Starts]), False, Starts.ALL.value
+        ),
         "collect": Key(columns, required=False),
-        "limit_cells": Key(limit, required=False),
+        "limit_cells": Key(limit, False, LIMIT_CELLS),
         "claims": Key(WordOr(ListOf("claims to recompute", entry, 1)), required=False),
         "figures": Key(WordOr(ListOf("figures to draw", entry, 1)), required=False),
     }
@@ -232,7 +238,7 @@ def read_study(place: Place) -> StudyFile | None:
 
 
 def _stages(values: Values) -> tuple[Stage, ...]:
-    wanted = values.get("stages", [Stage.TUNE, Stage.PROVE])
+    wanted = values.get("stages", _STAGES)
     return tuple(stage for stage in Stage if stage in wanted)
 
 

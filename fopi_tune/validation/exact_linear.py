@@ -12,6 +12,8 @@ there are two ways, which overlap:
     a bent line, for t >> L and a stable loop: no pole lies where |L0 e^{-Ls}| < 1, and there the line may go left
     as long as |s|^{-r} e^{-L Re s}, r the relative degree of L0, stays small; with a direct path, as long as
     |L0(inf)| e^{-L Re s} does, which is of use once |L0(inf)|^{t/L}, the size of the jumps, has died out.           (3)
+
+Source: derived from the loop's equations; (2) is a geometric series.
 """
 
 from __future__ import annotations

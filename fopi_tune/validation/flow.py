@@ -16,6 +16,8 @@ c = |G ki| sum_k |rho_k| min(h, 1/|p_k|),
 
 so that B <= (|y''(t)| + the first term + c |e'(t)|)/(1 - h c - h |p| - h |G kp|).  The same one derivative further
 bounds u''.  Fast poles count for no more than they have left to give, so steps are as long as the answer is smooth.
+
+Source: derived from (1), as said.
 """
 
 from __future__ import annotations

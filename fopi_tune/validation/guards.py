@@ -7,6 +7,8 @@ On [t, t + h] let f'' stay within a known R of f''(t) (`flow`, formula (3)).  Th
 Either the first bound is negative throughout: no zero; or f' keeps its sign: no zero when it falls, and when it rises
 exactly one if f at the step's end says so; or the step is too long to tell and is halved.  Only a touching (f' and f
 both 0) stays open down to the shortest step.  All of this holds for the exact solution, up to the rounding of f.
+
+Source: Taylor's formula with a bound of the second derivative.
 """
 
 from __future__ import annotations

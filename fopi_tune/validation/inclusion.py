@@ -19,6 +19,9 @@ touches the line within rounding, to the square root of that.
 Where both modes head for the line y = r, no solution goes on by (1): it jumps for ever at one instant, and only sliding
 along the line, in neither mode, would go on.  More than so many jumps within a window (`Watch`) end the run as
 CHATTERING.
+
+Source: the paper's flow and jump sets; hybrid inclusions in Goebel, Sanfelice and Teel, Hybrid Dynamical
+Systems, 2012.
 """
 
 from __future__ import annotations

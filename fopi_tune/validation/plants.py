@@ -4,7 +4,8 @@ An input that acts D samples late, D = d + f with d whole and 0 <= f < 1, is con
 
     x <- e^{A(1-f)} (e^{Af} x + w(f) v_{k-1-d}) + w(1-f) v_{k-d},      w(t) = int_0^t e^{As} b ds,                   (1)
 
-(Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., section 2.3), with the control's and the load's own D.
+(Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, section 2.3), with the control's and the load's
+own D.
 """
 
 from __future__ import annotations

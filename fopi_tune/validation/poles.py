@@ -8,6 +8,8 @@ on chi(e^v), an entire function of v = ln s, while p/q moves to alpha.  None is 
     number = (1/pi) (change of arg chi along  +R -> R e^{j theta} -> r e^{j theta} -> +r),                           (2)
 
 twice the upper half of the sector's border.
+
+Source: derived from the argument principle; the sectors of commensurate orders are Matignon's (1996).
 """
 
 from __future__ import annotations

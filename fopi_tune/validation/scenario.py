@@ -8,6 +8,8 @@ At sample k, in this order:
     applied = the last one moved towards u by at most rate Ts; u itself when it is not further away                  (4)
 
 and the plant runs to sample k + 1 under `applied`, delayed, plus the load.
+
+Source: definitions; each is what the spec's words mean.
 """
 
 from __future__ import annotations

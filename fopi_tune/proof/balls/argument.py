@@ -10,6 +10,8 @@ arc tangent, since one part of X(j omega)/X(0) keeps its sign; beyond, it is fol
 which X stays in a ball without 0.  The total change tells how many roots lie on the right,
 
     Delta arg X (0 -> inf) = (n - 2 right) pi/2 .                                                                  (2)
+
+Source: derived from the argument principle; (2) counts each root's quarter turns.
 """
 
 from __future__ import annotations

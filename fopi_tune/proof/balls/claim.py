@@ -7,6 +7,8 @@ A claim says something about every point of its domain.  On a box X with centre 
 h_i the partial derivatives enclosed over the whole box: the excess is quadratic in the box's size, so that the number
 of boxes grows with log(1/gap), not with 1/gap.  Where some h_i(X) has one sign, the worst point of the box lies on one
 of its faces, and the axis falls away.
+
+Source: the mean-value form of Moore, Kearfott and Cloud, Introduction to Interval Analysis, 2009.
 """
 
 from __future__ import annotations

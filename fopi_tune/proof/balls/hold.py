@@ -9,6 +9,8 @@ The control of j samples ago acts with the weight
 l the delay in samples, t in samples and clip to [0, 1]: one formula for a delay that is uncertain across several
 samples; clip has kinks, where its derivative is enclosed by [0, 1].  Both polynomials are given in
 w = (z - 1)/(z + 1), the factor z^-(m + 1) apart.
+
+Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997; (2) is derived for any delay.
 """
 
 from __future__ import annotations

@@ -23,6 +23,8 @@ divided by |1 - w|: with theta = omega Ts/2, k = cos theta and y = t sin theta,
 Gain crossovers.  |L| = 1 iff x = sqrt(|G|^2 - 1), hence  PM = pi + arg G - atan x  at that omega alone.             (2)
 
 Phase crossovers.  L = -m < 0 iff G = -m (1 + jx), hence  m = -Re G,  x = Im G/Re G.                                 (3)
+
+Source: derived; the squares of the responses with P = K h/(1 + jx) written out.
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ D + kp N e^{-Ls}), analytic for Re s > 0.  Along +0 -> j0 -> j inf -> +inf the a
 Z the number of poles on the right, since F takes conjugate values at conjugate s and is real at both ends.  Near 0,
 F stays in a disc around F(0); near infinity F/(s^(n + alpha) d_n) stays in one around 1 + kp n_n/d_n, or around 1
 when a dead time turns the direct path.  Both bounds hold in the whole half-plane Re s >= 0, where |e^{-Ls}| <= 1.
+
+Source: derived from the argument principle.
 """
 
 from __future__ import annotations

@@ -7,6 +7,8 @@ in w, and what was written for continuous loops holds as it stands with w in the
                                             d = direct - sum_k r_k/(1 + p_k) .                                      (1)
 
 The plant behind the hold is made in `fopi_tune.proof.balls.hold`; z^-1 = (1 - w)/(1 + w) = e^{-2j atan nu}.
+
+Source: derived; C(z) with z = (1 + w)/(1 - w), section by section.
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ grows there as w^(E + k), k the degree of D.  Along w = j nu from 0 to j inf its
     Delta = (E + k) pi/2 - pi Z ,                                                                                   (1)
 
 Z the number of zeros on the right.  It is followed over pieces on each of which F stays in a rectangle without 0.
+
+Source: derived from the argument principle.
 """
 
 from __future__ import annotations
