@@ -239,6 +239,7 @@ def test_run_goes_through_every_stage(folder: Path) -> None:
     assert (document["status"], document["digital"]["status"]) == ("solved", "met")
     assert sorted(path.name for path in Path("results/throttle").iterdir()) == [
         *("c", "certificate.json", "controller.svg", "design.json", "digital.json", "digital_certificate.json"),
+        *("figures", "report.html", "spec.yaml"),
     ]
     text = CliRunner().invoke(app, ["run", "t.yaml"]).stdout
     assert text.startswith("throttle: solved. All requirements of the loop on samples are proved")
