@@ -21,12 +21,13 @@ from reports import BRAKE, brake_page, without_gains
 
 import fopi_tune as ft
 from fopi_tune.report.compare import comparison_files
-from fopi_tune.report.findings import findings_of
+from fopi_tune.report.findings import findings_of, findings_of_run
 from fopi_tune.report.html import report_files
 from fopi_tune.spec import parse_spec
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
 
+SPECS = Path(__file__).parents[1] / "specs"
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 #: nothing but files: no name is resolved, nothing is fetched behind the page's back
 FLAGS = (
@@ -130,6 +131,31 @@ def test_keys_move_the_slider_and_every_curve(browser: Any, tmp_path: Path) -> N
             assert visit.page.get_attribute("#slider", "aria-valuetext") == data["labels"][k]
         for before, after in itertools.pairwise(seen):
             assert all(a != b for a, b in zip(before, after, strict=True))
+        assert visit.said == []
+
+
+def test_every_uncertain_number_can_be_chosen_and_moved(browser: Any, tmp_path: Path) -> None:
+    spec = ft.load_spec(SPECS / "lag_gain_and_delay.yaml")
+    text = str(report_files(findings_of_run(ft.run(spec, proof=False)))["report.html"])
+    data = json.loads(re.findall(r'id="curves">(.*?)</script>', text, re.DOTALL)[0])
+    with Visit(browser, tmp_path / "report.html", text) as visit:
+        usual = visit.curves()
+        for index, name in enumerate(spec.plant.uncertain_names):
+            visit.page.select_option("#number", name)
+            first, last, nominal = data["places"][index]
+            # the nominal plant, whichever number is to be moved
+            assert visit.curves() == usual
+            assert visit.page.get_attribute("#slider", "aria-valuetext") == data["labels"][nominal]
+            for key, place, end in (("Home", first, spec.plant.low), ("End", last, spec.plant.high)):
+                visit.page.focus("#slider")
+                visit.page.keyboard.press(key)
+                label = f"{name} = {float(end[index]):.4g}"
+                assert visit.page.inner_text("#slider-value") == data["labels"][place] == label
+                assert visit.page.inner_text("#slider-first" if key == "Home" else "#slider-last") == label
+                assert visit.curves() == [data["curves"][each][place] for each in CURVES]
+                # a gain turns no phase, a dead time changes no gain
+                still = {"static_gain": ["phase"], "dead_time_s": ["gain"]}.get(name, [])
+                assert [key for key, a, b in zip(CURVES, visit.curves(), usual, strict=True) if a == b] == still
         assert visit.said == []
 
 

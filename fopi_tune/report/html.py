@@ -69,7 +69,11 @@ def _moved(members: Members | None) -> dict[str, Any]:
     curves = {} if slider is None else {panel.key: panel.curves for panel in slider.panels}
     return {
         "slider": slider,
-        "curves": {"labels": () if slider is None else slider.labels, "curves": curves},
+        "curves": {
+            "labels": () if slider is None else slider.labels,
+            "places": () if slider is None else [(n.first, n.last, n.nominal) for n in slider.numbers],
+            "curves": curves,
+        },
         "width": WIDTH,
         "height": HEIGHT,
         "minus_one": minus_one(),

@@ -92,18 +92,20 @@ class Members:
 
     @cached_property
     def path(self) -> Array:
-        """The first uncertain number's values, ascending, the nominal one among them; empty without one."""
-        family = self.findings.spec.plant
-        if not family.uncertain_names:
-            return np.zeros(0)
-        low, high = float(family.low[0]), float(family.high[0])
-        spaced = np.geomspace(low, high, 21) if low > 0.0 else np.linspace(low, high, 21)
-        return np.unique(np.concatenate([spaced[1:-1], [low, high, float(family.nominal_point[0])]]))
+        """The first uncertain number's values, as `path_of`; empty without one."""
+        return self.path_of(0, 21) if self.findings.spec.plant.uncertain_names else np.zeros(0)
 
-    def along(self, values: Array) -> Array:
-        """Places with these values of the first uncertain number, the others nominal; shape (m, p)."""
+    def path_of(self, index: int, count: int) -> Array:
+        """Values of an uncertain number from end to end, ascending, the nominal one among them."""
+        family = self.findings.spec.plant
+        low, high = float(family.low[index]), float(family.high[index])
+        spaced = np.geomspace(low, high, count) if low > 0.0 else np.linspace(low, high, count)
+        return np.unique(np.concatenate([spaced[1:-1], [low, high, float(family.nominal_point[index])]]))
+
+    def along(self, values: Array, index: int = 0) -> Array:
+        """Places with these values of an uncertain number, the others nominal; shape (m, p)."""
         points = np.tile(self.findings.spec.plant.nominal_point, (len(values), 1))
-        points[:, 0] = values
+        points[:, index] = values
         return points
 
     @cached_property

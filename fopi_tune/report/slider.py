@@ -1,4 +1,4 @@
-"""What the report's slider moves:  curves for values of the first uncertain number, as paths of SVG.
+"""What the report's slider moves:  curves for values of an uncertain number, the others nominal, as paths of SVG.
 
 Everything is computed here; the script in the report only exchanges one path for another.
 """
@@ -24,6 +24,8 @@ _DB = 20.0 / math.log(10.0)
 _EVERY = 3
 #: the same of those that the Nyquist figure has
 _EVERY_NEAR = 2
+#: numbers that can be moved, and places of each but the first
+_MOST, _FEWER = 4, 11
 _FREQUENCY = "omega, rad/s"
 
 
@@ -36,7 +38,7 @@ class Panel:
         title: above it.
         x, y: labels of the axes.
         x_ticks, y_ticks: places in the frame and their words.
-        curves: a path for each value of the number.
+        curves: a path for each place of the slider.
     """
 
     key: str
@@ -49,29 +51,49 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Slider:
-    """The panels and where the slider stands.
+class Moved:
+    """A number that can be moved, and its part of the slider's places.
 
     Args:
         name: of the number.
-        labels: its values in words.
-        nominal: index of the nominal one.
-        panels: what moves.
+        first: place of its least value.
+        last: place of its largest.
+        nominal: place of the nominal one.
     """
 
     name: str
-    labels: tuple[str, ...]
+    first: int
+    last: int
     nominal: int
+
+
+@dataclass(frozen=True)
+class Slider:
+    """The panels and where the slider can stand.
+
+    Args:
+        numbers: one or more, each with places of its own.
+        labels: of every place, in words.
+        panels: what moves.
+    """
+
+    numbers: tuple[Moved, ...]
+    labels: tuple[str, ...]
     panels: tuple[Panel, ...]
+
+    @property
+    def nominal(self) -> int:
+        """The place where it stands at first."""
+        return self.numbers[0].nominal
 
 
 def slider_of(members: Members) -> Slider | None:
-    """The slider over the first uncertain number; None without one."""
+    """The slider over the uncertain numbers, the first few of them; None without one."""
     family = members.findings.spec.plant
     if not family.uncertain_names:
         return None
-    values, name = members.path, family.uncertain_names[0]
-    points = members.along(values)
+    paths = [members.path, *(members.path_of(i, _FEWER) for i in range(1, min(len(family.uncertain_names), _MOST)))]
+    points = np.concatenate([members.along(path, i) for i, path in enumerate(paths)])
     log_loop = members.log_loop(members.loops_at(points))[:, ::_EVERY]
     omega = np.log10(members.omega[::_EVERY])
     near = members.near
@@ -98,12 +120,16 @@ def slider_of(members: Members) -> Slider | None:
     times = times_s(members)
     steps = [response(members, tuple(point), Signal.OUTPUT_AFTER_REFERENCE, times) for point in points.tolist()]
     if all(step is not None for step in steps):
-        t = np.broadcast_to(times, (len(values), len(times)))
+        t = np.broadcast_to(times, (len(points), len(times)))
         y = np.array(steps, dtype=float)
         panels.append(_panel("step", "Unit step of the reference", ("time, s", "output"), t, y))
-    labels = tuple(f"{name} = {number(float(value), 4)}" for value in values)
-    nominal = int(np.argmin(np.abs(values - family.nominal_point[0])))
-    return Slider(name, labels, nominal, tuple(panels))
+    numbers: list[Moved] = []
+    labels: list[str] = []
+    for name, path, usual in zip(family.uncertain_names, paths, family.nominal_point.tolist(), strict=False):
+        first = len(labels)
+        labels += [f"{name} = {number(value, 4)}" for value in path.tolist()]
+        numbers.append(Moved(name, first, len(labels) - 1, first + int(np.argmin(np.abs(path - usual)))))
+    return Slider(tuple(numbers), tuple(labels), tuple(panels))
 
 
 def minus_one() -> str:
