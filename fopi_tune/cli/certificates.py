@@ -25,7 +25,7 @@ def recheck_file(file: str, spec_file: str | None, handling: Handling) -> Exit:
         say(f"{file}: cannot be read ({reason_of(error)}); check the path")
         return Exit.BAD_INPUT
     except (ValueError, RecursionError):
-        say(f"{file}: is no JSON, or names an entry twice; give the certificate.json of a result")
+        say(f"{file}: is no JSON, or names an entry twice; give the certificate.json (or optimum.json) of a result")
         return Exit.BAD_INPUT
     try:
         if isinstance(document, dict) and document.get("kind") == "fopi_tune optimum":
