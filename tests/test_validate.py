@@ -234,6 +234,21 @@ def test_simulate_writes_the_signals(spec_file: str) -> None:
     assert Path("results/brake/simulation_noisy.svg").read_text(encoding="utf-8").startswith("<?xml")
 
 
+def test_files_of_a_scenario_that_was_left_out_are_told_to_be_old(spec_file: str) -> None:
+    assert CliRunner().invoke(app, ["simulate", spec_file, *OPTIONS]).stderr.count("earlier result") == 0
+    again = CliRunner().invoke(app, ["simulate", spec_file, *OPTIONS, "--scenario", "noisy"])
+    told = "simulation_from_30.csv, simulation_from_30.svg in results/brake are of an earlier result, not of this one"
+    assert told in again.stderr
+
+
+def test_both_sides_of_a_requirement_are_told_apart(spec_file: str) -> None:
+    text = Path(spec_file).read_text(encoding="utf-8").replace("{at_least: 80}", "{between: [80, 99]}")
+    Path(spec_file).write_text(text, encoding="utf-8")
+    said = CliRunner().invoke(app, ["validate", spec_file, *OPTIONS, "--samples", "50"]).stdout
+    assert "phase_margin_deg >= 80" in said
+    assert "phase_margin_deg <= 99" in said
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

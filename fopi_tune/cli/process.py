@@ -16,10 +16,12 @@ from fopi_tune.cli.files import (
     DIGITAL,
     DIGITAL_CERTIFICATE,
     DRAWN,
+    EXACT,
     FIGURE,
     FIGURES,
     OPTIMUM,
     REPORT,
+    SIMULATION,
     files_of,
 )
 from fopi_tune.cli.making import report_of
@@ -178,6 +180,9 @@ def write_each(folder: Path, files: Sequence[tuple[str, str | bytes]], name: str
         if any(file.startswith(f"{inner}/") for file in written):
             handling.note(f"{name}: wrote {folder / inner}")
     stale = [file for file in _made_obsolete(written) if (folder / file).exists()]
+    for kind in (SIMULATION, EXACT):
+        if f"{kind}.json" in written:  # of scenarios that were left out now, or that the spec had once
+            stale += sorted({path.name for path in folder.glob(f"{kind}_*.[cs][sv][vg]")} - written)
     if stale:
         are = "is" if len(stale) == 1 else "are"
         say(f"{name}: {', '.join(stale)} in {folder} {are} of an earlier result, not of this one")

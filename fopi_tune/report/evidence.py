@@ -23,6 +23,7 @@ from fopi_tune.report.phrases import (
     styled,
     to_text,
 )
+from fopi_tune.spec.model import Relation
 
 if TYPE_CHECKING:
     from fopi_tune.core.distributions import Words
@@ -144,10 +145,13 @@ def _row(what: str, found: Fraction) -> Iterator[Line]:
 
 
 def _phrase(judged: Judged) -> str:
-    if judged.requirement is not None:
-        return requirement_phrase(judged.requirement)
-    assert judged.limit is not None
     sign = "<=" if judged.upper else ">="
+    if judged.requirement is not None:
+        asked = judged.requirement
+        if asked.relation is Relation.BETWEEN:  # judged a side at a time
+            return f"{asked.quantity} {sign} {number(asked.upper if judged.upper else asked.lower)}"
+        return requirement_phrase(asked)
+    assert judged.limit is not None
     return f"{judged.limit.measure} {sign} {number(judged.limit.limit)}"
 
 
