@@ -20,7 +20,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Circle, Rectangle
 from pages import HOSTILE, Page
 from plants import ROBUST_BRAKE, brake, lag
 from reports import BRAKE, brake_files, brake_findings, brake_page, run_of, without_gains
@@ -288,12 +288,19 @@ def test_what_only_the_nominal_plant_may_not_do_is_hatched_the_other_way() -> No
     assert "slanted" not in bode(pi_members()).description
 
 
+def discs_of(picture: Picture) -> list[float]:
+    """Radii of what is drawn around -1."""
+    circles = (patch for patch in axes_of(picture)[0].patches if isinstance(patch, Circle))
+    return [circle.radius for circle in circles if circle.center == (-1.0, 0.0)]
+
+
 def test_of_an_unstable_loop_no_disc_is_claimed_to_be_free() -> None:
     said = {**brake_findings().design["stability"], "stable": False}
     picture = nyquist(pi_members(stability=said))
     assert "not shown to be stable" in picture.description
-    assert len([patch for patch in axes_of(picture)[0].patches if patch.get_hatch()]) == 0
-    assert len([patch for patch in axes_of(nyquist(pi_members()))[0].patches if patch.get_hatch()]) == 1
+    assert discs_of(picture) == []
+    peak_db = pi_members().findings.design["stability"]["peak_sensitivity_db"]
+    assert discs_of(nyquist(pi_members())) == [pytest.approx(10.0 ** (-peak_db / 20.0))]
 
 
 def test_the_figure_of_margins_has_one_label_below() -> None:

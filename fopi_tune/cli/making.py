@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.files import CHECK, DESIGN, DIGITAL, EVIDENCE
+from fopi_tune.cli.files import CERTIFICATE, CHECK, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, EVIDENCE
 from fopi_tune.cli.output import read_text
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ def report_again(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]:
 def _findings(spec: DesignSpec, folder: Path, file: str) -> Findings:
     """What a folder of results says of a spec, its gains from one of the files there."""
     from fopi_tune.errors import DomainError
+    from fopi_tune.report.backing import check_backed
     from fopi_tune.report.findings import findings_of
 
     command = "fopi prove" if file == CHECK else "fopi run"
@@ -89,7 +90,12 @@ def _findings(spec: DesignSpec, folder: Path, file: str) -> Findings:
     if found is None:
         raise DomainError(f"there is no {file} to read in {folder}; make one with `{command}`, or name its folder")
     digital, evidence = _document(folder / DIGITAL), _document(folder / EVIDENCE)
-    return findings_of(spec, found, digital, evidence, file=file, command=command)
+    findings = findings_of(spec, found, digital, evidence, file=file, command=command)
+    check_backed(found, _document(folder / CERTIFICATE), (file, CERTIFICATE), command)
+    if findings.digital is not None:
+        names = (DIGITAL, DIGITAL_CERTIFICATE)
+        check_backed(findings.digital, _document(folder / DIGITAL_CERTIFICATE), names, command)
+    return findings
 
 
 def _document(path: Path) -> Document | None:

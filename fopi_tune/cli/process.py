@@ -143,13 +143,13 @@ def _one(
         return Exit.BAD_INPUT
     except Exception as error:
         return report_failure(spec.name, error, handling.debug)
-    handling.note(f"{spec.name}: {result.status} after {time.perf_counter() - start:.1f} s")
-    failed = Exit.MET
+    seconds, failed = time.perf_counter() - start, Exit.MET
     try:
         files += report_of(result, handling.folder(spec)).items()
     except Exception as error:  # what was found is worth more than what is said about it
         failed = report_failure(f"{spec.name}: report", error, handling.debug)
     enough()
+    handling.note(f"{spec.name}: {result.status} after {seconds:.1f} s")
     # The files come before the table, so that a closed stdout costs nothing.
     problem = getattr(result, "problem", "")
     if problem:

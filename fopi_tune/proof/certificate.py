@@ -115,7 +115,7 @@ class RequirementProof:
                 parts.append(f"shown only up to {from_natural(side.level):.6g}")
             elif side.verdict is Verdict.UNDECIDED:
                 parts.append("neither a bound nor a violation could be shown")
-        return "; ".join(parts)
+        return "; ".join(dict.fromkeys(parts))
 
     @property
     def bounds(self) -> tuple[float | None, float | None]:

@@ -66,9 +66,9 @@ def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
             middle = 0.5 * (edges[1:] + edges[:-1])
             axes.bar(middle, heights, np.diff(edges), color=BLUE, alpha=0.5, edgecolor=BLUE, linewidth=0.5)
             axes.errorbar(middle, heights, (heights - low, high - heights), fmt="none", ecolor=BLACK, elinewidth=0.7)
-            for limit in judged["limits"]:
-                if edges[0] - np.ptp(edges) <= limit <= edges[-1] + np.ptp(edges):
-                    axes.axvline(limit, color=ORANGE, linestyle="--")
+            limit = _limit(judged)
+            if edges[0] - np.ptp(edges) <= limit <= edges[-1] + np.ptp(edges):
+                axes.axvline(limit, color=ORANGE, linestyle="--")
             labelled(axes, "share, %", _phrase(judged))
 
     words = "; ".join(f"{_phrase(j)}: met by {' in '.join(_fraction(j['fraction']))}" for j in told)
@@ -90,11 +90,18 @@ def _chance(judged: Mapping[str, Any]) -> Chance:
     return Chance(_phrase(judged), *_fraction(judged["fraction"]), _value(middle[0]) if middle else "", told)
 
 
+def _side(judged: Mapping[str, Any]) -> str:
+    return str(judged.get("side", judged["relation"]))
+
+
+def _limit(judged: Mapping[str, Any]) -> float:
+    """Of the side that was judged."""
+    return float(judged["limits"][-1 if _side(judged) == "at_most" else 0])
+
+
 def _phrase(judged: Mapping[str, Any]) -> str:
-    side = judged.get("side", judged["relation"])
-    limit = judged["limits"][-1 if side == "at_most" else 0]
     scenario = f", {judged['scenario']}" if judged.get("scenario") else ""
-    return f"{judged['name']} {_SIGNS.get(side, side)} {number(limit)}{scenario}"
+    return f"{judged['name']} {_SIGNS.get(_side(judged), _side(judged))} {number(_limit(judged))}{scenario}"
 
 
 def _fraction(said: Mapping[str, Any]) -> tuple[str, str]:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fopi_tune.report.findings import Findings, Found
+from fopi_tune.report.findings import Document, Findings, Found
 from fopi_tune.report.phrases import number, requirement_phrase, scope_phrase
 from fopi_tune.report.rows import Row, rows_of
 from fopi_tune.result import loop_name
@@ -157,12 +157,20 @@ def plain(text: str, most: int = 60) -> str:
 
 def _met_words(entry: Entry) -> str:
     """How many of its own requirements a design meets."""
-    design = entry.findings.design
+    design, digital = entry.findings.design, entry.findings.digital
     said, verdict = design["requirements"], design["proof"]["verdict"]
-    missed = sum(not each["met"] for each in said)
+    missed = _missed(design)
     told = f"misses {missed} of the {len(said)} requirements" if missed else f"meets all {len(said)} requirements"
     word = {"proved": "proved", "refuted": "refuted", "undecided": "undecided"}.get(verdict, "not proved")
-    return f"{entry.label} {told} of its spec ({design['status']}, {word})."
+    words = f"{entry.label} {told} of its spec ({design['status']}, {word})"
+    if digital is None or loop_name(entry.findings.spec) == "sampled":
+        return f"{words}."
+    missed = _missed(digital)
+    return f"{words}; its loop on samples " + (f"misses {missed} of them." if missed else "meets them too.")
+
+
+def _missed(document: Document) -> int:
+    return sum(not each["met"] for each in document["requirements"])
 
 
 def _groups(entries: Sequence[Entry]) -> tuple[tuple[int, ...], ...]:
@@ -227,8 +235,11 @@ def _other_lines(entries: Sequence[Entry]) -> list[tuple[Line, tuple[_Reading | 
     made = []
     for what, value_of, sign in makers:
         values = [value_of(entry.findings) for entry in entries]
+        # an objective is worth nothing where the requirements are missed
+        counts = [sign is not None and (value_of is _peak or not _missed(entry.findings.design)) for entry in entries]
         readings = tuple(
-            None if v is None else _Reading(v, None if sign is None else sign * v, Cell(number(v))) for v in values
+            None if v is None else _Reading(v, sign * v if sign is not None and ranked else None, Cell(number(v)))
+            for v, ranked in zip(values, counts, strict=True)
         )
         made.append((Line(what, "family", tuple(None if each is None else each.cell for each in readings)), readings))
     return made
@@ -300,6 +311,11 @@ def _not_compared(entries: Sequence[Entry], groups: Sequence[Sequence[int]]) -> 
         f"{entry.label} is not shown to be stable for every plant: its values are not compared."
         for entry in entries
         if not entry.is_stable
+    ]
+    words += [
+        f"{entry.label} misses requirements: its objective is not compared."
+        for entry in entries
+        if entry.is_stable and _missed(entry.findings.design)
     ]
     if len(groups) > 1:
         told = "; ".join(" and ".join(entries[k].letter for k in group) for group in groups)

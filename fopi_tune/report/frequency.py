@@ -14,7 +14,15 @@ from fopi_tune.quantities import QUANTITIES
 from fopi_tune.report.canvas import STYLES, TWO_PANELS, WIDE, Picture, labelled, legend_below, logarithmic
 from fopi_tune.report.members import Array, Complex, Members
 from fopi_tune.report.phrases import number
-from fopi_tune.report.regions import forbid_along, forbid_crossovers, forbid_phases, forbid_values, room
+from fopi_tune.report.regions import (
+    discs,
+    forbid_along,
+    forbid_crossovers,
+    forbid_discs,
+    forbid_phases,
+    forbid_values,
+    room,
+)
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
 if TYPE_CHECKING:
@@ -74,7 +82,7 @@ def bode(members: Members) -> Picture:
 
 
 def nyquist(members: Members) -> Picture:
-    """L in the complex plane with the circle around -1 that no plant enters."""
+    """L in the complex plane with the circle around -1 that no plant enters, and those that none may enter."""
     near, loops = members.near, members.sample.loops
     named = np.exp(near.named_log_loop)
     grey = np.exp(near.log_loop(loops.take(np.arange(0, len(loops), max(1, len(loops) // _GREY)))))
@@ -94,7 +102,8 @@ def nyquist(members: Members) -> Picture:
             axes.plot(row.real, row.imag, color=colour, linestyle=dashes, label=members.named[k].label)
         axes.add_patch(Circle((0.0, 0.0), 1.0, fill=False, linewidth=0.6, linestyle=":"))
         if radius is not None:
-            axes.add_patch(Circle((-1.0, 0.0), radius, fill=False, hatch="..", edgecolor="0.5", linewidth=0.8))
+            axes.add_patch(Circle((-1.0, 0.0), radius, fill=False, linestyle=":", edgecolor="0.3", linewidth=1.0))
+        forbid_discs(axes, members.findings.spec.requirements)
         axes.plot([-1.0], [0.0], "k+", markersize=9)
         axes.set_xlim(*_NYQUIST_VIEW[:2])
         axes.set_ylim(*_NYQUIST_VIEW[2:])
@@ -104,10 +113,13 @@ def nyquist(members: Members) -> Picture:
 
     kept = " The loop is not shown to be stable for every plant." if peak_db is None else (
         f" The largest |S| that the check found is {number(peak_db)} dB: no plant that it looked at comes closer to -1 "
-        f"than {number(radius or 0.0)}, the dotted disc."
+        f"than {number(radius or 0.0)}, the dotted circle around it."
     )  # fmt: skip
     title = f"{members.findings.spec.name}: Nyquist, the loop L = C P"
-    said = f"The loop in the complex plane near -1 (marked +), positive frequencies; grey: other plants.{kept}"
+    asked = "; hatched: where |S| would be above its limit at any frequency" if discs(
+        members.findings.spec.requirements
+    ) else ""  # fmt: skip
+    said = f"The loop in the complex plane near -1 (marked +), positive frequencies; grey: other plants{asked}.{kept}"
     return Picture(title, said, draw, (6.4, 6.4))
 
 

@@ -171,7 +171,8 @@ def _digital_words(findings: Findings, digital: Mapping[str, Any]) -> str:
 def _proof(proof: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "verdict", f"{str(proof['verdict']).replace('_', ' ')}. {sentence(proof['reason'])}"
     if "stability" in proof:
-        yield "stability", f"{proof['stability']['verdict']}: {proof['stability']['reason']}"
+        said = proof["stability"]
+        yield "stability", f"{said['verdict']}: {said['reason']} (a coarse bound, which is all that stability needs)"
         yield "boxes", f"{proof['boxes']} in ball arithmetic"
         yield "tolerance", f"{proof['tolerance']:g} (neper or radian)"
         yield "certificate", f"certificate.json, digest {proof['certificate_digest']}"

@@ -71,6 +71,23 @@ def forbid_crossovers(axes: Axes, requirements: Sequence[Requirement]) -> None:
         forbid(axes, (-math.inf, r.lower), (-_MARK_DB, _MARK_DB), r.scope)
 
 
+def discs(requirements: Sequence[Requirement]) -> list[tuple[float, Scope]]:
+    """Radii around -1 that bounds of |S| at every frequency forbid: |1 + L| >= 1/|S|."""
+    return [
+        (10.0 ** (-r.upper / 20.0), r.scope)
+        for r in requirements
+        if r.quantity == "sensitivity_db" and math.isfinite(r.upper) and r.from_rad_s == 0.0 and r.to_rad_s == math.inf
+    ]
+
+
+def forbid_discs(axes: Axes, requirements: Sequence[Requirement]) -> None:
+    """Hatch where no loop may pass; sets no limits of the axes."""
+    from matplotlib.patches import Circle
+
+    for radius, scope in discs(requirements):
+        axes.add_patch(Circle((-1.0, 0.0), radius, hatch=_HATCH[scope], **_STYLE))
+
+
 def forbid_phases(
     axes: Axes, requirements: Sequence[Requirement], crossovers: tuple[float, float], nominal: np.ndarray
 ) -> None:

@@ -73,7 +73,7 @@ def _row(found: Found, objective: float | None) -> Row:
         scope=scope_phrase(requirement),
         achieved=_achieved(said),
         score=_score(said["score"]),
-        worst=place_phrase(said["worst"]),
+        worst="no phase crossover sets it" if outcome == "infinite" else place_phrase(said["worst"]),
         proved="" if proof is None else _proved(proof),
         cost=_cost(said["multiplier"], found, objective),
         checked=_checked(said["multiplier_checked"]),
