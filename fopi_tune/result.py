@@ -95,8 +95,8 @@ class Design:
         nominal: margins with the nominal plant; None without gains.
         certificate: the proof; None without gains that pass the verification, and when it was not wanted.
         proof_wanted: False after --no-proof: `solved` then means verified only.
-        clash: of an infeasible spec, the smallest set of requirements that clash, and how far each alone would have to give
-            where the spec was found to be met with that.
+        clash: of an infeasible spec, the smallest set of requirements that clash, and how far each alone would have to
+            give where the spec was found to be met with that.
         message: why, in words; empty when solved.
         stamp: where this comes from.
         solves: runs of the solver.
