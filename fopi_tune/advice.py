@@ -52,9 +52,10 @@ def _beyond(requirement: Requirement, old: float, limit: float) -> Iterator[floa
     """Limits at least as far from the old one, in few digits; of an `equals` first the very value."""
     quantity = QUANTITIES[requirement.quantity]
     way = math.copysign(1.0, limit - old)
-    tried = [limit] if requirement.relation is Relation.EQUALS else []
     further = quantity.from_natural(quantity.to_natural(limit) + way * _HAIR)
-    tried += [_rounded(further, way, digits) for digits in _DIGITS if further != 0.0]
+    tried = [_rounded(further, way, digits) for digits in _DIGITS if further != 0.0]
+    if requirement.relation is Relation.EQUALS:
+        tried = [limit, *tried[1:]]
     for each in dict.fromkeys(tried):
         if each != old and quantity.check_limit(each) is None:
             yield each

@@ -291,6 +291,7 @@ def test_every_limit_that_is_advised_alone_makes_the_spec_solvable(text: str) ->
     assert tuned.status is Status.INFEASIBLE
     assert advised
     for give in advised:
+        assert give.new_limit is not None
         asked = spec.requirements[give.requirement]
         # of a between the nearest limit moves
         k = int(np.argmin(np.abs(np.array(asked.limits) - give.new_limit)))

@@ -165,7 +165,8 @@ def _digital_words(findings: Findings, digital: Mapping[str, Any]) -> str:
     words += "" if asked.method == "fit" else f", {asked.rule}"
     samples = "sample" if asked.delay_samples == 1.0 else "samples"
     words += f", {number(asked.delay_samples)} {samples} of computing delay" if asked.delay_samples else ""
-    return words + "."
+    note = digital.get("band_note")
+    return f"{words}. {sentence(f'Note: {note}')}" if note else f"{words}."
 
 
 def _proof(proof: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
