@@ -50,7 +50,7 @@ def assembled(spec: DesignSpec, attempt: Attempt, proof: bool, solver: Solver = 
         box = spec.controller
         if found is not None and all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
             status, clash = Status.INFEASIBLE, _unmet(found)
-            message = "the spec fixes kp, ki and alpha, and they do not meet it"
+            message = f"the spec fixes kp, ki and alpha, and {_missed(found)}"
     if status is Status.SOLVED and certificate is not None and certificate.verdict is not Verdict.PROVED:
         status, message = Status.FAILED, _unproved(certificate)
     results = found.requirements if found else (None,) * len(spec.requirements)
@@ -79,7 +79,9 @@ def assembled(spec: DesignSpec, attempt: Attempt, proof: bool, solver: Solver = 
 
 
 def _unmet(found: Verification) -> tuple[Give, ...]:
-    """The requirements that fixed gains miss, and how far each would have to give."""
+    """The requirements that fixed gains miss, and how far each is missed; none where no limit is to blame."""
+    if not found.stability.stable:
+        return ()
     gives = []
     for i, result in enumerate(found.requirements):
         if result.is_met:
@@ -90,6 +92,14 @@ def _unmet(found: Verification) -> tuple[Give, ...]:
             amount = min(abs(value - limit) for limit in result.requirement.limits)
         gives.append(Give(i, amount, value if amount is not None else None))
     return tuple(gives)
+
+
+def _missed(found: Verification) -> str:
+    """What is wrong with fixed gains."""
+    if not found.stability.stable:
+        return f"these gains leave an unstable loop, whatever the limits are: {found.stability.reason}"
+    missed = sum(not result.is_met for result in found.requirements)
+    return "they do not meet it" if missed == 1 else f"they miss {missed} requirements at once"
 
 
 def _refusal(found: Verification | None) -> str:

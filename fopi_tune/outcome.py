@@ -32,7 +32,7 @@ class Give:
     Args:
         requirement: index in the spec's list.
         amount: in the quantity's public unit, > 0; None when no amount alone is enough, or none was found.
-        new_limit: the limit that would be met, public unit.
+        new_limit: the limit that would be met, public unit; of a design one with which the check found the spec met.
     """
 
     requirement: int

@@ -6,6 +6,7 @@ import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from fopi_tune.advice import confirmed
 from fopi_tune.assemble import Attempt, assembled, refutations
 from fopi_tune.candidate import Solver, Violation
 from fopi_tune.core.controller import FoPi
@@ -60,19 +61,12 @@ def tune(
             spec asks for and that cannot be made.
     """
     spec = load_spec(source)
-    if solver is Solver.IPOPT and spec.digital is not None and spec.digital.designs_sampled:
-        from fopi_tune.implement import sampled_attempt
+    design = _designed(spec, proof, solver, start)
 
-        return assembled(spec, sampled_attempt(spec, proof), proof)
-    violations: tuple[Violation, ...] = ()
-    attempt = _attempt(spec, violations, proof, solver, start)
-    for _ in range(_MOST_REFUTATIONS):
-        new = refutations(attempt, violations)
-        if not new:
-            break
-        violations += new
-        attempt = _attempt(spec, violations, proof, solver, start)
-    return assembled(spec, attempt, proof, solver)
+    def is_met(moved: DesignSpec) -> bool:
+        return _designed(moved, False, solver, None).status is Status.SOLVED
+
+    return replace(design, clash=confirmed(spec, design.clash, is_met))
 
 
 def price(design: Design) -> Design:
@@ -250,6 +244,23 @@ def recheck(document: object, source: Source | None = None) -> Recheck:
         return found
     problem = "the digital controller is not the one that the spec makes of the gains that are stated"
     return replace(found, problems=(*found.problems, problem))
+
+
+def _designed(spec: DesignSpec, proof: bool, solver: Solver, start: FoPi | Neighbour | None) -> Design:
+    """The design; how far clashing requirements would have to give is not confirmed yet."""
+    if solver is Solver.IPOPT and spec.digital is not None and spec.digital.designs_sampled:
+        from fopi_tune.implement import sampled_attempt
+
+        return assembled(spec, sampled_attempt(spec, proof), proof)
+    violations: tuple[Violation, ...] = ()
+    attempt = _attempt(spec, violations, proof, solver, start)
+    for _ in range(_MOST_REFUTATIONS):
+        new = refutations(attempt, violations)
+        if not new:
+            break
+        violations += new
+        attempt = _attempt(spec, violations, proof, solver, start)
+    return assembled(spec, attempt, proof, solver)
 
 
 def _attempt(

@@ -95,7 +95,8 @@ class Design:
         nominal: margins with the nominal plant; None without gains.
         certificate: the proof; None without gains that pass the verification, and when it was not wanted.
         proof_wanted: False after --no-proof: `solved` then means verified only.
-        clash: of an infeasible spec, the smallest set of requirements that clash, and what each would have to give.
+        clash: of an infeasible spec, the smallest set of requirements that clash, and how far each alone would have to
+            give where the spec was found to be met with that.
         message: why, in words; empty when solved.
         stamp: where this comes from.
         solves: runs of the solver.
@@ -117,6 +118,13 @@ class Design:
     solves: int
     optimum: Optimum | None = None
 
+    @property
+    def advice(self) -> str:
+        """What to do, in a sentence; to relax a limit only where that was found to help."""
+        if self.status is Status.INFEASIBLE and all(give.new_limit is None for give in self.clash):
+            return "No gains were found that meet all requirements."
+        return self.status.advice
+
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON."""
         return {
@@ -130,7 +138,7 @@ class Design:
             "loop": loop_name(self.spec),
             "objective_quantity": objective_name(self.spec),
             "message": self.message,
-            "advice": self.status.advice,
+            "advice": self.advice,
             "stability": stability_dict(self.stability),
             "nominal": margins_dict(self.nominal),
             "clash": [give_dict(give, self.spec) for give in self.clash],

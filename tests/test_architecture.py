@@ -86,14 +86,15 @@ ALLOWED = {
     "pipeline_time": (
         *("core", "errors", "implement", "pipeline", "result", "simulated", "spec", "stamp", "validation"),
     ),
+    "advice": ("outcome", "quantities", "spec.model"),
     "assemble": ("candidate", "outcome", "proof", "result", "spec.model", "stamp"),
     "implement": (
         *("assemble", "core", "design", "digital", "errors", "outcome", "proof"),
         *("quantities", "spec.model", "stamp"),
     ),
     "pipeline": (
-        *("assemble", "candidate", "convex", "core", "design", "digital", "errors", "implement", "outcome", "prices"),
-        *("proof", "result", "simulated", "spec", "stamp", "validation"),
+        *("advice", "assemble", "candidate", "convex", "core", "design", "digital", "errors", "implement", "outcome"),
+        *("prices", "proof", "result", "simulated", "spec", "stamp", "validation"),
     ),
     "paper": (
         *("core", "digital", "errors", "outcome", "pipeline", "pipeline_systems", "pipeline_time", "report"),

@@ -226,3 +226,77 @@ def test_a_gain_that_ends_on_the_unit_circle_is_no_crash() -> None:
     box = "controller: {kp: {min: 0, max: 1}, ki: 0, alpha: 1}\n"
     rest = "requirements: [{sensitivity_db: {at_most: 4}}]\nobjective: {minimize: sensitivity_peak_db}"
     assert tuned_text("{model: lag, static_gain: 1, time_constant_s: 2}", rest, box).status is Status.SOLVED
+
+
+_SPREAD_POLE = "plant: {model: pole, gain: 1, pole_rad_s: {min: -0.5, max: 0.5}}\n"
+
+
+def test_no_limit_is_said_to_help_where_fixed_gains_leave_an_unstable_loop() -> None:
+    text = (
+        f"schema: 1\nname: x\n{_SPREAD_POLE}controller: {{kp: 0.2, ki: 0.1, alpha: 0.9}}\n"
+        "requirements: [{phase_margin_deg: {at_least: 30}}, {sensitivity_db: {at_most: 6}}]\n"
+    )
+    tuned = ft.tune(parse_spec(text), proof=False)
+    assert tuned.status is Status.INFEASIBLE
+    assert tuned.clash == ()
+    assert "unstable loop" in tuned.message
+    assert "relax" not in tuned.to_dict()["advice"]
+    # the second opinion checks fixed gains the same way
+    assert ft.tune(parse_spec(text), proof=False, solver=ft.Solver.CONVEX).clash == ()
+
+
+def test_ranges_that_hold_no_stable_loop_are_said_to_hold_none() -> None:
+    box = "controller: {kp: {min: 0.1, max: 0.3}, ki: {min: 0.05, max: 0.2}, alpha: 0.9}\n"
+    asked = "requirements: [{phase_margin_deg: {at_least: 30}}, {sensitivity_db: {at_most: 6}}]\n"
+    tuned = ft.tune(parse_spec(f"schema: 1\nname: x\n{_SPREAD_POLE}{box}{asked}"), proof=False)
+    # with alpha = 1 the closed loop is s^2 + (kp + pole) s + ki: for the pole at -0.5 stable from kp = 0.5 on
+    assert tuned.status is Status.INFEASIBLE
+    assert tuned.clash == ()
+    assert "give every plant of the family a stable loop" in tuned.message
+
+
+def test_two_requirements_that_fixed_gains_miss_do_not_each_alone_have_to_give() -> None:
+    tuned = ft.tune(parse_spec(_fixed("phase_margin_deg: {at_least: 70}", "sensitivity_db: {at_most: 1}")), proof=False)
+    assert [(give.requirement, give.new_limit) for give in tuned.clash] == [(0, None), (1, None)]
+    assert "miss 2 requirements" in tuned.message
+
+
+def _fixed(*requirements: str, gains: str = "{kp: 1, ki: 0.6, alpha: 1}", rest: str = "") -> str:
+    plant = "plant: {model: lag, static_gain: 1, time_constant_s: 2, dead_time_s: 1}\n"
+    asked = "".join(f"  - {each}\n" for each in requirements)
+    return f"schema: 1\nname: x\n{plant}controller: {gains}\nrequirements:\n{asked}{rest}"
+
+
+_BOX = "{kp: {min: 0, max: 10}, ki: {min: 0, max: 10}, alpha: 1}"
+_TOO_MUCH = ("crossover_rad_s: {at_least: 1.5}", "phase_margin_deg: {at_least: 60}")
+_PEAK = "objective: {minimize: sensitivity_peak_db}\n"
+_ON_SAMPLES = "digital: {sample_time_s: 0.2, design: sampled}\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        _fixed("phase_margin_deg: {at_least: 70}"),
+        _fixed("phase_margin_deg: {equals: 70}"),
+        _fixed("crossover_rad_s: {between: [0.1, 0.2]}"),
+        _fixed("sensitivity_db: {at_most: 1}", rest=_ON_SAMPLES),
+        _fixed(*_TOO_MUCH, gains=_BOX, rest=_PEAK),
+        _fixed("crossover_rad_s: {equals: 1.5}", "phase_margin_deg: {at_least: 60}", gains=_BOX, rest=_PEAK),
+    ],
+)
+def test_every_limit_that_is_advised_alone_makes_the_spec_solvable(text: str) -> None:
+    spec = parse_spec(text)
+    tuned = ft.tune(spec, proof=False)
+    advised = [give for give in tuned.clash if give.new_limit is not None]
+    assert tuned.status is Status.INFEASIBLE
+    assert advised
+    for give in advised:
+        assert give.new_limit is not None
+        asked = spec.requirements[give.requirement]
+        # of a between the nearest limit moves
+        k = int(np.argmin(np.abs(np.array(asked.limits) - give.new_limit)))
+        limits = (*asked.limits[:k], give.new_limit, *asked.limits[k + 1 :])
+        requirements = list(spec.requirements)
+        requirements[give.requirement] = replace(asked, limits=limits)
+        assert ft.tune(replace(spec, requirements=tuple(requirements)), proof=False).status is Status.SOLVED
+        assert give.amount == pytest.approx(abs(give.new_limit - asked.limits[k]))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+import fopi_tune as ft
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.sections import Sections
 from fopi_tune.digital import discretize
@@ -21,6 +22,8 @@ from fopi_tune.digital.realise import (
 )
 from fopi_tune.digital.sections import matched, tustin
 from fopi_tune.errors import DomainError
+from fopi_tune.report.digital import digital_text
+from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import DigitalSpec
 
 BAND, TS = (1e-3, 1e3), 0.2
@@ -255,3 +258,51 @@ def test_four_digits_of_the_expanded_denominator_are_not_stable() -> None:
     made = discretize(FoPi(0.09, 0.025, 0.8), DigitalSpec(TS, "modified_oustaloup", 7))
     printed = np.round(np.poly(made.sections.poles), 4)
     assert np.abs(np.roots(printed)).max() > 1.0
+
+
+#: a plant in hours: its loop crosses 1 near 3e-4 rad/s
+_HOURS = (
+    "schema: 1\nname: hours\nplant: {model: lag, static_gain: 2, time_constant_s: {min: 6000, max: 9000}}\n"
+    "controller: {kp: 0.6, ki: 2.0e-3, alpha: 0.8}\nrequirements: [{phase_margin_deg: {at_least: 30}}]\n"
+    "digital: {sample_time_s: 60, design: sampled"
+)
+
+
+def test_a_default_band_above_the_crossover_is_noted_with_one_that_holds_it() -> None:
+    spec = parse_spec(_HOURS + "}\n")
+    made = ft.discretize(spec, FoPi(0.6, 2.0e-3, 0.8), proof=False)
+    assert "does not hold the loop's gain crossover" in made.to_dict()["band_note"]
+    text = " ".join(digital_text(made).plain.split())
+    assert "NOTE: the filter's band_rad_s, 0.001 to 1000, does not hold" in text
+    written = made.controller.band_note.partition("write ")[2].partition(" in the spec")[0]
+    assert written in text
+    again = ft.discretize(parse_spec(f"{_HOURS}, {written}}}\n"), FoPi(0.6, 2.0e-3, 0.8), proof=False)
+    assert again.controller.band_note == ""
+    assert "band_note" not in again.to_dict()
+
+
+def test_errors_are_stated_from_where_the_loop_needs_the_filter() -> None:
+    gains = FoPi(0.6, 2.0e-3, 0.8)
+    made = ft.discretize(parse_spec(_HOURS + "}\n"), gains, proof=False).controller
+    assert made.crossover_rad_s is not None
+    assert made.errors_from_rad_s == pytest.approx(0.01 * made.crossover_rad_s)
+    omega = np.geomspace(made.errors_from_rad_s, 1e-3, 50)
+    wrong = np.abs(made.sections.response(omega) / (gains.kp + gains.ki * (1j * omega) ** -gains.alpha) - 1.0)
+    assert made.errors[0][1] >= wrong.max() * (1.0 - 1e-9)  # both begin at the same frequency, where it is largest
+    assert wrong.max() > 0.05
+    assert made.accurate_rad_s is not None
+    assert made.accurate_rad_s[0] > made.errors_from_rad_s
+
+
+def test_a_crossover_inside_the_band_changes_no_error() -> None:
+    digital = DigitalSpec(0.2)
+    assert discretize(FoPi(0.4, 0.3, 0.6), digital, 0.3).errors == discretize(FoPi(0.4, 0.3, 0.6), digital).errors
+    assert discretize(FoPi(0.4, 0.3, 0.6), digital, 0.3).band_note == ""
+
+
+@pytest.mark.parametrize(("crossover", "noted"), [(0.0999, True), (0.1001, False), (999.0, False), (1001.0, True)])
+def test_the_default_band_suits_the_crossovers_that_its_description_names(crossover: float, noted: bool) -> None:
+    digital = DigitalSpec(1e-3)
+    assert bool(discretize(FoPi(0.4, 0.3, 0.6), digital, crossover).band_note) == noted
+    # an integral of order one needs no band
+    assert discretize(FoPi(0.4, 0.3, 1.0), digital, crossover).band_note == ""

@@ -33,7 +33,7 @@ from fopi_tune.core.margins import margins
 from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.report.canvas import Picture
-from fopi_tune.report.findings import Findings, findings_of
+from fopi_tune.report.findings import Findings, findings_of, findings_of_run
 from fopi_tune.report.frequency import bode, margins_along, nyquist, sensitivities
 from fopi_tune.report.html import report_files
 from fopi_tune.report.members import Members, members_of
@@ -309,6 +309,42 @@ def test_the_figure_of_margins_has_one_label_below() -> None:
     tau, margin = (np.asarray(each, dtype=float) for each in phase.lines[0].get_data())
     expected = [margins(FoPi(0.675, 0.3, 1.0), brake().member(np.array([each]))).phase_margin_deg for each in tau]
     np.testing.assert_allclose(margin, np.array(expected, dtype=float), rtol=1e-9)
+
+
+def half_unstable() -> Members:
+    """Gains that leave the loop of 1/(s + p) unstable where p is below -0.12: s^2 + (kp + p) s + ki with alpha = 1."""
+    plant = "plant: {model: pole, gain: 1, pole_rad_s: {nominal: 0.1, min: -0.5, max: 0.5}}\n"
+    gains = "controller: {kp: 0.12, ki: 0.1, alpha: 1}\nrequirements: [{phase_margin_deg: {at_least: 30}}]\n"
+    return loop_of(findings_of_run(run_of(f"schema: 1\nname: half\n{plant}{gains}"), None))
+
+
+def test_margins_of_unstable_loops_are_left_out_and_said_to_be() -> None:
+    picture = margins_along(half_unstable())
+    assert picture is not None
+    pole, margin = (np.asarray(each, dtype=float) for each in axes_of(picture)[0].lines[0].get_data())
+    np.testing.assert_array_equal(np.isnan(margin), pole <= -0.12)
+    unstable = int((pole <= -0.12).sum())
+    assert f"Of the {len(pole)} plants along the curve {unstable} leave an unstable loop" in picture.description
+    assert "unstable" not in (margins_along(pi_members()) or picture).description
+
+
+def test_outputs_of_unstable_loops_do_not_set_the_axis() -> None:
+    members = half_unstable()
+    picture = responses(members)
+    assert picture is not None
+    assert "leave an unstable loop" in picture.description
+    axes = axes_of(picture)[0]
+    drawn = [np.asarray(line.get_ydata(), dtype=float) for line in axes.lines]
+    low, high = axes.get_ylim()
+    # the nominal step overshoots to less than 2; unstable ones grow with exp(0.2 t) over some hundred seconds
+    assert -2.0 < low < 0.0 < 1.0 < high < 3.0
+    assert max(float(row.max()) for row in drawn) > 1e3
+    slider = slider_of(members)
+    assert slider is not None
+    step = slider.panels[-1]
+    assert "unstable" in step.title
+    words = [float(word) for _, word in step.y_ticks]
+    assert max(words) <= 3.0
 
 
 def test_legends_cover_no_curve() -> None:

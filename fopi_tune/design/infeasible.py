@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 #: requirements that give less than this (natural units, in sum) meet
 MEETS = 2e-6
+_UNSTABLE = "no gains within their ranges were found that give every plant of the family a stable loop"
 
 
 def clash_of(search: Search) -> Candidate:
@@ -38,6 +39,8 @@ def clash_of(search: Search) -> Candidate:
     if relaxed is None:
         return _without_any_point(search)
     near = relaxed.solved.gains
+    if not search.stable(near) and _none_is_stable(search):
+        return Candidate(Status.INFEASIBLE, near, nothing, (), _UNSTABLE, search.exchange.solves, relaxed.rounds)
     if relaxed.solved.gives.sum() <= MEETS:
         message = "the requirements can be met, but Ipopt did not converge on the objective; try narrower gain ranges"
         return Candidate(Status.FAILED, near, nothing, (), message, search.exchange.solves)
@@ -59,13 +62,18 @@ def _without_any_point(search: Search) -> Candidate:
     nothing = tuple(None for _ in search.spec.requirements)
     box = search.spec.controller
     wrong_sign = has_negative_gain(search.exchange.oracle.plants) and box.kp.min >= 0.0 and box.ki.min >= 0.0
-    if wrong_sign or not any(search.stable(gains) for gains in (*search.starts, *search.stable_starts())):
-        message = "no gains within their ranges were found that give every plant of the family a stable loop"
+    if wrong_sign or _none_is_stable(search):
+        message = _UNSTABLE
         if wrong_sign:
             message += "; the plant's gain is negative, so allow negative kp and ki"
         return Candidate(Status.INFEASIBLE, None, nothing, (), message, search.exchange.solves)
     message = "Ipopt found no point that could be confirmed from any start, even with every requirement relaxed"
     return Candidate(Status.FAILED, None, nothing, (), message, search.exchange.solves)
+
+
+def _none_is_stable(search: Search) -> bool:
+    """Whether all the places where searches begin leave an unstable loop."""
+    return not any(search.stable(gains) for gains in (*search.starts, *search.stable_starts()))
 
 
 def _given(search: Search, gives: Array) -> dict[int, float]:

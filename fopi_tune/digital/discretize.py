@@ -29,6 +29,10 @@ _TOLERANCE = 1e-3
 _ACCURATE = 0.05
 #: parts of Nyquist's frequency up to which the error is stated
 _PARTS = (0.1, FIT_UP_TO, 1.0)
+#: the filter has to hold from this part of the gain crossover on
+_BELOW_CROSSOVER = 0.01
+#: a band that suits a crossover reaches so many times below and above it, as the default does for 1 rad/s
+_SUITABLE = 1e3
 
 
 class Method(StrEnum):
@@ -54,10 +58,11 @@ class DigitalController:
         gains: what it approximates.
         digital: how it was asked for.
         sections: the filter; sections without an integrator have ki = 0.
-        errors: (frequency in rad/s, largest |C_d/C - 1| from the band's lower end up to it), ascending.
+        errors: (frequency in rad/s, largest |C_d/C - 1| from `errors_from_rad_s` up to it), ascending.
         accurate_rad_s: the frequencies around the band's middle between which |C_d/C - 1| stays within 5 %; None where
             it does not even there.
         realisations: forms and precisions with their measured errors.
+        crossover_rad_s: the nominal gain crossover of the ideal controller; None where it is not known.
     """
 
     gains: FoPi
@@ -66,6 +71,27 @@ class DigitalController:
     errors: tuple[tuple[float, float], ...]
     accurate_rad_s: tuple[float, float] | None
     realisations: tuple[Realisation, ...]
+    crossover_rad_s: float | None = None
+
+    @property
+    def errors_from_rad_s(self) -> float:
+        """Where the errors begin: at the band's lower end, or lower where the loop needs the filter there."""
+        return _errors_from(self.digital, self.crossover_rad_s)
+
+    @property
+    def band_note(self) -> str:
+        """A warning that the band does not hold the loop's frequencies, with a band that does; empty where it does."""
+        (low, high), crossover = self.digital.band_rad_s, self.crossover_rad_s
+        # an integrator of order one is exact, whatever the band is
+        if crossover is None or self.gains.alpha == 1.0 or self.gains.ki == 0.0:
+            return ""
+        if low <= _BELOW_CROSSOVER * crossover and crossover <= high:
+            return ""
+        return (
+            f"the filter's band_rad_s, {low:g} to {high:g}, does not hold the loop's gain crossover, {crossover:.3g} "
+            f"rad/s, and two decades below it; write band_rad_s: [{crossover / _SUITABLE:.1e}, "
+            f"{crossover * _SUITABLE:.1e}] in the spec's section digital"
+        )
 
 
 def discretize(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None = None) -> DigitalController:
@@ -84,12 +110,12 @@ def discretize(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None 
     pairs = [(form, precision) for form in Form for precision in Precision]
     # numbers beyond a float's range are told from the error they make, which is then infinite
     with np.errstate(all="ignore"):
-        errors, accurate = _errors(gains, digital, sections)
+        errors, accurate = _errors(gains, digital, sections, _errors_from(digital, crossover_rad_s))
         realisations = tuple(realise(sections, form, precision, _test_input()) for form, precision in pairs)
     for realisation in realisations:
         if realisation.form is Form.PARALLEL:
             accepted(realisation, _TOLERANCE)
-    return DigitalController(gains, digital, sections, errors, accurate, realisations)
+    return DigitalController(gains, digital, sections, errors, accurate, realisations, crossover_rad_s)
 
 
 def sections_of(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None = None) -> Sections:
@@ -129,19 +155,25 @@ def _sections(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None) 
     return matched(gains, integral, sample_time_s, at)
 
 
+def _errors_from(digital: DigitalSpec, crossover_rad_s: float | None) -> float:
+    low = digital.band_rad_s[0]
+    return low if crossover_rad_s is None else min(low, _BELOW_CROSSOVER * crossover_rad_s)
+
+
 def _errors(
-    gains: FoPi, digital: DigitalSpec, sections: Sections
+    gains: FoPi, digital: DigitalSpec, sections: Sections, from_rad_s: float
 ) -> tuple[tuple[tuple[float, float], ...], tuple[float, float] | None]:
     """Largest relative errors up to parts of Nyquist's frequency, and between where 5 % is kept."""
     nyquist = np.pi / digital.sample_time_s
-    omega = np.geomspace(digital.band_rad_s[0], nyquist, _FREQUENCIES)
+    omega = np.geomspace(from_rad_s, nyquist, _FREQUENCIES)
     ideal = gains.kp + gains.ki * (1j * omega) ** -gains.alpha
     error = np.abs(sections.response(omega) / ideal - 1.0)
     largest = np.maximum.accumulate(error)
-    parts = [part * nyquist for part in _PARTS if part * nyquist > digital.band_rad_s[0]]
+    parts = [part * nyquist for part in _PARTS if part * nyquist > from_rad_s]
     stated = tuple((end, float(largest[omega <= end * (1.0 + 1e-12)][-1])) for end in parts)
     good = error <= _ACCURATE
-    middle = int(np.argmin(np.abs(np.log(omega) - 0.5 * np.log(omega[0] * min(omega[-1], digital.band_rad_s[1])))))
+    low, high = digital.band_rad_s
+    middle = int(np.argmin(np.abs(np.log(omega) - 0.5 * np.log(low * min(omega[-1], high)))))
     if not good[middle]:
         return stated, None
     below, above = np.flatnonzero(~good[:middle]), np.flatnonzero(~good[middle:])

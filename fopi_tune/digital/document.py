@@ -21,6 +21,7 @@ def to_document(controller: DigitalController) -> dict[str, Any]:
                 for pole, residue in zip(sections.poles, sections.residues, strict=True)
             ],
         },
+        **({"band_note": controller.band_note} if controller.band_note else {}),
         "errors": [{"up_to_rad_s": omega, "largest_relative": error} for omega, error in controller.errors],
         "accurate_rad_s": list(controller.accurate_rad_s) if controller.accurate_rad_s else None,
         "realisations": [

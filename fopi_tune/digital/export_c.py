@@ -182,13 +182,13 @@ def _filter(controller: DigitalController) -> str:
 
 def _errors(controller: DigitalController) -> str:
     """How far the filter is from the ideal controller."""
-    low = controller.digital.band_rad_s[0]
+    low = controller.errors_from_rad_s
     stated = "; ".join(f"at most {100.0 * error:.3g} % up to {omega:.4g} rad/s" for omega, error in controller.errors)
     text = f"relative error |C_d/C - 1| from {low:g} rad/s: {stated or 'not stated'}"
     if controller.accurate_rad_s is not None:
         first, last = controller.accurate_rad_s
         text += f"; within 5 % from {first:.4g} to {last:.4g} rad/s"
-    return text
+    return f"{text}; NOTE: {controller.band_note}" if controller.band_note else text
 
 
 def _rounding(controller: DigitalController, runtime: Runtime) -> str:

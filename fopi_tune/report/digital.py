@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from fopi_tune.report.certificates import proof_lines
-from fopi_tune.report.phrases import QUIET, Line, entry, gains_line, number, style_of, styled, to_text, with_unit
+from fopi_tune.report.phrases import BAD, QUIET, Line, entry, gains_line, number, style_of, styled, to_text, with_unit
 from fopi_tune.report.terminal import requirement_lines, summary_lines
 from fopi_tune.result import objective_name
 
@@ -68,8 +68,10 @@ def _sections(result: Discretized) -> Iterator[Line]:
 def _accuracy(result: Discretized) -> Iterator[Line]:
     controller = result.controller
     parts = [f"{100 * error:.3g} % up to {with_unit(omega, 'rad/s')}" for omega, error in controller.errors]
-    low = controller.digital.band_rad_s[0]
+    low = controller.errors_from_rad_s
     if controller.accurate_rad_s is not None:
         first, last = controller.accurate_rad_s
         yield from entry("accurate", f"filter to 5 % from {number(first)} to {with_unit(last, 'rad/s')}")
+    if controller.band_note:
+        yield from entry("band", f"NOTE: {controller.band_note}", BAD)
     yield from entry("errors", f"largest relative error from {with_unit(low, 'rad/s')}: " + ", ".join(parts))

@@ -6,8 +6,10 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.margins import gain_crossovers
+from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.sample import Badness, evaluate
 from fopi_tune.quantities import QUANTITIES
@@ -153,7 +155,7 @@ def sensitivities(members: Members) -> Picture:
 
 
 def margins_along(members: Members) -> Picture | None:
-    """Phase and gain margin against the first uncertain number; None without one."""
+    """Phase and gain margin against the first uncertain number, with a gap where the loop is unstable; None without."""
     names = members.findings.spec.plant.uncertain_names
     if not names:
         return None
@@ -170,7 +172,7 @@ def margins_along(members: Members) -> Picture | None:
             if np.any(np.isfinite(curve)):
                 axes.plot(values, np.where(np.isfinite(curve), curve, np.nan), color=STYLES[0][0], marker=".")
             else:
-                axes.text(0.5, 0.7, "infinite for every plant", transform=axes.transAxes, ha="center")
+                axes.text(0.5, 0.7, _without_a_curve(found), transform=axes.transAxes, ha="center")
             axes.set_xlim(values[0], values[-1])
             room(axes, [curve, np.array(bounds or [0.0])], math.inf)
             forbid_along(axes, requirements, word, nominal)
@@ -180,18 +182,23 @@ def margins_along(members: Members) -> Picture | None:
 
     others = "" if len(names) == 1 else "; the other uncertain numbers are nominal"
     title = f"{members.findings.spec.name}: margins against {names[0]}"
-    said = f"Phase margin and gain margin against {names[0]}{others}: {_told(found)}. Dotted: nominal. {_HATCHED}."
+    told = f"{_told(found)}.{_left_out(found)}"
+    said = f"Phase margin and gain margin against {names[0]}{others}: {told} Dotted: nominal. {_HATCHED}."
     return Picture(title, said, draw, (WIDE, 4.6))
 
 
 def margin_curves(members: Members) -> dict[str, Array]:
-    """Phase and gain margin along `path`, by their quantities' names.
+    """Phase and gain margin along `path`, by their quantities' names; nan where the loop is unstable.
+
+    The distance of an unstable loop from a point is no margin.
 
     Raises:
         DomainError: more crossings than can be listed.
     """
     loops = members.loops_at(members.along(members.path))
-    return {word: evaluate(loops, _reader(word))[0] for word in ("phase_margin_deg", "gain_margin_db")}
+    stable = is_stable(loops)
+    words = ("phase_margin_deg", "gain_margin_db")
+    return {word: np.where(stable, evaluate(loops, _reader(word))[0], np.nan) for word in words}
 
 
 _WORDS = ("sensitivity_db", "complementary_sensitivity_db", "control_sensitivity_db")
@@ -232,8 +239,31 @@ def _told(found: dict[str, Array]) -> str:
         if len(finite):
             parts.append(_range_told(name.replace("_", " "), (float(finite.min()), float(finite.max())), unit))
         else:
-            parts.append(f"{name.replace('_', ' ')} infinite")
+            parts.append(f"{name.replace('_', ' ')} {'none' if np.all(_unstable(found)) else 'infinite'}")
     return ", ".join(parts)
+
+
+def _unstable(found: dict[str, Array]) -> NDArray[np.bool_]:
+    """Which plants have no margins: a stable loop's gain margin is a number, or infinite."""
+    return np.isnan(found["gain_margin_db"])
+
+
+def _without_a_curve(found: dict[str, Array]) -> str:
+    """What is written where no value is finite."""
+    unstable = _unstable(found)
+    if np.all(unstable):
+        return "every loop is unstable"
+    return "infinite for every stable plant" if np.any(unstable) else "infinite for every plant"
+
+
+def _left_out(found: dict[str, Array]) -> str:
+    """How many plants have no place in the curves."""
+    many, unstable = len(_unstable(found)), int(_unstable(found).sum())
+    if not unstable:
+        return ""
+    return (
+        f" Of the {many} plants along the curve {unstable} leave an unstable loop, which has no margins: a gap there."
+    )
 
 
 def _range_told(what: str, ends: tuple[float, float], unit: str) -> str:

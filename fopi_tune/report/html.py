@@ -17,7 +17,7 @@ from fopi_tune.report.findings import Findings
 from fopi_tune.report.frequency import bode, margins_along, nyquist, sensitivities
 from fopi_tune.report.members import Members, members_of
 from fopi_tune.report.page import drawn, figure_files, rendered
-from fopi_tune.report.phrases import number, requirement_phrase, scope_phrase, sentence
+from fopi_tune.report.phrases import limit_told, number, requirement_phrase, scope_phrase, sentence
 from fopi_tune.report.rows import place_phrase, rows_of
 from fopi_tune.report.slider import HEIGHT, WIDTH, minus_one, slider_of
 from fopi_tune.report.times import responses
@@ -138,7 +138,7 @@ def _clash(findings: Findings) -> list[str]:
         requirement = findings.spec.requirements[give["requirement"]]
         said = f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})"
         if give["give"] is not None and give["new_limit"] is not None:
-            said += f": alone it would have to give {number(give['give'])}, to {number(give['new_limit'])}"
+            said += f": alone it would have to give {number(give['give'])}, to {limit_told(give['new_limit'])}"
         words.append(said)
     return words
 
@@ -165,7 +165,8 @@ def _digital_words(findings: Findings, digital: Mapping[str, Any]) -> str:
     words += "" if asked.method == "fit" else f", {asked.rule}"
     samples = "sample" if asked.delay_samples == 1.0 else "samples"
     words += f", {number(asked.delay_samples)} {samples} of computing delay" if asked.delay_samples else ""
-    return words + "."
+    note = digital.get("band_note")
+    return f"{words}. {sentence(f'Note: {note}')}" if note else f"{words}."
 
 
 def _proof(proof: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

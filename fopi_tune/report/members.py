@@ -14,6 +14,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import gain_crossovers, phase_crossovers
 from fopi_tune.core.sampled import SampledLoops
+from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.sample import Sample
 from fopi_tune.report.findings import Findings, Found
@@ -89,6 +90,13 @@ class Members:
     def named_loops(self) -> Loops:
         """A row for each of `named`."""
         return self.loops_at(np.array([member.point for member in self.named], dtype=float))
+
+    def stable_in_continuous_time(self, points: Array) -> NDArray[np.bool_]:
+        """Whether each plant's loop with the ideal controller is stable, shape (m,); False where that is undecided."""
+        try:
+            return is_stable(Loops.of(self.gains, Plants.members(self.findings.spec.plant, points)))
+        except DomainError:  # |L| stays on 1
+            return np.zeros(len(points), dtype=bool)
 
     @cached_property
     def path(self) -> Array:

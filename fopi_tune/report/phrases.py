@@ -94,6 +94,11 @@ def number(value: float, digits: int = 5) -> str:
     return f"{value + 0.0:.{digits}g}"
 
 
+def limit_told(limit: float) -> str:
+    """Five digits where these are the limit, else nine: a limit is to be written as it is said."""
+    return number(limit, 5 if float(number(limit)) == limit else 9)
+
+
 def with_unit(value: float, unit: str) -> str:
     """A number and its unit, which no line break parts."""
     return f"{number(value)}{TIE}{unit}"

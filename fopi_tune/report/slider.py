@@ -9,10 +9,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.report.members import Array, Complex, Members
 from fopi_tune.report.phrases import number
-from fopi_tune.report.times import response, times_s
+from fopi_tune.report.times import frame_of, response, times_s
 from fopi_tune.validation.exact_linear import Signal
 
 #: size of a panel's frame, in the units of its view box
@@ -122,7 +123,7 @@ def slider_of(members: Members) -> Slider | None:
     if all(step is not None for step in steps):
         t = np.broadcast_to(times, (len(points), len(times)))
         y = np.array(steps, dtype=float)
-        panels.append(_panel("step", "Unit step of the reference", ("time, s", "output"), t, y))
+        panels.append(_step_panel(t, y, members.stable_in_continuous_time(points)))
     numbers: list[Moved] = []
     labels: list[str] = []
     for name, path, usual in zip(family.uncertain_names, paths, family.nominal_point.tolist(), strict=False):
@@ -130,6 +131,15 @@ def slider_of(members: Members) -> Slider | None:
         labels += [f"{name} = {number(value, 4)}" for value in path.tolist()]
         numbers.append(Moved(name, first, len(labels) - 1, first + int(np.argmin(np.abs(path - usual)))))
     return Slider(tuple(numbers), tuple(labels), tuple(panels))
+
+
+def _step_panel(t: Array, y: Array, stable: NDArray[np.bool_]) -> Panel:
+    """Responses in a frame that holds those of the stable loops; of all where none is stable."""
+    title, labels = "Unit step of the reference", ("time, s", "output")
+    if np.all(stable) or not np.any(stable):
+        return _panel("step", title, labels, t, y)
+    frame = (float(t.min()), float(t.max())), frame_of(list(y[stable]), 1.0)
+    return _panel("step", "Unit step; unstable loops leave the axis", labels, t, y, frame=frame)
 
 
 def minus_one() -> str:

@@ -22,6 +22,7 @@ from fopi_tune.report.phrases import (
     Line,
     entry,
     gains_line,
+    limit_told,
     number,
     requirement_phrase,
     scope_phrase,
@@ -72,9 +73,9 @@ def design_text(design: Design) -> Text:
 def _headline(design: Design) -> str:
     status = design.status.value
     if status != "solved":
-        return f"{status}. {design.status.advice}"
+        return f"{status}. {design.advice}"
     if design.certificate is None:
-        return f"{status}, not proved. {design.status.advice[:-1]}, as far as a check in floating point tells."
+        return f"{status}, not proved. {design.advice[:-1]}, as far as a check in floating point tells."
     on_samples = " of the loop on samples" if loop_name(design.spec) == "sampled" else ""
     return f"{status}. All requirements{on_samples} are proved for every plant and every frequency."
 
@@ -214,7 +215,7 @@ def _clash(clash: Sequence[Give], requirements: Sequence[Requirement]) -> Iterat
         requirement = requirements[give.requirement]
         yield from styled(f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})", "", "    ", "  ")
         if give.amount is not None and give.new_limit is not None:
-            yield f"      by {number(give.amount)}, to {number(give.new_limit)}", ""
+            yield f"      by {number(give.amount)}, to {limit_told(give.new_limit)}", ""
         elif known:
             yield "      no change of this limit alone was found to help", ""
 

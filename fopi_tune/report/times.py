@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,11 +54,14 @@ def responses(members: Members) -> Picture | None:
     """Output after a unit step of the reference and of the load, over the family; None where nothing is certain."""
     t = times_s(members)
     points = [tuple(row) for row in _corners(members).tolist()]
-    drawn = {}
+    every_point = [*(member.point for member in members.named), *points]
+    stable = members.stable_in_continuous_time(np.array(every_point, dtype=float))
+    drawn, framed = {}, {}
     for signal in (Signal.OUTPUT_AFTER_REFERENCE, Signal.OUTPUT_AFTER_LOAD):
         named = [response(members, member.point, signal, t) for member in members.named]
-        others = [row for point in points if (row := response(members, point, signal, t)) is not None]
-        drawn[signal] = (named, others)
+        others = [response(members, point, signal, t) for point in points]
+        drawn[signal] = (named, [row for row in others if row is not None])
+        framed[signal] = [row for row, kept in zip((*named, *others), stable, strict=True) if kept and row is not None]
     if all(row is None for named, _ in drawn.values() for row in named):
         return None
 
@@ -73,13 +78,36 @@ def responses(members: Members) -> Picture | None:
             axes.axhline(1.0 if step else 0.0, color="black", linewidth=0.6, linestyle=":")
             labelled(axes, "output, step of reference" if step else "output, step of load")
             axes.set_xlim(0.0, float(t[-1]))
+            if framed[signal] and not np.all(stable):
+                axes.set_ylim(*frame_of(framed[signal], 1.0 if step else 0.0))
         every[-1].set_xlabel("time, s")
         legend_below(figure, every[0])
 
     told = _told(members, t, drawn[Signal.OUTPUT_AFTER_REFERENCE][0][0])
+    told += _left_axis(len(set(compress(every_point, ~stable))), len(set(every_point)))
     title = f"{members.findings.spec.name}: unit steps of the reference and of a load at the plant's input"
     said = f"Output over time with the ideal controller, in continuous time; grey: plants of the family.{told}"
     return Picture(title, said, draw, TWO_PANELS)
+
+
+def frame_of(rows: Sequence[Array], final: float) -> tuple[float, float]:
+    """Ends of an axis that shows rows and the value they go to, a little wider."""
+    low = min([0.0, final, *(float(row.min()) for row in rows)])
+    high = max([0.0, final, *(float(row.max()) for row in rows)])
+    margin = 0.05 * (high - low) or 0.05
+    return low - margin, high + margin
+
+
+def _left_axis(unstable: int, many: int) -> str:
+    """What a figure says of the unstable ones among its plants."""
+    if not unstable:
+        return ""
+    if unstable == many:
+        return " The loop is unstable for every plant drawn."
+    return (
+        f" Of the {many} plants drawn {unstable} leave an unstable loop: the axis is that of the stable ones, and the "
+        "others' outputs leave it."
+    )
 
 
 def _told(members: Members, t: Array, nominal: Array | None) -> str:

@@ -127,7 +127,8 @@ def _check_scenarios(values: Values, place: Place) -> None:
 
 
 def _digital_shape() -> Shape:
-    band = Pair("band of the approximation, rad/s", Number("rad/s", above=0))
+    said = "band of the approximation, rad/s: the gain crossover and two decades below it should lie inside"
+    band = Pair(f"{said}; the default suits crossovers from 0.1 to 1000 rad/s", Number("rad/s", above=0))
     keys = {
         "sample_time_s": Key(Number("sampling period, s", above=0)),
         "method": Key(Choice("approximation of s^(1-alpha)", _METHODS), required=False),
