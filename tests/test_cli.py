@@ -184,7 +184,9 @@ def test_what_a_clashing_requirement_would_have_to_give_is_said_in_words() -> No
         assert give["new_limit"] == pytest.approx(unit_limit - give["give"])
         assert f"      by {give['give']:.5g}, to {give['new_limit']:.5g}\n" in table
     # 180 deg - phase of 1/(2s + 1) - the dead time's, with a proportional controller, is the most there is at 1.5 rad/s
-    assert gives["phase_margin_deg"]["new_limit"] == pytest.approx(180 - 71.565051 - 85.943669, abs=1e-3)
+    # the advice is a hair (6e-4 deg) below, and rounded down to the five digits that are printed (1e-3 deg)
+    most = 180 - 71.565051 - 85.943669
+    assert most - 2e-3 <= gives["phase_margin_deg"]["new_limit"] < most
 
 
 def test_an_unbounded_spec_ends_with_1() -> None:

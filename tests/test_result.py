@@ -73,7 +73,7 @@ def test_a_design_without_gains_is_strict_json_and_readable(brake: ft.Design) ->
         {"requirement": 0, "name": "crossover_rad_s", "relation": "equals", "give": None, "new_limit": None}
     ]
     assert design_text(design).plain == (
-        "brake: infeasible. No gains meet all requirements; relax one of those that\nclash.\n"
+        "brake: infeasible. No gains were found that meet all requirements.\n"
         "Why: there is a formula.\n\nThese clash:\n  crossover_rad_s = 0.3 (nominal plant)"
     )
 
