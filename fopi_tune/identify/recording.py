@@ -27,7 +27,7 @@ class Recording:
         name: what messages call it, a file's name.
         time_s: shape (n,), strictly increasing.
         output: shape (n,), the plant's output in its unit.
-        first: the row from which the input is the new one, >= 1; the step is taken to happen at its time.
+        first: the row from which the input is the new one, >= 1; the step came between the time before and its.
         step: how far the input moved, in its unit; not 0.
     """
 
@@ -39,8 +39,13 @@ class Recording:
 
     @property
     def step_at_s(self) -> float:
-        """When the input moved."""
+        """When the input had moved at the latest."""
         return float(self.time_s[self.first])
+
+    @property
+    def gap_s(self) -> float:
+        """From the last sample of the old input to the first of the new one: the step came somewhere between."""
+        return float(self.time_s[self.first] - self.time_s[self.first - 1])
 
 
 def parse_recording(text: str, name: str) -> Recording:
