@@ -269,6 +269,33 @@ def changed(line: int, text: str) -> str:
     return "\n".join(lines)
 
 
+def semicolons(text: str) -> str:
+    return text.replace(",", ";")
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+@pytest.mark.parametrize("point", [".", ","])
+def test_semicolons_and_tabs_separate_too_and_leave_the_comma_to_decimals(separator: str, point: str) -> None:
+    lines = ["time_s,input,output", *(f"{k}.5,{k // 8}.25,{k}e-1" for k in range(16))]
+    text = "\n".join(line.replace(",", separator).replace(".", point) for line in lines)
+    found = parse_recording(text, "a.csv")
+    assert found.time_s.tolist() == [k + 0.5 for k in range(16)]
+    assert found.output.tolist() == [float(f"{k}e-1") for k in range(16)]
+    assert (found.first, found.step) == (8, 1.0)
+
+
+def test_a_headers_letters_may_be_small_or_large() -> None:
+    text = "\n".join(['"Time_s", INPUT,Output', *rows()])
+    assert parse_recording(text, "a.csv").time_s.tolist() == list(range(20))
+
+
+def test_one_sample_is_no_samples() -> None:
+    with pytest.raises(DomainError, match="has 1 sample; a fit"):
+        parse_recording("\n".join([HEADER.strip(), *rows(1)]), "a.csv")
+    with pytest.raises(DomainError, match="only 1 sample lies on the rise"):
+        fit_lag(recording(tau=0.1, dead=0.2))
+
+
 def test_columns_may_stand_in_any_order_and_a_file_may_end_in_empty_lines() -> None:
     lines = [f"{y}, {t} ,{u}" for t, u, y in (row.split(",") for row in rows())]
     found = parse_recording("\ufeffoutput, time_s,input\r\n" + "\r\n".join(lines) + "\r\n\r\n", "a.csv")
@@ -292,7 +319,12 @@ def test_a_measured_input_may_be_noisy() -> None:
         (changed(1, "t,u,y"), "line 1 is 't,u,y'; write the header time_s,input,output"),
         (changed(1, "time_s,input,output,extra"), "line 1"),
         (changed(1, "time_s,input,input"), "line 1"),
-        (changed(1, "time_s;input;output"), "separate the columns by commas"),
+        (changed(1, "time_s|input|output"), "separated by commas, semicolons or tabs"),
+        (changed(1, "time_s;input,output"), "line 1 is 'time_s;input,output'; write the header time_s,input,output"),
+        (changed(1, "time_s;input;output"), "line 2 has 1 field; its header has 3"),
+        (changed(4, "2;0;0"), "line 4 has 1 field; its header has 3"),
+        (semicolons(changed(4, "2,0,1.000,5")), "line 4 has 4 fields"),
+        (semicolons(changed(4, "2,0,1.000|5")).replace("|", ","), "line 4, column 'output': '1.000.5' is not a finite"),
         (changed(4, "2,0"), "line 4 has 2 fields"),
         (changed(4, "2,0,fast"), "line 4, column 'output': 'fast' is not a finite number"),
         (changed(4, "2,0,nan"), "line 4, column 'output'"),

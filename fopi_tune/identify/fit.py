@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.errors import DomainError
-from fopi_tune.identify.recording import Recording
+from fopi_tune.identify.recording import Recording, counted
 
 Array = NDArray[np.float64]
 #: of the intervals
@@ -161,7 +161,7 @@ class _Scaled:
             )
         after = len(recording.time_s) - recording.first
         if after < 6:
-            raise DomainError(f"has {after} samples from the step on; record at least 6, and until the output settles")
+            raise DomainError(f"has {counted(after, 'sample')} from the step on; record at least 6, and until the output settles")
         length_s = float(recording.time_s[-1]) - recording.step_at_s
         time = (recording.time_s - recording.step_at_s) / length_s
         return _Scaled(time, (recording.output - recording.output[0]) / height, length_s, height, recording.gap_s / length_s)
@@ -305,7 +305,7 @@ def _check_bend(scaled: _Scaled, value: Array) -> None:
     bend = int(np.count_nonzero((scaled.time > dead) & (scaled.time < dead + 3 * tau)))
     if bend < _ON_BEND:
         raise DomainError(
-            f"only {bend} samples lie on the rise, which takes about {3 * tau * seconds:.3g} s: too few to tell "
+            f"only {counted(bend, 'sample')} {'lies' if bend == 1 else 'lie'} on the rise, which takes about {3 * tau * seconds:.3g} s: too few to tell "
             "the time constant; sample faster"
         )
 
