@@ -114,7 +114,7 @@ def test_the_intervals_are_those_of_scipys_curve_fit() -> None:
     # curve_fit stops at its 1e-8 and takes finite differences; its dead time moves within the gap between two samples
     found = np.array([[each.value, each.high - each.value] for each in numbers(fit)])
     assert found[:, 0] * scale == pytest.approx(values[1:], rel=1e-4)
-    assert found[:, 1] * scale == pytest.approx(half[1:] + [0, 0, given.gap_s], rel=1e-3)
+    assert found[:, 1] * scale == pytest.approx(half[1:] + np.array([0, 0, given.gap_s]), rel=1e-3)
 
 
 def held_in(fits: Sequence[LagFit], truth: tuple[float, float, float]) -> Array:

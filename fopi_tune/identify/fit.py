@@ -161,10 +161,14 @@ class _Scaled:
             )
         after = len(recording.time_s) - recording.first
         if after < 6:
-            raise DomainError(f"has {counted(after, 'sample')} from the step on; record at least 6, and until the output settles")
+            raise DomainError(
+                f"has {counted(after, 'sample')} from the step on; record at least 6, and until the output settles"
+            )
         length_s = float(recording.time_s[-1]) - recording.step_at_s
         time = (recording.time_s - recording.step_at_s) / length_s
-        return _Scaled(time, (recording.output - recording.output[0]) / height, length_s, height, recording.gap_s / length_s)
+        return _Scaled(
+            time, (recording.output - recording.output[0]) / height, length_s, height, recording.gap_s / length_s
+        )
 
 
 def _shape(time: Array, tau: Any, dead: Any) -> Array:
