@@ -7,9 +7,9 @@ After a step of the input by du at the time t0 the model's output is
 with four unknowns: y0, the static gain K, the time constant tau and the dead time L.  The sum of squares has several
 minima in L: a search over a grid of (tau, L), in which y0 and K follow in closed form, gives the starts.
 
-The recording shows the step only between two lines, the last with the old input and the first with the new one.  The fit
-takes t0 at the latter; a step that came by up to that gap earlier has a dead time longer by as much, and leaves K and
-tau as they are.  So the interval of L reaches further up by the gap, and the fitted L may lie below 0 by the gap.
+The recording shows the step only between two lines, the last with the old input and the first with the new one.  The
+fit takes t0 at the latter; a step that came by up to that gap earlier has a dead time longer by as much, and leaves K
+and tau as they are.  So the interval of L reaches further up by the gap, and the fitted L may lie below 0 by the gap.
 """
 
 from __future__ import annotations
@@ -81,9 +81,9 @@ def fit_lag(recording: Recording) -> LagFit:
 
     The intervals are value +- t s, with s from the covariance s^2 (J'J)^-1 at the fit and t the quantile of Student's
     distribution with n - 4 degrees of freedom.  They hold for independent noise of equal size on a plant that is a lag;
-    residuals that say otherwise are noted.  The dead time's upper end is further up by the time between the last line with
-    the old input and the first with the new one, as the step may have come anywhere between.  A fitted dead time below 0
-    becomes 0; where even a step at the last old line does not explain it, that one is taken and the others are fitted
+    residuals that say otherwise are noted.  The dead time's upper end is further up by the time between the last line
+    with the old input and the first with the new one, as the step may have come anywhere between.  A fitted dead time
+    below 0 becomes 0; where even a step at the last old line does not explain it, that one is taken and the others are fitted
     again.
 
     Raises:
@@ -309,7 +309,8 @@ def _check_bend(scaled: _Scaled, value: Array) -> None:
     bend = int(np.count_nonzero((scaled.time > dead) & (scaled.time < dead + 3 * tau)))
     if bend < _ON_BEND:
         raise DomainError(
-            f"only {counted(bend, 'sample')} {'lies' if bend == 1 else 'lie'} on the rise, which takes about {3 * tau * seconds:.3g} s: too few to tell "
+            f"only {counted(bend, 'sample')} {'lies' if bend == 1 else 'lie'} on the rise, which takes about "
+            f"{3 * tau * seconds:.3g} s: too few to tell "
             "the time constant; sample faster"
         )
 

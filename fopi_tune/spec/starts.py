@@ -152,8 +152,8 @@ def fitted_start(
 ) -> Start:
     """A start from a family of lags whose requirements suit its times.
 
-    The slowest crossover wc asked for is 0.84 over the longest time constant, less where dead time and the spread of the
-    plants' speeds would otherwise cost more than 0.4 rad of phase; the fastest one is three times what the slowest
+    The slowest crossover wc asked for is 0.84 over the longest time constant, less where dead time and the spread of
+    the plants' speeds would otherwise cost more than 0.4 rad of phase; the fastest is three times what the slowest
     makes of the fastest plant, which also keeps the search near these speeds.  A loop with alpha = 1 has about
     |S(jw)| = w/wc far below wc, one with a smaller alpha (w/wc)^alpha and a response that creeps to its end like
     t^-alpha: |S| is at most -20 dB up to wc/12 and -40 dB up to wc/100, which a small alpha cannot meet deeply.  The
