@@ -83,8 +83,8 @@ def fit_lag(recording: Recording) -> LagFit:
     distribution with n - 4 degrees of freedom.  They hold for independent noise of equal size on a plant that is a lag;
     residuals that say otherwise are noted.  The dead time's upper end is further up by the time between the last line
     with the old input and the first with the new one, as the step may have come anywhere between.  A fitted dead time
-    below 0 becomes 0; where even a step at the last old line does not explain it, that one is taken and the others are fitted
-    again.
+    below 0 becomes 0; where even a step at the last old line does not explain it, that one is taken and the others are
+    fitted again.
 
     Raises:
         DomainError: the recording cannot tell the numbers; the message says which and what to record instead.
