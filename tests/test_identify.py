@@ -143,7 +143,7 @@ def test_the_intervals_hold_the_truth_wherever_between_two_lines_the_step_comes(
         now = response(given.time_s - given.step_at_s, 3.0, 1.0, 5.0, dead)
         fits.append(fit_lag(replace(given, output=given.output - now + earlier)))
     # a step may also come on a line, where the dead time's lower end misses in 2.5 %; so at least 95 %, less four
-    # standard deviations of the count, sqrt(0.95 0.05/200) = 1.5 %.  Without the gap it was 12 %.
+    # standard deviations of the count, sqrt(0.95 0.05/200) = 1.5 %.
     assert np.all(held_in(fits, (2.0, 5.0, dead)) / count >= 0.95 - 4 * math.sqrt(0.95 * 0.05 / count))
 
 
