@@ -326,7 +326,7 @@ def test_a_table_cannot_be_changed_from_outside() -> None:
         ("time_constant_s\ntwo\n", "'two' is not a finite number"),
         ("time_constant_s\n٢\n", "is not a finite number"),
         ("time_constant_s\n2,25\n", "line 2 has 2 fields; its header has 1"),
-        ("a,b\n1\n", "line 2 has 1 fields; its header has 2"),
+        ("a,b\n1\n", "line 2 has 1 field; its header has 2"),
         ("time_constant_s\n2\n\n3\n", "line 3 has 0 fields"),
         ("a,a\n1,2\n", "column 'a' comes twice"),
         ("a,\n1,2\n", "column '' has no name"),

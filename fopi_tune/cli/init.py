@@ -119,7 +119,12 @@ def _start(model: Model | None, recordings: tuple[str, ...]) -> Start:
     for line in about:
         say(line)
     hull = "Each range holds the 95 % intervals of these fits, y0 + static_gain step (1 - e^(-(t - dead_time_s) / "
-    lines = [*about, f"{hull}time_constant_s)) after the step; nominal is the median of the fitted values."]
+    lines = [
+        *about,
+        f"{hull}time_constant_s)) after the step; nominal is the median of the fitted values.",
+        "The dead time's upper end is for a step right after the last line with the old input, its fitted value for "
+        "one at the first line with the new input: the recording does not show which.",
+    ]
     wrapped = [part for line in lines for part in textwrap.wrap(_shown(line), 116, subsequent_indent="  ")]
     return fitted_start(family.static_gain, family.time_constant_s, family.dead_time_s, wrapped)
 

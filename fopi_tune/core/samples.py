@@ -134,7 +134,8 @@ def _hull(low: float, high: float) -> Uncertain:
 
 def _numbers(line: list[str], names: tuple[str, ...], number: int) -> Iterator[float]:
     if len(line) != len(names):
-        raise DomainError(f"line {number} has {len(line)} fields; its header has {len(names)}")
+        fields = "1 field" if len(line) == 1 else f"{len(line)} fields"
+        raise DomainError(f"line {number} has {fields}; its header has {len(names)}")
     for entry, name in zip(line, names, strict=True):
         yield _number(entry, name, number)
 

@@ -6,6 +6,10 @@ After a step of the input by du at the time t0 the model's output is
 
 with four unknowns: y0, the static gain K, the time constant tau and the dead time L.  The sum of squares has several
 minima in L: a search over a grid of (tau, L), in which y0 and K follow in closed form, gives the starts.
+
+The recording shows the step only between two lines, the last with the old input and the first with the new one.  The
+fit takes t0 at the latter; a step that came by up to that gap earlier has a dead time longer by as much, and leaves K
+and tau as they are.  So the interval of L reaches further up by the gap, and the fitted L may lie below 0 by the gap.
 """
 
 from __future__ import annotations
@@ -18,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.errors import DomainError
-from fopi_tune.identify.recording import Recording
+from fopi_tune.identify.recording import Recording, counted
 
 Array = NDArray[np.float64]
 #: of the intervals
@@ -58,7 +62,8 @@ class LagFit:
         name: the recording's.
         static_gain: output unit per input unit.
         time_constant_s: s, > 0.
-        dead_time_s: s, >= 0.
+        dead_time_s: s, >= 0; the value is that of a step at the first line with the new input, the upper end that of a
+            step at the line before.
         residual_std: standard deviation of what the curve leaves, in the output's unit.
         notes: what is to be known before the numbers are trusted, a sentence each.
     """
@@ -76,7 +81,10 @@ def fit_lag(recording: Recording) -> LagFit:
 
     The intervals are value +- t s, with s from the covariance s^2 (J'J)^-1 at the fit and t the quantile of Student's
     distribution with n - 4 degrees of freedom.  They hold for independent noise of equal size on a plant that is a lag;
-    residuals that say otherwise are noted.  A dead time below 0 becomes 0, and the others are fitted again.
+    residuals that say otherwise are noted.  The dead time's upper end is further up by the time between the last line
+    with the old input and the first with the new one, as the step may have come anywhere between.  A fitted dead time
+    below 0 becomes 0; where even a step at the last old line does not explain it, that one is taken and the others are
+    fitted again.
 
     Raises:
         DomainError: the recording cannot tell the numbers; the message says which and what to record instead.
@@ -92,16 +100,17 @@ def _fit(recording: Recording) -> LagFit:
     free = _refined(scaled, _starts(scaled), None)
     _check_bend(scaled, free)
     value, half = _spread(scaled, free, None)
-    reach = float(value[3] + half[3])
+    # the upper end of the dead time, of a step at the last line with the old input, is what the free fit says
+    reach = float(value[3] + half[3]) + scaled.gap
     notes: list[str] = []
-    if value[3] < _NO_TIME:
-        # the interval of the dead time keeps what the free fit says of its upper end
-        if value[3] < -_ROUNDING:
-            notes.append(f"the fit's dead time is {scaled.length_s * value[3]:.3g} s, below 0; 0 is taken")
+    if value[3] < -scaled.gap - _NO_TIME:
+        if value[3] < -scaled.gap - _ROUNDING:
+            below = f"{scaled.length_s * value[3]:.3g} s, below 0"
+            notes.append(f"the fit's dead time is {below} by more than the time between two lines; 0 is taken")
         if reach < -_ROUNDING:
             notes.append("the output moves before the input does: compare the time of both columns")
-        free = _refined(scaled, [free], 0.0)
-        value, half = _spread(scaled, free, 0.0)
+        free = _refined(scaled, [free], -scaled.gap)
+        value, half = _spread(scaled, free, -scaled.gap)
     _check_intervals(scaled, value, half)
     reach = reach if reach > _NO_TIME else 0.0
     residuals = scaled.output - _response(scaled.time, value)
@@ -122,7 +131,7 @@ def _result(
         recording.name,
         Interval(gain.value * gain_unit, low, high),
         Interval(tau.value * seconds, tau.low * seconds, tau.high * seconds),
-        Interval(dead.value * seconds, max(0.0, dead.low) * seconds, max(reach, dead.value) * seconds),
+        Interval(*(max(0.0, end) * seconds for end in (dead.value, dead.low, max(reach, dead.value)))),
         float(np.sqrt(residuals @ residuals / (len(residuals) - 4))) * scaled.height,
         tuple(notes),
     )
@@ -139,6 +148,8 @@ class _Scaled:
     output: Array
     length_s: float
     height: float
+    #: from the last sample of the old input to the first of the new one, in which the step came
+    gap: float
 
     @staticmethod
     def of(recording: Recording) -> _Scaled:
@@ -150,10 +161,14 @@ class _Scaled:
             )
         after = len(recording.time_s) - recording.first
         if after < 6:
-            raise DomainError(f"has {after} samples from the step on; record at least 6, and until the output settles")
+            raise DomainError(
+                f"has {counted(after, 'sample')} from the step on; record at least 6, and until the output settles"
+            )
         length_s = float(recording.time_s[-1]) - recording.step_at_s
         time = (recording.time_s - recording.step_at_s) / length_s
-        return _Scaled(time, (recording.output - recording.output[0]) / height, length_s, height)
+        return _Scaled(
+            time, (recording.output - recording.output[0]) / height, length_s, height, recording.gap_s / length_s
+        )
 
 
 def _shape(time: Array, tau: Any, dead: Any) -> Array:
@@ -294,7 +309,8 @@ def _check_bend(scaled: _Scaled, value: Array) -> None:
     bend = int(np.count_nonzero((scaled.time > dead) & (scaled.time < dead + 3 * tau)))
     if bend < _ON_BEND:
         raise DomainError(
-            f"only {bend} samples lie on the rise, which takes about {3 * tau * seconds:.3g} s: too few to tell "
+            f"only {counted(bend, 'sample')} {'lies' if bend == 1 else 'lie'} on the rise, which takes about "
+            f"{3 * tau * seconds:.3g} s: too few to tell "
             "the time constant; sample faster"
         )
 

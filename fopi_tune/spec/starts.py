@@ -79,6 +79,8 @@ requirements:
   - gain_margin_db: {at_least: 12.04}       # the gain may be 4 times as large
   - sensitivity_db: {at_most: -20}          # slow disturbances are reduced to a tenth
     to_rad_s: 0.02
+  - sensitivity_db: {at_most: -40}          # and slower ones to a hundredth, without which the last per cents creep
+    to_rad_s: 0.0025
 """,
     objective="objective: {minimize: phase_margin_spread_deg}",
     digital=_digital("0.2", "[1.0e-3, 1.0e3]", "sampled"),
@@ -104,6 +106,8 @@ requirements:
   - gain_margin_db: {at_least: 12.04}       # the gain may be 4 times as large
   - sensitivity_db: {at_most: -20}          # slow disturbances are reduced to a tenth
     to_rad_s: 0.03
+  - sensitivity_db: {at_most: -40}          # and slower ones to a hundredth, without which the last per cents creep
+    to_rad_s: 0.003
 """,
     objective="objective: {maximize: ki}",
     digital=_digital("0.1", "[1.0e-3, 1.0e3]", "sampled"),
@@ -120,12 +124,17 @@ plant:
   denominator: [1.0, {nominal: 1.2, min: 0.9, max: 1.5}, 1.0]   # s^2 + (0.9 ... 1.5) s + 1
   dead_time_s: 0.05           # 0 when left out
 """,
-    controller=_GAINS,
+    # a larger alpha leaves "deepest inside" a loop whose phase margin is paid with a slow end
+    controller=_GAINS.replace("{min: 0.3, max: 1.5}", "{min: 0.7, max: 1.05}"),
     requirements="""\
 requirements:
-  - crossover_rad_s: {at_least: 0.15}       # speed of every loop
+  - crossover_rad_s: {at_least: 0.3}        # speed of every loop
   - phase_margin_deg: {at_least: 55}        # its damping
   - gain_margin_db: {at_least: 6}           # the gain may be twice as large
+  - sensitivity_db: {at_most: -20}          # slow disturbances are reduced to a tenth
+    to_rad_s: 0.04
+  - sensitivity_db: {at_most: -40}          # and slower ones to a hundredth, without which the last per cents creep
+    to_rad_s: 0.004
   - sensitivity_db: {at_most: 5}            # distance from -1: no disturbance is made much larger
 """,
     objective="""\
@@ -143,11 +152,13 @@ def fitted_start(
 ) -> Start:
     """A start from a family of lags whose requirements suit its times.
 
-    The slowest crossover asked for is 0.6 over the longest time constant, less where dead time and the spread of the
-    plants' speeds would otherwise cost more than 0.25 rad of phase; the fastest one is three times what the slowest
-    makes of the fastest plant, which also keeps the search near these speeds.  The sampling time is about a fiftieth of
-    time constant and dead time, or a twentieth of 1 / the middle crossover where that is longer: a dead time of many
-    samples makes the loop on samples hard to prove.
+    The slowest crossover wc asked for is 0.84 over the longest time constant, less where dead time and the spread of
+    the plants' speeds would otherwise cost more than 0.4 rad of phase; the fastest is three times what the slowest
+    makes of the fastest plant, which also keeps the search near these speeds.  A loop with alpha = 1 has about
+    |S(jw)| = w/wc far below wc, one with a smaller alpha (w/wc)^alpha and a response that creeps to its end like
+    t^-alpha: |S| is at most -20 dB up to wc/12 and -40 dB up to wc/100, which a small alpha cannot meet deeply.  The
+    sampling time is about a fiftieth of time constant and dead time, or a twelfth of 1 / the middle crossover where
+    that is longer: a dead time of many samples makes the loop on samples hard to prove.
 
     Args:
         static_gain: output unit per input unit; its range does not hold 0.
@@ -156,9 +167,10 @@ def fitted_start(
         about: where the numbers come from, lines of a comment.
     """
     slowest, fastest = _speeds(static_gain, time_constant_s, dead_time_s)
+    middle, low = _rounded(slowest / 12, 2, ROUND_FLOOR), _rounded(slowest / 100, 2, ROUND_FLOOR)
     scale = time_constant_s.nominal + dead_time_s.nominal
     band = [10.0 ** math.floor(math.log10(1e-3 / scale)), 10.0 ** math.ceil(math.log10(1e3 / scale))]
-    sample_time_s = _sample_time(max(scale / 50, 0.05 / math.sqrt(slowest * fastest)))
+    sample_time_s = _sample_time(max(scale / 50, 0.08 / math.sqrt(slowest * fastest)))
     side = "min: 0.0" if static_gain.nominal > 0 else "max: 0.0"
     uncertain = {"static_gain": static_gain, "time_constant_s": time_constant_s, "dead_time_s": dead_time_s}
     wide = [name for name, number in uncertain.items() if "{" in _written(number)]
@@ -177,13 +189,17 @@ def fitted_start(
 controller:
   {f"kp: {{{side}}}":<27} # of the static gain's sign
   ki: {{{side}}}
-  alpha: {{min: 0.5, max: 1.5}}
+  alpha: {{min: 0.7, max: 1.3}}
 """,
         requirements=f"""\
 requirements:
   {f"- crossover_rad_s: {{between: [{slowest!r}, {fastest!r}]}}":<41} # speed of every loop
   - phase_margin_deg: {{at_least: 60}}        # its damping
   - gain_margin_db: {{at_least: 6}}           # the gain may be twice as large
+  - sensitivity_db: {{at_most: -20}}          # a load on the plant and the way to a new reference die out in time:
+    {f"to_rad_s: {middle!r}":<39} # what changes this slowly is reduced to a tenth,
+  - sensitivity_db: {{at_most: -40}}          # and slower still to a hundredth, without which the last per cents creep
+    to_rad_s: {low!r}
   - sensitivity_db: {{at_most: 6}}            # distance from -1: no disturbance is made more than twice as large
 """,
         objective="""\
@@ -196,11 +212,12 @@ requirements:
 def _speeds(static_gain: Uncertain, time_constant_s: Uncertain, dead_time_s: Uncertain) -> tuple[float, float]:
     """The slowest and the fastest crossover to ask for, rad/s."""
     gains = sorted((abs(static_gain.min), abs(static_gain.max)))
-    # the ratio of the fastest plant's speed to the slowest one's, at a given controller
-    spread = gains[1] / gains[0] * time_constant_s.max / time_constant_s.min
-    crossover = 0.6 / time_constant_s.max
+    # the ratio of the fastest plant's speed to the slowest one's, at a given controller; dead time levels them
+    dead = dead_time_s.nominal
+    spread = gains[1] / gains[0] * (time_constant_s.max + dead) / (time_constant_s.min + dead)
+    crossover = 0.84 / time_constant_s.max
     if dead_time_s.max > 0:
-        crossover = min(crossover, 0.25 / (dead_time_s.max * spread))
+        crossover = min(crossover, 0.4 / (dead_time_s.max * spread))
     return _rounded(crossover, 2, ROUND_FLOOR), _rounded(3 * spread * crossover, 2, ROUND_CEILING)
 
 
