@@ -26,7 +26,7 @@ _EVERY = 3
 #: the same of those that the Nyquist figure has
 _EVERY_NEAR = 2
 #: numbers that can be moved, and places of each but the first
-_MOST, _FEWER = 4, 11
+_MOST, _FEWER = 4, 7
 _FREQUENCY = "omega, rad/s"
 
 
