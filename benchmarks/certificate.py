@@ -23,14 +23,14 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.peaks import Response
 from fopi_tune.design import design
 from fopi_tune.proof import certify, recheck, verify
-from fopi_tune.proof.balls.bound import Bound
 from fopi_tune.proof.balls.box import Box, ball_of, is_tail
-from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding
-from fopi_tune.proof.balls.lag import LagBound, closed_form
 from fopi_tune.proof.balls.loop import PRECISION, BallLoop
-from fopi_tune.proof.balls.search import search
+from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.claim import HOLDS, Claim, Finding
+from fopi_tune.proof.claims.lag import LagBound, closed_form
+from fopi_tune.proof.claims.search import search
 from fopi_tune.proof.documents import to_document
-from fopi_tune.report.phrases import requirement_phrase
+from fopi_tune.report.text.phrases import requirement_phrase
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import DesignSpec
 

@@ -23,9 +23,9 @@ from exchange import grid_task, worst_violation
 from fopi_tune.convex import convex_design
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design import design
-from fopi_tune.design.compile import compile_problem
+from fopi_tune.design.nlp.compile import compile_problem
+from fopi_tune.design.nlp.solve import solve
 from fopi_tune.design.search import Search
-from fopi_tune.design.solve import solve
 from fopi_tune.proof import verify
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import DesignSpec, GainRange

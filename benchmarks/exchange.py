@@ -20,13 +20,12 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design import design
-from fopi_tune.design.compile import compile_problem
 from fopi_tune.design.exchange import Exchange
-from fopi_tune.design.scale import scale_of
+from fopi_tune.design.nlp.compile import compile_problem
+from fopi_tune.design.nlp.slots import MarginPlant, Mode, Point, Task
+from fopi_tune.design.nlp.solve import solve
 from fopi_tune.design.search import Search
-from fopi_tune.design.sides import GUARD
-from fopi_tune.design.slots import MarginPlant, Mode, Point, Task
-from fopi_tune.design.solve import solve
+from fopi_tune.design.sides import GUARD, scale_of
 from fopi_tune.proof import verify
 from fopi_tune.quantities.base import Where
 from fopi_tune.spec import load_spec

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fopi_tune.optimum import Optimum, certify_optimum, recheck_optimum, to_document
-from fopi_tune.pipeline import tune
+from fopi_tune.pipeline.tune import tune
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import DesignSpec
 

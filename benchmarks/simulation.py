@@ -25,10 +25,10 @@ from fopi_tune.core.loops import Plants
 from fopi_tune.digital.discretize import discretize
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
+from fopi_tune.simulation.sampled.plants import HeldPlants, hold
+from fopi_tune.simulation.sampled.simulate import CHUNK, measure_chunks
+from fopi_tune.simulation.scenario import Actuator, Horizon, Hybrid, Inactive, Mode, Scenario, Sensor, Signals, Start
 from fopi_tune.spec.model import DigitalSpec
-from fopi_tune.validation.plants import HeldPlants, hold
-from fopi_tune.validation.scenario import Actuator, Horizon, Hybrid, Inactive, Mode, Scenario, Sensor, Signals, Start
-from fopi_tune.validation.simulate import CHUNK, measure_chunks
 
 TS = 0.2
 STEPS = 300

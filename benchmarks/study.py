@@ -18,7 +18,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from fopi_tune.stamp import numeric_versions
+from fopi_tune.results.stamp import numeric_versions
 from fopi_tune.study import cluster, engine
 from fopi_tune.study.cells import run_cell
 from fopi_tune.study.engine import InProcess, run_study

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import fopi_tune as ft
 from fopi_tune.prices import ends, knob_of, sweep
-from fopi_tune.result import objective_name
+from fopi_tune.results.design import objective_name
 
 SPECS = Path(__file__).resolve().parent.parent / "specs"
 CASES = (

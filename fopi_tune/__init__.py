@@ -10,24 +10,29 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fopi_tune.candidate import Solver
     from fopi_tune.core.controller import FoPi
     from fopi_tune.core.margins import Margins, margins
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
     from fopi_tune.optimum import Optimum, OptimumRecheck, OptimumStatus
-    from fopi_tune.outcome import Status
-    from fopi_tune.pipeline import discretize, price, prove, recheck, run, tradeoff, tune
-    from fopi_tune.pipeline_optimum import certify_optimum, recheck_optimum
-    from fopi_tune.pipeline_systems import simulate_system, validate_system
-    from fopi_tune.pipeline_time import simulate, validate
+    from fopi_tune.pipeline.discretize import discretize
+    from fopi_tune.pipeline.optimum import certify_optimum, recheck_optimum
+    from fopi_tune.pipeline.price import price, tradeoff
+    from fopi_tune.pipeline.prove import prove, recheck
+    from fopi_tune.pipeline.run import run
+    from fopi_tune.pipeline.simulate import simulate
+    from fopi_tune.pipeline.systems import simulate_system, validate_system
+    from fopi_tune.pipeline.tune import tune
+    from fopi_tune.pipeline.validate import validate
     from fopi_tune.prices import Tradeoff
     from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
-    from fopi_tune.result import Check, Design, Discretized, Run, Validated
-    from fopi_tune.simulated import Simulated
+    from fopi_tune.results.candidate import Solver
+    from fopi_tune.results.design import Check, Design, Discretized, Run, Validated
+    from fopi_tune.results.simulation import Simulated
+    from fopi_tune.results.status import Status
+    from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
     from fopi_tune.spec import load_spec, load_system, parse_spec
     from fopi_tune.spec.model import DesignSpec, SystemSpec
-    from fopi_tune.systems import SimulatedSystem, ValidatedSystem
 
 __version__ = "0.1.0"
 
@@ -35,10 +40,10 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "Certificate": "fopi_tune.proof",
     "CertificateError": "fopi_tune.errors",
-    "Check": "fopi_tune.result",
-    "Design": "fopi_tune.result",
+    "Check": "fopi_tune.results.design",
+    "Design": "fopi_tune.results.design",
     "DesignSpec": "fopi_tune.spec.model",
-    "Discretized": "fopi_tune.result",
+    "Discretized": "fopi_tune.results.design",
     "DomainError": "fopi_tune.errors",
     "FoPi": "fopi_tune.core.controller",
     "FopiError": "fopi_tune.errors",
@@ -49,36 +54,36 @@ _PUBLIC = {
     "Plant": "fopi_tune.core.plant",
     "PlantFamily": "fopi_tune.core.plant",
     "Recheck": "fopi_tune.proof",
-    "Run": "fopi_tune.result",
-    "Simulated": "fopi_tune.simulated",
-    "SimulatedSystem": "fopi_tune.systems",
+    "Run": "fopi_tune.results.design",
+    "Simulated": "fopi_tune.results.simulation",
+    "SimulatedSystem": "fopi_tune.results.system",
     "SpecError": "fopi_tune.errors",
-    "Solver": "fopi_tune.candidate",
-    "Status": "fopi_tune.outcome",
+    "Solver": "fopi_tune.results.candidate",
+    "Status": "fopi_tune.results.status",
     "SystemSpec": "fopi_tune.spec.model",
     "Tradeoff": "fopi_tune.prices.result",
     "Uncertain": "fopi_tune.core.plant",
-    "Validated": "fopi_tune.result",
-    "ValidatedSystem": "fopi_tune.systems",
+    "Validated": "fopi_tune.results.design",
+    "ValidatedSystem": "fopi_tune.results.system",
     "Verdict": "fopi_tune.proof",
     "Verification": "fopi_tune.proof",
-    "certify_optimum": "fopi_tune.pipeline_optimum",
-    "discretize": "fopi_tune.pipeline",
+    "certify_optimum": "fopi_tune.pipeline.optimum",
+    "discretize": "fopi_tune.pipeline.discretize",
     "load_spec": "fopi_tune.spec",
     "load_system": "fopi_tune.spec",
     "margins": "fopi_tune.core.margins",
     "parse_spec": "fopi_tune.spec",
-    "price": "fopi_tune.pipeline",
-    "prove": "fopi_tune.pipeline",
-    "recheck": "fopi_tune.pipeline",
-    "recheck_optimum": "fopi_tune.pipeline_optimum",
-    "run": "fopi_tune.pipeline",
-    "simulate": "fopi_tune.pipeline_time",
-    "simulate_system": "fopi_tune.pipeline_systems",
-    "tradeoff": "fopi_tune.pipeline",
-    "tune": "fopi_tune.pipeline",
-    "validate": "fopi_tune.pipeline_time",
-    "validate_system": "fopi_tune.pipeline_systems",
+    "price": "fopi_tune.pipeline.price",
+    "prove": "fopi_tune.pipeline.prove",
+    "recheck": "fopi_tune.pipeline.prove",
+    "recheck_optimum": "fopi_tune.pipeline.optimum",
+    "run": "fopi_tune.pipeline.run",
+    "simulate": "fopi_tune.pipeline.simulate",
+    "simulate_system": "fopi_tune.pipeline.systems",
+    "tradeoff": "fopi_tune.pipeline.price",
+    "tune": "fopi_tune.pipeline.tune",
+    "validate": "fopi_tune.pipeline.validate",
+    "validate_system": "fopi_tune.pipeline.systems",
 }
 
 __all__ = [

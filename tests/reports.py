@@ -9,7 +9,7 @@ from typing import Any
 import fopi_tune as ft
 from fopi_tune.report.findings import Findings, findings_of, findings_of_run
 from fopi_tune.report.html import report_files
-from fopi_tune.result import Run
+from fopi_tune.results.design import Run
 from fopi_tune.spec import parse_spec
 
 BRAKE = (Path(__file__).parents[1] / "specs" / "brake.yaml").read_text(encoding="utf-8")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -14,119 +14,43 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "fopi_tune"
 MODULES = {".".join(p.relative_to(ROOT).with_suffix("").parts): p for p in sorted(PACKAGE.rglob("*.py"))}
 
-STAGES = ("core", "quantities", "spec")
-#: folder (or module) -> what of this package it may import, besides itself
-ALLOWED = {
-    "__init__": (
-        *STAGES,
-        "candidate",
-        "errors",
-        "optimum",
-        "outcome",
-        "prices",
-        "proof",
-        "pipeline",
-        "pipeline_optimum",
-        "pipeline_systems",
-        "pipeline_time",
-        "result",
-        "simulated",
-        "systems",
-    ),
-    "errors": (),
-    "core": ("errors",),
-    "quantities": ("core", "errors"),
-    "identify": ("core", "errors"),
-    "spec": ("quantities", "core", "errors"),
-    "outcome": (),
-    "candidate": ("outcome", "core"),
-    "convex": ("candidate", "outcome", "proof", "spec.model", "quantities", "core", "errors"),
-    "design": ("candidate", "outcome", "spec.model", "quantities", "core", "errors"),
-    "proof": ("spec.model", "quantities", "core", "errors"),
-    "optimum": ("proof", "spec.model", "quantities", "core", "errors"),
-    "digital": ("spec.model", "core", "errors"),
-    "validation": ("digital", "proof", "quantities", "spec.model", "core", "errors"),
-    "stamp": ("__version__",),
-    "convert": ("core", "errors"),
-    "dicts": ("core", "outcome", "proof", "spec.model"),
-    "prices": (
-        *("core", "design", "dicts", "errors", "outcome", "proof"),
-        *("quantities", "spec.model", "stamp"),
-    ),
-    "result": (
-        *("convert", "core", "dicts", "digital", "optimum", "outcome", "proof", "quantities"),
-        *("spec.model", "stamp", "validation"),
-    ),
-    "report": (
-        "core",
-        "errors",
-        "optimum",
-        "outcome",
-        "prices",
-        "proof",
-        "quantities",
-        "simulated",
-        "spec.model",
-        "study",
-        "systems",
-        "result",
-        "validation",
-    ),
-    "study": (
-        *("core", "design", "errors", "outcome", "pipeline", "pipeline_time", "proof", "result", "spec", "stamp"),
-        "validation",
-    ),
-    "simulated": ("core", "errors", "spec.model", "stamp", "validation"),
-    "systems": ("core", "simulated", "spec.model", "stamp", "validation"),
-    "pipeline_optimum": ("core", "optimum", "spec", "validation"),
-    "pipeline_systems": (
-        *("core", "errors", "implement", "outcome", "pipeline", "pipeline_time", "spec", "stamp", "systems"),
-        "validation",
-    ),
-    "pipeline_time": (
-        *("core", "errors", "implement", "pipeline", "result", "simulated", "spec", "stamp", "validation"),
-    ),
-    "advice": ("outcome", "quantities", "spec.model"),
-    "assemble": ("candidate", "outcome", "proof", "result", "spec.model", "stamp"),
-    "implement": (
-        *("assemble", "core", "design", "digital", "errors", "outcome", "proof"),
-        *("quantities", "spec.model", "stamp"),
-    ),
-    "pipeline": (
-        *("advice", "assemble", "candidate", "convex", "core", "design", "digital", "errors", "implement", "outcome"),
-        *("prices", "proof", "result", "simulated", "spec", "stamp", "validation"),
-    ),
-    "paper": (
-        *("core", "digital", "errors", "outcome", "pipeline", "pipeline_systems", "pipeline_time", "report"),
-        *("result", "simulated", "spec", "validation"),
-    ),
-    "__main__": ("cli",),
-    "cli": (
-        *(
-            "__version__",
-            "candidate",
-            "core",
-            "digital",
-            "errors",
-            "identify",
-            "optimum",
-            "pipeline",
-            "pipeline_optimum",
-            "pipeline_systems",
-            "pipeline_time",
-            "prices",
-            "proof",
-        ),
-        *("report", "result", "simulated", "spec", "study", "systems"),
-    ),
-}
+#: from the ground up, as in CONTRIBUTING.md: a folder imports from itself and from those before it
+LAYERS = (
+    "errors",
+    "core",
+    "quantities",
+    "spec",
+    "identify",
+    "digital",
+    "simulation",
+    "proof",
+    "optimum",
+    "montecarlo",
+    "results",
+    "design",
+    "convex",
+    "prices",
+    "pipeline",
+    "study",
+    "report",
+    "paper",
+    "cli",
+)
+#: what the package's root may hold beside the folders
+AT_THE_ROOT = {"__init__.py", "__main__.py", "errors.py", "py.typed"}
+#: of the root, what folders may ask for: a string
+VERSION = "fopi_tune.__version__"
+#: opinions of their own: neither ever looks at the other
+APART = (("proof", "design"), ("proof", "convex"), ("design", "convex"), ("convex", "design"), ("optimum", "design"))
+MOST_FILES = 16
+LEAST_LINES = 25
 #: these print or write; the loader of specs reads, and the ledger of a study is a database
 LEDGER = "fopi_tune.study.ledger"
 MAY_TOUCH_THE_DISK = {
     "fopi_tune.cli.output": {"print", "open"},
     "fopi_tune.spec.load": {"open"},
     # this package's own sources
-    "fopi_tune.stamp": {"open"},
+    "fopi_tune.results.stamp": {"open"},
     LEDGER: {"open"},
 }
 
@@ -149,28 +73,84 @@ def inside(name: str, allowed: str) -> bool:
     return name == allowed or name.startswith(f"{allowed}.")
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_imports_point_towards_the_core(name: str) -> None:
-    own = name.split(".")[1]
-    for imported in imports(tree(MODULES[name])):
-        if imported.split(".")[0] != "fopi_tune":
-            continue
-        target = imported.partition(".")[2]
-        assert any(inside(target, allowed) for allowed in (own, *ALLOWED[own])), f"{name} imports {imported}"
+def module_of(imported: str) -> str:
+    """The module that an imported name is, or stands in."""
+    while imported not in MODULES and f"{imported}.__init__" not in MODULES:
+        imported = imported.rpartition(".")[0]
+    return imported
+
+
+def own_imports(name: str) -> set[str]:
+    """The modules of this package that a module imports, for types and inside functions too."""
+    found = (imported for imported in imports(tree(MODULES[name])) if imported.split(".")[0] == "fopi_tune")
+    return {module_of(imported) for imported in found if imported != VERSION}
+
+
+def folder_of(module: str) -> str:
+    """The folder of a module; a package is its own."""
+    return module if f"{module}.__init__" in MODULES else module.removesuffix(".__init__").rpartition(".")[0]
+
+
+def circles(graph: Mapping[str, set[str]]) -> list[str]:
+    """What is left of a graph when everything that leads to no circle is taken away."""
+    left = {node: {other for other in others if other in graph and other != node} for node, others in graph.items()}
+    while ends := [node for node, others in left.items() if not others]:
+        for node in ends:
+            del left[node]
+        left = {node: others - set(ends) for node, others in left.items()}
+    return sorted(left)
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if name.count(".") > 1])
+def test_a_folder_imports_only_from_those_below_it(name: str) -> None:
+    own = LAYERS.index(name.split(".")[1])
+    for imported in own_imports(name):
+        assert imported != "fopi_tune", f"{name} imports the package's root"
+        assert LAYERS.index(imported.split(".")[1]) <= own, f"{name} imports {imported}"
+
+
+def test_every_folder_has_its_place_among_the_layers() -> None:
+    assert set(LAYERS) == {name.split(".")[1] for name in MODULES} - {"__init__", "__main__"}
+
+
+def test_no_module_needs_itself_by_a_detour() -> None:
+    # a package's __init__ lists names of its own modules: it counts as the folder, below
+    graph = {name: own_imports(name) for name in MODULES if not name.endswith("__init__")}
+    assert circles(graph) == []
+
+
+def test_no_folder_needs_itself_by_a_detour() -> None:
+    graph: dict[str, set[str]] = {}
+    for name in MODULES:
+        if name.count(".") > 1:
+            graph.setdefault(folder_of(name), set()).update(folder_of(found) for found in own_imports(name))
+    # a folder may use its own subfolders, and they what lies beside them in it: modules are held apart above
+    for folder, others in graph.items():
+        others -= {other for other in others if inside(other, folder) or inside(folder, other)}
+    assert circles(graph) == []
+
+
+def test_nothing_lies_loose_at_the_root() -> None:
+    assert {path.name for path in PACKAGE.iterdir() if path.is_file()} == AT_THE_ROOT
+
+
+def test_folders_and_files_have_a_readable_size() -> None:
+    folders = {path.parent for path in MODULES.values()}
+    assert {folder.name: n for folder in folders if (n := len(list(folder.glob("*.py")))) > MOST_FILES} == {}
+    short = {name for name, path in MODULES.items() if len(path.read_text(encoding="utf-8").splitlines()) < LEAST_LINES}
+    assert {name for name in short if not name.endswith("__init__")} == {"fopi_tune.__main__"}
 
 
 def test_design_proof_and_the_convex_path_are_opinions_of_their_own() -> None:
-    for name, path in MODULES.items():
-        pairs = (
-            ("design", "proof"),
-            ("proof", "design"),
-            ("convex", "design"),
-            ("design", "convex"),
-            ("proof", "convex"),
-        )
-        for one, other in pairs:
+    for name in MODULES:
+        for one, other in APART:
             if inside(name, f"fopi_tune.{one}"):
-                assert not any(inside(found, f"fopi_tune.{other}") for found in imports(tree(path))), name
+                assert not any(inside(found, f"fopi_tune.{other}") for found in own_imports(name)), name
+
+
+def test_of_the_design_only_the_one_on_samples_asks_the_proof() -> None:
+    asking = {n for n in MODULES if inside(n, "fopi_tune.design") and any("proof" in i for i in own_imports(n))}
+    assert asking == {"fopi_tune.design.sampled"}
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -234,7 +214,7 @@ def checked_in() -> list[Path]:
     )
     if listed.returncode == 0 and listed.stdout:
         return [path for path in (ROOT / line for line in listed.stdout.splitlines()) if path.is_file()]
-    hidden = re.compile(r"/(\.(?!ci)[^/]*|results|build|dist|__pycache__|[^/]*\.egg-info)/")
+    hidden = re.compile(r"^/results/|/(\.(?!ci)[^/]*|build|dist|__pycache__|[^/]*\.egg-info)/")
     found = (path for path in ROOT.rglob("*") if not hidden.search(f"/{path.relative_to(ROOT).as_posix()}/"))
     return [path for path in found if path.is_file()]
 

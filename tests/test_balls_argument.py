@@ -15,7 +15,7 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.argument import Argument, tracks_of, unwrapped_phase
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.reading import Reader, Reading
+from fopi_tune.proof.claims.reading import Reader, Reading
 
 #: rad; the phases of doubles carry rounding of a few hundred radians of factors and dead time
 PHASE = 1e-9
@@ -33,7 +33,7 @@ def polynomial(*coefficients: float) -> Argument:
 
 def phase_of(loop: BallLoop, u: float, theta: tuple[float, ...] = ()) -> arb:
     at = loop.over(((u, u), *((value, value) for value in theta)))
-    return unwrapped_phase(at, tracks_of(loop, theta))
+    return unwrapped_phase(loop, at, tracks_of(loop, theta))
 
 
 def core_phase(loop: BallLoop, u: Sequence[float], theta: tuple[float, ...] = ()) -> np.ndarray:

@@ -12,7 +12,7 @@ import pytest
 from flint import arb, ctx
 
 from fopi_tune.proof.balls.box import Box, ball_of, centre_of, middle_of, outward, split
-from fopi_tune.proof.balls.dual import Dual
+from fopi_tune.proof.balls.plant import Dual
 
 
 @pytest.fixture(autouse=True)

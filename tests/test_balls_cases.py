@@ -15,14 +15,14 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.proof.balls.bound import Bound
 from fopi_tune.proof.balls.box import Box, Interval
-from fopi_tune.proof.balls.claim import Claim
-from fopi_tune.proof.balls.crossings import EveryCrossover, EveryPhaseCrossover
-from fopi_tune.proof.balls.existence import SomeCrossover, SomePhaseCrossover
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.reading import Reader, Reading
-from fopi_tune.proof.balls.search import check, search
+from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
+from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
+from fopi_tune.proof.claims.reading import Reader, Reading
+from fopi_tune.proof.claims.search import check, search
 
 EVERYWHERE: Interval = (-math.inf, math.inf)
 P = FoPi(1.0, 0.0, 1.0)

@@ -16,14 +16,14 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import gain_crossovers, phase_crossovers
 from fopi_tune.core.peaks import Response
-from fopi_tune.proof.balls import lag as original
-from fopi_tune.proof.balls.bound import Bound
 from fopi_tune.proof.balls.box import Interval
-from fopi_tune.proof.balls.crossings import EveryCrossover
-from fopi_tune.proof.balls.existence import SomeCrossover
-from fopi_tune.proof.balls.lag import LagBound, closed_form
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.reading import Reader, Reading
+from fopi_tune.proof.claims import lag as original
+from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.crossings import EveryCrossover
+from fopi_tune.proof.claims.existence import SomeCrossover
+from fopi_tune.proof.claims.lag import LagBound, closed_form
+from fopi_tune.proof.claims.reading import Reader, Reading
 
 Array = NDArray[np.float64]
 EVERYWHERE: Interval = (-math.inf, math.inf)

@@ -15,10 +15,10 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.stability import unstable_closed_loop_poles
 from fopi_tune.proof.balls.box import Box
-from fopi_tune.proof.balls.claim import Claim
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.poles import NoAxisRoot, NoPoleAtTheEnds, count_unstable_poles
-from fopi_tune.proof.balls.search import check, search
+from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.poles import NoAxisRoot, NoPoleAtTheEnds, count_unstable_poles
+from fopi_tune.proof.claims.search import check, search
 
 #: rad; poles closer to the axis than this are nobody's certain knowledge in double precision
 NEAR_AXIS = 1e-5

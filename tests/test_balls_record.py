@@ -15,15 +15,15 @@ from plants import brake, lag_gain_and_delay, transfer_function
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.proof.balls.bound import Bound, value_of
 from fopi_tune.proof.balls.box import Box, Interval, split, with_interval
-from fopi_tune.proof.balls.claim import HOLDS, Claim, Finding
-from fopi_tune.proof.balls.crossings import EveryCrossover
-from fopi_tune.proof.balls.existence import SomeCrossover
-from fopi_tune.proof.balls.lag import closed_form
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.reading import Reader, Reading
-from fopi_tune.proof.balls.search import Search, check, search
+from fopi_tune.proof.claims.bound import Bound, value_of
+from fopi_tune.proof.claims.claim import HOLDS, Claim, Finding
+from fopi_tune.proof.claims.crossings import EveryCrossover
+from fopi_tune.proof.claims.existence import SomeCrossover
+from fopi_tune.proof.claims.lag import closed_form
+from fopi_tune.proof.claims.reading import Reader, Reading
+from fopi_tune.proof.claims.search import Search, check, search
 
 EVERYWHERE: Interval = (-math.inf, math.inf)
 GAINS = FoPi(0.55, 0.5, 0.9)

@@ -17,15 +17,15 @@ from plants import lag, pole, transfer_function
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.proof.balls.bound import Bound
 from fopi_tune.proof.balls.box import Box, Interval
-from fopi_tune.proof.balls.claim import Claim
-from fopi_tune.proof.balls.crossings import EveryCrossover, EveryPhaseCrossover
-from fopi_tune.proof.balls.existence import SomeCrossover, SomePhaseCrossover
-from fopi_tune.proof.balls.lag import closed_form
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.reading import Reader, Reading
-from fopi_tune.proof.balls.search import check, search
+from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
+from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
+from fopi_tune.proof.claims.lag import closed_form
+from fopi_tune.proof.claims.reading import Reader, Reading
+from fopi_tune.proof.claims.search import check, search
 
 Array = NDArray[np.float64]
 #: neper, or relative: how far beyond the worst value a claim is made, and how far short of it

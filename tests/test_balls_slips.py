@@ -20,15 +20,15 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import gain_crossovers, phase_crossovers
 from fopi_tune.core.peaks import Response
-from fopi_tune.proof.balls import lag as original
-from fopi_tune.proof.balls import lag_values as original_values
-from fopi_tune.proof.balls.bound import Bound
 from fopi_tune.proof.balls.box import Interval
-from fopi_tune.proof.balls.claim import Claim
-from fopi_tune.proof.balls.crossings import EveryCrossover, EveryPhaseCrossover
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.reading import Reader, Reading
-from fopi_tune.proof.balls.search import search
+from fopi_tune.proof.claims import lag as original
+from fopi_tune.proof.claims import lag_values as original_values
+from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
+from fopi_tune.proof.claims.reading import Reader, Reading
+from fopi_tune.proof.claims.search import search
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]

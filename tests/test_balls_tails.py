@@ -11,12 +11,12 @@ from plants import lag, pole, transfer_function
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.peaks import Response
-from fopi_tune.proof.balls.bound import Bound
-from fopi_tune.proof.balls.crossings import EveryCrossover, EveryPhaseCrossover
-from fopi_tune.proof.balls.lag import closed_form
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.reading import Reader, Reading
-from fopi_tune.proof.balls.search import search
+from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
+from fopi_tune.proof.claims.lag import closed_form
+from fopi_tune.proof.claims.reading import Reader, Reading
+from fopi_tune.proof.claims.search import search
 
 EVERYWHERE = (-math.inf, math.inf)
 

@@ -17,8 +17,8 @@ from typer.testing import CliRunner, Result
 from fopi_tune import __version__
 from fopi_tune.cli import app
 from fopi_tune.cli.output import patience
-from fopi_tune.design import Status
 from fopi_tune.errors import DomainError
+from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec
 
 ROOT = Path(__file__).parents[1]
@@ -300,10 +300,10 @@ def test_a_failed_write_leaves_the_old_result_and_no_litter(monkeypatch: pytest.
 
 
 def test_a_failure_of_the_tool_is_one_line_and_the_other_specs_are_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    import fopi_tune.pipeline
+    import fopi_tune.pipeline.tune
 
-    real = fopi_tune.pipeline.tune
-    monkeypatch.setattr("fopi_tune.pipeline.tune", lambda spec: fails() if spec.name == "brake" else real(spec))
+    real = fopi_tune.pipeline.tune.tune
+    monkeypatch.setattr("fopi_tune.pipeline.tune.tune", lambda spec: fails() if spec.name == "brake" else real(spec))
     result = fopi("tune", BRAKE_FILE, THROTTLE_FILE, "--quiet")
     assert result.exit_code == 3
     assert result.stdout.startswith("throttle: solved.")
@@ -317,11 +317,11 @@ def test_a_failure_of_the_tool_is_one_line_and_the_other_specs_are_done(monkeypa
 def test_a_failed_status_ends_with_3_and_a_domain_error_with_2(monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
-    import fopi_tune.pipeline
+    import fopi_tune.pipeline.tune
 
-    design = fopi_tune.pipeline.tune(load_spec(THROTTLE_FILE))
+    design = fopi_tune.pipeline.tune.tune(load_spec(THROTTLE_FILE))
     failed = replace(design, status=Status.FAILED, message="Ipopt gave up")
-    monkeypatch.setattr("fopi_tune.pipeline.tune", lambda spec: failed)
+    monkeypatch.setattr("fopi_tune.pipeline.tune.tune", lambda spec: failed)
     result = fopi("tune", THROTTLE_FILE)
     assert result.exit_code == 3
     assert "Why: Ipopt gave up.\n" in result.stdout
@@ -329,7 +329,7 @@ def test_a_failed_status_ends_with_3_and_a_domain_error_with_2(monkeypatch: pyte
     def refuses(spec: object) -> None:
         raise DomainError("the dead time is too long")
 
-    monkeypatch.setattr("fopi_tune.pipeline.tune", refuses)
+    monkeypatch.setattr("fopi_tune.pipeline.tune.tune", refuses)
     result = fopi("tune", THROTTLE_FILE, "--quiet")
     assert (result.exit_code, result.stderr) == (2, "throttle: the dead time is too long\n")
 

@@ -23,11 +23,11 @@ from typer.testing import CliRunner
 import fopi_tune as ft
 from fopi_tune.cli import app
 from fopi_tune.core.controller import FoPi
-from fopi_tune.report.canvas import STYLES, Picture
 from fopi_tune.report.compare import comparison_files
 from fopi_tune.report.comparison import Comparison, compared
+from fopi_tune.report.figures.canvas import STYLES, Picture
+from fopi_tune.report.figures.overlays import Overlay, overlay_pictures
 from fopi_tune.report.findings import Findings, findings_of
-from fopi_tune.report.overlays import Overlay, overlay_pictures
 from fopi_tune.spec import parse_spec
 
 ROOT = Path(__file__).parents[1]

@@ -16,17 +16,17 @@ from plants import brake, lag, lag_gain_and_delay, spec_of, transfer_function
 from typer.testing import CliRunner
 
 import fopi_tune as ft
-from fopi_tune.candidate import Candidate, Violation
 from fopi_tune.cli import app
 from fopi_tune.convex import convex_design
+from fopi_tune.convex.evaluate import Places, look
 from fopi_tune.convex.limits import Task, task_of
 from fopi_tune.convex.local import TOLERANCE, Found, Local, Members
-from fopi_tune.convex.look import Places, look
 from fopi_tune.convex.program import Program
 from fopi_tune.convex.rows import RowTable, rows_of
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design import design
 from fopi_tune.proof import verify
+from fopi_tune.results.candidate import Candidate, Violation
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import (
     DesignSpec,

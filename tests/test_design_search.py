@@ -13,10 +13,12 @@ import fopi_tune as ft
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.stability import is_stable
-from fopi_tune.design import Status, Violation, design
+from fopi_tune.design import design
+from fopi_tune.design.nlp.slots import Mode
 from fopi_tune.design.search import Search
-from fopi_tune.design.slots import Mode
 from fopi_tune.proof import verify
+from fopi_tune.results.candidate import Violation
+from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.model import DesignSpec
 

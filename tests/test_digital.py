@@ -22,7 +22,7 @@ from fopi_tune.digital.realise import (
 )
 from fopi_tune.digital.sections import matched, tustin
 from fopi_tune.errors import DomainError
-from fopi_tune.report.digital import digital_text
+from fopi_tune.report.text.digital import digital_text
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import DigitalSpec
 

@@ -21,7 +21,6 @@ from scipy import stats
 from typer.testing import CliRunner
 
 import fopi_tune as ft
-from fopi_tune import pipeline_time
 from fopi_tune.cli import app
 from fopi_tune.core.distributions import (
     Beta,
@@ -34,21 +33,23 @@ from fopi_tune.core.distributions import (
     UniformNoise,
 )
 from fopi_tune.core.samples import impossible, outside_box
+from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.errors import DomainError, SpecError
-from fopi_tune.implement import implementation_of
-from fopi_tune.result import Validated
+from fopi_tune.montecarlo import montecarlo
+from fopi_tune.montecarlo import outcomes as drawn_plants
+from fopi_tune.montecarlo.contradiction import contradictions
+from fopi_tune.montecarlo.documents import to_document
+from fopi_tune.montecarlo.draws import points
+from fopi_tune.montecarlo.montecarlo import Evidence, monte_carlo
+from fopi_tune.montecarlo.outcomes import draw_of
+from fopi_tune.montecarlo.sampling import Design
+from fopi_tune.pipeline.simulate import simulate
+from fopi_tune.pipeline.validate import validate
+from fopi_tune.results.design import Validated
+from fopi_tune.simulation.measures import MEASURE_VALUES
 from fopi_tune.spec import draws, load_spec, parse_spec
 from fopi_tune.spec.model import MEASURES, DesignSpec
 from fopi_tune.spec.template import template
-from fopi_tune.validation import drawn as drawn_plants
-from fopi_tune.validation import montecarlo
-from fopi_tune.validation.contradict import contradictions
-from fopi_tune.validation.designs import Design
-from fopi_tune.validation.document import to_document
-from fopi_tune.validation.drawn import draw_of
-from fopi_tune.validation.draws import points
-from fopi_tune.validation.judged import MEASURE_VALUES
-from fopi_tune.validation.montecarlo import Evidence, monte_carlo
 
 Array = NDArray[np.float64]
 BRAKE = (Path(__file__).parents[1] / "specs" / "brake.yaml").read_text(encoding="utf-8")
@@ -323,17 +324,17 @@ def test_a_plant_is_made_again_exactly(written: str) -> None:
     evidence = evidence_of(spec)
     assert all(judged.worst for judged in (*evidence.limits, *evidence.requirements))
     for worst in evidence.limits[0].worst[:2]:
-        again = pipeline_time.simulate(spec, GAINS, replay=worst.index)
+        again = simulate(spec, GAINS, replay=worst.index)
         assert again.plant == worst.plant
         # two ways to the same samples: the kernel of many plants and the plain one
         assert again.driven[0].measures["overshoot"] == pytest.approx(worst.value, rel=1e-12)
     for judged in evidence.requirements:
-        assert pipeline_time.simulate(spec, GAINS, replay=judged.worst[0].index).plant == judged.worst[0].plant
+        assert simulate(spec, GAINS, replay=judged.worst[0].index).plant == judged.worst[0].plant
 
 
 @pytest.fixture(scope="module")
 def folded() -> Validated:
-    return pipeline_time.validate(drawing(FOLDED, "samples: 2000"), GAINS)
+    return validate(drawing(FOLDED, "samples: 2000"), GAINS)
 
 
 def test_plants_outside_the_family_are_counted_and_contradict_no_proof(folded: Validated) -> None:
@@ -382,7 +383,7 @@ def test_unstable_loops_outside_the_family_contradict_no_proof_of_stability() ->
     )
     noise = "{nominal_plus_noise: {shape: half_normal, mean: 8}}"
     text = text.replace("{samples: 10000, seed: 1}", f"{{samples: 60, distributions: {{dead_time_s: {noise}}}}}")
-    result = pipeline_time.validate(parse_spec(text), GAINS)
+    result = validate(parse_spec(text), GAINS)
     assert result.digital.certificate is not None
     assert result.digital.certificate.stability.verdict is ft.Verdict.PROVED
     assert result.evidence.stable.met < result.evidence.outside
@@ -402,7 +403,7 @@ def test_draws_that_are_no_plants_are_counted_and_left_out() -> None:
         assert not any(refused[worst.index] for worst in judged.worst)
     index = int(np.flatnonzero(refused)[0])
     with pytest.raises(DomainError, match=rf"draw {index} is no plant: time_constant_s = -.* must be greater than 0"):
-        pipeline_time.simulate(spec, GAINS, replay=index)
+        simulate(spec, GAINS, replay=index)
 
 
 def test_evidence_of_the_possible_ones_is_that_of_a_file_of_them() -> None:
@@ -468,7 +469,7 @@ def test_samples_takes_the_first_rows_of_a_file() -> None:
     evidence = evidence_of(spec)
     assert (evidence.stable.total, evidence.outside) == (3, 1)
     with pytest.raises(DomainError, match=r"samples = 5 are more than the 4 rows of f\.csv"):
-        pipeline_time.validate(spec, GAINS, samples=5)
+        validate(spec, GAINS, samples=5)
 
 
 def test_columns_of_a_file_go_by_name() -> None:

@@ -202,4 +202,4 @@ def test_a_docstring_that_lacks_something_is_found_out() -> None:
         "b": "two.\n\n",
     }
     assert not UNIT_IN_WORDS.search("the largest one")
-    assert raised(FUNCTIONS["fopi_tune.paper.pictures.figure_png"]) == {"DomainError"}
+    assert raised(FUNCTIONS["fopi_tune.paper.figures.figure_png"]) == {"DomainError"}

@@ -27,8 +27,8 @@ from fopi_tune.core.distributions import (
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.core.samples import Table, impossible, outside_box, parse_table, why_impossible
 from fopi_tune.errors import DomainError
-from fopi_tune.validation.designs import Design, cube, open_unit, philox, shuffled
-from fopi_tune.validation.draws import Draw, Listed, points, stays_inside
+from fopi_tune.montecarlo.draws import Draw, Listed, points, stays_inside
+from fopi_tune.montecarlo.sampling import Design, cube, open_unit, philox, shuffled
 
 Array = NDArray[np.float64]
 TAU = "time_constant_s"

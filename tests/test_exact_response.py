@@ -20,8 +20,9 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import Plant
 from fopi_tune.core.stability import is_stable, unstable_closed_loop_poles
 from fopi_tune.errors import DomainError
-from fopi_tune.validation.commensurate import commensurate_model, step_response
-from fopi_tune.validation.exact_linear import (
+from fopi_tune.simulation.fractional.commensurate import commensurate_model, step_response
+from fopi_tune.simulation.fractional.inversion import Bend, invert, invert_beside
+from fopi_tune.simulation.fractional.linear import (
     LoopTransform,
     Signal,
     Stimulus,
@@ -30,10 +31,9 @@ from fopi_tune.validation.exact_linear import (
     response_beside,
     response_by_steps,
 )
-from fopi_tune.validation.exact_time import Start, simulate_exactly
-from fopi_tune.validation.inversion import Bend, invert, invert_beside
-from fopi_tune.validation.poles import principal_poles
-from fopi_tune.validation.weights import exponentials
+from fopi_tune.simulation.fractional.poles import principal_poles
+from fopi_tune.simulation.fractional.quadrature import exponentials
+from fopi_tune.simulation.fractional.time_stepping import Start, simulate_exactly
 
 Array = NDArray[np.float64]
 OUTPUT, CONTROL, LOAD = Signal.OUTPUT_AFTER_REFERENCE, Signal.CONTROL_AFTER_REFERENCE, Signal.OUTPUT_AFTER_LOAD

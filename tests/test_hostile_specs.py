@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from fopi_tune.errors import Problem, SpecError
 from fopi_tune.spec import load_spec, parse_spec
-from fopi_tune.spec.encoding import MAX_BYTES
-from fopi_tune.spec.nodes import MAX_NODES
-from fopi_tune.spec.scalars import parse_number
+from fopi_tune.spec.yaml.encoding import MAX_BYTES
+from fopi_tune.spec.yaml.nodes import MAX_NODES
+from fopi_tune.spec.yaml.scalars import parse_number
 
 ROOT = Path(__file__).parents[1]
 BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")

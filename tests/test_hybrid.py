@@ -17,9 +17,10 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import Plant
 from fopi_tune.digital.integrator import ZeroPoleGain, oustaloup
 from fopi_tune.errors import DomainError
-from fopi_tune.validation.exact_linear import Signal, exact_response
-from fopi_tune.validation.flow import Flow, Pedal, Regime
-from fopi_tune.validation.hybrid import (
+from fopi_tune.simulation.fractional.linear import Signal, exact_response
+from fopi_tune.simulation.hybrid.flow import Flow, Pedal, Regime
+from fopi_tune.simulation.hybrid.inclusion import simulate_hybrid
+from fopi_tune.simulation.hybrid.model import (
     Corner,
     HybridCar,
     HybridOutcome,
@@ -29,7 +30,6 @@ from fopi_tune.validation.hybrid import (
     Mode,
     Watch,
 )
-from fopi_tune.validation.inclusion import simulate_hybrid
 
 Array = NDArray[np.float64]
 BAND = (1e-3, 1e3)

@@ -14,14 +14,14 @@ import pytest
 from typer.testing import CliRunner
 
 import fopi_tune as ft
-from fopi_tune import pipeline
 from fopi_tune.cli import app
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.sampled import SampledLoops
 from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError, SpecError
+from fopi_tune.pipeline.discretize import discretize
 from fopi_tune.proof import Verdict
-from fopi_tune.result import Discretized
+from fopi_tune.results.design import Discretized
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.model import DesignSpec
 
@@ -58,7 +58,7 @@ def test_the_continuous_designs_say_which_requirements_their_sampled_loops_miss_
     ):
         design = ft.tune(path)
         assert design.gains is not None
-        result = pipeline.discretize(path, design.gains)
+        result = discretize(path, design.gains)
         assert result.status == "violated"
         assert [not report.result.is_met for report in result.reports if report.result] == missed
         assert result.verification.nominal.phase_margin_deg == pytest.approx(margin, abs=5e-4)
@@ -83,7 +83,7 @@ def test_designed_on_samples_the_loop_on_samples_meets_everything_and_is_proved(
     assert continuous.status == "violated"
     check = ft.prove(spec, design.gains)
     assert check.status == "met"
-    again = pipeline.discretize(spec, design.gains)
+    again = discretize(spec, design.gains)
     assert again.status == "met"
     assert again.certificate is not None
     assert again.certificate.case.implementation == check.certificate.case.implementation
@@ -148,7 +148,7 @@ def test_a_band_above_nyquists_frequency_is_never_met() -> None:
         THROTTLE,
         ("    to_rad_s: 0.035\n", "    to_rad_s: 0.035\n  - loop_gain_db: {at_most: -3}\n    from_rad_s: 20\n"),
     )
-    result = pipeline.discretize(parse_spec(above), ft.FoPi(0.0886, 0.0248, 0.792))
+    result = discretize(parse_spec(above), ft.FoPi(0.0886, 0.0248, 0.792))
     assert result.reports[-1].result is not None
     assert result.reports[-1].result.outcome.value == "beyond_nyquist"
     assert not result.reports[-1].result.is_met
@@ -181,7 +181,7 @@ def test_control_objects_have_the_response_of_the_loop(delay: str) -> None:
     spec = parse_spec(
         text_with(BRAKE, ("delay_samples: 0", f"delay_samples: {delay}"), ("dead_time_s: 0.0", "dead_time_s: 0.27"))
     )
-    result = pipeline.discretize(spec, ft.FoPi(0.4, 0.3, 0.8), proof=False)
+    result = discretize(spec, ft.FoPi(0.4, 0.3, 0.8), proof=False)
     objects = result.to_control()
     assert objects.loop.dt == 0.2
     omega = np.geomspace(1e-3, 15.0, 40)
@@ -341,11 +341,11 @@ def test_mistakes_in_the_digital_section_are_named() -> None:
 
 def test_gains_that_are_switched_off_cannot_be_discretised() -> None:
     with pytest.raises(DomainError, match="kp = ki = 0"):
-        pipeline.discretize(BRAKE, ft.FoPi(0.0, 0.0, 0.8))
+        discretize(BRAKE, ft.FoPi(0.0, 0.0, 0.8))
 
 
 def test_a_result_without_a_proof_says_so() -> None:
-    result = pipeline.discretize(BRAKE, ft.FoPi(0.385, 0.388, 0.82), proof=False)
+    result = discretize(BRAKE, ft.FoPi(0.385, 0.388, 0.82), proof=False)
     assert isinstance(result, Discretized)
     assert result.certificate_document() is None
     assert result.to_dict()["proof"]["verdict"] == "not_attempted"

@@ -19,13 +19,13 @@ from fopi_tune.cli import app
 from fopi_tune.cli.init import Model
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PLANT_MODELS, Plant, Uncertain
-from fopi_tune.outcome import Status
-from fopi_tune.pipeline import tune
+from fopi_tune.pipeline.tune import tune
+from fopi_tune.results.status import Status
+from fopi_tune.simulation.fractional.linear import Signal, exact_response
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.schema import json_schema
 from fopi_tune.spec.starts import STARTS, fitted_start
 from fopi_tune.spec.template import template
-from fopi_tune.validation.exact_linear import Signal, exact_response
 
 
 @pytest.fixture(autouse=True)

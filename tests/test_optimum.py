@@ -27,11 +27,11 @@ from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.optimum import Optimum, OptimumStatus, certify_optimum, recheck_optimum, to_document
 from fopi_tune.optimum.charts import Chart, CrossoverChart, GainChart
-from fopi_tune.optimum.conditions import Test as Kind
-from fopi_tune.optimum.cover import Cells
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.refute import Reason, fails, quadratic
-from fopi_tune.optimum.screen import gains_at
+from fopi_tune.optimum.pruning.conditions import Test as Kind
+from fopi_tune.optimum.pruning.cover import Cells
+from fopi_tune.optimum.pruning.refute import Reason, fails, quadratic
+from fopi_tune.optimum.pruning.screen import gains_at
 from fopi_tune.proof import verify
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.spec import load_spec

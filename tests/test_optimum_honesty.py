@@ -10,13 +10,13 @@ from flint import ctx
 from optimum_cases import FAMILIES, OBJECTIVES, just_met
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.optimum.brackets import suggestions
 from fopi_tune.optimum.charts import CrossoverChart
-from fopi_tune.optimum.conditions import Test as Kind
-from fopi_tune.optimum.places import constant_reasons, first_reasons, further_reasons, plants_to_try
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.refute import Reason, fails
-from fopi_tune.optimum.screen import Boxes, gains_at
+from fopi_tune.optimum.pruning.brackets import suggestions
+from fopi_tune.optimum.pruning.conditions import Test as Kind
+from fopi_tune.optimum.pruning.refute import Reason, fails
+from fopi_tune.optimum.pruning.sample_points import constant_reasons, first_reasons, further_reasons, plants_to_try
+from fopi_tune.optimum.pruning.screen import Boxes, gains_at
 from fopi_tune.proof.balls.box import Box
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.spec.model import DesignSpec

@@ -22,15 +22,15 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.digital.discretize import discretize
 from fopi_tune.errors import DomainError
 from fopi_tune.paper import CLAIMS, FIGURES, PICTURES, Row, Verdict, figure_png, paper_csv, paper_markdown, paper_text
-from fopi_tune.paper.brake import explained
-from fopi_tune.paper.filters import printed_poles, printed_response
-from fopi_tune.paper.fopi_vs_pi import pair, settling_s, uncertain_gain
+from fopi_tune.paper.claims.brake import explained
+from fopi_tune.paper.claims.filters import printed_poles, printed_response
+from fopi_tune.paper.claims.fopi_vs_pi import pair, settling_s, uncertain_gain
 from fopi_tune.paper.printed import BRAKE, FILTERS, THROTTLE
 from fopi_tune.paper.responses import load_error
 from fopi_tune.paper.rows import Printed, about, judged
 from fopi_tune.paper.sources import spec
 from fopi_tune.paper.table import COLUMNS
-from fopi_tune.report.canvas import STYLES, png_of, svg_of
+from fopi_tune.report.figures.canvas import STYLES, png_of, svg_of
 from fopi_tune.spec.model import DigitalSpec
 
 ROOT = Path(__file__).parents[1]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import fopi_tune as ft
-from fopi_tune.outcome import Price
 from fopi_tune.prices.price import price_of
 from fopi_tune.report import design_text
+from fopi_tune.results.status import Price
 
 SPECS = Path(__file__).resolve().parents[1] / "specs"
 #: relative; the exchange's rounding is 4e-4 of a price (see `fopi_tune.prices.price`), what was seen is 1.1e-4

@@ -18,7 +18,7 @@ import fopi_tune as ft
 from fopi_tune.cli import app
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.proof import certify, verify
-from fopi_tune.proof.balls.search import search
+from fopi_tune.proof.claims.search import search
 from fopi_tune.proof.documents import digest, from_document, to_document
 from fopi_tune.proof.obligations import Case, stays
 from fopi_tune.spec import load_spec

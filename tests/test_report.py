@@ -32,15 +32,15 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins
 from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
-from fopi_tune.report.canvas import Picture
+from fopi_tune.montecarlo.statistics import histogram
+from fopi_tune.report.figures.canvas import Picture
+from fopi_tune.report.figures.frequency import bode, margins_along, nyquist, sensitivities
+from fopi_tune.report.figures.members import Members, members_of
+from fopi_tune.report.figures.slider import slider_of
+from fopi_tune.report.figures.times import responses
 from fopi_tune.report.findings import Findings, findings_of, findings_of_run
-from fopi_tune.report.frequency import bode, margins_along, nyquist, sensitivities
 from fopi_tune.report.html import report_files
-from fopi_tune.report.members import Members, members_of
-from fopi_tune.report.slider import slider_of
-from fopi_tune.report.times import responses
 from fopi_tune.spec import parse_spec
-from fopi_tune.validation.statistics import histogram
 
 
 def loop_of(findings: Findings) -> Members:

@@ -18,7 +18,7 @@ import fopi_tune as ft
 from fopi_tune.errors import DomainError
 from fopi_tune.report.backing import check_backed
 from fopi_tune.report.chances import histograms
-from fopi_tune.report.regions import discs
+from fopi_tune.report.figures.regions import discs
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import Relation, Requirement, Scope
 

@@ -15,11 +15,11 @@ import plants
 import pytest
 
 import fopi_tune as ft
-from fopi_tune.convert import to_control
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.design.result import Give
-from fopi_tune.report.terminal import design_text, requirement_phrase, scope_phrase
-from fopi_tune.result import RequirementReport
+from fopi_tune.report.text.terminal import design_text, requirement_phrase, scope_phrase
+from fopi_tune.results.design import RequirementReport
+from fopi_tune.results.status import Give
+from fopi_tune.results.to_control import to_control
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
 ROOT = Path(__file__).parents[1]

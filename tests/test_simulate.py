@@ -25,13 +25,13 @@ from fopi_tune.digital.discretize import discretize
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Op, Operation, Runtime, init, replay, reset, step, track
 from fopi_tune.errors import DomainError
-from fopi_tune.spec.model import DigitalSpec
-from fopi_tune.validation.exact_linear import Signal, exact_response
-from fopi_tune.validation.exact_time import simulate_exactly
-from fopi_tune.validation.noise import deviates, normal_quantile, philox
-from fopi_tune.validation.plants import HeldPlants, hold
-from fopi_tune.validation.reference import measures_of, simulate_plainly
-from fopi_tune.validation.scenario import (
+from fopi_tune.simulation.fractional.linear import Signal, exact_response
+from fopi_tune.simulation.fractional.time_stepping import simulate_exactly
+from fopi_tune.simulation.sampled.noise import deviates, normal_quantile, philox
+from fopi_tune.simulation.sampled.plants import HeldPlants, hold
+from fopi_tune.simulation.sampled.reference import measures_of, simulate_plainly
+from fopi_tune.simulation.sampled.simulate import measure, measure_chunks, simulate
+from fopi_tune.simulation.scenario import (
     Actuator,
     Before,
     Horizon,
@@ -45,7 +45,7 @@ from fopi_tune.validation.scenario import (
     Start,
     Traces,
 )
-from fopi_tune.validation.simulate import measure, measure_chunks, simulate
+from fopi_tune.spec.model import DigitalSpec
 
 TS = 0.2
 STEPS = 150
@@ -640,14 +640,14 @@ def test_a_horizon_beyond_the_samples_and_empty_chunks_are_named() -> None:
 
 
 def test_the_package_is_imported_without_numba() -> None:
-    code = "import sys, fopi_tune, fopi_tune.cli, fopi_tune.validation.simulate; print('numba' in sys.modules)"
+    code = "import sys, fopi_tune, fopi_tune.cli, fopi_tune.simulation.sampled.simulate; print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 
 
 def test_what_was_compiled_is_kept_where_numba_is_told_to(tmp_path: Path) -> None:
     # importing makes the cache's place; compiling would take many seconds
-    code = "from fopi_tune.validation.kernel import run_blocks; print(run_blocks._cache.cache_path)"
+    code = "from fopi_tune.simulation.sampled.kernel import run_blocks; print(run_blocks._cache.cache_path)"
     root = Path(__file__).parents[1]
     copy = tmp_path / "read_only"
     shutil.copytree(root / "fopi_tune", copy / "fopi_tune", ignore=shutil.ignore_patterns("__pycache__"))

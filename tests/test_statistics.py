@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fopi_tune.errors import DomainError
-from fopi_tune.validation.statistics import Quantile, fraction, quantiles
-from fopi_tune.validation.tally import Found, Tally, Worst, merge, tally
+from fopi_tune.montecarlo.statistics import Quantile, fraction, quantiles
+from fopi_tune.montecarlo.tally import Found, Tally, Worst, merge, tally
 
 Array = NDArray[np.float64]
 

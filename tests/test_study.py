@@ -20,16 +20,21 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from fopi_tune import pipeline, pipeline_time
 from fopi_tune.cli import app
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.design import design, neighbour
-from fopi_tune.design.interrupt import not_swallowed
+from fopi_tune.design.nlp.solve import not_swallowed
 from fopi_tune.errors import FopiError
+from fopi_tune.montecarlo.montecarlo import SCANNED
+from fopi_tune.pipeline.discretize import discretize
+from fopi_tune.pipeline.prove import prove
+from fopi_tune.pipeline.tune import tune
+from fopi_tune.pipeline.validate import validate
 from fopi_tune.report import study_text
+from fopi_tune.results.stamp import numeric_versions
+from fopi_tune.simulation.sampled.simulate import threads_of_machine
 from fopi_tune.spec import load_spec
-from fopi_tune.stamp import numeric_versions
 from fopi_tune.study import Machines, StudyResult, run
 from fopi_tune.study.cells import Result, finish, run_block, run_cell, run_chunk
 from fopi_tune.study.engine import Ended, InProcess, Task, divided, run_study
@@ -38,8 +43,6 @@ from fopi_tune.study.load import load_study
 from fopi_tune.study.model import Cell, Column, Kind, Study
 from fopi_tune.study.table import found, table_of
 from fopi_tune.study.trees import spec_of
-from fopi_tune.validation.montecarlo import SCANNED
-from fopi_tune.validation.threads import threads
 
 ROOT = Path(__file__).parents[1]
 HERE = Machines(0)
@@ -91,17 +94,17 @@ def test_a_cells_numbers_are_those_of_the_single_commands() -> None:
     found = document(cell)
     gains = FoPi(0.385, 0.388, 0.82)
     checked = spec_of(cell.check)
-    assert found["tune"] == pipeline.tune(spec_of(cell.text), proof=False).to_dict()
-    assert found["prove"] == pipeline.prove(checked, gains).to_dict()
-    assert found["discretize"] == pipeline.discretize(checked, gains).to_dict()
-    assert found["validate"] == pipeline_time.validate(checked, gains).to_dict()
+    assert found["tune"] == tune(spec_of(cell.text), proof=False).to_dict()
+    assert found["prove"] == prove(checked, gains).to_dict()
+    assert found["discretize"] == discretize(checked, gains).to_dict()
+    assert found["validate"] == validate(checked, gains).to_dict()
     assert found["outcome"] == "met"
 
 
 def test_a_proof_against_the_same_spec_is_the_designs_own() -> None:
     found = document(study("stages: [tune, prove]").cells[0])
-    design = pipeline.tune(load_spec("lag.yaml")).to_dict()
-    proved = pipeline.prove(load_spec("lag.yaml"), FoPi(0.385, 0.388, 0.82)).to_dict()
+    design = tune(load_spec("lag.yaml")).to_dict()
+    proved = prove(load_spec("lag.yaml"), FoPi(0.385, 0.388, 0.82)).to_dict()
     mine = found["prove"]
     assert isinstance(mine, dict)
     assert mine["status"] == proved["status"] == "met"
@@ -155,7 +158,7 @@ def test_a_result_does_not_depend_on_what_was_run_before() -> None:
     cells = load_study(write(grid, head)).cells
 
     def gains(order: tuple[int, ...]) -> dict[int, str]:
-        from fopi_tune.design import compile as compiling
+        from fopi_tune.design.nlp import compile as compiling
         from fopi_tune.study import cells as kept
 
         compiling._kept.clear()
@@ -496,10 +499,14 @@ def test_the_schema_of_studies_is_printed() -> None:
 
 def test_workers_may_be_told_how_many_threads_to_take(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FOPI_THREADS", "3")
-    assert threads() == 3
+    assert threads_of_machine() == 3
     for odd in ("0", "many", "", "-1"):
         monkeypatch.setenv("FOPI_THREADS", odd)
-        assert threads() == len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else threads() >= 1
+        assert (
+            threads_of_machine() == len(os.sched_getaffinity(0))
+            if hasattr(os, "sched_getaffinity")
+            else threads_of_machine() >= 1
+        )
 
 
 @pytest.mark.parametrize("arguments", [["--version"], ["study", "s.yaml", "--dry-run"], ["schema", "--study"]])
@@ -612,7 +619,7 @@ def test_a_file_of_samples_travels_with_its_cells(folder: Path) -> None:
     assert [each["stable"]["total"] for each in found] == [2, 3]
     whole = load_spec("lag.yaml")
     listed = dataclasses.replace(whole, validation=spec_of(cells[1].text, files=cells[1].files).validation)
-    alone = pipeline_time.validate(listed, FoPi(0.385, 0.388, 0.82)).to_dict()
+    alone = validate(listed, FoPi(0.385, 0.388, 0.82)).to_dict()
     assert alone["requirements"] == found[1]["requirements"]
 
 

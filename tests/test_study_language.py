@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 
 from fopi_tune.errors import SpecError
 from fopi_tune.spec import load_document, load_spec, parse_spec
-from fopi_tune.study.load import TooManyCellsError, load_study
+from fopi_tune.study.load import TooManyCellsError, load_study, study_json_schema
 from fopi_tune.study.model import Kind, Stage, Study
-from fopi_tune.study.schema import study_json_schema
 from fopi_tune.study.trees import node_of, path_of, spec_of, text_of, value_of, written
 
 ROOT = Path(__file__).parents[1]
@@ -293,9 +292,9 @@ _VALUES: st.SearchStrategy[Any] = st.one_of(
     )
 )
 def test_what_the_schema_refuses_the_reader_refuses(document: dict[str, Any]) -> None:
-    from fopi_tune.spec.nodes import compose
-    from fopi_tune.spec.places import Place
-    from fopi_tune.spec.report import Report
+    from fopi_tune.spec.yaml.nodes import compose
+    from fopi_tune.spec.yaml.places import Place
+    from fopi_tune.spec.yaml.report import Report
     from fopi_tune.study.language import read_study
 
     document = {"schema": 1, "name": "s", "specs": ["lag.yaml"], **document}

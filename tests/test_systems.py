@@ -14,22 +14,22 @@ import fopi_tune as ft
 from fopi_tune.cli.commands import app
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
+from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.digital.integrator import oustaloup
 from fopi_tune.errors import DomainError, SpecError
-from fopi_tune.implement import implementation_of
+from fopi_tune.montecarlo.draws import points
+from fopi_tune.montecarlo.montecarlo import controller_of
+from fopi_tune.montecarlo.outcomes import draw_of
+from fopi_tune.montecarlo.systems import hybrid_scenario
+from fopi_tune.simulation.fractional.linear import Signal, exact_response
+from fopi_tune.simulation.hybrid.flow import Pedal
+from fopi_tune.simulation.hybrid.inclusion import simulate_hybrid
+from fopi_tune.simulation.hybrid.model import Corner, HybridCar, HybridStart, Memory, Mode, Watch
+from fopi_tune.simulation.sampled.plants import hold
+from fopi_tune.simulation.sampled.reference import simulate_plainly
 from fopi_tune.spec import load_any, load_spec, load_system
 from fopi_tune.spec.model import DesignSpec, SystemSpec
 from fopi_tune.spec.schema import system_json_schema
-from fopi_tune.validation.drawn import draw_of
-from fopi_tune.validation.draws import points
-from fopi_tune.validation.exact_linear import Signal, exact_response
-from fopi_tune.validation.flow import Pedal
-from fopi_tune.validation.hybrid import Corner, HybridCar, HybridStart, Memory, Mode, Watch
-from fopi_tune.validation.inclusion import simulate_hybrid
-from fopi_tune.validation.joint import hybrid_scenario
-from fopi_tune.validation.montecarlo import controller_of
-from fopi_tune.validation.plants import hold
-from fopi_tune.validation.reference import simulate_plainly
 
 ROOT = Path(__file__).parents[1]
 CAR = ROOT / "systems" / "car.yaml"

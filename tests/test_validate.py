@@ -13,21 +13,23 @@ import pytest
 from typer.testing import CliRunner
 
 import fopi_tune as ft
-from fopi_tune import pipeline_time
 from fopi_tune.cli import app
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.sampled import SampledLoops
 from fopi_tune.core.stability import unstable_closed_loop_poles
+from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.errors import DomainError, SpecError
-from fopi_tune.implement import implementation_of
+from fopi_tune.montecarlo import montecarlo
+from fopi_tune.montecarlo import outcomes as drawn
+from fopi_tune.montecarlo.contradiction import contradictions
+from fopi_tune.montecarlo.margins import Scan
+from fopi_tune.montecarlo.montecarlo import monte_carlo
+from fopi_tune.pipeline.simulate import simulate
+from fopi_tune.pipeline.validate import validate, validate_block
 from fopi_tune.quantities import QUANTITIES
+from fopi_tune.simulation.measures import course
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import DesignSpec, Knot, Relation, Requirement
-from fopi_tune.validation import drawn, montecarlo
-from fopi_tune.validation.contradict import contradictions
-from fopi_tune.validation.judged import course
-from fopi_tune.validation.montecarlo import monte_carlo
-from fopi_tune.validation.scan import Scan
 
 ROOT = Path(__file__).parents[1]
 #: meets specs/brake.yaml on samples
@@ -87,7 +89,7 @@ def test_scanned_margins_are_those_of_the_core(name: str) -> None:
 
 
 def test_every_drawn_plant_meets_what_is_proved_of_all_of_them() -> None:
-    result = pipeline_time.validate(brake(), GAINS)
+    result = validate(brake(), GAINS)
     assert result.status == "met"
     assert result.contradictions == ()
     assert result.evidence.stable.met == result.evidence.stable.total == 600
@@ -142,13 +144,13 @@ def test_a_drawn_plant_is_made_again_with_its_noise() -> None:
         evidence.limits, ("from_30", "noisy"), ("acceleration_m_s2", "overshoot"), strict=True
     ):
         for worst in judged.worst[:2]:
-            again = pipeline_time.simulate(spec, GAINS, scenario=scenario, replay=worst.index)
+            again = simulate(spec, GAINS, scenario=scenario, replay=worst.index)
             assert again.plant == worst.plant
             assert again.driven[0].measures[measure] == pytest.approx(worst.value, rel=1e-12)
 
 
 def test_a_plant_beyond_what_is_proved_is_a_defect_of_the_tool() -> None:
-    result = pipeline_time.validate(brake(), GAINS)
+    result = validate(brake(), GAINS)
     certificate = result.digital.certificate
     assert certificate is not None
     proofs = list(certificate.requirements)
@@ -189,7 +191,7 @@ def test_a_knot_on_a_sample_acts_from_that_sample_on() -> None:
 def test_without_limits_a_pi_settles_where_the_theory_says() -> None:
     text = SCENARIOS.replace("noise_std: 0.02, quantum: 0.01", "load: [{at_s: 10, value: 0.3}]").replace("20,", "400,")
     spec = brake((", output_limits: [-1, 1]", ", output_limits: [-9, 9]"), more=text)
-    driven = pipeline_time.simulate(spec, ft.FoPi(0.7, 0.3, 1.0), scenario="noisy").driven[0]
+    driven = simulate(spec, ft.FoPi(0.7, 0.3, 1.0), scenario="noisy").driven[0]
     # with a load of 0.3 at the plant's input the control ends at 1 - 0.3; the integrator leaves no error
     assert driven.traces.applied[0, -1] == pytest.approx(0.7, abs=1e-6)
     assert driven.traces.output[0, -1] == pytest.approx(1.0, abs=1e-6)
@@ -269,10 +271,10 @@ def test_what_cannot_be_simulated_is_bad_input(spec_file: str, options: list[str
 def test_a_spec_without_scenarios_cannot_be_simulated_but_validated() -> None:
     spec = brake(more="", samples=50)
     with pytest.raises(DomainError, match="no scenario"):
-        pipeline_time.simulate(spec, GAINS)
-    assert pipeline_time.validate(spec, GAINS).status == "met"
+        simulate(spec, GAINS)
+    assert validate(spec, GAINS).status == "met"
     with pytest.raises(DomainError, match="samples"):
-        pipeline_time.validate(spec, GAINS, samples=0)
+        validate(spec, GAINS, samples=0)
 
 
 @pytest.mark.parametrize(
@@ -312,29 +314,29 @@ FREE = "validation: {samples: 1200, seed: 1, distributions: {time_constant_s: {n
 @pytest.mark.parametrize("how", ["", "design: sobol, ", "design: latin_hypercube, "])
 def test_blocks_put_together_in_any_order_are_the_whole(how: str) -> None:
     spec = brake(("samples: 600", f"{how}samples: 1200"))
-    blocks = [pipeline_time.validate_block(spec, GAINS, *edge) for edge in ((1024, 1200), (0, 512), (512, 1024))]
-    whole = pipeline_time.validate(spec, GAINS)
-    assert pipeline_time.validate(spec, GAINS, blocks=pickle.loads(pickle.dumps(blocks))).to_dict() == whole.to_dict()
+    blocks = [validate_block(spec, GAINS, *edge) for edge in ((1024, 1200), (0, 512), (512, 1024))]
+    whole = validate(spec, GAINS)
+    assert validate(spec, GAINS, blocks=pickle.loads(pickle.dumps(blocks))).to_dict() == whole.to_dict()
 
 
 def test_blocks_keep_apart_what_is_no_plant_of_the_family() -> None:
     spec = brake(("validation: {samples: 600, seed: 1}", FREE))
-    blocks = [pipeline_time.validate_block(spec, GAINS, *edge) for edge in ((0, 512), (512, 1024), (1024, 1200))]
-    whole = pipeline_time.validate(spec, GAINS)
+    blocks = [validate_block(spec, GAINS, *edge) for edge in ((0, 512), (512, 1024), (1024, 1200))]
+    whole = validate(spec, GAINS)
     assert whole.evidence.outside > 0
     assert whole.evidence.no_plants > 0
-    assert pipeline_time.validate(spec, GAINS, blocks=blocks).to_dict() == whole.to_dict()
+    assert validate(spec, GAINS, blocks=blocks).to_dict() == whole.to_dict()
 
 
 @pytest.mark.parametrize("edges", [[(0, 512)], [(0, 1200), (1024, 1200)], [(512, 1200)], [(0, 512), (1024, 1200)]])
 def test_blocks_that_are_not_all_draws_are_refused(edges: list[tuple[int, int]]) -> None:
     spec = brake(samples=1200, more="")
-    blocks = [pipeline_time.validate_block(spec, GAINS, *edge) for edge in edges]
+    blocks = [validate_block(spec, GAINS, *edge) for edge in edges]
     with pytest.raises(DomainError, match="do not make up 1200 draws"):
-        pipeline_time.validate(spec, GAINS, blocks=blocks)
+        validate(spec, GAINS, blocks=blocks)
 
 
 @pytest.mark.parametrize("edge", [(0, 511), (1, 600), (512, 512), (0, 1024), (1024, 512)])
 def test_a_block_that_is_cut_elsewhere_is_refused(edge: tuple[int, int]) -> None:
     with pytest.raises(DomainError, match="are no block; cut at multiples of 512"):
-        pipeline_time.validate_block(brake(more=""), GAINS, *edge)
+        validate_block(brake(more=""), GAINS, *edge)

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.optimum import recheck_optimum_file
 from fopi_tune.cli.output import Exit, print_out, print_styled, read_text, reason_of, report_failure, say, to_json
 from fopi_tune.cli.process import Handling
+from fopi_tune.cli.tune import recheck_optimum_file
 from fopi_tune.errors import CertificateError, SpecError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def recheck_file(file: str, spec_file: str | None, handling: Handling) -> Exit:
     try:
         if isinstance(document, dict) and document.get("kind") == "fopi_tune optimum":
             return recheck_optimum_file(document, spec_file, handling)
-        from fopi_tune.pipeline import recheck
+        from fopi_tune.pipeline.prove import recheck
 
         found = recheck(document, spec_file)
     except SpecError as error:

@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune import __version__
-from fopi_tune.candidate import Solver
 from fopi_tune.cli.certificates import recheck_file
-from fopi_tune.cli.driving import Course, simulate_file, validate_file
 from fopi_tune.cli.gains import found_or_tuned, given_gains, named_numbers, refusal
 from fopi_tune.cli.init import NoSchema, PlantOption, Recorded, Wanted, Words, write_spec
 from fopi_tune.cli.output import print_out, report_failure, to_json
-from fopi_tune.cli.prices import Asked, From, Points, Prices, Swept, To, designed
 from fopi_tune.cli.process import Handling, process
+from fopi_tune.cli.simulations import Course, simulate_file, validate_file
 from fopi_tune.cli.study import study
+from fopi_tune.cli.tune import Asked, From, Points, Prices, Swept, To, designed
 from fopi_tune.core.controller import FoPi
+from fopi_tune.results.candidate import Solver
 
 if TYPE_CHECKING:
     from fopi_tune.prices import Tradeoff
-    from fopi_tune.result import Check, Design, Discretized, Run
+    from fopi_tune.results.design import Check, Design, Discretized, Run
     from fopi_tune.spec.model import DesignSpec
 
 app = typer.Typer(
@@ -108,8 +108,8 @@ def tune(
     handling = Handling(out, as_json, quiet, debug, len(specs) > 1)
 
     def make(spec: DesignSpec) -> Design | Tradeoff:
-        from fopi_tune.cli.optimum import with_optimum
-        from fopi_tune.result import Design
+        from fopi_tune.cli.tune import with_optimum
+        from fopi_tune.results.design import Design
 
         found = designed(spec, asked, not no_proof)
         if certify_optimum and isinstance(found, Design):
@@ -136,7 +136,7 @@ def run(
     """
 
     def make(spec: DesignSpec) -> Run:
-        from fopi_tune.pipeline import run
+        from fopi_tune.pipeline.run import run
 
         return run(spec, not no_proof)
 
@@ -161,7 +161,7 @@ def report(
     folders that `fopi tune` or `fopi prove` filled, or the design.json or check.json in them.
     """
     if compare:
-        from fopi_tune.cli.compare import compare_results
+        from fopi_tune.cli.report import compare_results
 
         raise typer.Exit(compare_results(specs, Handling(out, False, quiet, debug)))
     from fopi_tune.cli.report import remake
@@ -204,10 +204,10 @@ def prove(
     given = given_gains(kp, ki, alpha)
 
     def make(loaded: DesignSpec) -> Check | Design:
-        from fopi_tune import pipeline
+        from fopi_tune.pipeline.prove import prove
 
         gains = given if given is not None else found_or_tuned(loaded, handling)
-        return gains if not isinstance(gains, FoPi) else pipeline.prove(loaded, gains, tolerance)
+        return gains if not isinstance(gains, FoPi) else prove(loaded, gains, tolerance)
 
     raise typer.Exit(process([spec], make, handling, "proving"))
 
@@ -234,10 +234,10 @@ def discretize(
     given = given_gains(kp, ki, alpha)
 
     def make(loaded: DesignSpec) -> Discretized | Design:
-        from fopi_tune import pipeline
+        from fopi_tune.pipeline.discretize import discretize
 
         gains = given if given is not None else found_or_tuned(loaded, handling)
-        return gains if not isinstance(gains, FoPi) else pipeline.discretize(loaded, gains, not no_proof)
+        return gains if not isinstance(gains, FoPi) else discretize(loaded, gains, not no_proof)
 
     raise typer.Exit(process([spec], make, handling, "discretizing"))
 
@@ -319,7 +319,7 @@ def schema(
     if system and study:
         raise refusal("--system and --study are two languages; leave one of them out")
     if study:
-        from fopi_tune.study.schema import study_json_schema
+        from fopi_tune.study.load import study_json_schema
 
         raise typer.Exit(print_out(to_json(study_json_schema())))
     raise typer.Exit(print_out(to_json(system_json_schema() if system else json_schema())))

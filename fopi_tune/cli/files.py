@@ -10,9 +10,9 @@ from fopi_tune.cli.output import to_json
 
 if TYPE_CHECKING:
     from fopi_tune.prices import Tradeoff
-    from fopi_tune.result import Check, Design, Discretized, Run, Validated
-    from fopi_tune.simulated import Driven, Simulated
-    from fopi_tune.systems import SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.design import Check, Design, Discretized, Run, Validated
+    from fopi_tune.results.simulation import Driven, Simulated
+    from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
 
     Result = Design | Check | Discretized | Run | Validated | Simulated | Tradeoff | SimulatedSystem | ValidatedSystem
 
@@ -44,9 +44,9 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
         DomainError: the controller cannot be exported as code.
     """
     from fopi_tune.prices.result import Tradeoff
-    from fopi_tune.result import Check, Discretized, Run, Validated
-    from fopi_tune.simulated import Simulated
-    from fopi_tune.systems import SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.design import Check, Discretized, Run, Validated
+    from fopi_tune.results.simulation import Simulated
+    from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
 
     if isinstance(result, Tradeoff):
         yield from _tradeoff(result)
@@ -104,7 +104,7 @@ def _code(result: Discretized) -> Iterator[tuple[str, str]]:
 
 def _table(driven: Driven) -> str:
     """CSV; numbers as they are, so that they can be read back to the last bit."""
-    from fopi_tune.simulated import COLUMNS
+    from fopi_tune.results.simulation import COLUMNS
 
     lines = (",".join(repr(value) for value in row) for row in driven.rows())
     return "\n".join([",".join(COLUMNS), *lines]) + "\n"

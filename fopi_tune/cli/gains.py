@@ -14,7 +14,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
-    from fopi_tune.result import Design
+    from fopi_tune.results.design import Design
     from fopi_tune.spec.model import DesignSpec
 
 
@@ -44,13 +44,13 @@ def named_numbers(pairs: Sequence[str]) -> dict[str, float]:
 
 def found_or_tuned(spec: DesignSpec, handling: Handling) -> FoPi | Design:
     """Gains of an earlier design or of one made now; the design itself when it is no solution."""
-    from fopi_tune import pipeline
+    from fopi_tune.pipeline.tune import tune
 
     gains = gains_of_earlier_design(spec, handling)
     if gains is not None:
         return gains
     handling.note(f"{spec.name}: no gains given, and no design of this spec there; tuning first ...")
-    design = pipeline.tune(spec, proof=False)
+    design = tune(spec, proof=False)
     return design if design.gains is None or design.status.value != "solved" else design.gains
 
 

@@ -24,7 +24,6 @@ from fopi_tune.cli.files import (
     SIMULATION,
     files_of,
 )
-from fopi_tune.cli.making import report_of
 from fopi_tune.cli.output import (
     Exit,
     patience,
@@ -36,6 +35,7 @@ from fopi_tune.cli.output import (
     to_json,
     write_file,
 )
+from fopi_tune.cli.report_files import report_of
 from fopi_tune.errors import DomainError, SpecError
 
 # Solver, NumPy and Rich are imported where they are needed: a mistake must not wait for them.
@@ -219,9 +219,9 @@ def _table(result: Result) -> Text:
         system_evidence_text,
         tradeoff_text,
     )
-    from fopi_tune.result import Check, Design, Discretized, Validated
-    from fopi_tune.simulated import Simulated
-    from fopi_tune.systems import SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.design import Check, Design, Discretized, Validated
+    from fopi_tune.results.simulation import Simulated
+    from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
 
     if isinstance(result, Tradeoff):
         return tradeoff_text(result)

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fopi_tune.convex.evaluate import OBJECTIVE, Look, Places, look
 from fopi_tune.convex.limits import Task
-from fopi_tune.convex.look import OBJECTIVE, Look, Places, look
 from fopi_tune.convex.program import Program, Step
 from fopi_tune.convex.rows import rows_of
 from fopi_tune.core.controller import FoPi

@@ -17,9 +17,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fopi_tune.convex.evaluate import look
 from fopi_tune.convex.limits import Task
 from fopi_tune.convex.local import NO_GAIN, TOLERANCE, Found, Local, Members, better
-from fopi_tune.convex.look import look
 from fopi_tune.convex.program import Program
 from fopi_tune.convex.starts import starts
 

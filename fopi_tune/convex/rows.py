@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
+from fopi_tune.convex.evaluate import OBJECTIVE, PEAKS, Look, Places, at_rest, counts_in_depth
 from fopi_tune.convex.limits import Bound, Limit, Task
-from fopi_tune.convex.look import OBJECTIVE, PEAKS, Look, Places, at_rest, counts_in_depth
 from fopi_tune.core.logform import Array, Complex, Rows
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response

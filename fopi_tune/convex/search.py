@@ -8,16 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from fopi_tune.candidate import Candidate, Violation
 from fopi_tune.convex.limits import GUARD, OPEN_GAIN, TIGHTENING, Bound, Task, refusal, task_of
 from fopi_tune.convex.local import TOLERANCE, Found, Members, better
 from fopi_tune.convex.orders import Orders
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.errors import DomainError
-from fopi_tune.outcome import Status
 from fopi_tune.proof import verify
 from fopi_tune.quantities.objectives import ObjectiveKind
+from fopi_tune.results.candidate import Candidate, Violation
+from fopi_tune.results.status import Status
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
 
 #: rounds of: find the worst plants of the whole family, add them, solve again

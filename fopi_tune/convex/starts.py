@@ -16,9 +16,9 @@ import math
 
 import numpy as np
 
+from fopi_tune.convex.evaluate import Look, look, rough_ranks
 from fopi_tune.convex.limits import OPEN_GAIN, Bound, Task
 from fopi_tune.convex.local import Members
-from fopi_tune.convex.look import Look, look, rough_ranks
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.errors import DomainError

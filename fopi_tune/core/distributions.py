@@ -21,12 +21,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fopi_tune.core.logform import Array
 from fopi_tune.core.plant import Uncertain
 from fopi_tune.errors import DomainError
 
-Array = NDArray[np.float64]
 #: what a spec says: a word, or a word with its numbers
 Words = str | Mapping[str, Mapping[str, float | str | list[float]]]
 #: no u of a draw lies further out: |Phi^-1(2^-53)| = 8.21 standard deviations, and 8.29 at 2^-54

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fopi_tune.core.logform import Array
 
 #: terms of the exponential series: 0.5^16/16! = 1e-18
 _TERMS = 17

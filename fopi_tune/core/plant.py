@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fopi_tune.core.logform import Array
 from fopi_tune.errors import DomainError
 
-Array = NDArray[np.float64]
 #: numerator and denominator coefficients in descending powers of s, then the dead time; of floats, arrays or symbols
 Assembled = tuple[list[Any], list[Any], Any]
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.logform import Array
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.errors import DomainError
 
-Array = NDArray[np.float64]
 Marks = NDArray[np.bool_]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fopi_tune.core.logform import Array
 
 #: relative; what is nearer to Nyquist's frequency cannot be told from it, as its tangent has no digits left
 _NYQUIST_ROUNDING = 1e-12

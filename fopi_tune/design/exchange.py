@@ -18,13 +18,12 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.design.compile import PEAKS, Problem, compiled_problem
-from fopi_tune.design.layout import TooManySlotsError
+from fopi_tune.design.nlp.compile import PEAKS, Problem, compiled_problem
+from fopi_tune.design.nlp.layout import TooManySlotsError
+from fopi_tune.design.nlp.slots import MarginPlant, Mode, Point, Task
+from fopi_tune.design.nlp.solve import Solved, solve
 from fopi_tune.design.oracle import Finding, Oracle
-from fopi_tune.design.scale import Scale
-from fopi_tune.design.sides import GUARD, Bound, Side
-from fopi_tune.design.slots import MarginPlant, Mode, Point, Task
-from fopi_tune.design.solve import Solved, solve
+from fopi_tune.design.sides import GUARD, Bound, Scale, Side
 from fopi_tune.design.table import numbers_at, part_of
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import Where

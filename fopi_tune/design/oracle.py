@@ -20,8 +20,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.design.scale import Scale
-from fopi_tune.design.sides import GUARD, Bound, Side
+from fopi_tune.design.sides import GUARD, Bound, Scale, Side
 from fopi_tune.design.table import LoopNumbers, Table, Track, discounted_error, numbers_at, part_of, tracked
 from fopi_tune.quantities.base import Where
 from fopi_tune.quantities.objectives import ObjectiveKind

@@ -10,21 +10,21 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.exchange import Converged, Cuts, Exchange
-from fopi_tune.design.infeasible import MEETS, clash_of, explained, reason_without_solving
-from fopi_tune.design.integral import branches
-from fopi_tune.design.result import Candidate, Status, Violation
-from fopi_tune.design.scale import Scale, scale_of
-from fopi_tune.design.sides import GUARD, Bound, Side, sides_of
-from fopi_tune.design.slots import MarginPlant, Mode, Point
-from fopi_tune.design.solve import Solved
-from fopi_tune.design.starts import fixed_gains, starts
+from fopi_tune.design.nlp.slots import MarginPlant, Mode, Point
+from fopi_tune.design.nlp.solve import Solved
+from fopi_tune.design.sides import GUARD, Bound, Scale, Side, scale_of, sides_of
+from fopi_tune.design.starts import starts
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import NEPER_PER_DB, Where
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
+from fopi_tune.results.candidate import Candidate, Violation
+from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec, Requirement
 
 #: inequalities are designed this much tighter (natural units), so that rounding does not undo them
 TIGHTENING = 4e-7
+#: requirements that give less than this (natural units, in sum) meet
+MEETS = 2e-6
 _STARTS = 8
 #: of the objectives that are a largest member: from natural units to public ones
 _PUBLIC_UNIT = {
@@ -60,51 +60,8 @@ class Neighbour:
         return self.spec.plant == spec.plant and self.spec.objective == spec.objective and mine == other
 
 
-def neighbour(spec: DesignSpec, gains: FoPi) -> Neighbour:
-    """A designed spec as a place to start from.
-
-    Args:
-        spec: the spec.
-        gains: of its design.
-    """
-    return Neighbour(spec, gains, Search.of(spec, (), gains).first_cuts)
-
-
 def _about(requirement: Requirement) -> tuple[str, float, float]:
     return requirement.quantity, requirement.from_rad_s, requirement.to_rad_s
-
-
-def design(spec: DesignSpec, violations: Sequence[Violation] = (), start: FoPi | Neighbour | None = None) -> Candidate:
-    """Search the gains that meet a spec over its whole family and are best by its objective.
-
-    Args:
-        spec: what the loop must do.
-        violations: points that a check found, to be respected from the start.
-        start: gains that are nearly right, or a spec that has them; the only start unless it leads nowhere.
-
-    Returns:
-        A candidate; confirming it is `fopi_tune.proof`'s business.
-    """
-    fixed = fixed_gains(spec.controller)
-    if fixed is not None and fixed.kp == 0.0 and fixed.ki == 0.0:
-        nothing = tuple(None for _ in spec.requirements)
-        return Candidate(Status.INFEASIBLE, None, nothing, (), "kp and ki are fixed at 0: there is no controller")
-    if fixed is not None:
-        return Candidate(Status.SOLVED, fixed, tuple(None for _ in spec.requirements))
-    reason = reason_without_solving(spec)
-    if reason is not None:
-        return explained(Search.of(spec, violations), reason)
-    if start is not None:
-        near = Search.of(spec, violations, start)
-        best = near.best()
-        if best is not None:
-            return near.candidate(best)
-    searches = [Search.of(branch, violations) for branch in branches(spec)]
-    found = best_of(searches)
-    if found is None:
-        return clash_of(searches[0])
-    search, best = found
-    return search.candidate(best)
 
 
 @dataclass
@@ -286,12 +243,6 @@ class Search:
             totals[side.requirement] = max(totals[side.requirement] or 0.0, gain, 0.0)
         # Limits that leave no room between them have no price: the solver's numbers grow without bound.
         return tuple(None if total is not None and total > _NO_PRICE else total for total in totals)
-
-
-def best_of(searches: Sequence[Search]) -> tuple[Search, Converged] | None:
-    """The best answer of all searches, each from all its starts, and whose it is; None when none has any."""
-    found = [(search, best) for search in searches if (best := search.best()) is not None]
-    return min(found, key=lambda pair: pair[0].cost(pair[1].solved)) if found else None
 
 
 def limits_of(sides: Sequence[Side], tightening: float) -> tuple[float, ...]:

@@ -21,8 +21,7 @@ from fopi_tune.core.logform import Array, Complex
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import gain_crossovers, phase_crossovers
 from fopi_tune.core.stability import is_stable
-from fopi_tune.design.scale import Scale
-from fopi_tune.design.sides import Bound, Side
+from fopi_tune.design.sides import Bound, Scale, Side
 from fopi_tune.design.table import numbers_at
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import Where

@@ -17,13 +17,13 @@ from dataclasses import dataclass, replace
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design.exchange import Converged, Cuts, Exchange
-from fopi_tune.design.infeasible import reason_without_solving
-from fopi_tune.design.integral import branches
-from fopi_tune.design.layout import TooManySlotsError
-from fopi_tune.design.search import TIGHTENING, Search, Violation, best_of, limits_of, with_violations
+from fopi_tune.design.nlp.layout import TooManySlotsError
+from fopi_tune.design.nlp.slots import Mode, Point, Task
+from fopi_tune.design.nlp.solve import Solved, solve
+from fopi_tune.design.reasons import branches, reason_without_solving
+from fopi_tune.design.search import TIGHTENING, Search, Violation, limits_of, with_violations
 from fopi_tune.design.sides import Bound, Side, sides_of
-from fopi_tune.design.slots import Mode, Point, Task
-from fopi_tune.design.solve import Solved, solve
+from fopi_tune.design.synthesis import best_of
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import Where
 from fopi_tune.quantities.objectives import ObjectiveKind

@@ -27,9 +27,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.logform import Array
 from fopi_tune.errors import DomainError
-
-Array = NDArray[np.float64]
 
 #: the modified filter's constants
 _B, _D = 10.0, 9.0

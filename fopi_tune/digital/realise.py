@@ -12,9 +12,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.logform import Array
 from fopi_tune.core.sampled import zeros_and_poles
 from fopi_tune.core.sections import Sections
-from fopi_tune.digital.integrator import Array
 from fopi_tune.errors import DomainError
 
 Matrix = NDArray[np.float64]

@@ -19,12 +19,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fopi_tune.core.logform import Array
 from fopi_tune.errors import DomainError
 from fopi_tune.identify.recording import Recording, counted
 
-Array = NDArray[np.float64]
 #: of the intervals
 CONFIDENCE = 0.95
 #: samples that the search looks at; the fit looks at all

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fopi_tune.core.logform import Array
 from fopi_tune.core.samples import parse_table
 from fopi_tune.errors import DomainError
 
-Array = NDArray[np.float64]
 COLUMNS = ("time_s", "input", "output")
 #: of columns; beside the last two numbers may have decimal commas
 _SEPARATORS = (",", ";", "\t")

@@ -16,10 +16,10 @@ from flint import ctx
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
-from fopi_tune.optimum.conditions import Conditions, conditions_of, is_maximized, kind_of, nominal_equality
 from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.pruning.conditions import Conditions, conditions_of, is_maximized, kind_of, nominal_equality
+from fopi_tune.optimum.pruning.screen import gains_at
 from fopi_tune.optimum.results import SMALLEST_OBJECTIVE, Optimum, OptimumProof, OptimumStatus, relative_gap
-from fopi_tune.optimum.screen import gains_at
 from fopi_tune.optimum.search import Ended, Limits, Progress, Search
 from fopi_tune.optimum.tree import Reasons, written
 from fopi_tune.proof import verify

@@ -16,6 +16,8 @@ with x = e^{j(psi - pi)}/P0(j wc) and a = alpha pi/2
     h = (cos a - e^{-alpha tau})/sin a ,   tau = ln(s/wc) .                                                        (3)
 
 Source: derived; (1) and (2) are C written out around the centre, (3) solves L0 = e^{j(psi - pi)} for the gains.
+
+`BoxLoop` is the loop of every controller of a box at once: the proof's own loop, with balls in place of the gains.
 """
 
 from __future__ import annotations
@@ -27,7 +29,10 @@ from functools import cached_property
 
 from flint import acb, arb
 
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of
+from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.spec.model import ControllerSpec, GainRange
 
 _ZERO = arb(0)
@@ -259,3 +264,24 @@ class CrossoverPatch(Patch):
         h, first, _ = self._h(self.alpha, tau)
         e = (-self.alpha * tau).exp() / (arb.pi() / 2 * self.alpha).sin()
         return Sheet(x.real + x.imag * h, (x.imag * first, -x.imag + x.real * h), x.imag * self.alpha * e)
+
+
+class BoxLoop(BallLoop):
+    """Controllers with gains in balls, and a family of plants.
+
+    `gains` are some floating-point gains of the box: they say only which gains are exactly 0.  ki may not be 0 or not:
+    without it there is no integral, and the number of poles is another.
+    """
+
+    @classmethod
+    def of(cls, patch: Patch, family: PlantFamily, whole: bool = True) -> BoxLoop | None:
+        """The loop of a patch, or of its centre; None where ki may be 0 or not."""
+        balls = (patch.kp, patch.ki, patch.alpha) if whole else patch.centre
+        kp, ki, alpha = (float(ball.mid()) for ball in balls)
+        if (ki == 0.0 and not balls[1].is_zero()) or (balls[1].contains(0) and ki != 0.0) or kp == ki == 0.0:
+            return None
+        if kp == 0.0 and not balls[0].is_zero():
+            kp = float(balls[0].upper())
+        loop = cls(FoPi(kp, ki, alpha), family)
+        loop.__dict__.update(kp=balls[0], ki=balls[1], alpha=balls[2])
+        return loop

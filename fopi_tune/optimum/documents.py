@@ -6,7 +6,7 @@ from typing import Any
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import CertificateError, DomainError
-from fopi_tune.optimum.refute import Reason
+from fopi_tune.optimum.pruning.refute import Reason
 from fopi_tune.optimum.results import Optimum, OptimumProof, OptimumStatus
 from fopi_tune.optimum.tree import Cover
 from fopi_tune.proof.entries import Entry

@@ -12,13 +12,13 @@ from flint import acb, arb
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.optimum.charts import Chart, CrossoverChart, GainChart
-from fopi_tune.optimum.conditions import Conditions, conditions_of, degrees, nominal_equality
+from fopi_tune.optimum.pruning.conditions import Conditions, conditions_of, degrees, nominal_equality
 from fopi_tune.proof.balls.argument import Argument, tracks_of
 from fopi_tune.proof.balls.box import Box, Interval
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import PlantBalls, polynomial
-from fopi_tune.proof.balls.reading import Reader
 from fopi_tune.proof.balls.values import LoopBalls
+from fopi_tune.proof.claims.reading import Reader
 from fopi_tune.spec.model import DesignSpec, GainRange
 
 _MOST_CELLS = 50_000

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from flint import ctx
 
 from fopi_tune.optimum.certify import incumbent_refusal, why_no_bound
-from fopi_tune.optimum.conditions import Test, conditions_of
 from fopi_tune.optimum.documents import Stated
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.refute import fails
+from fopi_tune.optimum.pruning.conditions import Test, conditions_of
+from fopi_tune.optimum.pruning.refute import fails
 from fopi_tune.optimum.results import OptimumProof, OptimumStatus, relative_gap
 from fopi_tune.optimum.tree import walk
 from fopi_tune.proof import verify

@@ -13,19 +13,19 @@ from enum import StrEnum
 
 import numpy as np
 
-from fopi_tune.optimum.brackets import Suggestion, suggestions
 from fopi_tune.optimum.charts import GainChart
-from fopi_tune.optimum.conditions import Test
-from fopi_tune.optimum.places import (
+from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.pruning.brackets import Suggestion, suggestions
+from fopi_tune.optimum.pruning.conditions import Test
+from fopi_tune.optimum.pruning.refute import Reason, fails
+from fopi_tune.optimum.pruning.sample_points import (
     constant_reasons,
     first_reasons,
     further_reasons,
     meets_conditions,
     plants_to_try,
 )
-from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.refute import Reason, fails
-from fopi_tune.optimum.screen import Boxes, Samples
+from fopi_tune.optimum.pruning.screen import Boxes, Samples
 from fopi_tune.optimum.tree import Node
 from fopi_tune.proof.balls.box import centre_of
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from fopi_tune.optimum.refute import Reason
+from fopi_tune.optimum.pruning.refute import Reason
 from fopi_tune.proof.balls.box import Box, split
 
 

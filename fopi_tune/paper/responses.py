@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.logform import Array
 from fopi_tune.paper.sources import brake_plant
-from fopi_tune.validation.exact_linear import Signal, exact_response
-
-Array = NDArray[np.float64]
+from fopi_tune.simulation.fractional.linear import Signal, exact_response
 
 
 def step_of(gains: FoPi, tau_s: float, dead_time_s: float, step_s: float, end_s: float) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from rich.text import Text
 
 from fopi_tune.paper.rows import Row, Verdict
-from fopi_tune.report.phrases import BAD, GOOD, QUIET, Line, styled, to_text
+from fopi_tune.report.text.phrases import BAD, GOOD, QUIET, Line, styled, to_text
 
 COLUMNS = ("claim", "published", "recomputed", "verdict", "why")
 _LABEL = 14

@@ -8,7 +8,7 @@ limit is called infeasible; gains that one of them finds carry the search on.
 
 from __future__ import annotations
 
-from fopi_tune.prices.knob import Knob
+from fopi_tune.prices.limit import Knob
 from fopi_tune.prices.prober import Probe, Prober
 from fopi_tune.prices.result import End
 

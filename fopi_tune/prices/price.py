@@ -16,9 +16,9 @@ Source: Taylor's formula with J(0) = 0.
 from __future__ import annotations
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.outcome import Price
-from fopi_tune.prices.knob import Knob, knobs_of
+from fopi_tune.prices.limit import Knob, knobs_of
 from fopi_tune.prices.prober import Probe, Prober, is_maximised, is_no_worse
+from fopi_tune.results.status import Price
 from fopi_tune.spec.model import DesignSpec
 
 #: h in neper or radian, and a second one where a kink may lie nearer than the first

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design import Seen, Solution, Warm
 from fopi_tune.errors import DomainError
-from fopi_tune.prices.knob import Knob
+from fopi_tune.prices.limit import Knob
 from fopi_tune.prices.result import PointStatus, TradeoffPoint
 from fopi_tune.proof import Verification, verify, with_limits_of
 from fopi_tune.spec.model import DesignSpec, Objective, Sense

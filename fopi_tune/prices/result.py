@@ -8,10 +8,10 @@ from enum import StrEnum
 from typing import Any
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.dicts import finite
-from fopi_tune.prices.knob import Knob
+from fopi_tune.prices.limit import Knob
+from fopi_tune.results.documents import finite
+from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.stamp import Stamp
 
 #: version of the result's JSON; it may only grow
 TRADEOFF_SCHEMA = 1

@@ -16,11 +16,11 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 from fopi_tune.prices.ends import end_of
-from fopi_tune.prices.knob import Knob
+from fopi_tune.prices.limit import Knob
 from fopi_tune.prices.prober import Probe, Prober, is_no_worse
 from fopi_tune.prices.result import End, Tradeoff
+from fopi_tune.results.stamp import stamp
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.stamp import stamp
 
 _SOLVER = "ipopt"
 _MOST_POINTS = 10_000

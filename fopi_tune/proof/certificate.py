@@ -49,7 +49,7 @@ class Record:
     """How one claim was shown.
 
     Args:
-        tokens: the tree of boxes, as `fopi_tune.proof.balls.search` describes it, one token a box that was looked at.
+        tokens: the tree of boxes, as `fopi_tune.proof.claims.search` describes it, one token a box that was looked at.
     """
 
     tokens: tuple[str, ...]

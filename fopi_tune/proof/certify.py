@@ -14,15 +14,8 @@ from flint import arb, ctx
 
 from fopi_tune.core.logform import Array
 from fopi_tune.core.sections import Implementation
-from fopi_tune.proof.balls.bound import value_of
 from fopi_tune.proof.balls.box import points
-from fopi_tune.proof.balls.claim import Claim
-from fopi_tune.proof.balls.crossings import EveryCrossover
-from fopi_tune.proof.balls.existence import SomeCrossover, SomePhaseCrossover
 from fopi_tune.proof.balls.loop import PRECISION
-from fopi_tune.proof.balls.poles import NoAxisRoot, count_unstable_poles, is_unstable_by_structure
-from fopi_tune.proof.balls.reading import Reading
-from fopi_tune.proof.balls.search import Search, search
 from fopi_tune.proof.certificate import (
     Certificate,
     Record,
@@ -33,6 +26,13 @@ from fopi_tune.proof.certificate import (
     relaxed_limit,
     scale_of,
 )
+from fopi_tune.proof.claims.bound import value_of
+from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.crossings import EveryCrossover
+from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
+from fopi_tune.proof.claims.poles import NoAxisRoot, count_unstable_poles, is_unstable_by_structure
+from fopi_tune.proof.claims.reading import Reading
+from fopi_tune.proof.claims.search import Search, search
 from fopi_tune.proof.obligations import Case, breaks, never_crosses, stable_throughout, stays
 from fopi_tune.proof.results import Extreme, Outcome, Place, RequirementResult, Verification
 from fopi_tune.quantities import QUANTITIES

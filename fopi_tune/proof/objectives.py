@@ -11,7 +11,7 @@ from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.sampled import SampledLoops
-from fopi_tune.proof.changes import Samples
+from fopi_tune.proof.crossing_changes import Samples
 from fopi_tune.proof.results import Place, RequirementResult
 from fopi_tune.proof.sample import Badness, Sample
 from fopi_tune.proof.search import find_worst

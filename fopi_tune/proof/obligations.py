@@ -14,16 +14,16 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.sections import Implementation
-from fopi_tune.proof.balls.bound import Bound
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, points
-from fopi_tune.proof.balls.claim import Claim
-from fopi_tune.proof.balls.crossings import EveryCrossover, EveryPhaseCrossover
-from fopi_tune.proof.balls.existence import SomeCrossover, SomePhaseCrossover
-from fopi_tune.proof.balls.lag import closed_form
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.poles import NoAxisRoot, NoPoleAtTheEnds
-from fopi_tune.proof.balls.reading import Reader, Reading
 from fopi_tune.proof.balls.sampled import SampledBallLoop
+from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
+from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
+from fopi_tune.proof.claims.lag import closed_form
+from fopi_tune.proof.claims.poles import NoAxisRoot, NoPoleAtTheEnds
+from fopi_tune.proof.claims.reading import Reader, Reading
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import Where
 from fopi_tune.quantities.responses import FrequencyFunction

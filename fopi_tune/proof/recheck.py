@@ -12,10 +12,7 @@ from typing import Any
 from flint import ctx
 
 from fopi_tune.errors import CertificateError
-from fopi_tune.proof.balls.claim import Claim
 from fopi_tune.proof.balls.loop import PRECISION
-from fopi_tune.proof.balls.poles import count_unstable_poles, is_unstable_by_structure
-from fopi_tune.proof.balls.search import check
 from fopi_tune.proof.certificate import (
     Certificate,
     Record,
@@ -24,6 +21,9 @@ from fopi_tune.proof.certificate import (
     Verdict,
     relaxed_limit,
 )
+from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.poles import count_unstable_poles, is_unstable_by_structure
+from fopi_tune.proof.claims.search import check
 from fopi_tune.proof.documents import digest, from_document, to_document
 from fopi_tune.proof.obligations import READINGS, breaks, never_crosses, stable_throughout, stays
 from fopi_tune.spec.model import DesignSpec, Requirement, Scope

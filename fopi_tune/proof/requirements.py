@@ -8,7 +8,7 @@ import numpy as np
 
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops
-from fopi_tune.proof.changes import Samples
+from fopi_tune.proof.crossing_changes import Samples
 from fopi_tune.proof.results import Extreme, Outcome, Place, RequirementResult
 from fopi_tune.proof.search import find_worst, place_of
 from fopi_tune.quantities import QUANTITIES

@@ -11,12 +11,14 @@ from dataclasses import replace
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins_of
 from fopi_tune.core.sections import Implementation
-from fopi_tune.proof.changes import Samples
+from fopi_tune.proof.crossing_changes import Samples
 from fopi_tune.proof.objectives import depth_of, evaluate_objective
 from fopi_tune.proof.requirements import check_requirement, judged
 from fopi_tune.proof.results import Verification
 from fopi_tune.proof.sample import Sample
-from fopi_tune.proof.stability import check_stability
+from fopi_tune.proof.stability import (
+    check_stability,
+)
 from fopi_tune.spec.model import DesignSpec
 
 

@@ -1,13 +1,13 @@
 """Results as something to read; computes nothing and writes nothing."""
 
-from fopi_tune.report.certificates import recheck_text
-from fopi_tune.report.digital import digital_text
-from fopi_tune.report.evidence import evidence_text, system_evidence_text
-from fopi_tune.report.figures import controller_bode_svg, simulation_svg
-from fopi_tune.report.simulation import simulation_text
-from fopi_tune.report.study import study_text
-from fopi_tune.report.terminal import check_text, design_text
-from fopi_tune.report.tradeoff import tradeoff_svg, tradeoff_text
+from fopi_tune.report.figures.plots import controller_bode_svg, simulation_svg
+from fopi_tune.report.text.certificates import recheck_text
+from fopi_tune.report.text.digital import digital_text
+from fopi_tune.report.text.evidence import evidence_text, system_evidence_text
+from fopi_tune.report.text.simulation import simulation_text
+from fopi_tune.report.text.study import study_text
+from fopi_tune.report.text.terminal import check_text, design_text
+from fopi_tune.report.text.tradeoff import tradeoff_svg, tradeoff_text
 
 __all__ = [
     "check_text",

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fopi_tune.report.canvas import BLACK, BLUE, ORANGE, WIDE, Picture, labelled
-from fopi_tune.report.phrases import number
+from fopi_tune.report.figures.canvas import BLACK, BLUE, ORANGE, WIDE, Picture, labelled
 from fopi_tune.report.rows import place_phrase
+from fopi_tune.report.text.phrases import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,7 +51,7 @@ def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
     told = [judged for judged in _judged(evidence) if judged.get("histogram")][:_MOST]
     if not told:
         return None
-    from fopi_tune.validation.statistics import fraction  # loads SciPy's special functions
+    from fopi_tune.montecarlo.statistics import fraction  # loads SciPy's special functions
 
     confidence = float(evidence["drawn"]["confidence"])
 

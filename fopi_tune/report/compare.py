@@ -7,10 +7,10 @@ from typing import Any
 
 from fopi_tune.report.chances import chances_of, drawn_phrase
 from fopi_tune.report.comparison import ALIKE, Comparison, Entry, compared
+from fopi_tune.report.figures.overlays import Overlay, overlay_pictures
 from fopi_tune.report.findings import Document, Findings
-from fopi_tune.report.overlays import Overlay, overlay_pictures
 from fopi_tune.report.page import drawn, figure_files, rendered
-from fopi_tune.report.phrases import number
+from fopi_tune.report.text.phrases import number
 
 #: the page's file
 COMPARISON = "compare.html"

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from fopi_tune.report.findings import Document, Findings, Found
-from fopi_tune.report.phrases import number, requirement_phrase, scope_phrase
 from fopi_tune.report.rows import Row, rows_of
-from fopi_tune.result import loop_name
+from fopi_tune.report.text.phrases import number, requirement_phrase, scope_phrase
+from fopi_tune.results.design import loop_name
 from fopi_tune.spec.model import Relation, Requirement, Sense
 
 #: designs on a page: more lines than these are not told apart

@@ -10,18 +10,18 @@ from typing import Any
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
-from fopi_tune.report.canvas import Picture
 from fopi_tune.report.chances import chances_of, drawn_phrase, histograms
-from fopi_tune.report.filters import filter_picture
+from fopi_tune.report.figures.canvas import Picture
+from fopi_tune.report.figures.filters import filter_picture
+from fopi_tune.report.figures.frequency import bode, margins_along, nyquist, sensitivities
+from fopi_tune.report.figures.members import Members, members_of
+from fopi_tune.report.figures.slider import HEIGHT, WIDTH, minus_one, slider_of
+from fopi_tune.report.figures.times import responses
 from fopi_tune.report.findings import Findings
-from fopi_tune.report.frequency import bode, margins_along, nyquist, sensitivities
-from fopi_tune.report.members import Members, members_of
 from fopi_tune.report.page import drawn, figure_files, rendered
-from fopi_tune.report.phrases import limit_told, number, requirement_phrase, scope_phrase, sentence
 from fopi_tune.report.rows import place_phrase, rows_of
-from fopi_tune.report.slider import HEIGHT, WIDTH, minus_one, slider_of
-from fopi_tune.report.times import responses
-from fopi_tune.result import loop_name
+from fopi_tune.report.text.phrases import limit_told, number, requirement_phrase, scope_phrase, sentence
+from fopi_tune.results.design import loop_name
 
 #: the report's file
 REPORT = "report.html"

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from fopi_tune.errors import DomainError
-from fopi_tune.report.canvas import Picture, both_of
+from fopi_tune.report.figures.canvas import Picture, both_of
 
 #: what a figure is made from
 Source = TypeVar("Source")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fopi_tune.report.findings import Found
-from fopi_tune.report.phrases import TIE, number, requirement_phrase, scope_phrase, with_unit
+from fopi_tune.report.text.phrases import TIE, number, requirement_phrase, scope_phrase, with_unit
 
 #: verdict -> a sign that reads without colour
 _SIGNS = {"proved": "✓", "met": "✓", "refuted": "✗", "missed": "✗", "undecided": "?"}

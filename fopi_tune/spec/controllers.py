@@ -7,9 +7,9 @@ from functools import partial
 
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN
 from fopi_tune.spec.model import ControllerSpec, GainRange
-from fopi_tune.spec.places import Place
-from fopi_tune.spec.records import Key, Record, Values
-from fopi_tune.spec.shapes import Choice, Converted, Either, Number, Shape
+from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.yaml.records import Key, Record, Values
+from fopi_tune.spec.yaml.shapes import Choice, Converted, Either, Number, Shape
 
 _FREE = GainRange()
 #: the orders searched when the spec does not say: the ends of (0, 2) themselves are no integrators

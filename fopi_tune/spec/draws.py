@@ -24,14 +24,14 @@ from fopi_tune.core.distributions import (
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
 from fopi_tune.core.samples import Table, impossible, not_uncertain, parse_table, why_impossible
 from fopi_tune.errors import DomainError
-from fopi_tune.spec import nodes
-from fopi_tune.spec.hints import closest, one_of
 from fopi_tune.spec.model import SamplesFile, ValidationSpec
-from fopi_tune.spec.places import Place
-from fopi_tune.spec.records import Key, OneKeyOf, Record, Tagged, Values, defaulting_to, is_table
-from fopi_tune.spec.report import key_path, quoted
-from fopi_tune.spec.scalars import is_empty
-from fopi_tune.spec.shapes import Choice, Constant, JsonSchema, Number, Pair, Shape, Text
+from fopi_tune.spec.yaml import nodes
+from fopi_tune.spec.yaml.hints import closest, one_of
+from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Tagged, Values, defaulting_to, is_table
+from fopi_tune.spec.yaml.report import key_path, quoted
+from fopi_tune.spec.yaml.scalars import is_empty
+from fopi_tune.spec.yaml.shapes import Choice, Constant, JsonSchema, Number, Pair, Shape, Text
 
 MAX_SAMPLES_BYTES, MAX_ROWS = 16 * 1024 * 1024, 1_000_000
 #: what a Latin hypercube can tell apart in floats

@@ -7,13 +7,10 @@ import math
 from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
 from fopi_tune.spec.draws import PlacedValidation, Reader, resolved, validation_shape
 from fopi_tune.spec.model import DesignSpec, DigitalSpec, GainRange, Sense
-from fopi_tune.spec.nodes import Table
-from fopi_tune.spec.objectives import objective_shape
-from fopi_tune.spec.places import Place
 from fopi_tune.spec.plants import plant_shape
-from fopi_tune.spec.records import Key, Record, Values, defaulting_to
 from fopi_tune.spec.requirements import (
     PlacedRequirement,
+    objective_shape,
     refuse_bands_beyond,
     refuse_contradictions,
     refuse_equalities_over_families,
@@ -25,7 +22,10 @@ from fopi_tune.spec.scenarios import (
     refuse_unknown_scenarios,
     scenarios_shape,
 )
-from fopi_tune.spec.shapes import Choice, Number, Pair, Shape, Text, Version
+from fopi_tune.spec.yaml.nodes import Table
+from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.yaml.records import Key, Record, Values, defaulting_to
+from fopi_tune.spec.yaml.shapes import Choice, Number, Pair, Shape, Text, Version
 
 SCHEMA_VERSION = 1
 NAME_PATTERN = "[A-Za-z0-9][A-Za-z0-9._-]{0,63}"

@@ -10,16 +10,21 @@ from dataclasses import replace
 from importlib.resources import files as package_files
 
 from fopi_tune.spec.draws import MAX_SAMPLES_BYTES, Reader, UnreadableError
-from fopi_tune.spec.encoding import MAX_BYTES, decode, to_bytes
 from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.model import DesignSpec, SystemSpec
-from fopi_tune.spec.nodes import compose
-from fopi_tune.spec.places import Place
-from fopi_tune.spec.report import Mark, Report, quoted
 from fopi_tune.spec.systems import Loader, is_system, read_system
+from fopi_tune.spec.yaml.encoding import MAX_BYTES, decode, to_bytes
+from fopi_tune.spec.yaml.nodes import compose
+from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.yaml.report import Mark, Report, quoted
+
+#: what stages take for a spec: a file, or one that was read already
+Source = str | os.PathLike[str] | DesignSpec
+#: the same for a system
+SystemSource = str | os.PathLike[str] | SystemSpec
 
 
-def load_spec(source: str | os.PathLike[str] | DesignSpec) -> DesignSpec:
+def load_spec(source: Source) -> DesignSpec:
     """The spec in a file, and what is in the files that it names.
 
     Args:

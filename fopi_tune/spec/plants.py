@@ -7,9 +7,9 @@ from functools import partial
 
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, PlantModel, Uncertain
 from fopi_tune.errors import DomainError
-from fopi_tune.spec.places import Place
-from fopi_tune.spec.records import Key, Record, Tagged, Values
-from fopi_tune.spec.shapes import Constant, Converted, Either, ListOf, Number, Shape
+from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.yaml.records import Key, Record, Tagged, Values
+from fopi_tune.spec.yaml.shapes import Constant, Converted, Either, ListOf, Number, Shape
 
 #: more coefficients than this are no model anybody has identified, and polynomials that long cannot be evaluated well
 MAX_COEFFICIENTS = 32

@@ -1,4 +1,4 @@
-"""The shape of `requirements:`, made from the registry of quantities, and the contradictions seen without solving."""
+"""The shapes of `requirements:` and `objective:`, from the registries, and contradictions seen without solving."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from functools import partial
 
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.quantities import QUANTITIES, Quantity
-from fopi_tune.spec.model import Relation, Requirement, Scope
-from fopi_tune.spec.places import Place
-from fopi_tune.spec.records import Key, OneKeyOf, Record, Values
-from fopi_tune.spec.shapes import Choice, JsonSchema, ListOf, Number, Pair
+from fopi_tune.quantities.objectives import OBJECTIVES
+from fopi_tune.spec.model import Objective, Relation, Requirement, Scope, Sense
+from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values
+from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, Shape
 
 #: contradictions are looked for between every two of them
 MAX_REQUIREMENTS = 500
@@ -164,3 +165,31 @@ def _band(values: Values, place: Place) -> tuple[float, float] | None:
         return low, high
     place.child("from_rad_s").refuse(f"from {low} is not less than to {high}; swap them, or write at_rad_s for one")
     return None
+
+
+_HORIZON_OBJECTIVE = "iae_disturbance"
+
+
+def objective_shape() -> Shape:
+    """Reads to an `Objective`."""
+    records = {sense: _sense_record(Sense(sense), words) for sense, words in OBJECTIVES.items()}
+    return OneKeyOf("what to do with the freedom the requirements leave", "sense", records, "{maximize: ki}")
+
+
+def _sense_record(sense: Sense, words: tuple[str, ...]) -> Record:
+    keys = {sense.value: Key(Choice(f"what to {sense.value}", words))}
+    reason = f"horizon_s belongs to minimize: {_HORIZON_OBJECTIVE} alone; remove it"
+
+    def build(values: Values, place: Place) -> Objective | None:
+        word = values[sense.value]
+        if "horizon_s" in values and word != _HORIZON_OBJECTIVE:
+            place.child("horizon_s").refuse(reason)
+            return None
+        return Objective(sense, word, values.get("horizon_s"))
+
+    meaning = f"{sense.value} one number"
+    if _HORIZON_OBJECTIVE not in words:
+        return Record(meaning, keys, build, "{maximize: ki}", {"horizon_s": reason})
+    keys["horizon_s"] = Key(Number("discount time T of the error integral, s", above=0), required=False)
+    rules = {"dependentSchemas": {"horizon_s": {"properties": {sense.value: {"const": _HORIZON_OBJECTIVE}}}}}
+    return Record(meaning, keys, build, "{maximize: ki}", rules=rules)

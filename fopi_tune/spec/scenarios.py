@@ -10,9 +10,9 @@ from functools import partial
 from typing import Any
 
 from fopi_tune.spec.model import MEASURES, Knot, Limit, MeasureKind, Relation, ScenarioSpec
-from fopi_tune.spec.places import Place
-from fopi_tune.spec.records import Key, OneKeyOf, Record, Values, defaulting_to
-from fopi_tune.spec.shapes import Choice, ListOf, Number, Text
+from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, defaulting_to
+from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Text
 
 MAX_SCENARIOS, MAX_KNOTS, MAX_SAMPLES = 100, 10_000, 1_000_000
 _NAME_PATTERN = "[A-Za-z0-9][A-Za-z0-9._-]{0,63}"

@@ -77,7 +77,7 @@ def run(
         ClusterLostError: it went away while cells were run; what was done is kept.
         DomainError: a number of workers below 0, or nothing to resume.
     """
-    from fopi_tune.stamp import numeric_versions
+    from fopi_tune.results.stamp import numeric_versions
     from fopi_tune.study.engine import run_study
     from fopi_tune.study.ledger import LEDGER, opened
     from fopi_tune.study.table import table_of

@@ -15,21 +15,24 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune import pipeline, pipeline_time
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import FopiError
-from fopi_tune.outcome import Status
+from fopi_tune.pipeline.discretize import discretize
+from fopi_tune.pipeline.prove import prove
+from fopi_tune.pipeline.tune import tune
+from fopi_tune.pipeline.validate import validate, validate_block
 from fopi_tune.proof import Verdict
-from fopi_tune.result import Design, loop_name
+from fopi_tune.results.design import Design, loop_name
+from fopi_tune.results.stamp import numeric_versions
+from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.stamp import numeric_versions
 from fopi_tune.study.model import Cell, Kind, Stage
 from fopi_tune.study.registry import entries, figure_of
 from fopi_tune.study.trees import Files, spec_of
 
 if TYPE_CHECKING:
     from fopi_tune.design import Neighbour
-    from fopi_tune.validation.montecarlo import Block
+    from fopi_tune.montecarlo.montecarlo import Block
 
 #: base specs whose gains, and designs that a worker keeps
 _BASES = 64
@@ -97,7 +100,7 @@ def run_block(cell: Cell, versions: Mapping[str, str], first: int, end: int) -> 
         gains = _gains(cell) if numeric_versions() == dict(versions) else None
         if gains is None:
             raise NoBlockError(cell.label)
-        return pipeline_time.validate_block(_checked(cell), gains, first, end)
+        return validate_block(_checked(cell), gains, first, end)
 
 
 def finish(key: str, cell: Cell, blocks: Sequence[Block]) -> Result:
@@ -143,7 +146,7 @@ def _spec(cell: Cell, document: dict[str, Any], blocks: Sequence[Block]) -> str:
     gains = _gains(cell)
     assert gains is not None, "gains that are not tuned are fixed"
     if Stage.PROVE in cell.stages and Stage.PROVE not in document:
-        document[Stage.PROVE] = pipeline.prove(checked, gains).to_dict()
+        document[Stage.PROVE] = prove(checked, gains).to_dict()
     contradictions = _sampled(cell, checked, gains, blocks, document)
     _conclude(cell, document)
     return contradictions
@@ -170,13 +173,13 @@ def _gains(cell: Cell) -> FoPi | None:
 def _sampled(cell: Cell, spec: DesignSpec, gains: FoPi, blocks: Sequence[Block], document: dict[str, Any]) -> str:
     """The stages about the loop on samples; returns what sampling shows although a proof excludes it."""
     if Stage.VALIDATE in cell.stages:
-        validated = pipeline_time.validate(spec, gains, blocks=blocks)
+        validated = validate(spec, gains, blocks=blocks)
         if Stage.DISCRETIZE in cell.stages:
             document[Stage.DISCRETIZE] = validated.digital.to_dict()
         document[Stage.VALIDATE] = validated.to_dict()
         return "; ".join(validated.contradictions)
     if Stage.DISCRETIZE in cell.stages:
-        document[Stage.DISCRETIZE] = pipeline.discretize(spec, gains).to_dict()
+        document[Stage.DISCRETIZE] = discretize(spec, gains).to_dict()
     return ""
 
 
@@ -231,7 +234,7 @@ def _proved(design: Design) -> dict[str, Any]:
 @lru_cache(_DESIGNS)
 def _designed(text: str, files: Files, base: str, proof: bool) -> Design:
     """The design of a spec; cells that differ in what it is checked against share it."""
-    return pipeline.tune(spec_of(text, files=files), proof=proof, start=_base(base) if base else None)
+    return tune(spec_of(text, files=files), proof=proof, start=_base(base) if base else None)
 
 
 @lru_cache(_BASES)
@@ -243,5 +246,5 @@ def _base(text: str) -> Neighbour | None:
     box = spec.controller
     if loop_name(spec) == "sampled" or all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
         return None
-    design = pipeline.tune(spec, proof=False)
+    design = tune(spec, proof=False)
     return neighbour(spec, design.gains) if design.status is Status.SOLVED and design.gains is not None else None

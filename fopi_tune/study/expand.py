@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 
 from fopi_tune.errors import Problem, SpecError
 from fopi_tune.spec.draws import Reader
-from fopi_tune.spec.hints import UNKNOWN_KEY, about_word, closest
 from fopi_tune.spec.model import DesignSpec, ValidationSpec
-from fopi_tune.spec.nodes import Items, Node, Scalar, Table
-from fopi_tune.spec.report import Mark, Report
+from fopi_tune.spec.yaml.hints import UNKNOWN_KEY, about_word, closest
+from fopi_tune.spec.yaml.nodes import Items, Node, Scalar, Table
+from fopi_tune.spec.yaml.report import Mark, Report
 from fopi_tune.study.language import ALL, CHECK, Placed, StudyFile
 from fopi_tune.study.model import Cell, Column, Kind, Stage, Starts, Study
 from fopi_tune.study.trees import NoSuchPlaceError, Override, path_of, replaced, spec_at, text_of, value_of

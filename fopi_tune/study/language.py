@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fopi_tune.spec.hints import closest
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
-from fopi_tune.spec.nodes import Items, Node, Refused, Table
-from fopi_tune.spec.places import Place, kind_of
-from fopi_tune.spec.records import Key, Record, Values, is_table
-from fopi_tune.spec.report import Mark
-from fopi_tune.spec.shapes import Choice, Either, JsonSchema, ListOf, Number, Shape, Text, Version
+from fopi_tune.spec.yaml.hints import closest
+from fopi_tune.spec.yaml.nodes import Items, Node, Refused, Table
+from fopi_tune.spec.yaml.places import Place, kind_of
+from fopi_tune.spec.yaml.records import Key, Record, Values, is_table
+from fopi_tune.spec.yaml.report import Mark
+from fopi_tune.spec.yaml.shapes import Choice, Either, JsonSchema, ListOf, Number, Shape, Text, Version
 from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
 from fopi_tune.study.trees import PATH_PATTERN, Override, path_of
 

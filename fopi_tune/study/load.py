@@ -1,4 +1,4 @@
-"""A study's file and the files of its specs -> Study."""
+"""A study's file and the files of its specs -> Study; and the language of studies as JSON Schema."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 from fopi_tune.errors import DomainError, Problem, SpecError
 from fopi_tune.spec import load_document
+from fopi_tune.spec.language import SCHEMA_VERSION
 from fopi_tune.spec.load import reader_beside
 from fopi_tune.study.expand import Base, count_cells, expand
-from fopi_tune.study.language import StudyFile, read_study
+from fopi_tune.study.language import StudyFile, read_study, study_shape
 from fopi_tune.study.model import Study
 from fopi_tune.study.registry import REGISTRY, names_of
 
@@ -74,3 +76,14 @@ def _bases(study: StudyFile) -> list[Base]:
     if problems:
         raise SpecError(tuple(problems))
     return found
+
+
+def study_json_schema() -> dict[str, Any]:
+    """The language as JSON Schema, draft 2020-12, generated from the shapes that read a study.
+
+    What an override makes of a spec only the tool judges.
+    """
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"fopi-tune study, schema {SCHEMA_VERSION}",
+    } | study_shape().json_schema()

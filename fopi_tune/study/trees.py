@@ -17,10 +17,10 @@ from fopi_tune.spec.draws import Reader
 from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.load import reader_among
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.spec.nodes import Items, Node, Refused, Scalar, Table
-from fopi_tune.spec.places import Place, kind_of
-from fopi_tune.spec.report import Mark, Report
-from fopi_tune.spec.scalars import is_number
+from fopi_tune.spec.yaml.nodes import Items, Node, Refused, Scalar, Table
+from fopi_tune.spec.yaml.places import Place, kind_of
+from fopi_tune.spec.yaml.report import Mark, Report
+from fopi_tune.spec.yaml.scalars import is_number
 
 _STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,4}\])*)")
 #: a path as a whole, for the schema

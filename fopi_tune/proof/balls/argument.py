@@ -34,18 +34,18 @@ _TAIL_STEP = 1.0
 _FARTHEST = 700.0
 
 
-def unwrapped_phase(at: LoopBalls, tracks: tuple[Argument, Argument]) -> arb:
+def unwrapped_phase(loop: BallLoop, at: LoopBalls, tracks: tuple[Argument, Argument]) -> arb:
     """arg L by (1), rad; nan where a root on the imaginary axis leaves the sheet open.
 
     Args:
-        at: the loop at one frequency, omega > 0, and one plant.
+        loop: the loop.
+        at: it at one frequency, omega > 0, and one plant.
         tracks: the plant's numerator and denominator.
     """
     numerator, denominator = tracks
     omega = at.omega
     if numerator.right is None or denominator.right is None:
         return arb.nan()
-    loop = at.loop
     phase = loop.controller_phase(ball_of(at.u)) + numerator.change(at.u[0], omega) - denominator.change(at.u[0], omega)
     negative = (numerator.leading_sign != denominator.leading_sign) ^ (numerator.right % 2 == 1)
     # two minus signs cancel

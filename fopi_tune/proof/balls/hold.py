@@ -21,8 +21,7 @@ from functools import cache
 from flint import arb, arb_mat
 
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.balls.dual import Dual
-from fopi_tune.proof.balls.plant import PlantBalls
+from fopi_tune.proof.balls.plant import Dual, PlantBalls
 
 _ONE, _ZERO = arb(1), arb(0)
 #: an argument below which a difference of reciprocals is a series

@@ -8,15 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 from flint import acb, arb
 
-from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of, is_tail, outward, points
+from fopi_tune.proof.balls.parameters import LoopParameters
 from fopi_tune.proof.balls.plant import PlantBalls, assemble
 from fopi_tune.proof.balls.values import LoopBalls
 
@@ -25,58 +23,14 @@ PRECISION = 64
 
 
 @dataclass(frozen=True)
-class BallLoop:
-    """One controller with a family of plants.
-
-    Args:
-        gains: the controller.
-        family: the plants.
-    """
-
-    gains: FoPi
-    family: PlantFamily
-
-    @cached_property
-    def axes(self) -> int:
-        """Axes of a box: u and the uncertain numbers."""
-        return 1 + len(self.family.uncertain_names)
-
-    @property
-    def family_box(self) -> tuple[Interval, ...]:
-        """The box of the uncertain numbers."""
-        return tuple(zip(self.family.low.tolist(), self.family.high.tolist(), strict=True))
-
-    @cached_property
-    def kp(self) -> arb:
-        """Proportional gain."""
-        return arb(self.gains.kp)
-
-    @cached_property
-    def ki(self) -> arb:
-        """Integral gain."""
-        return arb(self.gains.ki)
-
-    @cached_property
-    def alpha(self) -> arb:
-        """Order of the integral."""
-        return arb(self.gains.alpha)
-
-    @cached_property
-    def turn(self) -> acb:
-        """j^alpha."""
-        angle = self.alpha * arb.pi() / 2
-        return acb(angle.cos(), angle.sin())
-
-    @cached_property
-    def _integral(self) -> acb:
-        """ki j^-alpha."""
-        return self.ki / self.turn
+class BallLoop(LoopParameters):
+    """One controller with a family of plants."""
 
     def controller(self, u: arb) -> tuple[acb, acb]:
         """C and d ln C/du over a ball of u."""
         if self.gains.ki == 0.0:
             return acb(self.kp), acb(0)
-        integral = (-self.alpha * u).exp() * self._integral
+        integral = (-self.alpha * u).exp() * self.integral
         if self.gains.kp == 0.0:
             return integral, acb(-self.alpha)
         # d ln C/du = -alpha ki s^-alpha/C = -alpha (1 - kp/C)

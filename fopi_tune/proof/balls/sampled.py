@@ -27,10 +27,9 @@ from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.balls.argument import Argument
 from fopi_tune.proof.balls.box import Box, Interval
-from fopi_tune.proof.balls.dual import Dual
 from fopi_tune.proof.balls.hold import behind_hold
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.plant import PlantBalls, own_derivative, polynomial
+from fopi_tune.proof.balls.plant import Dual, PlantBalls, own_derivative, polynomial
 from fopi_tune.proof.balls.values import LoopBalls
 from fopi_tune.proof.balls.winding import count_by_argument
 
@@ -355,7 +354,7 @@ def count_unstable_roots(loop: SampledBallLoop, theta: Sequence[float]) -> int |
             count = _count_by_roots(loop, plant)
             if count is not None:
                 return count
-    return count_by_argument(loop, loop.plant([arb(value) for value in theta]))
+    return count_by_argument(loop, loop.plant([arb(value) for value in theta]), loop.has_integrator)
 
 
 def _count_by_roots(loop: SampledBallLoop, plant: PlantBalls) -> int | None:

@@ -19,16 +19,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from flint import acb, arb
 
 from fopi_tune.proof.balls.box import Interval, ball_of
-from fopi_tune.proof.balls.dual import Dual
-from fopi_tune.proof.balls.plant import PlantBalls, own_derivative, polynomial
-
-if TYPE_CHECKING:
-    from fopi_tune.proof.balls.loop import BallLoop
+from fopi_tune.proof.balls.parameters import LoopParameters
+from fopi_tune.proof.balls.plant import Dual, PlantBalls, own_derivative, polynomial
 
 #: below this size S (or T) is not computed as 1 - T (1 - S)
 _TINY = arb(1e-3)
@@ -47,7 +43,7 @@ class LoopBalls:
         plant: coefficients over the box.
     """
 
-    def __init__(self, loop: BallLoop, u: Interval, plant: PlantBalls) -> None:
+    def __init__(self, loop: LoopParameters, u: Interval, plant: PlantBalls) -> None:
         self.loop, self.u, self.plant = loop, u, plant
         self.low_tail, self.high_tail = math.isinf(u[0]), math.isinf(u[1])
         if self.low_tail and self.high_tail:
@@ -86,8 +82,8 @@ class LoopBalls:
         if self.low_tail:
             return loop.kp * (self._power * loop.turn) + loop.ki
         if self.high_tail:
-            return loop.kp + self._power * loop._integral
-        return loop.kp + loop._integral / self._power
+            return loop.kp + self._power * loop.integral
+        return loop.kp + loop.integral / self._power
 
     @cached_property
     def x(self) -> acb | None:

@@ -12,16 +12,11 @@ Source: derived from the argument principle.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from flint import acb, arb
 
 from fopi_tune.proof.balls.box import Interval, ball_of
+from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import PlantBalls
-
-if TYPE_CHECKING:
-    from fopi_tune.proof.balls.loop import BallLoop
-    from fopi_tune.proof.balls.sampled import SampledBallLoop
 
 _NARROWEST = 1e-9
 _MOST_PIECES = 200_000
@@ -29,31 +24,32 @@ _STEP = 1.0
 _FARTHEST = 100.0
 
 
-def count_by_argument(loop: SampledBallLoop, plant: PlantBalls) -> int | None:
+def count_by_argument(loop: BallLoop, plant: PlantBalls, has_integrator: bool) -> int | None:
     """Zeros of F with Re w > 0, by (1).
 
     Args:
-        loop: the controller.
+        loop: on samples.
         plant: one plant behind the hold.
+        has_integrator: whether the controller has a pole at w = 0.
 
     Returns:
         The number; None when F comes too close to 0 on the axis to be told from it.
     """
-    low, high = _end(loop, plant, -1.0), _end(loop, plant, 1.0)
+    low, high = _end(loop, plant, has_integrator, -1.0), _end(loop, plant, has_integrator, 1.0)
     if low is None or high is None:
         return None
     (first, start), (last, end) = low, high
     along = change_along_axis(loop, plant, first, last)
     if along is None:
         return None
-    degree = len(plant.denominator) - 1 + int(loop.has_integrator)
+    degree = len(plant.denominator) - 1 + int(has_integrator)
     # start is arg(w^E F) at the first place against w = 0; end is arg(F/w^k) at w = inf against the last
     change = start + along - end
     count = ((degree - 2 * change / arb.pi()) / 2).unique_fmpz()
     return None if count is None or count < 0 else int(count)
 
 
-def _end(loop: SampledBallLoop, plant: PlantBalls, direction: float) -> tuple[float, arb] | None:
+def _end(loop: BallLoop, plant: PlantBalls, has_integrator: bool, direction: float) -> tuple[float, arb] | None:
     """A place beyond which F, but for its power of w, keeps away from the imaginary axis; and its argument there."""
     u = direction
     while abs(u) < _FARTHEST:
@@ -66,7 +62,7 @@ def _end(loop: SampledBallLoop, plant: PlantBalls, direction: float) -> tuple[fl
             here = at.characteristic
             if direction > 0:
                 here = here / w ** (len(plant.denominator) - 1)
-            elif loop.has_integrator:
+            elif has_integrator:
                 here = here * w
             return u, (here if value.real > 0 else -here).arg()
         u += direction * _STEP

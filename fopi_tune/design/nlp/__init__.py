@@ -1,0 +1,1 @@
+"""The nonlinear program of a spec in CasADi:  built once, solved by Ipopt many times."""

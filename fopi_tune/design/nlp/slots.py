@@ -1,0 +1,232 @@
+"""A task, and the slots of the compiled problem that it puts in play at given gains."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.margins import gain_crossovers, phase_crossovers
+from fopi_tune.design.nlp.compile import Block, Problem, SlotKind
+from fopi_tune.design.sides import GUARD, Bound
+from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.objectives import ObjectiveKind
+
+_V_CAP = 40.0
+#: how far (in ln omega) a peak may move in one solve
+_PEAK_REACH = 0.7
+#: crossovers with more margin than this are no danger to stability
+_SAFE_MARGIN_RAD = 0.5
+
+#: bounds of a slot's rows by name
+RowBounds = dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One slot in use: its plant, its frequency (at first, and how far it may go), its sheet of the phase, its rows."""
+
+    theta: tuple[float, ...]
+    v: float
+    near: float
+    rows: RowBounds
+    v_low: float = -_V_CAP
+    v_high: float = _V_CAP
+
+
+class Mode(Enum):
+    """What a solve is for."""
+
+    OBJECTIVE = "the spec's objective"
+    FEASIBILITY = "the smallest sum of what requirements have to give"
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of play: a plant, and for frequency functions a frequency.  `side` None belongs to the objective."""
+
+    side: int | None
+    theta: tuple[float, ...]
+    omega_rad_s: float
+
+
+@dataclass(frozen=True)
+class MarginPlant:
+    """A plant whose gain margin is in play: at the level that is asked for, or at a phase crossover itself."""
+
+    side: int
+    theta: tuple[float, ...]
+    crossing: bool
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to solve.
+
+    Args:
+        points: fixed (side, plant, frequency) cuts of frequency functions and members of the objective.
+        peaks: the same, moving with the plant's own peak; the frequency is where it is looked for.
+        plants: plants whose gain crossovers are in play; the nominal one first.
+        margin_plants: plants of gain margins in play.
+        limits: of all sides, natural units.
+        mode: what for.
+        active: requirements that count; others are dropped.
+        giving: requirements that may give in an elastic solve.
+        trust: kp and ki may move this many times their own size, alpha a quarter of it: cuts that are not yet in
+            play cannot hold them back.
+    """
+
+    points: tuple[Point, ...]
+    peaks: tuple[Point, ...]
+    plants: tuple[tuple[float, ...], ...]
+    margin_plants: tuple[MarginPlant, ...]
+    limits: tuple[float, ...]
+    mode: Mode
+    active: frozenset[int]
+    giving: frozenset[int] = frozenset()
+    trust: float = 4.0
+
+
+@dataclass(frozen=True)
+class SlotsInPlay:
+    """The slots that a task needs, started from the crossings of the loops at given gains."""
+
+    problem: Problem
+    task: Task
+    start: FoPi
+
+    def of(self, block: Block) -> list[Slot]:
+        """(theta, v, phase_near, bounds of rows) of the block's slots in use."""
+        if block.kind is SlotKind.CROSSING:
+            return self._crossing_slots()
+        if block.kind in (SlotKind.LEVEL, SlotKind.PHASE):
+            return self._margin_slots(block)
+        side = block.sides[0] if block.sides else None
+        if (side is not None and not self._counts(side)) or (side is None and self.task.mode is Mode.FEASIBILITY):
+            return []
+        log_s = math.log(self.problem.scale.omega_rad_s)
+        bound = (0.0, np.inf)
+        if side is not None and self.problem.sides[side].bound is Bound.EQUAL:
+            bound = (0.0, 0.0)
+        rows = {name: (0.0, 0.0) if name == "equation" else bound for name in block.rows}
+        chosen = self.task.peaks if block.kind is SlotKind.PEAK else self.task.points
+        slots = []
+        for point in chosen:
+            if point.side == side:
+                v = float(np.clip(math.log(point.omega_rad_s) - log_s, -600.0, 600.0))
+                slots.append(Slot(point.theta, v, 0.0, rows, v - _PEAK_REACH, v + _PEAK_REACH))
+        return slots
+
+    def _counts(self, side: int) -> bool:
+        return self.problem.sides[side].requirement in self.task.active or (
+            self.problem.sides[side].requirement == GUARD
+        )
+
+    def _crossing_slots(self) -> list[Slot]:
+        """A slot for every gain crossover of every plant in play; the nominal plant's smallest margin comes first."""
+        family, task = self.problem.family, self.task
+        if not task.plants:
+            return []
+        nominal = tuple(family.nominal_point.tolist())
+        plants = Plants.members(family, np.array(task.plants).reshape(len(task.plants), -1))
+        loops = Loops.of(self.start, plants)
+        crossings = gain_crossovers(loops)
+        log_s = math.log(self.problem.scale.omega_rad_s)
+        slots = []
+        asked = self._asks_for_crossovers()
+        for row, theta in enumerate(task.plants):
+            mine = np.flatnonzero(crossings.row == row)
+            if not len(mine) and not asked:
+                continue
+            if not len(mine):
+                # No crossover to start from: ask for one where the spec's own frequency scale is.
+                near = float(loops.log_response(np.array([row]), np.array([log_s]))[0].imag)
+                near += self.problem.scale.omega_rad_s * float(plants.dead_time_s[row])
+                slots.append(Slot(theta, 0.0, near, self._crossing_bounds(theta == nominal, True, True)))
+                continue
+            smallest = mine[np.argmin(crossings.phase_rad[mine])]
+            if not asked and crossings.phase_rad[smallest] + np.pi > _SAFE_MARGIN_RAD:
+                continue
+            for i in sorted(mine, key=lambda i: i != smallest):
+                omega = float(crossings.omega_rad_s[i])
+                near = float(crossings.phase_rad[i]) + omega * float(plants.dead_time_s[row])
+                bounds = self._crossing_bounds(theta == nominal, i == mine[-1], i == smallest)
+                slots.append(Slot(theta, math.log(omega) - log_s, near, bounds))
+        return slots
+
+    def _asks_for_crossovers(self) -> bool:
+        """Whether anything that counts needs a crossover; a guard alone must not force one to exist."""
+        kinds = (Where.GAIN_CROSSOVERS, Where.HIGHEST_GAIN_CROSSOVER)
+        asked = any(side.where in kinds and side.requirement in self.task.active for side in self.problem.sides)
+        spread = self.problem.objective in (ObjectiveKind.PHASE_MARGIN_SPREAD, ObjectiveKind.CROSSOVER_SPREAD)
+        return asked or self.problem.needs_crossover or (spread and self.task.mode is Mode.OBJECTIVE)
+
+    def _crossing_bounds(self, nominal: bool, highest: bool, smallest: bool) -> RowBounds:
+        """Which rows of a crossing's slot count, and as what."""
+        bounds = {"equation": (0.0, 0.0)}
+        elastic = self.task.mode is Mode.FEASIBILITY
+        if not nominal and not elastic and self.problem.objective is ObjectiveKind.PHASE_MARGIN_SPREAD:
+            bounds["spread up"] = (0.0, np.inf)
+            bounds["spread down"] = (0.0, np.inf) if smallest else (-np.inf, np.inf)
+        for k, side in enumerate(self.problem.sides):
+            at_crossing = side.where in (Where.GAIN_CROSSOVERS, Where.HIGHEST_GAIN_CROSSOVER)
+            if not at_crossing or not self._counts(k) or (side.nominal and not nominal):
+                continue
+            decides = highest if side.where is Where.HIGHEST_GAIN_CROSSOVER else smallest
+            if decides:
+                bounds[f"side {k}"] = (0.0, 0.0) if side.bound is Bound.EQUAL else (0.0, np.inf)
+            elif side.where is Where.GAIN_CROSSOVERS and side.bound is Bound.LOWER:
+                bounds[f"side {k}"] = (0.0, np.inf)
+            elif side.where is Where.GAIN_CROSSOVERS and side.bound is Bound.EQUAL:
+                # The smallest equals the limit, so the others lie above: limit - value <= 0.
+                bounds[f"side {k}"] = (-np.inf, 0.0)
+        return bounds
+
+    def _margin_slots(self, block: Block) -> list[Slot]:
+        k = block.sides[0]
+        if not self._counts(k):
+            return []
+        side, log_s = self.problem.sides[k], math.log(self.problem.scale.omega_rad_s)
+        slots = []
+        for plant in self.task.margin_plants:
+            if plant.side != k or plant.crossing is not (block.kind is SlotKind.PHASE):
+                continue
+            theta = plant.theta
+            plants = Plants.members(self.problem.family, np.array([theta]).reshape(1, -1))
+            loops = Loops.of(self.start, plants)
+            found = phase_crossovers(loops)
+            small = np.flatnonzero((found.gain <= 1.0) & np.isfinite(found.omega_rad_s))
+            if not len(small) and plant.crossing and side.bound is Bound.LOWER:
+                continue
+            turn = 0.0
+            v = 0.0
+            if len(small):
+                worst = small[np.argmax(found.gain[small])]
+                turn = float(np.round((found.phase_rad[worst] + np.pi) / (2 * np.pi)))
+                v = math.log(found.omega_rad_s[worst]) - log_s
+            if block.kind is SlotKind.LEVEL:
+                level = gain_crossovers(loops, np.array([-self.task.limits[k]]))
+                if len(level.row):
+                    nearest = np.argmin(np.abs(np.log(level.omega_rad_s) - log_s - v)) if len(small) else -1
+                    v = math.log(level.omega_rad_s[nearest]) - log_s
+            omega = self.problem.scale.omega_rad_s * math.exp(v)
+            near = float(loops.log_response(np.array([0]), np.array([math.log(omega)]))[0].imag)
+            near += omega * float(plants.dead_time_s[0]) - 2 * np.pi * turn
+            row = (0.0, 0.0) if side.bound is Bound.EQUAL else (0.0, np.inf)
+            rows = {"equation": (0.0, 0.0), f"side {k}": row}
+            ends = _between_neighbours(np.log(found.omega_rad_s) - log_s, v) if plant.crossing else (-_V_CAP, _V_CAP)
+            slots.append(Slot(theta, v, near, rows, *ends))
+        return slots
+
+
+def _between_neighbours(crossings: Array, v: float) -> tuple[float, float]:
+    """Half-way to the crossings on either side: a slot must not slip to one where less is asked."""
+    below, above = crossings[crossings < v - 1e-9], crossings[crossings > v + 1e-9]
+    low = 0.5 * (v + float(below.max())) if len(below) else -_V_CAP
+    high = 0.5 * (v + float(above.min())) if len(above) and np.isfinite(above.min()) else _V_CAP
+    return low, high

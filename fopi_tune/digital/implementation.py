@@ -1,0 +1,61 @@
+"""The digital controller of gains, as a spec's section `digital` asks for it:  DesignSpec, FoPi -> Implementation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.margins import margins
+from fopi_tune.core.sections import Implementation
+from fopi_tune.digital import sections_of
+from fopi_tune.errors import DomainError
+from fopi_tune.spec.model import DesignSpec, DigitalSpec
+
+if TYPE_CHECKING:
+    pass
+
+#: relative difference of responses that are the same
+_SAME = 1e-6
+
+
+def implementation_of(spec: DesignSpec, gains: FoPi) -> Implementation:
+    """The digital controller of gains, as the spec's `digital:` section asks for it.
+
+    Raises:
+        DomainError: there is no such section, or it cannot be met (band, sample time).
+    """
+    digital = digital_of(spec)
+    return Implementation(sections_of(gains, digital, crossover_of(spec, gains)), digital.delay_samples)
+
+
+def is_implementation_of(spec: DesignSpec, gains: FoPi, implementation: Implementation) -> bool:
+    """Whether a digital controller is what the spec makes of gains, up to what a fit's solver may differ by."""
+    try:
+        ours = implementation_of(spec, gains)
+    except DomainError:
+        return False
+    if (ours.sample_time_s, ours.delay_samples) != (implementation.sample_time_s, implementation.delay_samples):
+        return False
+    omega = np.geomspace(1e-6, 1.0, 200) * ours.nyquist_rad_s
+    wanted = ours.sections.response(omega)
+    return bool(np.all(np.abs(implementation.sections.response(omega) - wanted) <= _SAME * np.abs(wanted)))
+
+
+def digital_of(spec: DesignSpec) -> DigitalSpec:
+    """The spec's section.
+
+    Raises:
+        DomainError: there is none.
+    """
+    if spec.digital is None:
+        raise DomainError(
+            "the spec has no section digital; add digital: {sample_time_s: 0.2} with your sampling period"
+        )
+    return spec.digital
+
+
+def crossover_of(spec: DesignSpec, gains: FoPi) -> float | None:
+    """The nominal gain crossover of the ideal controller, rad/s; None without one."""
+    return margins(gains, spec.plant.member(spec.plant.nominal_point)).crossover_rad_s

@@ -1,0 +1,276 @@
+"""Plants drawn from a box, what is simulated with each, and how often limits hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Plants
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.samples import outside_box, why_impossible
+from fopi_tune.errors import DomainError
+from fopi_tune.montecarlo.draws import Design, Draw, Listed, points, stays_inside
+from fopi_tune.montecarlo.membership import Counted, Marked, count, merge_counts
+from fopi_tune.montecarlo.statistics import Fraction, Histogram, Quantile, histogram
+from fopi_tune.montecarlo.tally import Found, Worst
+from fopi_tune.simulation.measures import MEASURE_VALUES, horizon_of
+from fopi_tune.simulation.sampled.simulate import measure_chunks
+from fopi_tune.simulation.scenario import Mode, Scenario
+from fopi_tune.spec.model import Limit, Relation, Requirement, ScenarioSpec, ValidationSpec
+
+#: plants whose simulations are in memory at once
+_SIMULATED = 8192
+#: how many of the worst plants are kept
+KEPT = 5
+#: (done, of all) plants, and done of one pass over them
+Progress = Callable[[int, int], None]
+Done = Callable[[int], None]
+PROBABILITIES = (0.01, 0.05, 0.5, 0.95, 0.99)
+
+
+@dataclass(frozen=True)
+class WorstPlant:
+    """A plant that was drawn, with the value that makes it one of the worst.
+
+    Args:
+        index: of the draw; with the seed it can be made again.
+        value: in the unit of what was judged; infinite where there is none.
+        plant: the uncertain numbers by name.
+        inside: whether it lies in the family's box.
+    """
+
+    index: int
+    value: float
+    plant: Mapping[str, float]
+    inside: bool
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How often one requirement or limit held.
+
+    Args:
+        requirement: the spec's, of a requirement.
+        limit: the spec's, of a limit.
+        scenario: in which a limit was judged.
+        upper: whether large values are the bad ones.
+        fraction: of the plants that met it, with its interval.
+        quantiles: of the values.
+        worst: the worst plants, the worst first.
+        missed_inside: plants of the family that did not meet it.
+        worst_inside: the worst plant of the family; None when none of it was drawn.
+        histogram: of the finite values; None without any.
+    """
+
+    requirement: Requirement | None
+    limit: Limit | None
+    scenario: str | None
+    upper: bool
+    fraction: Fraction
+    quantiles: tuple[Quantile, ...]
+    worst: tuple[WorstPlant, ...]
+    missed_inside: int = 0
+    worst_inside: WorstPlant | None = None
+    histogram: Histogram | None = None
+
+
+@dataclass(frozen=True)
+class Simulations:
+    """One scenario, driven with every plant that was drawn.
+
+    Args:
+        scenario: its name.
+        finite: fraction of the plants whose output stayed finite.
+        calm: fraction of the plants whose modes did not chatter.
+        limits: those about it.
+    """
+
+    scenario: str
+    finite: Fraction
+    calm: Fraction
+    limits: tuple[Judged, ...]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The plants that a section `validation` draws from a box.
+
+    Args:
+        family: the box.
+        validation: how many, and how.
+    """
+
+    family: PlantFamily
+    validation: ValidationSpec
+
+    @property
+    def seed(self) -> int:
+        """Of every random number."""
+        return self.validation.seed
+
+    @cached_property
+    def draw(self) -> Draw:
+        """What is drawn."""
+        return draw_of(self.validation)
+
+    @cached_property
+    def is_free(self) -> bool:
+        """Whether a draw may leave the family's box."""
+        return not stays_inside(self.draw, self.family)
+
+    def places(self, first: int, end: int) -> Array:
+        """Uncertain numbers of the draws first to end - 1, shape (end - first, p)."""
+        return points(self.draw, self.family, first, end - first)
+
+    def marked(self, first: int, end: int) -> Marked:
+        """The same with what is no plant replaced, and where each lies."""
+        return Marked.of(self.places(first, end), self.family, first, self.is_free)
+
+    def plants(self, first: int, end: int) -> Plants:
+        """The draws first to end - 1 as plants of the family's model."""
+        return Plants.members(self.family, self.marked(first, end).places)
+
+    def chunks(self, size: int, first: int, end: int) -> Iterator[tuple[int, int]]:
+        """(first, end) of so many draws at a time."""
+        for begin in range(first, end, size):
+            yield begin, min(begin + size, end)
+
+    def strays(self, first: int = 0, end: int | None = None) -> tuple[int, int]:
+        """Plants outside the family's box, and draws that are no plants, of the draws first to end - 1 (of all)."""
+        end = self.validation.samples if end is None else end
+        if not self.is_free:
+            return 0, 0
+        plants = inside = 0
+        for drawn in (self.marked(*chunk) for chunk in self.chunks(_SIMULATED, first, end)):
+            plants += int(drawn.is_plant.sum())
+            inside += int(drawn.inside.sum())
+        return plants - inside, end - first - plants
+
+    def check_plants(self, no_plants: int) -> None:
+        """Refuse draws of which none is a plant.
+
+        Raises:
+            DomainError: as many draws are no plants as there are draws.
+        """
+        if no_plants == self.validation.samples:
+            why = why_impossible(self.places(0, 1)[0], self.family)
+            raise DomainError(f"no draw is a plant; the first: {why}.  Check distributions: in section validation")
+
+    def simulated(
+        self,
+        limits: Sequence[Limit],
+        scenario: ScenarioSpec,
+        modes: Sequence[Mode],
+        run: Scenario,
+        done: Done,
+        block: tuple[int, int] | None = None,
+    ) -> tuple[Counted, ...]:
+        """A scenario driven with draws, and what is counted: finite, calm, then every limit about it.
+
+        Args:
+            limits: the spec's.
+            scenario: the spec's.
+            modes: controllers, and the plants by index.
+            run: the scenario on the controllers' samples.
+            done: told how many plants are done.
+            block: draws, (first, end); None: all.
+        """
+        limits = limits_about(limits, scenario)
+        parts: list[list[Counted]] = []
+        start, end = block or (0, self.validation.samples)
+        first = start
+        horizon = horizon_of(scenario, run)
+        for measures in measure_chunks(modes, run, horizon, end - start, first=start, chunk=_SIMULATED):
+            drawn = self.marked(first, first + len(measures.finite))
+            counts = [_yes(drawn, measures.finite), _yes(drawn, ~measures.chattering)]
+            for limit in limits:
+                upper = limit.relation is Relation.AT_MOST
+                values = MEASURE_VALUES[limit.measure](measures)
+                values = np.where(np.isnan(values), np.inf if upper else -np.inf, values)
+                met = values <= limit.limit if upper else values >= limit.limit
+                counts.append(counted(drawn, values, met, upper))
+            parts.append(counts)
+            first += len(measures.finite)
+            done(first - start)
+        return tuple(merge_counts(column) for column in zip(*parts, strict=True))
+
+    def simulations(self, limits: Sequence[Limit], scenario: ScenarioSpec, found: Sequence[Counted]) -> Simulations:
+        """What `simulated` counted over all draws, with its intervals.
+
+        Args:
+            limits: the spec's.
+            scenario: the spec's.
+            found: finite, calm, then every limit about the scenario.
+        """
+        finite, calm, *rest = found
+        judged = [
+            self.judged(t, e.relation is Relation.AT_MOST, limit=e, scenario=scenario.name)
+            for t, e in zip(rest, limits_about(limits, scenario), strict=True)
+        ]
+        sure = self.validation.confidence
+        return Simulations(scenario.name, finite.tally.fraction(sure), calm.tally.fraction(sure), tuple(judged))
+
+    def judged(
+        self,
+        found: Counted,
+        upper: bool,
+        *,
+        requirement: Requirement | None = None,
+        limit: Limit | None = None,
+        scenario: str | None = None,
+    ) -> Judged:
+        """Counts with their intervals and their worst plants."""
+        confidence, tally = self.validation.confidence, found.tally
+        return Judged(
+            requirement=requirement,
+            limit=limit,
+            scenario=scenario,
+            upper=upper,
+            fraction=tally.fraction(confidence),
+            quantiles=tally.quantiles(PROBABILITIES, confidence),
+            histogram=histogram(tally.values()),
+            worst=tuple(self.worst_plant(each) for each in tally.worst),
+            missed_inside=found.missed_inside,
+            worst_inside=None if found.worst_inside is None else self.worst_plant(found.worst_inside),
+        )
+
+    def worst_plant(self, found: Found) -> WorstPlant:
+        """The plant of a draw."""
+        place = self.places(found.index, found.index + 1)
+        inside = not bool(outside_box(place, self.family)[0])
+        return WorstPlant(found.index, found.value, self.family.describe(place[0]), inside)
+
+
+def limits_about(limits: Sequence[Limit], scenario: ScenarioSpec) -> list[Limit]:
+    """Those that judge a scenario."""
+    return [each for each in limits if each.scenario in (None, scenario.name)]
+
+
+def steps_of(progress: Progress | None, samples: int, count: int) -> list[Done]:
+    """One progress for each of `count` passes over the plants, each of which knows only its own."""
+
+    def step(place: int) -> Done:
+        return lambda plants: None if progress is None else progress(place * samples + plants, count * samples)
+
+    return [step(place) for place in range(count)]
+
+
+def draw_of(validation: ValidationSpec) -> Draw:
+    """The draws that a spec's section `validation` asks for; those of a file are its rows in their order."""
+    listed = validation.samples_file
+    source = validation.distributions if listed is None else Listed(listed.table)
+    return Draw(validation.seed, Design(validation.design), validation.samples, source)
+
+
+def counted(drawn: Marked, values: Array, met: np.ndarray, upper: bool) -> Counted:
+    """A chunk of values of which the large (upper) or the small ones are the worst."""
+    return count(drawn, values, met, Worst.LARGEST if upper else Worst.SMALLEST, KEPT)
+
+
+def _yes(drawn: Marked, met: np.ndarray) -> Counted:
+    """A chunk of yes and no."""
+    return counted(drawn, np.where(met, 0.0, 1.0), met, True)

@@ -1,0 +1,222 @@
+"""No gain crossover over a whole interval of frequencies, for every controller of a box and one plant.
+
+With z = ki omega^-alpha and kp, ki >= 0, whatever they are,
+
+    |kp + z e^{-ja}| >= max(kp, z) sin a  (a > 90 deg),  sqrt(kp^2 + z^2) (else) ,     a = alpha pi/2 ,            (1)
+    d ln|C|/du <= 0  (a <= 90 deg),   alpha (1 - sin a)/(2 sin a)  (else) ,                                        (2)
+
+also where ki may be 0 and z has no end.  (2): -d ln C/du/alpha = 1 - 1/(1 + z e^{-ja}/kp), and 1/(1 + .) runs along a
+circle through 0 whose real part is at most (1 + sin a)/(2 sin a).
+
+Source: derived; (1) from the angle a between the two terms, (2) as said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from flint import acb, arb
+
+from fopi_tune.optimum.charts import Patch
+from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.pruning.reading import log_gain
+from fopi_tune.proof.balls.box import Interval, ball_of
+from fopi_tune.spec.model import GainRange
+
+_ZERO = arb(0)
+_MOST_CELLS, _MOST_STEPS = 150, 40
+_NARROWEST, _COARSE = 1e-4, 1e-2
+_STEP, _FARTHEST = 3.0, 100.0
+_SHORT = 0.1
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The controllers of a box that the spec's ranges allow, with one plant.
+
+    Args:
+        problem: gives the plants' responses and the ranges.
+        patch: the box.
+        kp: their gains.
+        ki: the same.
+        alpha: the same.
+        point: the plant.
+        sign: of the controller that the gains are of.
+    """
+
+    problem: Problem
+    patch: Patch
+    kp: arb
+    ki: arb
+    alpha: arb
+    point: tuple[float, ...]
+    sign: int = 1
+
+    @classmethod
+    def of(cls, problem: Problem, patch: Patch, point: tuple[float, ...]) -> Cells:
+        """Where no gain is positive both signs are turned, and the ray with them: |L| does not mind."""
+        box = problem.spec.controller
+        kp, ki = _allowed(patch.kp, box.kp), _allowed(patch.ki, box.ki)
+        if kp <= 0 and ki <= 0:
+            return cls(problem, patch, -kp, -ki, patch.alpha, point, -1)
+        return cls(problem, patch, kp, ki, patch.alpha, point)
+
+    @cached_property
+    def _angle(self) -> arb:
+        return self.alpha * arb.pi() / 2
+
+    @cached_property
+    def _is_positive(self) -> bool:
+        return bool(self.kp >= 0 and self.ki >= 0)
+
+    @cached_property
+    def _sine(self) -> arb:
+        """sin a; 1 where a <= 90 deg."""
+        return arb(1) if self.alpha <= 1 else self._angle.sin()
+
+    def _integral(self, u: Interval) -> tuple[arb, arb]:
+        """The smallest and the largest |z|."""
+        size = abs(self.ki)
+        high = size.upper() * (-self.alpha * arb(u[0])).exp() if not math.isinf(u[0]) else arb.pos_inf()
+        if self.ki.is_zero():
+            high = _ZERO
+        low = size.lower() * (-self.alpha * arb(u[1])).exp() if not math.isinf(u[1]) else _ZERO
+        return arb(low.lower()) if low > 0 else _ZERO, arb(high.upper())
+
+    def controller_size(self, u: Interval) -> tuple[arb, arb]:
+        """Bounds of |C| over an interval."""
+        low, high = self._integral(u)
+        kp = abs(self.kp)
+        kp_low, kp_high = arb(kp.lower()), arb(kp.upper())
+        found = kp_low - high if kp_low > high else low - kp_high if low > kp_high else _ZERO
+        if self._is_positive:
+            if self.alpha <= 1:
+                found = (kp_low**2 + low**2).sqrt()
+            else:
+                found = _larger(found, _larger(kp_low, low) * self._sine)
+        if not math.isinf(u[0]) and not math.isinf(u[1]):
+            log_s = acb(ball_of(u), arb.pi() / 2)
+            value = self.kp + self.ki * (-self.alpha * log_s).exp()
+            if value.is_finite():
+                found = _larger(found, value.abs_lower())
+                most = arb(value.abs_upper())
+                return arb(found.lower()), most if most < kp_high + high else kp_high + high
+        return arb(found.lower()), kp_high + high
+
+    def plant_size(self, u: Interval) -> tuple[arb, arb]:
+        """Bounds of |P| over an interval; its dead time does not matter."""
+        known = self.problem.sizes
+        key = (self.point, u)
+        if key not in known:
+            over = self.problem.cell(self.point, u)
+            top, bottom = over.numerator, over.d
+            high = top.abs_upper() / bottom.abs_lower() if bottom.abs_lower() > 0 else arb.pos_inf()
+            low = top.abs_lower() / bottom.abs_upper() if bottom.abs_upper() > 0 else _ZERO
+            known[key] = arb(low.lower()), arb(high.upper())
+        return known[key]
+
+    def is_off(self, u: Interval, only_below: bool) -> bool:
+        """Whether |L| is not 1 (or less than 1) over an interval."""
+        c, p = self.controller_size(u), self.plant_size(u)
+        if p[1].is_finite() and c[1].is_finite() and c[1] * p[1] < 1:
+            return True
+        return not only_below and bool(c[0] * p[0] > 1)
+
+    def falls(self, u: Interval) -> bool:
+        """Whether |L| falls with the frequency all over an interval that is no tail."""
+        slope = self.problem.cell(self.point, u).log_slope.real
+        own = acb(-self.alpha) if self.kp.is_zero() else acb(0)
+        if not self.kp.is_zero() and not self.ki.is_zero():
+            z = self.ki * (-self.alpha * acb(ball_of(u), arb.pi() / 2)).exp()
+            own = -self.alpha * (z / (self.kp + z))
+        if slope + own.real < 0:
+            return True
+        if not self._is_positive:
+            return False
+        most = _ZERO if self.alpha <= 1 else self.alpha * (1 - self._sine) / (2 * self._sine)
+        return bool(slope + most < 0)
+
+    def crosses_nowhere(self, low: float, high: float, only_below: bool = False) -> bool:
+        """Whether |L| = 1 nowhere in an interval of u, which may be a tail or the whole axis; or |L| < 1 all over."""
+
+        def settled(u: Interval) -> bool:
+            return self.is_off(u, only_below) or self._is_off_centred(u, only_below)
+
+        return _covered(settled, low, high)
+
+    def _is_off_centred(self, u: Interval, only_below: bool) -> bool:
+        """The same by the mean-value form, which knows how the gains go together: on short cells next to a crossing."""
+        if not u[1] - u[0] < _SHORT:
+            return False
+        found = log_gain(self.problem, self.patch, self.point, u)
+        return found is not None and bool(found.upper < 0 or (not only_below and found.lower > 0))
+
+    def has_no_margin_below(self, u: float, margin: arb) -> bool:
+        """Whether no gain crossover below a place, which is one, has this phase margin (modulo a whole turn).
+
+        On cells that follow each other downwards from the place |L| falls strictly, so that it is larger than 1 on
+        them; the other cells each keep |L| away from 1 or L away from the ray of that margin.
+        """
+        ray = -acb(margin.cos(), margin.sin())
+
+        def settled(cell: Interval) -> bool:
+            return self.is_off(cell, False) or self._misses(cell, ray)
+
+        first, width = u, 0.25
+        for _ in range(_MOST_STEPS):
+            if not self.falls((first - width, first)):
+                width /= 4.0
+                if width < _NARROWEST:
+                    break
+                continue
+            first, width = first - width, 2.0 * width
+            if settled((first - width, first)):
+                break
+        return _covered(settled, -math.inf, first, _COARSE)
+
+    def _misses(self, u: Interval, ray: acb) -> bool:
+        """Whether L keeps away from the ray from 0 through a point, over an interval."""
+        if math.isinf(u[0]) or math.isinf(u[1]):
+            return False
+        over = self.problem.cell(self.point, u)
+        c = self.kp + self.ki * (-self.alpha * acb(ball_of(u), arb.pi() / 2)).exp()
+        turned = self.sign * c * over.gain / ray
+        return bool(turned.is_finite() and (turned.real < 0 or not turned.imag.contains(0)))
+
+
+def _covered(settled: Callable[[Interval], bool], low: float, high: float, narrowest: float = _NARROWEST) -> bool:
+    """Whether an interval can be cut into cells, not too narrow ones, each of which is settled."""
+    pending: list[Interval] = [(low, high)]
+    cells = 0
+    while pending:
+        cells += 1
+        first, last = pending.pop()
+        endless = math.isinf(first) and math.isinf(last)
+        if not endless and settled((first, last)):
+            continue
+        near = 0.0 if endless else last if math.isinf(first) else first
+        if cells > _MOST_CELLS or last - first < narrowest or abs(near) > _FARTHEST:
+            return False
+        if math.isinf(first):
+            middle = 0.0 if endless else last - _STEP
+        else:
+            middle = first + _STEP if math.isinf(last) else 0.5 * (first + last)
+        pending += [(first, middle), (middle, last)]
+    return True
+
+
+def _allowed(ball: arb, side: GainRange) -> arb:
+    """The part of a ball inside a range; the ball itself where there is none."""
+    low, high = arb(ball.lower()), arb(ball.upper())
+    if math.isfinite(side.min):
+        low = _larger(low, arb(side.min))
+    if math.isfinite(side.max) and high > arb(side.max):
+        high = arb(side.max)
+    return low.union(high) if low <= high else ball
+
+
+def _larger(a: arb, b: arb) -> arb:
+    return a if a > b else b

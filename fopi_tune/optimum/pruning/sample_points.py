@@ -1,0 +1,181 @@
+"""Where to look:  frequencies and plants at which a condition may be broken."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import numpy as np
+
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.peaks import Response, extremes
+from fopi_tune.errors import DomainError
+from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.pruning.brackets import suggestions
+from fopi_tune.optimum.pruning.conditions import Condition, Test
+from fopi_tune.optimum.pruning.refute import Reason, fails
+from fopi_tune.optimum.pruning.screen import Boxes, gains_at
+from fopi_tune.proof.balls.box import Box
+
+#: (frequency or None, plant) that a verification names
+Place = tuple[float | None, tuple[float, ...]]
+
+_FREQUENCIES = 36
+#: how far beyond the plants' own frequencies the first ones reach
+_BEYOND = 30.0
+#: frequencies closer than this (relative) are one
+_GRAIN = 2e-3
+_MOST_CORNERS = 16
+_MOST_INSIDE = 81
+#: neper from its limit at which a condition is worth a new sample
+_NEAR = 0.05
+
+
+def plants_to_try(problem: Problem, places: list[Place]) -> list[tuple[float, ...]]:
+    """The nominal plant, the corners, and those that a verification names."""
+    corners = [tuple(point) for point in problem.family.corners(_MOST_CORNERS).tolist()]
+    return list(dict.fromkeys([problem.nominal, *corners, *(point for _, point in places)]))
+
+
+def first_reasons(problem: Problem, points: list[tuple[float, ...]], places: list[Place]) -> list[Reason]:
+    """A grid of frequencies with every plant, for each condition that is read at one frequency."""
+    found: list[Reason] = []
+    for k, condition in enumerate(problem.conditions.every):
+        own = [problem.nominal] if condition.nominal else points
+        if condition.test is Test.DISTURBANCE:
+            found += [Reason(k, point) for point in own]
+        elif condition.test is Test.RESPONSE:
+            low, high = condition.band_rad_s
+            named = {omega for omega, _ in places if omega is not None and max(low, 1e-12) <= omega <= min(high, 1e12)}
+            grid = sorted({*_grid(problem, low, high), *named})
+            found += [Reason(k, point, (omega,)) for omega, point in product(grid, own)]
+    return list(dict.fromkeys(found))
+
+
+def constant_reasons(problem: Problem, points: list[tuple[float, ...]]) -> list[Reason]:
+    """What does not depend on the controller: |S| -> 1, no spread is negative, and a spread of |L| that is known."""
+    found: list[Reason] = []
+    for k, condition in enumerate(problem.conditions.every):
+        spread = condition.test in (Test.SPREAD, Test.GAIN_SPREAD)
+        high = condition.response is Response.SENSITIVITY and math.isinf(condition.band_rad_s[1])
+        if (spread and condition.level <= 0) or (high and condition.upper and condition.level < 0):
+            found.append(Reason(k, problem.nominal))
+        elif condition.test is Test.GAIN_SPREAD and problem.crossover_rad_s is not None:
+            found += [Reason(k, point, (problem.crossover_rad_s,)) for point in points if point != problem.nominal]
+    return found
+
+
+def meets_conditions(problem: Problem, centre: Array, points: list[tuple[float, ...]]) -> bool:
+    """Whether one controller, shape (1, k), meets every condition, as far as floating point and these plants tell."""
+    gains = gains_at(problem.chart, centre)
+    if gains[0][0] == 0.0 and gains[1][0] == 0.0:
+        return False
+    for condition in problem.conditions.every:
+        if condition.test is Test.GAIN:
+            value, level = gains[("kp", "ki").index(condition.name)][0], float(condition.level.mid())
+            if value > level if condition.upper else value < level:
+                return False
+    if any(fails(problem, problem.chart.patch(_point(centre)), r) for r in constant_reasons(problem, points)):
+        return False
+    loops, plants = _loops(problem, centre, points)
+    for k, condition in enumerate(problem.conditions.every):
+        if condition.test is Test.DISTURBANCE:
+            patch = problem.chart.patch(_point(centre))
+            if any(fails(problem, patch, Reason(k, point)) for point in points):
+                return False
+        if condition.test is Test.RESPONSE:
+            excess, _ = _excesses(condition, loops, plants, 1)
+            if excess is None or np.nanmax(excess) > 0.0:
+                return False
+    fixed = problem.sheet_is_covered  # a nominal margin that is fixed is met by the coordinates themselves
+    return not any(
+        suggestion.excess > 0.0
+        for suggestion in suggestions(problem, Boxes(centre, centre), points)
+        if not (fixed and problem.conditions.every[suggestion.reason.condition].nominal)
+    )
+
+
+def _point(centre: Array) -> Box:
+    return tuple((value, value) for value in centre[0].tolist())
+
+
+def _grid(problem: Problem, low: float, high: float) -> list[float]:
+    plants = Plants.members(problem.family, problem.family.corners(_MOST_CORNERS))
+    sizes = [np.abs(roots[np.isfinite(roots) & (roots != 0)]) for roots in (plants.poles, plants.zeros)]
+    own = np.concatenate([*sizes, 1.0 / plants.dead_time_s[plants.dead_time_s > 0], [1.0] * (not sizes)])
+    own = own if len(own) else np.ones(1)
+    first, last = float(own.min()) / _BEYOND, float(own.max()) * _BEYOND
+    if problem.crossover_rad_s is not None:
+        first, last = min(first, problem.crossover_rad_s / _BEYOND), max(last, problem.crossover_rad_s * _BEYOND)
+    first, last = max(first, low), min(last, high)
+    if low > 0.0 and first > last:
+        first = last = low
+    if first > last:
+        first = last = high
+    count = max(1, round(_FREQUENCIES * min(1.0, math.log(last / first) / math.log(_BEYOND**2) + 0.1)))
+    grid = np.geomspace(first, last, count) if last > first else np.array([first])
+    return [min(max(float(omega), low), high) for omega in grid]
+
+
+def further_reasons(problem: Problem, centres: Array, points: list[tuple[float, ...]]) -> list[Reason]:
+    """The worst frequency and plant of every condition on a response, for controllers that were not discarded."""
+    kp, ki, _ = gains_at(problem.chart, centres)
+    centres = centres[(kp != 0.0) | (ki != 0.0)]
+    if not len(centres):
+        return []
+    loops, plants = _loops(problem, centres, points)
+    found: list[Reason] = []
+    for k, condition in enumerate(problem.conditions.every):
+        if condition.test is Test.RESPONSE:
+            found += _worst(k, condition, loops, plants, len(centres))
+    return found
+
+
+def _loops(problem: Problem, centres: Array, points: list[tuple[float, ...]]) -> tuple[Loops, Array]:
+    """Every controller with every plant, those of a coarse grid too."""
+    inside = _inside(problem)
+    plants = np.array([*points, *inside], dtype=float).reshape(len(points) + len(inside), -1)
+    kp, ki, alpha = (np.repeat(gain, len(plants)) for gain in gains_at(problem.chart, centres))
+    rows = np.tile(np.arange(len(plants)), len(centres))
+    return Loops(kp, ki, alpha, Plants.members(problem.family, plants).take(rows)), plants
+
+
+def _inside(problem: Problem) -> list[tuple[float, ...]]:
+    """Plants of a coarse grid."""
+    low, high = problem.family.low, problem.family.high
+    count = len(low)
+    if count == 0 or 3**count > _MOST_INSIDE:
+        return []
+    sides = [(a, 0.5 * (a + b), b) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
+    return list(product(*sides))
+
+
+def _excesses(condition: Condition, loops: Loops, plants: Array, count: int) -> tuple[Array | None, Array]:
+    """By how much each controller (rows) breaks a condition with each plant (columns), neper, and where."""
+    assert condition.response is not None
+    try:
+        at = extremes(loops, condition.response, *condition.band_rad_s, condition.upper)
+    except DomainError:
+        return None, plants
+    level = float(condition.level.mid())
+    excess = ((at.value - level) * (1.0 if condition.upper else -1.0)).reshape(count, -1)
+    omega = at.omega_rad_s.reshape(count, -1)
+    return (excess[:, :1], omega[:, :1]) if condition.nominal else (excess, omega)
+
+
+def _worst(k: int, condition: Condition, loops: Loops, plants: Array, count: int) -> list[Reason]:
+    excess, omega = _excesses(condition, loops, plants, count)
+    if excess is None:
+        return []
+    low, high = condition.band_rad_s
+    found = []
+    best = np.argmax(np.where(np.isfinite(excess), excess, -np.inf), axis=1)
+    for row, plant in enumerate(best.tolist()):
+        where = float(omega[row, plant])
+        if not excess[row, plant] > -_NEAR or not 0.0 < where < math.inf:
+            continue
+        rounded = math.exp(round(math.log(where) / _GRAIN) * _GRAIN)
+        rounded = min(max(rounded, low), high)
+        found.append(Reason(k, tuple(plants[plant].tolist()), (rounded,)))
+    return found

@@ -1,0 +1,180 @@
+"""Which box can be discarded, and why:  many boxes against many samples at once, in floating point.
+
+The formulas are those of `optimum.charts` and `optimum.pruning.refute`, written again for arrays.  Nothing here is a
+proof: what it suggests is tested in ball arithmetic, and a box that fails there is cut like any other.
+
+A sample's ratio is how far its condition is broken at a box's centre over how much it varies in the box: above 1 the
+box can be discarded; the largest one says along which axis to cut.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from flint import acb, arb
+from numpy.typing import NDArray
+
+from fopi_tune.core.logform import Array, Complex
+from fopi_tune.core.peaks import Response
+from fopi_tune.optimum.charts import Chart, CrossoverChart
+from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.pruning.conditions import Test
+from fopi_tune.optimum.pruning.refute import Reason, quadratic
+
+_TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """n boxes of coordinates.
+
+    Args:
+        low: shape (n, k).
+        high: shape (n, k).
+    """
+
+    low: Array
+    high: Array
+
+    @property
+    def middle(self) -> Array:
+        """Centres, shape (n, k)."""
+        return self.low + 0.5 * (self.high - self.low)
+
+    @property
+    def half(self) -> Array:
+        """Half-widths, shape (n, k)."""
+        return 0.5 * (self.high - self.low)
+
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Boxes:
+        """Some of them."""
+        return Boxes(self.low[rows], self.high[rows])
+
+    def __len__(self) -> int:
+        return len(self.low)
+
+
+@dataclass(frozen=True)
+class Planes:
+    """The controller over n boxes at m places: values (n, m), slopes k of (n, m), rest (n, m)."""
+
+    value: Complex
+    slopes: list[Complex]
+    rest: Array
+
+
+def controllers(chart: Chart, boxes: Boxes, log_s: Complex) -> Planes:
+    """C over boxes, at places log_s of shape (m,) for all of them, or (n, m)."""
+    log_s = np.atleast_2d(log_s)
+    if isinstance(chart, CrossoverChart):
+        return _on_circle(chart, boxes, log_s)
+    kp, ki, alpha = (column[:, None] for column in boxes.middle.T)
+    _, wide_ki, wide_alpha = (column[:, None] for column in boxes.half.T)
+    rho = np.exp(-alpha * log_s)
+    z = np.minimum(np.abs(log_s) * wide_alpha, 300.0)
+    integral = ki * rho
+    with np.errstate(over="ignore"):
+        rest = np.abs(rho) * z * np.exp(z) * (wide_ki + 0.5 * np.abs(ki) * z)
+    return Planes(kp + integral, [np.ones_like(rho), rho, -log_s * integral], rest)
+
+
+def _on_circle(chart: CrossoverChart, boxes: Boxes, log_s: Complex) -> Planes:
+    alpha, psi = (column[:, None] for column in boxes.middle.T)
+    wide_alpha, wide_psi = (column[:, None] for column in boxes.half.T)
+    x = -np.exp(1j * psi) / complex(chart.plant)
+    tau, k = log_s - math.log(chart.omega_rad_s), 0.5 * np.pi
+    sine, cosine, e = np.sin(k * alpha), np.cos(k * alpha), np.exp(-alpha * tau)
+    h = (cosine - e) / sine
+    first = (-k / sine + tau * e + k * e * cosine / sine) / sine
+    second = 2 * k * k * cosine / sine**2 - tau * tau * e - 2 * k * tau * e * cosine / sine
+    second = (second - k * k * e * (1 + cosine * cosine) / sine**2) / sine
+    rest = np.abs(x) * wide_psi * (0.5 * wide_psi * (1 + np.abs(h)) + np.abs(first) * wide_alpha)
+    rest = rest + np.abs(x.imag) * np.abs(second) * wide_alpha**2 / 2
+    return Planes(x.real + x.imag * h, [x.imag * first, -x.imag + x.real * h], rest)
+
+
+def gains_at(chart: Chart, coordinates: Array) -> tuple[Array, Array, Array]:
+    """kp, ki and alpha at n places of the chart."""
+    if not isinstance(chart, CrossoverChart):
+        return coordinates[:, 0], coordinates[:, 1], coordinates[:, 2]
+    alpha, psi = coordinates.T
+    x = -np.exp(1j * psi) / complex(chart.plant)
+    a = 0.5 * np.pi * alpha
+    return x.real + x.imag / np.tan(a), -x.imag * chart.omega_rad_s**alpha / np.sin(a), alpha
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was found of n boxes.
+
+    Args:
+        ratio: the largest.
+        reason: which sample it belongs to, as an index.
+        axis: along which its condition varies most.
+    """
+
+    ratio: Array
+    reason: NDArray[np.intp]
+    axis: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Reasons that name one frequency of one plant, as arrays of shape (m,)."""
+
+    reasons: tuple[Reason, ...]
+    log_s: Complex
+    a: Array
+    b: Complex
+    c: Array
+
+    @classmethod
+    def of(cls, problem: Problem, reasons: tuple[Reason, ...]) -> Samples:
+        """With the levels of this problem."""
+        rows = [_coefficients(problem, reason) for reason in reasons]
+        table = np.array(rows, dtype=complex).reshape(len(rows), 4)
+        return cls(reasons, table[:, 0], np.real(table[:, 1]), table[:, 2], np.real(table[:, 3]))
+
+    @cached_property
+    def _concave(self) -> Array:
+        return np.maximum(-self.a, 0.0)
+
+    def screen(self, chart: Chart, boxes: Boxes) -> Found:
+        """The largest ratio of every box."""
+        if not self.reasons:
+            none = np.full(len(boxes), -1)
+            return Found(np.full(len(boxes), -np.inf), none, none)
+        at, half = controllers(chart, boxes, self.log_s), boxes.half
+        a, b, c, concave = self.a, self.b, self.c, self._concave
+        with np.errstate(all="ignore"):
+            w = a * at.value.conj() + b
+            q = a * np.abs(at.value) ** 2 + 2.0 * np.real(b * at.value) + c
+            parts = [2.0 * np.abs(np.real(w * s)) * half[:, k, None] for k, s in enumerate(at.slopes)]
+            reach = sum(np.abs(s) * half[:, k, None] for k, s in enumerate(at.slopes)) + at.rest
+            varies = sum(parts) + 2.0 * np.abs(w) * at.rest + concave * reach**2 + _TINY
+            ratio = q / varies
+        ratio = np.where(np.isfinite(ratio), ratio, -np.inf)
+        best = np.argmax(ratio, axis=1)
+        every = np.arange(len(boxes))
+        axis = np.argmax(np.stack([part[every, best] for part in parts], axis=1), axis=1)
+        return Found(ratio[every, best], best, axis)
+
+
+def _coefficients(problem: Problem, reason: Reason) -> tuple[complex, complex, complex, complex]:
+    condition = problem.conditions.every[reason.condition]
+    if condition.test is Test.DISTURBANCE:
+        log_s, p = problem.real_response(reason.point, condition.horizon_s)
+        limit = (condition.level / (condition.horizon_s * abs(p))) ** 2
+        a, b, c = quadratic(Response.SENSITIVITY, p, limit, True)
+    else:
+        assert condition.response is not None
+        log_s, p = problem.response(reason.point, reason.omega[0])
+        a, b, c = quadratic(condition.response, p, (2 * condition.level).exp(), condition.upper)
+    return _complex(log_s), _complex(acb(a)), _complex(b), _complex(acb(c))
+
+
+def _complex(ball: acb) -> complex:
+    return complex(float(arb(ball.real).mid()), float(arb(ball.imag).mid()))

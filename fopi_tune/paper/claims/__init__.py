@@ -1,0 +1,32 @@
+"""The groups of claims by name, in the order of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+
+from fopi_tune.paper.rows import Row
+
+
+def _group(name: str) -> Callable[[], tuple[Row, ...]]:
+    """A group's module has a function of its name; loaded when it is first computed."""
+
+    def rows() -> tuple[Row, ...]:
+        return getattr(import_module(f"fopi_tune.paper.claims.{name}"), name)()
+
+    return rows
+
+
+CLAIMS: Mapping[str, Callable[[], tuple[Row, ...]]] = {
+    name: _group(name)
+    for name in (
+        "throttle",
+        "brake",
+        "gain_margin",
+        "filters",
+        "hybrid",
+        "manoeuvre",
+        "experiments",
+        "fopi_vs_pi",
+    )
+}

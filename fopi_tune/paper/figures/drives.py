@@ -1,0 +1,131 @@
+"""Figures over time:  the switching of the modes, the brake manoeuvre, Experiments I and II."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fopi_tune.paper.claims.manoeuvre import GAINS, READINGS
+from fopi_tune.paper.printed import BRAKE, COMFORT_M_S2
+from fopi_tune.paper.rows import about
+from fopi_tune.paper.sources import manoeuvre as spec_of
+from fopi_tune.paper.sources import system
+from fopi_tune.pipeline.simulate import simulate
+from fopi_tune.pipeline.systems import simulate_system
+from fopi_tune.report.figures.canvas import BLUE, ORANGE, STYLES, Picture, labelled
+from fopi_tune.report.figures.plots import shade_second_mode
+from fopi_tune.results.simulation import Driven
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_KMH = 3.6
+
+
+def switching() -> Picture:
+    """The modes without hysteresis, on samples; where the inclusion slides is marked."""
+    (driven,) = simulate_system(system("switching")).driven
+    exact = simulate_system(system("switching"), exact=True).driven[0]
+    slides = exact.switch_times_s[-1]
+
+    def draw(figure: Figure) -> None:
+        velocity, mode = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+        _velocity(velocity, driven)
+        velocity.axvline(slides, color="black", linewidth=0.8, linestyle=":", label="sliding in continuous time")
+        velocity.legend(loc="upper right")
+        mode.step(driven.traces.time_s, driven.traces.mode[0], where="post", color=BLUE, linewidth=0.7)
+        mode.set_yticks([1, 2], ["throttle (S1)", "brake (S2)"])
+        labelled(mode, "", "time, s")
+
+    return Picture(
+        "Switching between throttle and brake without hysteresis",
+        f"Velocity and active mode over {driven.scenario.duration_s:g} s with eps = 0, on samples: the "
+        f"modes change about {about(driven.measures['switch_count'])} times. In continuous time the car slides on the "
+        f"switching line from {slides:.2f} s on.",
+        draw,
+    )
+
+
+def manoeuvre() -> Picture:
+    """Velocity and acceleration from 30 km/h, a column a plant gain, a line a reading."""
+    found = {gain: simulate(spec_of(gain), BRAKE.gains).driven for gain in GAINS}
+
+    def draw(figure: Figure) -> None:
+        grid = figure.subplots(2, len(GAINS), sharex=True, sharey="row")
+        for column, gain in enumerate(GAINS):
+            velocity, acceleration = grid[0][column], grid[1][column]
+            for driven, (colour, dashes) in zip(found[gain], STYLES, strict=False):
+                line: dict[str, Any] = {"color": colour, "linestyle": dashes}
+                time_s = driven.traces.time_s
+                velocity.plot(time_s, driven.traces.output[0], label=driven.scenario.name.replace("_", " "), **line)
+                acceleration.plot(time_s, driven.traces.rate[0] / _KMH, **line)
+            _comfort(acceleration)
+            velocity.set_title(f"static gain {gain}")
+            labelled(velocity, "" if column else "velocity, km/h")
+            labelled(acceleration, "" if column else "acceleration, m/s^2", "time, s")
+            acceleration.set_xlim(0.0, 40.0)
+        grid[0][0].legend(loc="upper right")
+
+    said = "; ".join(
+        f"static gain {gain}, {READINGS[d.scenario.name]}: largest |a| {d.measures['acceleration_m_s2']:.2f} m/s^2"
+        for gain, every in found.items()
+        for d in every
+    )
+    return Picture(
+        "Braking from 30 km/h under each reading of the start",
+        f"Velocity and acceleration over time with the comfort limit of {COMFORT_M_S2:g} m/s^2. {said}.",
+        draw,
+        (9.6, 6.0),
+    )
+
+
+def experiment_1() -> Picture:
+    """Experiment I on a plausible reference."""
+    return _experiment("experiment_1", "Experiment I, on a plausible reference")
+
+
+def experiment_2() -> Picture:
+    """Experiment II on a plausible reference."""
+    return _experiment("experiment_2", "Experiment II, on a plausible reference")
+
+
+def _experiment(name: str, title: str) -> Picture:
+    (driven,) = simulate_system(system("car"), scenario=name).driven
+
+    def draw(figure: Figure) -> None:
+        velocity, acceleration, control = figure.subplots(3, 1, sharex=True)
+        _velocity(velocity, driven)
+        time_s = driven.traces.time_s
+        acceleration.plot(time_s, driven.traces.rate[0] / _KMH, color=BLUE, linewidth=0.8)
+        _comfort(acceleration)
+        control.step(time_s, driven.traces.applied[0], where="post", color=ORANGE, linewidth=0.8)
+        for axes, label in ((acceleration, "acceleration, m/s^2"), (control, "control")):
+            labelled(axes, label)
+        control.set_xlabel("time, s")
+        velocity.legend(loc="best")
+
+    m = driven.measures
+    return Picture(
+        title,
+        f"Velocity with its setpoint, acceleration and normalised control over {driven.scenario.duration_s:g} s; the "
+        f"time with the brake is shaded. Largest |a| {m['acceleration_m_s2']:.2f} m/s^2, "
+        f"about {about(m['switch_count'])} changes of the mode, mean error "
+        f"{m['iae'] / driven.scenario.duration_s:.2f} km/h.",
+        draw,
+    )
+
+
+def _velocity(axes: Axes, driven: Driven) -> None:
+    """Output and setpoint, the brake's time shaded."""
+    time_s = driven.traces.time_s
+    shade_second_mode((axes,), time_s, driven.traces.mode[0])
+    axes.step(time_s, driven.reference, "--", where="post", color="black", linewidth=0.8, label="setpoint")
+    axes.plot(time_s, driven.traces.output[0], color=BLUE, label="velocity")
+    labelled(axes, "velocity, km/h")
+
+
+def _comfort(axes: Axes) -> None:
+    for limit in np.array([-COMFORT_M_S2, COMFORT_M_S2]):
+        axes.axhline(float(limit), color="black", linewidth=0.8, linestyle=":")

@@ -1,0 +1,40 @@
+"""The digital controller:  spec, gains -> Discretized."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.sections import Implementation
+from fopi_tune.proof import certify, verify
+from fopi_tune.results.design import Discretized
+from fopi_tune.results.stamp import certificate_versions, stamp
+from fopi_tune.spec import load_spec
+from fopi_tune.spec.load import Source
+
+if TYPE_CHECKING:
+    pass
+
+
+def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:
+    """Make the digital controller that a spec's `digital:` section asks for, and check the loop on samples with it.
+
+    Args:
+        source: a spec file, or a spec.
+        gains: the controller, usually from a design.
+        proof: False leaves the certificate out.
+
+    Raises:
+        SpecError: the file cannot be read, or has mistakes.
+        DomainError: the spec has no such section, it cannot be met (band, sample time, precision), or kp = ki = 0.
+    """
+    from fopi_tune.digital import discretize
+    from fopi_tune.digital.implementation import crossover_of, digital_of
+
+    spec = load_spec(source)
+    digital = digital_of(spec)
+    controller = discretize(gains, digital, crossover_of(spec, gains))
+    implementation = Implementation(controller.sections, digital.delay_samples)
+    found = verify(spec, gains, implementation=implementation)
+    certificate = certify(spec, found, certificate_versions(), implementation) if proof else None
+    return Discretized(spec, controller, found, certificate, stamp(spec.sha256, None))

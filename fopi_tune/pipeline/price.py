@@ -1,0 +1,91 @@
+"""What the limits cost:  Design -> Design with prices, spec -> Tradeoff."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from fopi_tune.errors import DomainError
+from fopi_tune.pipeline.tune import tune
+from fopi_tune.results.design import Design, loop_name, objective_name
+from fopi_tune.results.status import Status
+from fopi_tune.spec import load_spec
+from fopi_tune.spec.load import Source
+
+if TYPE_CHECKING:
+    from fopi_tune.prices import Tradeoff
+
+#: why there are no prices and no sweeps of such a spec
+NOT_ON_SAMPLES = (
+    "`design: sampled` is tuned by a stand-in whose limits are not the spec's, so that it has no prices and no sweep; "
+    "take `design: continuous` for them"
+)
+
+
+def price(design: Design) -> Design:
+    """Check a design's multipliers by solving again with each limit moved a little, both ways.
+
+    Args:
+        design: a solved one, of the loop in continuous time.
+
+    Returns:
+        The design with a `price` in the reports of the requirements that cost something; unchanged unless it is solved.
+
+    Raises:
+        DomainError: the design is of the loop on samples, whose multipliers are a stand-in's.
+    """
+    if loop_name(design.spec) == "sampled":
+        raise DomainError(NOT_ON_SAMPLES)
+    gains = design.gains
+    if design.status is not Status.SOLVED or gains is None:
+        return design
+    from fopi_tune.prices.price import price_of  # loads CasADi
+
+    reports = tuple(
+        replace(report, price=price_of(design.spec, gains, k, report.multiplier))
+        for k, report in enumerate(design.requirements, start=1)
+    )
+    return replace(design, requirements=reports)
+
+
+def tradeoff(
+    source: Source,
+    requirement: str | int,
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+    points: int = 50,
+) -> Tradeoff:
+    """Sweep one requirement's limit: the best objective for every limit, up to where no gains meet the spec.
+
+    Args:
+        source: a spec file, or a spec.
+        requirement: its number in the spec, from 1 on, or its quantity if it occurs once; of a `between` with ".lower"
+            or ".upper" behind.
+        start: lowest limit, in the limit's unit; by default the sweep reaches as far beyond the spec's own limit as the
+            infeasible end lies before it.
+        stop: highest limit, in the limit's unit.
+        points: how many.
+
+    Raises:
+        SpecError: the file cannot be read, or has mistakes.
+        DomainError: there is no such requirement, no design with the spec's own limit, no gain to choose, or
+            `design: sampled`; or the range makes no sense.
+    """
+    spec = load_spec(source)
+    if loop_name(spec) == "sampled":
+        raise DomainError(NOT_ON_SAMPLES)
+    from fopi_tune.prices import knob_of
+    from fopi_tune.prices.sweep import Range, sweep  # loads CasADi
+
+    knob = knob_of(spec, str(requirement))
+    box = spec.controller
+    if box.kp.is_fixed and box.ki.is_fixed and box.alpha.is_fixed:
+        raise DomainError(
+            "the spec fixes kp, ki and alpha: whatever a limit is, the gains stay; give one of them a range"
+        )
+    design = tune(spec, proof=False)
+    if design.status is not Status.SOLVED or design.gains is None:
+        said = f"{design.status.value}: {design.message}" if design.message else design.status.value
+        raise DomainError(f"a sweep starts from the design with the spec's own limits, which is {said}")
+    return sweep(spec, knob, design.gains, Range(start, stop, points), objective_name(spec))

@@ -1,0 +1,76 @@
+"""Gains from anywhere:  spec, gains -> Check, and a certificate tested again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.sections import Implementation
+from fopi_tune.errors import DomainError
+from fopi_tune.proof import Recheck, certify, verify
+from fopi_tune.proof.certificate import LARGEST_TOLERANCE
+from fopi_tune.results.design import Check
+from fopi_tune.results.stamp import certificate_versions, stamp
+from fopi_tune.spec import load_spec
+from fopi_tune.spec.load import Source
+
+if TYPE_CHECKING:
+    pass
+
+
+def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
+    """Check gains from anywhere against a spec, and prove or refute what it asks.
+
+    Args:
+        source: a spec file, or a spec; with `design: sampled` the loop is the one on samples.
+        gains: the controller.
+        tolerance: by how much a requirement may be missed, in neper or radian (a delay margin: relative).
+
+    Raises:
+        SpecError: the file cannot be read, or has mistakes.
+        DomainError: kp = ki = 0, a tolerance outside (0, 0.01], a dead time so long that the loop's crossings cannot be
+            listed, or a digital controller that the spec asks for and that cannot be made.
+    """
+    spec = load_spec(source)
+    if not 0.0 < tolerance <= LARGEST_TOLERANCE:
+        raise DomainError(
+            f"tolerance = {tolerance!r} must be greater than 0 and at most {LARGEST_TOLERANCE:g}; 1e-6 is usual"
+        )
+    implementation: Implementation | None = None
+    if spec.digital is not None and spec.digital.designs_sampled:
+        from fopi_tune.digital.implementation import implementation_of
+
+        implementation = implementation_of(spec, gains)
+    found = verify(spec, gains, tolerance, implementation)
+    certificate = certify(spec, found, certificate_versions(), implementation)
+    return Check(spec, found, certificate, stamp(spec.sha256, None))
+
+
+def recheck(document: object, source: Source | None = None) -> Recheck:
+    """Check a certificate without searching.
+
+    Args:
+        document: the certificate's JSON, as `json.load` gives it.
+        source: when given, the certificate must be about this spec.
+
+    Raises:
+        CertificateError: it is no certificate.
+        SpecError: the spec cannot be read, or has mistakes.
+    """
+    from fopi_tune.proof import recheck
+
+    if source is None:
+        return recheck(document, None)
+    spec = load_spec(source)
+    found = recheck(document, spec)
+    case = found.certificate.case
+    if case.implementation is None:
+        return found
+    # what the proof cannot know: that this filter is what the spec makes of these gains
+    from fopi_tune.digital.implementation import is_implementation_of
+
+    if is_implementation_of(spec, case.gains, case.implementation):
+        return found
+    problem = "the digital controller is not the one that the spec makes of the gains that are stated"
+    return replace(found, problems=(*found.problems, problem))

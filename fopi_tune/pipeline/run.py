@@ -1,0 +1,44 @@
+"""Every stage there is:  spec -> Run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from fopi_tune.errors import DomainError
+from fopi_tune.pipeline.discretize import discretize
+from fopi_tune.pipeline.tune import tune
+from fopi_tune.results.design import Run
+from fopi_tune.results.status import Status
+from fopi_tune.spec import load_spec
+from fopi_tune.spec.load import Source
+
+if TYPE_CHECKING:
+    pass
+
+
+def run(source: Source, proof: bool = True) -> Run:
+    """Every stage there is: the design, and of a solved one whose spec has a section `digital` its digital controller.
+
+    Args:
+        source: a spec file, or a spec.
+        proof: False leaves the certificates out.
+
+    Returns:
+        The run; where the digital controller cannot be made, the design and the reason.
+
+    Raises:
+        SpecError: the file cannot be read, or has mistakes.
+        DomainError: as for `tune`.
+    """
+    spec = load_spec(source)
+    design = tune(spec, proof)
+    if spec.digital is None or design.status is not Status.SOLVED or design.gains is None:
+        return Run(design, None)
+    known = design.certificate if spec.digital.designs_sampled else None
+    try:
+        digital = discretize(spec, design.gains, proof and known is None)
+    except DomainError as error:
+        return Run(design, None, str(error))
+    # a design for samples is proved of this very loop: what runs is made from the same gains
+    return Run(design, digital if known is None else replace(digital, certificate=known))

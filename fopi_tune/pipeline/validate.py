@@ -1,0 +1,92 @@
+"""Thousands of plants:  spec, gains -> Validated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.sections import Implementation
+from fopi_tune.errors import DomainError
+from fopi_tune.pipeline.discretize import discretize
+from fopi_tune.results.design import Validated
+from fopi_tune.spec import load_spec
+from fopi_tune.spec.load import Source
+from fopi_tune.spec.model import ValidationSpec
+
+if TYPE_CHECKING:
+    from fopi_tune.montecarlo.montecarlo import Block
+    from fopi_tune.montecarlo.outcomes import Progress
+
+#: as the spec language allows
+_MOST_SAMPLES = 10**8
+
+
+def validate(
+    source: Source,
+    gains: FoPi,
+    *,
+    samples: int | None = None,
+    seed: int | None = None,
+    progress: Progress | None = None,
+    blocks: Sequence[Block] = (),
+) -> Validated:
+    """Draw plants from the family and say how often the digital controller's loop meets everything.
+
+    Args:
+        source: a spec file, or a spec, with a section `digital`.
+        gains: the controller, usually from a design.
+        samples: plants to draw, in place of the spec's; of a file of samples, its first rows.
+        seed: in place of the spec's.
+        progress: told how many plants are done, of how many.
+        blocks: of all these plants, from `validate_block`, where they were drawn elsewhere; empty: draw them here.
+
+    Raises:
+        SpecError: the file cannot be read, or has mistakes.
+        DomainError: as for `discretize`, a number of samples that cannot be drawn, or no draw that is a plant.
+    """
+    from fopi_tune.montecarlo.contradiction import contradictions
+    from fopi_tune.montecarlo.montecarlo import evidence_of, monte_carlo
+
+    spec = load_spec(source)
+    spec = replace(spec, validation=wanted_validation(spec.validation, samples, seed))
+    digital = discretize(spec, gains)
+    implementation = Implementation(digital.controller.sections, digital.controller.digital.delay_samples)
+    evidence = evidence_of(spec, blocks) if blocks else monte_carlo(spec, gains, implementation, progress)
+    return Validated(digital, evidence, contradictions(evidence, digital.certificate))
+
+
+def validate_block(source: Source, gains: FoPi, first: int, end: int) -> Block:
+    """What `validate` does with the plants of indices first to end - 1, for `validate` to put together.
+
+    Args:
+        source: a spec file, or a spec, with a section `digital`; its section `validation` says how plants are drawn.
+        gains: the controller, usually from a design.
+        first: index of the first plant.
+        end: index after the last.
+
+    Raises:
+        SpecError: the file cannot be read, or has mistakes.
+        DomainError: as for `validate`.
+    """
+    from fopi_tune.montecarlo.montecarlo import drawn_block
+
+    spec = load_spec(source)
+    controller = discretize(spec, gains, proof=False).controller
+    return drawn_block(spec, gains, Implementation(controller.sections, controller.digital.delay_samples), first, end)
+
+
+def wanted_validation(validation: ValidationSpec | None, samples: int | None, seed: int | None) -> ValidationSpec:
+    """A section `validation` with the command line's numbers in place of the file's.
+
+    Raises:
+        DomainError: a number of samples that is not positive, or more than the rows of a file of samples.
+    """
+    wanted = validation or ValidationSpec()
+    drawn, listed = wanted.samples if samples is None else samples, wanted.samples_file
+    if not 1 <= drawn <= _MOST_SAMPLES:
+        raise DomainError(f"samples = {drawn} must be at least 1 and at most {_MOST_SAMPLES}")
+    if listed is not None and drawn > len(listed.table.rows):
+        raise DomainError(f"samples = {drawn} are more than the {len(listed.table.rows)} rows of {listed.name}")
+    return replace(wanted, samples=drawn, seed=wanted.seed if seed is None else seed)

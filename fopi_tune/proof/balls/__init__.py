@@ -1,0 +1,1 @@
+"""Loops over boxes of frequencies and plants, in ball arithmetic:  what holds for the balls holds for every member."""

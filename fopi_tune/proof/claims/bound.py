@@ -1,0 +1,141 @@
+"""The claim that a response stays below (or above) a level:  |S|, |T|, |C S| or |L| over a band, for every plant.
+
+d ln|S| = -Re(T d ln L),   d ln|T| = Re(S d ln L),   d ln|C S| = Re(d ln C - T d ln L),   d ln|L| = Re(d ln L)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from flint import acb, arb
+
+from fopi_tune.core.peaks import Response
+from fopi_tune.proof.balls.box import Box, is_tail
+from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
+from fopi_tune.proof.claims.claim import HOLDS, Claim, Finding, deviations, longest, tail_axis, widest
+
+
+@dataclass(frozen=True)
+class Bound(Claim):
+    """sign * ln|R(j omega)| <= sign * level at every point of the domain.
+
+    Args:
+        loop: gains and family.
+        response: R.
+        level: in neper.
+        upper: True for at most (sign = 1), False for at least (sign = -1).
+        domain: where.
+        origin: u at which an axis without ends is cut first.
+    """
+
+    loop: BallLoop
+    response: Response
+    level: float
+    upper: bool
+    domain: Box
+    origin: float
+
+    def examine(self, box: Box) -> Finding:
+        if box[0][0] == -float("inf") and box[0][1] == float("inf"):
+            return Finding(None, 0)
+        over = self.loop.over(box)
+        if self._holds_by_values(over):
+            return HOLDS
+        tail = is_tail(box[0])
+        slopes = self._slopes(over, tail)
+        known = [slope for slope in slopes if slope is not None]
+        if not all(slope.is_finite() for slope in known):
+            if tail:
+                far = tail_axis(box, self.domain, lambda far: self._holds_by_values(self.loop.over(far)))
+                return Finding(None, far)
+            return Finding(None, self._axis_of_gain(box, over))
+        centre = value_of(self.loop.at_centre(box), self.response)
+        middle = abs(centre).log()
+        if not tail and (middle > self.level if self.upper else middle < self.level):
+            return Finding(None, 0, (), counterexample=True)
+        spread = sum((s * d for s, d in zip(slopes, deviations(box), strict=True) if s is not None), arb(0))
+        if middle + spread <= self.level if self.upper else middle + spread >= self.level:
+            return HOLDS
+        pins = tuple(
+            (axis, bool(slope > 0) == self.upper)
+            for axis, slope in enumerate(slopes)
+            if slope is not None and box[axis][0] < box[axis][1] and (slope > 0 or slope < 0)
+        )
+        if tail:
+            return Finding(None, self._tail_axis(box, slopes, middle), pins)
+        return Finding(None, widest(box, known), pins)
+
+    def _holds_by_values(self, over: LoopBalls) -> bool:
+        """Whether the range of R over the box, without any derivative, is on the right side."""
+        value, limit = value_of(over, self.response), arb(self.level).exp()
+        if value.is_finite() and (value.abs_upper() <= limit if self.upper else value.abs_lower() >= limit):
+            return True
+        if self.response is Response.LOOP_GAIN and not self.upper and not value.is_finite():
+            inverse = over.inverse_gain
+            return bool(inverse.is_finite() and inverse.abs_upper() * limit <= 1)
+        return over.high_tail and over.delay is not None and self._holds_by_size(over, limit)
+
+    def _holds_by_size(self, over: LoopBalls, limit: arb) -> bool:
+        """By 1 - |L| <= |1 + L| <= 1 + |L|, where a dead time turns L through a whole disc."""
+        size = over.size
+        if not size < 1:
+            return False
+        if self.upper:
+            top = {
+                Response.SENSITIVITY: arb(1),
+                Response.COMPLEMENTARY_SENSITIVITY: size,
+                Response.CONTROL_SENSITIVITY: over.c.abs_upper(),
+                Response.LOOP_GAIN: size * (1 - size),
+            }[self.response]
+            return bool(top / (1 - size) <= limit)
+        if self.response is Response.SENSITIVITY:
+            return bool(1 / (1 + size) >= limit)
+        return self.response is Response.CONTROL_SENSITIVITY and bool(over.c.abs_lower() / (1 + size) >= limit)
+
+    def _slopes(self, over: LoopBalls, tail: bool) -> list[arb | None]:
+        """d ln|R| along every axis; None along a tail."""
+        gradient = [] if tail else [over.log_slope]
+        gradient += over.log_gradient
+        slopes: list[arb | None] = [None] if tail else []
+        if self.response is Response.LOOP_GAIN:
+            return slopes + [g.real for g in gradient]
+        if self.response is Response.COMPLEMENTARY_SENSITIVITY:
+            factor = over.sensitivity
+            return slopes + [(factor * g).real for g in gradient]
+        factor = over.complementary
+        found = [-(factor * g).real for g in gradient]
+        if self.response is Response.CONTROL_SENSITIVITY and not tail:
+            found[0] = found[0] + over.controller_slope.real
+        return slopes + found
+
+    def _axis_of_gain(self, box: Box, over: LoopBalls) -> int:
+        """The axis along which L varies most."""
+        gradient = [over.log_slope, *over.log_gradient]
+        if not all(g.is_finite() for g in gradient):
+            return longest(box, self.domain)
+        return widest(box, [abs(g) for g in gradient])
+
+    def _tail_axis(self, box: Box, slopes: list[arb | None], middle: arb) -> int:
+        """Move the tail's end outwards, unless the plants are what keeps it from being settled."""
+        plants = sum((s * d for s, d in zip(slopes, deviations(box), strict=True) if s is not None), arb(0))
+        if not plants.is_finite() or not middle.is_finite() or plants.rad() <= middle.rad():
+            return 0
+        return widest(box, [arb(0) if s is None else s for s in slopes])
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "kind": "bound",
+            "response": self.response.value,
+            "level_neper": self.level,
+            "relation": "at_most" if self.upper else "at_least",
+        }
+
+
+def value_of(at: LoopBalls, response: Response) -> acb:
+    """The response over a box."""
+    if response is Response.SENSITIVITY:
+        return at.sensitivity
+    if response is Response.COMPLEMENTARY_SENSITIVITY:
+        return at.complementary
+    return at.control_sensitivity if response is Response.CONTROL_SENSITIVITY else at.gain

@@ -1,0 +1,226 @@
+"""Claims about every gain crossover:  wherever |L| = 1, a value psi stays on its side of a level.
+
+On |L| = 1 the value may be replaced by psi + lambda ln|L|.  With lambda such that the derivative along u vanishes at a
+box's centre, what is left varies as psi does along the curve |L| = 1, to second order in the size of the box.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from flint import arb
+
+from fopi_tune.proof.balls.box import Box, Interval, centre_of, is_tail
+from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
+from fopi_tune.proof.claims.claim import HOLDS, Claim, Finding, deviations, longest, tail_axis, widest
+from fopi_tune.proof.claims.reading import Reader, Reading, slopes_of
+
+#: a larger factor of ln|L| would amplify rounding; a crossover this flat is cut further instead
+_LARGEST_FACTOR = 1e6
+
+
+@dataclass(frozen=True)
+class EveryCrossover(Claim):
+    """At every gain crossover (or the highest) of every plant, psi <= level, or >= level.
+
+    Args:
+        loop: gains and family.
+        reading: psi.
+        level: in psi's unit.
+        upper: True for <=.
+        domain: where.
+        origin: u at which an axis without ends is cut first.
+    """
+
+    loop: BallLoop
+    reading: Reading
+    level: float
+    upper: bool
+    domain: Box
+    origin: float
+    reader: Reader = field(compare=False, repr=False)
+
+    def examine(self, box: Box) -> Finding:
+        if math.isinf(box[0][0]) and math.isinf(box[0][1]):
+            return Finding(None, 0)
+        over = self.loop.over(box)
+        if is_off(over):
+            return HOLDS
+        if is_tail(box[0]):
+            return Finding(None, tail_axis(box, self.domain, lambda far: is_off(self.loop.over(far))))
+        shifts = deviations(box)
+        gradient = [over.log_slope, *over.log_gradient]
+        if not all(g.is_finite() for g in gradient):
+            return Finding(None, longest(box, self.domain))
+        centre = self.loop.at_centre(box)
+        log_gain = abs(centre.gain).log()
+        variation = sum((g.real * d for g, d in zip(gradient, shifts, strict=True)), arb(0))
+        if log_gain + variation < 0 or log_gain + variation > 0:
+            return HOLDS
+        if self.reading is Reading.CROSSOVER:  # nothing but |L| = 1 itself is in question
+            beyond = box[0][1] <= self.level if self.upper else box[0][0] >= self.level
+            return HOLDS if beyond else Finding(None, widest(box, [g.real for g in gradient]))
+        value = self.reader.value(self.reading, centre, centre_of(box)[1:])
+        slopes = slopes_of(self.loop, self.reading, over, value, shifts, centre.omega)
+        combined, factor = combine(slopes, [g.real for g in gradient])
+        total = value + factor * log_gain + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
+        if total <= self.level if self.upper else total >= self.level:
+            return HOLDS
+        slope = self.reading is Reading.PHASE_SLOPE
+        if slope and self.reader.may_cross_often and (leaf := self._not_the_highest(box)) is not None:
+            return Finding(leaf)
+        if not all(c.is_finite() for c in combined):
+            return Finding(None, widest(box, [abs(g) for g in gradient]))
+        return Finding(None, widest(box, combined))
+
+    def holds(self, box: Box, leaf: str) -> bool:
+        if leaf[:1] != "h":
+            return super().holds(box, leaf)
+        zone = zone_of(leaf[1:])
+        if self.reading is not Reading.PHASE_SLOPE or zone is None or not box[0][1] < zone[0]:
+            return False
+        return changes_sign(self.loop, zone, box[1:])
+
+    def _not_the_highest(self, box: Box) -> str | None:
+        """A change of sign of ln|L| at higher frequencies, for every plant of the box."""
+        higher = [u for u in self.reader.all_crossings(centre_of(box[1:])) if u > box[0][1]]
+        if not higher:
+            return None
+        below = max(box[0][1], higher[-2]) if len(higher) > 1 else box[0][1]
+        leaf = f"h{0.5 * (below + higher[-1])!r}:{higher[-1] + 1.0!r}"
+        return leaf if self.holds(box, leaf) else None
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "kind": "every_crossover",
+            "reading": self.reading.value,
+            "level": self.level,
+            "relation": "at_most" if self.upper else "at_least",
+        }
+
+
+def is_off(over: LoopBalls) -> bool:
+    """Whether |L| = 1 nowhere in the box."""
+    gain = over.gain
+    if gain.is_finite():
+        return bool(over.size < 1 or gain.abs_lower() > 1)
+    inverse = over.inverse_gain
+    return bool(inverse.is_finite() and inverse.abs_upper() < 1)
+
+
+def combine(slopes: list[arb], gains: list[arb]) -> tuple[list[arb], float]:
+    """Derivatives of psi + lambda ln|L| and the lambda that makes the first vanish at the middle."""
+    steep = float(gains[0].mid())
+    factor = -float(slopes[0].mid()) / steep if steep != 0.0 else 0.0
+    if not abs(factor) < _LARGEST_FACTOR:
+        factor = 0.0
+    return [s + factor * g for s, g in zip(slopes, gains, strict=True)], factor
+
+
+def zone_of(ends: str) -> Interval | None:
+    """The interval of u in `-1.25:-1.2`; None when it is none."""
+    low, _, high = ends.partition(":")
+    try:
+        zone = float(low), float(high)
+    except ValueError:
+        return None
+    return zone if -math.inf < zone[0] < zone[1] < math.inf else None
+
+
+def changes_sign(loop: BallLoop, ends: tuple[float, float], plants: Box) -> bool:
+    """Whether |L| - 1 has opposite signs at both ends, and each the same for every plant."""
+    signs = [_sign(loop, end, plants) for end in ends]
+    return signs[0] * signs[1] < 0
+
+
+def _sign(loop: BallLoop, u: float, plants: Box) -> int:
+    box = ((u, u), *plants)
+    over = loop.over(box)
+    gain = over.gain
+    if gain.is_finite():
+        if gain.abs_lower() > 1:
+            return 1
+        if gain.abs_upper() < 1:
+            return -1
+    gradient = over.log_gradient
+    middle = abs(loop.at_centre(box).gain).log()
+    value = middle + sum((g.real * d for g, d in zip(gradient, deviations(plants), strict=True)), arb(0))
+    return 1 if value > 0 else -1 if value < 0 else 0
+
+
+@dataclass(frozen=True)
+class EveryPhaseCrossover(Claim):
+    """No plant has arg L = -180 deg (mod 360) with  -level < ln|L| <= 0 : the gain margin is at least `level`.
+
+    With b = arg(-L), here ln|L| + lambda b is bounded where b = 0.
+
+    Args:
+        loop: gains and family.
+        level: in neper, >= 0.
+        domain: where.
+        origin: u at which an axis without ends is cut first.
+    """
+
+    loop: BallLoop
+    level: float
+    domain: Box
+    origin: float
+
+    def examine(self, box: Box) -> Finding:
+        if math.isinf(box[0][0]) and math.isinf(box[0][1]):
+            return Finding(None, 0)
+        over = self.loop.over(box)
+        if self._is_apart(over):
+            return HOLDS
+        if is_tail(box[0]):
+            if self._is_small(box, over):
+                return HOLDS
+            return Finding(None, tail_axis(box, self.domain, self._settles))
+        shifts = deviations(box)
+        gradient = [over.log_slope, *over.log_gradient]
+        if not all(g.is_finite() for g in gradient):
+            return Finding(None, longest(box, self.domain))
+        centre = self.loop.at_centre(box).gain
+        log_gain = abs(centre).log()
+        larger = log_gain + sum((g.real * d for g, d in zip(gradient, shifts, strict=True)), arb(0))
+        if larger > 0 or larger < -arb(self.level):
+            return HOLDS
+        turn = (-centre).arg()
+        turned = turn + sum((g.imag * d for g, d in zip(gradient, shifts, strict=True)), arb(0))
+        if not turned.abs_upper() < 2 * arb.pi():
+            return Finding(None, widest(box, [abs(g) for g in gradient]))
+        if turned > 0 or turned < 0:
+            return HOLDS
+        combined, factor = combine([g.real for g in gradient], [g.imag for g in gradient])
+        total = log_gain + factor * turn + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
+        if total < -arb(self.level):
+            return HOLDS
+        return Finding(None, widest(box, combined))
+
+    def _settles(self, far: Box) -> bool:
+        over = self.loop.over(far)
+        return self._is_apart(over) or self._is_small(far, over)
+
+    def _is_small(self, box: Box, over: LoopBalls) -> bool:
+        """Whether |L| < e^-level over a tail, by its mean-value form in the plants, at their worse ends."""
+        gradient = [g.real for g in over.log_gradient]
+        if not gradient or not all(g.is_finite() for g in gradient):
+            return False
+        ends = ((b, b) if g > 0 else (a, a) if g < 0 else (a, b) for g, (a, b) in zip(gradient, box[1:], strict=True))
+        face = (box[0], *ends)
+        variation = sum((g * d for g, d in zip(gradient, deviations(face)[1:], strict=True)), arb(0))
+        return bool(self.loop.at_centre(face).size.log() + variation < -arb(self.level))
+
+    def _is_apart(self, over: LoopBalls) -> bool:
+        """Whether L keeps away from [-1, -e^-level]."""
+        gain = over.gain
+        if not gain.is_finite():
+            inverse = over.inverse_gain
+            return bool(inverse.is_finite() and inverse.abs_upper() < 1)
+        small, large = over.size < (-arb(self.level)).exp(), gain.abs_lower() > 1
+        return bool(small or large or gain.real > 0 or not gain.imag.contains(0))
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"kind": "every_phase_crossover", "level_neper": self.level}

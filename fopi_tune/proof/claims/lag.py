@@ -1,0 +1,309 @@
+"""The lag with an uncertain time constant in closed form:  claims in omega alone.
+
+P = K h/(1 + jx) with x = omega tau, h = e^{-j omega L}, and G = K C h = A - 1 + jb.  For every omega the plants are
+the interval x1 <= x <= x2, x1 = omega tau_min, x2 = omega tau_max.
+
+Responses.  |S|^2 = (1 + x^2)/(A^2 + (x + b)^2), |T|^2 = |G|^2/(...), |C S|^2 = |C|^2 (1 + x^2)/(...), |L|^2 =
+|G|^2/(1 + x^2).  Each bound M is a quadratic that must not be negative on the interval,
+
+    q(x) = qa x^2 + 2 qb x + qc >= 0 ,                                                                             (1)
+
+        |S| <= M :    M^2 - 1,      M^2 b,    M^2 (A^2 + b^2) - 1
+        |T| <= M :    M^2,          M^2 b,    M^2 (A^2 + b^2) - |G|^2
+        |C S| <= M :  M^2 - |C|^2,  M^2 b,    M^2 (A^2 + b^2) - |C|^2
+        |L| <= M :    M^2,          0,        M^2 - |G|^2 ,
+
+and all signs change for >=.  Its least value is at x1 or x2, or at the vertex -qb/qa, where it is (qa qc - qb^2)/qa.
+
+On samples x = nu t and |h| = |1 - w| grow without end towards z = -1, where the responses hardly change.  Everything is
+divided by |1 - w|: with theta = omega Ts/2, k = cos theta and y = t sin theta,
+
+    k + jy in the place of 1 + jx,    G/|1 - w| = K C e^{-j (2l + 1) theta} in that of G .                          (1a)
+
+Gain crossovers.  |L| = 1 iff x = sqrt(|G|^2 - 1), hence  PM = pi + arg G - atan x  at that omega alone.             (2)
+
+Phase crossovers.  L = -m < 0 iff G = -m (1 + jx), hence  m = -Re G,  x = Im G/Re G.                                 (3)
+
+Source: derived; the squares of the responses with P = K h/(1 + jx) written out.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from flint import arb
+
+from fopi_tune.core.peaks import Response
+from fopi_tune.proof.balls.box import Box, Interval, ball_of, is_tail, with_interval
+from fopi_tune.proof.balls.loop import BallLoop
+from fopi_tune.proof.balls.plant import assemble
+from fopi_tune.proof.balls.sampled import SampledBallLoop
+from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.claim import HOLDS, Claim, Finding
+from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
+from fopi_tune.proof.claims.lag_values import At, AtTheEnd, Flat, Pair, lag_of
+from fopi_tune.proof.claims.reading import Reading
+
+_CUT = Finding(None, 0)
+_FLAT_AT_LARGE_GAIN = (Response.COMPLEMENTARY_SENSITIVITY, Response.CONTROL_SENSITIVITY)
+_LARGE_GAIN = 4.0
+#: rad; a box over which the dead time turns L by more is better judged by the size of L
+_MUCH_OF_A_TURN = 0.3
+#: in u; a box that is still not settled at this width may be for want of digits
+_NARROW = 1e-5
+
+
+def has_lag_form(loop: BallLoop) -> bool:
+    """Whether only the time constant of a lag is uncertain; on samples, late by whole samples."""
+    lag = loop.family.model == "lag" and loop.family.uncertain_names == ("time_constant_s",)
+    return lag and not (isinstance(loop, SampledBallLoop) and loop.whole_samples is None)
+
+
+@dataclass(frozen=True)
+class _Lag(Claim):
+    """What the closed forms share; boxes have the axis u alone.
+
+    Args:
+        general: the same claim for any plant; it settles the tails.
+    """
+
+    general: Any
+
+    @property
+    def domain(self) -> Box:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The frequencies of the general claim."""
+        return self.general.domain[:1]
+
+    @property
+    def origin(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """u at which an axis without ends is cut first."""
+        return self.general.origin
+
+    @cached_property
+    def _tau(self) -> tuple[arb, arb]:
+        low, high = self.general.domain[1]
+        return lag_of(self.general.loop, arb(low)), lag_of(self.general.loop, arb(high))
+
+    @cached_property
+    def _plant(self) -> tuple[arb, arb]:
+        """K and the dead time."""
+        plant = assemble(self.general.loop.family, [arb(self.general.domain[1][0])])
+        return plant.numerator[0].value, plant.dead_time.value
+
+    def examine(self, box: Box) -> Finding:
+        u = box[0]
+        loop = self.general.loop
+        if math.isinf(u[1]) and isinstance(loop, SampledBallLoop) and self._holds_at_the_end(loop, u[0]):
+            return HOLDS
+        if is_tail(u):
+            return self._by_the_general_claim(u)
+        ball = ball_of(u)
+        middle = arb(u[0] + 0.5 * (u[1] - u[0]) if u[0] < u[1] else u[0])
+        plant, tau = self._plant, self._tau
+        found = self._examine(u, At(loop, ball, plant, tau), At(loop, middle, plant, tau), ball - middle)
+        # omega tau far from 1 costs the closed forms their digits; the general claim keeps its own
+        if found.leaf is None and not found.counterexample and u[1] - u[0] < _NARROW:
+            return self._by_the_general_claim(u)
+        return found
+
+    def _holds_at_the_end(self, loop: SampledBallLoop, from_u: float) -> bool:
+        """Whether the closed form settles the tail up to z = -1."""
+        return False
+
+    def _by_the_general_claim(self, u: Interval) -> Finding:
+        box: Box = (u, *self.general.domain[1:])
+        found = self.general.examine(box)
+        if found.leaf is None and any(axis == 1 for axis, _ in found.pins):
+            # the worst time constant is an end of its interval
+            upper = next(upper for axis, upper in found.pins if axis == 1)
+            found = self.general.examine(with_interval(box, 1, (box[1][upper],) * 2))
+        return HOLDS if found.leaf is not None else _CUT
+
+    @abstractmethod
+    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
+        """By the closed form: over a box, with its centre and its distance from it."""
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**self.general.to_dict(), "form": "lag"}
+
+
+@dataclass(frozen=True)
+class LagBound(_Lag):
+    """A bound of a response, by (1)."""
+
+    general: Bound
+
+    @cached_property
+    def _square(self) -> arb:
+        return (2 * arb(self.general.level)).exp()
+
+    def _holds_at_the_end(self, loop: SampledBallLoop, from_u: float) -> bool:
+        """Up to z = -1, by the range of the quadratic."""
+        at = AtTheEnd(loop, from_u, self._plant[0], self._tau)
+        q = self._quadratic(at)
+        if not all(_end(q, x) >= 0 for x in at.flat.ends):
+            return False
+        return self._least_at_an_end(q, at.flat) or bool(q[0][0] > 0 and _discriminant(q) >= 0)
+
+    @staticmethod
+    def _least_at_an_end(q: tuple[Pair, Pair, Pair], flat: Flat) -> bool:
+        """Not convex, or rising already at x1, or still falling at x2: whatever the sign of qa, an end is the least."""
+        (qa, _), (qb, _), _ = q
+        return bool(qa <= 0 or qb + qa * flat.ends[0] >= 0 or qb + qa * flat.ends[1] <= 0)
+
+    def _quadratic(self, at: At | AtTheEnd) -> tuple[Pair, Pair, Pair]:
+        """qa, qb and qc with their derivatives."""
+        m2, zero, flat = self._square, arb(0), at.flat
+        response = self.general.response
+        (one, d_one), (square, d_square) = flat.one, flat.one_squared
+        if response is Response.LOOP_GAIN:
+            size, slope = flat.g_squared
+            found = (m2, zero), (zero, zero), (m2 * square - size, m2 * d_square - slope)
+        else:
+            g, slope = flat.g, flat.slope
+            a, da, b, db = one + g.real, d_one + slope.real, g.imag, slope.imag
+            distance, d_distance = m2 * (a * a + b * b), 2 * m2 * (a * da + b * db)
+            linear = m2 * b, m2 * db
+            if response is Response.SENSITIVITY:
+                found = (m2 - 1, zero), linear, (distance - square, d_distance - d_square)
+            elif response is Response.COMPLEMENTARY_SENSITIVITY:
+                size, slope = flat.g_squared
+                found = (m2, zero), linear, (distance - size, d_distance - slope)
+            else:
+                size, slope = at.c_squared
+                constant = distance - square * size, d_distance - d_square * size - square * slope
+                found = (m2 - size, -slope), linear, constant
+        if self.general.upper:
+            return found
+        return tuple((-value, -slope) for value, slope in found)  # pyright: ignore[reportReturnType]
+
+    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
+        # Where |L| is large, |T| and |C S| hardly depend on it, while (1) is a difference of large numbers.
+        large = self.general.response in _FLAT_AT_LARGE_GAIN and over.g.abs_lower() > _LARGE_GAIN
+        if large and self._by_the_general_claim(u).leaf is not None:
+            return HOLDS
+        around, at = over.flat, centre.flat
+        wide, middle = self._quadratic(over), self._quadratic(centre)
+        for upper in (False, True):
+            value = _end(middle, at.ends[upper])
+            if value < 0:
+                return Finding(None, 0, (), counterexample=True)
+            if not value + _end_slope(wide, around.ends[upper], around.rate) * shift >= 0:
+                return self._where_the_phase_does_not_matter(u, over)
+        if self._least_at_an_end(wide, around):
+            return HOLDS
+        qa = wide[0][0]
+        discriminant = _discriminant(middle) + _discriminant_slope(wide) * shift
+        return HOLDS if qa > 0 and discriminant >= 0 else _CUT
+
+    def _where_the_phase_does_not_matter(self, u: Interval, over: At) -> Finding:
+        """A long dead time turns L often where it is small already: there its size settles the claim."""
+        turns = over.omega.rad() * over.dead_time > _MUCH_OF_A_TURN
+        return self._by_the_general_claim(u) if turns and over.g.abs_upper() < over.x(False).abs_lower() else _CUT
+
+
+def _end(q: tuple[Pair, Pair, Pair], x: arb) -> arb:
+    """q(x)."""
+    (a, _), (b, _), (c, _) = q
+    return (a * x + 2 * b) * x + c
+
+
+def _end_slope(q: tuple[Pair, Pair, Pair], x: arb, rate: arb | int = 1) -> arb:
+    """dq(x)/du where dx/du = rate x."""
+    (a, da), (b, db), (_, dc) = q
+    return (da + 2 * rate * a) * x * x + 2 * (db + rate * b) * x + dc
+
+
+def _discriminant(q: tuple[Pair, Pair, Pair]) -> arb:
+    """qa qc - qb^2, of the sign of q at its vertex when qa > 0."""
+    (a, _), (b, _), (c, _) = q
+    return a * c - b * b
+
+
+def _discriminant_slope(q: tuple[Pair, Pair, Pair]) -> arb:
+    (a, da), (b, db), (c, dc) = q
+    return da * c + a * dc - 2 * b * db
+
+
+@dataclass(frozen=True)
+class LagCrossover(_Lag):
+    """Phase or delay margin at every gain crossover, by (2)."""
+
+    general: EveryCrossover
+
+    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
+        square, square_slope = over.g_squared
+        y = centre.g_squared[0] - 1
+        for upper in (False, True):
+            x, wide = centre.x(upper), over.x(upper)
+            # y - x^2 has one sign on the box: no plant crosses |L| = 1 here
+            apart = y - x * x + (square_slope - 2 * wide * wide) * shift
+            if apart > 0 if upper else apart < 0:
+                return HOLDS
+        root = (square - 1).sqrt()
+        if not (root.is_finite() and root > 0 and y > 0):
+            return _CUT
+        value = arb.pi() + centre.g_phase - y.sqrt().atan()
+        # d atan(sqrt y)/du = (dy/du)/(2 sqrt y (1 + y)), and dy/du = 2 (1 + y) Re d ln G/du
+        slope = over.log_slope.imag - over.log_slope.real / root
+        if self.general.reading is Reading.DELAY_MARGIN:
+            margin = value + slope * shift
+            value = value / centre.frequency
+            slope = (slope - margin * over.stretch) / over.frequency
+        total = value + slope * shift
+        level = self.general.level
+        return HOLDS if (total <= level if self.general.upper else total >= level) else _CUT
+
+
+@dataclass(frozen=True)
+class LagPhaseCrossover(_Lag):
+    """No phase crossover with |L| from e^-level to 1, by (3)."""
+
+    general: EveryPhaseCrossover
+
+    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
+        slope, at = over.g_slope, centre.g
+        smallest = (-arb(self.general.level)).exp()
+        # |L|^2 = |G|^2/(1 + x^2)
+        size, x1, x2 = over.g_squared[0], over.x(False), over.x(True)
+        if size < smallest * smallest * (1 + x1 * x1) or size > 1 + x2 * x2:
+            return HOLDS
+        real = at.real + slope.real * shift
+        if real > -smallest or real < -1:
+            return HOLDS
+        # Im G - x Re G > 0 is x < Im G/Re G turned round by Re G < 0, and its derivative has dx/du = x
+        for upper, sign in ((False, 1), (True, -1)):
+            value = at.imag - centre.x(upper) * at.real
+            change = slope.imag - over.x(upper) * (slope.real + over.g.real)
+            if sign * (value + change * shift) > 0:
+                return HOLDS
+        return _CUT
+
+
+#: the general claim's class -> the closed form
+CLOSED_FORMS: dict[type[Claim], Callable[[Any], Claim]] = {
+    Bound: LagBound,
+    EveryCrossover: LagCrossover,
+    EveryPhaseCrossover: LagPhaseCrossover,
+}
+
+
+def closed_form(claim: Claim) -> Claim:
+    """The claim in omega alone where the family is a lag with one uncertain time constant; else itself."""
+    form = CLOSED_FORMS.get(type(claim))
+    loop = getattr(claim, "loop", None)
+    if form is None or loop is None or not has_lag_form(loop) or len(claim.domain) != 2:
+        return claim
+    low, high = claim.domain[1]
+    if not 0.0 < low < high < math.inf:
+        return claim
+    if isinstance(claim, EveryPhaseCrossover) and isinstance(loop, SampledBallLoop):
+        return claim  # next to z = -1, x has no end and (3) is a small difference of large numbers
+    if isinstance(claim, EveryCrossover) and claim.reading not in (Reading.PHASE_MARGIN, Reading.DELAY_MARGIN):
+        return claim
+    return form(claim)

@@ -1,0 +1,242 @@
+"""Closed-loop poles in the right half-plane:  counted for one plant, kept out of the half-plane's ends for all.
+
+The closed-loop poles are the roots of  F(s) = s^alpha D(s) + (kp s^alpha + ki) N(s) e^{-Ls}  (without ki: of
+D + kp N e^{-Ls}), analytic for Re s > 0.  Along +0 -> j0 -> j inf -> +inf the argument of F changes by
+
+    Delta arg F = -pi Z ,                                                                                          (1)
+
+Z the number of poles on the right, since F takes conjugate values at conjugate s and is real at both ends.  Near 0,
+F stays in a disc around F(0); near infinity F/(s^(n + alpha) d_n) stays in one around 1 + kp n_n/d_n, or around 1
+when a dead time turns the direct path.  Both bounds hold in the whole half-plane Re s >= 0, where |e^{-Ls}| <= 1.
+
+Source: derived from the argument principle.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from flint import acb, arb
+
+from fopi_tune.proof.balls.box import Box, ball_of
+from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
+from fopi_tune.proof.balls.plant import PlantBalls, assemble, polynomial
+from fopi_tune.proof.balls.sampled import SampledBallLoop, count_unstable_roots
+from fopi_tune.proof.balls.winding import change_along_axis
+from fopi_tune.proof.claims.claim import HOLDS, Claim, Finding, longest, longest_number, tail_axis
+
+_STEP = 1.0
+_FARTHEST = 600.0
+
+
+@dataclass(frozen=True)
+class _End:
+    """A disc in which F (or F over its leading term) stays beyond u."""
+
+    u: float
+    middle: arb
+
+
+def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float) -> int | None:
+    """Closed-loop poles with Re s > 0 of one plant, by (1); on samples those outside the unit circle.
+
+    Args:
+        loop: gains and family.
+        theta: the plant's uncertain numbers.
+        origin: a value of u near the crossover.
+
+    Returns:
+        The number; None when F comes too close to 0 on the imaginary axis to be told from it.
+    """
+    if isinstance(loop, SampledBallLoop):
+        return count_unstable_roots(loop, theta)
+    plant = loop.plant([arb(value) for value in theta])
+    low, high = _low_end(loop, plant, origin), _high_end(loop, plant, origin)
+    if low is None or high is None:
+        return None
+    along = change_along_axis(loop, plant, low.u, high.u)
+    if along is None:
+        return None
+    first, last = loop.balls((low.u, low.u), plant), loop.balls((high.u, high.u), plant)
+    degree = len(plant.denominator) - 1
+    alpha = loop.alpha if loop.gains.ki != 0.0 else arb(0)
+    quarter = arb.pi() / 2
+    # F(j e)/F(0), then along the axis, then back from (jR)^(n + alpha) d_n q to R^(n + alpha) d_n q
+    start = (first.characteristic * _power(loop, low.u) / low.middle).arg()
+    s = acb(0, arb(high.u).exp())
+    end = (last.characteristic / (s**degree * plant.denominator[0].value * high.middle)).arg()
+    total = start + along - end - (degree + alpha) * quarter
+    count = (-total / arb.pi()).unique_fmpz()
+    return None if count is None or count < 0 else int(count)
+
+
+def is_unstable_by_structure(loop: BallLoop, theta: tuple[float, ...]) -> bool:
+    """Whether a plant's loop is unstable without counting poles.
+
+    Its integral is cancelled by a zero of the plant at s = 0, or a dead time is inside a direct path with
+    |kp n_n/d_n| > 1, which has infinitely many poles on the right.
+    """
+    plant = assemble(loop.family, [arb(value) for value in theta])
+    integral = loop.has_integrator if isinstance(loop, SampledBallLoop) else loop.gains.ki != 0.0
+    if integral and plant.numerator[-1].value.is_zero():
+        return True
+    if isinstance(loop, SampledBallLoop):
+        return False
+    if len(plant.numerator) < len(plant.denominator) or not plant.dead_time.value > 0:
+        return False
+    return bool(abs(loop.kp * plant.numerator[0].value / plant.denominator[0].value) > 1)
+
+
+def _power(loop: BallLoop, u: float) -> acb:
+    """s^alpha on the axis; 1 without an integral."""
+    if loop.gains.ki == 0.0:
+        return acb(1)
+    return (loop.alpha * arb(u)).exp() * loop.turn
+
+
+def _low_end(loop: BallLoop, plant: PlantBalls, origin: float) -> _End | None:
+    """F stays in a disc without 0 around F(0) for |s| <= e^u."""
+    d, n = _sizes(plant)
+    ki = loop.gains.ki
+    bottom = plant.numerator[-1].value
+    middle = loop.ki * bottom if ki != 0.0 else plant.denominator[-1].value + loop.kp * bottom
+    if not middle.is_finite() or middle.contains(0):
+        return None
+    dead_time = arb(plant.dead_time.value.abs_upper())
+    u = min(origin, 0.0)
+    while u > -_FARTHEST:
+        e = arb(u).exp()
+        whole_d, whole_n = _sum(d, e), _sum(n, e)
+        # |N e^{-Ls} - N(0)| <= |N - N(0)| + |N| |Ls|
+        moved = whole_n - n[0] + whole_n * dead_time * e
+        if ki != 0.0:
+            power = (loop.alpha * u).exp()
+            radius = power * (whole_d + abs(loop.kp) * whole_n) + abs(loop.ki) * moved
+        else:
+            radius = whole_d - d[0] + abs(loop.kp) * moved
+        if radius < middle.abs_lower():
+            return _End(u, middle)
+        u -= _STEP
+    return None
+
+
+def _high_end(loop: BallLoop, plant: PlantBalls, origin: float) -> _End | None:
+    """F/(s^(n + alpha) d_n) stays in a disc without 0 for |s| >= e^u."""
+    d, n = _sizes(plant)
+    degree = len(d) - 1
+    leading = plant.denominator[0].value
+    if leading.contains(0):
+        return None
+    direct = plant.numerator[0].value / leading if len(n) == len(d) else arb(0)
+    delayed = not plant.dead_time.value.is_zero()
+    # a dead time that may be 0 or not leaves the direct path anywhere on its circle
+    middle = arb(1) if delayed else 1 + loop.kp * direct
+    fixed = abs(loop.kp * direct) if delayed else arb(0)
+    scale = leading.abs_lower()
+    u = max(origin, 0.0)
+    while u < _FARTHEST:
+        e = (-arb(u)).exp()
+        rest_d = sum((c * e ** (degree - k) for k, c in enumerate(d[:-1])), arb(0)) / scale
+        whole_n = sum((c * e ** (degree - k) for k, c in enumerate(n)), arb(0)) / scale
+        rest_n = sum((c * e ** (degree - k) for k, c in enumerate(n) if k < degree), arb(0)) / scale
+        integral = abs(loop.ki) * (-loop.alpha * u).exp() * whole_n
+        if rest_d + abs(loop.kp) * rest_n + integral + fixed < middle.abs_lower():
+            return _End(u, middle)
+        u += _STEP
+    return None
+
+
+def _sizes(plant: PlantBalls) -> tuple[list[arb], list[arb]]:
+    """Largest absolute values of D's and N's coefficients, ascending powers."""
+    d = [arb(c.value.abs_upper()) for c in reversed(plant.denominator)]
+    return d, [arb(c.value.abs_upper()) for c in reversed(plant.numerator)]
+
+
+def _sum(sizes: list[arb], e: arb) -> arb:
+    return sum((c * e**k for k, c in enumerate(sizes)), arb(0))
+
+
+@dataclass(frozen=True)
+class NoPoleAtTheEnds(Claim):
+    """No plant has a closed-loop pole with Re s >= 0 near 0 or near infinity.
+
+    Together with a bounded |S| on the axis no pole can pass from one half-plane to the other within the box.
+
+    Args:
+        loop: gains and family.
+        domain: the plants; axis 0 is not cut.
+        origin: a value of u near the crossover.
+    """
+
+    loop: BallLoop
+    domain: Box
+    origin: float
+
+    def examine(self, box: Box) -> Finding:
+        plant = self.loop.plant([ball_of(side) for side in box[1:]])
+        ends = _low_end(self.loop, plant, self.origin), _high_end(self.loop, plant, self.origin)
+        return HOLDS if None not in ends else Finding(None, longest_number(box, self.domain))
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"kind": "no_pole_at_the_ends"}
+
+
+@dataclass(frozen=True)
+class NoAxisRoot(Claim):
+    """The numerator (or the denominator) of no plant has a root j omega, omega > 0: roots keep their half-plane.
+
+    Args:
+        loop: gains and family.
+        denominator: which polynomial.
+        domain: where.
+        origin: u at which an axis without ends is cut first.
+    """
+
+    loop: BallLoop
+    denominator: bool
+    domain: Box
+    origin: float
+
+    def examine(self, box: Box) -> Finding:
+        if box[0][0] == -math.inf and box[0][1] == math.inf:
+            return Finding(None, 0)
+        over = self.loop.over(box)
+        if self._is_not_0(over):
+            return HOLDS
+        if over.low_tail or over.high_tail:
+            return Finding(None, tail_axis(box, self.domain, lambda far: self._is_not_0(self.loop.over(far))))
+        return Finding(None, longest(box, self.domain))
+
+    def _is_not_0(self, over: LoopBalls) -> bool:
+        coefficients = [c.value for c in (over.plant.denominator if self.denominator else over.plant.numerator)]
+        while len(coefficients) > 1 and coefficients[-1].is_zero():  # a root at 0 that stays there
+            coefficients.pop()
+        if over.high_tail:
+            # X(s)/s^k in 1/s, k its own degree; a leading 0 that stays there is no root
+            while len(coefficients) > 1 and coefficients[0].is_zero():
+                coefficients.pop(0)
+            coefficients.reverse()
+        value = polynomial(coefficients, over.s)
+        if value.is_finite() and not value.contains(0):
+            return True
+        if over.high_tail and not self.denominator:
+            # of X/s^k in 1/s: a real zero may pass through infinity, where the other part of X does not vanish
+            return _odd_part_is_not_0(coefficients, over.omega)
+        return over.low_tail and self.denominator and _odd_part_is_not_0(coefficients, over.omega)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"kind": "no_axis_root", "polynomial": "denominator" if self.denominator else "numerator"}
+
+
+def _odd_part_is_not_0(coefficients: list[arb], omega: arb) -> bool:
+    """Im X(j omega)/omega = x1 - x3 omega^2 + ... keeps away from 0: a real pole may pass through the origin.
+
+    In the high tail the same of X's reversed coefficients in 1/omega.
+    """
+    odd = [*reversed(coefficients)][1::2]
+    value = arb(0)
+    for coefficient in reversed(odd):
+        value = coefficient - omega * omega * value
+    return bool(odd) and not value.contains(0)

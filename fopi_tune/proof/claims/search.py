@@ -1,0 +1,119 @@
+"""Branch and bound for a claim, the record of it, and the walk that checks a record.
+
+A record is the search's tree in preorder: `s2` cuts a box along axis 2 in the middle, `p1+2-` replaces it by its face
+at the upper end of axis 1 and the lower end of axis 2, everything else is a leaf on which the claim holds.  Cuts are
+made by one rule, so that the leaves cover the domain by construction.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fopi_tune.proof.balls.box import Box, centre_of, split, with_interval
+from fopi_tune.proof.claims.claim import Claim
+
+_PIN = re.compile(r"(\d+)([+-])")
+
+
+@dataclass(frozen=True)
+class Search:
+    """How a search ended.
+
+    Args:
+        record: tokens of the tree; empty unless the claim was shown.
+        boxes: boxes looked at.
+        counterexample: a place at which the claim is false.
+        open_boxes: of a search that gave up, boxes that were not settled.
+    """
+
+    record: tuple[str, ...]
+    boxes: int
+    counterexample: tuple[float, ...] | None = None
+    open_boxes: tuple[Box, ...] = ()
+
+    @property
+    def shown(self) -> bool:
+        """Whether the claim holds on its whole domain."""
+        return bool(self.record)
+
+
+def search(claim: Claim, budget: int) -> Search:
+    """Show a claim on its whole domain, or find a point where it is false.
+
+    Args:
+        claim: what to show.
+        budget: the most boxes to look at.
+    """
+    record: list[str] = []
+    pending = [claim.domain]
+    boxes = 0
+    while pending:
+        if boxes >= budget:
+            return Search((), boxes, open_boxes=tuple(pending))
+        box = pending.pop()
+        boxes += 1
+        found = claim.examine(box)
+        if found.leaf is not None:
+            record.append(found.leaf)
+            continue
+        if found.counterexample:
+            return Search((), boxes, counterexample=centre_of(box))
+        if found.pins:
+            record.append("p" + "".join(f"{axis}{'+' if upper else '-'}" for axis, upper in found.pins))
+            pending.append(_face(box, found.pins))
+            continue
+        pieces = split(box, found.axis, claim.origin) if found.axis >= 0 else None
+        if pieces is None:
+            return Search((), boxes, open_boxes=(box, *pending))
+        record.append(f"s{found.axis}")
+        pending += [pieces[1], pieces[0]]
+    return Search(tuple(record), boxes)
+
+
+def check(claim: Claim, record: tuple[str, ...]) -> str | None:
+    """Walk a record and test every leaf and face again.
+
+    Returns:
+        What is wrong with it, or None.
+    """
+    pending = [claim.domain]
+    position = 0
+    while pending:
+        if position >= len(record):
+            return "the record ends before the domain is covered"
+        box = pending.pop()
+        token = record[position]
+        kind = token[:1]
+        if kind == "s":
+            axis = _axis(token[1:], box)
+            pieces = split(box, axis, claim.origin) if axis >= 0 else None
+            if pieces is None:
+                return f"token {position}, {token[:20]!r}, cuts no axis that has a middle"
+            pending += [pieces[1], pieces[0]]
+            position += 1
+        elif kind == "p":
+            pins = [(_axis(digits, box), sign == "+") for digits, sign in _PIN.findall(token)]
+            if not pins or not set(pins) <= set(claim.examine(box).pins):
+                return f"token {position}, {token[:20]!r}, takes a face that need not be the worst"
+            pending.append(_face(box, pins))
+            position += 1
+        else:
+            if not claim.holds(box, token):
+                return f"leaf {position} does not hold on its box"
+            position += 1
+    return None if position == len(record) else "the record goes on after the domain is covered"
+
+
+def _face(box: Box, pins: Sequence[tuple[int, bool]]) -> Box:
+    for axis, upper in pins:
+        end = box[axis][1] if upper else box[axis][0]
+        box = with_interval(box, axis, (end, end))
+    return box
+
+
+def _axis(digits: str, box: Box) -> int:
+    """An axis of the box; -1 when it is none."""
+    axis = int(digits) if digits.isdecimal() and len(digits) < 4 else len(box)
+    return axis if axis < len(box) else -1

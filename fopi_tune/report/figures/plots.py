@@ -1,0 +1,110 @@
+"""Figures as SVG text:  the same result gives the same bytes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from fopi_tune.results.design import Discretized
+    from fopi_tune.results.simulation import Driven, Simulated
+    from fopi_tune.results.system import SimulatedSystem
+
+_POINTS = 500
+#: blue and orange that colour-blind people tell apart, and that differ in print by their dashes too
+_IDEAL, _DIGITAL = "#0072b2", "#d55e00"
+
+
+def controller_bode_svg(result: Discretized) -> str:
+    """Gain and phase of the ideal controller and of the digital one, up to Nyquist's frequency, and their distance."""
+    # loaded here: plotting costs half a second
+    import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    controller = result.controller
+    gains, sections, digital = controller.gains, controller.sections, controller.digital
+    nyquist = np.pi / digital.sample_time_s
+    omega = np.geomspace(min(digital.band_rad_s[0], nyquist / 100.0), nyquist, _POINTS)
+    ideal = gains.kp + gains.ki * (1j * omega) ** -gains.alpha
+    filtered = sections.response(omega)
+    with matplotlib.rc_context({"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fonttype": "none"}):
+        figure = Figure(figsize=(6.4, 6.0), layout="constrained")
+        canvas = FigureCanvasSVG(figure)
+        gain, phase, error = figure.subplots(3, 1, sharex=True)
+        gain.semilogx(omega, _decibel(ideal), color=_IDEAL, label="ideal")
+        gain.semilogx(omega, _decibel(filtered), "--", color=_DIGITAL, label="digital")
+        phase.semilogx(omega, _phase_deg(ideal), color=_IDEAL)
+        phase.semilogx(omega, _phase_deg(filtered), "--", color=_DIGITAL)
+        error.loglog(omega, np.maximum(np.abs(filtered / ideal - 1.0), 1e-9), color="black")
+        gain.set_ylabel("|C|, dB")
+        phase.set_ylabel("arg C, deg")
+        error.set_ylabel("|C digital/C ideal - 1|")
+        error.set_xlabel("omega, rad/s")
+        gain.legend(loc="upper right")
+        for axes in (gain, phase, error):
+            axes.grid(True, which="both", linewidth=0.3)
+            axes.axvline(nyquist, color="grey", linewidth=0.8)
+        title = f"{result.spec.name}: controller, ideal and at {digital.sample_time_s:g} s"
+        gain.set_title(_plain(title))
+        buffer = io.StringIO()
+        canvas.print_svg(buffer, metadata={"Date": None, "Title": title, "Creator": "fopi-tune"})
+    return buffer.getvalue()
+
+
+def simulation_svg(result: Simulated | SimulatedSystem, driven: Driven) -> str:
+    """Output with its setpoint, its rate, and the control, over time; the second mode of a system is shaded."""
+    import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    t = driven.traces
+    named = ", ".join(f"{name} = {value:g}" for name, value in result.plant.items())
+    title = f"{result.spec.name}, {driven.scenario.name}" + (f": {named}" if named else "")
+    with matplotlib.rc_context({"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fonttype": "none"}):
+        figure = Figure(figsize=(6.4, 6.0), layout="constrained")
+        canvas = FigureCanvasSVG(figure)
+        output, rate, control = figure.subplots(3, 1, sharex=True)
+        output.step(t.time_s, driven.reference, "--", where="post", color="grey", label="setpoint")
+        output.plot(t.time_s, t.output[0], color=_IDEAL, label="output")
+        rate.plot(t.time_s, t.rate[0], color=_IDEAL)
+        control.step(t.time_s, t.applied[0], where="post", color=_DIGITAL)
+        shade_second_mode((output, rate, control), t.time_s, t.mode[0])
+        for axes, label in ((output, "output"), (rate, "output's rate, 1/s"), (control, "control")):
+            axes.set_ylabel(label)
+            axes.grid(True, linewidth=0.3)
+        control.set_xlabel("time, s")
+        output.legend(loc="best")
+        output.set_title(_plain(title))
+        buffer = io.StringIO()
+        canvas.print_svg(buffer, metadata={"Date": None, "Title": title, "Creator": "fopi-tune"})
+    return buffer.getvalue()
+
+
+def shade_second_mode(every: Sequence[Axes], time_s: np.ndarray, mode: np.ndarray) -> None:
+    """Grey where mode 2 (the brake) acts, with one entry in the legend."""
+    edges = np.flatnonzero(np.diff((mode == 2).astype(int), prepend=0, append=0))
+    for number, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
+        for place, axes in enumerate(every):
+            label = "brake acts" if number == 0 and place == 0 else None
+            axes.axvspan(
+                float(time_s[begin]), float(time_s[min(end, len(time_s) - 1)]), color="0.85", linewidth=0, label=label
+            )
+
+
+def _decibel(values: np.ndarray) -> np.ndarray:
+    return 20.0 * np.log10(np.maximum(np.abs(values), 1e-300))
+
+
+def _phase_deg(values: np.ndarray) -> np.ndarray:
+    return np.degrees(np.unwrap(np.angle(values)))
+
+
+def _plain(text: str) -> str:
+    """A dollar sign would start mathematics."""
+    return text.replace("$", r"\$")

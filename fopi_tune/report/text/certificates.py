@@ -1,0 +1,84 @@
+"""Certificates as text:  what was shown, or why a file was refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+
+from fopi_tune.proof.certificate import Verdict
+from fopi_tune.report.text.phrases import (
+    BAD,
+    QUIET,
+    VERDICT,
+    Line,
+    entry,
+    gains_line,
+    number,
+    requirement_phrase,
+    scope_phrase,
+    style_of,
+    styled,
+    to_text,
+)
+
+if TYPE_CHECKING:
+    from fopi_tune.proof import Certificate, Recheck
+    from fopi_tune.proof.certificate import RequirementProof
+
+_USUAL_TOLERANCE = 1e-6
+
+
+def recheck_text(found: Recheck) -> Text:
+    """What the check of a certificate found."""
+    certificate = found.certificate
+    gains = certificate.case.gains
+    if not found.is_sound:
+        lines = [*styled(f"{certificate.name}: REFUSED. This certificate does not show what it says.", BAD)]
+        for problem in found.problems:
+            lines += styled(problem, "", "    ", "  - ")
+        return to_text(lines)
+    proved = certificate.verdict is Verdict.PROVED
+    said = (
+        f"What it says, that the requirements are {certificate.verdict.value}, is shown again by {found.boxes} boxes, "
+        f"each limit within a tolerance of {certificate.tolerance:g}."
+    )
+    lines = styled(f"{certificate.name}: sound. {said}", style_of(proved))
+    lines += [("", ""), (gains_line(gains), "bold"), ("", "")]
+    for proof in certificate.requirements:
+        lines += styled(f"{proof.verdict.value:<{VERDICT}}{requirement_phrase(proof.requirement)}")
+        lines += styled(_bounds(proof), QUIET, indent=" " * (VERDICT + 2))
+    lines += entry("stability", f"{certificate.stability.verdict.value}: {certificate.stability.reason}")
+    return to_text(lines)
+
+
+def _bounds(proof: RequirementProof) -> str:
+    """The range that is proved of a requirement's value: "family; proved to be at least 82.906"."""
+    low, high = proof.bounds
+    where = scope_phrase(proof.requirement)
+    if low is None and high is None:
+        return f"{where}; {proof.reason}"
+    if low is None or high is None:
+        edge = f"at least {number(low, 9)}" if low is not None else f"at most {number(high or 0.0, 9)}"
+        return f"{where}; shown to be {edge}"
+    return f"{where}; shown to lie from {number(low, 12)} to {number(high, 12)}"
+
+
+def proof_lines(certificate: Certificate | None) -> Iterator[Line]:
+    """The certificate in a sentence."""
+    if certificate is None:
+        return
+    verdict = certificate.verdict
+    words = f"{verdict.value}: {certificate.boxes} boxes in ball arithmetic"
+    gaps = [proof.gap for proof in certificate.requirements if proof.gap is not None]
+    if certificate.tolerance != _USUAL_TOLERANCE:
+        words += f", each limit within a tolerance of {certificate.tolerance:g}"
+    if verdict is Verdict.PROVED and gaps:
+        words += f"; each bound within {max(gaps):.1e} (relative) of a value that a plant reaches"
+    open_ones = [proof for proof in certificate.requirements if proof.verdict is Verdict.UNDECIDED]
+    for proof in open_ones:
+        words += f"; {requirement_phrase(proof.requirement)} is undecided: {proof.reason}"
+    if certificate.stability.verdict is Verdict.UNDECIDED:
+        words += f"; stability is undecided: {certificate.stability.reason}"
+    yield from entry("proof", words, "" if verdict is Verdict.PROVED else BAD)

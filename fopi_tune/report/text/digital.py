@@ -1,0 +1,88 @@
+"""A digital controller and its loop as text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+
+from fopi_tune.report.text.certificates import proof_lines
+from fopi_tune.report.text.phrases import (
+    BAD,
+    QUIET,
+    Line,
+    entry,
+    gains_line,
+    number,
+    style_of,
+    styled,
+    to_text,
+    with_unit,
+)
+from fopi_tune.report.text.terminal import requirement_lines, summary_lines
+from fopi_tune.results.design import objective_name
+
+if TYPE_CHECKING:
+    from fopi_tune.results.design import Discretized
+
+_SAID = {
+    "met": "The loop on samples meets all requirements, proved for every plant and frequency.",
+    "undecided": "The loop on samples passes the check in floating point; not everything could be proved.",
+    "violated": "The loop on samples does not meet the requirements that are marked.",
+}
+
+
+def digital_text(result: Discretized) -> Text:
+    """What the loop on samples keeps of the requirements, the sections, and what rounding does to each form."""
+    controller = result.controller
+    digital, found, status = controller.digital, result.verification, result.status
+    said = _SAID[status]
+    if not found.stability.stable:
+        said = "The loop on samples is not stable for every plant of the family."
+    elif result.certificate is None and status == "met":
+        said = "The loop on samples meets all requirements, as far as a check in floating point tells."
+    lines: list[Line] = [*styled(f"{result.spec.name}, digital: {status}. {said}", style_of(status == "met")), ("", "")]
+    lines.append((gains_line(controller.gains), "bold"))
+    prewarped = ", prewarped" if digital.prewarp != "none" else ""
+    made = f"{digital.method}, {digital.poles} poles" + (
+        "" if digital.method == "fit" else f", {digital.rule}{prewarped}"
+    )
+    plural = "" if digital.delay_samples == 1.0 else "s"
+    late = f", {number(digital.delay_samples)} sample{plural} of computing delay" if digital.delay_samples else ""
+    lines += entry("sampled", f"every {with_unit(digital.sample_time_s, 's')} ({made}{late})")
+    lines += requirement_lines(result.reports, found.objective)
+    if status == "violated" and found.stability.stable and not digital.designs_sampled:
+        lines += styled("`design: sampled` in the spec's section digital finds gains whose loop on samples meets them.")
+    lines += summary_lines(objective_name(result.spec), found.objective, found.stability, found.nominal)
+    lines += proof_lines(result.certificate)
+    lines += [*_accuracy(result), *_sections(result)]
+    return to_text(lines)
+
+
+def _sections(result: Discretized) -> Iterator[Line]:
+    controller = result.controller
+    sections = controller.sections
+    yield "", ""
+    yield "C(z) = direct + sum of residue/(z - pole)", "bold"
+    yield f"{'direct':<10}{number(sections.direct, 9):>18}", ""
+    for pole, residue in zip(sections.poles, sections.residues, strict=True):
+        yield f"{'pole':<10}{number(pole, 12):>18}   residue {number(residue, 9):>18}", ""
+    yield "", ""
+    yield f"{'form':<14}{'precision':<12}{'error':>10}", "bold"
+    for form in controller.realisations:
+        stable = "" if form.stable else "   a pole leaves the unit circle"
+        yield f"{form.form.value:<14}{form.precision.value:<12}{form.error:>10.1e}{stable}", ""
+    yield from styled("Errors of forms are relative to the largest output over a seeded noisy step.", QUIET)
+
+
+def _accuracy(result: Discretized) -> Iterator[Line]:
+    controller = result.controller
+    parts = [f"{100 * error:.3g} % up to {with_unit(omega, 'rad/s')}" for omega, error in controller.errors]
+    low = controller.errors_from_rad_s
+    if controller.accurate_rad_s is not None:
+        first, last = controller.accurate_rad_s
+        yield from entry("accurate", f"filter to 5 % from {number(first)} to {with_unit(last, 'rad/s')}")
+    if controller.band_note:
+        yield from entry("band", f"NOTE: {controller.band_note}", BAD)
+    yield from entry("errors", f"largest relative error from {with_unit(low, 'rad/s')}: " + ", ".join(parts))

@@ -1,0 +1,172 @@
+"""Evidence from sampled plants as text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+
+from fopi_tune.report.text.phrases import (
+    BAD,
+    QUIET,
+    VERDICT,
+    Line,
+    entry,
+    gains_line,
+    gains_lines,
+    number,
+    requirement_phrase,
+    style_of,
+    styled,
+    to_text,
+)
+from fopi_tune.spec.model import Relation
+
+if TYPE_CHECKING:
+    from fopi_tune.core.distributions import Words
+    from fopi_tune.montecarlo.montecarlo import Evidence
+    from fopi_tune.montecarlo.outcomes import Judged
+    from fopi_tune.montecarlo.statistics import Fraction
+    from fopi_tune.montecarlo.systems import SystemEvidence
+    from fopi_tune.results.design import Validated
+    from fopi_tune.results.system import ValidatedSystem
+    from fopi_tune.spec.model import ValidationSpec
+
+_SAID = {
+    "met": "Every plant that was drawn is stable and meets everything.",
+    "violated": "Not every plant that was drawn meets everything.",
+    "outside": "Not every plant that was drawn meets everything; those of the family do.",
+    "contradiction": "A plant contradicts the proof: this is a defect of the tool, please report it.",
+}
+_REPLAY = "`fopi simulate {} --replay INDEX` makes a {} again by its index (with the same --seed and --samples)."
+_WHAT, _SHARE, _INTERVAL = 36, 12, 22
+
+
+def evidence_text(result: Validated) -> Text:
+    """How often each requirement and limit held, with intervals, and the worst plants."""
+    evidence, status = result.evidence, result.status
+    family_is_fine = evidence.stable.total > evidence.outside and not evidence.missed_inside
+    said = _SAID["outside" if status == "violated" and family_is_fine else status]
+    lines: list[Line] = [*styled(f"{result.spec.name}, validated: {status}. {said}", style_of(status == "met"))]
+    lines += [("", ""), (gains_line(result.digital.controller.gains), "bold")]
+    lines += _drawn(evidence, "plants")
+    lines += _header(evidence.validation)
+    lines += _row("stable loop", evidence.stable)
+    lines += styled(_misses(evidence, evidence.stable, evidence.unstable_inside), QUIET, indent=" " * (VERDICT + 2))
+    for judged in (*evidence.requirements, *evidence.limits):
+        lines += _row(_phrase(judged), judged.fraction)
+        misses = _misses(evidence, judged.fraction, judged.missed_inside)
+        lines += styled("; ".join(filter(None, (_below(judged), misses))), QUIET, indent=" " * (VERDICT + 2))
+    for problem in result.contradictions:
+        lines += styled(problem, BAD)
+    lines += [("", "")]
+    lines += styled(
+        "Requirements are about the loop on samples; those about the nominal plant alone are not sampled.", QUIET
+    )
+    lines += styled(_REPLAY.format("SPEC", "plant"), QUIET)
+    return to_text(lines)
+
+
+def system_evidence_text(result: ValidatedSystem) -> Text:
+    """How often a system kept its limits, with intervals, and the worst plants."""
+    evidence, met = result.evidence, result.status == "met"
+    said = _SAID["met" if met else "violated"].replace("plant", "pair of plants").replace("is stable", "stays finite")
+    lines: list[Line] = [*styled(f"{result.spec.name}, validated: {result.status}. {said}", style_of(met)), ("", "")]
+    lines += gains_lines(result.gains)
+    lines += _drawn(evidence, "pairs of plants")
+    lines += _header(evidence.validation)
+    for each in evidence.scenarios:
+        lines.append((each.scenario, "bold"))
+        lines += _row("output stays finite", each.finite)
+        lines += _row("modes do not chatter", each.calm)
+        for judged in each.limits:
+            lines += _row(_phrase(judged), judged.fraction)
+            misses = _misses(evidence, judged.fraction, judged.missed_inside)
+            below = "; ".join(filter(None, (_below(replace(judged, scenario=None)), misses)))
+            lines += styled(below, QUIET, indent=" " * (VERDICT + 2))
+    lines += [("", ""), *styled(_REPLAY.format("SYSTEM", "pair"), QUIET)]
+    return to_text(lines)
+
+
+def _drawn(evidence: Evidence | SystemEvidence, what: str) -> Iterator[Line]:
+    """How many plants, from what, and how many of them no proof speaks of."""
+    drawn, listed = evidence.validation, evidence.validation.samples_file
+    how = f"{drawn.design}, seed {drawn.seed}" if listed is None else f"rows of {listed.name}, seed {drawn.seed}"
+    words = f"{drawn.samples - evidence.no_plants} {what}, {how}"
+    if listed is None and drawn.design != "random":
+        words += " (the intervals are those of independent draws)"
+    if evidence.outside:
+        words += f", {evidence.outside} of them outside the family, where nothing is proved"
+    if evidence.no_plants:
+        words += f"; {evidence.no_plants} more draws are no plants and are left out"
+    yield from entry("drawn", words)
+    for name, distribution in drawn.distributions.items():
+        yield from entry("", f"{name}: {_distribution_phrase(distribution.words())}")
+    yield "", ""
+
+
+def _distribution_phrase(words: Words) -> str:
+    """A distribution in one line: "truncated_normal, mean 2.25, std 0.4"."""
+    if isinstance(words, str):
+        return words
+    ((word, numbers),) = words.items()
+    parts = [f"{name} {number(v) if isinstance(v, float) else v}" for name, v in numbers.items()]
+    return ", ".join([word, *parts])
+
+
+def _misses(evidence: Evidence | SystemEvidence, found: Fraction, inside: int) -> str:
+    """Where the plants that miss lie, when some were drawn outside the family."""
+    missed = found.total - found.met
+    if not evidence.outside or not missed:
+        return ""
+    return f"{missed} miss, {f'{inside} of them' if inside else 'none'} in the family"
+
+
+def _header(drawn: ValidationSpec) -> list[Line]:
+    share = f"{100 * drawn.confidence:g} % interval"
+    return [(f"{'':{VERDICT}}{'requirement or limit':<{_WHAT}}{'met':>{_SHARE}}{share:>{_INTERVAL}}", "bold")]
+
+
+def _row(what: str, found: Fraction) -> Iterator[Line]:
+    met = found.met == found.total
+    share = f"{100 * found.met / found.total:.4g} %"
+    interval = f"{100 * found.low:.4g} .. {100 * found.high:.4g} %"
+    numbers = f"{share:>{_SHARE}}{interval:>{_INTERVAL}}"
+    verdict = "met" if met else "violated"
+    style = "" if met else "red"
+    if len(what) > _WHAT:
+        yield f"{verdict:<{VERDICT}}{what}", style
+        yield f"{'':{VERDICT + _WHAT}}{numbers}", style
+    else:
+        yield f"{verdict:<{VERDICT}}{what:<{_WHAT}}{numbers}", style
+
+
+def _phrase(judged: Judged) -> str:
+    sign = "<=" if judged.upper else ">="
+    if judged.requirement is not None:
+        asked = judged.requirement
+        if asked.relation is Relation.BETWEEN:  # judged a side at a time
+            return f"{asked.quantity} {sign} {number(asked.upper if judged.upper else asked.lower)}"
+        return requirement_phrase(asked)
+    assert judged.limit is not None
+    return f"{judged.limit.measure} {sign} {number(judged.limit.limit)}"
+
+
+def _below(judged: Judged) -> str:
+    """Scenario, median, and the worst plant."""
+    parts = [] if judged.scenario is None else [judged.scenario]
+    middle = next((q for q in judged.quantiles if q.probability == 0.5), None)
+    if middle is not None:
+        parts.append(f"median {_value(middle.value)}")
+    if judged.worst:
+        worst = judged.worst[0]
+        named = ", ".join(f"{name} = {number(value)}" for name, value in worst.plant.items())
+        parts.append(f"worst {_value(worst.value)} (plant {worst.index}" + (f": {named})" if named else ")"))
+    return "; ".join(parts)
+
+
+def _value(value: float) -> str:
+    return number(value) if math.isfinite(value) else "infinite" if value > 0 else "none"

@@ -1,0 +1,282 @@
+"""Results as text for a terminal:  Design or Check -> rich.text.Text of at most 80 columns.
+
+The layout is fixed and of ASCII characters, so that it reads the same in a terminal, a pipe, a log and a README.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+
+from fopi_tune.optimum import Optimum, OptimumStatus
+from fopi_tune.proof.results import Outcome, Place, RequirementResult, Stability
+from fopi_tune.report.text.certificates import proof_lines
+from fopi_tune.report.text.phrases import (
+    BAD,
+    QUIET,
+    TIE,
+    VERDICT,
+    Line,
+    entry,
+    gains_line,
+    limit_told,
+    number,
+    requirement_phrase,
+    scope_phrase,
+    sentence,
+    style_of,
+    styled,
+    to_text,
+    with_unit,
+)
+from fopi_tune.report.text.tradeoff import price_lines
+from fopi_tune.results.design import Check, Design, RequirementReport, loop_name, objective_name
+from fopi_tune.spec.model import Requirement, Scope
+
+if TYPE_CHECKING:
+    from fopi_tune.core.margins import Margins
+    from fopi_tune.results.status import Give
+
+#: widths of the columns requirement, achieved, score, multiplier; 80 in sum with the verdict
+_WHAT, _ACHIEVED, _SCORE, _MULTIPLIER = 38, 12, 9, 11
+#: a multiplier that changes the objective by less than this part of it is rounding
+_ROUNDING = 1e-6
+#: what to call gains that are no solution
+_GAINS_TITLES = {
+    "infeasible": "These gains come nearest; they are no solution:",
+    "unbounded": "The search stopped at these gains; they are no solution:",
+    "failed": "The best gains found; they are no solution:",
+}
+
+
+def design_text(design: Design) -> Text:
+    """A design's status, gains, requirements, objective, stability and margins."""
+    status = design.status.value
+    solved = status == "solved"
+    lines: list[Line] = [*styled(f"{design.spec.name}: {_headline(design)}", style_of(solved))]
+    lines += styled(f"Why: {sentence(design.message)}" if design.message else "")
+    lines += _clash(design.clash, design.spec.requirements)
+    if design.gains is not None:
+        lines += [("", ""), *styled(_GAINS_TITLES.get(status, "")), (gains_line(design.gains), "bold")]
+    if design.gains is not None or not design.clash:
+        lines += requirement_lines(design.requirements, design.objective)
+    lines += summary_lines(objective_name(design.spec), design.objective, design.stability, design.nominal)
+    lines += proof_lines(design.certificate)
+    lines += optimum_lines(design.optimum)
+    return to_text(lines)
+
+
+def _headline(design: Design) -> str:
+    status = design.status.value
+    if status != "solved":
+        return f"{status}. {design.advice}"
+    if design.certificate is None:
+        return f"{status}, not proved. {design.advice[:-1]}, as far as a check in floating point tells."
+    on_samples = " of the loop on samples" if loop_name(design.spec) == "sampled" else ""
+    return f"{status}. All requirements{on_samples} are proved for every plant and every frequency."
+
+
+def check_text(check: Check) -> Text:
+    """What the verification of given gains found, laid out as a design."""
+    found = check.verification
+    if check.status == "met":
+        on_samples = " of the loop on samples" if loop_name(check.spec) == "sampled" else ""
+        said = f"All requirements{on_samples} are proved for every plant and every frequency."
+    elif check.status == "undecided":
+        said = "The gains pass the check in floating point; not everything could be proved."
+    elif found.stability.stable:
+        said = "The gains do not meet the requirements that are marked."
+    else:
+        said = "The loop is not stable for every plant of the family."
+    lines = [*styled(f"{check.spec.name}: {check.status}. {said}", style_of(check.status == "met")), ("", "")]
+    lines.append((gains_line(found.gains), "bold"))
+    lines += requirement_lines(check.reports, found.objective)
+    lines += summary_lines(objective_name(check.spec), found.objective, found.stability, found.nominal)
+    lines += proof_lines(check.certificate)
+    return to_text(lines)
+
+
+def requirement_lines(reports: Sequence[RequirementReport], objective: float | None) -> Iterator[Line]:
+    """The table: two lines a requirement, numbers in columns and below them where they are worst."""
+    yield "", ""
+    if not reports:
+        yield "No requirements but stability.", ""
+        return
+    priced = any(report.multiplier is not None for report in reports)
+    header = f"{'':{VERDICT}}{'requirement':<{_WHAT}}{'achieved':>{_ACHIEVED}}{'score':>{_SCORE}}"
+    yield header + (f"{'multiplier':>{_MULTIPLIER}}" if priced else ""), "bold"
+    for report in reports:
+        yield from _requirement(report, objective, priced)
+    yield "", ""
+    yield "A score of at most 1 is met.", QUIET
+    if priced:
+        yield "The multiplier is what the objective gains for each unit the limit gives.", QUIET
+    yield from price_lines(
+        [
+            (r.requirement.quantity, r.price.relaxed, r.price.tightened, r.price.agrees, r.price.has_kink)
+            for r in reports
+            if r.price is not None
+        ]
+    )
+
+
+def _requirement(report: RequirementReport, objective: float | None, priced: bool) -> Iterator[Line]:
+    requirement, result = report.requirement, report.result
+    met = result is not None and result.is_met
+    verdict = "open" if result is None else "met" if met else "violated"
+    if met and report.proof is not None:
+        verdict = report.proof.verdict.value
+    numbers = f"{_achieved(requirement, result):>{_ACHIEVED}}{_score(result):>{_SCORE}}"
+    if priced:
+        numbers += f"{_multiplier(report, objective):>{_MULTIPLIER}}"
+    what, style = requirement_phrase(requirement), "" if met or result is None else "red"
+    if len(what) > _WHAT:
+        yield f"{verdict:<{VERDICT}}{what}", style
+        yield f"{'':{VERDICT + _WHAT}}{numbers}", style
+    else:
+        yield f"{verdict:<{VERDICT}}{what:<{_WHAT}}{numbers}", style
+    where = f"{scope_phrase(requirement)}; {_worst(requirement, result)}" if result else scope_phrase(requirement)
+    yield from styled(where, QUIET, indent=" " * (VERDICT + 2))
+
+
+def _achieved(requirement: Requirement, result: RequirementResult | None) -> str:
+    if result is None or result.outcome is Outcome.BEYOND_NYQUIST:
+        return "-"
+    if result.achieved is None:
+        return "no crossover"
+    if math.isinf(result.achieved):
+        return "infinite" if result.achieved > 0 else "-infinite"
+    # Never print a missed limit as if it were reached.
+    digits = 5
+    while not result.is_met and digits < 9 and float(f"{result.achieved:.{digits}g}") in requirement.limits:
+        digits += 1
+    return number(result.achieved, digits)
+
+
+def _score(result: RequirementResult | None) -> str:
+    if result is None or result.score is None:
+        return "-"
+    score = result.score
+    if 0.9995 <= score < 1.0005:
+        return f"{score:.6f}" if score > 1.0 else "1.000"
+    return f"{abs(score):.3f}" if score < 1000.0 else f"{score:.3g}"
+
+
+def _multiplier(report: RequirementReport, objective: float | None) -> str:
+    value = report.multiplier
+    if value is None:
+        return "-"
+    size = max(map(abs, report.requirement.limits)) or 1.0
+    doubtful = "*" if report.price is not None and not report.price.agrees else ""
+    return "0" if abs(value) * size <= _ROUNDING * abs(objective or 0.0) else f"{value:.3g}{doubtful}"
+
+
+def _worst(requirement: Requirement, result: RequirementResult) -> str:
+    if result.outcome is Outcome.INFINITE:
+        return "no phase crossover sets it"
+    if result.outcome is Outcome.BEYOND_NYQUIST:
+        return "its band lies above Nyquist's frequency: sample faster"
+    if result.outcome is Outcome.NO_CROSSOVER:
+        return f"|L| never crosses 1{_plant(result.worst.plant)}"
+    if requirement.scope is Scope.NOMINAL:
+        return f"worst {_frequency(result.worst.omega_rad_s)}"
+    return f"worst {_place(result.worst)}"
+
+
+def _place(place: Place) -> str:
+    return _frequency(place.omega_rad_s) + _plant(place.plant)
+
+
+def _frequency(omega_rad_s: float | None) -> str:
+    if omega_rad_s is None or math.isnan(omega_rad_s):
+        return "at no single frequency"
+    if omega_rad_s == 0.0 or math.isinf(omega_rad_s):
+        return f"as omega tends to {'0' if omega_rad_s == 0.0 else 'infinity'}"
+    return f"at {with_unit(omega_rad_s, 'rad/s')}"
+
+
+def _plant(plant: Mapping[str, float]) -> str:
+    named = ", ".join(f"{name}{TIE}={TIE}{number(value)}" for name, value in plant.items())
+    return f" with {named}" if named else ""
+
+
+def _clash(clash: Sequence[Give], requirements: Sequence[Requirement]) -> Iterator[Line]:
+    """What each of the clashing requirements would have to give, in words."""
+    if not clash:
+        return
+    yield "", ""
+    known = any(give.new_limit is not None for give in clash)
+    yield "These clash; one of them would have to give:" if known else "These clash:", "bold"
+    for give in clash:
+        requirement = requirements[give.requirement]
+        yield from styled(f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})", "", "    ", "  ")
+        if give.amount is not None and give.new_limit is not None:
+            yield f"      by {number(give.amount)}, to {limit_told(give.new_limit)}", ""
+        elif known:
+            yield "      no change of this limit alone was found to help", ""
+
+
+def summary_lines(
+    objective_name: str, objective: float | None, stability: Stability | None, nominal: Margins | None
+) -> Iterator[Line]:
+    """Objective, stability and nominal margins, a paragraph each."""
+    if stability is None:
+        return
+    yield "", ""
+    value = "undefined: a plant has no gain crossover" if objective is None else number(objective)
+    yield from entry("objective", f"{objective_name}: {value}")
+    if stability.stable:
+        yield from entry("stability", f"stable: {stability.reason}; closest to -1 {_place(stability.worst)}")
+    else:
+        yield from entry("stability", f"NOT STABLE: {stability.reason}{_plant(stability.worst.plant)}", BAD)
+    if nominal is not None:
+        yield from entry("nominal", _margins(nominal))
+
+
+def _margins(found: Margins) -> str:
+    parts = []
+    if found.crossover_rad_s is None or found.phase_margin_deg is None or found.delay_margin_s is None:
+        parts.append("no gain crossover")
+    else:
+        all_of_them = ", ".join(number(omega) for omega in found.gain_crossovers_rad_s)
+        plural = "s" if len(found.gain_crossovers_rad_s) > 1 else ""
+        parts += [
+            f"crossover{plural} {all_of_them}{TIE}rad/s",
+            f"phase margin {with_unit(found.phase_margin_deg, 'deg')}",
+        ]
+    infinite = math.isinf(found.gain_margin_db)
+    parts.append("gain margin infinite" if infinite else f"gain margin {with_unit(found.gain_margin_db, 'dB')}")
+    if math.isfinite(found.gain_reduction_margin_db):
+        parts.append(f"gain reduction margin {with_unit(found.gain_reduction_margin_db, 'dB')}")
+    if found.delay_margin_s is not None:
+        parts.append(f"delay margin {with_unit(found.delay_margin_s, 's')}")
+    return ", ".join(parts)
+
+
+def optimum_lines(optimum: Optimum | None) -> Iterator[Line]:
+    """Nothing where it was not asked for."""
+    if optimum is None:
+        return
+    good = optimum.status in (OptimumStatus.CERTIFIED, OptimumStatus.INFEASIBLE)
+    yield from entry("optimum", _said(optimum), "" if good else "yellow")
+
+
+def _said(optimum: Optimum) -> str:
+    effort = f"{optimum.boxes} boxes of gains, {optimum.seconds:.1f} s"
+    status = optimum.status
+    if status is OptimumStatus.INFEASIBLE:
+        return f"proved infeasible: no gains in the box meet every requirement ({effort})"
+    if status is OptimumStatus.NO_BOUND:
+        return f"no bound: {optimum.reason}"
+    if optimum.bound is None or optimum.gap is None:
+        return f"nothing proved: {optimum.reason} ({effort})"
+    found = f"no gains that meet every requirement are better than {number(optimum.bound)}"
+    if optimum.better is not None:
+        g = optimum.better
+        found += f"; better gains: kp = {number(g.kp, 8)}, ki = {number(g.ki, 8)}, alpha = {number(g.alpha, 8)}"
+    word = "certified" if status is OptimumStatus.CERTIFIED else f"bounded, {optimum.reason}"
+    unused = f"; not used: {', '.join(optimum.left_out)}" if optimum.left_out else ""
+    return f"{word}: {found}, a gap of {100.0 * optimum.gap:.2g} % ({effort}){unused}"

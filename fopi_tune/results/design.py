@@ -1,0 +1,375 @@
+"""Design:  what `fopi tune` and `fopi prove` hand to people, files and scripts."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.margins import Margins
+from fopi_tune.optimum.documents import to_dict as optimum_dict
+from fopi_tune.optimum.documents import to_document as optimum_to_document
+from fopi_tune.optimum.results import Optimum
+from fopi_tune.proof.certificate import Certificate, RequirementProof, Verdict
+from fopi_tune.proof.documents import to_document
+from fopi_tune.proof.results import RequirementResult, Stability, Verification
+from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
+from fopi_tune.results.documents import (
+    finite,
+    give_dict,
+    margins_dict,
+    place_dict,
+    price_dict,
+    proof_dict,
+    requirement_proof_dict,
+    stability_dict,
+)
+from fopi_tune.results.stamp import Stamp, certificate_versions
+from fopi_tune.results.status import Give, Price, Status
+from fopi_tune.spec.model import DesignSpec, Relation, Requirement
+
+if TYPE_CHECKING:
+    from fopi_tune.digital import DigitalController
+    from fopi_tune.montecarlo.montecarlo import Evidence
+    from fopi_tune.results.to_control import ControlObjects, SampledObjects
+
+#: version of the result's JSON; it may only grow
+RESULT_SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class RequirementReport:
+    """One requirement with what was achieved.
+
+    Args:
+        requirement: what the spec says.
+        result: what the verification found; None when there are no gains to verify.
+        multiplier: how much the objective would gain if the limit were relaxed by one unit; None where not known.
+        proof: what the certificate says; None without one.
+        price: the multiplier checked by solving again; None where that was not asked for, or the requirement costs
+            nothing.
+    """
+
+    requirement: Requirement
+    result: RequirementResult | None
+    multiplier: float | None
+    proof: RequirementProof | None = None
+    price: Price | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in the result's JSON; infinite and missing numbers are null, and `outcome` says which."""
+        requirement, result = self.requirement, self.result
+        limits = requirement.limits
+        band = {
+            "from_rad_s": finite(requirement.from_rad_s) or None,
+            "to_rad_s": finite(requirement.to_rad_s),
+        }
+        return {
+            "name": requirement.quantity,
+            "relation": requirement.relation.value,
+            "limit": list(limits) if requirement.relation is Relation.BETWEEN else limits[0],
+            "on": requirement.scope.value,
+            **(band if any(band.values()) else {}),
+            "achieved": finite(result.achieved) if result else None,
+            "outcome": result.outcome.value if result else None,
+            "met": result.is_met if result else False,
+            "score": finite(result.score) if result else None,
+            "worst": place_dict(result.worst) if result else None,
+            "multiplier": finite(self.multiplier),
+            "multiplier_checked": price_dict(self.price),
+            "proof": requirement_proof_dict(self.proof),
+        }
+
+
+@dataclass(frozen=True)
+class Design:
+    """The end of a tuning: gains, and what is true of them.
+
+    Args:
+        spec: what was asked.
+        status: `solved` only after every requirement was proved (verified, when no proof was wanted).
+        gains: kp, ki, alpha; None when there is nothing to show.  Of an infeasible spec, the gains that give least.
+        objective: value of the spec's objective, in its public unit, as the verification found it.
+        requirements: in the order of the spec.
+        stability: of the whole family; None without gains.
+        nominal: margins with the nominal plant; None without gains.
+        certificate: the proof; None without gains that pass the verification, and when it was not wanted.
+        proof_wanted: False after --no-proof: `solved` then means verified only.
+        clash: of an infeasible spec, the smallest set of requirements that clash, and how far each alone would have to
+            give where the spec was found to be met with that.
+        message: why, in words; empty when solved.
+        stamp: where this comes from.
+        solves: runs of the solver.
+        optimum: what is proved of the best gains; None when that was not asked for.
+    """
+
+    spec: DesignSpec
+    status: Status
+    gains: FoPi | None
+    objective: float | None
+    requirements: tuple[RequirementReport, ...]
+    stability: Stability | None
+    nominal: Margins | None
+    certificate: Certificate | None
+    proof_wanted: bool
+    clash: tuple[Give, ...]
+    message: str
+    stamp: Stamp
+    solves: int
+    optimum: Optimum | None = None
+
+    @property
+    def advice(self) -> str:
+        """What to do, in a sentence; to relax a limit only where that was found to help."""
+        if self.status is Status.INFEASIBLE and all(give.new_limit is None for give in self.clash):
+            return "No gains were found that meet all requirements."
+        return self.status.advice
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON."""
+        return {
+            "schema": RESULT_SCHEMA,
+            "status": self.status.value,
+            "gains": asdict(self.gains) if self.gains else None,
+            "objective": finite(self.objective),
+            "requirements": [report.to_dict() for report in self.requirements],
+            "stamp": asdict(self.stamp),
+            "name": self.spec.name,
+            "loop": loop_name(self.spec),
+            "objective_quantity": objective_name(self.spec),
+            "message": self.message,
+            "advice": self.advice,
+            "stability": stability_dict(self.stability),
+            "nominal": margins_dict(self.nominal),
+            "clash": [give_dict(give, self.spec) for give in self.clash],
+            "proof": proof_dict(self.certificate, self.proof_wanted),
+            **({} if self.optimum is None else {"optimum": optimum_dict(self.optimum)}),
+        }
+
+    def optimum_document(self) -> dict[str, Any] | None:
+        """The JSON of what is proved of the best gains, with its boxes; None when that was not asked for."""
+        return None if self.optimum is None else optimum_to_document(self.optimum, certificate_versions())
+
+    def certificate_document(self) -> dict[str, Any] | None:
+        """The certificate's JSON; None without one."""
+        return to_document(self.certificate) if self.certificate else None
+
+    def to_control(self) -> ControlObjects:
+        """The nominal plant, the controller (approximated: its order is fractional) and the loop as `control` objects.
+
+        Raises:
+            DomainError: there are no gains.
+        """
+        from fopi_tune.results.to_control import to_control
+
+        return to_control(self.gains, self.spec.plant)
+
+
+@dataclass(frozen=True)
+class Check:
+    """The verification and the certificate of given gains against a spec: what `fopi prove` hands out.
+
+    Args:
+        spec: what was asked.
+        verification: of the gains, in floating point.
+        certificate: what is proved or refuted of them.
+        stamp: where this comes from.
+    """
+
+    spec: DesignSpec
+    verification: Verification
+    certificate: Certificate
+    stamp: Stamp
+
+    @property
+    def status(self) -> str:
+        """`met` (proved), `violated`, or `undecided` when the verification passed but the proof is missing."""
+        return status_of(self.verification, self.certificate)
+
+    def certificate_document(self) -> dict[str, Any]:
+        """The certificate's JSON."""
+        return to_document(self.certificate)
+
+    @property
+    def reports(self) -> tuple[RequirementReport, ...]:
+        """The requirements, each with its result and its proof."""
+        return reports_of(self.verification, self.certificate)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON, shaped as a design's."""
+        return checked_dict(self.spec, self.verification, self.certificate, self.stamp)
+
+
+@dataclass(frozen=True)
+class Discretized:
+    """The digital controller of a spec, and what is true of the loop on samples: what `fopi discretize` hands out.
+
+    Args:
+        spec: what was asked.
+        controller: the filter, measured.
+        verification: of the loop with the filter, the hold and the delays.
+        certificate: of the same loop; None when it was not wanted.
+        stamp: where this comes from.
+    """
+
+    spec: DesignSpec
+    controller: DigitalController
+    verification: Verification
+    certificate: Certificate | None
+    stamp: Stamp
+
+    @property
+    def status(self) -> str:
+        """`met`, `violated` or `undecided`, of the loop on samples; without a proof as far as the check tells."""
+        return status_of(self.verification, self.certificate)
+
+    @property
+    def reports(self) -> tuple[RequirementReport, ...]:
+        """The requirements, each with its result and its proof."""
+        return reports_of(self.verification, self.certificate)
+
+    def certificate_document(self) -> dict[str, Any] | None:
+        """The certificate's JSON; None without one."""
+        return to_document(self.certificate) if self.certificate else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON."""
+        from fopi_tune.digital import to_document as digital_document
+
+        checked = checked_dict(self.spec, self.verification, self.certificate, self.stamp)
+        return {**checked, "loop": "sampled", **digital_document(self.controller)}
+
+    def to_control(self) -> SampledObjects:
+        """The digital controller, the nominal plant behind its hold and the loop as discrete `control` objects."""
+        from fopi_tune.results.to_control import to_sampled
+
+        return to_sampled(self.controller.sections, self.spec.plant, self.controller.digital.delay_samples)
+
+
+@dataclass(frozen=True)
+class Validated:
+    """Evidence from sampled plants: what `fopi validate` hands out.
+
+    Args:
+        digital: the digital controller, its verification and its proof.
+        evidence: how often everything held.
+        contradictions: where a sampled plant breaks what is proved; none unless the tool is wrong.
+    """
+
+    digital: Discretized
+    evidence: Evidence
+    contradictions: tuple[str, ...]
+
+    @property
+    def spec(self) -> DesignSpec:
+        """What was asked."""
+        return self.digital.spec
+
+    @property
+    def status(self) -> str:
+        """`met`, `violated`, or `contradiction`."""
+        if self.contradictions:
+            return "contradiction"
+        return "met" if self.evidence.all_met else "violated"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON."""
+        from fopi_tune.montecarlo.documents import to_document as evidence_document
+
+        return {
+            "schema": RESULT_SCHEMA,
+            "status": self.status,
+            "gains": asdict(self.digital.controller.gains),
+            "name": self.spec.name,
+            "contradictions": list(self.contradictions),
+            **evidence_document(self.evidence),
+            "stamp": {
+                **asdict(self.digital.stamp),
+                "seed": self.evidence.validation.seed,
+                "samples_file_sha256": self.evidence.validation.samples_file_sha256,
+            },
+        }
+
+
+@dataclass(frozen=True)
+class Run:
+    """Every stage of one spec: what `fopi run` hands out.
+
+    Args:
+        design: the gains.
+        digital: their digital controller; None when there is nothing to discretise, or it cannot be made.
+        problem: why it cannot be made; empty otherwise.
+    """
+
+    design: Design
+    digital: Discretized | None
+    problem: str = ""
+
+    @property
+    def spec(self) -> DesignSpec:
+        """What was asked."""
+        return self.design.spec
+
+    @property
+    def status(self) -> str:
+        """The design's, unless it is solved and the loop on samples does not meet the spec."""
+        solved = self.design.status is Status.SOLVED
+        return self.design.status.value if not solved or self.digital is None else self.digital.status
+
+    def to_dict(self) -> dict[str, Any]:
+        """The design's JSON, and the digital controller's in it."""
+        digital = self.digital.to_dict() if self.digital else None
+        return {**self.design.to_dict(), "digital": digital, "digital_problem": self.problem}
+
+
+def reports_of(found: Verification, certificate: Certificate | None) -> tuple[RequirementReport, ...]:
+    """The requirements, each with its result and, with a certificate, its proof."""
+    proofs = certificate.requirements if certificate else (None,) * len(found.requirements)
+    return tuple(RequirementReport(r.requirement, r, None, p) for r, p in zip(found.requirements, proofs, strict=True))
+
+
+def checked_dict(
+    spec: DesignSpec, found: Verification, certificate: Certificate | None, stamp: Stamp
+) -> dict[str, Any]:
+    """What the JSON of a check says, of given gains and of their digital controller alike."""
+    return {
+        "schema": RESULT_SCHEMA,
+        "status": status_of(found, certificate),
+        "gains": asdict(found.gains),
+        "objective": finite(found.objective),
+        "requirements": [report.to_dict() for report in reports_of(found, certificate)],
+        "stamp": asdict(stamp),
+        "name": spec.name,
+        "loop": loop_name(spec),
+        "objective_quantity": objective_name(spec),
+        "tolerance": found.tolerance,
+        "stability": stability_dict(found.stability),
+        "nominal": margins_dict(found.nominal),
+        "proof": proof_dict(certificate, certificate is not None),
+    }
+
+
+def status_of(found: Verification, certificate: Certificate | None) -> str:
+    """`met`, `violated`, or `undecided` when the verification passed but the proof is missing."""
+    verdict = certificate.verdict if certificate else Verdict.PROVED
+    if verdict is Verdict.REFUTED or not all(result.is_met for result in found.requirements):
+        return "violated"
+    if not found.stability.stable and certificate is None:
+        return "violated"
+    return "met" if verdict is Verdict.PROVED and found.all_met else "undecided"
+
+
+def loop_name(spec: DesignSpec) -> str:
+    """Which loop the requirements are about."""
+    return "sampled" if spec.digital is not None and spec.digital.designs_sampled else "continuous"
+
+
+def objective_name(spec: DesignSpec) -> str:
+    """The objective in words, unit included; a proxy says what it is."""
+    if spec.objective is None:
+        return "smallest slack (natural units)"
+    name = f"{spec.objective.sense.value} {spec.objective.quantity}"
+    if spec.objective.quantity != ObjectiveKind.IAE_DISTURBANCE:
+        return name
+    horizon_s = spec.objective.horizon_s or default_horizon_s(spec.plant)
+    return f"{name} (proxy: |integral of e exp(-t/T)| after a unit step at the plant's input, T = {horizon_s:.5g} s)"

@@ -1,0 +1,104 @@
+"""Parts of results as JSON:  frozen data -> dictionaries, in which nothing is infinite."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+from fopi_tune.core.margins import Margins
+from fopi_tune.proof.certificate import Certificate, RequirementProof
+from fopi_tune.proof.documents import to_document
+from fopi_tune.proof.results import Place, Stability
+from fopi_tune.results.status import Give, Price
+from fopi_tune.spec.model import DesignSpec
+
+
+def finite(value: float | None) -> float | None:
+    """JSON has no infinity: null there, with the reason beside it; and no negative zero."""
+    return value + 0.0 if value is not None and math.isfinite(value) else None
+
+
+def place_dict(place: Place) -> dict[str, Any]:
+    """A worst place; the frequency is null where none decides, and where it is only approached (`limit` says so)."""
+    omega = place.omega_rad_s
+    limit = {0.0: "omega -> 0", math.inf: "omega -> inf"}.get(omega) if omega is not None else None
+    described: dict[str, Any] = {"omega_rad_s": finite(omega), "plant": dict(place.plant)}
+    return described | ({"limit": limit} if limit else {})
+
+
+def stability_dict(stability: Stability | None) -> dict[str, Any] | None:
+    """Stability of the family."""
+    if stability is None:
+        return None
+    return {
+        "stable": stability.stable,
+        "peak_sensitivity_db": finite(stability.peak_sensitivity_db),
+        "worst": place_dict(stability.worst),
+        "unstable_poles": stability.unstable_poles,
+        "reason": stability.reason,
+    }
+
+
+def requirement_proof_dict(proof: RequirementProof | None) -> dict[str, Any] | None:
+    """A requirement's verdict and what is proved of its value: it lies from one bound to the other, public unit."""
+    if proof is None:
+        return None
+    low, high = proof.bounds
+    return {
+        "verdict": proof.verdict.value,
+        "proved_from": finite(low),
+        "proved_to": finite(high),
+        "relative_gap": finite(proof.gap),
+        "boxes": sum(side.boxes for side in proof.sides),
+        "reason": proof.reason,
+    }
+
+
+def proof_dict(certificate: Certificate | None, wanted: bool) -> dict[str, Any]:
+    """The certificate in short."""
+    if certificate is None:
+        reason = "there are no gains that pass the check" if wanted else "left out on demand: the gains are not proved"
+        return {"verdict": "not_attempted", "reason": reason}
+    stability = certificate.stability
+    return {
+        "verdict": certificate.verdict.value,
+        "reason": certificate.verdict.advice,
+        "tolerance": certificate.tolerance,
+        "stability": {"verdict": stability.verdict.value, "reason": stability.reason},
+        "boxes": certificate.boxes,
+        "certificate_digest": to_document(certificate)["digest"],
+    }
+
+
+def margins_dict(nominal: Margins | None) -> dict[str, Any] | None:
+    """Margins; an infinite gain margin is null."""
+    if nominal is None:
+        return None
+    plain = asdict(nominal)
+    return {k: list(v) if isinstance(v, tuple) else finite(v) for k, v in plain.items()}
+
+
+def price_dict(price: Price | None) -> dict[str, Any] | None:
+    """A multiplier by solving again; null where a limit cannot be moved that way."""
+    if price is None:
+        return None
+    return {
+        "limit": price.limit,
+        "relaxed": finite(price.relaxed),
+        "tightened": finite(price.tightened),
+        "agrees": price.agrees,
+        "kink": price.has_kink,
+    }
+
+
+def give_dict(give: Give, spec: DesignSpec) -> dict[str, Any]:
+    """One member of a clash."""
+    requirement = spec.requirements[give.requirement]
+    return {
+        "requirement": give.requirement,
+        "name": requirement.quantity,
+        "relation": requirement.relation.value,
+        "give": finite(give.amount),
+        "new_limit": finite(give.new_limit),
+    }

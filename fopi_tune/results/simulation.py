@@ -1,0 +1,131 @@
+"""What `fopi simulate` hands out:  one plant driven through a spec's scenarios by its digital controller."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.results.stamp import Stamp
+from fopi_tune.spec.model import DesignSpec, Limit, ScenarioSpec, ValidationSpec
+
+if TYPE_CHECKING:
+    from fopi_tune.simulation.scenario import Traces
+
+
+@dataclass(frozen=True)
+class Driven:
+    """One scenario of one plant.
+
+    Args:
+        scenario: the spec's.
+        reference: shape (steps,), output unit.
+        traces: the signals, one row.
+        measures: word after `limits:` -> value; nan where the output did not stay finite.
+        limits: the spec's about this scenario, and whether each is met.
+        chattering: whether the modes of a system switched too often within its window.
+        switch_times_s: when the modes of a system changed.
+        accuracy: in continuous time, how far the output is from that of steps twice as long.
+        outcome: of a system in continuous time, how the run ended; empty otherwise.
+    """
+
+    scenario: ScenarioSpec
+    reference: np.ndarray
+    traces: Traces
+    measures: Mapping[str, float]
+    limits: tuple[tuple[Limit, bool], ...]
+    chattering: bool = False
+    switch_times_s: tuple[float, ...] = ()
+    accuracy: float | None = None
+    outcome: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Measures and limits as JSON; what is not finite is null."""
+        return {
+            "name": self.scenario.name,
+            "samples": len(self.traces.time_s),
+            "measures": {k: v if math.isfinite(v) else None for k, v in self.measures.items()},
+            "limits": [
+                {"name": e.measure, "relation": e.relation.value, "limit": e.limit, "met": met}
+                for e, met in self.limits
+            ],
+            "chattering": self.chattering,
+            "switch_times_s": list(self.switch_times_s),
+            "accuracy": self.accuracy,
+            "outcome": self.outcome or None,
+        }
+
+    def rows(self) -> Iterator[tuple[float, ...]]:
+        """The numbers that `COLUMNS` names; a row a sample."""
+        t = self.traces
+        columns = (t.output, t.rate, t.rate_after, t.measured, t.error, t.demanded, t.applied, t.mode)
+        yield from zip(
+            t.time_s.tolist(), self.reference.tolist(), *(column[0].tolist() for column in columns), strict=True
+        )
+
+
+COLUMNS = (
+    "time_s",
+    "reference",
+    "output",
+    "output_rate_per_s",
+    "output_rate_after_per_s",
+    "measured",
+    "error",
+    "control",
+    "control_applied",
+    "mode",
+)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Every scenario that was asked for.
+
+    Args:
+        spec: what was asked.
+        gains: what the controller approximates.
+        plant: the plant's uncertain numbers by name.
+        index: of the draw that was made again; None for a plant that was named.
+        driven: the scenarios.
+        stamp: where this comes from.
+        exact: whether this is the loop in continuous time, without filter and samples.
+    """
+
+    spec: DesignSpec
+    gains: FoPi
+    plant: Mapping[str, float]
+    index: int | None
+    driven: tuple[Driven, ...]
+    stamp: Stamp
+    exact: bool = False
+
+    @property
+    def status(self) -> str:
+        """`met` when every limit is, else `violated`."""
+        return "met" if all(met for each in self.driven for _, met in each.limits) else "violated"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON, without the signals: they are in the CSV files."""
+        return {
+            "schema": 1,
+            "status": self.status,
+            "gains": {"kp": self.gains.kp, "ki": self.gains.ki, "alpha": self.gains.alpha},
+            "name": self.spec.name,
+            "plant": dict(self.plant),
+            "index": self.index,
+            "exact": self.exact,
+            "scenarios": [each.to_dict() for each in self.driven],
+            "stamp": {**asdict(self.stamp), **draw_stamp(self.index, self.spec.validation)},
+        }
+
+
+def draw_stamp(index: int | None, drawn: ValidationSpec | None) -> dict[str, Any]:
+    """What it takes, besides the spec, to make a drawn plant again."""
+    if index is None or drawn is None:
+        return {}
+    return {"seed": drawn.seed, "samples": drawn.samples, "samples_file_sha256": drawn.samples_file_sha256}

@@ -1,0 +1,99 @@
+"""What simulating and sampling a system hands out:  two loops that take turns, driven by their digital controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.results.simulation import Driven, draw_stamp
+from fopi_tune.results.stamp import Stamp
+from fopi_tune.spec.model import SystemSpec
+
+if TYPE_CHECKING:
+    from fopi_tune.montecarlo.systems import SystemEvidence
+
+_SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class SimulatedSystem:
+    """Scenarios of a system with one pair of plants.
+
+    Args:
+        spec: the system.
+        gains: of each mode.
+        plant: the uncertain numbers by name, each after its mode's name and a dot.
+        index: of the draw that was made again; None for plants that were named.
+        driven: the scenarios.
+        stamp: where this comes from.
+        exact: whether this is the hybrid inclusion in continuous time, without samples.
+    """
+
+    spec: SystemSpec
+    gains: Mapping[str, FoPi]
+    plant: Mapping[str, float]
+    index: int | None
+    driven: tuple[Driven, ...]
+    stamp: Stamp
+    exact: bool = False
+
+    @property
+    def status(self) -> str:
+        """`chattering` where the modes do, `met` when every limit is, else `violated`."""
+        if any(driven.chattering for driven in self.driven):
+            return "chattering"
+        return "met" if all(met for each in self.driven for _, met in each.limits) else "violated"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON, without the signals: they are in the CSV files."""
+        return {
+            "schema": _SCHEMA,
+            "status": self.status,
+            "gains": {name: asdict(gains) for name, gains in self.gains.items()},
+            "name": self.spec.name,
+            "plant": dict(self.plant),
+            "index": self.index,
+            "exact": self.exact,
+            "scenarios": [each.to_dict() for each in self.driven],
+            "stamp": {**asdict(self.stamp), **draw_stamp(self.index, self.spec.validation)},
+        }
+
+
+@dataclass(frozen=True)
+class ValidatedSystem:
+    """What sampling says of a system.
+
+    Args:
+        spec: the system.
+        gains: of each mode.
+        evidence: how often everything held.
+        stamp: where this comes from.
+    """
+
+    spec: SystemSpec
+    gains: Mapping[str, FoPi]
+    evidence: SystemEvidence
+    stamp: Stamp
+
+    @property
+    def status(self) -> str:
+        """`met` or `violated`."""
+        return "met" if self.evidence.all_met else "violated"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON."""
+        from fopi_tune.montecarlo.documents import system_document
+
+        return {
+            "schema": _SCHEMA,
+            "status": self.status,
+            "gains": {name: asdict(gains) for name, gains in self.gains.items()},
+            "name": self.spec.name,
+            **system_document(self.evidence),
+            "stamp": {
+                **asdict(self.stamp),
+                "samples_file_sha256": self.evidence.validation.samples_file_sha256,
+            },
+        }

@@ -1,0 +1,162 @@
+"""Scenarios in continuous time, without filter, samples and computing delay:  what the loop on samples stands for.
+
+The loop is the exact fractional one (`time_stepping`), without anti-windup, run twice so that its error is known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.logform import Array
+from fopi_tune.core.plant import Plant
+from fopi_tune.digital.runtime import Runtime
+from fopi_tune.errors import DomainError
+from fopi_tune.simulation.fractional.quadrature import state_space
+from fopi_tune.simulation.fractional.time_stepping import Start as ExactStart
+from fopi_tune.simulation.fractional.time_stepping import TimeResponse, simulate_exactly
+from fopi_tune.simulation.measures import course, horizon_of
+from fopi_tune.simulation.sampled.reference import measures_of
+from fopi_tune.simulation.scenario import Before, Measures, Scenario, Signals, Start, Traces
+from fopi_tune.spec.model import Knot, ScenarioSpec
+
+#: steps of the coarser of two runs, a sample: about so many in all, and never more than the largest number
+_USUAL_STEPS, _MOST_STEPS = 3000, 12_000
+_MOST_PARTS = 40
+
+
+@dataclass(frozen=True)
+class Continuous:
+    """One scenario of one plant, or pair of plants, in continuous time.
+
+    Args:
+        reference: the setpoint at the signals' times.
+        traces: one row; `demanded` is what the actuator does, within its limits.
+        measures: of it.
+        switch_times_s: when the modes changed, located to 1e-9 s.
+        accuracy: the largest difference of the output to the run with steps twice as long; None for a system.
+        outcome: one sentence, how a system's run ended; empty for a loop.
+    """
+
+    reference: Array
+    traces: Traces
+    measures: Measures
+    switch_times_s: tuple[float, ...] = ()
+    accuracy: float | None = None
+    outcome: str = ""
+
+
+def drive_loop(
+    scenario: ScenarioSpec, gains: FoPi, plant: Plant, controller: Runtime, sample_time_s: float
+) -> Continuous:
+    """One loop.
+
+    Args:
+        scenario: without noise, quantum and rate limit.
+        gains: the controller.
+        plant: the plant.
+        controller: gives the control's limits.
+        sample_time_s: of the controller that this stands for; a scenario's times are its multiples.
+
+    Raises:
+        DomainError: what only a loop on samples has, a start that is none, or too many samples.
+    """
+    refuse_samples_only(scenario)
+    coarse = _step(scenario.duration_s, sample_time_s, plant.dead_time_s)
+    runs = [_follow(scenario, gains, plant, controller.limits, coarse / halves) for halves in (1, 2)]
+    fine = runs[1]
+    shared = min(len(fine.output[::2]), len(runs[0].output))
+    accuracy = float(np.abs(fine.output[::2][:shared] - runs[0].output[:shared]).max())
+    reference = course(scenario.reference, scenario.initial_output, fine.time_s)
+    rows = (fine.output, fine.rate, fine.output, fine.error, fine.control, fine.control)
+    traces = Traces(
+        fine.time_s,
+        *(row[None, :] for row in rows),
+        mode=np.ones((1, len(reference)), dtype=np.int64),
+        rate_after=fine.rate[None, :],
+    )
+    run = Scenario(coarse / 2, Signals(reference), start=start_of(scenario))
+    return Continuous(
+        reference, traces, measures_of(traces, [controller], run, horizon_of(scenario, run)), (), accuracy
+    )
+
+
+def refuse_samples_only(scenario: ScenarioSpec) -> None:
+    """Refuse what only the loop on samples has.
+
+    Raises:
+        DomainError: the scenario has something that only the loop on samples has.
+    """
+    for key, none in (("noise_std", 0.0), ("quantum", 0.0), ("rate_per_s", math.inf)):
+        if getattr(scenario, key) != none:
+            raise DomainError(
+                f"scenario {scenario.name}: {key} belongs to the loop on samples; leave it or --exact out"
+            )
+
+
+def _step(duration_s: float, sample_time_s: float, dead_time_s: float) -> float:
+    """A part of the sample time, of which the dead time is a multiple if there is such a part."""
+    samples = duration_s / sample_time_s
+    if samples > _MOST_STEPS:
+        raise DomainError(f"{samples:.0f} samples are more than {_MOST_STEPS} in continuous time; end earlier")
+    usual = max(1, min(_MOST_PARTS, math.ceil(_USUAL_STEPS / samples)))
+    for parts in range(usual, usual + _MOST_PARTS):
+        lag = dead_time_s * parts / sample_time_s
+        if abs(lag - round(lag)) <= 1e-9 * max(1.0, lag) and parts * samples <= _MOST_STEPS:
+            return sample_time_s / parts
+    # then a scenario's steps act up to one of these steps late
+    step = dead_time_s / math.ceil(dead_time_s * usual / sample_time_s)
+    if duration_s / step > _MOST_STEPS:
+        raise DomainError(
+            f"a dead time of {dead_time_s:g} s is too short for {duration_s:g} s in continuous time: more than "
+            f"{_MOST_STEPS} steps; end earlier"
+        )
+    return step
+
+
+def _follow(
+    scenario: ScenarioSpec, gains: FoPi, plant: Plant, limits: tuple[float, float], step: float
+) -> TimeResponse:
+    steps = max(1, round(scenario.duration_s / step))
+    times = np.asarray(step * np.arange(steps + 1), dtype=float)
+
+    def sides(knots: Sequence[Knot], before: float) -> tuple[Array, Array]:
+        return course(knots, before, times, just_before=True), course(knots, before, times)
+
+    past = _past(scenario, plant)
+    if scenario.bumpless and past != 0.0 and gains.ki == 0.0:
+        raise DomainError(f"scenario {scenario.name}: without ki no controller starts at {past:.6g}; drop bumpless")
+    model = state_space(plant)
+    state = np.zeros(len(model.a))
+    if past != 0.0:
+        state = np.linalg.solve(model.a, -model.b * past)
+    elif len(state):
+        state[0] = scenario.initial_output
+    integral = past / gains.ki if scenario.bumpless and past != 0.0 else 0.0
+    start = ExactStart(tuple(state.tolist()), integral, past)
+    load = sides(scenario.load, 0.0)
+    reference = sides(scenario.reference, scenario.initial_output)
+    return simulate_exactly(gains, plant, reference, step, steps, limits=limits, load=load, start=start)
+
+
+def _past(scenario: ScenarioSpec, plant: Plant) -> float:
+    """The input before the start, as `plants.HeldPlants.begin` has it."""
+    y0, order = scenario.initial_output, len(plant.denominator) - 1
+    if y0 == 0.0:
+        return 0.0
+    if scenario.before == Before.FREE.value:
+        if order != 1:
+            raise DomainError(f"an initial output without input needs plants of order 1, not {order}")
+        return 0.0
+    if plant.denominator[-1] == 0.0 or plant.numerator[-1] == 0.0:
+        raise DomainError(f"no input holds a plant at {y0!r}: P(0) is 0 or not finite; start it at 0 or free")
+    return y0 * plant.denominator[-1] / plant.numerator[-1]
+
+
+def start_of(scenario: ScenarioSpec) -> Start:
+    """How a scenario starts."""
+    return Start(scenario.initial_output, Before(scenario.before), scenario.bumpless)

@@ -1,0 +1,365 @@
+"""Exact responses in time of the linear fractional loop:  FoPi, Plant, times -> array.
+
+C(s) = kp + ki s^-alpha, P = N/D e^{-Ls}, P0 = N/D, L0 = C P0, chi = D + C N e^{-Ls}, stimulus s^-j (j = 1 a step):
+
+    output after a reference   C N e^{-Ls}/(chi s^j),      control after it   C D/(chi s^j),                         (1)
+    output after a load at the plant's input   N e^{-Ls}/(chi s^j).
+
+Without dead time the transform is inverted on a hyperbola, the poles of the principal sheet taken out.  With dead time
+there are two ways, which overlap:
+
+    steps: 1/(1 + L0 e^{-Ls}) = sum_k (-L0)^k e^{-kLs}, exact with the terms k <= t/L, each free of delay;           (2)
+    a bent line, for t >> L and a stable loop: no pole lies where |L0 e^{-Ls}| < 1, and there the line may go left
+    as long as |s|^{-r} e^{-L Re s}, r the relative degree of L0, stays small; with a direct path, as long as
+    |L0(inf)| e^{-L Re s} does, which is of use once |L0(inf)|^{t/L}, the size of the jumps, has died out.           (3)
+
+Source: derived from the loop's equations; (2) is a geometric series.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.logform import Array, Complex
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.plant import Plant
+from fopi_tune.core.stability import is_stable
+from fopi_tune.errors import DomainError
+from fopi_tune.simulation.fractional.inversion import (
+    SECTOR_RAD,
+    Bend,
+    Inverse,
+    Transform,
+    checked_times,
+    corner,
+    invert,
+    invert_beside,
+    line,
+)
+from fopi_tune.simulation.fractional.poles import Characteristic, principal_poles
+
+#: no answer is given with a worse error than this, of the response's size
+WORST_TOLERANCE = 1e-6
+#: up to this many dead times by (2), beyond it by (3)
+_STEPS_FIRST = 6.0
+#: terms of (2) at most, where (3) is of no use
+_MOST_STEPS = 200
+#: share of the relative degree that the line may spend in (3)
+_SPENT = 0.8
+#: |L0 e^{-Ls}| on the line, left of the axis, and on the axis from where the line may go left, for a loop that falls
+_SMALL, _SMALL_ON_AXIS = 0.9, 0.5
+#: rounding of one inversion, of its largest intermediate
+_ROUNDING = 1e-14
+
+
+class Signal(Enum):
+    """What is looked at, and what moved."""
+
+    OUTPUT_AFTER_REFERENCE = "output after a reference"
+    CONTROL_AFTER_REFERENCE = "control after a reference"
+    OUTPUT_AFTER_LOAD = "output after a load at the plant's input"
+
+
+class Stimulus(Enum):
+    """The stimulus s^-j: a unit step, or a ramp of 1 per second."""
+
+    STEP = 1
+    RAMP = 2
+
+
+def exact_response(
+    gains: FoPi, plant: Plant, signal: Signal, times_s: object, stimulus: Stimulus = Stimulus.STEP,
+    tolerance: float = 1e-8,
+) -> Array:  # fmt: skip
+    """The linear loop's response, as exact as `tolerance` says.
+
+    Args:
+        gains: the controller.
+        plant: the plant, dead time included; it and the controller are at rest before t = 0.
+        signal: which response.
+        times_s: shape (n,), s, >= 0, in any order; at a jump the value just after it is given.
+        stimulus: unit step, or ramp of 1 per second.
+        tolerance: largest error, as estimated from two contours, relative to the response's largest value at the
+            times asked for; at most 1e-6.
+
+    Returns:
+        Shape (n,), the output's or the control's unit, per unit of the reference or of the load.
+
+    Raises:
+        DomainError: times that are none; a tolerance outside (0, 1e-6]; a loop that is not well posed; an unstable
+            loop with dead time later than a few dead times; the tolerance cannot be met.
+    """
+    if not 0.0 < tolerance <= WORST_TOLERANCE:
+        raise DomainError(f"tolerance = {tolerance!r} lies outside (0, {WORST_TOLERANCE}]")
+    times = checked_times(times_s)
+    loop = LoopTransform(gains, plant, signal, stimulus)
+    answer = response_and_error(gains, plant, signal, times, stimulus)
+    size = float(np.abs(answer.value).max(initial=0.0))
+    failed = ~(answer.error <= tolerance * size)
+    if np.any(failed):
+        at, error = times[failed][0], answer.error[failed][0]
+        why = "" if plant.dead_time_s == 0.0 or loop.stable else "the loop is unstable; "
+        raise DomainError(
+            f"{why}the {signal.value} at t = {at:g} s has an error of {error:.1g} on a scale of {size:.3g}; "
+            f"ask for times nearer to 0, or for a larger tolerance (up to {WORST_TOLERANCE})"
+        )
+    return answer.value
+
+
+def response_and_error(
+    gains: FoPi, plant: Plant, signal: Signal, times_s: object, stimulus: Stimulus = Stimulus.STEP
+) -> Inverse:
+    """The same with the error estimate of every value, however large: inf where there is no way.
+
+    Args:
+        gains, plant, signal, times_s, stimulus: as in `exact_response`.
+
+    Returns:
+        Values and absolute errors, shape (n,) each.
+
+    Raises:
+        DomainError: times that are none, or a loop that is not well posed.
+    """
+    times = checked_times(times_s)
+    loop = LoopTransform(gains, plant, signal, stimulus)
+    way = _without_dead_time if plant.dead_time_s == 0.0 else _with_dead_time
+    value, error = np.full_like(times, loop.initial_value), np.zeros_like(times)
+    later = times > 0.0
+    if np.any(later):
+        answer = way(loop, times[later])
+        value[later], error[later] = answer.value, answer.error
+    return Inverse(value, error)
+
+
+@dataclass(frozen=True)
+class LoopTransform:
+    """One of the transforms (1).
+
+    Args:
+        gains, plant, signal, stimulus: as in `exact_response`.
+
+    Raises:
+        DomainError: no controller, or a loop that is not well posed.
+    """
+
+    gains: FoPi
+    plant: Plant
+    signal: Signal
+    stimulus: Stimulus
+
+    def __post_init__(self) -> None:
+        if self.gains.kp == 0.0 == self.gains.ki:
+            raise DomainError("kp = ki = 0: there is no controller, so there is no loop; give one of them a value")
+        if self.plant.dead_time_s == 0.0 and 1.0 + self.gains.kp * self.direct == 0.0:
+            raise DomainError("1 + kp P(inf) = 0: the loop has no answer at high frequency; change kp")
+
+    @property
+    def direct(self) -> float:
+        """P0(inf)."""
+        n, d = np.trim_zeros(self.plant.numerator, "f"), self.plant.denominator
+        return n[0] / d[0] if len(n) == len(d) else 0.0
+
+    @property
+    def degree(self) -> float:
+        """r: L0 falls as |s|^-r."""
+        falls = len(self.plant.denominator) - len(np.trim_zeros(self.plant.numerator, "f"))
+        return falls + (self.gains.alpha if self.gains.kp == 0.0 else 0.0)
+
+    @property
+    def stable(self) -> bool:
+        """Whether the closed loop is stable."""
+        return bool(is_stable(Loops.of(self.gains, Plants.of(self.plant)))[0])
+
+    @property
+    def initial_value(self) -> float:
+        """The response just after t = 0, by the initial-value theorem."""
+        if self.stimulus is Stimulus.RAMP:
+            return 0.0
+        delayed = self.plant.dead_time_s > 0.0
+        start = self.first_at_infinity
+        if self.signal is not Signal.CONTROL_AFTER_REFERENCE and delayed:
+            return 0.0
+        return start if delayed else start / (1.0 + self.gains.kp * self.direct)
+
+    @property
+    def first_at_infinity(self) -> float:
+        """H(inf), H the factor of (1) before 1/(1 + L0 e^{-Ls}), free of delay."""
+        match self.signal:
+            case Signal.OUTPUT_AFTER_REFERENCE:
+                return self.gains.kp * self.direct
+            case Signal.CONTROL_AFTER_REFERENCE:
+                return self.gains.kp
+            case Signal.OUTPUT_AFTER_LOAD:
+                return self.direct
+
+    @property
+    def first_delay(self) -> int:
+        """1 where H comes with e^{-Ls}, else 0."""
+        return 0 if self.signal is Signal.CONTROL_AFTER_REFERENCE else 1
+
+    def parts(self, s: Complex) -> tuple[Complex, Complex, Complex, Complex]:
+        """s^alpha, s^alpha C, N and D: so that neither s -> 0 nor alpha -> 2 overflows."""
+        power = s**self.gains.alpha
+        n, d = (np.asarray(np.polyval(p, s), dtype=complex) for p in (self.plant.numerator, self.plant.denominator))
+        return power, self.gains.kp * power + self.gains.ki, n, d
+
+    def transform(self, s: Complex) -> Complex:
+        """(1)."""
+        power, c, n, d = self.parts(s)
+        delayed = n * np.exp(-self.plant.dead_time_s * s)
+        match self.signal:
+            case Signal.OUTPUT_AFTER_REFERENCE:
+                above = c * delayed
+            case Signal.CONTROL_AFTER_REFERENCE:
+                above = c * d
+            case Signal.OUTPUT_AFTER_LOAD:
+                above = power * delayed
+        return above / (power * d + c * delayed) / s**self.stimulus.value
+
+    def term(self, k: int) -> Transform:
+        """H (-L0)^k/s^j."""
+
+        def transform(s: Complex) -> Complex:
+            power, c, n, d = self.parts(s)
+            controller, plant = c / power, n / d
+            match self.signal:
+                case Signal.OUTPUT_AFTER_REFERENCE:
+                    first = controller * plant
+                case Signal.CONTROL_AFTER_REFERENCE:
+                    first = controller
+                case Signal.OUTPUT_AFTER_LOAD:
+                    first = plant
+            return first * (-controller * plant) ** k / s**self.stimulus.value
+
+        return transform
+
+
+def _without_dead_time(loop: LoopTransform, times: Array) -> Inverse:
+    poles = principal_poles(loop.gains, loop.plant)
+    with np.errstate(all="ignore"):
+        power, c, n, d = loop.parts(poles)
+        match loop.signal:
+            case Signal.OUTPUT_AFTER_REFERENCE:
+                above = c / power * n
+            case Signal.CONTROL_AFTER_REFERENCE:
+                above = c / power * d
+            case Signal.OUTPUT_AFTER_LOAD:
+                above = n
+        _, slope = Characteristic.of(loop.gains, loop.plant).value_and_derivative(poles, 1.0 / power)
+        return invert(loop.transform, times, poles, above / (slope * poles**loop.stimulus.value))
+
+
+def _with_dead_time(loop: LoopTransform, times: Array) -> Inverse:
+    value, error = np.zeros_like(times), np.full_like(times, np.inf)
+    dead_time = loop.plant.dead_time_s
+
+    def improve(rows: NDArray[np.intp], way: Callable[[LoopTransform, Array], Inverse]) -> None:
+        if len(rows):
+            answer = way(loop, times[rows])
+            better = answer.error < error[rows]
+            value[rows] = np.where(better, answer.value, value[rows])
+            error[rows] = np.where(better, answer.error, error[rows])
+
+    late = times > _STEPS_FIRST * dead_time
+    improve(np.flatnonzero(late), response_beside)
+    size = float(np.abs(value).max(initial=0.0))
+    missing = ~late | ~(error <= 1e-10 * size)
+    improve(np.flatnonzero(missing & (times <= _MOST_STEPS * dead_time)), response_by_steps)
+    return Inverse(value, error)
+
+
+def response_by_steps(loop: LoopTransform, times: Array) -> Inverse:
+    """The method of steps (2), exact but for cancellation, which the error estimate includes.
+
+    Args:
+        loop: gains, plant, signal and stimulus.
+        times: shape (n,), s, > 0.
+
+    Returns:
+        Values and absolute errors, shape (n,) each.
+    """
+    value, error = np.zeros_like(times), np.zeros_like(times)
+    dead_time = loop.plant.dead_time_s
+    last = math.floor(float(times.max(initial=0.0)) / dead_time)
+    with np.errstate(all="ignore"):
+        for k in range(last - loop.first_delay + 1):
+            since = times - (k + loop.first_delay) * dead_time
+            if loop.stimulus is Stimulus.STEP:
+                value[since == 0.0] += loop.first_at_infinity * (-loop.gains.kp * loop.direct) ** k
+            rows = np.flatnonzero(since > 0.0)
+            if len(rows):
+                term = _open_response(loop, k, since[rows])
+                value[rows] += term.value
+                error[rows] += term.error + _ROUNDING * np.abs(term.value)
+    return Inverse(value, error)
+
+
+def _open_response(loop: LoopTransform, k: int, times: Array) -> Inverse:
+    """Term k of (2): no other poles than the plant's, which are multiple."""
+    order = math.floor(k * loop.degree)
+    poles = np.roots(loop.plant.denominator)
+    outside = poles[(np.abs(np.angle(poles)) < SECTOR_RAD) & (poles != 0.0)]
+    if len(outside) == 0:
+        return invert(loop.term(k), times, order=order)
+    bend = Bend(max(0.0, float(outside.real.max())), 1.5 * float(np.abs(outside).max()))
+    return invert_beside(loop.term(k), times, bend)
+
+
+def response_beside(loop: LoopTransform, times: Array) -> Inverse:
+    """The bent line (3); infinite errors where it is of no use: an unstable loop, jumps that have not died out.
+
+    Args:
+        loop: gains, plant, signal and stimulus.
+        times: shape (n,), s, > 0; those of a few dead times and less need too many nodes.
+
+    Returns:
+        Values and absolute errors, shape (n,) each.
+    """
+    if not loop.stable:
+        return Inverse(np.zeros_like(times), np.full_like(times, np.inf))
+    value, error = np.zeros_like(times), np.full_like(times, np.inf)
+    octave = np.floor(np.log2(times))
+    for exponent in np.unique(octave):
+        rows = np.flatnonzero(octave == exponent)
+        bend = _bend(loop, float(times[rows].max()))
+        if bend is not None:
+            answer = invert_beside(loop.transform, times[rows], bend)
+            value[rows], error[rows] = answer.value, answer.error
+    return Inverse(value, error)
+
+
+def _loop_gain(loop: LoopTransform, s: Complex) -> Array:
+    power, c, n, d = loop.parts(s)
+    return np.abs(c / power * n / d) * np.exp(-loop.plant.dead_time_s * s.real)
+
+
+def _bend(loop: LoopTransform, horizon: float) -> Bend | None:
+    """Where |L0 e^{-Ls}| < 1 from the axis to the line, by the maximum principle; None if nowhere within reach."""
+    poles, zeros = np.roots(loop.plant.denominator), np.roots(loop.plant.numerator)
+    aside = poles[np.abs(np.angle(poles)) < SECTOR_RAD]
+    corners = np.concatenate([np.abs(poles), np.abs(zeros), [1.0 / loop.plant.dead_time_s, 1.0 / horizon]])
+    corners = corners[corners > 0.0]
+    omega = np.geomspace(corners.min() * 1e-6, corners.max() * 1e8, 6000)
+    rest = abs(loop.gains.kp * loop.direct)
+    # e^{-Ls} may grow by |L0(inf)|^-0.8 in all, or by omega^(0.8 r)
+    power = _SPENT * (loop.degree if rest == 0.0 else -math.log(rest))
+    small, on_axis = max(_SMALL, 0.5 + 0.5 * rest**0.2), max(_SMALL_ON_AXIS, 0.5 + 0.5 * rest)
+    with np.errstate(all="ignore"):
+        loud = np.flatnonzero(~(_loop_gain(loop, 1j * omega) < on_axis))
+        if len(loud) and loud[-1] + 1 == len(omega):
+            return None
+        start = max(float(omega[loud[-1] + 1]) if len(loud) else 0.0, float(np.abs(aside).max(initial=0.0)))
+        for _ in range(40):
+            bend = Bend(0.0, start, loop.plant.dead_time_s, power, rest > 0.0)
+            s, _slope = line(corner(horizon, bend) * np.geomspace(1e-2, 1e10, 4000), horizon, bend)
+            if np.all(_loop_gain(loop, s)[s.real < 0.0] < small):
+                return bend
+            start = max(1.5 * start, 1.0 / horizon)
+    return None

@@ -1,0 +1,237 @@
+"""One pedal's closed loop between events: linear, so propagated exactly, and with bounds on how far it can bend.
+
+    y' = -p y + g v,   v = u cut to the limits,   u = kp e + ki sum_k rho_k x_k,   x_k' = p_k x_k + e,   e = r - y,  (1)
+
+with r' = slope.  w = (y, x, r, slope, 1) obeys w' = M w as long as u stays within the limits, at the lower or at the
+upper one; w goes ahead by e^{Mh} - 1 for the steps h = H 2^-k, which are tabulated.
+
+Bounds.  Let d_k = x_k' and B the greatest |y''| on [t, t + h].  As d_k' = p_k d_k + e' and 1 - e^{-a} <= min(1, a),
+
+    |d_k(s) - d_k(t)| <= |d_k(t)| min(1, |p_k| h) + (|e'(t)| + h B) min(h, 1/|p_k|),                                (2)
+
+and with y'' = -p y' + G (kp e' + ki sum_k rho_k d_k), G = g or, at a limit, 0, and
+c = |G ki| sum_k |rho_k| min(h, 1/|p_k|),
+
+    |y''(s) - y''(t)| <= |G ki| sum_k |rho_k d_k(t)| min(1, |p_k| h) + c (|e'(t)| + h B) + (|p| + |G kp|) h B,       (3)
+
+so that B <= (|y''(t)| + the first term + c |e'(t)|)/(1 - h c - h |p| - h |G kp|).  The same one derivative further
+bounds u''.  Fast poles count for no more than they have left to give, so steps are as long as the answer is smooth.
+
+Source: derived from (1), as said.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.hold import exponentials_less_one
+from fopi_tune.core.logform import Array
+from fopi_tune.digital.integrator import ZeroPoleGain
+from fopi_tune.errors import DomainError
+
+#: halvings of the longest step: 2^-44 = 6e-14
+FINEST = 44
+#: h (c + |p| + |G kp|) in (3) for the longest step
+_CONTRACTION = 0.5
+#: a unit's integral, exactly
+PURE_INTEGRAL = ZeroPoleGain((), (0.0,), 1.0)
+
+
+class Regime(Enum):
+    """Where the control is: within its limits, or at one of them."""
+
+    WITHIN = 0
+    LOW = -1
+    HIGH = 1
+
+
+@dataclass(frozen=True)
+class Pedal:
+    """A first-order plant gain/(s + pole) and its controller; a lag K/(tau s + 1) is gain = K/tau, pole = 1/tau.
+
+    Args:
+        gain: output unit per control unit and second; not 0.
+        pole_rad_s: p, rad/s; negative for an unstable plant.
+        gains: kp, ki and alpha.
+        integral: what stands for s^-alpha: a true integrator and real stable poles, all different; alpha = 1 has the
+            exact `PURE_INTEGRAL`.
+        limits: least and greatest control.  The controller's states integrate e also while it is at a limit.
+
+    Raises:
+        DomainError: a number that is not finite, limits that leave no room, or an integral not of this form.
+    """
+
+    gain: float
+    pole_rad_s: float
+    gains: FoPi
+    integral: ZeroPoleGain = PURE_INTEGRAL
+    limits: tuple[float, float] = (-math.inf, math.inf)
+
+    def __post_init__(self) -> None:
+        for name in ("gain", "pole_rad_s"):
+            if not math.isfinite(getattr(self, name)):
+                raise DomainError(f"pedal: {name} = {getattr(self, name)!r} must be a finite number")
+        if self.gain == 0.0:
+            raise DomainError("pedal: gain = 0 moves nothing; give the plant's gain K/tau")
+        low, high = self.limits
+        if not low < high or low == math.inf or high == -math.inf:
+            raise DomainError(
+                f"pedal: limits = {self.limits!r} leave no room for the control; the lower one comes first"
+            )
+        poles, zeros = self.integral.poles, self.integral.zeros
+        if not all(math.isfinite(number) for number in (*poles, *zeros, self.integral.gain)):
+            raise DomainError("pedal: the integral has a zero, pole or gain that is not finite; make it by oustaloup()")
+        if poles.count(0.0) != 1 or max(poles) > 0.0 or len(set(poles)) < len(poles) or len(zeros) >= len(poles):
+            raise DomainError(
+                "pedal: the integral needs one pole at 0, the others negative and all different, and fewer zeros than "
+                "poles; make it by oustaloup()"
+            )
+
+    @cached_property
+    def poles(self) -> Array:
+        """p_k, the integrator first; none without ki."""
+        return np.sort(np.array(self.integral.poles if self.gains.ki else (), dtype=float))[::-1]
+
+    @cached_property
+    def weights(self) -> Array:
+        """ki rho_k, in the order of `poles`."""
+        if not self.gains.ki:
+            return np.zeros(0)
+        order = np.argsort(np.array(self.integral.poles))[::-1]
+        return self.gains.ki * self.integral.residues[order]
+
+    def demand(self, error: float, memory: Array) -> float:
+        """u before the limits."""
+        return self.gains.kp * error + float(self.weights @ memory)
+
+    def cut(self, demand: float) -> float:
+        """u within the limits."""
+        return min(max(demand, self.limits[0]), self.limits[1])
+
+    def memory_for(self, demand: float, error: float, memory: Array) -> Array:
+        """The memory with the integrator's part such that u = demand."""
+        shifted = memory.copy()
+        shifted[0] += (demand - self.demand(error, memory)) / float(self.weights[0])
+        return shifted
+
+    def regimes(self) -> list[Regime]:
+        """Those that this pedal can be in."""
+        low, high = (math.isfinite(limit) for limit in self.limits)
+        return [Regime.WITHIN, *[Regime.LOW] * low, *[Regime.HIGH] * high]
+
+    def bounds(self, regime: Regime) -> list[tuple[int, float]]:
+        """(sign, limit) such that sign (u - limit) < 0 within the regime."""
+        low, high = self.limits
+        if regime is Regime.WITHIN:
+            return [(sign, limit) for sign, limit in ((1, high), (-1, low)) if math.isfinite(limit)]
+        return [(-1, high)] if regime is Regime.HIGH else [(1, low)]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What (1) says at one instant, with derivatives.
+
+    Args:
+        offset: y - r and its first two derivatives.
+        demand: u and its first two derivatives.
+        output_rate: y'.
+        rates: d_k.
+        bends: d_k'.
+    """
+
+    offset: tuple[float, float, float]
+    demand: tuple[float, float, float]
+    output_rate: float
+    rates: Array
+    bends: Array
+
+
+class Flow:
+    """One pedal in one regime."""
+
+    def __init__(self, pedal: Pedal, regime: Regime) -> None:
+        self.pedal, self.regime = pedal, regime
+        gains, n = pedal.gains, len(pedal.poles)
+        self.matrix = np.zeros((n + 4, n + 4))
+        self.matrix[0, 0] = -pedal.pole_rad_s
+        if regime is Regime.WITHIN:
+            self.matrix[0, 0] -= pedal.gain * gains.kp
+            self.matrix[0, 1 : n + 1] = pedal.gain * pedal.weights
+            self.matrix[0, -3] = pedal.gain * gains.kp
+        else:
+            self.matrix[0, -1] = pedal.gain * pedal.limits[0 if regime is Regime.LOW else 1]
+        sections = np.arange(1, n + 1)
+        self.matrix[sections, sections] = pedal.poles
+        self.matrix[1 : n + 1, 0], self.matrix[1 : n + 1, -3] = -1.0, 1.0
+        self.matrix[-3, -2] = 1.0
+        self.through = abs(pedal.gain) if regime is Regime.WITHIN else 0.0
+        self.weights = np.abs(pedal.weights)
+        self.longest_s = self._longest()
+        steps = np.asarray(self.longest_s * 0.5 ** np.arange(FINEST + 1), dtype=float)
+        self.steps_s = [float(step) for step in steps]
+        self.ahead = _table(self.matrix, steps)
+        fast = np.abs(pedal.poles)
+        #: |ki rho_k| min(h, 1/|p_k|) summed, and |ki rho_k| min(1, |p_k| h), per step
+        share = np.minimum(1.0, fast * steps[:, None])
+        slow = fast == 0.0
+        reach = np.where(slow, steps[:, None], share / np.where(slow, 1.0, fast))
+        self.reach = [float(number) for number in reach @ self.weights]
+        self.fade = share * self.weights
+
+    def _reach(self, step: float) -> float:
+        fast = np.abs(self.pedal.poles)
+        return float(self.weights @ np.minimum(step, 1.0 / np.maximum(fast, 1.0 / step)))
+
+    def _longest(self) -> float:
+        """The longest power of 2 that (3) allows, s; at least one pedal's own time scale, so that it is finite."""
+        own = abs(self.pedal.pole_rad_s) + self.through * abs(self.pedal.gains.kp)
+        slowest = abs(self.pedal.pole_rad_s) + abs(self.pedal.gain * self.pedal.gains.kp)
+        slowest += math.sqrt(abs(self.pedal.gain) * float(self.weights[0]) if len(self.weights) else 0.0)
+        step = 2.0 ** math.floor(math.log2(_CONTRACTION / slowest)) if slowest > 0.0 else 1.0
+        while step * (self.through * self._reach(step) + own) > _CONTRACTION:
+            step *= 0.5
+        return step
+
+    def read(self, w: Array) -> Reading:
+        """y - r, u and their derivatives at w."""
+        pedal = self.pedal
+        error, rate = float(w[-3] - w[0]), float(self.matrix[0] @ w)
+        error_rate = float(w[-2]) - rate
+        rates = pedal.poles * w[1:-3] + error
+        bends = pedal.poles * rates + error_rate
+        demand = pedal.demand(error, w[1:-3])
+        demand_rate = pedal.gains.kp * error_rate + float(pedal.weights @ rates)
+        bend = -pedal.pole_rad_s * rate + (pedal.gain * demand_rate if self.through else 0.0)
+        demand_bend = -pedal.gains.kp * bend + float(pedal.weights @ bends)
+        return Reading((-error, -error_rate, bend), (demand, demand_rate, demand_bend), rate, rates, bends)
+
+    def changes(self, reading: Reading, level: int) -> tuple[float, float]:
+        """How far y'' and u'' can move from their values within the step of this level: (3), and the same for u''."""
+        step, reach = self.steps_s[level], self.reach[level]
+        kp, pole = abs(self.pedal.gains.kp), abs(self.pedal.pole_rad_s)
+        slope, bend, direct = abs(reading.offset[1]), abs(reading.offset[2]), self.through * kp
+        fading, c = self.through * float(self.fade[level] @ np.abs(reading.rates)), self.through * reach
+        most = (bend + fading + c * slope) / (1.0 - step * (c + pole + direct))
+        output = fading + c * (slope + step * most) + (pole + direct) * step * most
+        # u'' = -kp y'' + ki sum rho_k d_k',  |y'''| <= |p| B + |G| |u''|
+        demand_bend = abs(reading.demand[2])
+        demand = kp * step * (pole * most + self.through * demand_bend)
+        demand += float(self.fade[level] @ np.abs(reading.bends)) + reach * most
+        return output, demand / (1.0 - direct * step)
+
+
+def _table(matrix: Array, steps: Array) -> Array:
+    """e^{Mh} - 1 for the steps h, each half the one before; by series where short, by doubling where long."""
+    norm = float(np.abs(matrix).sum(axis=1).max())
+    short = min(int(np.searchsorted(-steps * norm, -0.5)), FINEST)
+    table = np.zeros((len(steps), *matrix.shape))
+    table[short:] = exponentials_less_one(matrix * steps[short:, None, None])
+    for level in range(short - 1, -1, -1):
+        table[level] = 2.0 * table[level + 1] + np.einsum("ij,jk->ik", table[level + 1], table[level + 1])
+    return table

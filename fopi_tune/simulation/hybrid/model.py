@@ -1,0 +1,217 @@
+"""What the hybrid car is made of, and what a run of it gives back; `inclusion` runs it.
+
+Modes i: 1 throttle, 2 brake, with one output y, the velocity, and in both e = r - y.  Each has its own plant and
+controller (`Pedal`); u is what that mode's plant sees, so with positive gains the throttle pushes with u > 0 and the
+brake pulls with u < 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, IntEnum, StrEnum
+
+import numpy as np
+
+from fopi_tune.core.logform import Array
+from fopi_tune.errors import DomainError
+from fopi_tune.simulation.hybrid.flow import Pedal
+
+
+class Mode(IntEnum):
+    """Which pedal acts."""
+
+    THROTTLE = 1
+    BRAKE = 2
+
+    @property
+    def other(self) -> Mode:
+        """3 - i."""
+        return Mode(3 - self)
+
+    @property
+    def outwards(self) -> int:
+        """The sign of y - r on the side where this mode is left."""
+        return 1 if self is Mode.THROTTLE else -1
+
+
+class Memory(Enum):
+    """What becomes of a controller's states while the other one acts.
+
+    TRACKING sets the integrator's part at the jump so that the new demand is the control before the jump, as far as
+    the new mode's limits let it.
+    """
+
+    HELD = "kept as they were"
+    RESET = "0 when it acts again"
+    TRACKING = "set so that the control has no jump"
+
+
+class HybridOutcome(StrEnum):
+    """How a run ended."""
+
+    FINISHED = "finished"
+    CHATTERING = "chattering"
+    DIVERGED = "diverged"
+
+
+@dataclass(frozen=True)
+class HybridCar:
+    """Two pedals and how they take turns.
+
+    Args:
+        throttle, brake: modes 1 and 2.
+        eps: half-width of the hysteresis, >= 0, in the output's unit.
+        memory: of the inactive controller; the paper holds it.
+
+    Raises:
+        DomainError: eps is negative or not finite, or TRACKING of a controller that has no integral.
+    """
+
+    throttle: Pedal
+    brake: Pedal
+    eps: float = 0.0
+    memory: Memory = Memory.HELD
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.eps) and self.eps >= 0.0):
+            raise DomainError(f"hybrid car: eps = {self.eps!r} is no half-width; it must be finite and >= 0")
+        if self.memory is Memory.TRACKING and not (self.throttle.gains.ki and self.brake.gains.ki):
+            raise DomainError("hybrid car: TRACKING needs ki in both controllers; take HELD or RESET")
+
+    def pedal(self, mode: Mode) -> Pedal:
+        """The pedal of a mode."""
+        return self.throttle if mode is Mode.THROTTLE else self.brake
+
+
+@dataclass(frozen=True)
+class Corner:
+    """From here on r = value + slope_per_s (t - time_s), until the next corner; r may jump."""
+
+    time_s: float
+    value: float
+    slope_per_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class HybridStart:
+    """What the car is like at t = 0.
+
+    Args:
+        output: y.
+        mode: which pedal acts; left at once if (1) says so.
+        control: the active controller's demand, by its integrator; None: its memory is 0.  The other's is always 0.
+    """
+
+    output: float = 0.0
+    mode: Mode = Mode.THROTTLE
+    control: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("output", "control"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise DomainError(f"start: {name} = {value!r} must be a finite number")
+
+
+@dataclass(frozen=True)
+class Watch:
+    """When a run is given up.
+
+    Args:
+        most_jumps: more of them than this ...
+        window_s: ... within this time are CHATTERING.
+        most_output: an output beyond it has DIVERGED.
+    """
+
+    most_jumps: int = 20
+    window_s: float = 0.2
+    most_output: float = 1e6
+
+    def __post_init__(self) -> None:
+        if not (self.most_jumps >= 1 and 0.0 < self.window_s < math.inf and 0.0 < self.most_output < math.inf):
+            raise DomainError(f"{self}: all three must be finite and greater than 0")
+
+
+@dataclass(frozen=True)
+class Event:
+    """One jump; y is kept.
+
+    Args:
+        time_s: when.
+        before, after: the modes.
+        output: y.
+        reference: r, just after a corner if there is one.
+    """
+
+    time_s: float
+    before: Mode
+    after: Mode
+    output: float
+    reference: float
+
+
+@dataclass(frozen=True)
+class HybridResponse:
+    """One run; arrays of shape (m,) for the requested times up to `reached_s`, values just after events.
+
+    Args:
+        time_s: s.
+        output: y.
+        rate: y', output unit per s.
+        control: what the active plant sees, within its limits.
+        error: r - y.
+        mode: 1 or 2.
+        events: all jumps in order.
+        outcome: how the run ended.
+        reason: one sentence; where and in which mode, if not FINISHED.
+        reached_s: the end of the run, s.
+    """
+
+    time_s: Array
+    output: Array
+    rate: Array
+    control: Array
+    error: Array
+    mode: np.ndarray
+    events: tuple[Event, ...]
+    outcome: HybridOutcome
+    reason: str
+    reached_s: float
+
+
+def checked_reference(reference: Sequence[Corner], end_s: float) -> tuple[Corner, ...]:
+    """The corners, if they are a reference from 0 to `end_s`.
+
+    Raises:
+        DomainError: none, the first not at 0, times that do not increase, or a number that is not finite.
+    """
+    if not (math.isfinite(end_s) and end_s > 0.0):
+        raise DomainError(f"end_s = {end_s!r} must be finite and greater than 0")
+    if not reference:
+        raise DomainError("the reference is empty; give at least Corner(0.0, value)")
+    for i, corner in enumerate(reference):
+        if not all(math.isfinite(number) for number in (corner.time_s, corner.value, corner.slope_per_s)):
+            raise DomainError(f"reference[{i}] = {corner} has a number that is not finite")
+        if i == 0 and corner.time_s != 0.0:
+            raise DomainError(f"reference[0] starts at {corner.time_s!r} s; the first corner must be at 0")
+        if i and not corner.time_s > reference[i - 1].time_s:
+            raise DomainError(f"reference[{i}] at {corner.time_s!r} s does not come after the corner before; sort them")
+    return tuple(reference)
+
+
+def checked_samples(times_s: Sequence[float] | Array, end_s: float) -> Array:
+    """The times, if they are samples of [0, end_s].
+
+    Raises:
+        DomainError: not finite, not increasing, or outside.
+    """
+    times = np.array(times_s, dtype=float)
+    if times.ndim != 1 or not np.all(np.isfinite(times)):
+        raise DomainError("times_s must be a list of finite times")
+    if np.any(np.diff(times) <= 0.0):
+        raise DomainError("times_s must increase; sort them and leave out doubles")
+    if len(times) and not (times[0] >= 0.0 and times[-1] <= end_s):
+        raise DomainError(f"times_s must lie in [0, {end_s!r}]; they reach from {times[0]!r} to {times[-1]!r}")
+    return times

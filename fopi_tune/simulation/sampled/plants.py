@@ -1,0 +1,171 @@
+"""Plants on samples with their states:  m continuous plants -> transition matrices and input weights, exact at samples.
+
+An input that acts D samples late, D = d + f with d whole and 0 <= f < 1, is constant on the two segments of a sample:
+
+    x <- e^{A(1-f)} (e^{Af} x + w(f) v_{k-1-d}) + w(1-f) v_{k-d},      w(t) = int_0^t e^{As} b ds,                   (1)
+
+(Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, section 2.3), with the control's and the load's
+own D.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.core.hold import companion, segment
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Plants
+from fopi_tune.errors import DomainError
+from fopi_tune.simulation.scenario import Before, Start
+
+#: a delay this close to a whole number of samples is one
+_WHOLE = 1e-12
+_MOST_DELAY_SAMPLES = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class Delayed:
+    """How an input acts on the states over one sample, by (1).
+
+    Args:
+        late: d, whole numbers, shape (m,).
+        transition: of the segments [0, f) and [f, 1), shape (2, m, n, n).
+        weight: w of the same, shape (2, m, n).
+    """
+
+    late: NDArray[np.int64]
+    transition: Array
+    weight: Array
+
+    @property
+    def whole(self) -> tuple[Array, Array, Array]:
+        """e^A, shape (m, n, n), and the weights of v_{k-d} and v_{k-1-d}, shape (m, n) each."""
+        (first, second), (old, new) = self.transition, self.weight
+        return second @ first, new, (second @ old[:, :, None])[:, :, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldPlants:
+    """m plants of order n behind a zero-order hold; y = c x + direct v at the samples, v what acted just before.
+
+    A plant of first order has its output without the direct path as its state (c = 1).
+
+    Args:
+        control: how the control acts, computing delay included.
+        load: how the load acts, the plant's dead time included.
+        output: c, shape (m, n).
+        direct: shape (m,).
+        rate_state: dy/dt = rate_state x + rate_input v between the samples, shape (m, n), per s.
+        rate_input: shape (m,).
+        static_gain: P(0), inf where there is an integrator, shape (m,).
+        rest: the state that an input of 1 holds, shape (m, n); not finite where there is an integrator.
+    """
+
+    control: Delayed
+    load: Delayed
+    output: Array
+    direct: Array
+    rate_state: Array
+    rate_input: Array
+    static_gain: Array
+    rest: Array
+
+    def __len__(self) -> int:
+        return len(self.direct)
+
+    @property
+    def order(self) -> int:
+        """n."""
+        return self.output.shape[1]
+
+    @property
+    def is_prompt(self) -> NDArray[np.bool_]:
+        """Whether control and load act at the samples, not between them; shape (m,)."""
+        return ~(np.any(self.control.weight[0] != 0.0, axis=1) | np.any(self.load.weight[0] != 0.0, axis=1))
+
+    @property
+    def rate_step(self) -> Array:
+        """By how much dy/dt jumps at a sample, for each unit by which what acts does; shape (m,)."""
+        return np.where(self.is_prompt, self.rate_input, 0.0)
+
+    @property
+    def growth(self) -> Array:
+        """dy/dt when the control arrives over dy/dt just before the next sample, for first order; shape (m,)."""
+        if self.order != 1:
+            return np.ones(len(self))
+        with np.errstate(divide="ignore"):
+            return 1.0 / self.control.transition[1, :, 0, 0]
+
+    def begin(self, start: Start) -> tuple[Array, Array]:
+        """States, shape (m, n), and the input before the first sample, shape (m,), that give the initial output.
+
+        Raises:
+            DomainError: no input holds a plant there, or "free" is asked of a plant that is not of first order.
+        """
+        m, y0 = len(self), start.output
+        if y0 == 0.0:
+            return np.zeros((m, self.order)), np.zeros(m)
+        if start.before is Before.FREE:
+            if self.order != 1:
+                raise DomainError(f"an initial output without input needs plants of order 1, not {self.order}")
+            return np.full((m, 1), y0), np.zeros(m)
+        if not np.all(np.isfinite(self.static_gain) & (self.static_gain != 0.0)):
+            raise DomainError(f"no input holds a plant at {y0!r}: P(0) is 0 or not finite; start it at 0 or free")
+        held = y0 / self.static_gain
+        return self.rest * held[:, None], held
+
+
+def hold(plants: Plants, sample_time_s: float, delay_samples: float = 0.0) -> HeldPlants:
+    """Discretise plants exactly behind a zero-order hold.
+
+    Args:
+        plants: m proper plants with their dead times.
+        sample_time_s: Ts, s.
+        delay_samples: computing delay, whole or not; the control has it, the load has not.
+
+    Raises:
+        DomainError: a number is not finite, a leading one is 0, a plant is improper or more than 10,000 samples late.
+    """
+    top, bottom = plants.numerator, plants.denominator
+    if not all(np.all(np.isfinite(values)) for values in (top, bottom, plants.dead_time_s)):
+        raise DomainError("a plant has a number that is not finite")
+    if top.shape[1] > bottom.shape[1] or not np.all(bottom[:, 0] != 0.0):
+        raise DomainError("a plant is improper or its denominator starts with 0; leave leading zeros out")
+    if np.any(plants.dead_time_s < 0.0):
+        raise DomainError("a plant has a negative dead time; it cannot answer before it is asked")
+    a, c, direct = companion(top, bottom, sample_time_s)
+    n = c.shape[1]
+    samples = plants.dead_time_s / sample_time_s
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        load = _delayed(a, samples)
+        control = load if delay_samples == 0.0 else _delayed(a, samples + delay_samples)
+        gain = top[:, -1] / bottom[:, -1]
+        rest = np.zeros(c.shape)
+        if n:
+            rest[:, -1] = -1.0 / a[:, 0, -1]
+        rate_state = np.einsum("mi,mij->mj", c, a) / sample_time_s
+        rate_input = c[:, 0] / sample_time_s if n else np.zeros(len(c))
+        if n == 1:
+            control, load = _scaled(control, c), _scaled(load, c)
+            rest, rate_state, c = rest * c, a[:, 0, :] / sample_time_s, np.ones_like(c)
+    return HeldPlants(control, load, c, direct, rate_state, rate_input, gain, rest)
+
+
+def _delayed(a: Array, samples: Array) -> Delayed:
+    if np.any(samples > _MOST_DELAY_SAMPLES):
+        raise DomainError(f"the delay is {samples.max():.3g} samples long; take a longer sample time")
+    whole = np.floor(samples + _WHOLE)
+    part = np.clip(samples - whole, 0.0, 1.0)
+    m, n = a.shape[:2]
+    # most delays are whole, most often 0
+    none = np.broadcast_to(np.eye(n), (m, n, n)), np.zeros((m, n))
+    before, after = segment(a, part) if part.any() else none, segment(a, 1.0 - part)
+    both = np.stack([before[0], after[0]]), np.stack([before[1], after[1]])
+    return Delayed(whole.astype(np.int64), *both)
+
+
+def _scaled(delayed: Delayed, c: Array) -> Delayed:
+    return Delayed(delayed.late, delayed.transition, delayed.weight * c)

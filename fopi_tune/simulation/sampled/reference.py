@@ -1,0 +1,220 @@
+"""The simulation as it is meant, one plant and one sample after the other:  what the compiled kernel is held against.
+
+The controllers are `fopi_tune.digital.runtime` itself; `scenario` says what happens in a sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.core.logform import Array
+from fopi_tune.digital import runtime
+from fopi_tune.digital.runtime import Runtime, State
+from fopi_tune.simulation.sampled.noise import deviates
+from fopi_tune.simulation.sampled.plants import HeldPlants
+from fopi_tune.simulation.scenario import Horizon, Hybrid, Inactive, Measures, Scenario, Traces
+
+
+def simulate_plainly(
+    controllers: Sequence[Runtime], plants: Sequence[HeldPlants], scenario: Scenario, first_index: int = 0
+) -> Traces:
+    """Simulate every plant; slow.
+
+    Args:
+        controllers: one, or two of a hybrid loop.
+        plants: as many, of m plants each.
+        scenario: everything else.
+        first_index: of the first plant; the noise depends on it.
+    """
+    m, steps = len(plants[0]), len(scenario.signals)
+    rows = np.zeros((8, m, steps))
+    with np.errstate(all="ignore"):
+        for i in range(m):
+            run = _Run(controllers, plants, scenario, i, first_index + i)
+            for k in range(steps):
+                rows[:, i, k] = run.sample(k)
+    time_s = np.asarray(scenario.sample_time_s * np.arange(steps), dtype=float)
+    y, rate, measured, error, demanded, applied, mode, after = rows
+    return Traces(time_s, y, rate, measured, error, demanded, applied, mode.astype(np.int64), after)
+
+
+def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenario, horizon: Horizon) -> Measures:
+    """The measures by their definitions, from whole traces."""
+    reference, first, Ts = scenario.signals.reference, horizon.first, scenario.sample_time_s
+    final = reference[-1]
+    direction = np.sign(final - (reference[first - 1] if first else scenario.start.output))
+    y, late = traces.output[:, first:], slice(first, None)
+    with np.errstate(all="ignore"):
+        off, beyond = np.abs(y - final), y - final
+        outside = ~(off <= horizon.band)
+        last = np.where(outside.any(axis=1), y.shape[1] - np.argmax(outside[:, ::-1], axis=1), 0)
+        settled = np.where(last == y.shape[1], np.inf, last * Ts)
+        limits = np.array([controller.limits for controller in controllers])[traces.mode[:, late] - 1]
+        at_limit = (traces.demanded[:, late, None] == limits).any(axis=2)
+        error = reference[late] - y
+        jumps = [np.flatnonzero(np.diff(row, prepend=_first(scenario))) for row in traces.mode]
+        finite = np.all(np.isfinite(traces.output) & np.isfinite(traces.rate), axis=1)
+
+        peak_rate = np.abs(traces.rate[:, late]).max(axis=1)
+        # what begins with the last sample is beyond the end
+        peak_rate = np.maximum(peak_rate, np.abs(traces.rate_after[:, first:-1]).max(axis=1, initial=0.0))
+
+        def known(values: Array) -> Array:
+            return np.where(finite, values, np.nan)
+
+        return Measures(
+            known(peak_rate),
+            known((direction * beyond if direction else off).max(axis=1)),
+            np.where(finite, settled, np.inf),
+            known(Ts * np.abs(error).sum(axis=1)),
+            known(Ts * (error**2).sum(axis=1)),
+            known(Ts * at_limit.sum(axis=1)),
+            known(np.abs(traces.applied[:, late]).max(axis=1)),
+            np.array([len(found) for found in jumps]),
+            np.array([_longest_run(found) for found in jumps]),
+            np.array([_chatters(found, scenario) for found in jumps]),
+            known(error[:, -1]),
+            finite,
+        )
+
+
+def _first(scenario: Scenario) -> int:
+    return scenario.hybrid.first if scenario.hybrid else 1
+
+
+def _longest_run(jumps: NDArray[np.int_]) -> int:
+    longest = run = 0
+    for n, k in enumerate(jumps):
+        run = run + 1 if n and k == jumps[n - 1] + 1 else 1
+        longest = max(longest, run)
+    return longest
+
+
+def _chatters(jumps: NDArray[np.int_], scenario: Scenario) -> bool:
+    hybrid = scenario.hybrid
+    if hybrid is None or len(jumps) <= hybrid.most_switches:
+        return False
+    within = np.floor(hybrid.window_s / scenario.sample_time_s + 1e-9)
+    return bool((jumps[hybrid.most_switches :] - jumps[: -hybrid.most_switches] <= within).any())
+
+
+class _Run:
+    """One loop on its way through the samples."""
+
+    def __init__(
+        self, controllers: Sequence[Runtime], plants: Sequence[HeldPlants], scenario: Scenario, row: int, index: int
+    ) -> None:
+        self.controllers, self.plants, self.scenario, self.row = controllers, plants, scenario, row
+        self.steps = len(scenario.signals)
+        self.noise = deviates(scenario.sensor.seed, index, self.steps) if scenario.sensor.noise_std else np.zeros(0)
+        self.mode = _first(scenario) - 1
+        states, past = plants[self.mode].begin(scenario.start)
+        self.x, self.past = states[row], float(past[row])
+        self.before = self.last = self.past
+        self.memory: list[State] = [runtime.init(controller) for controller in controllers]
+        if scenario.start.bumpless:
+            self.memory[self.mode] = runtime.reset(controllers[self.mode], self.past)
+        # what was sent to the plant, and in which mode
+        self.applied: list[float] = []
+        self.modes: list[int] = []
+        self.arrived = self.mode
+
+    def sample(self, k: int) -> tuple[float, ...]:
+        """Sample k, and the way to the next one."""
+        scenario, reference = self.scenario, float(self.scenario.signals.reference[k])
+        held = self.plants[self.arrived]
+        y = float(held.output[self.row] @ self.x) + float(held.direct[self.row]) * self.before
+        rate = float(held.rate_state[self.row] @ self.x) + float(held.rate_input[self.row]) * self.before
+        measured = self._measured(y, k)
+        if scenario.hybrid is not None:
+            self._switch(measured, reference, scenario.hybrid)
+        controller = self.controllers[self.mode]
+        self.memory[self.mode] = runtime.step(controller, self.memory[self.mode], reference, measured)
+        demanded = float(self.memory[self.mode].output)
+        self._actuate(demanded)
+        if scenario.hybrid is not None and scenario.hybrid.inactive is Inactive.TRACK:
+            other = 1 - self.mode
+            self.memory[other] = runtime.track(
+                self.controllers[other], self.memory[other], reference, measured, self.last
+            )
+        self.applied.append(self.last)
+        self.modes.append(self.mode)
+        after = self._rate_after(k, rate)
+        arriving = self._flow(k)
+        if scenario.hybrid is not None:
+            after = arriving
+        elif not self.plants[0].is_prompt[self.row] and self.plants[0].order == 1:
+            after = self._rate_now() * float(self.plants[0].growth[self.row])
+        return y, rate, measured, reference - measured, demanded, self.last, self.mode + 1.0, after
+
+    def _rate_after(self, k: int, rate: float) -> float:
+        """dy/dt just after the sample of a plant on which something acts there anew."""
+        i, held = self.row, self.plants[0]
+        if not held.is_prompt[i]:
+            return rate
+        new = self._control(k - int(held.control.late[i])) + self._load(k - int(held.load.late[i]))
+        return rate + float(held.rate_input[i]) * (new - self.before)
+
+    def _rate_now(self) -> float:
+        held = self.plants[self.arrived]
+        return float(held.rate_state[self.row] @ self.x) + float(held.rate_input[self.row]) * self.before
+
+    def _measured(self, y: float, k: int) -> float:
+        sensor = self.scenario.sensor
+        value = y + sensor.noise_std * self.noise[k] if sensor.noise_std else y
+        return float(sensor.quantum * np.rint(value / sensor.quantum)) if sensor.quantum else float(value)
+
+    def _switch(self, measured: float, reference: float, hybrid: Hybrid) -> None:
+        if self.mode == 0:
+            jump = measured >= reference + hybrid.half_width
+        else:
+            jump = measured <= reference - hybrid.half_width
+        if jump:
+            self.mode = 1 - self.mode
+            low, high = self.controllers[self.mode].limits
+            self.last = min(max(self.last, low), high)
+            if hybrid.inactive is Inactive.RESET:
+                self.memory[self.mode] = runtime.init(self.controllers[self.mode])
+
+    def _actuate(self, wanted: float) -> None:
+        most = self.scenario.actuator.rate_per_s * self.scenario.sample_time_s
+        change = wanted - self.last
+        self.last = wanted if abs(change) <= most else self.last + (most if change > 0.0 else -most)
+
+    def _flow(self, k: int) -> float:
+        """(1) of `plants`, the control's part and the load's; in a hybrid loop the load acts undelayed.
+
+        Gives dy/dt when the new control arrives in a hybrid loop.
+        """
+        i = self.row
+        if self.scenario.hybrid is None:
+            held = self.plants[0]
+            transition, *weights = (whole[i] for whole in held.control.whole)
+            late = int(held.control.late[i])
+            now, old = self._control(k - late), self._control(k - late - 1)
+            follow = transition @ self.x + weights[0] * now + weights[1] * old
+            late = int(held.load.late[i])
+            load, old_load = self._load(k - late), self._load(k - late - 1)
+            _, *weights = (whole[i] for whole in held.load.whole)
+            self.x = follow + weights[0] * load + weights[1] * old_load
+            self.before = now + load
+            return 0.0
+        late = int(self.plants[0].control.late[i])
+        load, after = self._load(k), 0.0
+        for segment, place in ((0, k - late - 1), (1, k - late)):
+            self.arrived = self.modes[place] if place >= 0 else self.scenario.hybrid.first - 1
+            control = self.plants[self.arrived].control
+            self.before = self._control(place) + load
+            after = self._rate_now()
+            self.x = control.transition[segment, i] @ self.x + control.weight[segment, i] * self.before
+        return after
+
+    def _control(self, place: int) -> float:
+        return self.applied[place] if place >= 0 else self.past
+
+    def _load(self, place: int) -> float:
+        load = self.scenario.signals.load
+        return float(load[place]) if load is not None and place >= 0 else 0.0

@@ -1,0 +1,291 @@
+"""What a simulation on samples is told and what it answers:  signals, sensor, actuator, switching; traces, measures.
+
+At sample k, in this order:
+
+    y_m = quantised(y + noise_std n_k)                                                                               (1)
+    mode 1 -> 2 when y_m >= r + eps,   2 -> 1 when y_m <= r - eps                                                    (2)
+    u = the controller's output for e = r - y_m, by `fopi_tune.digital.runtime`                                      (3)
+    applied = the last one moved towards u by at most rate Ts; u itself when it is not further away                  (4)
+
+and the plant runs to sample k + 1 under `applied`, delayed, plus the load.
+
+Source: definitions; each is what the spec's words mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum, IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.core.logform import Array
+from fopi_tune.core.loops import Plants
+from fopi_tune.digital.realise import Precision
+from fopi_tune.digital.runtime import Runtime
+from fopi_tune.errors import DomainError
+
+#: plants of the indices begin to end - 1
+Supplier = Callable[[int, int], Plants]
+
+
+class Before(Enum):
+    """What was before the first sample."""
+
+    REST = "rest"  # the input that holds the plant at its initial output
+    FREE = "free"  # no input: a plant of first order starts at its initial output and decays
+
+
+class Inactive(IntEnum):
+    """What the controller does whose mode is not active."""
+
+    HOLD = 0  # nothing: its memory stays
+    TRACK = 1  # follows what was applied, within its own limits
+    RESET = 2  # starts anew when its mode is entered
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """What comes from outside, a value a sample, the same for every plant.
+
+    Args:
+        reference: r_k, shape (steps,), in the output's unit.
+        load: w_k, shape (steps,), added to the control at the plant's input from t_k on; None: 0.
+
+    Raises:
+        DomainError: no sample, different lengths, or a value that is not finite.
+    """
+
+    reference: Array
+    load: Array | None = None
+
+    def __post_init__(self) -> None:
+        for name, values in (("reference", self.reference), ("load", self.load)):
+            if values is None:
+                continue
+            # a copy of its own: what is compiled knows one kind of array
+            signal = np.array(values, dtype=float)
+            if signal.ndim != 1 or not len(signal) or not np.all(np.isfinite(signal)):
+                raise DomainError(f"the {name} needs one finite number a sample; it has shape {signal.shape}")
+            if len(signal) != len(self.reference):
+                raise DomainError(f"the load has {len(signal)} samples, the reference {len(self.reference)}")
+            object.__setattr__(self, name, signal)
+
+    def __len__(self) -> int:
+        return len(self.reference)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """(1); the noise of a plant depends on the seed and the plant's index only.
+
+    Args:
+        quantum: step of the measurement, in the output's unit; 0: none; halves go to the even multiple.
+        noise_std: standard deviation of the normal noise, in the output's unit.
+        seed: 0 to 2^64 - 1.
+    """
+
+    quantum: float = 0.0
+    noise_std: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.quantum < math.inf and 0.0 <= self.noise_std < math.inf):
+            raise DomainError(f"quantum {self.quantum!r} and noise_std {self.noise_std!r} must be finite and >= 0")
+        if not 0 <= self.seed < 2**64:
+            raise DomainError(f"seed {self.seed!r} must lie in 0 to 2^64 - 1")
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """(4); the controller is not told.
+
+    Args:
+        rate_per_s: fastest change of the control, per s; inf: any.
+        delay_samples: computing delay of the control, whole or not.
+    """
+
+    rate_per_s: float = math.inf
+    delay_samples: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.rate_per_s > 0.0:
+            raise DomainError(f"rate_per_s {self.rate_per_s!r} must be greater than 0; write inf for no limit")
+        if not 0.0 <= self.delay_samples < math.inf:
+            raise DomainError(f"delay_samples {self.delay_samples!r} must be finite and >= 0")
+
+
+@dataclass(frozen=True)
+class Start:
+    """How the loop begins.
+
+    Args:
+        output: y just before the first sample.
+        before: what the plant's input was until then.
+        bumpless: whether the first controller is reset to that input; it starts from 0 if not.
+    """
+
+    output: float = 0.0
+    before: Before = Before.REST
+    bumpless: bool = False
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.output):
+            raise DomainError(f"the initial output {self.output!r} must be a finite number")
+
+
+@dataclass(frozen=True)
+class Hybrid:
+    """(2): two modes that share the output.  With a computing delay a mode travels with its control to the plant.
+
+    At a jump the actuator's last value is cut to the new mode's limits before (4).
+
+    Args:
+        half_width: eps of the hysteresis, in the output's unit.
+        inactive: what the controller of the other mode does.
+        first: the mode at the start, 1 or 2.
+        most_switches: more than these within the window is chattering.
+        window_s: the window, s.
+    """
+
+    half_width: float
+    inactive: Inactive = Inactive.HOLD
+    first: int = 1
+    most_switches: int = 5
+    window_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.half_width < math.inf:
+            raise DomainError(f"half_width {self.half_width!r} must be finite and >= 0")
+        if self.first not in (1, 2):
+            raise DomainError(f"the first mode {self.first!r} must be 1 or 2")
+        if not (self.most_switches >= 1 and 0.0 < self.window_s < math.inf):
+            raise DomainError("chattering needs most_switches >= 1 and a window_s greater than 0")
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A controller and the plants it acts on, one loop a plant; a hybrid loop has two of them.
+
+    Args:
+        controller: in float64.
+        plants: m plants, or a function that gives those of an index range.
+    """
+
+    controller: Runtime
+    plants: Plants | Supplier
+
+    def __post_init__(self) -> None:
+        if self.controller.precision is not Precision.FLOAT64:
+            raise DomainError("simulations compute in float64; round the controller to float64")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Everything but controllers and plants.
+
+    Args:
+        sample_time_s: Ts.
+        signals: reference and load.
+        sensor: quantisation and noise.
+        actuator: rate limit and delay.
+        start: initial output.
+        hybrid: how two modes switch; None with one mode.
+    """
+
+    sample_time_s: float
+    signals: Signals
+    sensor: Sensor = field(default_factory=Sensor)
+    actuator: Actuator = field(default_factory=Actuator)
+    start: Start = field(default_factory=Start)
+    hybrid: Hybrid | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.sample_time_s < math.inf:
+            raise DomainError(f"sample_time_s {self.sample_time_s!r} must be finite and greater than 0")
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """Which samples the measures look at, and what counts as settled.
+
+    Args:
+        band: half-width around the final reference, in the output's unit.
+        first: the first sample that counts; times are counted from there.
+    """
+
+    band: float
+    first: int = 0
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.band < math.inf and self.first >= 0):
+            raise DomainError(f"band {self.band!r} and first sample {self.first!r} must be finite and >= 0")
+
+
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """Signals of every plant; arrays of shape (m, steps).
+
+    Args:
+        time_s: of the samples, shape (steps,).
+        output: y just before the new control acts.
+        rate: dy/dt there, per s; the jumps of a direct path are not in it.
+        rate_after: dy/dt just after what is new arrives, at the sample or, of a plant of first order, between samples;
+            `rate` of a plant of higher order on which it arrives between samples.
+        measured: what the controller sees, y_m.
+        error: r - y_m.
+        demanded: the controller's output.
+        applied: what the actuator does from this sample on, undelayed.
+        mode: 1 or 2.
+    """
+
+    time_s: Array
+    output: Array
+    rate: Array
+    measured: Array
+    error: Array
+    demanded: Array
+    applied: Array
+    mode: NDArray[np.int64]
+    rate_after: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Measures:
+    """One number a plant, shape (m,), over the samples of a `Horizon`; y at the samples, r_f the last reference.
+
+    Where an output did not stay finite the measures are nan, its settling time inf.
+
+    Args:
+        peak_rate: largest |dy/dt| just before and after the samples: of a plant of first order the largest at any
+            time (but for a load that arrives between samples).
+        overshoot: largest y - r_f in the direction of the step, which is from the reference before the horizon (the
+            initial output when it starts at sample 0) to r_f; negative when y stays short of r_f; largest |y - r_f|
+            without a step.
+        settling_s: from the horizon's start to the first sample after which y stays within the band; inf: it does not.
+        iae: Ts sum |r - y|.
+        ise: Ts sum (r - y)^2.
+        saturated_s: time with the controller's output at a limit.
+        peak_control: largest |applied|.
+        switches: number of jumps, over all samples.
+        longest_run: of jumps at consecutive samples, over all samples.
+        chattering: whether too many jumps fell within the window of `Hybrid`, over all samples.
+        final_error: r - y at the last sample.
+        finite: whether output and rate stayed finite.
+    """
+
+    peak_rate: Array
+    overshoot: Array
+    settling_s: Array
+    iae: Array
+    ise: Array
+    saturated_s: Array
+    peak_control: Array
+    switches: NDArray[np.int64]
+    longest_run: NDArray[np.int64]
+    chattering: NDArray[np.bool_]
+    final_error: Array
+    finite: NDArray[np.bool_]

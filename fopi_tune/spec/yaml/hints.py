@@ -1,0 +1,111 @@
+"""What the user may have meant by a word that is not known: a misspelling, or a known name with another unit."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from fopi_tune.spec.yaml.report import quoted
+
+#: names longer than this are not misspellings, and comparing them takes long
+_LONGEST_NAME = 60
+_ALMOST = 0.72
+#: how every word about an unknown key begins
+UNKNOWN_KEY = "the key is not known here"
+
+#: the units of the language: ending of a name, the unit in words
+_UNITS = {"_rad_s": "rad/s", "_s": "s", "_deg": "degrees", "_db": "dB", "_deg_per_decade": "degrees per decade"}
+
+#: endings that are not in the language: the right ending, and how to convert
+_WRONG_UNITS: dict[str, tuple[str, str]] = {
+    "_hz": ("_rad_s", "frequencies are in rad/s: multiply by 2π"),
+    "_khz": ("_rad_s", "frequencies are in rad/s: multiply by 2000π"),
+    "_rpm": ("_rad_s", "frequencies are in rad/s: multiply by π/30"),
+    "_ms": ("_s", "times are in seconds: divide by 1000"),
+    "_us": ("_s", "times are in seconds: divide by 1e6"),
+    "_min": ("_s", "times are in seconds: multiply by 60"),
+    "_h": ("_s", "times are in seconds: multiply by 3600"),
+    "_sec": ("_s", "times are in seconds"),
+    "_seconds": ("_s", "times are in seconds"),
+    "_rad": ("_deg", "angles are in degrees: multiply by 180/π"),
+    "_radians": ("_deg", "angles are in degrees: multiply by 180/π"),
+    "_degrees": ("_deg", "angles are in degrees"),
+    "_abs": ("_db", "gains are in dB: take 20 log10"),
+    "_linear": ("_db", "gains are in dB: take 20 log10"),
+}
+
+
+@dataclass(frozen=True)
+class Hint:
+    """What to say about an unknown word, and which known word was meant, if any."""
+
+    message: str
+    meant: str | None
+
+
+def closest(word: str, known: Collection[str]) -> str | None:
+    """The known word that `word` misspells, or None."""
+    if len(word) > _LONGEST_NAME:
+        return None
+    by_lower = {name.lower(): name for name in known}
+    matches = difflib.get_close_matches(word.lower().replace("-", "_"), by_lower, n=1, cutoff=_ALMOST)
+    return by_lower[matches[0]] if matches else None
+
+
+def about_word(word: str, known: Collection[str]) -> str:
+    """The reason why a value is not one of `known`."""
+    meant = closest(word, known)
+    if meant is not None:
+        return f"{quoted(word)} is not known here; did you mean {meant!r}?"
+    return f"{quoted(word)} is not known here; write {one_of(known)}"
+
+
+def about_key(key: str, known: Collection[str]) -> Hint:
+    """What to say about a key that is not in `known`."""
+    if (hint := _about_unit(key, known)) is not None:
+        return hint
+    meant = closest(key, known)
+    if meant is not None:
+        return Hint(f"{UNKNOWN_KEY}; did you mean {meant!r}?", meant)
+    return Hint(f"{UNKNOWN_KEY}; remove it or write {one_of(known)}", None)
+
+
+def one_of(words: Collection[str]) -> str:
+    """'a', 'a or b', 'a, b or c'."""
+    *first, last = words
+    return f"{', '.join(first)} or {last}" if first else last
+
+
+def _about_unit(key: str, known: Collection[str]) -> Hint | None:
+    lower = key.lower()
+    stems = {_without_unit(name): name for name in known if _unit(name) is not None}
+    if lower in stems:
+        meant = stems[lower]
+        return Hint(f"the unit is part of the name; write {meant} ({_unit(meant)})", meant)
+    ending = "_" + lower.rpartition("_")[2]
+    if "_" not in lower or ending not in _WRONG_UNITS:
+        return None
+    right, conversion = _WRONG_UNITS[ending]
+    stem = lower.removesuffix(ending)
+    same_unit = [name for name in known if name.endswith(right) and _unit(name) == _UNITS[right]]
+    if stem + right in same_unit:
+        return Hint(f"{conversion} and write {stem + right}", stem + right)
+    if stem in stems:
+        meant = stems[stem]
+        return Hint(f"the unit is wrong; write {meant} ({_unit(meant)})", meant)
+    meant = closest(stem + right, same_unit)
+    if meant is not None:
+        return Hint(f"{conversion} and write {meant}", meant)
+    return Hint(f"{conversion}; the key is not known here: write {one_of(known)}", None)
+
+
+def _unit(name: str) -> str | None:
+    endings = sorted((e for e in _UNITS if name.endswith(e)), key=len)
+    return _UNITS[endings[-1]] if endings else None
+
+
+def _without_unit(name: str) -> str:
+    endings = sorted((re.escape(e) for e in _UNITS), key=len, reverse=True)
+    return re.sub(f"(?:{'|'.join(endings)})$", "", name)
