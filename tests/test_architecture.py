@@ -203,6 +203,16 @@ def test_files_stay_small(name: str) -> None:
     assert len(module.read_text(encoding="utf-8").splitlines()) <= 400, "a file above 300 lines is questioned"
 
 
+def test_tests_lie_as_what_they_test() -> None:
+    """Tests of `fopi_tune/core/margins.py` are in `tests/core/test_margins.py`, or in a file that begins so."""
+    tests = ROOT / "tests"
+    for path in sorted(tests.rglob("test_*.py")):
+        folder = PACKAGE / path.parent.relative_to(tests)
+        names = [p.stem for p in folder.iterdir()] if folder.is_dir() else []
+        known = any(path.stem == f"test_{name}" or path.stem.startswith(f"test_{name}_") for name in names)
+        assert known or path.parent == tests, f"{path.relative_to(ROOT)} is the test of no module"
+
+
 def checked_in() -> list[Path]:
     """The files of the project; those git would take where there is a repository."""
     listed = subprocess.run(

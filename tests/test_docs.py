@@ -11,7 +11,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from markdown_pages import ROOT, blocks_of, copy_the_clone, load, looks_like, run_page, unknown_words
+from cases.markdown_pages import ROOT, blocks_of, copy_the_clone, load, looks_like, run_page, unknown_words
 
 import fopi_tune
 from fopi_tune.cli.init import Model

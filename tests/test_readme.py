@@ -11,7 +11,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from markdown_pages import INSTALL, ROOT, blocks_of, copy_the_clone, load, unknown_words
+from cases.markdown_pages import INSTALL, ROOT, blocks_of, copy_the_clone, load, unknown_words
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app

@@ -14,8 +14,8 @@ from typing import Any
 from sphinx.application import Sphinx
 
 _PLACE = re.compile(r"^<!-- paper: (claims|figures) -->$", re.MULTILINE)
-#: `fopi study studies/paper.yaml` computes the same lines; tests/test_paper.py compares every number
-_RECORD = Path(__file__).parents[2] / "tests" / "golden_paper.csv"
+#: `fopi study studies/paper.yaml` computes the same lines; tests/paper/test_claims.py compares every number
+_RECORD = Path(__file__).parents[2] / "tests" / "cases" / "golden_paper.csv"
 _FOLDER = "figures"
 
 

@@ -13,14 +13,7 @@ from flint import ctx
 
 from fopi_tune.errors import CertificateError
 from fopi_tune.proof.balls.loop import PRECISION
-from fopi_tune.proof.certificate import (
-    Certificate,
-    Record,
-    RequirementProof,
-    SideProof,
-    Verdict,
-    relaxed_limit,
-)
+from fopi_tune.proof.certificate import Certificate, Record, RequirementProof, SideProof, Verdict, relaxed_limit
 from fopi_tune.proof.claims.claim import Claim
 from fopi_tune.proof.claims.poles import count_unstable_poles, is_unstable_by_structure
 from fopi_tune.proof.claims.search import check

@@ -16,9 +16,7 @@ from fopi_tune.proof.objectives import depth_of, evaluate_objective
 from fopi_tune.proof.requirements import check_requirement, judged
 from fopi_tune.proof.results import Verification
 from fopi_tune.proof.sample import Sample
-from fopi_tune.proof.stability import (
-    check_stability,
-)
+from fopi_tune.proof.stability import check_stability
 from fopi_tune.spec.model import DesignSpec
 
 

@@ -10,12 +10,7 @@ from fopi_tune.quantities.delay_margin import DelayMargin
 from fopi_tune.quantities.gain_margin import GainMargin
 from fopi_tune.quantities.phase_margin import PhaseMargin
 from fopi_tune.quantities.phase_slope import PhaseSlope
-from fopi_tune.quantities.responses import (
-    ComplementarySensitivity,
-    ControlSensitivity,
-    LoopGain,
-    Sensitivity,
-)
+from fopi_tune.quantities.responses import ComplementarySensitivity, ControlSensitivity, LoopGain, Sensitivity
 
 QUANTITIES: dict[str, Quantity] = {
     quantity.name: quantity

@@ -16,12 +16,7 @@ from fopi_tune.spec.requirements import (
     refuse_equalities_over_families,
     requirements_shape,
 )
-from fopi_tune.spec.scenarios import (
-    limits_shape,
-    refuse_too_many_samples,
-    refuse_unknown_scenarios,
-    scenarios_shape,
-)
+from fopi_tune.spec.scenarios import limits_shape, refuse_too_many_samples, refuse_unknown_scenarios, scenarios_shape
 from fopi_tune.spec.yaml.nodes import Table
 from fopi_tune.spec.yaml.places import Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, defaulting_to

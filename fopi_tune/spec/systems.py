@@ -12,12 +12,7 @@ from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.spec.draws import PlacedValidation, Reader, resolved, validation_shape
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.model import DesignSpec, JointFamily, ModeSpec, SystemSpec
-from fopi_tune.spec.scenarios import (
-    limits_shape,
-    refuse_too_many_samples,
-    refuse_unknown_scenarios,
-    scenarios_shape,
-)
+from fopi_tune.spec.scenarios import limits_shape, refuse_too_many_samples, refuse_unknown_scenarios, scenarios_shape
 from fopi_tune.spec.yaml.nodes import Table
 from fopi_tune.spec.yaml.places import Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, defaulting_to

@@ -10,13 +10,7 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins
 from fopi_tune.paper.claims.brake import PLANT_GAIN
-from fopi_tune.paper.printed import (
-    BRAKE,
-    SPECIFIED_GAIN_MARGIN,
-    TAU_NOMINAL_S,
-    THROTTLE,
-    THROTTLE_PLANT,
-)
+from fopi_tune.paper.printed import BRAKE, SPECIFIED_GAIN_MARGIN, TAU_NOMINAL_S, THROTTLE, THROTTLE_PLANT
 from fopi_tune.paper.rows import Row, judged
 from fopi_tune.paper.sources import asking, brake_plant, on_nominal, spec, with_alpha
 from fopi_tune.pipeline.tune import tune

@@ -7,14 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from fopi_tune.paper.printed import (
-    BRAKE,
-    TAU_NOMINAL_S,
-    THROTTLE,
-    THROTTLE_GAIN,
-    THROTTLE_PLANT,
-    THROTTLE_POLE_RAD_S,
-)
+from fopi_tune.paper.printed import BRAKE, TAU_NOMINAL_S, THROTTLE, THROTTLE_GAIN, THROTTLE_PLANT, THROTTLE_POLE_RAD_S
 from fopi_tune.paper.rows import Row, Verdict, about, judged
 from fopi_tune.paper.sources import brake_plant, system
 from fopi_tune.pipeline.systems import simulate_system

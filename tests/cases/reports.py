@@ -1,0 +1,44 @@
+"""Reports that several tests read:  the brake's, and one of a design that failed."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from cases.project import ROOT
+
+import fopi_tune as ft
+from fopi_tune.report.findings import Findings, findings_of, findings_of_run
+from fopi_tune.report.html import report_files
+from fopi_tune.results.design import Run
+from fopi_tune.spec import parse_spec
+
+BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
+
+
+@cache
+def run_of(text: str) -> Run:
+    return ft.run(parse_spec(text), proof=False)
+
+
+def brake_findings(evidence: Any = None) -> Findings:
+    return findings_of_run(run_of(BRAKE), evidence)
+
+
+@cache
+def brake_files() -> dict[str, str | bytes]:
+    return report_files(brake_findings())
+
+
+def brake_page() -> str:
+    page = brake_files()["report.html"]
+    assert isinstance(page, str)
+    return page
+
+
+def without_gains(text: str = BRAKE, **said: Any) -> Findings:
+    """A design that failed: a page without figures, which is made at once."""
+    spec, design = parse_spec(text), brake_findings().design
+    stamp = {**design["stamp"], "spec_sha256": spec.sha256}
+    nothing = {"gains": None, "status": "failed", "objective": None, "stability": None, "nominal": None}
+    return findings_of(spec, {**design, **nothing, "stamp": stamp, **said})

@@ -1,0 +1,115 @@
+"""No box that holds gains which meet a spec and beat a level may be discarded, for any reason there is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from cases.optimum_cases import FAMILIES, OBJECTIVES, just_met
+from flint import ctx
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.optimum.charts import CrossoverChart
+from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.pruning.brackets import suggestions
+from fopi_tune.optimum.pruning.conditions import Test as Kind
+from fopi_tune.optimum.pruning.refute import Reason, fails
+from fopi_tune.optimum.pruning.sample_points import constant_reasons, first_reasons, further_reasons, plants_to_try
+from fopi_tune.optimum.pruning.screen import Boxes, gains_at
+from fopi_tune.proof.balls.box import Box
+from fopi_tune.proof.balls.loop import PRECISION
+from fopi_tune.spec.model import DesignSpec
+
+#: relative sizes of the boxes around the gains, from most of the range to nearly a point
+_SIZES = (0.5, 0.1, 0.02, 3e-3, 1e-4, 1e-6)
+
+
+def _gains(name: str, pick: np.random.Generator) -> FoPi:
+    kp, ki, alpha = pick.uniform(0.2, 3.0), pick.uniform(0.05, 1.5), pick.uniform(0.4, 1.4)
+    if name == "unstable":
+        kp += 0.5
+    return FoPi(-kp, -ki, alpha) if name == "negative gain" else FoPi(kp, ki, alpha)
+
+
+def _place(problem: Problem, gains: FoPi) -> tuple[float, ...]:
+    """The coordinates of gains."""
+    chart = problem.chart
+    if not isinstance(chart, CrossoverChart):
+        return gains.kp, gains.ki, gains.alpha
+    s = chart.omega_rad_s**-gains.alpha * np.exp(-0.5j * np.pi * gains.alpha)
+    first = problem.roots[0][1][0]
+    psi = np.angle((gains.kp + gains.ki * s) * complex(chart.plant)) + np.pi
+    return gains.alpha, float(first + (psi - first) % (2.0 * np.pi))
+
+
+def _box_around(place: tuple[float, ...], size: float, pick: np.random.Generator) -> Box:
+    """A box that holds a place somewhere, in the middle, at an edge or a corner."""
+    low = np.array(place) - size * pick.choice([0.0, 0.5, 1.0, pick.random()], size=len(place))
+    return tuple((min(a, x - 1e-9), max(a + size, x + 1e-9)) for a, x in zip(low.tolist(), place, strict=True))
+
+
+def _reasons(problem: Problem, box: Box) -> list[Reason]:
+    """Everything that the search might try."""
+    points = plants_to_try(problem, [])
+    ends = np.array(box)
+    boxes = Boxes(ends[None, :, 0], ends[None, :, 1])
+    found = [suggestion.reason for suggestion in suggestions(problem, boxes, points)]
+    found += constant_reasons(problem, points) + further_reasons(problem, boxes.middle, points)
+    numbered = list(enumerate(problem.conditions.every))
+    found += [Reason(k) for k, condition in numbered if condition.test in (Kind.GAIN, Kind.LOWER_CROSSOVER)]
+    found += [Reason(k, p) for k, c in numbered if c.test in (Kind.CROSSOVER, Kind.STABILITY) for p in points]
+    return list(dict.fromkeys([*found, *first_reasons(problem, points, [])]))
+
+
+def _wrongly_discarded(spec: DesignSpec, beat: float, gains: FoPi, pick: np.random.Generator) -> list[str]:
+    wrong = []
+    with ctx.workprec(PRECISION):
+        problem = Problem.of(spec, beat)
+        place = _place(problem, gains)
+        back = [float(gain[0]) for gain in gains_at(problem.chart, np.array([place]))]
+        assert np.allclose(back, [gains.kp, gains.ki, gains.alpha], rtol=1e-7, atol=1e-9)
+        # where psi is the margin itself, the second root holds the gains, and the first need not
+        on_line = problem.sheet_is_covered and abs(math.remainder(place[1] - problem.roots[1][1][0], math.tau)) < 1e-6
+        for size in _SIZES:
+            box = _box_around(place, size, pick)
+            patch = problem.chart.patch(box)
+            for reason in _reasons(problem, box):
+                condition = problem.conditions.every[reason.condition]
+                if condition.test is Kind.LOWER_CROSSOVER and on_line:
+                    continue
+                if fails(problem, patch, reason):
+                    wrong.append(f"{condition.test} {condition.words} {reason} {box}")
+    return wrong
+
+
+@pytest.mark.parametrize(("name", "equalities"), [(name, k % 3) for k, name in enumerate(FAMILIES)])
+def test_no_box_around_gains_that_just_meet_a_spec_is_discarded(name: str, equalities: int) -> None:
+    pick = np.random.default_rng([equalities, *name.encode()])
+    looked_at = 0
+    for _ in range(12):
+        made = just_met(FAMILIES[name], gains := _gains(name, pick), OBJECTIVES[pick.integers(7)], equalities, pick)
+        if made is None:
+            continue
+        assert _wrongly_discarded(*made, gains, pick) == []
+        looked_at += 1
+        if looked_at == 1:
+            break
+    assert looked_at
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("name", FAMILIES)
+def test_no_box_around_many_gains_is_discarded(name: str, seed: int) -> None:
+    pick = np.random.default_rng([seed, *name.encode()])
+    looked_at = 0
+    for k in range(30):
+        made = just_met(FAMILIES[name], gains := _gains(name, pick), OBJECTIVES[pick.integers(7)], k % 3, pick)
+        if made is None:
+            continue
+        assert _wrongly_discarded(*made, gains, pick) == []
+        looked_at += 1
+        if looked_at == 6:
+            break
+    assert looked_at

@@ -1,0 +1,226 @@
+"""The pages in a real browser, without network: the slider, the policy, widths, print, what a screen reader is told.
+
+They are skipped where Playwright or a Chromium of the system is missing.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cases.pages import HOSTILE
+from cases.plants import PUBLISHED_BRAKE, ROBUST_BRAKE
+from cases.project import SPECS
+from cases.reports import BRAKE, brake_page, without_gains
+
+import fopi_tune as ft
+from fopi_tune.report.compare import comparison_files
+from fopi_tune.report.findings import findings_of, findings_of_run
+from fopi_tune.report.html import report_files
+from fopi_tune.spec import parse_spec
+
+playwright = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
+
+PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
+#: nothing but files: no name is resolved, nothing is fetched behind the page's back
+FLAGS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--host-resolver-rules=MAP * ~NOTFOUND",
+)
+CURVES = ("gain", "phase", "nyquist", "step")
+PIXELS = """() => [document.documentElement.scrollWidth, document.documentElement.clientWidth]"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    program = next(filter(None, map(shutil.which, PROGRAMS)), None)
+    if program is None:
+        pytest.skip(f"no browser to test with: none of {', '.join(PROGRAMS)} is installed")
+    with playwright.sync_playwright() as tool:
+        started = tool.chromium.launch(executable_path=program, args=list(FLAGS))
+        yield started
+        started.close()
+
+
+class Visit:
+    """A page that was opened, and everything it said or asked for."""
+
+    def __init__(self, browser: Any, path: Path, text: str, width: int = 1280) -> None:
+        path.write_text(text, encoding="utf-8")
+        self.address = path.as_uri()
+        self.said: list[str] = []
+        self.asked: list[str] = []
+        self.page = browser.new_page(viewport={"width": width, "height": 900})
+        self.page.on("console", lambda message: self.said.append(message.text))
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.page.on("dialog", lambda dialog: (self.said.append(dialog.message), dialog.dismiss()))
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.goto(self.address)
+
+    def __enter__(self) -> Visit:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.page.close()
+
+    def curves(self) -> list[str]:
+        """What the slider moves."""
+        return [self.page.get_attribute(f"#moved-{key}", "d") for key in CURVES]
+
+
+def comparison_page() -> str:
+    spec = parse_spec(BRAKE)
+    named = [
+        (name, findings_of(spec, json.loads(json.dumps(ft.prove(spec, gains).to_dict()))))
+        for name, gains in (("tuned", ROBUST_BRAKE), ("published", PUBLISHED_BRAKE))
+    ]
+    return str(comparison_files(named)["compare.html"])
+
+
+def hostile_page(words: str) -> str:
+    text = re.sub(r"^description:.*$", lambda _: f"description: {json.dumps(words)}", BRAKE, flags=re.MULTILINE)
+    return str(report_files(without_gains(text, message=words))["report.html"])
+
+
+def colours(png: bytes) -> int:
+    from PIL import Image
+
+    with Image.open(io.BytesIO(png)) as image:
+        return len(image.convert("RGB").getcolors(1_000_000) or ())
+
+
+def test_a_report_says_nothing_to_the_console_and_asks_for_nothing_but_itself(browser: Any, tmp_path: Path) -> None:
+    with Visit(browser, tmp_path / "report.html", brake_page()) as visit:
+        visit.page.wait_for_load_state("networkidle")
+        assert visit.said == []
+        assert visit.asked == [visit.address]
+
+
+def test_the_policy_stops_a_script_that_is_not_the_pages_own(browser: Any, tmp_path: Path) -> None:
+    text = brake_page().replace("</body>", "<script>document.title = 'changed'</script></body>")
+    with Visit(browser, tmp_path / "report.html", text) as visit:
+        assert visit.page.title() == "brake: design report"
+        assert any("Content Security Policy" in words for words in visit.said)
+
+
+def test_keys_move_the_slider_and_every_curve(browser: Any, tmp_path: Path) -> None:
+    data = json.loads(re.findall(r'id="curves">(.*?)</script>', brake_page(), re.DOTALL)[0])
+    last = len(data["labels"]) - 1
+    with Visit(browser, tmp_path / "report.html", brake_page()) as visit:
+        nominal = int(visit.page.input_value("#slider"))
+        seen = [visit.curves()]
+        visit.page.focus("#slider")
+        for key, k in (("ArrowRight", nominal + 1), ("Home", 0), ("End", last), ("ArrowLeft", last - 1)):
+            visit.page.keyboard.press(key)
+            seen.append(visit.curves())
+            assert seen[-1] == [data["curves"][key][k] for key in CURVES]
+            assert visit.page.inner_text("#slider-value") == data["labels"][k]
+            assert visit.page.get_attribute("#slider", "aria-valuetext") == data["labels"][k]
+        for before, after in itertools.pairwise(seen):
+            assert all(a != b for a, b in zip(before, after, strict=True))
+        assert visit.said == []
+
+
+def test_every_uncertain_number_can_be_chosen_and_moved(browser: Any, tmp_path: Path) -> None:
+    spec = ft.load_spec(SPECS / "lag_gain_and_delay.yaml")
+    text = str(report_files(findings_of_run(ft.run(spec, proof=False)))["report.html"])
+    data = json.loads(re.findall(r'id="curves">(.*?)</script>', text, re.DOTALL)[0])
+    with Visit(browser, tmp_path / "report.html", text) as visit:
+        usual = visit.curves()
+        for index, name in enumerate(spec.plant.uncertain_names):
+            visit.page.select_option("#number", name)
+            first, last, nominal = data["places"][index]
+            # the nominal plant, whichever number is to be moved
+            assert visit.curves() == usual
+            assert visit.page.get_attribute("#slider", "aria-valuetext") == data["labels"][nominal]
+            for key, place, end in (("Home", first, spec.plant.low), ("End", last, spec.plant.high)):
+                visit.page.focus("#slider")
+                visit.page.keyboard.press(key)
+                label = f"{name} = {float(end[index]):.4g}"
+                assert visit.page.inner_text("#slider-value") == data["labels"][place] == label
+                assert visit.page.inner_text("#slider-first" if key == "Home" else "#slider-last") == label
+                assert visit.curves() == [data["curves"][each][place] for each in CURVES]
+                # a gain turns no phase, a dead time changes no gain
+                still = {"static_gain": ["phase"], "dead_time_s": ["gain"]}.get(name, [])
+                assert [key for key, a, b in zip(CURVES, visit.curves(), usual, strict=True) if a == b] == still
+        assert visit.said == []
+
+
+def test_the_pointer_moves_the_slider_and_what_is_seen(browser: Any, tmp_path: Path) -> None:
+    with Visit(browser, tmp_path / "report.html", brake_page()) as visit:
+        panels = visit.page.locator(".panels")
+        before, shown = visit.curves(), panels.screenshot()
+        box = visit.page.locator("#slider").bounding_box()
+        visit.page.mouse.click(box["x"] + 0.05 * box["width"], box["y"] + 0.5 * box["height"])
+        assert all(a != b for a, b in zip(before, visit.curves(), strict=True))
+        assert panels.screenshot() != shown
+
+
+def test_a_screenshot_is_made_and_not_blank(browser: Any, tmp_path: Path) -> None:
+    with Visit(browser, tmp_path / "report.html", brake_page()) as visit:
+        visit.page.screenshot(path=tmp_path / "report.png", full_page=True)
+        # letters alone have the greys of their edges; the lines and bands of figures have colours
+        assert colours((tmp_path / "report.png").read_bytes()) > 100
+        visit.page.set_content("<!DOCTYPE html><title>empty</title>")
+        assert colours(visit.page.screenshot()) == 1
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+@pytest.mark.parametrize("make", [brake_page, comparison_page])
+def test_no_page_is_wider_than_its_window(browser: Any, tmp_path: Path, make: Any, width: int) -> None:
+    with Visit(browser, tmp_path / "page.html", make(), width) as visit:
+        scroll, client = visit.page.evaluate(PIXELS)
+        assert scroll <= client
+        assert visit.said == []
+        assert visit.asked == [visit.address]
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+@pytest.mark.parametrize(
+    "words", [(HOSTILE * 200)[:10_000], "W" * 10_000, "\"'" * 5_000], ids=["script", "one word", "quotes"]
+)
+def test_hostile_words_are_read_and_not_run(browser: Any, tmp_path: Path, words: str, width: int) -> None:
+    with Visit(browser, tmp_path / "report.html", hostile_page(words), width) as visit:
+        assert (visit.said, visit.asked) == ([], [visit.address])
+        assert visit.page.locator(".description").text_content() == words
+        assert visit.page.locator("script").count() == 0
+        scroll, client = visit.page.evaluate(PIXELS)
+        assert scroll <= client
+        # the long text is in a box of its own: the verdict is on the first screen
+        assert visit.page.locator(".status").first.bounding_box()["y"] < 900
+
+
+def test_print_leaves_the_slider_out_and_every_figure_in(browser: Any, tmp_path: Path) -> None:
+    with Visit(browser, tmp_path / "report.html", brake_page()) as visit:
+        assert visit.page.locator("#slider").is_visible()
+        visit.page.emulate_media(media="print")
+        assert not visit.page.locator("#slider").is_visible()
+        # what moves is left out; its curves at the nominal plant are in the figures too
+        shown = [figure.is_visible() for figure in visit.page.locator("figure").all()]
+        assert shown == [False] + [True] * 6
+        assert visit.page.pdf(format="A4").startswith(b"%PDF")
+
+
+@pytest.mark.parametrize(("make", "pictures"), [(brake_page, 10), (comparison_page, 4)])
+def test_a_screen_reader_is_told_of_every_figure(browser: Any, tmp_path: Path, make: Any, pictures: int) -> None:
+    with Visit(browser, tmp_path / "page.html", make()) as visit:
+        told = re.findall(r"""^\s*- '?img "(.*?)"'?:""", visit.page.locator("body").aria_snapshot(), re.MULTILINE)
+        # the slider's four panels and six figures; four figures
+        assert len(told) == pictures
+        assert all(len(words) > 40 for words in told)
+        if make is brake_page:
+            assert visit.page.get_by_role("slider").get_attribute("aria-valuetext") == "time_constant_s = 2.25"
+            assert visit.page.get_by_label(re.compile("^Slide from time_constant_s = 1.6")).count() == 1

@@ -1,0 +1,285 @@
+"""Studies on processes: crashes, kills at any moment, Ctrl-C, and a scheduler with workers of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from cases.project import ROOT
+
+TESTS = ROOT / "tests"
+DASK = shutil.which("dask", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", ""))))
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join((str(TESTS), str(ROOT))), "OMP_NUM_THREADS": "1"}
+SLOW = ", ".join([*(f"slow_{i}" for i in range(12)), *(f"late_{i}" for i in range(12))])
+BRAKE = f"""\
+schema: 1
+name: brakes
+specs: [{json.dumps(str(ROOT / "specs" / "brake.yaml"))}]
+grid:
+  requirements[4].sensitivity_db.at_most: [-20, -19.6, -19.2, -18.8, -18, -17]
+  plant.time_constant_s.max: [2.9, 3.1, 3.3]
+"""
+
+
+def study_file(folder: Path, claims: str) -> Path:
+    path = folder / "s.yaml"
+    path.write_text(f"schema: 1\nname: s\nclaims: [{claims}]\n", encoding="utf-8")
+    return path
+
+
+def started(file: Path, folder: Path, workers: str, *words: str) -> subprocess.Popen[str]:
+    command = [
+        sys.executable,
+        "-W",
+        "error",
+        str(TESTS / "cases" / "study_process.py"),
+        str(file),
+        str(folder),
+        workers,
+        *words,
+    ]
+    return subprocess.Popen(
+        command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+
+
+def table_of(file: Path, folder: Path, workers: str, *words: str) -> str:
+    process = started(file, folder, workers, *words)
+    _, said = process.communicate(timeout=300)
+    assert process.returncode == 0, said
+    return (folder / "table.csv").read_text(encoding="utf-8")
+
+
+def is_whole(ledger: Path) -> bool:
+    """Whether SQLite finds nothing wrong with a ledger, and every result in it ended."""
+    connection = sqlite3.connect(ledger)
+    try:
+        if not connection.execute("SELECT name FROM sqlite_master").fetchall():
+            return True  # killed before it had tables
+        states = {row[0] for row in connection.execute("SELECT failed FROM results")}
+        return connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)] and states <= {0, 1}
+    finally:
+        connection.close()
+
+
+def hear_ctrl_c() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    try:
+        children = psutil.Process(process.pid).children(recursive=True)
+        return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+    except psutil.Error:
+        return []
+
+
+def wait_until_begun(process: subprocess.Popen[str]) -> bool:
+    """Until the first cells are done; False where it ended without."""
+    assert process.stdout is not None
+    first = process.stdout.readline()
+    return bool(first) and bool(process.stdout.readline())
+
+
+def killed_again_and_again(file: Path, folder: Path, kills: int, seed: int, longest_s: float) -> int:
+    """Kill main process and workers in turn at random moments; how many kills hit something that was at work."""
+    random_moments = random.Random(seed)
+    hits = 0
+    for kill in range(kills):
+        process = started(file, folder, "2")
+        if kill % 3 == 2:  # also before anything is done: while the ledger is opened and the cluster comes up
+            time.sleep(random_moments.uniform(0.0, 3.0))
+        else:
+            wait_until_begun(process)
+            time.sleep(random_moments.uniform(0.0, longest_s))
+        if kill % 2:
+            victims = workers_of(process)
+            if victims:
+                random_moments.choice(victims).kill()
+                hits += process.poll() is None
+                time.sleep(random_moments.uniform(0.0, longest_s))
+        if process.poll() is None:
+            process.kill()
+            hits += 1
+        process.communicate(timeout=60)
+        assert not (folder / "ledger.sqlite").exists() or is_whole(folder / "ledger.sqlite")
+    return hits
+
+
+def test_a_cell_that_kills_its_worker_is_marked_and_the_rest_goes_on(tmp_path: Path) -> None:
+    file = study_file(tmp_path, f"killed, raises, {SLOW}")
+    process = started(file, tmp_path / "out", "2")
+    told, said = process.communicate(timeout=120)
+    assert process.returncode == 0, said
+    assert told.splitlines()[-1] == "failures ['killed', 'raises']"
+    rows = (tmp_path / "out" / "table.csv").read_text(encoding="utf-8").splitlines()
+    assert sum(",failed," in row for row in rows) == 2
+    assert sum(",computed," in row for row in rows) == 2 * 24
+    assert "its worker died (killed, out of memory or crashed), and again when the cell ran alone" in rows[1]
+    assert said == ""
+
+
+@pytest.mark.parametrize("kills", [3, pytest.param(30, marks=pytest.mark.long)])
+def test_a_study_that_is_killed_ends_as_one_that_is_not(tmp_path: Path, kills: int) -> None:
+    file = study_file(tmp_path, SLOW)
+    whole = table_of(file, tmp_path / "whole", "0")
+    hits = killed_again_and_again(file, tmp_path / "out", kills, seed=kills, longest_s=0.15)
+    assert hits > 0
+    assert table_of(file, tmp_path / "out", "0") == whole
+
+
+@pytest.mark.long
+def test_designs_and_proofs_that_are_killed_end_as_ones_that_are_not(tmp_path: Path) -> None:
+    file = tmp_path / "brakes.yaml"
+    file.write_text(BRAKE, encoding="utf-8")
+    whole = table_of(file, tmp_path / "whole", "0")
+    hits = killed_again_and_again(file, tmp_path / "out", 30, seed=1, longest_s=1.0)
+    assert hits > 0
+    assert table_of(file, tmp_path / "out", "2") == whole
+
+
+def test_ctrl_c_ends_at_once_without_noise_and_leaves_a_ledger_that_goes_on(tmp_path: Path) -> None:
+    file = tmp_path / "brakes.yaml"
+    file.write_text(BRAKE, encoding="utf-8")
+    command = [
+        sys.executable,
+        "-m",
+        "fopi_tune",
+        "study",
+        str(file),
+        "--out",
+        str(tmp_path / "out"),
+        "--progress",
+        "jsonl",
+    ]
+    process = subprocess.Popen(
+        command,
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # what a shell starts in the background ignores Ctrl-C, and its children with it
+        preexec_fn=hear_ctrl_c,
+    )
+    assert process.stderr is not None
+    # the number of cells, where nothing is done yet, and the first that are
+    for _ in range(3):
+        process.stderr.readline()
+    os.killpg(process.pid, signal.SIGINT)
+    out, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == ""
+    assert [line for line in said.splitlines() if not line.startswith("{")] == [
+        "stopped; what was done is kept: run the same command again to go on"
+    ]
+    status = subprocess.run(
+        [sys.executable, "-m", "fopi_tune", "study", "--status", str(tmp_path / "out"), "--json"],
+        env=ENVIRONMENT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    cells = json.loads(status.stdout)["cells"]
+    assert status.returncode == 1
+    assert cells["done"] > 0
+    assert cells["done"] + cells["left"] == cells["total"] == 18
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path) -> Iterator[tuple[str, subprocess.Popen[Any]]]:
+    """A scheduler with two workers, started as the manual says: its address and its process."""
+    if DASK is None:
+        pytest.skip("there is no command `dask` beside this Python")
+    told = tmp_path / "scheduler.json"
+    common: dict[str, Any] = {"env": ENVIRONMENT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    processes: list[subprocess.Popen[Any]] = [
+        subprocess.Popen([DASK, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(told)], **common)
+    ]
+    try:
+        worker = [DASK, "worker", "--scheduler-file", str(told), "--nthreads", "1", "--nworkers", "2", "--no-dashboard"]
+        processes.append(subprocess.Popen([*worker, "--local-directory", str(tmp_path)], **common))
+        for _ in range(300):
+            if told.exists() and told.read_text(encoding="utf-8").strip():
+                break
+            time.sleep(0.1)
+        yield json.loads(told.read_text(encoding="utf-8"))["address"], processes[0]
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+            process.wait(timeout=30)
+
+
+def test_a_scheduler_with_its_own_workers_gives_the_same_rows(
+    tmp_path: Path, scheduler: tuple[str, subprocess.Popen[Any]]
+) -> None:
+    file = tmp_path / "s.yaml"
+    text = BRAKE.replace("[-20, -19.6, -19.2, -18.8, -18, -17]", "[-20, -19]").replace(
+        "name: brakes", "name: s\nclaims: all"
+    )
+    file.write_text(text.replace("claims: all", f"claims: [{SLOW}]"), encoding="utf-8")
+    assert table_of(file, tmp_path / "remote", scheduler[0]) == table_of(file, tmp_path / "here", "0")
+
+
+@pytest.mark.long
+def test_a_scheduler_that_goes_away_ends_the_study_with_one_line(
+    tmp_path: Path, scheduler: tuple[str, subprocess.Popen[Any]]
+) -> None:
+    address, its_process = scheduler
+    file = tmp_path / "brakes.yaml"
+    file.write_text(BRAKE, encoding="utf-8")
+    command = [
+        sys.executable,
+        "-m",
+        "fopi_tune",
+        "study",
+        str(file),
+        "--out",
+        str(tmp_path / "out"),
+        "--scheduler",
+        address,
+    ]
+    process = subprocess.Popen(
+        [*command, "--progress", "jsonl"], env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    for _ in range(3):  # the number of cells, where nothing is done yet, and the first that are
+        process.stderr.readline()
+    its_process.kill()
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 3
+    assert [line for line in said.splitlines() if not line.startswith("{")] == [
+        "the scheduler is gone; what was done is kept: run the same command again"
+    ]
+
+
+def test_an_address_where_nothing_answers_is_bad_input(tmp_path: Path) -> None:
+    from fopi_tune.study import cluster
+
+    with (
+        pytest.raises(cluster.ClusterError, match="no scheduler answers at tcp://nonsense:1 "),
+        cluster.remote("tcp://nonsense:1", print, patience_s=0.3),
+    ):
+        pass
+
+
+def test_draws_that_are_divided_among_processes_give_the_same_rows(tmp_path: Path) -> None:
+    brake = json.dumps(str(ROOT / "specs" / "brake.yaml"))
+    (tmp_path / "s.yaml").write_text(
+        f"schema: 1\nname: s\nspecs: [{brake}]\ngrid: {{validation.samples: [3000], validation.seed: [1, 2]}}\n"
+        "stages: [tune, validate]\n"
+        'collect: ["validate.requirements[0].fraction", "validate.requirements[0].quantiles"]\n',
+        encoding="utf-8",
+    )
+    alone = table_of(tmp_path / "s.yaml", tmp_path / "alone", "0")
+    assert alone.count(",met,") == 2
+    assert table_of(tmp_path / "s.yaml", tmp_path / "many", "2", "blocks") == alone
