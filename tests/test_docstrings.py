@@ -1,6 +1,7 @@
 """Docstrings of what is public:  there for each, with parameters, units or shapes, errors, and sources of formulas.
 
-Public is what `fopi_tune` and its sub-packages export, and the public methods of the classes among them.
+Public is what `fopi_tune` and its sub-packages export (of a module without `__all__`: what it defines), and the public
+methods of the classes among them.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ MODULES = [
         for path in PACKAGE.rglob("__init__.py")
         if path.parent != PACKAGE
     ),
+    "fopi_tune.results.candidate",
+    "fopi_tune.results.status",
     "fopi_tune.study.load",
 ]
 #: what a name says of its unit; and what words of a docstring do
@@ -42,10 +45,11 @@ PLAIN = re.compile(r"\b(float|int|str|bool|Array|Mapping|Sequence|Iterable|dict|
 def exported(module: str) -> Iterator[tuple[str, Any]]:
     """Classes and functions that a module exports, under the name of where they are written."""
     found = importlib.import_module(module)
-    names = getattr(found, "__all__", None) or [n for n in ("load_study",) if hasattr(found, n)]
+    names = getattr(found, "__all__", None) or [n for n in vars(found) if not n.startswith("_")]
     for name in names:
         value = getattr(found, name)
-        if inspect.isclass(value) or inspect.isfunction(value):
+        foreign = not hasattr(found, "__all__") and getattr(value, "__module__", "") != module
+        if not foreign and (inspect.isclass(value) or inspect.isfunction(value)):
             yield f"{value.__module__}.{value.__qualname__}", value
 
 

@@ -65,7 +65,13 @@ class Violation:
 
 @dataclass(frozen=True)
 class Attempt:
-    """A candidate, what the verification says of it, and the certificate; kp = ki = 0 leaves nothing to check."""
+    """A candidate and what was found out about it.
+
+    Args:
+        candidate: a search's answer.
+        found: what the verification says of its gains; None where there are none, or kp = ki = 0.
+        certificate: what is proved of them; None where nothing was to be proved.
+    """
 
     candidate: Candidate
     found: Verification | None = None

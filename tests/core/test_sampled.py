@@ -10,8 +10,8 @@ from typing import Any
 import control
 import numpy as np
 import pytest
-import sampled_oracle as oracle
 from cases.plants import brake, spec_of
+from oracles import sampled_loops as oracle
 from scipy.signal import cont2discrete
 
 import fopi_tune as ft
