@@ -649,10 +649,9 @@ def test_the_package_is_imported_without_numba() -> None:
 def test_what_was_compiled_is_kept_where_numba_is_told_to(tmp_path: Path) -> None:
     # importing makes the cache's place; compiling would take many seconds
     code = "from fopi_tune.simulation.sampled.kernel import run_blocks; print(run_blocks._cache.cache_path)"
-    root = ROOT
     copy = tmp_path / "read_only"
-    shutil.copytree(root / "fopi_tune", copy / "fopi_tune", ignore=shutil.ignore_patterns("__pycache__"))
-    folder = copy / "fopi_tune" / "validation"
+    shutil.copytree(ROOT / "fopi_tune", copy / "fopi_tune", ignore=shutil.ignore_patterns("__pycache__"))
+    folder = copy / "fopi_tune" / "simulation" / "sampled"
     folder.chmod(0o555)
     environment = {**os.environ, "PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
