@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.convex.limits import GUARD, Bound, Limit, Task
+from fopi_tune.convex.limits import STABILITY_GUARD, Bound, Limit, Task
+from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array, Rows
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.peaks import Extremes, Response, extremes, log_response_at
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.errors import DomainError
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
 #: a place of the objective rather than of a limit
@@ -33,7 +33,7 @@ _UNSTABLE = 10.0
 
 
 @dataclass(frozen=True)
-class Places:
+class ConstraintPoints:
     """Where something is asked; all of shape (n,).
 
     Args:
@@ -51,28 +51,28 @@ class Places:
     missing: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, limit: int, plant: Rows, u: Array, slack: Array, missing: bool = False) -> Places:
+    def of(cls, limit: int, plant: Rows, u: Array, slack: Array, missing: bool = False) -> ConstraintPoints:
         """Places of one limit."""
         n = len(plant)
         clipped = np.clip(np.nan_to_num(u, nan=0.0), -_FAR, _FAR)
         return cls(np.full(n, limit, dtype=np.intp), plant, clipped, slack, np.full(n, missing))
 
     @classmethod
-    def joined(cls, parts: list[Places]) -> Places:
+    def joined(cls, parts: list[ConstraintPoints]) -> ConstraintPoints:
         """All of them."""
         names = cls.__dataclass_fields__
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
-    def take(self, rows: Rows) -> Places:
+    def take(self, rows: Rows) -> ConstraintPoints:
         """Some of them."""
-        return Places(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+        return ConstraintPoints(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def __len__(self) -> int:
         return len(self.plant)
 
 
 @dataclass(frozen=True)
-class Look:
+class Evaluation:
     """What is true of gains on some plants; the first plant is the nominal one.
 
     Args:
@@ -84,7 +84,7 @@ class Look:
     """
 
     gains: FoPi
-    places: Places
+    points: ConstraintPoints
     violation: float
     cost: float
     stable: bool
@@ -96,37 +96,37 @@ class Look:
     @property
     def _missed(self) -> dict[int, float]:
         missed: dict[int, float] = {}
-        for k, slack in zip(self.places.limit.tolist(), self.places.slack.tolist(), strict=True):
+        for k, slack in zip(self.points.limit.tolist(), self.points.slack.tolist(), strict=True):
             if k != OBJECTIVE:
                 missed[k] = max(missed.get(k, -math.inf), -slack)
         return missed
 
 
-def look(task: Task, gains: FoPi, plants: Plants) -> Look:
+def evaluate(task: Task, gains: FoPi, plants: Plants) -> Evaluation:
     """Every limit and the objective of one controller on these plants."""
     try:
-        return _look(task, gains, plants)
+        return _evaluate(task, gains, plants)
     except DomainError:
         # kp = ki = 0, or |L| = 1 over a whole range: there is no loop to judge.
-        nothing = Places.of(OBJECTIVE, np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros(0))
-        return Look(gains, nothing, math.inf, math.inf, False)
+        nothing = ConstraintPoints.of(OBJECTIVE, np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros(0))
+        return Evaluation(gains, nothing, math.inf, math.inf, False)
 
 
-def _look(task: Task, gains: FoPi, plants: Plants) -> Look:
+def _evaluate(task: Task, gains: FoPi, plants: Plants) -> Evaluation:
     loops = Loops.of(gains, plants)
     crossings = gain_crossovers(loops)
     stable = bool((unstable_poles_from(loops, crossings) < 0.5).all())
     seen = _Seen(task, loops, crossings)
     parts = [part for k, limit in enumerate(task.limits) for part in seen.of(k, limit)]
-    limits = Places.joined(parts)
+    limits = ConstraintPoints.joined(parts)
     violation = max(0.0, float(-limits.slack.min(initial=math.inf)))
     objective = seen.objective(limits)
     cost = float(-objective.slack.min()) if len(objective) else task.ki_cost(gains)[0]
     violation += 0.0 if stable else _UNSTABLE
-    return Look(gains, Places.joined([limits, objective]), violation, cost, stable)
+    return Evaluation(gains, ConstraintPoints.joined([limits, objective]), violation, cost, stable)
 
 
-def rough_ranks(task: Task, gains: list[FoPi]) -> Array:
+def nominal_violations(task: Task, gains: list[FoPi]) -> Array:
     """How much each of many controllers misses with the nominal plant, in one batch, shape (n,); less is better.
 
     Raises:
@@ -137,7 +137,7 @@ def rough_ranks(task: Task, gains: list[FoPi]) -> Array:
     loops = Loops(kp, ki, alpha, nominal)
     crossings = gain_crossovers(loops)
     seen = _Seen(task, loops, crossings, all_nominal=True)
-    limits = Places.joined([part for k, limit in enumerate(task.limits) for part in seen.of(k, limit)])
+    limits = ConstraintPoints.joined([part for k, limit in enumerate(task.limits) for part in seen.of(k, limit)])
     missed = np.zeros(len(gains))
     np.maximum.at(missed, limits.plant, -limits.slack)
     return missed + np.where(unstable_poles_from(loops, crossings) < 0.5, 0.0, _UNSTABLE)
@@ -150,17 +150,17 @@ class _Seen:
     crossings: Crossings
     all_nominal: bool = False
 
-    def of(self, k: int, limit: Limit) -> list[Places]:
+    def of(self, k: int, limit: Limit) -> list[ConstraintPoints]:
         """Where one limit is worst, plant by plant."""
         first_alone = limit.nominal and not self.all_nominal
         rows = np.zeros(1, dtype=np.intp) if first_alone else np.arange(len(self.loops))
-        if limit.where is Where.BAND:
+        if limit.where is EvaluatedAt.BAND:
             return [self._band(k, limit, rows)]
-        if limit.where is Where.PHASE_CROSSOVERS:
+        if limit.where is EvaluatedAt.PHASE_CROSSOVERS:
             return self._gain_margin(k, limit, rows)
         return self._crossing(k, limit, rows)
 
-    def _band(self, k: int, limit: Limit, rows: Rows) -> Places:
+    def _band(self, k: int, limit: Limit, rows: Rows) -> ConstraintPoints:
         loops, response = self.loops.take(rows), limit.response
         assert response is not None
         if limit.from_rad_s == limit.to_rad_s:
@@ -169,19 +169,19 @@ class _Seen:
         else:
             found = extremes(loops, response, limit.from_rad_s, limit.to_rad_s, limit.bound is Bound.UPPER)
         with np.errstate(divide="ignore"):
-            return Places.of(k, rows, np.log(found.omega_rad_s), limit.slack(found.value))
+            return ConstraintPoints.of(k, rows, np.log(found.omega_rad_s), limit.slack(found.value))
 
-    def _crossing(self, k: int, limit: Limit, rows: Rows) -> list[Places]:
+    def _crossing(self, k: int, limit: Limit, rows: Rows) -> list[ConstraintPoints]:
         c = self.crossings
         value = crossing_value(limit.quantity, c)
         mine = np.isin(c.row, rows)
-        if limit.where is Where.HIGHEST_GAIN_CROSSOVER:
+        if limit.where is EvaluatedAt.HIGHEST_GAIN_CROSSOVER:
             mine &= _first_of_row(c.row, -c.u)
         elif limit.bound is not Bound.LOWER:
             mine &= _first_of_row(c.row, value)
-        parts = [Places.of(k, c.row[mine], c.u[mine], limit.slack(value[mine]))]
+        parts = [ConstraintPoints.of(k, c.row[mine], c.u[mine], limit.slack(value[mine]))]
         lacking = np.setdiff1d(rows, c.row)
-        if limit.requirement == GUARD or not len(lacking):
+        if limit.requirement == STABILITY_GUARD or not len(lacking):
             return parts
         top = extremes(self.loops.take(lacking), Response.LOOP_GAIN, 0.0, math.inf)
         bottom = extremes(self.loops.take(lacking), Response.LOOP_GAIN, 0.0, math.inf, largest=False)
@@ -189,9 +189,9 @@ class _Seen:
         away = np.where(small, -top.value, bottom.value)
         with np.errstate(divide="ignore"):
             u = np.log(np.where(small, top.omega_rad_s, bottom.omega_rad_s))
-        return [*parts, Places.of(k, lacking, u, -_NO_CROSSOVER - away, missing=True)]
+        return [*parts, ConstraintPoints.of(k, lacking, u, -_NO_CROSSOVER - away, missing=True)]
 
-    def _gain_margin(self, k: int, limit: Limit, rows: Rows) -> list[Places]:
+    def _gain_margin(self, k: int, limit: Limit, rows: Rows) -> list[ConstraintPoints]:
         c = phase_crossovers(self.loops.take(rows))
         plant, value = rows[c.row], -np.log(c.gain)
         mine = c.gain <= 1.0
@@ -200,42 +200,44 @@ class _Seen:
             mine &= _first_of_row(c.row, ranked)
             endless = np.setdiff1d(rows, plant[mine])
             if len(endless):
-                nowhere = Places.of(k, endless, np.zeros(len(endless)), np.full(len(endless), -math.inf), missing=True)
-                return [Places.of(k, plant[mine], c.u[mine], limit.slack(value[mine])), nowhere]
-        return [Places.of(k, plant[mine], c.u[mine], limit.slack(value[mine]))]
+                nowhere = ConstraintPoints.of(
+                    k, endless, np.zeros(len(endless)), np.full(len(endless), -math.inf), missing=True
+                )
+                return [ConstraintPoints.of(k, plant[mine], c.u[mine], limit.slack(value[mine])), nowhere]
+        return [ConstraintPoints.of(k, plant[mine], c.u[mine], limit.slack(value[mine]))]
 
-    def objective(self, limits: Places) -> Places:
+    def objective(self, limits: ConstraintPoints) -> ConstraintPoints:
         """Where the objective is worst, plant by plant; none for ki."""
         kind, rows = self.task.objective, np.arange(len(self.loops))
         if kind is ObjectiveKind.DEPTH:
             counted = [k for k, limit in enumerate(self.task.limits) if counts_in_depth(limit)]
             inside = limits.take(np.flatnonzero(np.isin(limits.limit, counted)))
             if not len(inside):  # every gain margin is infinite, and nothing else is asked
-                return Places.of(OBJECTIVE, rows[:1], np.zeros(1), np.array([math.inf]))
-            return Places.of(OBJECTIVE, inside.plant, inside.u, inside.slack)
+                return ConstraintPoints.of(OBJECTIVE, rows[:1], np.zeros(1), np.array([math.inf]))
+            return ConstraintPoints.of(OBJECTIVE, inside.plant, inside.u, inside.slack)
         if kind in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK):
             found = extremes(self.loops, PEAKS[kind], 0.0, math.inf)
             with np.errstate(divide="ignore"):
-                return Places.of(OBJECTIVE, rows, np.log(found.omega_rad_s), -found.value)
+                return ConstraintPoints.of(OBJECTIVE, rows, np.log(found.omega_rad_s), -found.value)
         if kind is ObjectiveKind.IAE_DISTURBANCE:
-            gain, loop = at_rest(self.task, self.loops)
+            gain, loop = at_inverse_horizon(self.task, self.loops)
             with np.errstate(divide="ignore"):
-                return Places.of(OBJECTIVE, rows, np.zeros(len(rows)), np.log(np.abs((1.0 + loop) / gain)))
+                return ConstraintPoints.of(OBJECTIVE, rows, np.zeros(len(rows)), np.log(np.abs((1.0 + loop) / gain)))
         if kind is ObjectiveKind.KI:
-            return Places.of(OBJECTIVE, rows[:0], np.zeros(0), np.zeros(0))
+            return ConstraintPoints.of(OBJECTIVE, rows[:0], np.zeros(0), np.zeros(0))
         return self._spread(kind)
 
-    def _spread(self, kind: ObjectiveKind) -> Places:
+    def _spread(self, kind: ObjectiveKind) -> ConstraintPoints:
         c, rows = self.crossings, np.arange(len(self.loops))
         nominal = np.flatnonzero(c.row == 0)
         if not len(nominal) or len(np.unique(c.row)) < len(rows):
-            return Places.of(OBJECTIVE, rows[:1], np.zeros(1), np.array([-math.inf]))
+            return ConstraintPoints.of(OBJECTIVE, rows[:1], np.zeros(1), np.array([-math.inf]))
         if kind is ObjectiveKind.CROSSOVER_SPREAD:
             u = np.full(len(rows), c.u[nominal[-1]])
-            return Places.of(OBJECTIVE, rows, u, -np.abs(self.loops.log_response(rows, u).real))
+            return ConstraintPoints.of(OBJECTIVE, rows, u, -np.abs(self.loops.log_response(rows, u).real))
         smallest = _first_of_row(c.row, c.phase_rad)
         margin = c.phase_rad[smallest]
-        return Places.of(OBJECTIVE, c.row[smallest], c.u[smallest], -np.abs(margin - margin[0]))
+        return ConstraintPoints.of(OBJECTIVE, c.row[smallest], c.u[smallest], -np.abs(margin - margin[0]))
 
 
 PEAKS = {
@@ -246,7 +248,7 @@ PEAKS = {
 
 def counts_in_depth(limit: Limit) -> bool:
     """Whether a limit's slack counts when the smallest slack is the objective."""
-    return limit.requirement != GUARD and limit.bound is not Bound.EQUAL
+    return limit.requirement != STABILITY_GUARD and limit.bound is not Bound.EQUAL
 
 
 def crossing_value(quantity: str, c: Crossings) -> Array:
@@ -259,7 +261,7 @@ def crossing_value(quantity: str, c: Crossings) -> Array:
     return margin / c.omega_rad_s if quantity == "delay_margin_s" else margin
 
 
-def at_rest(task: Task, loops: Loops) -> tuple[Array, Array]:
+def at_inverse_horizon(task: Task, loops: Loops) -> tuple[Array, Array]:
     """T P and C P at s = 1/T of every loop: iae_disturbance is |T P/(1 + C P)| there."""
     s, plants = 1.0 / task.horizon_s, loops.plants
     powers = s ** np.arange(40.0)

@@ -12,12 +12,12 @@ from functools import cached_property
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.peaks import Response
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Scope
@@ -25,7 +25,7 @@ from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Scope
 #: the loop keeps |S| below this and the phase margin above that for every plant, whatever the requirements say
 GUARD_DB, GUARD_DEG = 40.0, 0.573
 #: a limit that belongs to no requirement
-GUARD = -1
+STABILITY_GUARD = -1
 #: inequalities are designed this much tighter (natural units), so that rounding does not undo them
 TIGHTENING = 4e-7
 #: a gain the spec leaves open is searched this far, in the plants' own scale
@@ -68,7 +68,7 @@ class Limit:
 
     requirement: int
     quantity: str
-    where: Where
+    where: EvaluatedAt
     response: Response | None
     bound: Bound
     limit: float
@@ -135,7 +135,10 @@ def task_of(spec: DesignSpec) -> Task:
     limits = tuple(limit for i, r in enumerate(spec.requirements) for limit in _split(i, r))
     peak = Requirement("sensitivity_db", Relation.AT_MOST, (GUARD_DB,))
     margin = Requirement("phase_margin_deg", Relation.AT_LEAST, (GUARD_DEG,))
-    guards = (_limit(GUARD, peak, Bound.UPPER, GUARD_DB), _limit(GUARD, margin, Bound.LOWER, GUARD_DEG))
+    guards = (
+        _limit(STABILITY_GUARD, peak, Bound.UPPER, GUARD_DB),
+        _limit(STABILITY_GUARD, margin, Bound.LOWER, GUARD_DEG),
+    )
     objective = ObjectiveKind(spec.objective.quantity) if spec.objective else ObjectiveKind.DEPTH
     if objective is ObjectiveKind.DEPTH and all(limit.bound is Bound.EQUAL for limit in limits):
         objective = ObjectiveKind.SENSITIVITY_PEAK  # the depth is then the distance from -1
@@ -149,7 +152,7 @@ def task_of(spec: DesignSpec) -> Task:
     )
 
 
-def refusal(spec: DesignSpec) -> str | None:
+def unsupported(spec: DesignSpec) -> str | None:
     """What the convex path cannot take, or None."""
     if spec.digital is not None and spec.digital.designs_sampled:
         return "the convex path designs in continuous time, and the spec asks for design: sampled; use the solver ipopt"
@@ -175,7 +178,7 @@ def _split(index: int, requirement: Requirement) -> list[Limit]:
 def _limit(index: int, requirement: Requirement, bound: Bound, public: float) -> Limit:
     quantity = QUANTITIES[requirement.quantity]
     scale = quantity.natural_scale(public)
-    tightening = 0.0 if index == GUARD else TIGHTENING / scale
+    tightening = 0.0 if index == STABILITY_GUARD else TIGHTENING / scale
     return Limit(
         requirement=index,
         quantity=requirement.quantity,

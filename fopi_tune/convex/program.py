@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from fopi_tune.convex.rows import RowTable
-from fopi_tune.core.logform import Array
+from fopi_tune.convex.cone_constraints import ConeConstraints
+from fopi_tune.core.bode_form import Array
 
 #: rows in play at most; the rest of them are far from binding
 CAPACITY = 40
@@ -76,7 +76,7 @@ class Program:
         )
         self.restore_problem = cp.Problem(cp.Minimize(v), [cp.SOC(right + self.elastic * v, left, axis=0), *box, *near])
 
-    def step(self, rows: RowTable, low: Array, high: Array, price: Array, weight: float) -> Step | None:
+    def step(self, rows: ConeConstraints, low: Array, high: Array, price: Array, weight: float) -> Step | None:
         """The best step; None when the rows leave no room (or the solver gives up)."""
         self._fill(rows, low, high)
         self.price.value, self.weight.value = price, weight
@@ -86,7 +86,7 @@ class Program:
         price = multipliers.sum() + sum(np.abs(np.asarray(c.dual_value, dtype=float)).sum() for c in self.exact)
         return Step(np.asarray(self.d.value, dtype=float), float(self.t.value), float(price))
 
-    def restore(self, rows: RowTable, low: Array, high: Array) -> Step | None:
+    def restore(self, rows: ConeConstraints, low: Array, high: Array) -> Step | None:
         """The step after which the rows are missed least; None when the solver gives up."""
         hard = rows.take(np.flatnonzero(rows.elastic > 0.0))
         self._fill(hard, low, high)
@@ -107,7 +107,7 @@ class Program:
                 return False
         return problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE) and bool(np.all(np.isfinite(self.d.value)))
 
-    def _fill(self, rows: RowTable, low: Array, high: Array) -> None:
+    def _fill(self, rows: ConeConstraints, low: Array, high: Array) -> None:
         rows = rows.tightest(CAPACITY, _OF_EACH)
         n = len(rows.slack0)
         empty = CAPACITY - n

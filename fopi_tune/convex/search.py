@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fopi_tune.convex.limits import GUARD, OPEN_GAIN, TIGHTENING, Bound, Task, refusal, task_of
-from fopi_tune.convex.local import TOLERANCE, Found, Members, better
-from fopi_tune.convex.orders import Orders
+from fopi_tune.convex.alpha_search import AlphaSearch
+from fopi_tune.convex.convex_concave import TOLERANCE, LocalResult, Members, is_better
+from fopi_tune.convex.limits import OPEN_GAIN, STABILITY_GUARD, TIGHTENING, Bound, Task, task_of, unsupported
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.errors import DomainError
@@ -41,7 +41,7 @@ def convex_design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Can
         A candidate.  Confirming it is `fopi_tune.proof`'s business; here `verify` only looks for plants to add.
     """
     nothing = tuple(None for _ in spec.requirements)
-    reason = refusal(spec)
+    reason = unsupported(spec)
     if reason is not None:
         return Candidate(Status.FAILED, None, nothing, message=reason)
     box = spec.controller
@@ -52,33 +52,33 @@ def convex_design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Can
         return Candidate(Status.SOLVED, FoPi(box.kp.min, box.ki.min, box.alpha.min), nothing)
     searches = [_search(branch, violations) for branch in _branches(spec)]
     found = [(search, best) for search in searches if (best := search.best()) is not None]
-    solves = sum(search.local.program.solves for search in searches)
+    solves = sum(search.procedure.program.solves for search in searches)
     if not found:
         message = "the convex path found no gains within their ranges whose loop has the crossings that are asked for"
         return Candidate(Status.INFEASIBLE, None, nothing, message=message, solves=solves)
     search, best = found[0]
     for other, its_best in found[1:]:
-        search, best = (other, its_best) if better(its_best.look, best.look) else (search, best)
+        search, best = (other, its_best) if is_better(its_best.evaluation, best.evaluation) else (search, best)
     return replace(_candidate(search.task, best), solves=solves, cuts=len(search.members.points))
 
 
-def _search(spec: DesignSpec, violations: Sequence[Violation]) -> Orders:
+def _search(spec: DesignSpec, violations: Sequence[Violation]) -> AlphaSearch:
     """Scan, exchange plants, refine, exchange again."""
     task = task_of(spec)
     members = Members.of(task)
     members.add(np.array([v.theta for v in violations]).reshape(len(violations), members.points.shape[1]))
-    orders = Orders(task, members)
+    orders = AlphaSearch(task, members)
     orders.scan()
     for _ in range(_MOST_EXCHANGES):
         orders.refine()
         best = orders.best()
         if best is None or not _with_worst_plants(spec, members, best):
             break
-        orders.again()
+        orders.reevaluate()
     return orders
 
 
-def _with_worst_plants(spec: DesignSpec, members: Members, best: Found) -> bool:
+def _with_worst_plants(spec: DesignSpec, members: Members, best: LocalResult) -> bool:
     """Add the plants of the whole family where these gains are worst; False when they are no worse than known ones."""
     if not members.points.shape[1]:
         return False
@@ -123,31 +123,31 @@ def _branches(spec: DesignSpec) -> list[DesignSpec]:
     return [spec]
 
 
-def _candidate(task: Task, best: Found) -> Candidate:
+def _candidate(task: Task, best: LocalResult) -> Candidate:
     spec, nothing = task.spec, tuple(None for _ in task.spec.requirements)
-    if best.look.violation <= _MEETS:
+    if best.evaluation.violation <= _MEETS:
         without_end = _without_end(task, best)
         if without_end:
             message = f"{without_end} without limit while the objective still improves"
             return Candidate(Status.UNBOUNDED, best.gains, nothing, message=message, rounds=best.rounds)
         return Candidate(Status.SOLVED, best.gains, nothing, rounds=best.rounds)
-    if not best.look.stable:
+    if not best.evaluation.stable:
         missed = "no start led to a loop that is stable for every plant"
     else:
-        worst = [k for k, by in best.look.worst_limits(3).items() if by > _MEETS]
+        worst = [k for k, by in best.evaluation.worst_limits(3).items() if by > _MEETS]
         indices = [task.limits[k].requirement for k in worst]
         names = " and ".join(
-            dict.fromkeys("stability" if i == GUARD else spec.requirements[i].quantity for i in indices)
+            dict.fromkeys("stability" if i == STABILITY_GUARD else spec.requirements[i].quantity for i in indices)
         )
-        missed = f"the gains that miss least miss {names} by {best.look.violation:.2g} neper or radian"
-    if best.look.violation <= _NEARLY:
+        missed = f"the gains that miss least miss {names} by {best.evaluation.violation:.2g} neper or radian"
+    if best.evaluation.violation <= _NEARLY:
         message = f"the convex path did not end: {missed}"
         return Candidate(Status.FAILED, best.gains, nothing, message=message, rounds=best.rounds)
     message = f"the convex path found no gains that meet all requirements; {missed}"
     return Candidate(Status.INFEASIBLE, best.gains, nothing, message=message, rounds=best.rounds)
 
 
-def _without_end(task: Task, best: Found) -> str:
+def _without_end(task: Task, best: LocalResult) -> str:
     """What ended where an open range is cut; empty when nothing did."""
     x, box = task.scaled(best.gains), task.spec.controller
     names = []
@@ -155,7 +155,7 @@ def _without_end(task: Task, best: Found) -> str:
         end = gain.max if value > 0.0 else gain.min
         if abs(value) > 0.5 * OPEN_GAIN and (math.isinf(end) or abs(end / unit) > OPEN_GAIN):
             names.append(name)
-    if task.objective is ObjectiveKind.DEPTH and best.look.cost < -0.999 * _DEPTH_CAP:
+    if task.objective is ObjectiveKind.DEPTH and best.evaluation.cost < -0.999 * _DEPTH_CAP:
         names.append("the smallest slack")
     if not names:
         return ""

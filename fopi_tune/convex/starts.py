@@ -16,13 +16,13 @@ import math
 
 import numpy as np
 
-from fopi_tune.convex.evaluate import Look, look, rough_ranks
+from fopi_tune.convex.convex_concave import Members
+from fopi_tune.convex.evaluate import Evaluation, evaluate, nominal_violations
 from fopi_tune.convex.limits import OPEN_GAIN, Bound, Task
-from fopi_tune.convex.local import Members
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.errors import DomainError
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 
 #: crossovers a decade tried, and how many decades on either side of the plants' own middle
 _PER_DECADE, _DECADES = 3, 2.0
@@ -36,18 +36,18 @@ _NEARLY_AS_GOOD = 0.5
 _APART = 0.4
 
 
-def starts(task: Task, members: Members, alpha: float, most: int) -> list[Look]:
+def starts(task: Task, members: Members, alpha: float, most: int) -> list[Evaluation]:
     """At most `most` starts at one alpha, the best first; empty where no gains were found that are usable."""
     lattice = [task.gains(x, alpha) for x in _lattice(task, alpha)]
     lattice = [g for g in dict.fromkeys(lattice) if g.kp != 0.0 or g.ki != 0.0]
     if not lattice:
         return []
     try:
-        first = np.argsort(rough_ranks(task, lattice), kind="stable")[:_LOOKED_AT]
+        first = np.argsort(nominal_violations(task, lattice), kind="stable")[:_LOOKED_AT]
     except DomainError:
         # one of them has |L| = 1 over a whole range: all are looked at one by one
         first = np.arange(len(lattice))
-    looked = [look(task, lattice[i], members.plants) for i in first]
+    looked = [evaluate(task, lattice[i], members.plants) for i in first]
     looked = [found for found in looked if math.isfinite(found.violation)]
     ranked = sorted(looked, key=_rank)
     # the one that the objective likes best may lead to another, better optimum
@@ -56,7 +56,7 @@ def starts(task: Task, members: Members, alpha: float, most: int) -> list[Look]:
         key=lambda found: found.cost,
         default=None,
     )
-    chosen: list[Look] = []
+    chosen: list[Evaluation] = []
     for found in (*ranked[:1], *([liked] if liked else []), *ranked[1:]):
         place = np.arcsinh(10.0 * task.scaled(found.gains))
         near = (np.abs(place - np.arcsinh(10.0 * task.scaled(c.gains))).max() < _APART for c in chosen)
@@ -67,7 +67,7 @@ def starts(task: Task, members: Members, alpha: float, most: int) -> list[Look]:
     return chosen
 
 
-def _rank(found: Look) -> tuple[float, float]:
+def _rank(found: Evaluation) -> tuple[float, float]:
     return found.violation, found.cost
 
 
@@ -94,7 +94,7 @@ def _lattice(task: Task, alpha: float) -> list[Array]:
 def _crossovers(task: Task) -> Array:
     low, high = task.omega_rad_s * 10.0**-_DECADES, task.omega_rad_s * 10.0**_DECADES
     for limit in task.limits:
-        if limit.where is Where.HIGHEST_GAIN_CROSSOVER and limit.quantity == "crossover_rad_s":
+        if limit.where is EvaluatedAt.HIGHEST_GAIN_CROSSOVER and limit.quantity == "crossover_rad_s":
             if limit.bound is Bound.EQUAL:
                 return np.array([math.exp(limit.limit)])
             low = max(low, math.exp(limit.limit)) if limit.bound is Bound.LOWER else low

@@ -17,7 +17,7 @@ _USUAL = 0.15
 
 
 @dataclass(frozen=True)
-class Knob:
+class MovableLimit:
     """A limit that can be turned.
 
     Args:
@@ -80,7 +80,7 @@ class Knob:
         return self.reach(way, _USUAL)
 
 
-def knob_of(spec: DesignSpec, words: str) -> Knob:
+def movable_limit(spec: DesignSpec, words: str) -> MovableLimit:
     """The knob that words choose: a requirement's number in the spec, or its quantity when no other has the same.
 
     Args:
@@ -90,7 +90,7 @@ def knob_of(spec: DesignSpec, words: str) -> Knob:
     Raises:
         DomainError: there is no such requirement, or more than one; the message lists those there are.
     """
-    knobs = knobs_of(spec)
+    knobs = movable_limits(spec)
     found = [knob for knob in knobs if words in (knob.name, str(knob.number))]
     if not found:
         name, _, end = words.partition(".")
@@ -103,12 +103,12 @@ def knob_of(spec: DesignSpec, words: str) -> Knob:
     raise DomainError(f"{problem}; choose by number: {'; '.join(_described(knob) for knob in found or knobs)}")
 
 
-def knobs_of(spec: DesignSpec) -> tuple[Knob, ...]:
+def movable_limits(spec: DesignSpec) -> tuple[MovableLimit, ...]:
     """Every limit there is, in the order of the spec."""
-    knobs: list[Knob] = []
+    knobs: list[MovableLimit] = []
     for i, requirement in enumerate(spec.requirements):
         if requirement.relation is not Relation.BETWEEN:
-            knobs.append(Knob(spec, i, i + 1))
+            knobs.append(MovableLimit(spec, i, i + 1))
             continue
         sides = [
             replace(requirement, relation=relation, limits=(limit,))
@@ -116,11 +116,11 @@ def knobs_of(spec: DesignSpec) -> tuple[Knob, ...]:
         ]
         for k, end in enumerate(("lower", "upper")):
             others = (*spec.requirements[:i], sides[k], *spec.requirements[i + 1 :], sides[1 - k])
-            knobs.append(Knob(replace(spec, requirements=others), i, i + 1, end))
+            knobs.append(MovableLimit(replace(spec, requirements=others), i, i + 1, end))
     return tuple(knobs)
 
 
-def _described(knob: Knob) -> str:
+def _described(knob: MovableLimit) -> str:
     requirement = knob.requirement
     low, high = requirement.from_rad_s, requirement.to_rad_s
     band = f" from {low:g} rad/s on" if low > 0.0 else ""

@@ -16,7 +16,7 @@ Source: Taylor's formula with J(0) = 0.
 from __future__ import annotations
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.prices.limit import Knob, knobs_of
+from fopi_tune.prices.limit import MovableLimit, movable_limits
 from fopi_tune.prices.prober import Probe, Prober, is_maximised, is_no_worse
 from fopi_tune.results.status import Price
 from fopi_tune.spec.model import DesignSpec
@@ -44,7 +44,7 @@ def price_of(spec: DesignSpec, gains: FoPi, number: int, multiplier: float | Non
     if multiplier is None:
         return None
     found: list[Price] = []
-    for knob in knobs_of(spec):
+    for knob in movable_limits(spec):
         if knob.number != number:
             continue
         prober = Prober.of(knob, gains)
@@ -56,7 +56,7 @@ def price_of(spec: DesignSpec, gains: FoPi, number: int, multiplier: float | Non
     return max(found, key=lambda price: max(abs(price.relaxed or 0.0), abs(price.tightened or 0.0)), default=None)
 
 
-def _priced(knob: Knob, prober: Prober, multiplier: float) -> Price:
+def _priced(knob: MovableLimit, prober: Prober, multiplier: float) -> Price:
     """With ever smaller steps until the prices agree with the multiplier."""
     base = prober.from_neighbour(knob.limit, prober.base)
     if base is None or not base.is_met or not is_no_worse(prober, base, prober.base):
@@ -72,7 +72,7 @@ def _priced(knob: Knob, prober: Prober, multiplier: float) -> Price:
     return price
 
 
-def _by_steps(knob: Knob, prober: Prober, base: Probe, step: float) -> tuple[float | None, float | None]:
+def _by_steps(knob: MovableLimit, prober: Prober, base: Probe, step: float) -> tuple[float | None, float | None]:
     """Formula (1), relaxing and tightening, in the objective's unit per unit of the limit."""
     quantity, natural = knob.quantity, knob.quantity.to_natural(knob.limit)
     h = step / quantity.natural_scale(knob.limit)

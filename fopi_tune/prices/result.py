@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import Any
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.prices.limit import Knob
+from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.results.documents import finite
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import DesignSpec
@@ -67,7 +67,7 @@ class TradeoffPoint:
 
 
 @dataclass(frozen=True)
-class End:
+class FeasibleEnd:
     """Where the limits that can be met end.
 
     Args:
@@ -100,11 +100,11 @@ class Tradeoff:
         stamp: where this comes from.
     """
 
-    knob: Knob
+    knob: MovableLimit
     spec: DesignSpec
     own: TradeoffPoint
     points: tuple[TradeoffPoint, ...]
-    ends: tuple[End, ...]
+    ends: tuple[FeasibleEnd, ...]
     objective_quantity: str
     stamp: Stamp
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
-from fopi_tune.prices.ends import end_of
-from fopi_tune.prices.limit import Knob
+from fopi_tune.prices.feasible_end import end_of
+from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.prices.prober import Probe, Prober, is_no_worse
-from fopi_tune.prices.result import End, Tradeoff
+from fopi_tune.prices.result import FeasibleEnd, Tradeoff
 from fopi_tune.results.stamp import stamp
 from fopi_tune.spec.model import DesignSpec
 
@@ -29,7 +29,7 @@ _NOISE = 1e-7
 
 
 @dataclass(frozen=True)
-class Range:
+class SweepRange:
     """Which limits to look at.
 
     Args:
@@ -43,7 +43,7 @@ class Range:
     points: int = 50
 
 
-def sweep(spec: DesignSpec, knob: Knob, gains: FoPi, wanted: Range, objective_quantity: str) -> Tradeoff:
+def sweep(spec: DesignSpec, knob: MovableLimit, gains: FoPi, wanted: SweepRange, objective_quantity: str) -> Tradeoff:
     """Turn one limit, and solve and check the spec at every place.
 
     Args:
@@ -69,7 +69,7 @@ def sweep(spec: DesignSpec, knob: Knob, gains: FoPi, wanted: Range, objective_qu
     return Tradeoff(knob, spec, prober.point(prober.base), points, ends, objective_quantity, stamped)
 
 
-def _check(knob: Knob, wanted: Range) -> None:
+def _check(knob: MovableLimit, wanted: SweepRange) -> None:
     if not 2 <= wanted.points <= _MOST_POINTS:
         raise DomainError(f"--points {wanted.points} must lie between 2 and {_MOST_POINTS}; 50 is usual")
     for option, value in (("--from", wanted.start), ("--to", wanted.stop)):
@@ -84,7 +84,7 @@ def _check(knob: Knob, wanted: Range) -> None:
         raise DomainError(f"--from {wanted.start:g} must be smaller than --to {wanted.stop:g}")
 
 
-def _limits(knob: Knob, wanted: Range, ends: Sequence[End]) -> list[float]:
+def _limits(knob: MovableLimit, wanted: SweepRange, ends: Sequence[FeasibleEnd]) -> list[float]:
     """The limits to look at, rising: by default from the infeasible end as far to the other side of the spec's own."""
     reached = {end.way: end.feasible if end.infeasible is not None else knob.usual(end.way) for end in ends}
     for way in (-1, 1):

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import fopi_tune as ft
 from fopi_tune.cli import app
-from fopi_tune.prices import PointStatus, Tradeoff, knob_of, knobs_of
+from fopi_tune.prices import PointStatus, Tradeoff, movable_limit, movable_limits
 from fopi_tune.prices.prober import Probe, Prober
 from fopi_tune.prices.sweep import monotone
 from fopi_tune.proof import verify, with_limits_of
@@ -151,7 +151,7 @@ def test_the_check_of_the_same_gains_against_other_limits_needs_no_measuring() -
         gains = ft.tune(spec, proof=False).gains
         assert gains is not None
         for asked in (spec, replace(spec, objective=None)):
-            knob = knob_of(asked, number)
+            knob = movable_limit(asked, number)
             found = with_limits_of(knob.at(limit), verify(asked, gains))
             assert found == verify(knob.at(limit), gains)
             assert not found.all_met
@@ -204,19 +204,19 @@ def test_a_requirement_is_named_by_number_quantity_or_end() -> None:
         "sensitivity_db: {at_most: 4}",
         "sensitivity_db: {at_most: 2}, to_rad_s: 1",
     )
-    assert [knob.name for knob in knobs_of(spec)] == ["1.lower", "1.upper", "2", "3"]
-    upper = knob_of(spec, "phase_margin_deg.upper")
+    assert [knob.name for knob in movable_limits(spec)] == ["1.lower", "1.upper", "2", "3"]
+    upper = movable_limit(spec, "phase_margin_deg.upper")
     assert (upper.limit, upper.tightens, upper.number) == (60.0, -1, 1)
     assert [r.relation.value for r in upper.at(58.0).requirements] == ["at_most", "at_most", "at_most", "at_least"]
-    assert knob_of(spec, "2").requirement == spec.requirements[1]
+    assert movable_limit(spec, "2").requirement == spec.requirements[1]
     for words in ("sensitivity_db", "1", "phase_margin_deg"):
         with pytest.raises(ft.DomainError, match="choose by number"):
-            knob_of(spec, words)
+            movable_limit(spec, words)
     for words in ("9", "gain_margin_db", "", "2.upper"):
         with pytest.raises(ft.DomainError, match="there is no requirement"):
-            knob_of(spec, words)
+            movable_limit(spec, words)
     with pytest.raises(ft.DomainError, match="up to 1 rad/s"):
-        knob_of(spec, "sensitivity_db")
+        movable_limit(spec, "sensitivity_db")
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fopi_tune.convex.evaluate import OBJECTIVE, Look, Places, look
+from fopi_tune.convex.cone_constraints import constraints_at
+from fopi_tune.convex.evaluate import OBJECTIVE, ConstraintPoints, Evaluation, evaluate
 from fopi_tune.convex.limits import Task
 from fopi_tune.convex.program import Program, Step
-from fopi_tune.convex.rows import rows_of
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Plants
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
 #: a limit is met when it is missed by less than this, natural units
@@ -69,24 +69,24 @@ class Members:
 
 
 @dataclass(frozen=True)
-class Found:
+class LocalResult:
     """The end of the steps at one alpha."""
 
-    look: Look
+    evaluation: Evaluation
     rounds: int
 
     @property
     def gains(self) -> FoPi:
         """The controller."""
-        return self.look.gains
+        return self.evaluation.gains
 
     @property
     def feasible(self) -> bool:
         """Whether every limit is met on the plants in play."""
-        return self.look.violation <= TOLERANCE
+        return self.evaluation.violation <= TOLERANCE
 
 
-def better(one: Look, other: Look, by: float = 0.0) -> bool:
+def is_better(one: Evaluation, other: Evaluation, by: float = 0.0) -> bool:
     """Whether one is better than the other: met before missed, then the objective, else missed by less."""
     if one.violation <= TOLERANCE and other.violation <= TOLERANCE:
         return one.cost < other.cost - by
@@ -104,7 +104,7 @@ class _Move:
     promised: float
 
 
-def _kept(here: Look, there: Look, move: _Move, promised: float, penalty: float) -> float:
+def _reduction_ratio(here: Evaluation, there: Evaluation, move: _Move, promised: float, penalty: float) -> float:
     """Which part of what was promised came true."""
     if not np.isfinite(there.violation):
         return -np.inf
@@ -118,19 +118,19 @@ def _kept(here: Look, there: Look, move: _Move, promised: float, penalty: float)
 
 
 @dataclass
-class Local:
+class ConvexConcaveProcedure:
     """The steps, and what they keep between one alpha and the next: the compiled problems and earlier places."""
 
     task: Task
     members: Members
     program: Program
-    memory: Places | None = None
+    memory: ConstraintPoints | None = None
 
-    def run(self, start: FoPi, enough: float = NO_GAIN) -> Found:
+    def run(self, start: FoPi, enough: float = NO_GAIN) -> LocalResult:
         """Improve gains at their alpha until no step promises more than `enough` (natural units)."""
-        here = best = look(self.task, start, self.members.plants)
+        here = best = evaluate(self.task, start, self.members.plants)
         if not np.isfinite(here.violation):
-            return Found(here, 0)
+            return LocalResult(here, 0)
         trust, penalty, rounds = 1.0, 1.0, 0
         while rounds < _MOST_ROUNDS and trust > _SMALLEST_TRUST:
             rounds += 1
@@ -142,26 +142,26 @@ class Local:
             if promised < (enough if here.violation <= TOLERANCE else NO_GAIN):
                 break
             there = self._moved(here, move.step)
-            kept = _kept(here, there, move, promised, penalty)
+            kept = _reduction_ratio(here, there, move, promised, penalty)
             if kept < _POOR and move.aims and there.violation > TOLERANCE and np.isfinite(there.cost):
                 # the requirements' curvature may be all that spoils it: a second step, with rows made there
                 again = self._move(there, trust)
                 corrected = self._moved(there, again.step) if again is not None else there
-                if (second := _kept(here, corrected, move, promised, penalty)) > kept:
+                if (second := _reduction_ratio(here, corrected, move, promised, penalty)) > kept:
                     there, kept = corrected, second
             size = float(np.abs(move.step.d / self._reach(here, 1.0)).max())
             if kept > _POOR:
                 here = there
-                best = here if better(here, best) else best
+                best = here if is_better(here, best) else best
             if kept < _FAIR:
                 trust = _SHRINK * min(trust, max(size, 1e-12))
             elif kept > _GOOD and size > 0.9 * trust:
                 trust = min(2.0 * trust, _LARGEST_TRUST)
-        return Found(best, rounds)
+        return LocalResult(best, rounds)
 
-    def _move(self, here: Look, trust: float) -> _Move | None:
+    def _move(self, here: Evaluation, trust: float) -> _Move | None:
         """The step that the objective asks for or, where the rows leave no room, the one that misses least."""
-        rows = rows_of(self.task, here, self.members.plants, self._remembered(here))
+        rows = constraints_at(self.task, here, self.members.plants, self._remembered(here))
         low, high = self._bounds(here, trust)
         price, weight = self._price(here.gains)
         step = self.program.step(rows, low, high, price, weight)
@@ -176,27 +176,27 @@ class Local:
             return np.array([0.0, self.task.ki_cost(gains)[1] * self.task.unit(gains.alpha)[1]]), 1e-6
         return np.zeros(2), 1.0
 
-    def _reach(self, here: Look, trust: float) -> Array:
+    def _reach(self, here: Evaluation, trust: float) -> Array:
         size = np.abs(self.task.scaled(here.gains))
         return trust * (size + 0.25 * max(float(size.max()), 0.02))
 
-    def _bounds(self, here: Look, trust: float) -> tuple[Array, Array]:
+    def _bounds(self, here: Evaluation, trust: float) -> tuple[Array, Array]:
         x, reach = self.task.scaled(here.gains), self._reach(here, trust)
         low, high = self.task.box(here.gains.alpha)
         return np.minimum(np.maximum(low - x, -reach), 0.0), np.maximum(np.minimum(high - x, reach), 0.0)
 
-    def _moved(self, here: Look, step: Step) -> Look:
+    def _moved(self, here: Evaluation, step: Step) -> Evaluation:
         x = self.task.scaled(here.gains) + step.d
-        return look(self.task, self.task.gains(x, here.gains.alpha), self.members.plants)
+        return evaluate(self.task, self.task.gains(x, here.gains.alpha), self.members.plants)
 
-    def _remembered(self, here: Look) -> Places:
+    def _remembered(self, here: Evaluation) -> ConstraintPoints:
         """The places of now, and those of frequency functions of earlier rounds; the oldest are forgotten."""
-        bands = [k for k, limit in enumerate(self.task.limits) if limit.where is Where.BAND]
+        bands = [k for k, limit in enumerate(self.task.limits) if limit.where is EvaluatedAt.BAND]
         peaks = self.task.objective in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK)
-        kept = np.isin(here.places.limit, [*bands, *([OBJECTIVE] if peaks else [])])
-        now = here.places.take(np.flatnonzero(kept & (np.abs(here.places.u) < 99.0)))
-        places = here.places if self.memory is None else Places.joined([here.places, self.memory])
+        kept = np.isin(here.points.limit, [*bands, *([OBJECTIVE] if peaks else [])])
+        now = here.points.take(np.flatnonzero(kept & (np.abs(here.points.u) < 99.0)))
+        points = here.points if self.memory is None else ConstraintPoints.joined([here.points, self.memory])
         near = now.take(np.argsort(now.slack)[:12])
-        memory = near if self.memory is None else Places.joined([near, self.memory])
+        memory = near if self.memory is None else ConstraintPoints.joined([near, self.memory])
         self.memory = memory.take(np.arange(min(len(memory), _MEMORY)))
-        return places
+        return points

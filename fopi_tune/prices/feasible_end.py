@@ -8,9 +8,9 @@ limit is called infeasible; gains that one of them finds carry the search on.
 
 from __future__ import annotations
 
-from fopi_tune.prices.limit import Knob
+from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.prices.prober import Probe, Prober
-from fopi_tune.prices.result import End
+from fopi_tune.prices.result import FeasibleEnd
 
 #: the bracket's width, as a part of the range
 WIDTH = 1e-3
@@ -21,7 +21,7 @@ _STEP = 0.02
 _MOST_BRACKETS, _MOST_TRIALS = 6, 60
 
 
-def end_of(prober: Prober, way: int) -> tuple[End, Probe]:
+def end_of(prober: Prober, way: int) -> tuple[FeasibleEnd, Probe]:
     """Where the limits that can be met end in one direction.
 
     Args:
@@ -35,12 +35,12 @@ def end_of(prober: Prober, way: int) -> tuple[End, Probe]:
     for _ in range(_MOST_BRACKETS):
         last, failed = _bracketed(prober, way, last)
         if failed is None:
-            return End(way, last.limit, None), last
+            return FeasibleEnd(way, last.limit, None), last
         outside = prober.from_all_starts(failed)
         if not outside.is_met:
             break
         last = outside
-    return End(way, last.limit, failed), last
+    return FeasibleEnd(way, last.limit, failed), last
 
 
 def _bracketed(prober: Prober, way: int, last: Probe) -> tuple[Probe, float | None]:
@@ -75,6 +75,6 @@ def _around_guess(prober: Prober, cap: float, way: int, last: Probe) -> list[flo
     return [far[0] - beside, far[0] + beside]
 
 
-def _width(knob: Knob, limit: float, way: int) -> float:
+def _width(knob: MovableLimit, limit: float, way: int) -> float:
     """The bracket's width when the sweep goes so far."""
     return 2.0 * WIDTH * max(abs(limit - knob.limit), 0.1 * abs(knob.usual(way) - knob.limit))

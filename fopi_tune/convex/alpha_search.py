@@ -17,9 +17,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fopi_tune.convex.evaluate import look
+from fopi_tune.convex.convex_concave import NO_GAIN, TOLERANCE, ConvexConcaveProcedure, LocalResult, Members, is_better
+from fopi_tune.convex.evaluate import evaluate
 from fopi_tune.convex.limits import Task
-from fopi_tune.convex.local import NO_GAIN, TOLERANCE, Found, Local, Members, better
 from fopi_tune.convex.program import Program
 from fopi_tune.convex.starts import starts
 
@@ -40,19 +40,19 @@ _ROUGHLY = 1e-4
 
 
 @dataclass
-class Orders:
+class AlphaSearch:
     """The best gains at every alpha that was looked at."""
 
     task: Task
     members: Members
-    known: dict[float, Found] = field(default_factory=dict)
+    known: dict[float, LocalResult] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.local = Local(self.task, self.members, Program(self.task.equalities))
+        self.procedure = ConvexConcaveProcedure(self.task, self.members, Program(self.task.equalities))
 
-    def best(self) -> Found | None:
+    def best(self) -> LocalResult | None:
         """The best of all; None when no start was usable."""
-        found = [f for f in self.known.values() if np.isfinite(f.look.violation)]
+        found = [f for f in self.known.values() if np.isfinite(f.evaluation.violation)]
         return None if not found else _best_of(found)
 
     def scan(self) -> None:
@@ -68,21 +68,25 @@ class Orders:
 
     def _from_starts(self, alpha: float, most: int) -> None:
         """The best of some starts; two that lead to the same end are enough."""
-        ends: list[Found] = []
+        ends: list[LocalResult] = []
         for start in starts(self.task, self.members, alpha, most):
-            ends.append(self.local.run(start.gains, _ROUGHLY))
+            ends.append(self.procedure.run(start.gains, _ROUGHLY))
             self._offer(alpha, ends[-1])
             if len(ends) == 2 and all(f.feasible for f in ends) and _same(*ends):
                 return
 
-    def again(self) -> None:
+    def reevaluate(self) -> None:
         """Look once more, from their own answers, at all alphas: plants have joined."""
         known, self.known = self.known, {}
         for alpha, found in known.items():
-            again = look(self.task, found.gains, self.members.plants)
-            if better(again, found.look) or again.violation > TOLERANCE or again.cost > found.look.cost + _ENOUGH:
-                found = self.local.run(found.gains, _ROUGHLY)
-            self._offer(alpha, replace(found, look=look(self.task, found.gains, self.members.plants)))
+            again = evaluate(self.task, found.gains, self.members.plants)
+            if (
+                is_better(again, found.evaluation)
+                or again.violation > TOLERANCE
+                or again.cost > found.evaluation.cost + _ENOUGH
+            ):
+                found = self.procedure.run(found.gains, _ROUGHLY)
+            self._offer(alpha, replace(found, evaluation=evaluate(self.task, found.gains, self.members.plants)))
 
     def refine(self) -> None:
         """Make the brackets that may hold the best alpha smaller until they hold nothing better."""
@@ -95,18 +99,22 @@ class Orders:
             if best is not None and self._may_beat(best, low, middle, high):
                 self._refine(low, middle, high)
 
-    def _may_beat(self, best: Found, low: float, middle: float, high: float) -> bool:
+    def _may_beat(self, best: LocalResult, low: float, middle: float, high: float) -> bool:
         """Whether a valley's floor may lie below the best known, were its slopes to go on across the bracket."""
         here = self.known[middle]
         if not here.feasible or not best.feasible:
             return not best.feasible
-        falls = [abs(self.known[end].look.cost - here.look.cost) for end in (low, high) if self.known[end].feasible]
+        falls = [
+            abs(self.known[end].evaluation.cost - here.evaluation.cost)
+            for end in (low, high)
+            if self.known[end].feasible
+        ]
         finite = [fall for fall in falls if np.isfinite(fall)]
-        return here.look.cost - max(finite, default=np.inf) <= best.look.cost
+        return here.evaluation.cost - max(finite, default=np.inf) <= best.evaluation.cost
 
     def _refine(self, first: float, middle: float, last: float) -> None:
         for alpha in dict.fromkeys((middle, first, last)):
-            self._offer(alpha, self.local.run(self.known[alpha].gains))
+            self._offer(alpha, self.procedure.run(self.known[alpha].gains))
         if first == last:
             return
         for count in range(_MOST_TRIES):
@@ -125,20 +133,20 @@ class Orders:
         tried = sorted((self.known[n] for n in dict.fromkeys(neighbours) if n in self.known), key=_rank)
         for found in tried[:2]:
             x = self.task.scaled(found.gains)
-            run = self.local.run(self.task.gains(x, alpha), enough)
+            run = self.procedure.run(self.task.gains(x, alpha), enough)
             self._offer(alpha, run)
             if run.feasible:
                 break
 
-    def _offer(self, alpha: float, found: Found) -> None:
-        if alpha not in self.known or better(found.look, self.known[alpha].look):
+    def _offer(self, alpha: float, found: LocalResult) -> None:
+        if alpha not in self.known or is_better(found.evaluation, self.known[alpha].evaluation):
             self.known[alpha] = found
 
     def _may_teach(self, here: float, there: float) -> bool:
         """Whether the answer at `there` may lead to a better one here."""
         if there not in self.known:
             return False
-        return here not in self.known or better(self.known[there].look, self.known[here].look)
+        return here not in self.known or is_better(self.known[there].evaluation, self.known[here].evaluation)
 
     def _bracket(self, middle: float) -> tuple[float, float, float]:
         below = [a for a in self.known if a < middle]
@@ -147,10 +155,10 @@ class Orders:
 
     def _is_done(self, low: float, middle: float, high: float) -> bool:
         at_ends = [self.known[a] for a in (low, high)]
-        here = self.known[middle].look
+        here = self.known[middle].evaluation
         if not self.known[middle].feasible:
             return False
-        reach = [abs(f.look.cost - here.cost) for f in at_ends if f.feasible]
+        reach = [abs(f.evaluation.cost - here.cost) for f in at_ends if f.feasible]
         if len(reach) == 2:
             return max(reach) < _ENOUGH
         if len(reach) == 1:
@@ -174,7 +182,7 @@ class Orders:
         if not low < middle < high:
             near, far = middle, high if low == middle else low
             return near + 0.1 * (far - near)
-        a, b, c = (self.known[x].look.cost for x in (low, middle, high))
+        a, b, c = (self.known[x].evaluation.cost for x in (low, middle, high))
         left, right = (b - a) / (middle - low), (c - b) / (high - middle)
         if right - left <= 0.0:
             return None
@@ -189,11 +197,11 @@ class Orders:
         beyond = sorted((a for a in self.known if (a - middle) * side > 0.0), key=lambda a: abs(a - middle))[:2]
         if len(beyond) < 2 or any(self.known[a].feasible for a in beyond):
             return None
-        return _zero(beyond, [self.known[a].look.violation for a in beyond])
+        return _zero(beyond, [self.known[a].evaluation.violation for a in beyond])
 
     def _meeting(self, middle: float) -> float | None:
         """Where misses that fall from both sides meet, or reach 0."""
-        misses = {a: f.look.violation for a, f in self.known.items()}
+        misses = {a: f.evaluation.violation for a, f in self.known.items()}
         left = sorted((a for a in misses if a <= middle), reverse=True)
         right = sorted(a for a in misses if a >= middle)
         candidates = []
@@ -210,13 +218,13 @@ def _zero(x: list[float], y: list[float]) -> float | None:
     return x[0] - y[0] * (x[1] - x[0]) / (y[1] - y[0])
 
 
-def _same(one: Found, other: Found) -> bool:
-    return abs(one.look.cost - other.look.cost) < _SAME_END
+def _same(one: LocalResult, other: LocalResult) -> bool:
+    return abs(one.evaluation.cost - other.evaluation.cost) < _SAME_END
 
 
-def _rank(found: Found) -> tuple[float, float]:
-    return max(found.look.violation, TOLERANCE), found.look.cost
+def _rank(found: LocalResult) -> tuple[float, float]:
+    return max(found.evaluation.violation, TOLERANCE), found.evaluation.cost
 
 
-def _best_of(found: Iterable[Found]) -> Found:
+def _best_of(found: Iterable[LocalResult]) -> LocalResult:
     return min(found, key=_rank)

@@ -22,12 +22,19 @@ from typing import Any
 
 import numpy as np
 
-from fopi_tune.convex.evaluate import OBJECTIVE, PEAKS, Look, Places, at_rest, counts_in_depth
+from fopi_tune.convex.evaluate import (
+    OBJECTIVE,
+    PEAKS,
+    ConstraintPoints,
+    Evaluation,
+    at_inverse_horizon,
+    counts_in_depth,
+)
 from fopi_tune.convex.limits import Bound, Limit, Task
-from fopi_tune.core.logform import Array, Complex, Rows
+from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
 #: step of u for the second derivative of ln L
@@ -37,7 +44,7 @@ _FLAT = 1e-9
 
 
 @dataclass(frozen=True)
-class RowTable:
+class ConeConstraints:
     """n rows  |cone d + cone0| <= slope d + slack0 + share t ,  and the equalities  slope d = distance.
 
     Args:
@@ -67,7 +74,7 @@ class RowTable:
         """At d = 0 and t = 0, shape (n,)."""
         return self.slack0 - np.abs(self.cone0)
 
-    def tightest(self, most: int, of_each: int) -> RowTable:
+    def tightest(self, most: int, of_each: int) -> ConeConstraints:
         """At most so many rows: of every limit the tightest few, then the tightest of all."""
         order = np.lexsort((self.slack, self.group))
         _, first, count = np.unique(self.group[order], return_index=True, return_counts=True)
@@ -76,13 +83,13 @@ class RowTable:
         chosen = np.lexsort((self.slack, place >= of_each))[:most]
         return self.take(chosen)
 
-    def take(self, rows: Rows) -> RowTable:
+    def take(self, rows: Rows) -> ConeConstraints:
         """Some of the rows, and all equalities."""
         names = ("cone", "cone0", "slope", "slack0", "share", "elastic", "group")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
-def rows_of(task: Task, found: Look, plants: Plants, places: Places) -> RowTable:
+def constraints_at(task: Task, found: Evaluation, plants: Plants, points: ConstraintPoints) -> ConeConstraints:
     """The rows of these places at the gains of `found`.
 
     Args:
@@ -91,20 +98,20 @@ def rows_of(task: Task, found: Look, plants: Plants, places: Places) -> RowTable
         plants: the places' plants.
         places: of limits and of the objective; they may be others than those `found` names.
     """
-    local = _Local.at(task, found, plants, places)
-    table = _Builder(task, found, local, places)
+    responses = _Responses.at(task, found, plants, points)
+    table = _Builder(task, found, responses, points)
     for k, limit in enumerate(task.limits):
-        mine = np.flatnonzero(places.limit == k)
+        mine = np.flatnonzero(points.limit == k)
         if len(mine):
             table.limit(k, limit, mine)
-    mine = np.flatnonzero((places.limit == OBJECTIVE) & np.isfinite(places.slack))
+    mine = np.flatnonzero((points.limit == OBJECTIVE) & np.isfinite(points.slack))
     if len(mine):
         table.objective(mine)
     return table.built()
 
 
 @dataclass(frozen=True)
-class _Local:
+class _Responses:
     """Responses and derivatives with respect to x at n places."""
 
     plant: Complex
@@ -120,8 +127,8 @@ class _Local:
     unit: Array
 
     @classmethod
-    def at(cls, task: Task, found: Look, plants: Plants, places: Places) -> _Local:
-        gains, u, rows = found.gains, places.u, places.plant
+    def at(cls, task: Task, found: Evaluation, plants: Plants, points: ConstraintPoints) -> _Responses:
+        gains, u, rows = found.gains, points.u, points.plant
         loops = Loops.of(gains, plants)
         unit = task.unit(gains.alpha)
         integral: Complex = np.exp(-gains.alpha * (u + 0.5j * np.pi))
@@ -181,20 +188,20 @@ class _Local:
 
 
 class _Builder:
-    def __init__(self, task: Task, found: Look, local: _Local, places: Places) -> None:
-        self.task, self.found, self.local, self.places = task, found, local, places
+    def __init__(self, task: Task, found: Evaluation, responses: _Responses, points: ConstraintPoints) -> None:
+        self.task, self.found, self.responses, self.points = task, found, responses, points
         self.parts: list[tuple[Complex, Complex, Array, Array, Array, Array, Rows]] = []
         self.group = OBJECTIVE
         self.hard = True
         self.equal: list[tuple[Array, Array]] = []
 
-    def built(self) -> RowTable:
+    def built(self) -> ConeConstraints:
         empty = [np.zeros(0) for _ in range(3)]
         none = (np.zeros((0, 2), complex), np.zeros(0, complex), np.zeros((0, 2)), *empty, np.zeros(0, dtype=np.intp))
         columns: list[Any] = [np.concatenate(column) for column in zip(none, *self.parts, strict=True)]
         slopes = np.concatenate([np.zeros((0, 2)), *(slope for slope, _ in self.equal)])
         distances = np.concatenate([np.zeros(0), *(distance for _, distance in self.equal)])
-        table = RowTable(*columns, equal_slope=slopes, distance=distances)
+        table = ConeConstraints(*columns, equal_slope=slopes, distance=distances)
         usable = np.isfinite(table.slack) & np.isfinite(table.slope).all(axis=1) & np.isfinite(table.cone).all(axis=1)
         return table.take(np.flatnonzero(usable))
 
@@ -204,35 +211,35 @@ class _Builder:
         deep = self.task.objective is ObjectiveKind.DEPTH and counts_in_depth(limit)
         depth = -self.found.cost if deep and np.isfinite(self.found.cost) else 0.0
         share = 1.0 if deep else 0.0
-        missing = self.places.missing[mine]
-        self._crossing_wanted(mine[missing & np.isfinite(self.places.slack[mine])])
+        missing = self.points.missing[mine]
+        self._crossing_wanted(mine[missing & np.isfinite(self.points.slack[mine])])
         mine = mine[~missing]
         if limit.bound is Bound.EQUAL:
             self._equality(limit, mine)
-        elif limit.where is Where.BAND:
+        elif limit.where is EvaluatedAt.BAND:
             level = limit.limit - limit.bound.value * depth / limit.scale
             self._cones(limit.response, limit.bound, level, mine, share)
         else:
-            value, slope = self.local.read(limit.quantity, mine)
+            value, slope = self.responses.read(limit.quantity, mine)
             slack = limit.bound.value * (limit.limit - value) * limit.scale - depth
             self._planes(-limit.bound.value * limit.scale * slope, slack, share)
 
     def _equality(self, limit: Limit, mine: Rows) -> None:
         if not len(mine):
             return
-        if limit.where is Where.BAND:
+        if limit.where is EvaluatedAt.BAND:
             assert limit.response is not None
-            top, d_top, bottom, d_bottom = self.local.parts(limit.response, mine)
+            top, d_top, bottom, d_bottom = self.responses.parts(limit.response, mine)
             value = np.log(np.abs(top)) - np.log(np.abs(bottom))
             slope = (d_top / top[:, None] - d_bottom / bottom[:, None]).real
         else:
-            value, slope = self.local.read(limit.quantity, mine)
+            value, slope = self.responses.read(limit.quantity, mine)
         self.equal.append((limit.scale * slope[:1], limit.scale * (limit.limit - value[:1])))
 
     def _cones(self, response: Response | None, bound: Bound, level: float, mine: Rows, share: float) -> None:
         """Rows (1); of a lower limit with N and D exchanged."""
         assert response is not None
-        top, d_top, bottom, d_bottom = self.local.parts(response, mine)
+        top, d_top, bottom, d_bottom = self.responses.parts(response, mine)
         most = np.exp(level)
         if bound is Bound.LOWER:
             top, d_top, bottom, d_bottom, most = bottom, d_bottom, top, d_top, 1.0 / most
@@ -252,9 +259,9 @@ class _Builder:
 
     def _crossing_wanted(self, mine: Rows) -> None:
         """|L| brought to 1 where it comes nearest, at a plant that lacks a gain crossover."""
-        gain = self.local.log_loop[mine].real
+        gain = self.responses.log_loop[mine].real
         sign = np.where(gain < 0.0, 1.0, -1.0)
-        self._planes(sign[:, None] * self.local.d_log_loop[mine].real, sign * gain, 0.0)
+        self._planes(sign[:, None] * self.responses.d_log_loop[mine].real, sign * gain, 0.0)
 
     def _add(self, cone: Complex, cone0: Complex, slope: Array, slack0: Array, share: float) -> None:
         n = len(slack0)
@@ -273,8 +280,8 @@ class _Builder:
             value, slope = self._at_nominal_crossover(mine)
             self._two_sided(value, slope)
         elif kind is ObjectiveKind.PHASE_MARGIN_SPREAD:
-            value, slope = self.local.read("phase_margin_deg", mine)
-            nominal = int(np.flatnonzero(self.places.plant[mine] == 0)[0])
+            value, slope = self.responses.read("phase_margin_deg", mine)
+            nominal = int(np.flatnonzero(self.points.plant[mine] == 0)[0])
             self._two_sided(value - value[nominal], slope - slope[nominal])
 
     def _two_sided(self, value: Array, slope: Array) -> None:
@@ -283,21 +290,21 @@ class _Builder:
             self._add(*empty, -sign * slope, self.found.cost - sign * value, 1.0)
 
     def _at_nominal_crossover(self, mine: Rows) -> tuple[Array, Array]:
-        nominal = mine[self.places.plant[mine] == 0][:1]
-        moves = self.local.crossover_moves(nominal)
-        slope = self.local.d_log_loop[mine].real + self.local.slope[mine].real[:, None] * moves
-        return self.local.log_loop[mine].real, slope
+        nominal = mine[self.points.plant[mine] == 0][:1]
+        moves = self.responses.crossover_moves(nominal)
+        slope = self.responses.d_log_loop[mine].real + self.responses.slope[mine].real[:, None] * moves
+        return self.responses.log_loop[mine].real, slope
 
     def _at_rest(self, mine: Rows) -> None:
         """(1 + C P)/(T P) at s = 1/T is affine in x: exact, but for e^-t = 1 - t of the bound."""
-        plants = self.places.plant[mine]
-        loops = self.local.loops.take(plants)
-        gain, loop = at_rest(self.task, loops)
+        plants = self.points.plant[mine]
+        loops = self.responses.loops.take(plants)
+        gain, loop = at_inverse_horizon(self.task, loops)
         with np.errstate(divide="ignore", invalid="ignore"):
             least = np.abs(gain) * np.exp(-self.found.cost)  # |1 + C P| where this plant would be the worst
             plant = gain / self.task.horizon_s
             powers = np.array([1.0, self.task.horizon_s**self.found.gains.alpha])
-            slope = np.sign(1.0 + loop)[:, None] * plant[:, None] * (powers * self.local.unit) / least[:, None]
+            slope = np.sign(1.0 + loop)[:, None] * plant[:, None] * (powers * self.responses.unit) / least[:, None]
             slack = np.abs(1.0 + loop) / least - 1.0
         empty = np.zeros(slope.shape, complex), np.zeros(len(slack), complex)
         self._add(*empty, slope, slack, 1.0)
