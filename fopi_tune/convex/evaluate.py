@@ -1,6 +1,6 @@
-"""How given gains do on given plants:  every limit and the objective, exactly, by the crossings and peaks of `core/`.
+"""Evaluate gains on given plants:  every limit and the objective, exactly, by the crossings and peaks of `core/`.
 
-What is found are places (a limit, a plant, a frequency), from which the rows of the next convex problem are made.
+The result is a list of points (a limit, a plant, a frequency), at which the next convex problem has its constraints.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
-#: a place of the objective rather than of a limit
+#: `ConstraintPoints.limit` of points of the objective
 OBJECTIVE = -1
-#: what is approached in a limit of omega is asked for at e^-100 or e^100 rad/s
+#: points at omega -> 0 or infinity are put at e^-100 or e^100 rad/s
 _FAR = 100.0
-#: a loop without a crossover, where one is needed, misses what is asked of it by more than this (natural units)
+#: natural units; the violation of a limit at crossovers by a loop that has none is larger than this
 _NO_CROSSOVER = 1.0
-#: an unstable loop misses everything by more than this
+#: natural units; added to the violation when a loop is unstable
 _UNSTABLE = 10.0
 
 
 @dataclass(frozen=True)
 class ConstraintPoints:
-    """Where something is asked; all of shape (n,).
+    """Points at which a limit or the objective is evaluated; all of shape (n,).
 
     Args:
         limit: index of the limit, or OBJECTIVE.
         plant: row of the plants.
-        u: ln omega; of what is read at a crossing, the crossing's.
+        u: ln omega, of quantities at crossings the crossing's.
         slack: natural units; of the objective, minus its value.
-        missing: whether the plant lacks the crossing, and u is where |L| comes nearest to 1.
+        missing: whether the plant has no such crossing; u is then where |L| is closest to 1.
     """
 
     limit: Rows
@@ -52,19 +52,19 @@ class ConstraintPoints:
 
     @classmethod
     def of(cls, limit: int, plant: Rows, u: Array, slack: Array, missing: bool = False) -> ConstraintPoints:
-        """Places of one limit."""
+        """Points of one limit."""
         n = len(plant)
         clipped = np.clip(np.nan_to_num(u, nan=0.0), -_FAR, _FAR)
         return cls(np.full(n, limit, dtype=np.intp), plant, clipped, slack, np.full(n, missing))
 
     @classmethod
     def joined(cls, parts: list[ConstraintPoints]) -> ConstraintPoints:
-        """All of them."""
+        """Concatenate."""
         names = cls.__dataclass_fields__
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def take(self, rows: Rows) -> ConstraintPoints:
-        """Some of them."""
+        """Select rows."""
         return ConstraintPoints(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def __len__(self) -> int:
@@ -73,14 +73,14 @@ class ConstraintPoints:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What is true of gains on some plants; the first plant is the nominal one.
+    """The limits and the objective of one controller on some plants, the nominal one first.
 
     Args:
         gains: the controller.
-        places: where each limit and the objective are worst, plant by plant.
-        violation: the largest of all limits, natural units; inf without a loop.
+        points: the worst points of each limit and of the objective, for each plant.
+        violation: the largest of all limits, natural units; inf when both gains are 0.
         cost: the objective to be minimised, natural units.
-        stable: every plant's loop is.
+        stable: whether the loop of every plant is stable.
     """
 
     gains: FoPi
@@ -89,25 +89,25 @@ class Evaluation:
     cost: float
     stable: bool
 
-    def worst_limits(self, count: int) -> dict[int, float]:
-        """The requirements that are missed most, and by how much."""
-        return dict(sorted(self._missed.items(), key=lambda pair: -pair[1])[:count])
+    def largest_violations(self, count: int) -> dict[int, float]:
+        """The `count` limits with the largest violations, and these violations."""
+        return dict(sorted(self._violations.items(), key=lambda pair: -pair[1])[:count])
 
     @property
-    def _missed(self) -> dict[int, float]:
-        missed: dict[int, float] = {}
+    def _violations(self) -> dict[int, float]:
+        violations: dict[int, float] = {}
         for k, slack in zip(self.points.limit.tolist(), self.points.slack.tolist(), strict=True):
             if k != OBJECTIVE:
-                missed[k] = max(missed.get(k, -math.inf), -slack)
-        return missed
+                violations[k] = max(violations.get(k, -math.inf), -slack)
+        return violations
 
 
 def evaluate(task: Task, gains: FoPi, plants: Plants) -> Evaluation:
-    """Every limit and the objective of one controller on these plants."""
+    """Evaluate every limit and the objective of one controller on these plants."""
     try:
         return _evaluate(task, gains, plants)
     except DomainError:
-        # kp = ki = 0, or |L| = 1 over a whole range: there is no loop to judge.
+        # kp = ki = 0, or |L| = 1 over a whole range: the loop has no crossings.
         nothing = ConstraintPoints.of(OBJECTIVE, np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros(0))
         return Evaluation(gains, nothing, math.inf, math.inf, False)
 
@@ -116,18 +116,18 @@ def _evaluate(task: Task, gains: FoPi, plants: Plants) -> Evaluation:
     loops = Loops.of(gains, plants)
     crossings = gain_crossovers(loops)
     stable = bool((unstable_poles_from(loops, crossings) < 0.5).all())
-    seen = _Seen(task, loops, crossings)
-    parts = [part for k, limit in enumerate(task.limits) for part in seen.of(k, limit)]
+    evaluator = _Evaluator(task, loops, crossings)
+    parts = [part for k, limit in enumerate(task.limits) for part in evaluator.of(k, limit)]
     limits = ConstraintPoints.joined(parts)
     violation = max(0.0, float(-limits.slack.min(initial=math.inf)))
-    objective = seen.objective(limits)
+    objective = evaluator.objective(limits)
     cost = float(-objective.slack.min()) if len(objective) else task.ki_cost(gains)[0]
     violation += 0.0 if stable else _UNSTABLE
     return Evaluation(gains, ConstraintPoints.joined([limits, objective]), violation, cost, stable)
 
 
 def nominal_violations(task: Task, gains: list[FoPi]) -> Array:
-    """How much each of many controllers misses with the nominal plant, in one batch, shape (n,); less is better.
+    """The largest violation of each of n controllers with the nominal plant, in one batch, shape (n,).
 
     Raises:
         DomainError: for one of them |L| = 1 over a whole range.
@@ -136,22 +136,22 @@ def nominal_violations(task: Task, gains: list[FoPi]) -> Array:
     kp, ki, alpha = np.array([(g.kp, g.ki, g.alpha) for g in gains]).T
     loops = Loops(kp, ki, alpha, nominal)
     crossings = gain_crossovers(loops)
-    seen = _Seen(task, loops, crossings, all_nominal=True)
-    limits = ConstraintPoints.joined([part for k, limit in enumerate(task.limits) for part in seen.of(k, limit)])
-    missed = np.zeros(len(gains))
-    np.maximum.at(missed, limits.plant, -limits.slack)
-    return missed + np.where(unstable_poles_from(loops, crossings) < 0.5, 0.0, _UNSTABLE)
+    evaluator = _Evaluator(task, loops, crossings, all_nominal=True)
+    limits = ConstraintPoints.joined([part for k, limit in enumerate(task.limits) for part in evaluator.of(k, limit)])
+    violation = np.zeros(len(gains))
+    np.maximum.at(violation, limits.plant, -limits.slack)
+    return violation + np.where(unstable_poles_from(loops, crossings) < 0.5, 0.0, _UNSTABLE)
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _Evaluator:
     task: Task
     loops: Loops
     crossings: Crossings
     all_nominal: bool = False
 
     def of(self, k: int, limit: Limit) -> list[ConstraintPoints]:
-        """Where one limit is worst, plant by plant."""
+        """The worst points of one limit, for each plant."""
         first_alone = limit.nominal and not self.all_nominal
         rows = np.zeros(1, dtype=np.intp) if first_alone else np.arange(len(self.loops))
         if limit.where is EvaluatedAt.BAND:
@@ -207,12 +207,12 @@ class _Seen:
         return [ConstraintPoints.of(k, plant[mine], c.u[mine], limit.slack(value[mine]))]
 
     def objective(self, limits: ConstraintPoints) -> ConstraintPoints:
-        """Where the objective is worst, plant by plant; none for ki."""
+        """The worst points of the objective, for each plant; none for ki."""
         kind, rows = self.task.objective, np.arange(len(self.loops))
         if kind is ObjectiveKind.DEPTH:
             counted = [k for k, limit in enumerate(self.task.limits) if counts_in_depth(limit)]
             inside = limits.take(np.flatnonzero(np.isin(limits.limit, counted)))
-            if not len(inside):  # every gain margin is infinite, and nothing else is asked
+            if not len(inside):  # the only limits are gain margins, and all are infinite
                 return ConstraintPoints.of(OBJECTIVE, rows[:1], np.zeros(1), np.array([math.inf]))
             return ConstraintPoints.of(OBJECTIVE, inside.plant, inside.u, inside.slack)
         if kind in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK):
@@ -247,12 +247,12 @@ PEAKS = {
 
 
 def counts_in_depth(limit: Limit) -> bool:
-    """Whether a limit's slack counts when the smallest slack is the objective."""
+    """Whether a limit's slack counts in the depth, the smallest slack as the objective."""
     return limit.requirement != STABILITY_GUARD and limit.bound is not Bound.EQUAL
 
 
 def crossing_value(quantity: str, c: Crossings) -> Array:
-    """A quantity at gain crossovers, natural units."""
+    """The values of a quantity at gain crossovers, natural units."""
     if quantity == "crossover_rad_s":
         return np.log(c.omega_rad_s)
     if quantity == "phase_slope_deg_per_decade":
@@ -273,7 +273,7 @@ def at_inverse_horizon(task: Task, loops: Loops) -> tuple[Array, Array]:
 
 
 def _first_of_row(rows: Rows, key: Array) -> NDArray[np.bool_]:
-    """Of every row the place with the smallest key."""
+    """Which entry of every row has the smallest key."""
     chosen = np.zeros(len(rows), dtype=bool)
     order = np.lexsort((key, rows))
     _, first = np.unique(rows[order], return_index=True)

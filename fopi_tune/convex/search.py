@@ -1,4 +1,4 @@
-"""DesignSpec -> Candidate by convex problems alone:  the second opinion on what the search by Ipopt finds."""
+"""DesignSpec -> Candidate by convex problems alone:  an independent check of the design by Ipopt."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from fopi_tune.results.candidate import Candidate, Violation
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
 
-#: rounds of: find the worst plants of the whole family, add them, solve again
+#: rounds of the exchange: find the worst plants of the whole family, add them, solve again
 _MOST_EXCHANGES = 8
-#: natural units; limits missed by less are met, though they leave no room to be tightened
+#: natural units; limits violated by less count as met, without the tightening
 _MEETS = TOLERANCE + TIGHTENING
-#: a miss below this is a search that did not end rather than a spec without an answer
+#: natural units; with a smaller violation the search failed to converge, rather than the spec being infeasible
 _NEARLY = 1e-5
-#: a smallest slack of so many neper or radian is no limit at all
+#: neper or radian; a smallest slack of this size counts as unbounded
 _DEPTH_CAP = 15.0
 
 
 def convex_design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Candidate:
-    """Search the gains that meet a spec over its whole family and are best by its objective, by convex problems.
+    """Search for the gains that meet a spec over its whole family and optimise its objective, by convex problems.
 
     Args:
         spec: what the loop must do, in continuous time.
-        violations: places that a check found; their plants are in play from the start.
+        violations: points that a check found; their plants are members from the start.
 
     Returns:
-        A candidate.  Confirming it is `fopi_tune.proof`'s business; here `verify` only looks for plants to add.
+        A candidate, which `fopi_tune.proof` has to check; here `verify` only finds plants to add.
     """
     nothing = tuple(None for _ in spec.requirements)
     reason = unsupported(spec)
@@ -63,23 +63,23 @@ def convex_design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Can
 
 
 def _search(spec: DesignSpec, violations: Sequence[Violation]) -> AlphaSearch:
-    """Scan, exchange plants, refine, exchange again."""
+    """Scan alpha; then refine and add the worst plants, until there are no worse ones."""
     task = task_of(spec)
     members = Members.of(task)
     members.add(np.array([v.theta for v in violations]).reshape(len(violations), members.points.shape[1]))
-    orders = AlphaSearch(task, members)
-    orders.scan()
+    alphas = AlphaSearch(task, members)
+    alphas.scan()
     for _ in range(_MOST_EXCHANGES):
-        orders.refine()
-        best = orders.best()
+        alphas.refine()
+        best = alphas.best()
         if best is None or not _with_worst_plants(spec, members, best):
             break
-        orders.reevaluate()
-    return orders
+        alphas.reevaluate()
+    return alphas
 
 
 def _with_worst_plants(spec: DesignSpec, members: Members, best: LocalResult) -> bool:
-    """Add the plants of the whole family where these gains are worst; False when they are no worse than known ones."""
+    """Add the worst plants of the whole family for these gains; False when all are members already."""
     if not members.points.shape[1]:
         return False
     try:
@@ -95,10 +95,10 @@ def _with_worst_plants(spec: DesignSpec, members: Members, best: LocalResult) ->
 
 
 def _branches(spec: DesignSpec) -> list[DesignSpec]:
-    """The spec, and the same without integral action where a response's jump at ki = 0 may make that better.
+    """The spec, and the same with ki = 0 where the responses' jump at ki = 0 may be an advantage.
 
-    As omega -> 0, with ki != 0 on a plant with a finite P(0) != 0 and whatever the gains, |C S| -> 1/|P(0)|, |T| -> 1,
-    |L| -> inf and |S| -> 0; with ki = 0 not.
+    As omega -> 0, with ki != 0 on a plant with a finite P(0) != 0 and for all gains, |C S| -> 1/|P(0)|, |T| -> 1,
+    |L| -> inf and |S| -> 0; not so with ki = 0.
     """
     ki = spec.controller.ki
     if ki.is_fixed or not ki.min <= 0.0 <= ki.max:
@@ -108,7 +108,7 @@ def _branches(spec: DesignSpec) -> list[DesignSpec]:
     without = replace(spec, controller=controller)
     plants = Plants.members(spec.plant, spec.plant.corners())
     if np.any(plants.numerator[:, -1] == 0.0):
-        return [without]  # a zero at s = 0 cancels the integral, which runs away unseen
+        return [without]  # a zero at s = 0 cancels the integral, which is then an unstable hidden mode
     floor = float(-plants.log.scale.min()) if np.all(plants.log.slope0 == 0.0) else -math.inf
     at_rest = {"control_sensitivity_db": floor, "complementary_sensitivity_db": 0.0, "loop_gain_db": math.inf}
     if math.isfinite(floor):
@@ -126,15 +126,15 @@ def _branches(spec: DesignSpec) -> list[DesignSpec]:
 def _candidate(task: Task, best: LocalResult) -> Candidate:
     spec, nothing = task.spec, tuple(None for _ in task.spec.requirements)
     if best.evaluation.violation <= _MEETS:
-        without_end = _without_end(task, best)
-        if without_end:
-            message = f"{without_end} without limit while the objective still improves"
+        unbounded = _unbounded(task, best)
+        if unbounded:
+            message = f"{unbounded} without limit while the objective still improves"
             return Candidate(Status.UNBOUNDED, best.gains, nothing, message=message, rounds=best.rounds)
         return Candidate(Status.SOLVED, best.gains, nothing, rounds=best.rounds)
     if not best.evaluation.stable:
         missed = "no start led to a loop that is stable for every plant"
     else:
-        worst = [k for k, by in best.evaluation.worst_limits(3).items() if by > _MEETS]
+        worst = [k for k, by in best.evaluation.largest_violations(3).items() if by > _MEETS]
         indices = [task.limits[k].requirement for k in worst]
         names = " and ".join(
             dict.fromkeys("stability" if i == STABILITY_GUARD else spec.requirements[i].quantity for i in indices)
@@ -147,8 +147,8 @@ def _candidate(task: Task, best: LocalResult) -> Candidate:
     return Candidate(Status.INFEASIBLE, best.gains, nothing, message=message, rounds=best.rounds)
 
 
-def _without_end(task: Task, best: LocalResult) -> str:
-    """What ended where an open range is cut; empty when nothing did."""
+def _unbounded(task: Task, best: LocalResult) -> str:
+    """What reached the end of the search range though the spec leaves it open, in words; empty when nothing did."""
     x, box = task.scaled(best.gains), task.spec.controller
     names = []
     for name, value, gain, unit in zip(("kp", "ki"), x, (box.kp, box.ki), task.unit(best.gains.alpha), strict=True):

@@ -190,7 +190,7 @@ class PlantFamily:
         return PLANT_MODELS[self.model].check(name, value)
 
     def corners(self, most: int = 64) -> Array:
-        """The nominal point, then the box's corners, shape (1 + 2^p, p); only two of them if there are more than `most`."""
+        """The nominal point, then the box's corners, shape (1 + 2^p, p); two of them if there are more than `most`."""
         low, high = self.low, self.high
         if 2 ** len(low) > most:
             return np.array([self.nominal_point, low, high])

@@ -102,7 +102,7 @@ class Search:
         return frozenset(range(len(self.spec.requirements)))
 
     def limits(self, tightening: float) -> tuple[float, ...]:
-        """The sides' limits, the inequalities' moved inwards."""
+        """The constraints' limits, those of inequalities tightened."""
         return limits_of(self.exchange.constraints, tightening)
 
     def stable(self, gains: FoPi) -> bool:
@@ -255,7 +255,7 @@ class Search:
 
 
 def limits_of(constraints: Sequence[Constraint], tightening: float) -> tuple[float, ...]:
-    """The limits of sides, the inequalities' moved inwards by so much."""
+    """The limits of constraints, those of inequalities tightened by this much."""
     moved = (
         constraint.limit
         - constraint.bound.value * (0.0 if constraint.requirement == STABILITY_GUARD else tightening / constraint.scale)

@@ -1,6 +1,6 @@
-"""What a requirement costs:  its multiplier checked by solving again, and the objective against its limit.
+"""The price of a requirement:  its multiplier checked by solving again, and the trade-off of objective against limit.
 
-The stages are `price.py` and `sweep.py`, which load the solver; what they hand on is here, and loads none.
+The stages `price.py` and `sweep.py` import the solver; their results, exported here, do not.
 """
 
 from fopi_tune.prices.limit import MovableLimit, movable_limit, movable_limits

@@ -1,9 +1,9 @@
-"""Where limits become infeasible:  the farthest limit that can be met, and the nearest that no start meets.
+"""Where a limit becomes infeasible:  the farthest limit that is met, and the nearest that is met from no start.
 
-How far the limit can be turned is a design problem of its own, in which the requirement gives and nothing else does.
-Its answer is a guess (a local optimum): it is tried from both sides, and where it is wrong, growing steps and halves
-bracket the end, each from the gains of the last limit that is met.  Beyond the bracket every start is tried before the
-limit is called infeasible; gains that one of them finds carry the search on.
+An elastic solve, in which this requirement alone is relaxed, estimates the farthest feasible limit.  It is a local
+optimum, so limits just inside and just outside of it are tried.  Where it is wrong, growing steps and then bisection
+bracket the end, each from the gains of the last limit that is met.  The limit at the outer end of the bracket is called
+infeasible only after every start was tried; gains that one of them finds continue the search.
 """
 
 from __future__ import annotations
@@ -12,24 +12,24 @@ from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.prices.prober import Probe, Prober
 from fopi_tune.prices.result import FeasibleEnd
 
-#: the bracket's width, as a part of the range
+#: the bracket's width, relative to the range
 WIDTH = 1e-3
-#: how far inside and outside of a guess is looked, as a part of that width
+#: distance of the trials inside and outside of the estimate, relative to that width
 _BESIDE = 0.4
-#: the first step without a guess, as a part of the usual way
+#: the first step without an estimate, relative to the default range
 _STEP = 0.02
 _MOST_BRACKETS, _MOST_TRIALS = 6, 60
 
 
 def end_of(prober: Prober, way: int) -> tuple[FeasibleEnd, Probe]:
-    """Where the limits that can be met end in one direction.
+    """The end of the feasible limits in one direction.
 
     Args:
         prober: of the limit.
         way: 1 up, -1 down.
 
     Returns:
-        The end, no farther than the limit is turned at the most, and the last limit that is met.
+        The end, at most at the farthest limit that is tried, and the probe of the last limit that is met.
     """
     last, failed = prober.base, None
     for _ in range(_MOST_BRACKETS):
@@ -44,12 +44,12 @@ def end_of(prober: Prober, way: int) -> tuple[FeasibleEnd, Probe]:
 
 
 def _bracketed(prober: Prober, way: int, last: Probe) -> tuple[Probe, float | None]:
-    """The last limit that is met from neighbours' gains, and one close behind that is not; None where none is."""
-    knob, failed = prober.knob, None
-    cap, step = knob.reach(way), _STEP * (knob.usual(way) - knob.limit)
+    """The last limit that is met from neighbours' gains, and a close one that is not, or None."""
+    movable, failed = prober.knob, None
+    cap, step = movable.farthest_limit(way), _STEP * (movable.default_end(way) - movable.limit)
     trials = _around_guess(prober, cap, way, last)
     for _ in range(_MOST_TRIALS):
-        if last.limit == cap or (failed is not None and abs(failed - last.limit) <= _width(knob, last.limit, way)):
+        if last.limit == cap or (failed is not None and abs(failed - last.limit) <= _width(movable, last.limit, way)):
             break
         if trials:
             trial = trials.pop(0)
@@ -67,7 +67,7 @@ def _bracketed(prober: Prober, way: int, last: Probe) -> tuple[Probe, float | No
 
 
 def _around_guess(prober: Prober, cap: float, way: int, last: Probe) -> list[float]:
-    """Just inside and just outside of how far the limit can be turned, as the solver sees it from the last gains."""
+    """Limits just inside and just outside of the farthest feasible one, as estimated from the last gains."""
     far = prober.warm.farthest(prober.knob.at(cap), last.gains, prober.knob.index)
     if far is None:
         return []
@@ -75,6 +75,6 @@ def _around_guess(prober: Prober, cap: float, way: int, last: Probe) -> list[flo
     return [far[0] - beside, far[0] + beside]
 
 
-def _width(knob: MovableLimit, limit: float, way: int) -> float:
-    """The bracket's width when the sweep goes so far."""
-    return 2.0 * WIDTH * max(abs(limit - knob.limit), 0.1 * abs(knob.usual(way) - knob.limit))
+def _width(movable: MovableLimit, limit: float, way: int) -> float:
+    """The bracket's width when the sweep ends at `limit`."""
+    return 2.0 * WIDTH * max(abs(limit - movable.limit), 0.1 * abs(movable.default_end(way) - movable.limit))

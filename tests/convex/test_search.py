@@ -1,4 +1,4 @@
-"""The convex path:  its rows against the loops they linearise, its optima against those of the search by Ipopt."""
+"""The convex path:  its constraints against the loops they linearise, its optima against those of the search by Ipopt."""
 
 from __future__ import annotations
 
@@ -228,7 +228,7 @@ def test_the_command_takes_the_solver_and_refuses_an_unknown_one(tmp_path: Path)
     assert CliRunner().invoke(app, ["tune", spec, "--solver", "concave"]).exit_code == 2
 
 
-def test_a_worst_plant_inside_the_box_joins_the_plants_in_play() -> None:
+def test_a_worst_plant_inside_the_box_becomes_a_member() -> None:
     # the closest approach to -1 of a resonance between its ends: corners alone would let a middle plant through
     plant = transfer_function([1.0], [1.0, 0.3, (0.5, 2.0)], 0.4)
     spec = with_alpha(spec_of(plant, at_most("sensitivity_db", 4.0), objective=KI), 1.0)
@@ -236,7 +236,7 @@ def test_a_worst_plant_inside_the_box_joins_the_plants_in_play() -> None:
     assert value(spec, found) > 0.0
 
 
-def test_a_violation_found_by_the_check_puts_its_plant_in_play() -> None:
+def test_a_violation_found_by_the_check_adds_its_plant() -> None:
     spec = with_alpha(spec_of(brake(), at_least("phase_margin_deg", 80.0), objective=KI), 0.8)
     assert convex_design(spec, (Violation(0, (2.6,), math.nan),)).cuts == convex_design(spec).cuts + 1
 
@@ -348,7 +348,7 @@ def test_a_brute_force_scan_finds_nothing_better() -> None:
     assert min(feasible) >= best - 1e-9  # rounding: the optimum itself is one of them
 
 
-def test_places_beyond_what_a_double_holds_are_drawn_in() -> None:
+def test_points_beyond_what_a_double_holds_are_clipped() -> None:
     points = ConstraintPoints.of(0, np.zeros(3, dtype=np.intp), np.array([-math.inf, math.nan, math.inf]), np.zeros(3))
     assert points.u.tolist() == [-100.0, 0.0, 100.0]
 

@@ -1,4 +1,4 @@
-"""Loops on samples in floating point, against state space, eigenvalues, `control` and brute-force scans."""
+"""Sampled-data loops in floating point, against state space, eigenvalues, `control` and brute-force scans."""
 
 from __future__ import annotations
 

@@ -123,11 +123,11 @@ def test_every_point_passes_the_check_with_its_own_limit() -> None:
 
 def test_a_point_that_is_worse_than_a_tighter_one_is_solved_again() -> None:
     result = brake()
-    knob = result.knob
+    movable = result.knob
     assert result.own.gains is not None
-    prober = Prober.of(knob, result.own.gains)
+    prober = Prober.of(movable, result.own.gains)
     tight = Probe(-22.0, PointStatus.MET, _found(prober, -22.0))
-    poor = Probe(-20.0, PointStatus.MET, with_limits_of(knob.at(-20.0), _found(prober, -25.0)))
+    poor = Probe(-20.0, PointStatus.MET, with_limits_of(movable.at(-20.0), _found(prober, -25.0)))
     assert poor.found is not None
     assert poor.found.all_met
     better = monotone(prober, [poor, replace(tight)], tight)
@@ -151,9 +151,9 @@ def test_the_check_of_the_same_gains_against_other_limits_needs_no_measuring() -
         gains = ft.tune(spec, proof=False).gains
         assert gains is not None
         for asked in (spec, replace(spec, objective=None)):
-            knob = movable_limit(asked, number)
-            found = with_limits_of(knob.at(limit), verify(asked, gains))
-            assert found == verify(knob.at(limit), gains)
+            movable = movable_limit(asked, number)
+            found = with_limits_of(movable.at(limit), verify(asked, gains))
+            assert found == verify(movable.at(limit), gains)
             assert not found.all_met
 
 
@@ -204,7 +204,7 @@ def test_a_requirement_is_named_by_number_quantity_or_end() -> None:
         "sensitivity_db: {at_most: 4}",
         "sensitivity_db: {at_most: 2}, to_rad_s: 1",
     )
-    assert [knob.name for knob in movable_limits(spec)] == ["1.lower", "1.upper", "2", "3"]
+    assert [movable.name for movable in movable_limits(spec)] == ["1.lower", "1.upper", "2", "3"]
     upper = movable_limit(spec, "phase_margin_deg.upper")
     assert (upper.limit, upper.tightens, upper.number) == (60.0, -1, 1)
     assert [r.relation.value for r in upper.at(58.0).requirements] == ["at_most", "at_most", "at_most", "at_least"]
@@ -239,9 +239,9 @@ def test_there_is_nothing_to_sweep_without_free_gains_or_a_design_or_on_samples(
         ft.tradeoff(fixed, 1)
     spec = ft.load_spec(SPECS / "brake.yaml")
     # crossover and margin need alpha >= 0.622
-    hopeless = replace(spec, controller=replace(spec.controller, alpha=GainRange(0.45, 0.45)))
+    infeasible = replace(spec, controller=replace(spec.controller, alpha=GainRange(0.45, 0.45)))
     with pytest.raises(ft.DomainError, match="infeasible"):
-        ft.tradeoff(hopeless, 1)
+        ft.tradeoff(infeasible, 1)
     spec = ft.load_spec(SPECS / "throttle.yaml")
     assert spec.digital is not None
     with pytest.raises(ft.DomainError, match="design: continuous"):
