@@ -168,7 +168,7 @@ class Beta(Distribution):
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """Normal, whatever the range says.
+    """Normal; its values may lie outside the range.
 
     Args:
         mean: the mean, in the number's unit.
@@ -209,7 +209,7 @@ class Normal(Distribution):
 
 @dataclass(frozen=True)
 class NormalNoise(Distribution):
-    """The nominal value plus normal noise with this mean and standard deviation, whatever the range says."""
+    """The nominal value plus normal noise of this mean and standard deviation; it may leave the range."""
 
     mean: float
     std: float

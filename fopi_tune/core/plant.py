@@ -223,7 +223,7 @@ class PlantFamily:
         return table(numerator), table(denominator), table([dead_time])[:, 0]
 
     def member(self, point: Array) -> Plant:
-        """The plant at one point of the box, shape (p,)."""
+        """The plant at one `point` of the box, shape (p,)."""
         numerator, denominator, dead_time = self.coefficients(np.asarray(point, dtype=float)[None, :])
         return Plant(tuple(numerator[0].tolist()), tuple(denominator[0].tolist()), float(dead_time[0]))
 

@@ -117,14 +117,14 @@ class Exchange:
         meet the requirement by a notch at the cuts.
         """
         nominal = tuple(self.family.nominal_point.tolist())
-        asked = any(
+        needs_crossover = any(
             constraint.where in (EvaluatedAt.GAIN_CROSSOVERS, EvaluatedAt.HIGHEST_GAIN_CROSSOVER)
             and constraint.requirement != STABILITY_GUARD
             for constraint in self.constraints
         )
         spread = self.objective in (ObjectiveKind.PHASE_MARGIN_SPREAD, ObjectiveKind.CROSSOVER_SPREAD)
         plants: list[tuple[float, ...]] = []
-        if asked or spread or np.any(self.oracle.plants.unstable_poles > 0):
+        if needs_crossover or spread or np.any(self.oracle.plants.unstable_poles > 0):
             plants = [nominal, tuple(self.family.low.tolist()), tuple(self.family.high.tolist())]
         points = [
             Point(k, nominal, omega)
@@ -183,9 +183,9 @@ class Exchange:
             start: gains to start from.
             cuts: those of the first solve.
             mode, active, relaxed, limits: see `Task`.
-            hopeless: whether the optimum of the relaxed problem (on the cuts alone) is no better than a known solution.
+            dominated: whether the optimum on the cuts alone, a bound, is no better than a known solution.
             most_rounds: number of solves after which the exchange stops.
-            trust: of the first solve; see `Task`.
+            trust_radius: of the first solve; see `Task`.
             peaks: known peaks of the start, as moving peaks of the first solve.
         """
         rounds = 0

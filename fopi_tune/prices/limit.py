@@ -69,7 +69,7 @@ class MovableLimit:
 
         Args:
             way: 1 up, -1 down.
-            part: of the largest distance, from 0 to 1.
+            part: relative to the largest distance, from 0 to 1.
         """
         for unit, distance in _LARGEST_DISTANCE.items():
             if self.requirement.quantity.endswith(unit):
