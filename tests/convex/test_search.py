@@ -1,4 +1,4 @@
-"""The convex path:  its constraints against the loops they linearise, its optima against those of the search by Ipopt."""
+"""The convex path:  its constraints against the loops they linearise, its optima against those of Ipopt."""
 
 from __future__ import annotations
 
