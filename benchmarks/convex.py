@@ -62,10 +62,12 @@ def main() -> None:
     spec = replace(whole, controller=replace(whole.controller, alpha=GainRange(alpha, alpha)))
     search = Search.of(spec, ())
     task, exchange = grid_task(search, spec), search.exchange
-    capacity = max(sum(point.side == k for point in task.points) for k in (None, *range(len(exchange.sides))))
+    capacity = max(
+        sum(point.constraint == k for point in task.points) for k in (None, *range(len(exchange.constraints)))
+    )
     compile_s, problem = timed(
         lambda: compile_problem(
-            spec.plant, search.scale, exchange.sides, search.objective, exchange.horizon_s, capacity
+            spec.plant, search.scale, exchange.constraints, search.objective, exchange.horizon_s, capacity
         ),
         1,
     )

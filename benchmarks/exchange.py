@@ -20,14 +20,14 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design import design
+from fopi_tune.design.constraints import STABILITY_GUARD, scale_of
 from fopi_tune.design.exchange import Exchange
 from fopi_tune.design.nlp.compile import compile_problem
 from fopi_tune.design.nlp.slots import MarginPlant, Mode, Point, Task
 from fopi_tune.design.nlp.solve import solve
 from fopi_tune.design.search import Search
-from fopi_tune.design.sides import GUARD, scale_of
 from fopi_tune.proof import verify
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import DesignSpec
 
@@ -36,26 +36,28 @@ _OMEGAS, _PLANTS, _REPEATS = 200, 10, 5
 
 def grid_task(search: Search, spec: DesignSpec) -> Task:
     """Everything at once: every side of every requirement at 200 frequencies of its band and 10 plants."""
-    scale, sides = scale_of(spec), search.exchange.sides
+    scale, constraints = scale_of(spec), search.exchange.constraints
     axes = [np.linspace(a, b, _PLANTS) for a, b in zip(spec.plant.low, spec.plant.high, strict=True)]
     plants = [tuple(p) for p in np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes)).tolist()]
     low, high = spec.digital.band_rad_s if spec.digital else (scale.omega_rad_s * 1e-3, scale.omega_rad_s * 1e3)
     points = []
-    for k, side in enumerate(sides):
-        if side.where is Where.BAND and side.requirement != GUARD:
+    for k, constraint in enumerate(constraints):
+        if constraint.where is EvaluatedAt.BAND and constraint.requirement != STABILITY_GUARD:
             omegas = np.geomspace(
-                max(side.from_rad_s, min(low, side.to_rad_s / 100)), min(side.to_rad_s, high), _OMEGAS
+                max(constraint.from_rad_s, min(low, constraint.to_rad_s / 100)), min(constraint.to_rad_s, high), _OMEGAS
             )
             points += [Point(k, plant, float(w)) for plant in plants for w in omegas]
     points += [Point(None, plant, float(w)) for plant in plants for w in np.geomspace(low, high, _OMEGAS)]
     margins = tuple(
         MarginPlant(k, plant, crossing=False)
-        for k, side in enumerate(sides)
-        if side.where is Where.PHASE_CROSSOVERS
+        for k, constraint in enumerate(constraints)
+        if constraint.where is EvaluatedAt.PHASE_CROSSOVERS
         for plant in plants
     )
-    limits = tuple(side.limit for side in sides)
-    return Task(tuple(points), (), tuple(plants), margins, limits, Mode.OBJECTIVE, search.all_requirements, trust=100.0)
+    limits = tuple(constraint.limit for constraint in constraints)
+    return Task(
+        tuple(points), (), tuple(plants), margins, limits, Mode.OBJECTIVE, search.all_requirements, trust_radius=100.0
+    )
 
 
 def timed(run: Callable[[], object]) -> tuple[float, object]:
@@ -83,7 +85,7 @@ def main() -> None:
     task = grid_task(search, spec)
     began = time.perf_counter()
     problem = compile_problem(
-        spec.plant, search.scale, exchange.sides, search.objective, exchange.horizon_s, _OMEGAS * _PLANTS
+        spec.plant, search.scale, exchange.constraints, search.objective, exchange.horizon_s, _OMEGAS * _PLANTS
     )
     compile_s = time.perf_counter() - began
     grid_s, grid = timed(lambda: solve(problem, spec.controller, task, start, 1.0))

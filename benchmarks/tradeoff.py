@@ -17,7 +17,8 @@ import time
 from pathlib import Path
 
 import fopi_tune as ft
-from fopi_tune.prices import ends, knob_of, sweep
+from fopi_tune.prices import feasible_end as ends
+from fopi_tune.prices import movable_limit, sweep
 from fopi_tune.results.design import objective_name
 
 SPECS = Path(__file__).resolve().parent.parent / "specs"
@@ -48,7 +49,7 @@ def measured(case: str) -> str:
         options += ["--from", range_[0], "--to", range_[1]]
     tune_s, whole_s = command_s([path]), command_s([path, *options])
     spec = ft.load_spec(path)
-    knob, gains = knob_of(spec, number), ft.tune(spec, proof=False).gains
+    knob, gains = movable_limit(spec, number), ft.tune(spec, proof=False).gains
     assert gains is not None
     spent: list[float] = []
 
@@ -60,7 +61,7 @@ def measured(case: str) -> str:
 
     sweep.end_of = timed_end  # pyright: ignore[reportAttributeAccessIssue]
     start = time.process_time()
-    result = sweep.sweep(spec, knob, gains, sweep.Range(low, high, _POINTS), objective_name(spec))
+    result = sweep.sweep(spec, knob, gains, sweep.SweepRange(low, high, _POINTS), objective_name(spec))
     swept_s = time.process_time() - start - sum(spent)
     start = time.process_time()
     for point in result.points[:: _POINTS // 3][:3]:

@@ -1,4 +1,5 @@
-"""DesignSpec -> Candidate without Ipopt:  for fixed alpha by convex-concave steps (CVXPY), over alpha by a search."""
+"""DesignSpec -> Candidate without Ipopt:  the convex-concave procedure for fixed alpha (CVXPY), and a search
+over alpha."""
 
 from fopi_tune.convex.search import convex_design
 

@@ -1,6 +1,6 @@
-"""How given gains do on given plants:  every limit and the objective, exactly, by the crossings and peaks of `core/`.
+"""Evaluate gains on given plants:  every limit and the objective, exactly, by the crossings and peaks of `core/`.
 
-What is found are places (a limit, a plant, a frequency), from which the rows of the next convex problem are made.
+The result is a list of points (a limit, a plant, a frequency), at which the next convex problem has its constraints.
 """
 
 from __future__ import annotations
@@ -11,37 +11,37 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.convex.limits import GUARD, Bound, Limit, Task
+from fopi_tune.convex.limits import STABILITY_GUARD, Bound, Limit, Task
+from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array, Rows
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.peaks import Extremes, Response, extremes, log_response_at
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.errors import DomainError
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
-#: a place of the objective rather than of a limit
+#: `ConstraintPoints.limit` of points of the objective
 OBJECTIVE = -1
-#: what is approached in a limit of omega is asked for at e^-100 or e^100 rad/s
+#: points at omega -> 0 or infinity are put at e^-100 or e^100 rad/s
 _FAR = 100.0
-#: a loop without a crossover, where one is needed, misses what is asked of it by more than this (natural units)
+#: natural units; the violation of a limit at crossovers by a loop that has none is larger than this
 _NO_CROSSOVER = 1.0
-#: an unstable loop misses everything by more than this
+#: natural units; added to the violation when a loop is unstable
 _UNSTABLE = 10.0
 
 
 @dataclass(frozen=True)
-class Places:
-    """Where something is asked; all of shape (n,).
+class ConstraintPoints:
+    """Points at which a limit or the objective is evaluated; all of shape (n,).
 
     Args:
         limit: index of the limit, or OBJECTIVE.
         plant: row of the plants.
-        u: ln omega; of what is read at a crossing, the crossing's.
+        u: ln omega, of quantities at crossings the crossing's.
         slack: natural units; of the objective, minus its value.
-        missing: whether the plant lacks the crossing, and u is where |L| comes nearest to 1.
+        missing: whether the plant has no such crossing; u is then where |L| is closest to 1.
     """
 
     limit: Rows
@@ -51,83 +51,83 @@ class Places:
     missing: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, limit: int, plant: Rows, u: Array, slack: Array, missing: bool = False) -> Places:
-        """Places of one limit."""
+    def of(cls, limit: int, plant: Rows, u: Array, slack: Array, missing: bool = False) -> ConstraintPoints:
+        """Points of one limit."""
         n = len(plant)
         clipped = np.clip(np.nan_to_num(u, nan=0.0), -_FAR, _FAR)
         return cls(np.full(n, limit, dtype=np.intp), plant, clipped, slack, np.full(n, missing))
 
     @classmethod
-    def joined(cls, parts: list[Places]) -> Places:
-        """All of them."""
+    def joined(cls, parts: list[ConstraintPoints]) -> ConstraintPoints:
+        """Concatenate."""
         names = cls.__dataclass_fields__
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
-    def take(self, rows: Rows) -> Places:
-        """Some of them."""
-        return Places(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+    def take(self, rows: Rows) -> ConstraintPoints:
+        """Select rows."""
+        return ConstraintPoints(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def __len__(self) -> int:
         return len(self.plant)
 
 
 @dataclass(frozen=True)
-class Look:
-    """What is true of gains on some plants; the first plant is the nominal one.
+class Evaluation:
+    """The limits and the objective of one controller on some plants, the nominal one first.
 
     Args:
         gains: the controller.
-        places: where each limit and the objective are worst, plant by plant.
-        violation: the largest of all limits, natural units; inf without a loop.
+        points: the worst points of each limit and of the objective, for each plant.
+        violation: the largest of all limits, natural units; inf when both gains are 0.
         cost: the objective to be minimised, natural units.
-        stable: every plant's loop is.
+        stable: whether the loop of every plant is stable.
     """
 
     gains: FoPi
-    places: Places
+    points: ConstraintPoints
     violation: float
     cost: float
     stable: bool
 
-    def worst_limits(self, count: int) -> dict[int, float]:
-        """The requirements that are missed most, and by how much."""
-        return dict(sorted(self._missed.items(), key=lambda pair: -pair[1])[:count])
+    def largest_violations(self, count: int) -> dict[int, float]:
+        """The `count` limits with the largest violations, and these violations."""
+        return dict(sorted(self._violations.items(), key=lambda pair: -pair[1])[:count])
 
     @property
-    def _missed(self) -> dict[int, float]:
-        missed: dict[int, float] = {}
-        for k, slack in zip(self.places.limit.tolist(), self.places.slack.tolist(), strict=True):
+    def _violations(self) -> dict[int, float]:
+        violations: dict[int, float] = {}
+        for k, slack in zip(self.points.limit.tolist(), self.points.slack.tolist(), strict=True):
             if k != OBJECTIVE:
-                missed[k] = max(missed.get(k, -math.inf), -slack)
-        return missed
+                violations[k] = max(violations.get(k, -math.inf), -slack)
+        return violations
 
 
-def look(task: Task, gains: FoPi, plants: Plants) -> Look:
-    """Every limit and the objective of one controller on these plants."""
+def evaluate(task: Task, gains: FoPi, plants: Plants) -> Evaluation:
+    """Evaluate every limit and the objective of one controller on these plants."""
     try:
-        return _look(task, gains, plants)
+        return _evaluate(task, gains, plants)
     except DomainError:
-        # kp = ki = 0, or |L| = 1 over a whole range: there is no loop to judge.
-        nothing = Places.of(OBJECTIVE, np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros(0))
-        return Look(gains, nothing, math.inf, math.inf, False)
+        # kp = ki = 0, or |L| = 1 over a whole range: the loop has no crossings.
+        nothing = ConstraintPoints.of(OBJECTIVE, np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros(0))
+        return Evaluation(gains, nothing, math.inf, math.inf, False)
 
 
-def _look(task: Task, gains: FoPi, plants: Plants) -> Look:
+def _evaluate(task: Task, gains: FoPi, plants: Plants) -> Evaluation:
     loops = Loops.of(gains, plants)
     crossings = gain_crossovers(loops)
     stable = bool((unstable_poles_from(loops, crossings) < 0.5).all())
-    seen = _Seen(task, loops, crossings)
-    parts = [part for k, limit in enumerate(task.limits) for part in seen.of(k, limit)]
-    limits = Places.joined(parts)
+    evaluator = _Evaluator(task, loops, crossings)
+    parts = [part for k, limit in enumerate(task.limits) for part in evaluator.of(k, limit)]
+    limits = ConstraintPoints.joined(parts)
     violation = max(0.0, float(-limits.slack.min(initial=math.inf)))
-    objective = seen.objective(limits)
+    objective = evaluator.objective(limits)
     cost = float(-objective.slack.min()) if len(objective) else task.ki_cost(gains)[0]
     violation += 0.0 if stable else _UNSTABLE
-    return Look(gains, Places.joined([limits, objective]), violation, cost, stable)
+    return Evaluation(gains, ConstraintPoints.joined([limits, objective]), violation, cost, stable)
 
 
-def rough_ranks(task: Task, gains: list[FoPi]) -> Array:
-    """How much each of many controllers misses with the nominal plant, in one batch, shape (n,); less is better.
+def nominal_violations(task: Task, gains: list[FoPi]) -> Array:
+    """The largest violation of each of n controllers with the nominal plant, in one batch, shape (n,).
 
     Raises:
         DomainError: for one of them |L| = 1 over a whole range.
@@ -136,31 +136,31 @@ def rough_ranks(task: Task, gains: list[FoPi]) -> Array:
     kp, ki, alpha = np.array([(g.kp, g.ki, g.alpha) for g in gains]).T
     loops = Loops(kp, ki, alpha, nominal)
     crossings = gain_crossovers(loops)
-    seen = _Seen(task, loops, crossings, all_nominal=True)
-    limits = Places.joined([part for k, limit in enumerate(task.limits) for part in seen.of(k, limit)])
-    missed = np.zeros(len(gains))
-    np.maximum.at(missed, limits.plant, -limits.slack)
-    return missed + np.where(unstable_poles_from(loops, crossings) < 0.5, 0.0, _UNSTABLE)
+    evaluator = _Evaluator(task, loops, crossings, all_nominal=True)
+    limits = ConstraintPoints.joined([part for k, limit in enumerate(task.limits) for part in evaluator.of(k, limit)])
+    violation = np.zeros(len(gains))
+    np.maximum.at(violation, limits.plant, -limits.slack)
+    return violation + np.where(unstable_poles_from(loops, crossings) < 0.5, 0.0, _UNSTABLE)
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _Evaluator:
     task: Task
     loops: Loops
     crossings: Crossings
     all_nominal: bool = False
 
-    def of(self, k: int, limit: Limit) -> list[Places]:
-        """Where one limit is worst, plant by plant."""
+    def of(self, k: int, limit: Limit) -> list[ConstraintPoints]:
+        """The worst points of one limit, for each plant."""
         first_alone = limit.nominal and not self.all_nominal
         rows = np.zeros(1, dtype=np.intp) if first_alone else np.arange(len(self.loops))
-        if limit.where is Where.BAND:
+        if limit.where is EvaluatedAt.BAND:
             return [self._band(k, limit, rows)]
-        if limit.where is Where.PHASE_CROSSOVERS:
+        if limit.where is EvaluatedAt.PHASE_CROSSOVERS:
             return self._gain_margin(k, limit, rows)
         return self._crossing(k, limit, rows)
 
-    def _band(self, k: int, limit: Limit, rows: Rows) -> Places:
+    def _band(self, k: int, limit: Limit, rows: Rows) -> ConstraintPoints:
         loops, response = self.loops.take(rows), limit.response
         assert response is not None
         if limit.from_rad_s == limit.to_rad_s:
@@ -169,19 +169,19 @@ class _Seen:
         else:
             found = extremes(loops, response, limit.from_rad_s, limit.to_rad_s, limit.bound is Bound.UPPER)
         with np.errstate(divide="ignore"):
-            return Places.of(k, rows, np.log(found.omega_rad_s), limit.slack(found.value))
+            return ConstraintPoints.of(k, rows, np.log(found.omega_rad_s), limit.slack(found.value))
 
-    def _crossing(self, k: int, limit: Limit, rows: Rows) -> list[Places]:
+    def _crossing(self, k: int, limit: Limit, rows: Rows) -> list[ConstraintPoints]:
         c = self.crossings
         value = crossing_value(limit.quantity, c)
         mine = np.isin(c.row, rows)
-        if limit.where is Where.HIGHEST_GAIN_CROSSOVER:
+        if limit.where is EvaluatedAt.HIGHEST_GAIN_CROSSOVER:
             mine &= _first_of_row(c.row, -c.u)
         elif limit.bound is not Bound.LOWER:
             mine &= _first_of_row(c.row, value)
-        parts = [Places.of(k, c.row[mine], c.u[mine], limit.slack(value[mine]))]
+        parts = [ConstraintPoints.of(k, c.row[mine], c.u[mine], limit.slack(value[mine]))]
         lacking = np.setdiff1d(rows, c.row)
-        if limit.requirement == GUARD or not len(lacking):
+        if limit.requirement == STABILITY_GUARD or not len(lacking):
             return parts
         top = extremes(self.loops.take(lacking), Response.LOOP_GAIN, 0.0, math.inf)
         bottom = extremes(self.loops.take(lacking), Response.LOOP_GAIN, 0.0, math.inf, largest=False)
@@ -189,9 +189,9 @@ class _Seen:
         away = np.where(small, -top.value, bottom.value)
         with np.errstate(divide="ignore"):
             u = np.log(np.where(small, top.omega_rad_s, bottom.omega_rad_s))
-        return [*parts, Places.of(k, lacking, u, -_NO_CROSSOVER - away, missing=True)]
+        return [*parts, ConstraintPoints.of(k, lacking, u, -_NO_CROSSOVER - away, missing=True)]
 
-    def _gain_margin(self, k: int, limit: Limit, rows: Rows) -> list[Places]:
+    def _gain_margin(self, k: int, limit: Limit, rows: Rows) -> list[ConstraintPoints]:
         c = phase_crossovers(self.loops.take(rows))
         plant, value = rows[c.row], -np.log(c.gain)
         mine = c.gain <= 1.0
@@ -200,42 +200,44 @@ class _Seen:
             mine &= _first_of_row(c.row, ranked)
             endless = np.setdiff1d(rows, plant[mine])
             if len(endless):
-                nowhere = Places.of(k, endless, np.zeros(len(endless)), np.full(len(endless), -math.inf), missing=True)
-                return [Places.of(k, plant[mine], c.u[mine], limit.slack(value[mine])), nowhere]
-        return [Places.of(k, plant[mine], c.u[mine], limit.slack(value[mine]))]
+                nowhere = ConstraintPoints.of(
+                    k, endless, np.zeros(len(endless)), np.full(len(endless), -math.inf), missing=True
+                )
+                return [ConstraintPoints.of(k, plant[mine], c.u[mine], limit.slack(value[mine])), nowhere]
+        return [ConstraintPoints.of(k, plant[mine], c.u[mine], limit.slack(value[mine]))]
 
-    def objective(self, limits: Places) -> Places:
-        """Where the objective is worst, plant by plant; none for ki."""
+    def objective(self, limits: ConstraintPoints) -> ConstraintPoints:
+        """The worst points of the objective, for each plant; none for ki."""
         kind, rows = self.task.objective, np.arange(len(self.loops))
         if kind is ObjectiveKind.DEPTH:
             counted = [k for k, limit in enumerate(self.task.limits) if counts_in_depth(limit)]
             inside = limits.take(np.flatnonzero(np.isin(limits.limit, counted)))
-            if not len(inside):  # every gain margin is infinite, and nothing else is asked
-                return Places.of(OBJECTIVE, rows[:1], np.zeros(1), np.array([math.inf]))
-            return Places.of(OBJECTIVE, inside.plant, inside.u, inside.slack)
+            if not len(inside):  # the only limits are gain margins, and all are infinite
+                return ConstraintPoints.of(OBJECTIVE, rows[:1], np.zeros(1), np.array([math.inf]))
+            return ConstraintPoints.of(OBJECTIVE, inside.plant, inside.u, inside.slack)
         if kind in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK):
             found = extremes(self.loops, PEAKS[kind], 0.0, math.inf)
             with np.errstate(divide="ignore"):
-                return Places.of(OBJECTIVE, rows, np.log(found.omega_rad_s), -found.value)
+                return ConstraintPoints.of(OBJECTIVE, rows, np.log(found.omega_rad_s), -found.value)
         if kind is ObjectiveKind.IAE_DISTURBANCE:
-            gain, loop = at_rest(self.task, self.loops)
+            gain, loop = at_inverse_horizon(self.task, self.loops)
             with np.errstate(divide="ignore"):
-                return Places.of(OBJECTIVE, rows, np.zeros(len(rows)), np.log(np.abs((1.0 + loop) / gain)))
+                return ConstraintPoints.of(OBJECTIVE, rows, np.zeros(len(rows)), np.log(np.abs((1.0 + loop) / gain)))
         if kind is ObjectiveKind.KI:
-            return Places.of(OBJECTIVE, rows[:0], np.zeros(0), np.zeros(0))
+            return ConstraintPoints.of(OBJECTIVE, rows[:0], np.zeros(0), np.zeros(0))
         return self._spread(kind)
 
-    def _spread(self, kind: ObjectiveKind) -> Places:
+    def _spread(self, kind: ObjectiveKind) -> ConstraintPoints:
         c, rows = self.crossings, np.arange(len(self.loops))
         nominal = np.flatnonzero(c.row == 0)
         if not len(nominal) or len(np.unique(c.row)) < len(rows):
-            return Places.of(OBJECTIVE, rows[:1], np.zeros(1), np.array([-math.inf]))
+            return ConstraintPoints.of(OBJECTIVE, rows[:1], np.zeros(1), np.array([-math.inf]))
         if kind is ObjectiveKind.CROSSOVER_SPREAD:
             u = np.full(len(rows), c.u[nominal[-1]])
-            return Places.of(OBJECTIVE, rows, u, -np.abs(self.loops.log_response(rows, u).real))
+            return ConstraintPoints.of(OBJECTIVE, rows, u, -np.abs(self.loops.log_response(rows, u).real))
         smallest = _first_of_row(c.row, c.phase_rad)
         margin = c.phase_rad[smallest]
-        return Places.of(OBJECTIVE, c.row[smallest], c.u[smallest], -np.abs(margin - margin[0]))
+        return ConstraintPoints.of(OBJECTIVE, c.row[smallest], c.u[smallest], -np.abs(margin - margin[0]))
 
 
 PEAKS = {
@@ -245,12 +247,12 @@ PEAKS = {
 
 
 def counts_in_depth(limit: Limit) -> bool:
-    """Whether a limit's slack counts when the smallest slack is the objective."""
-    return limit.requirement != GUARD and limit.bound is not Bound.EQUAL
+    """Whether a limit's slack counts in the depth, the smallest slack as the objective."""
+    return limit.requirement != STABILITY_GUARD and limit.bound is not Bound.EQUAL
 
 
 def crossing_value(quantity: str, c: Crossings) -> Array:
-    """A quantity at gain crossovers, natural units."""
+    """The values of a quantity at gain crossovers, natural units."""
     if quantity == "crossover_rad_s":
         return np.log(c.omega_rad_s)
     if quantity == "phase_slope_deg_per_decade":
@@ -259,7 +261,7 @@ def crossing_value(quantity: str, c: Crossings) -> Array:
     return margin / c.omega_rad_s if quantity == "delay_margin_s" else margin
 
 
-def at_rest(task: Task, loops: Loops) -> tuple[Array, Array]:
+def at_inverse_horizon(task: Task, loops: Loops) -> tuple[Array, Array]:
     """T P and C P at s = 1/T of every loop: iae_disturbance is |T P/(1 + C P)| there."""
     s, plants = 1.0 / task.horizon_s, loops.plants
     powers = s ** np.arange(40.0)
@@ -271,7 +273,7 @@ def at_rest(task: Task, loops: Loops) -> tuple[Array, Array]:
 
 
 def _first_of_row(rows: Rows, key: Array) -> NDArray[np.bool_]:
-    """Of every row the place with the smallest key."""
+    """Which entry of every row has the smallest key."""
     chosen = np.zeros(len(rows), dtype=bool)
     order = np.lexsort((key, rows))
     _, first = np.unique(rows[order], return_index=True)

@@ -1,6 +1,6 @@
-"""Requirements as the convex path reads them:  limits in natural units, and the plants' own scale.
+"""DesignSpec -> Task:  limits in natural units (neper, radian), the objective and the scaling.
 
-Every limit is one side of one requirement, or of the two guards that keep a little distance from instability.
+Every limit is one bound of one requirement, or one of the two stability guards, which keep a small distance from -1.
 """
 
 from __future__ import annotations
@@ -12,27 +12,27 @@ from functools import cached_property
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.peaks import Response
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Scope
 
-#: the loop keeps |S| below this and the phase margin above that for every plant, whatever the requirements say
+#: stability guards: the largest |S| and the smallest phase margin of every plant, whatever the requirements
 GUARD_DB, GUARD_DEG = 40.0, 0.573
-#: a limit that belongs to no requirement
-GUARD = -1
+#: `Limit.requirement` of the stability guards, which belong to no requirement
+STABILITY_GUARD = -1
 #: inequalities are designed this much tighter (natural units), so that rounding does not undo them
 TIGHTENING = 4e-7
 #: a gain the spec leaves open is searched this far, in the plants' own scale
 OPEN_GAIN = 1e4
-#: scaled; a ki much smaller than this is as good as none
+#: scaled; the cost of ki changes from logarithmic to linear below this
 _SMALL_KI = 1e-4
-#: quantities read at crossings that the rows know how to differentiate
+#: quantities at crossings whose derivatives `cone_constraints` has
 CROSSING_QUANTITIES = (
     "crossover_rad_s",
     "phase_margin_deg",
@@ -52,23 +52,23 @@ class Bound(Enum):
 
 @dataclass(frozen=True)
 class Limit:
-    """One side of one requirement.
+    """One bound of one requirement, or a stability guard.
 
     Args:
         requirement: index in the spec's list, or GUARD.
         quantity: its name.
-        where: at which frequencies it is read.
-        response: of a frequency function, which.
-        bound: which way.
+        where: at which frequencies it is evaluated.
+        response: of a frequency function; else None.
+        bound: lower, upper or equality.
         limit: in natural units, inequalities tightened.
         scale: multiplies the slack, so that it is dimensionless.
-        nominal: only the nominal member counts.
+        nominal: whether it holds for the nominal plant only.
         from_rad_s, to_rad_s: the band of a frequency function.
     """
 
     requirement: int
     quantity: str
-    where: Where
+    where: EvaluatedAt
     response: Response | None
     bound: Bound
     limit: float
@@ -78,7 +78,7 @@ class Limit:
     to_rad_s: float
 
     def slack(self, value: Array) -> Array:
-        """How far inside the limit values are, natural units; of an equality, minus the distance."""
+        """Distance of values from the limit, positive inside; of an equality, minus the absolute distance."""
         if self.bound is Bound.EQUAL:
             return -np.abs(self.limit - value) * self.scale
         return self.bound.value * (self.limit - value) * self.scale
@@ -86,9 +86,10 @@ class Limit:
 
 @dataclass(frozen=True)
 class Task:
-    """A spec, ready for the convex path.
+    """A spec in the form of the convex design.
 
-    In the scale of omega_s and g_s = |P(j omega_s)| the unknowns are x = (kp g_s, ki g_s omega_s^-alpha).
+    With a characteristic frequency omega_s (`omega_rad_s`) and g_s = |P(j omega_s)| (`gain`) of the nominal plant the
+    variables are x = (kp g_s, ki g_s omega_s^-alpha).
     """
 
     spec: DesignSpec
@@ -99,14 +100,17 @@ class Task:
     gain: float
 
     def ki_cost(self, gains: FoPi) -> tuple[float, float]:
-        """What `maximize: ki` costs, and its derivative by ki: -asinh of ki in a small unit, ln ki for all but 0."""
+        """The cost of `maximize: ki`, -asinh(ki/small), and its derivative by ki.
+
+        The cost is -ln ki but for a constant where ki is large, and finite at ki = 0.
+        """
         order = 0.5 * (self.spec.controller.alpha.min + self.spec.controller.alpha.max)
         small = _SMALL_KI * self.omega_rad_s**order / self.gain
         return -math.asinh(gains.ki / small), -1.0 / math.hypot(gains.ki, small)
 
     @cached_property
     def equalities(self) -> int:
-        """How many limits are equalities."""
+        """Number of limits that are equalities."""
         return sum(limit.bound is Bound.EQUAL for limit in self.limits)
 
     def scaled(self, gains: FoPi) -> Array:
@@ -118,12 +122,12 @@ class Task:
         return np.array([1.0 / self.gain, self.omega_rad_s**alpha / self.gain])
 
     def gains(self, x: Array, alpha: float) -> FoPi:
-        """The gains at x, within the spec's ranges to the last bit."""
+        """The gains at x, clipped to the spec's ranges."""
         box, (kp, ki) = self.spec.controller, (x * self.unit(alpha)).tolist()
         return FoPi(min(max(kp, box.kp.min), box.kp.max), min(max(ki, box.ki.min), box.ki.max), alpha)
 
     def box(self, alpha: float) -> tuple[Array, Array]:
-        """The ends of x, shape (2,) each."""
+        """Lower and upper bounds of x, shape (2,) each."""
         ranges, unit = (self.spec.controller.kp, self.spec.controller.ki), self.unit(alpha)
         low = np.array([max(r.min / u, -OPEN_GAIN) for r, u in zip(ranges, unit, strict=True)])
         high = np.array([min(r.max / u, OPEN_GAIN) for r, u in zip(ranges, unit, strict=True)])
@@ -131,16 +135,19 @@ class Task:
 
 
 def task_of(spec: DesignSpec) -> Task:
-    """Limits, objective and scale of a spec."""
+    """Limits, objective and scaling of a spec."""
     limits = tuple(limit for i, r in enumerate(spec.requirements) for limit in _split(i, r))
     peak = Requirement("sensitivity_db", Relation.AT_MOST, (GUARD_DB,))
     margin = Requirement("phase_margin_deg", Relation.AT_LEAST, (GUARD_DEG,))
-    guards = (_limit(GUARD, peak, Bound.UPPER, GUARD_DB), _limit(GUARD, margin, Bound.LOWER, GUARD_DEG))
+    guards = (
+        _limit(STABILITY_GUARD, peak, Bound.UPPER, GUARD_DB),
+        _limit(STABILITY_GUARD, margin, Bound.LOWER, GUARD_DEG),
+    )
     objective = ObjectiveKind(spec.objective.quantity) if spec.objective else ObjectiveKind.DEPTH
     if objective is ObjectiveKind.DEPTH and all(limit.bound is Bound.EQUAL for limit in limits):
         objective = ObjectiveKind.SENSITIVITY_PEAK  # the depth is then the distance from -1
     horizon = spec.objective.horizon_s if spec.objective else None
-    omega = _middle(spec)
+    omega = _characteristic_frequency(spec)
     nominal = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
     gain = float(np.abs(nominal.response(np.zeros(1, dtype=np.intp), np.array([omega])))[0])
     usable = math.isfinite(gain) and gain > 0.0
@@ -149,8 +156,8 @@ def task_of(spec: DesignSpec) -> Task:
     )
 
 
-def refusal(spec: DesignSpec) -> str | None:
-    """What the convex path cannot take, or None."""
+def unsupported(spec: DesignSpec) -> str | None:
+    """Why the convex design cannot take a spec, or None."""
     if spec.digital is not None and spec.digital.designs_sampled:
         return "the convex path designs in continuous time, and the spec asks for design: sampled; use the solver ipopt"
     for requirement in spec.requirements:
@@ -175,7 +182,7 @@ def _split(index: int, requirement: Requirement) -> list[Limit]:
 def _limit(index: int, requirement: Requirement, bound: Bound, public: float) -> Limit:
     quantity = QUANTITIES[requirement.quantity]
     scale = quantity.natural_scale(public)
-    tightening = 0.0 if index == GUARD else TIGHTENING / scale
+    tightening = 0.0 if index == STABILITY_GUARD else TIGHTENING / scale
     return Limit(
         requirement=index,
         quantity=requirement.quantity,
@@ -190,8 +197,8 @@ def _limit(index: int, requirement: Requirement, bound: Bound, public: float) ->
     )
 
 
-def _middle(spec: DesignSpec) -> float:
-    """omega_s: the crossover that the spec names, else the geometric middle of the plants' corners and dead times."""
+def _characteristic_frequency(spec: DesignSpec) -> float:
+    """omega_s: the crossover that the spec names, else the geometric mean of corner frequencies and 1/dead times."""
     for requirement in spec.requirements:
         if requirement.quantity == "crossover_rad_s":
             return requirement.limits[0]

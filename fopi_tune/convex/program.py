@@ -1,9 +1,11 @@
 """The convex problems, compiled once and solved many times (CVXPY, parametrised; CLARABEL).
 
-With the rows of `rows.py`, a trust region and the gains' box,
+With the constraints of `cone_constraints`, a trust region and the gains' ranges, for a step d of x,
 
-    step       minimise  price . d + weight t    subject to  every row, every equality ,
-    restore    minimise  v                       subject to  every row and equality missed by at most v .
+    step       minimise  gradient . d + weight t    subject to  every row, every equality ,
+    restore    minimise  v                          subject to  every row and equality, violated by at most v .
+
+t is the change of the objective's largest member.
 """
 
 from __future__ import annotations
@@ -14,17 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from fopi_tune.convex.rows import RowTable
-from fopi_tune.core.logform import Array
+from fopi_tune.convex.cone_constraints import ConeConstraints
+from fopi_tune.core.bode_form import Array
 
-#: rows in play at most; the rest of them are far from binding
+#: the largest number of rows; the others have more slack
 CAPACITY = 40
-#: the tightest few of every limit are in play however much room they have
+#: the rows with the smallest slack of every limit are always included
 _OF_EACH = 4
-#: a row that is not in use has this much room
+#: slack of an unused row
 _ROOM = 1.0
-#: t may improve by so much (natural units) in one step
-_MOST_GAIN = 3.0
+#: natural units; the largest decrease of t in one step
+_LARGEST_DECREASE = 3.0
 _SOLVER_OPTIONS: dict[str, Any] = {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11}
 
 
@@ -33,18 +35,18 @@ class Step:
     """A solution.
 
     Args:
-        d: shape (2,).
-        value: t of a step, v of a restoration.
-        price: of a step, what missing every row and equality by one unit would save.
+        d: the step of x, shape (2,).
+        value: t of `step`, v of `restore`.
+        multiplier_sum: of `step`, the sum of the absolute multipliers of all rows and equalities.
     """
 
     d: Array
     value: float
-    price: float = 0.0
+    multiplier_sum: float = 0.0
 
 
 class Program:
-    """Both problems for a number of equalities."""
+    """Both problems, compiled for a number of equalities."""
 
     def __init__(self, equalities: int) -> None:
         import cvxpy as cp
@@ -58,7 +60,7 @@ class Program:
         self.cone_re, self.cone_im, self.slope = cp.Parameter((n, 2)), cp.Parameter((n, 2)), cp.Parameter((n, 2))
         self.cone0, self.slack0 = cp.Parameter((2, n)), cp.Parameter(n)
         self.share, self.elastic = cp.Parameter(n), cp.Parameter(n)
-        self.low, self.high, self.price = cp.Parameter(2), cp.Parameter(2), cp.Parameter(2)
+        self.low, self.high, self.gradient = cp.Parameter(2), cp.Parameter(2), cp.Parameter(2)
         self.weight = cp.Parameter(nonneg=True)
         left = cp.vstack([self.cone_re @ self.d, self.cone_im @ self.d]) + self.cone0
         right = self.slope @ self.d + self.slack0
@@ -71,23 +73,23 @@ class Program:
         self.exact: list[Any] = exact
         self.cones: Any = cp.SOC(right + self.share * t, left, axis=0)
         self.step_problem = cp.Problem(
-            cp.Minimize(self.price @ self.d + self.weight * t),
-            [self.cones, t >= -_MOST_GAIN, t <= 10.0 * _MOST_GAIN, *box, *exact],
+            cp.Minimize(self.gradient @ self.d + self.weight * t),
+            [self.cones, t >= -_LARGEST_DECREASE, t <= 10.0 * _LARGEST_DECREASE, *box, *exact],
         )
         self.restore_problem = cp.Problem(cp.Minimize(v), [cp.SOC(right + self.elastic * v, left, axis=0), *box, *near])
 
-    def step(self, rows: RowTable, low: Array, high: Array, price: Array, weight: float) -> Step | None:
-        """The best step; None when the rows leave no room (or the solver gives up)."""
+    def step(self, rows: ConeConstraints, low: Array, high: Array, gradient: Array, weight: float) -> Step | None:
+        """The optimal step; None when the constraints are infeasible or the solver fails."""
         self._fill(rows, low, high)
-        self.price.value, self.weight.value = price, weight
+        self.gradient.value, self.weight.value = gradient, weight
         if not self._solved(self.step_problem):
             return None
         multipliers = np.asarray(self.cones.dual_value[0], dtype=float) * np.asarray(self.elastic.value)
-        price = multipliers.sum() + sum(np.abs(np.asarray(c.dual_value, dtype=float)).sum() for c in self.exact)
-        return Step(np.asarray(self.d.value, dtype=float), float(self.t.value), float(price))
+        total = multipliers.sum() + sum(np.abs(np.asarray(c.dual_value, dtype=float)).sum() for c in self.exact)
+        return Step(np.asarray(self.d.value, dtype=float), float(self.t.value), float(total))
 
-    def restore(self, rows: RowTable, low: Array, high: Array) -> Step | None:
-        """The step after which the rows are missed least; None when the solver gives up."""
+    def restore(self, rows: ConeConstraints, low: Array, high: Array) -> Step | None:
+        """The step with the smallest violation; None when the solver fails."""
         hard = rows.take(np.flatnonzero(rows.elastic > 0.0))
         self._fill(hard, low, high)
         if not self._solved(self.restore_problem):
@@ -99,7 +101,7 @@ class Program:
 
         self.solves += 1
         with warnings.catch_warnings():
-            # "may be inaccurate": what was found is looked at in any case
+            # "may be inaccurate": the solution is evaluated exactly in any case
             warnings.simplefilter("ignore")
             try:
                 problem.solve(solver=cp.CLARABEL, **_SOLVER_OPTIONS)
@@ -107,7 +109,7 @@ class Program:
                 return False
         return problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE) and bool(np.all(np.isfinite(self.d.value)))
 
-    def _fill(self, rows: RowTable, low: Array, high: Array) -> None:
+    def _fill(self, rows: ConeConstraints, low: Array, high: Array) -> None:
         rows = rows.tightest(CAPACITY, _OF_EACH)
         n = len(rows.slack0)
         empty = CAPACITY - n
@@ -121,7 +123,7 @@ class Program:
         self.elastic.value = np.concatenate([rows.elastic, np.zeros(empty)])
         self.low.value, self.high.value = low, high
         if self.count:
-            # an equality without a place (no crossing to read) asks nothing yet
+            # an equality without a point (no crossing to evaluate it at) is left out
             slopes, distances = np.zeros((self.count, 2)), np.zeros(self.count)
             k = min(self.count, len(rows.distance))
             slopes[:k], distances[:k] = rows.equal_slope[:k], rows.distance[:k]

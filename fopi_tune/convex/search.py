@@ -1,4 +1,4 @@
-"""DesignSpec -> Candidate by convex problems alone:  the second opinion on what the search by Ipopt finds."""
+"""DesignSpec -> Candidate by convex problems alone:  an independent check of the design by Ipopt."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fopi_tune.convex.limits import GUARD, OPEN_GAIN, TIGHTENING, Bound, Task, refusal, task_of
-from fopi_tune.convex.local import TOLERANCE, Found, Members, better
-from fopi_tune.convex.orders import Orders
+from fopi_tune.convex.alpha_search import AlphaSearch
+from fopi_tune.convex.convex_concave import TOLERANCE, LocalResult, Members, is_better
+from fopi_tune.convex.limits import OPEN_GAIN, STABILITY_GUARD, TIGHTENING, Bound, Task, task_of, unsupported
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.errors import DomainError
@@ -20,28 +20,28 @@ from fopi_tune.results.candidate import Candidate, Violation
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
 
-#: rounds of: find the worst plants of the whole family, add them, solve again
+#: rounds of the exchange: find the worst plants of the whole family, add them, solve again
 _MOST_EXCHANGES = 8
-#: natural units; limits missed by less are met, though they leave no room to be tightened
+#: natural units; limits violated by less count as met, without the tightening
 _MEETS = TOLERANCE + TIGHTENING
-#: a miss below this is a search that did not end rather than a spec without an answer
+#: natural units; with a smaller violation the search failed to converge, rather than the spec being infeasible
 _NEARLY = 1e-5
-#: a smallest slack of so many neper or radian is no limit at all
+#: neper or radian; a smallest slack of this size counts as unbounded
 _DEPTH_CAP = 15.0
 
 
 def convex_design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Candidate:
-    """Search the gains that meet a spec over its whole family and are best by its objective, by convex problems.
+    """Search for the gains that meet a spec over its whole family and optimise its objective, by convex problems.
 
     Args:
         spec: what the loop must do, in continuous time.
-        violations: places that a check found; their plants are in play from the start.
+        violations: points that a check found; their plants are members from the start.
 
     Returns:
-        A candidate.  Confirming it is `fopi_tune.proof`'s business; here `verify` only looks for plants to add.
+        A candidate, which `fopi_tune.proof` has to check; here `verify` only finds plants to add.
     """
     nothing = tuple(None for _ in spec.requirements)
-    reason = refusal(spec)
+    reason = unsupported(spec)
     if reason is not None:
         return Candidate(Status.FAILED, None, nothing, message=reason)
     box = spec.controller
@@ -52,34 +52,34 @@ def convex_design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Can
         return Candidate(Status.SOLVED, FoPi(box.kp.min, box.ki.min, box.alpha.min), nothing)
     searches = [_search(branch, violations) for branch in _branches(spec)]
     found = [(search, best) for search in searches if (best := search.best()) is not None]
-    solves = sum(search.local.program.solves for search in searches)
+    solves = sum(search.procedure.program.solves for search in searches)
     if not found:
         message = "the convex path found no gains within their ranges whose loop has the crossings that are asked for"
         return Candidate(Status.INFEASIBLE, None, nothing, message=message, solves=solves)
     search, best = found[0]
     for other, its_best in found[1:]:
-        search, best = (other, its_best) if better(its_best.look, best.look) else (search, best)
+        search, best = (other, its_best) if is_better(its_best.evaluation, best.evaluation) else (search, best)
     return replace(_candidate(search.task, best), solves=solves, cuts=len(search.members.points))
 
 
-def _search(spec: DesignSpec, violations: Sequence[Violation]) -> Orders:
-    """Scan, exchange plants, refine, exchange again."""
+def _search(spec: DesignSpec, violations: Sequence[Violation]) -> AlphaSearch:
+    """Scan alpha; then refine and add the worst plants, until there are no worse ones."""
     task = task_of(spec)
     members = Members.of(task)
     members.add(np.array([v.theta for v in violations]).reshape(len(violations), members.points.shape[1]))
-    orders = Orders(task, members)
-    orders.scan()
+    alphas = AlphaSearch(task, members)
+    alphas.scan()
     for _ in range(_MOST_EXCHANGES):
-        orders.refine()
-        best = orders.best()
+        alphas.refine()
+        best = alphas.best()
         if best is None or not _with_worst_plants(spec, members, best):
             break
-        orders.again()
-    return orders
+        alphas.reevaluate()
+    return alphas
 
 
-def _with_worst_plants(spec: DesignSpec, members: Members, best: Found) -> bool:
-    """Add the plants of the whole family where these gains are worst; False when they are no worse than known ones."""
+def _with_worst_plants(spec: DesignSpec, members: Members, best: LocalResult) -> bool:
+    """Add the worst plants of the whole family for these gains; False when all are members already."""
     if not members.points.shape[1]:
         return False
     try:
@@ -95,10 +95,10 @@ def _with_worst_plants(spec: DesignSpec, members: Members, best: Found) -> bool:
 
 
 def _branches(spec: DesignSpec) -> list[DesignSpec]:
-    """The spec, and the same without integral action where a response's jump at ki = 0 may make that better.
+    """The spec, and the same with ki = 0 where the responses' jump at ki = 0 may be an advantage.
 
-    As omega -> 0, with ki != 0 on a plant with a finite P(0) != 0 and whatever the gains, |C S| -> 1/|P(0)|, |T| -> 1,
-    |L| -> inf and |S| -> 0; with ki = 0 not.
+    As omega -> 0, with ki != 0 on a plant with a finite P(0) != 0 and for all gains, |C S| -> 1/|P(0)|, |T| -> 1,
+    |L| -> inf and |S| -> 0; not so with ki = 0.
     """
     ki = spec.controller.ki
     if ki.is_fixed or not ki.min <= 0.0 <= ki.max:
@@ -108,7 +108,7 @@ def _branches(spec: DesignSpec) -> list[DesignSpec]:
     without = replace(spec, controller=controller)
     plants = Plants.members(spec.plant, spec.plant.corners())
     if np.any(plants.numerator[:, -1] == 0.0):
-        return [without]  # a zero at s = 0 cancels the integral, which runs away unseen
+        return [without]  # a zero at s = 0 cancels the integral, which is then an unstable hidden mode
     floor = float(-plants.log.scale.min()) if np.all(plants.log.slope0 == 0.0) else -math.inf
     at_rest = {"control_sensitivity_db": floor, "complementary_sensitivity_db": 0.0, "loop_gain_db": math.inf}
     if math.isfinite(floor):
@@ -123,39 +123,39 @@ def _branches(spec: DesignSpec) -> list[DesignSpec]:
     return [spec]
 
 
-def _candidate(task: Task, best: Found) -> Candidate:
+def _candidate(task: Task, best: LocalResult) -> Candidate:
     spec, nothing = task.spec, tuple(None for _ in task.spec.requirements)
-    if best.look.violation <= _MEETS:
-        without_end = _without_end(task, best)
-        if without_end:
-            message = f"{without_end} without limit while the objective still improves"
+    if best.evaluation.violation <= _MEETS:
+        unbounded = _unbounded(task, best)
+        if unbounded:
+            message = f"{unbounded} without limit while the objective still improves"
             return Candidate(Status.UNBOUNDED, best.gains, nothing, message=message, rounds=best.rounds)
         return Candidate(Status.SOLVED, best.gains, nothing, rounds=best.rounds)
-    if not best.look.stable:
+    if not best.evaluation.stable:
         missed = "no start led to a loop that is stable for every plant"
     else:
-        worst = [k for k, by in best.look.worst_limits(3).items() if by > _MEETS]
+        worst = [k for k, by in best.evaluation.largest_violations(3).items() if by > _MEETS]
         indices = [task.limits[k].requirement for k in worst]
         names = " and ".join(
-            dict.fromkeys("stability" if i == GUARD else spec.requirements[i].quantity for i in indices)
+            dict.fromkeys("stability" if i == STABILITY_GUARD else spec.requirements[i].quantity for i in indices)
         )
-        missed = f"the gains that miss least miss {names} by {best.look.violation:.2g} neper or radian"
-    if best.look.violation <= _NEARLY:
+        missed = f"the gains that miss least miss {names} by {best.evaluation.violation:.2g} neper or radian"
+    if best.evaluation.violation <= _NEARLY:
         message = f"the convex path did not end: {missed}"
         return Candidate(Status.FAILED, best.gains, nothing, message=message, rounds=best.rounds)
     message = f"the convex path found no gains that meet all requirements; {missed}"
     return Candidate(Status.INFEASIBLE, best.gains, nothing, message=message, rounds=best.rounds)
 
 
-def _without_end(task: Task, best: Found) -> str:
-    """What ended where an open range is cut; empty when nothing did."""
+def _unbounded(task: Task, best: LocalResult) -> str:
+    """What reached the end of the search range though the spec leaves it open, in words; empty when nothing did."""
     x, box = task.scaled(best.gains), task.spec.controller
     names = []
     for name, value, gain, unit in zip(("kp", "ki"), x, (box.kp, box.ki), task.unit(best.gains.alpha), strict=True):
         end = gain.max if value > 0.0 else gain.min
         if abs(value) > 0.5 * OPEN_GAIN and (math.isinf(end) or abs(end / unit) > OPEN_GAIN):
             names.append(name)
-    if task.objective is ObjectiveKind.DEPTH and best.look.cost < -0.999 * _DEPTH_CAP:
+    if task.objective is ObjectiveKind.DEPTH and best.evaluation.cost < -0.999 * _DEPTH_CAP:
         names.append("the smallest slack")
     if not names:
         return ""

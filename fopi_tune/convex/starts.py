@@ -1,10 +1,10 @@
-"""Where the steps begin at one alpha:  closed-form gains for many crossovers and phase margins, the best ones apart.
+"""Starts at one alpha:  closed-form gains for many crossovers and phase margins, and of these the best distinct ones.
 
 With crossover omega_c and phase margin phi of the nominal plant P, X = e^{j(phi - pi)}/P(j omega_c) and
 
     ki = -Im X omega_c^alpha/sin(alpha pi/2) ,      kp = Re X - ki omega_c^-alpha cos(alpha pi/2) .                  (1)
 
-Where the spec fixes one of the two or both, only that one is tried.
+Where the spec fixes one of the two or both, only that value is used.
 
 Source: derived from L(j omega_c) = e^{j(phi - pi)}, two real equations that are linear in the gains.
 """
@@ -16,48 +16,48 @@ import math
 
 import numpy as np
 
-from fopi_tune.convex.evaluate import Look, look, rough_ranks
+from fopi_tune.convex.convex_concave import Members
+from fopi_tune.convex.evaluate import Evaluation, evaluate, nominal_violations
 from fopi_tune.convex.limits import OPEN_GAIN, Bound, Task
-from fopi_tune.convex.local import Members
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.errors import DomainError
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 
-#: crossovers a decade tried, and how many decades on either side of the plants' own middle
+#: crossovers a decade, and decades on either side of the characteristic frequency
 _PER_DECADE, _DECADES = 3, 2.0
 _MARGINS_DEG = (35.0, 55.0, 75.0, 95.0, 120.0)
 _SMALL = (1e-3, 1e-2, 1e-1)
-#: of the lattice so many are looked at with all limits
-_LOOKED_AT = 12
-#: starts that miss by so much more (neper or radian) than the best one are still worth their objective
+#: gains of the lattice that are evaluated with all limits and members
+_EVALUATED = 12
+#: neper or radian; the start with the best objective may violate the limits by this much more than the best start
 _NEARLY_AS_GOOD = 0.5
 #: starts must differ by this much in asinh(10 x)
 _APART = 0.4
 
 
-def starts(task: Task, members: Members, alpha: float, most: int) -> list[Look]:
-    """At most `most` starts at one alpha, the best first; empty where no gains were found that are usable."""
+def starts(task: Task, members: Members, alpha: float, most: int) -> list[Evaluation]:
+    """At most `most` starts at one alpha, the best first; empty when no gains are usable."""
     lattice = [task.gains(x, alpha) for x in _lattice(task, alpha)]
     lattice = [g for g in dict.fromkeys(lattice) if g.kp != 0.0 or g.ki != 0.0]
     if not lattice:
         return []
     try:
-        first = np.argsort(rough_ranks(task, lattice), kind="stable")[:_LOOKED_AT]
+        first = np.argsort(nominal_violations(task, lattice), kind="stable")[:_EVALUATED]
     except DomainError:
-        # one of them has |L| = 1 over a whole range: all are looked at one by one
+        # one of them has |L| = 1 over a whole range: evaluate all of them one by one
         first = np.arange(len(lattice))
-    looked = [look(task, lattice[i], members.plants) for i in first]
-    looked = [found for found in looked if math.isfinite(found.violation)]
-    ranked = sorted(looked, key=_rank)
-    # the one that the objective likes best may lead to another, better optimum
-    liked = min(
+    evaluated = [evaluate(task, lattice[i], members.plants) for i in first]
+    evaluated = [found for found in evaluated if math.isfinite(found.violation)]
+    ranked = sorted(evaluated, key=_rank)
+    # the start with the best objective may lead to another, better optimum
+    by_objective = min(
         (found for found in ranked if found.violation < ranked[0].violation + _NEARLY_AS_GOOD),
         key=lambda found: found.cost,
         default=None,
     )
-    chosen: list[Look] = []
-    for found in (*ranked[:1], *([liked] if liked else []), *ranked[1:]):
+    chosen: list[Evaluation] = []
+    for found in (*ranked[:1], *([by_objective] if by_objective else []), *ranked[1:]):
         place = np.arcsinh(10.0 * task.scaled(found.gains))
         near = (np.abs(place - np.arcsinh(10.0 * task.scaled(c.gains))).max() < _APART for c in chosen)
         if not any(near):
@@ -67,12 +67,12 @@ def starts(task: Task, members: Members, alpha: float, most: int) -> list[Look]:
     return chosen
 
 
-def _rank(found: Look) -> tuple[float, float]:
+def _rank(found: Evaluation) -> tuple[float, float]:
     return found.violation, found.cost
 
 
 def _lattice(task: Task, alpha: float) -> list[Array]:
-    """Values of x, within the box."""
+    """Values of x, clipped to their bounds."""
     low, high = task.box(alpha)
     omega, margin = np.array(list(itertools.product(_crossovers(task), _margins(task)))).T
     plant = Plants.members(task.spec.plant, task.spec.plant.nominal_point[None, :])
@@ -86,7 +86,7 @@ def _lattice(task: Task, alpha: float) -> list[Array]:
     small = np.array([(a * size, b * size) for size in _SMALL for a, b in ((1, 1), (-1, -1), (0, 1), (1, 0))])
     x = np.concatenate([x[np.isfinite(x).all(axis=1)], small])
     inside = np.clip(x, low, high)
-    # a round upper end (kp = 1 on a plant of gain 1) may lie on |L| = 1 itself
+    # at an upper end such as kp = 1 with a plant of gain 1, |L| = 1 may hold over a whole range
     at_end = (inside == high) & (inside > low) & (high < OPEN_GAIN)
     return list(np.where(at_end, inside - 1e-6 * np.abs(inside), inside))
 
@@ -94,7 +94,7 @@ def _lattice(task: Task, alpha: float) -> list[Array]:
 def _crossovers(task: Task) -> Array:
     low, high = task.omega_rad_s * 10.0**-_DECADES, task.omega_rad_s * 10.0**_DECADES
     for limit in task.limits:
-        if limit.where is Where.HIGHEST_GAIN_CROSSOVER and limit.quantity == "crossover_rad_s":
+        if limit.where is EvaluatedAt.HIGHEST_GAIN_CROSSOVER and limit.quantity == "crossover_rad_s":
             if limit.bound is Bound.EQUAL:
                 return np.array([math.exp(limit.limit)])
             low = max(low, math.exp(limit.limit)) if limit.bound is Bound.LOWER else low

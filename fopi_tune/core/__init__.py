@@ -1,1 +1,1 @@
-"""What everything is said in: controllers, plants, their responses, margins and stability."""
+"""Controllers, plants and loops: their responses, margins, peaks and stability, in NumPy."""

@@ -1,4 +1,4 @@
-"""The controller every spec tunes:  C(s) = kp + ki s^-alpha."""
+"""The controller that is designed:  C(s) = kp + ki s^-alpha."""
 
 from __future__ import annotations
 

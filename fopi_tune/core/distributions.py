@@ -1,16 +1,16 @@
 """Distributions of an uncertain number:  u in (0, 1), Uncertain -> value, by the inverse of the distribution function.
 
-`Uniform`, `TruncatedNormal` and `Beta` stay within the number's range.  `Normal` and the noises may leave it: they are
-readings of "the nominal value plus random noise with mean value m", which does not say whose mean and which shape.  For
-a nominal value n,
+`Uniform`, `TruncatedNormal` and `Beta` stay within the number's range; `Normal` and the noises may leave it.  "The
+nominal value plus random noise with mean value m" does not say whose mean is meant and which shape the noise has; with
+a nominal value n it can mean
 
     NormalNoise(m, std)  n + noise; the noise itself has the mean m and some spread
     FoldedNoise(m)       n + |noise|, normal noise of mean 0 whose size has the mean m
     UniformNoise(m)      n + noise, uniform on [0, 2 m]
-    NormalNoise(0, m sqrt(pi/2))   noise to both sides whose size has the mean m
+    NormalNoise(0, m sqrt(pi/2))   n + noise of both signs whose size has the mean m
 
-Only arithmetic and SciPy's scalar functions are used, so that a value does not depend on its neighbours in the array.
-SciPy is loaded when values are drawn: a spec is read without it.
+Only elementwise functions are used, so that a value does not depend on its neighbours in the array.  SciPy is imported
+when values are drawn; reading a spec does not need it.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.plant import Uncertain
 from fopi_tune.errors import DomainError
 
-#: what a spec says: a word, or a word with its numbers
+#: a distribution in a spec: a word, or a word with its numbers
 Words = str | Mapping[str, Mapping[str, float | str | list[float]]]
-#: no u of a draw lies further out: |Phi^-1(2^-53)| = 8.21 standard deviations, and 8.29 at 2^-54
+#: standard deviations that no draw exceeds: |Phi^-1(u)| = 8.21 at u = 2^-53 and 8.29 at 2^-54
 _FARTHEST = 9.0
 
 
@@ -37,7 +37,7 @@ class Distribution(ABC):
 
     @abstractmethod
     def values(self, u: Array, number: Uncertain) -> Array:
-        """Values with distribution function u.
+        """Quantiles: the values whose distribution function is u.
 
         Args:
             u: any shape, in (0, 1).
@@ -56,7 +56,7 @@ class Distribution(ABC):
         """The distribution as a spec writes it."""
 
     def reach(self, number: Uncertain) -> tuple[float, float]:
-        """Ends that no draw passes: a random number of 53 bits does not come close to infinitely many deviations."""
+        """Finite bounds that no draw exceeds, because a random number u has 53 bits."""
         return self.limits(number)
 
     def problem(self, number: Uncertain) -> str | None:
@@ -68,7 +68,7 @@ class Distribution(ABC):
 
 @dataclass(frozen=True)
 class Uniform(Distribution):
-    """Every value of [min, max] alike."""
+    """Uniform on [min, max]."""
 
     def values(self, u: Array, number: Uncertain) -> Array:
         """min + u (max - min)."""
@@ -85,7 +85,7 @@ class Uniform(Distribution):
 
 @dataclass(frozen=True)
 class TruncatedNormal(Distribution):
-    """Normal with this mean and standard deviation before what lies outside [min, max] is left out."""
+    """A normal distribution of this mean and standard deviation, truncated to [min, max]."""
 
     mean: float
     std: float
@@ -98,8 +98,8 @@ class TruncatedNormal(Distribution):
         """x = mean + std Phi^-1(Phi(a) + u (Phi(b) - Phi(a))), a and b the ends in standard deviations.
 
         Raises:
-            DomainError: the range's probability cannot be told from 0, or is so small a part of its tail's that
-                differences lose their digits.
+            DomainError: the range's probability is 0 up to rounding, or so small a part of its tail's that the
+                difference of the two has no accurate digits.
         """
         from scipy import special
 
@@ -111,7 +111,7 @@ class TruncatedNormal(Distribution):
         return np.clip(x, number.min, number.max)
 
     def problem(self, number: Uncertain) -> str | None:
-        """The range's probability must differ from 0, and vary along it by what a float can tell."""
+        """The range's probability must be positive, and the distribution function must vary on it in floating point."""
         sign, a, b = self._ends(number)
         # Phi(x) = erfc(-x/sqrt 2)/2
         start, end = (0.5 * math.erfc(-sign * x / math.sqrt(2.0)) for x in (a, b))
@@ -123,9 +123,9 @@ class TruncatedNormal(Distribution):
         return None
 
     def _ends(self, number: Uncertain) -> tuple[float, float, float]:
-        """The ends in standard deviations, and the sign of the tail that is computed.
+        """The sign of the tail that is computed, and the range's ends in standard deviations.
 
-        The upper tail is computed as the lower one, where probabilities keep their digits.
+        The upper tail is computed by symmetry as the lower one, where probabilities are accurate.
         """
         a, b = (number.min - self.mean) / self.std, (number.max - self.mean) / self.std
         return -1.0 if a > 0.0 else 1.0, a, b
@@ -168,12 +168,12 @@ class Beta(Distribution):
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """Normal, whatever the range says.
+    """Normal; its values may lie outside the range.
 
     Args:
         mean: the mean, in the number's unit.
         std: the standard deviation, > 0.
-        clip: ends to which values beyond them are moved (they then have a probability of their own); None moves none.
+        clip: (least, greatest) value; values beyond are moved to these ends.  None clips nothing.
     """
 
     mean: float
@@ -209,7 +209,7 @@ class Normal(Distribution):
 
 @dataclass(frozen=True)
 class NormalNoise(Distribution):
-    """The nominal value plus normal noise with this mean and standard deviation, whatever the range says."""
+    """The nominal value plus normal noise of this mean and standard deviation; it may leave the range."""
 
     mean: float
     std: float
@@ -291,7 +291,7 @@ class UniformNoise(Distribution):
 
 
 def _between(x: Array, number: Uncertain) -> Array:
-    # x min and x max apart: max - min may overflow, and both ends are met exactly
+    # not min + x (max - min): that may overflow, and does not reach both ends exactly
     return np.clip((1.0 - x) * number.min + x * number.max, number.min, number.max)
 
 

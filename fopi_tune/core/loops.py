@@ -1,6 +1,6 @@
-"""Many loops at once:  gains and plants -> L = C P, unity negative feedback.
+"""Batches of continuous loops:  gains and plants -> L = C P, unity negative feedback.
 
-Rows are independent: row i has its own gains and its own plant.  Everything here is NumPy and exact up to rounding.
+Rows are independent: row i has its own gains and its own plant.  All values are exact up to rounding.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array, Complex, LogForm, Rows
 from fopi_tune.core.plant import Plant, PlantFamily
 from fopi_tune.errors import DomainError
 
-#: A root on the imaginary axis is looked at from the right, as one this far (relative) inside the left half-plane.
+#: relative; a root this close to the imaginary axis is treated as one just inside the left half-plane
 _AXIS_TOLERANCE = 1e-9
 
 
@@ -27,7 +27,7 @@ def polynomial_roots(coefficients: Array) -> Complex:
         coefficients: shape (m, n + 1), descending powers.
 
     Returns:
-        Shape (m, n); exact zeros for roots at the origin, inf for the roots that leading zeros leave out.
+        Shape (m, n); exact zeros for roots at the origin, inf in place of roots that leading zero coefficients remove.
     """
     rows, width = coefficients.shape
     roots = np.full((rows, width - 1), np.inf + 0j, dtype=complex)
@@ -48,7 +48,7 @@ def polynomial_roots(coefficients: Array) -> Complex:
 
 @dataclass(frozen=True)
 class Plants:
-    """m plants of one shape.
+    """m plants with polynomials of equal length.
 
     Args:
         numerator: shape (m, a), descending powers of s.
@@ -67,11 +67,11 @@ class Plants:
 
     @classmethod
     def members(cls, family: PlantFamily, points: Array) -> Plants:
-        """The members of a family at these places of its box, shape (m, p)."""
+        """The members of a family at these points of its box, shape (m, p)."""
         return cls(*family.coefficients(points))
 
     def take(self, rows: Rows) -> Plants:
-        """The plants of these rows, repeated as often as they are named."""
+        """Select rows, with repetition."""
         return Plants(self.numerator[rows], self.denominator[rows], self.dead_time_s[rows])
 
     def __len__(self) -> int:
@@ -94,7 +94,7 @@ class Plants:
 
     @cached_property
     def hidden_on_axis(self) -> NDArray[np.bool_]:
-        """Whether N and D share a root on the imaginary axis: no controller moves it, shape (m,)."""
+        """Whether N and D share a root on the imaginary axis, shape (m,): a hidden mode that no controller moves."""
         poles, zeros = self.poles[:, :, None], self.zeros[:, None, :]
         on_axis = np.isfinite(poles) & (np.abs(poles.real) <= _AXIS_TOLERANCE * np.abs(poles.imag))
         both = on_axis & np.isfinite(zeros)
@@ -105,13 +105,13 @@ class Plants:
     def response(self, rows: Rows, omega: Array) -> Complex:
         """P(j omega) without its dead time; rows and omega of shape (n,)."""
         s = np.asarray(1j * omega, dtype=complex)
-        # An undamped pole's frequency is met on purpose by grids: P is infinite there.
+        # Grids contain the frequencies of undamped poles on purpose: P is infinite there.
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             return polynomial_at(self.numerator[rows], s) / polynomial_at(self.denominator[rows], s)
 
     @cached_property
-    def log(self) -> LogForm:
-        """ln P.  Every pole in the right half-plane starts at -180 deg: so Nyquist's count meets the phase margin."""
+    def log(self) -> BodeForm:
+        """ln P.  A pole in the right half-plane contributes -180 deg at omega -> 0, as Nyquist's criterion needs."""
         zeros, poles = _nudged(self.zeros), _nudged(self.poles)
         roots = np.concatenate([zeros, poles], axis=1)
         sign = np.concatenate([np.ones_like(zeros, dtype=float), -np.ones_like(poles, dtype=float)], axis=1)
@@ -125,7 +125,7 @@ class Plants:
         right_zeros = (inner & (sign > 0) & (roots.real > 0)).sum(axis=1)
         negative = (leading < 0) ^ (right_zeros % 2 == 1)
         phase0 = np.asarray(-np.pi * negative - np.pi * self.unstable_poles + 0.5 * np.pi * slope0, dtype=float)
-        return LogForm(
+        return BodeForm(
             constant,
             slope0,
             phase0,
@@ -156,16 +156,16 @@ class Loops:
         return len(self.kp)
 
     def take(self, rows: Rows) -> Loops:
-        """The loops of these rows."""
+        """Select rows."""
         return Loops(self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows))
 
     @property
     def highest_rad_s(self) -> float:
-        """The highest frequency there is: no end in continuous time."""
+        """The highest frequency: infinite in continuous time, Nyquist's on samples."""
         return np.inf
 
     def omega_of(self, u: Array) -> Array:
-        """The frequency in rad/s at a place u of the factors' axis."""
+        """The frequency in rad/s at the coordinate u of the Bode form."""
         return np.exp(u)
 
     def u_of(self, omega_rad_s: Array) -> Array:
@@ -182,8 +182,8 @@ class Loops:
         return np.asarray((self.ki != 0.0) & (self.plants.numerator[:, -1] == 0.0))
 
     @cached_property
-    def log_controller(self) -> LogForm:
-        """ln C of kp + ki s^-alpha: -90 deg alpha as omega -> 0, where the integral reigns.
+    def log_controller(self) -> BodeForm:
+        """ln C of kp + ki s^-alpha; the phase tends to -90 deg alpha as omega -> 0, where the integral dominates.
 
         Raises:
             DomainError: kp = ki = 0: there is no loop.
@@ -196,7 +196,7 @@ class Loops:
         lead = np.where(integral, self.ki, self.kp)
         # kp + ki s^-alpha = ki s^-alpha (1 + (kp/ki) s^alpha), where s^alpha = omega^alpha e^{j alpha pi/2}
         psi = 0.5 * np.pi * self.alpha - np.pi * (np.sign(self.kp) != np.sign(self.ki))
-        return LogForm(
+        return BodeForm(
             np.log(np.abs(lead)),
             np.where(integral, -self.alpha, 0.0),
             np.where(lead < 0, -np.pi, 0.0) - np.where(integral, 0.5 * np.pi * self.alpha, 0.0),
@@ -208,7 +208,7 @@ class Loops:
         )
 
     @cached_property
-    def log(self) -> LogForm:
+    def log(self) -> BodeForm:
         """ln L.  Two minus signs (a negative gain on a negative plant) cancel instead of adding -360 deg."""
         plant, controller = self.plants.log, self.log_controller
         product = plant + controller
@@ -216,7 +216,7 @@ class Loops:
         own_sign = plant.phase0 - 0.5 * np.pi * plant.slope0 + np.pi * self.plants.unstable_poles
         negative_plant = own_sign < -0.5 * np.pi
         both = (lead < 0) & negative_plant
-        return LogForm(
+        return BodeForm(
             product.scale, product.slope0, product.phase0 + 2.0 * np.pi * both,
             product.sign, product.nu, product.corner, product.psi, product.delay,
         )  # fmt: skip
@@ -234,8 +234,8 @@ class Loops:
     def log_response(self, rows: Rows, u: Array) -> Complex:
         """ln L at u = ln omega, unwrapped.
 
-        The value comes from the polynomials, the sheet of the logarithm from the factors: a multiple root, which no
-        root finder resolves to more than a few digits, does not spoil it.
+        The value comes from the polynomials, the branch of the logarithm from the Bode form.  So multiple roots, which
+        a root finder resolves to a few digits only, do not spoil the value.
         """
         return self.log_response_and_slope(rows, u)[0]
 
@@ -254,7 +254,7 @@ NDArrayInt = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
 
 
 def polynomial_at(coefficients: Array, s: Complex) -> Complex:
-    """Polynomials of shape (n, d + 1), descending powers, at one place each, shape (n,)."""
+    """Polynomials of shape (n, d + 1), descending powers, at one point s each, shape (n,)."""
     value = np.zeros_like(s)
     for k in range(coefficients.shape[1]):
         value = value * s + coefficients[:, k]
@@ -262,12 +262,12 @@ def polynomial_at(coefficients: Array, s: Complex) -> Complex:
 
 
 def leading_coefficients(coefficients: Array) -> Array:
-    """The first that is not 0 of each row, shape (m,)."""
+    """The first nonzero coefficient of each row, shape (m,)."""
     first = np.argmax(coefficients != 0.0, axis=1)
     return coefficients[np.arange(len(coefficients)), first]
 
 
 def _nudged(roots: Complex) -> Complex:
-    """Roots with those on the imaginary axis (the origin apart) put just inside the left half-plane."""
+    """The roots, with those on the imaginary axis (except the origin) moved just inside the left half-plane."""
     on_axis = np.isfinite(roots) & (roots != 0.0) & (np.abs(roots.real) <= _AXIS_TOLERANCE * np.abs(roots.imag))
     return np.where(on_axis, -_AXIS_TOLERANCE * np.abs(roots.imag) + 1j * roots.imag, roots)

@@ -15,17 +15,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array, Rows
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import Plant
 from fopi_tune.core.roots import find_roots
 
 #: |u| never exceeds this: omega stays inside what a double can hold
 _U_CAP = 600.0
-#: |ln|L|| never exceeds this in a result: |L| and its logarithm stay finite
+#: |ln|L|| is clipped here in results, so that |L| stays finite
 _GAIN_CAP = 700.0
-#: rad; a dead time that turns the phase by less does not yet matter
+#: rad; phase lag of a dead time below this is neglected
 _SMALL_TURN = 1e-9
 #: an exponent of omega this small is 0 but for rounding
 _FLAT_SLOPE = 1e-12
@@ -39,8 +39,8 @@ class Crossings:
 
     Args:
         row: which loop.
-        u: where, on the loops' own axis.
-        omega_rad_s: the same as a frequency.
+        u: the coordinate of the Bode form; see `Loops.omega_of`.
+        omega_rad_s: the frequency.
         gain: |L| there.
         phase_rad: unwrapped arg L there.
         slope_rad: d arg L / d ln omega there.
@@ -60,7 +60,7 @@ class Crossings:
 
     @property
     def delay_margin_s(self) -> Array:
-        """Phase margin over omega: the dead time this crossing can still take."""
+        """Phase margin over omega: the additional dead time that brings this crossing to -180 deg."""
         return (np.pi + self.phase_rad) / self.omega_rad_s
 
 
@@ -71,7 +71,7 @@ def _crossings(loops: Loops, rows: Rows, u: Array) -> Crossings:
 
 
 def _gain_range(loops: Loops, level: Array) -> tuple[Array, Array]:
-    """An interval of u outside which |L| runs along its asymptotes without meeting e^level."""
+    """An interval of u outside which |L| follows its asymptotes and does not cross e^level."""
     log = loops.log
     low, high = log.corners()
     rows = np.arange(len(loops))
@@ -113,9 +113,9 @@ def phase_crossovers(loops: Loops) -> Crossings:
     """Every phase crossover that stability or a gain margin can depend on.
 
     With a dead time there are infinitely many; those left out have a higher frequency and a smaller |L| than one that
-    is listed.  Where |L| tends to a constant below 1 they may come ever closer to it from below: that limit is then
-    listed too, as a crossing at omega = inf.  So are the ends of the axis where L tends to a negative number: there a
-    gain of 1/|L| puts a closed-loop pole on s = 0, at infinity, or, on samples, on z = -1.
+    is listed.  Where |L| tends to a constant below 1, their gains may approach it from below; that limit is listed too,
+    as a crossing at omega = inf.  The limits omega -> 0 and inf are listed where L tends to a negative number: there a
+    gain of 1/|L| puts a closed-loop pole at s = 0, at infinity, or, on samples, at z = -1.
 
     Returns:
         The crossings; a loop whose phase never meets -180 deg (mod 360) has no row in it.
@@ -197,7 +197,7 @@ def _joined(*parts: Crossings) -> Crossings:
 
 @dataclass(frozen=True)
 class Margins:
-    """The margins of one loop.  A margin that does not exist is None, never a quiet infinity.
+    """The margins of one loop.  A margin that does not exist is None.
 
     Args:
         crossover_rad_s: the highest gain crossover; None when |L| never is 1.

@@ -1,13 +1,13 @@
-"""Global extremes over frequency of |S|, |T|, |C S| and |L|:  no peak missed between two points.
+"""Global extremes over frequency of |S|, |T|, |C S| and |L|, by branch and bound:  no peak is missed.
 
-Each is one over a sum of one or two functions in logarithmic factors,
+Each response is the reciprocal of a sum K of one or two functions whose logarithms l_i have a Bode form,
 
     1/S = 1 + L,      1/T = 1 + 1/L,      1/(C S) = 1/C + P,      1/L ,
 
 K(u) = sum_i e^{l_i(u)} with u = ln omega.  On a cell with centre c and half-width h,
 |K - (K(c) + K'(c)(u - c))| <= M h^2/2 where M bounds |K''| = |sum e^{l_i} (l_i'^2 + l_i'')|; so |K| lies between the
-distances of a straight segment from 0, give or take M h^2/2.  Cells that cannot hold the extreme are dropped, the
-others divided, until the bound meets the best value.
+smallest and largest distance of a straight segment from 0, with an error of at most M h^2/2.  Cells that cannot hold
+the extreme are dropped, the others divided, until the bound meets the best value.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from enum import Enum
 
 import numpy as np
 
-from fopi_tune.core.logform import Array, Complex, LogForm, Rows
+from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
 from fopi_tune.core.loops import Loops
 from fopi_tune.errors import DomainError
 
@@ -29,7 +29,7 @@ _MOST_CELLS = 2_000_000
 _TOLERANCE = 1e-10
 #: a segment this short is a point
 _NO_LENGTH = 1e-200
-#: |u| and ln|K| are cut here (1e100 and 1e130), so that their products stay finite
+#: |u| and ln|K| are clipped here (1e100 and 1e130), so that their products stay finite
 _U_CAP, _GAIN_CAP = 230.0, 300.0
 
 
@@ -57,10 +57,10 @@ class Extremes:
 
 @dataclass(frozen=True)
 class _Sum:
-    """K = sum of e^{l_i}; `one` says whether the constant 1 is a summand."""
+    """K = sum of e^{l_i}; with `one`, the constant 1 is a summand too."""
 
     one: bool
-    terms: tuple[LogForm, ...]
+    terms: tuple[BodeForm, ...]
 
     def logs(self, rows: Rows, u: Array) -> list[tuple[Complex, Complex]]:
         """l_i and dl_i/du of every term at u."""
@@ -79,10 +79,10 @@ class _Sum:
     def bounds(
         self, rows: Rows, low: Array, high: Array, logs: list[tuple[Complex, Complex]]
     ) -> tuple[Array, Array, Array]:
-        """Of each cell [low, high]: a bound of |K''|, and bounds of |K| from below and above by its terms' sizes alone.
+        """Bounds on each cell [low, high]: of |K''| from above, and of |K| from below and above by its terms' moduli.
 
-        The latter two do not care how fast a dead time turns the terms, so that they close the tails.  `logs` are the
-        terms at the cells' centres.
+        The bounds of |K| do not depend on how fast a dead time turns the terms, so they also hold at high frequencies.
+        `logs` are the terms at the cells' centres.
         """
         h = 0.5 * (high - low)
         curvature = np.zeros(len(h))
@@ -136,7 +136,7 @@ def extremes(loops: Loops, response: Response, from_rad_s: float, to_rad_s: floa
         largest: False for the minimum.
 
     Raises:
-        DomainError: more cells than memory is worth (a dead time far beyond the loop's other times).
+        DomainError: more cells than the limit (a dead time far beyond the loop's other times).
     """
     to_rad_s = to_rad_s if np.isfinite(loops.u_of(np.array(to_rad_s))) else np.inf
     inverse = inverse_response(loops, response)
@@ -156,13 +156,13 @@ def extremes(loops: Loops, response: Response, from_rad_s: float, to_rad_s: floa
 
 
 def _better(best: Array, where: Array, candidate: Array, omega: float) -> tuple[Array, Array]:
-    # The ends of the searched range are its limits to 1e-9: the limit itself is the better name for them.
+    # At the ends of the searched range the value is the limit to 1e-9: report the limit itself.
     wins = candidate > best - 1e-9
     return np.where(wins, candidate, best), np.where(wins, omega, where)
 
 
 def _band(loops: Loops, inverse: _Sum, from_rad_s: float, to_rad_s: float) -> tuple[Array, Array]:
-    """The part of the band outside which every term is its asymptote and one term outweighs the others 10^4 times."""
+    """The part of the band outside which every term equals its asymptote and one exceeds the others 10^4 times."""
     m = len(loops)
     low, high = np.full(m, np.inf), np.full(m, -np.inf)
     asymptotes = [(np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m))] if inverse.one else []
@@ -183,7 +183,7 @@ def _band(loops: Loops, inverse: _Sum, from_rad_s: float, to_rad_s: float) -> tu
         low = np.full(m, loops.u_of(np.array(from_rad_s)))
     if to_rad_s < np.inf:
         high = np.full(m, loops.u_of(np.array(to_rad_s)))
-    # A band that lies wholly in one of the tails keeps its inner end.
+    # A band beyond all corners keeps its inner end.
     if from_rad_s == 0.0:
         low = np.minimum(low, high - 1.0)
     if to_rad_s == np.inf:
@@ -198,7 +198,7 @@ def _meeting(offset: Array, slope: Array, otherwise: float) -> Array:
 
 
 def _apart(slope: Array) -> Array:
-    """How far beyond that the two differ 10^4 times."""
+    """The distance in u from there to where the two asymptotes differ by a factor of 10^4."""
     parallel = np.abs(slope) < 1e-12
     return np.where(parallel, 0.0, np.log(1e4) / np.abs(np.where(parallel, 1.0, slope)))
 
@@ -212,7 +212,7 @@ def _limit(inverse: _Sum, at_zero: bool, sign: float) -> Array:
             parts.append((term.slope0, term.scale, term.phase0, np.zeros(m)))
         else:
             parts.append((-term.slope_end(), *term.end(), term.delay))
-    # The term with the smallest exponent (mirrored at inf) outweighs the others.
+    # The term with the smallest exponent (of 1/omega at inf) dominates.
     leading = np.min([p[0] for p in parts], axis=0)
     total, turning = np.zeros(m, dtype=complex), np.zeros(m)
     for exponent, gain, phase, delay in parts:
@@ -227,7 +227,7 @@ def _limit(inverse: _Sum, at_zero: bool, sign: float) -> Array:
 
 
 def _branch_and_bound(inverse: _Sum, low: Array, high: Array, sign: float, floor: Array) -> tuple[Array, Array]:
-    """max over u of sign * (-ln|K|), and where; a row an interval.  Nothing below `floor` is looked for."""
+    """max over u of sign * (-ln|K|), and its u; a row an interval.  Cells with a bound below `floor` are dropped."""
     m = len(low)
     r, a, b = _pieces(np.arange(m), low, high, _FIRST_CELLS)
     best, where = np.full(m, -np.inf), low.copy()

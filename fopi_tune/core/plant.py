@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 
 #: numerator and denominator coefficients in descending powers of s, then the dead time; of floats, arrays or symbols
@@ -27,7 +27,7 @@ class Uncertain:
     """A number known to lie in [min, max], in the unit of the number's name.
 
     Args:
-        nominal: the member that nominal requirements look at, same unit.
+        nominal: value of the nominal plant, same unit.
         min: smallest possible value, same unit.
         max: largest possible value, same unit.
 
@@ -97,14 +97,14 @@ class Plant:
 
 @dataclass(frozen=True)
 class PlantModel:
-    """A way to write a plant down: which numbers it has and how they make N, D and the dead time.
+    """A parametrisation of plants: its numbers, and how they determine N, D and the dead time.
 
     Args:
         name: the word after `model:` in a spec.
         scalars: names of its numbers, unit included; `dead_time_s` is optional and 0 when left out.
         lists: names of its coefficient lists; entry i of list x is the parameter "x[i]".
         assemble: parameters (floats, arrays of equal shape, or CasADi symbols) to coefficients.
-        check: (name, Uncertain) to what is wrong with that number in this model, or None.
+        check: (name, Uncertain) to an error message for that number in this model, or None.
     """
 
     name: str
@@ -172,7 +172,7 @@ class PlantFamily:
 
     @property
     def low(self) -> Array:
-        """Lower corner of the box, shape (p,)."""
+        """Lower corner of the box, shape (p,), in the parameters' units."""
         return np.array([self.parameters[n].min for n in self.uncertain_names], dtype=float)
 
     @property
@@ -182,15 +182,15 @@ class PlantFamily:
 
     @property
     def nominal_point(self) -> Array:
-        """The nominal member's place in the box, shape (p,)."""
+        """The nominal plant as a point of the box, shape (p,)."""
         return np.array([self.parameters[n].nominal for n in self.uncertain_names], dtype=float)
 
     def problem(self, name: str, value: Uncertain) -> str | None:
-        """What is wrong with a range of the number called `name` in this model, or None."""
+        """An error message for a range of the number called `name` in this model, or None."""
         return PLANT_MODELS[self.model].check(name, value)
 
     def corners(self, most: int = 64) -> Array:
-        """The nominal place, then the box's corners, shape (1 + 2^p, p); of more than `most` the two extreme ones."""
+        """The nominal point, then the box's corners, shape (1 + 2^p, p); two of them if there are more than `most`."""
         low, high = self.low, self.high
         if 2 ** len(low) > most:
             return np.array([self.nominal_point, low, high])
@@ -209,7 +209,7 @@ class PlantFamily:
         """Coefficients of many members at once.
 
         Args:
-            points: shape (m, p), places in the box, columns as `uncertain_names`.
+            points: shape (m, p), points of the box, columns as `uncertain_names`.
 
         Returns:
             numerators (m, a), denominators (m, b) in descending powers of s, dead times (m,) in s.
@@ -223,10 +223,10 @@ class PlantFamily:
         return table(numerator), table(denominator), table([dead_time])[:, 0]
 
     def member(self, point: Array) -> Plant:
-        """The plant at one place of the box, `point` of shape (p,)."""
+        """The plant at one `point` of the box, shape (p,)."""
         numerator, denominator, dead_time = self.coefficients(np.asarray(point, dtype=float)[None, :])
         return Plant(tuple(numerator[0].tolist()), tuple(denominator[0].tolist()), float(dead_time[0]))
 
     def describe(self, point: Array) -> dict[str, float]:
-        """The uncertain numbers of the member at `point`, shape (p,), by name: what a result calls its worst plant."""
+        """The uncertain numbers of the member at `point`, shape (p,), by name, as results report their worst plant."""
         return {name: float(value) for name, value in zip(self.uncertain_names, point, strict=True)}

@@ -1,12 +1,12 @@
-"""All roots of smooth functions on intervals, none missed between two points.
+"""All roots of smooth functions on intervals, by bisection with a bound of the second derivative.
 
 A cell [a, b] with centre c and half-width h, and a bound B of |f''| on it, holds
 
     no root          if |f(c)| > |f'(c)| h + B h^2/2 ,
     at most one      if |f'(c)| > B h   (f is monotone there) ,
 
-and is halved otherwise.  Cells of many functions are worked on together.  Where neither test succeeds down to the
-smallest width, f touches its level without being told from a crossing; the touching point is returned once.
+and is halved otherwise.  Cells of many functions are processed together.  Where neither test succeeds down to the
+smallest width, f touches zero or crosses it with a slope of almost 0; the point is returned once.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fopi_tune.core.logform import Array, Rows
+from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.errors import DomainError
 
 #: (rows, u) -> (value, slope)
@@ -27,11 +27,11 @@ _FIRST_CELLS = 12
 _SMALLEST_WIDTH = 1e-9
 _MOST_CELLS = 400_000
 _TOUCH = 1e-12
-#: what rounding may do to the test for a root, relative and absolute
+#: allowance for rounding in the test for a root, relative and absolute
 _WIDER, _ROUNDING = 1.0 + 1e-9, 1e-15
 #: a Newton step this small may be rounding alone
 _LAST_STEP = 1e-12
-#: a wide cell on which f stays this close to its level lies on it: that is rounding
+#: f is taken as constant at its level where it stays this close to it over a cell at least this wide
 _FLAT, _FLAT_WIDTH = 1e-14, 1e-6
 
 
@@ -43,7 +43,7 @@ def find_roots(
     Args:
         function: value and slope, vectorised.
         curvature: bound of |f''| on intervals, vectorised.
-        rows: shape (m,), the functions' names, handed through.
+        rows: shape (m,), indices of the functions, passed to `function` and `curvature`.
         low, high: shape (m,), the intervals.
         period: when given, f = k * period for any whole k counts as a root.
 
@@ -124,7 +124,7 @@ def _brackets_of_levels(
 
 
 def _polish(function: Function, rows: Rows, a: Array, b: Array, level: Array) -> Array:
-    """Newton's method kept inside the brackets by bisection, to the last digits."""
+    """Newton's method safeguarded by bisection, to the accuracy of rounding."""
     if not len(rows):
         return a
     rising = function(rows, a)[0] < function(rows, b)[0]
@@ -150,7 +150,7 @@ def _polish(function: Function, rows: Rows, a: Array, b: Array, level: Array) ->
 
 
 def _merge(touching: list[tuple[Rows, Array]]) -> tuple[Rows, Array]:
-    """Touching points, those of neighbouring cells taken together."""
+    """Touching points, those of neighbouring cells merged."""
     if not touching:
         return np.zeros(0, dtype=np.intp), np.zeros(0)
     r = np.concatenate([t[0] for t in touching])

@@ -1,4 +1,4 @@
-"""Closed-loop stability of loops, by counting Nyquist's encirclements from the gain crossovers alone.
+"""Closed-loop stability by Nyquist's criterion; the encirclements are counted from the gain crossovers alone.
 
 F(s) = s^alpha D(s) (1 + L(s)) is analytic right of the imaginary axis, where s^alpha has its principal value and its
 branch point at 0 is passed on the right.  Along the upper half of the contour (+0, around 0 to +j0, up the axis, back
@@ -18,11 +18,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import Crossings, gain_crossovers
 
-#: A loop that passes -1 closer than this (rad of phase at |L| = 1) is called unstable: it has no margin at all.
+#: rad; a loop whose phase at |L| = 1 is this close to -180 deg passes through -1 and counts as unstable
 _MARGINAL_RAD = 1e-9
 
 
@@ -44,7 +44,7 @@ def unstable_closed_loop_poles(loops: Loops) -> NDArray[np.float64]:
 
 
 def unstable_poles_from(loops: Loops, crossings: Crossings) -> NDArray[np.float64]:
-    """The same from gain crossovers that are known already: all of them, sorted by row and frequency."""
+    """`unstable_closed_loop_poles` from gain crossovers that are known: all of them, sorted by row and frequency."""
     m = len(loops)
     log = loops.log
     total = np.zeros(m)
@@ -81,7 +81,7 @@ def _direction(
 ) -> Array:
     """+1 where |L| falls below 1, -1 where it rises above, 0 where it only touches 1.
 
-    Told from |L| half-way to the neighbouring crossings, since the slope at a touching point is rounding.
+    Decided by |L| half-way to the neighbouring crossings: the sign of the slope at a touching point is rounding.
     """
     row, u = crossings.row, crossings.u
     same = row[1:] == row[:-1]

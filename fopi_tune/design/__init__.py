@@ -1,4 +1,4 @@
-"""DesignSpec -> Candidate:  compile to a CasADi NLP, solve with Ipopt, exchange until nothing is violated."""
+"""DesignSpec -> Candidate:  compile a CasADi NLP, solve it with Ipopt, add violated points and solve again."""
 
 from fopi_tune.design.search import Neighbour
 from fopi_tune.design.synthesis import design, neighbour

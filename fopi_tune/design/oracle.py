@@ -1,8 +1,8 @@
-"""Where do given gains fail worst?  The exchange's search over plants and frequencies.
+"""The oracle of the exchange:  gains -> the plants and frequencies where each constraint is violated most.
 
-Every side is looked at on a grid of plants times frequencies, then the worst plants are refined by shrinking stars
-around them and the worst frequencies by Newton's method or shrinking brackets.  It finds cuts, it proves nothing:
-`fopi_tune.proof` does the checking, by other means, and what it finds comes back here as a cut.
+Every constraint is evaluated on a grid of plants times frequencies.  The worst plants are then refined by pattern
+search on shrinking stars, and the worst frequencies by Newton's method or on the same stars.  The result is a set of
+cuts, not a proof: `fopi_tune.proof` checks the gains by other means, and the violations it finds are added as cuts.
 """
 
 from __future__ import annotations
@@ -16,85 +16,94 @@ from enum import Enum
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.design.sides import GUARD, Bound, Scale, Side
-from fopi_tune.design.table import LoopNumbers, Table, Track, discounted_error, numbers_at, part_of, tracked
-from fopi_tune.quantities.base import Where
+from fopi_tune.design.constraints import STABILITY_GUARD, Bound, Constraint, Scale
+from fopi_tune.design.loop_grid import LoopGrid, LoopNumbers, Track, discounted_error, numbers_at, part_of, tracked
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
 _ZOOM_ROUNDS = 8
 _ZOOM_FACTOR = 0.35
 _CANDIDATES = 2
-#: dips of a plant's slack this near (neper) to the grid's deepest may be deeper between the grid points; the
-#: first few are tried
+#: neper; local minima of a plant's slack this close to the smallest on the grid may be smaller between the grid points;
+#: the smallest few are refined
 _NEAR_DIP = 0.1
 _MOST_DIPS = 3
-#: offsets of the frequency within a refinement star, in its radius
+#: offsets in ln omega within a refinement star, as multiples of its radius
 _U_STAR = np.array([0.0, -1.0, -0.5, 0.5, 1.0])
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A plant and a frequency where a side (or the objective) is worst.
+    """A plant and a frequency where a constraint (or the objective) is worst.
 
     Args:
-        side: index of the side; None for the objective.
-        slack: of the side in natural units, negative where violated; of the objective, minus its value.
-        theta: the plant's place in the box, shape (p,).
-        omega_rad_s: the frequency that decides.
+        constraint: its index; None for the objective.
+        slack: of the constraint in natural units, negative where violated; of the objective, minus its value.
+        theta: the plant, a point of the box, shape (p,).
+        omega_rad_s: the frequency.
     """
 
-    side: int | None
+    constraint: int | None
     slack: float
     theta: Array
     omega_rad_s: float
 
 
 class Oracle:
-    """Search for the worst plants and frequencies of a spec's sides and objective."""
+    """Search for the worst plants and frequencies of a spec's constraints and objective."""
 
     def __init__(
-        self, family: PlantFamily, scale: Scale, sides: tuple[Side, ...], objective: ObjectiveKind, horizon_s: float
+        self,
+        family: PlantFamily,
+        scale: Scale,
+        constraints: tuple[Constraint, ...],
+        objective: ObjectiveKind,
+        horizon_s: float,
     ) -> None:
         self.family, self.scale = family, scale
         self.low, self.high = family.low, family.high
         self.points, self.spacing = _box_points(family)
         self.plants = Plants.members(family, self.points)
-        self.probes = tuple(_probe(k, side) for k, side in enumerate(sides)) + _objective_probe(objective, horizon_s)
+        self.probes = tuple(_probe(k, constraint) for k, constraint in enumerate(constraints)) + _objective_probe(
+            objective, horizon_s
+        )
 
-    def about(self, sides: tuple[Side, ...]) -> Oracle:
-        """The same search against other limits."""
+    def with_constraints(self, constraints: tuple[Constraint, ...]) -> Oracle:
+        """The same search with other limits of the same constraints."""
         other = copy.copy(self)
-        other.probes = tuple(_probe(k, side) for k, side in enumerate(sides)) + self.probes[len(sides) :]
+        other.probes = (
+            tuple(_probe(k, constraint) for k, constraint in enumerate(constraints)) + self.probes[len(constraints) :]
+        )
         return other
 
     def worst(self, gains: FoPi, within: float = math.inf) -> list[Finding]:
-        """Of every side and of the objective, the worst plants and frequencies.
+        """The worst plants and frequencies of every constraint and of the objective.
 
         Args:
-            gains: what to look at.
-            within: sides with at least this slack everywhere are reported as the grid shows them, unrefined.
+            gains: the controller.
+            within: constraints whose slack on the grid is at least this are not refined.
         """
-        table = Table(gains, self.plants, self.scale.omega_grid)
+        table = LoopGrid(gains, self.plants, self.scale.omega_grid)
         nominal_margin, nominal_u = table.nominal()
         rough: list[Finding] = []
         for probe in self.probes:
             value, u = probe.on_grid(table, nominal_margin, nominal_u)
             rows = [0] if probe.nominal else _distinct_worst(value, self.points, self.low, self.high)
             places = [(i, w) for i in rows for w in probe.frequencies(table, nominal_margin, i, float(np.exp(u[i])))]
-            rough += [Finding(probe.side, float(value[i]), self.points[i], w) for i, w in places]
-        exact = [f for f in rough if f.slack > within and f.side is not None]
+            rough += [Finding(probe.constraint, float(value[i]), self.points[i], w) for i, w in places]
+        exact = [f for f in rough if f.slack > within and f.constraint is not None]
         return exact + self._refined(
-            gains, [f for f in rough if not (f.slack > within and f.side is not None)], nominal_margin
+            gains, [f for f in rough if not (f.slack > within and f.constraint is not None)], nominal_margin
         )
 
     def _refined(self, gains: FoPi, rough: list[Finding], nominal_margin: float) -> list[Finding]:
-        """Shrinking stars around the findings, in plant and frequency together, all in one batch a round."""
-        by_side = {probe.side: probe for probe in self.probes}
-        tasks = [(by_side[f.side], f) for f in rough]
+        """Pattern search on shrinking stars in plant and frequency; all findings are one batch a round."""
+        by_constraint = {probe.constraint: probe for probe in self.probes}
+        tasks = [(by_constraint[f.constraint], f) for f in rough]
         if not tasks:
             return []
         p = len(self.low)
@@ -124,13 +133,13 @@ class Oracle:
                 value = tasks[i][0].slack_at(part_of(numbers, part), loops, part, nominal_margin)
                 q = int(np.argmin(value))
                 if value[q] < best[i].slack:
-                    best[i] = Finding(best[i].side, float(value[q]), points[q], float(np.exp(u_all[part][q])))
+                    best[i] = Finding(best[i].constraint, float(value[q]), points[q], float(np.exp(u_all[part][q])))
             radius, u_radius = radius * _ZOOM_FACTOR, u_radius * _ZOOM_FACTOR
         return best
 
 
 class _Kind(Enum):
-    """How a probe's frequency is found."""
+    """How the frequency of a probe is found."""
 
     BAND = "the worst of a band"
     GAIN_CROSSOVER = "|L| = 1"
@@ -148,16 +157,16 @@ _TRACK = {
 
 @dataclass(frozen=True)
 class _Probe:
-    """One side or the objective, as the oracle looks at it; slacks are negative where violated."""
+    """One constraint or the objective, as functions that the oracle evaluates; slacks are negative where violated."""
 
-    side: int | None
+    constraint: int | None
     kind: _Kind
     nominal: bool
     highest: bool
     low_u: float
     high_u: float
     slack: Callable[[LoopNumbers, float], Array]
-    #: the quantity itself, of which the smallest crossing counts
+    #: the quantity itself; of several crossings the one with the smallest value counts
     value: Callable[[LoopNumbers], Array] = lambda numbers: numbers.phase_rad
     horizon_s: float = 0.0
     guard: bool = False
@@ -168,7 +177,7 @@ class _Probe:
         return self.kind is _Kind.BAND and self.low_u < self.high_u
 
     def clipped(self, u: Array) -> Array:
-        """Into the band."""
+        """Clip to the band."""
         return np.clip(u, self.low_u, self.high_u) if self.kind is _Kind.BAND else u
 
     def slack_at(self, numbers: LoopNumbers, loops: Loops, rows: slice, nominal_margin: float) -> Array:
@@ -177,8 +186,8 @@ class _Probe:
             return -np.log(discounted_error(loops, self.horizon_s)[rows])
         return self.slack(numbers, nominal_margin)
 
-    def frequencies(self, table: Table, nominal_margin: float, row: int, worst_rad_s: float) -> list[float]:
-        """Where to refine a plant: of a band, every dip of the slack that comes near the grid's deepest."""
+    def frequencies(self, table: LoopGrid, nominal_margin: float, row: int, worst_rad_s: float) -> list[float]:
+        """Frequencies to refine: in a band, every local minimum of the slack that is close to the smallest."""
         if not self.moves_u:
             return [worst_rad_s]
         one = np.array([row])
@@ -189,7 +198,7 @@ class _Probe:
         deepest = near[np.argsort(grid[0][near])][:_MOST_DIPS]
         return [float(np.exp(band[i])) for i in deepest] or [worst_rad_s]
 
-    def on_grid(self, table: Table, nominal_margin: float, nominal_u: float) -> tuple[Array, Array]:
+    def on_grid(self, table: LoopGrid, nominal_margin: float, nominal_u: float) -> tuple[Array, Array]:
         """The smallest slack of each of the table's plants, and its u."""
         if self.kind is _Kind.BAND:
             every = np.arange(len(table.loops))
@@ -206,8 +215,8 @@ class _Probe:
         order = np.lexsort((-u if self.highest else self.value(numbers), rows))
         value, where = np.full(m, np.inf), np.zeros(m)
         if self.kind is _Kind.GAIN_CROSSOVER and (not self.guard or np.any(table.loops.plants.unstable_poles > 0)):
-            # No crossover at all violates whatever is asked of it, the more the farther |L| stays from 1.  A guard asks
-            # nothing of a loop without one, unless the plant is unstable without it.
+            # Without a gain crossover the constraint is violated, the more the farther |L| stays from 1.  A guard is
+            # violated by that only if the plant is unstable in open loop.
             away, where = table.nearest_to_crossover()
             value = -1.0 - away
         found, first = np.unique(rows[order], return_index=True)
@@ -215,24 +224,24 @@ class _Probe:
         return value, where
 
 
-def _probe(k: int, side: Side) -> _Probe:
-    quantity = side.quantity
+def _probe(k: int, constraint: Constraint) -> _Probe:
+    quantity = constraint.quantity
 
     def slack(numbers: LoopNumbers, _: float) -> Array:
-        distance = (side.limit - quantity.natural(numbers)) * side.scale
-        return -np.abs(distance) if side.bound is Bound.EQUAL else side.bound.value * distance
+        distance = (constraint.limit - quantity.natural(numbers)) * constraint.scale
+        return -np.abs(distance) if constraint.bound is Bound.EQUAL else constraint.bound.value * distance
 
     kind = {
-        Where.BAND: _Kind.BAND,
-        Where.GAIN_CROSSOVERS: _Kind.GAIN_CROSSOVER,
-        Where.HIGHEST_GAIN_CROSSOVER: _Kind.GAIN_CROSSOVER,
-        Where.PHASE_CROSSOVERS: _Kind.PHASE_CROSSOVER,
-    }[side.where]
-    low = math.log(side.from_rad_s) if side.from_rad_s > 0 else -math.inf
-    high = math.log(side.to_rad_s) if side.to_rad_s < math.inf else math.inf
+        EvaluatedAt.BAND: _Kind.BAND,
+        EvaluatedAt.GAIN_CROSSOVERS: _Kind.GAIN_CROSSOVER,
+        EvaluatedAt.HIGHEST_GAIN_CROSSOVER: _Kind.GAIN_CROSSOVER,
+        EvaluatedAt.PHASE_CROSSOVERS: _Kind.PHASE_CROSSOVER,
+    }[constraint.where]
+    low = math.log(constraint.from_rad_s) if constraint.from_rad_s > 0 else -math.inf
+    high = math.log(constraint.to_rad_s) if constraint.to_rad_s < math.inf else math.inf
     return _Probe(
-        k, kind, side.nominal, side.where is Where.HIGHEST_GAIN_CROSSOVER, low, high, slack,
-        quantity.natural, guard=side.requirement == GUARD,
+        k, kind, constraint.nominal, constraint.where is EvaluatedAt.HIGHEST_GAIN_CROSSOVER, low, high, slack,
+        quantity.natural, guard=constraint.requirement == STABILITY_GUARD,
     )  # fmt: skip
 
 
@@ -263,7 +272,7 @@ def _star(p: int) -> Array:
 
 
 def _box_points(family: PlantFamily) -> tuple[Array, Array]:
-    """Places in the box to look at, the nominal one first, and the grid's spacing; shapes (m, p) and (p,)."""
+    """Grid points of the box, the nominal one first, and the grid's spacing; shapes (m, p) and (p,)."""
     low, high, p = family.low, family.high, len(family.low)
     if p == 0:
         return np.zeros((1, 0)), np.zeros(0)
@@ -282,7 +291,7 @@ def _box_points(family: PlantFamily) -> tuple[Array, Array]:
 
 
 def _distinct_worst(slack: Array, points: Array, low: Array, high: Array) -> list[int]:
-    """The worst row, and the worst of those far from it in the box."""
+    """The worst row, and the worst of the rows far from it in the box."""
     order = np.argsort(slack)
     chosen: list[int] = []
     width = np.where(high > low, high - low, 1.0)

@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import PlantFamily, Uncertain
-from fopi_tune.core.sections import Implementation
 from fopi_tune.digital.implementation import digital_of, implementation_of
 from fopi_tune.proof import Verification, certify, verify
 from fopi_tune.quantities import QUANTITIES

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.stability import is_stable
-from fopi_tune.design.exchange import Converged, Cuts, Exchange
+from fopi_tune.design.constraints import STABILITY_GUARD, Bound, Constraint, Scale, constraints_of, scale_of
+from fopi_tune.design.exchange import Cuts, Exchange, ExchangeResult
 from fopi_tune.design.nlp.slots import MarginPlant, Mode, Point
 from fopi_tune.design.nlp.solve import Solved
-from fopi_tune.design.sides import GUARD, Bound, Scale, Side, scale_of, sides_of
 from fopi_tune.design.starts import starts
 from fopi_tune.errors import DomainError
-from fopi_tune.quantities.base import NEPER_PER_DB, Where
+from fopi_tune.quantities.base import NEPER_PER_DB, EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.results.candidate import Candidate, Violation
 from fopi_tune.results.status import Status
@@ -75,23 +75,23 @@ class Search:
     starts: list[FoPi]
     first_cuts: Cuts
     #: the point where all requirements give least, once it was looked for
-    relaxed: Converged | None = None
+    relaxed: ExchangeResult | None = None
 
     @classmethod
     def of(cls, spec: DesignSpec, violations: Sequence[Violation], start: FoPi | Neighbour | None = None) -> Search:
         """Scale, compile and choose the starts."""
-        sides = sides_of(spec)
+        constraints = constraints_of(spec)
         scale = scale_of(spec)
         objective = ObjectiveKind(spec.objective.quantity) if spec.objective else ObjectiveKind.DEPTH
         given = spec.objective.horizon_s if spec.objective else None
         horizon = given if given is not None else default_horizon_s(spec.plant)
-        exchange = Exchange(spec.plant, scale, sides, objective, horizon, spec.controller)
+        exchange = Exchange(spec.plant, scale, constraints, objective, horizon, spec.controller)
         near = start if isinstance(start, Neighbour) else None
         gains = near.gains if near is not None else start
-        first = [gains] if isinstance(gains, FoPi) else starts(spec, scale, sides, objective, _STARTS)
+        first = [gains] if isinstance(gains, FoPi) else starts(spec, scale, constraints, objective, _STARTS)
         known = near.cuts if near is not None and near.fits(spec) else None
         cuts = exchange.first_cuts() if known is None else known
-        cuts = with_violations(cuts, sides, violations, (float(scale.omega_grid[0]), float(scale.omega_grid[-1])))
+        cuts = with_violations(cuts, constraints, violations, (float(scale.omega_grid[0]), float(scale.omega_grid[-1])))
         if first and known is None:
             cuts = exchange.with_worst_of(cuts, first[0])
         return cls(spec, scale, objective, exchange, first, cuts)
@@ -102,8 +102,8 @@ class Search:
         return frozenset(range(len(self.spec.requirements)))
 
     def limits(self, tightening: float) -> tuple[float, ...]:
-        """The sides' limits, the inequalities' moved inwards."""
-        return limits_of(self.exchange.sides, tightening)
+        """The constraints' limits, those of inequalities tightened."""
+        return limits_of(self.exchange.constraints, tightening)
 
     def stable(self, gains: FoPi) -> bool:
         """Whether the sampled members of the family are stable."""
@@ -113,7 +113,7 @@ class Search:
             # |L| stays on 1 over a whole range, or both gains are 0.
             return False
 
-    def best(self) -> Converged | None:
+    def best(self) -> ExchangeResult | None:
         """The best of the local optima from all starts; None when no start leads to a feasible point."""
         found = self._from_all_starts(self.limits(TIGHTENING))
         if found is not None:
@@ -122,20 +122,20 @@ class Search:
         limits = self.limits(0.0)
         relaxed = self.elastic(self.all_requirements, self.all_requirements, limits)
         self.relaxed = relaxed
-        if relaxed is None or relaxed.solved.gives.sum() > MEETS:
+        if relaxed is None or relaxed.solved.relaxations.sum() > MEETS:
             return None
         # From a point that meets everything, ever smaller steps.
-        for trust in (4.0, 0.5, 0.05):
-            run = self._run(relaxed.solved.gains, relaxed.cuts, limits, trust=trust)
+        for trust_radius in (4.0, 0.5, 0.05):
+            run = self._run(relaxed.solved.gains, relaxed.cuts, limits, trust_radius=trust_radius)
             if run is not None and run.ok and run.solved.depth >= -TIGHTENING:
                 return run
         # As many equalities as unknowns leave nothing to optimise: the feasible point is the answer.
-        equalities = sum(side.bound is Bound.EQUAL for side in self.exchange.sides)
+        equalities = sum(constraint.bound is Bound.EQUAL for constraint in self.exchange.constraints)
         box = self.spec.controller
         free = sum(not gain.is_fixed for gain in (box.kp, box.ki, box.alpha))
         return relaxed if equalities >= free else None
 
-    def _from_all_starts(self, limits: tuple[float, ...]) -> Converged | None:
+    def _from_all_starts(self, limits: tuple[float, ...]) -> ExchangeResult | None:
         cuts, best = self.first_cuts, None
         for start in self.starts:
             run = self._run(start, cuts, limits, best)
@@ -153,8 +153,13 @@ class Search:
         return best
 
     def _run(
-        self, start: FoPi, cuts: Cuts, limits: tuple[float, ...], best: Converged | None = None, trust: float = 4.0
-    ) -> Converged | None:
+        self,
+        start: FoPi,
+        cuts: Cuts,
+        limits: tuple[float, ...],
+        best: ExchangeResult | None = None,
+        trust_radius: float = 4.0,
+    ) -> ExchangeResult | None:
         def no_better(solved: Solved) -> bool:
             # A relaxation's optimum bounds what this start can still become.
             if best is None or not self.stable(best.solved.gains):
@@ -166,7 +171,7 @@ class Search:
         rounds = _FIRST_ROUNDS if best is None else _LATER_ROUNDS
         try:
             mode, nobody = Mode.OBJECTIVE, frozenset[int]()
-            return self.exchange.run(start, cuts, mode, everything, nobody, limits, no_better, rounds, trust)
+            return self.exchange.run(start, cuts, mode, everything, nobody, limits, no_better, rounds, trust_radius)
         except DomainError:
             # Both gains ran to 0: no loop is left to judge.
             return None
@@ -187,7 +192,9 @@ class Search:
             return math.exp(min(solved.worst, 600.0))
         return solved.worst * _PUBLIC_UNIT[self.objective]
 
-    def elastic(self, active: frozenset[int], giving: frozenset[int], limits: tuple[float, ...]) -> Converged | None:
+    def elastic(
+        self, active: frozenset[int], relaxed: frozenset[int], limits: tuple[float, ...]
+    ) -> ExchangeResult | None:
         """The point where the requirements give least in sum, of several starts; None if Ipopt always gave up."""
         best = None
         known = self.relaxed
@@ -195,25 +202,27 @@ class Search:
         cuts = known.cuts if known else self.first_cuts
         for start in (*first, *self.starts[:3], *self.stable_starts()):
             try:
-                run = self.exchange.run(start, cuts, Mode.FEASIBILITY, active, giving, limits)
+                run = self.exchange.run(start, cuts, Mode.FEASIBILITY, active, relaxed, limits)
             except DomainError:
                 continue
             if not run.ok:
                 continue
-            total = run.solved.gives.sum()
-            again = best is not None and abs(total - best.solved.gives.sum()) < 1e-6
-            if best is None or total < best.solved.gives.sum():
+            total = run.solved.relaxations.sum()
+            again = best is not None and abs(total - best.solved.relaxations.sum()) < 1e-6
+            if best is None or total < best.solved.relaxations.sum():
                 best = run
-            if again or best.solved.gives.sum() <= MEETS:
+            if again or best.solved.relaxations.sum() <= MEETS:
                 break
         return best
 
     def stable_starts(self) -> list[FoPi]:
         """Starts for stability alone, from which a spec that asks for the impossible can still be relaxed."""
-        guards = tuple(side for side in self.exchange.sides if side.requirement == GUARD)
+        guards = tuple(
+            constraint for constraint in self.exchange.constraints if constraint.requirement == STABILITY_GUARD
+        )
         return starts(self.spec, self.scale, guards, ObjectiveKind.DEPTH, 2)
 
-    def candidate(self, best: Converged) -> Candidate:
+    def candidate(self, best: ExchangeResult) -> Candidate:
         """The answer for a feasible spec."""
         solved = best.solved
         status, message = Status.SOLVED, ""
@@ -235,42 +244,43 @@ class Search:
             **_PUBLIC_UNIT,
         }[self.objective]
         totals: list[float | None] = [None] * len(self.spec.requirements)
-        for k, side in enumerate(self.exchange.sides):
-            if side.requirement == GUARD:
+        for k, constraint in enumerate(self.exchange.constraints):
+            if constraint.requirement == STABILITY_GUARD:
                 continue
-            price = float(solved.limit_prices[k]) * side.natural_per_public() * unit
-            gain = abs(price) if side.bound is Bound.EQUAL else -side.bound.value * price
-            totals[side.requirement] = max(totals[side.requirement] or 0.0, gain, 0.0)
+            price = float(solved.limit_prices[k]) * constraint.natural_per_public() * unit
+            gain = abs(price) if constraint.bound is Bound.EQUAL else -constraint.bound.value * price
+            totals[constraint.requirement] = max(totals[constraint.requirement] or 0.0, gain, 0.0)
         # Limits that leave no room between them have no price: the solver's numbers grow without bound.
         return tuple(None if total is not None and total > _NO_PRICE else total for total in totals)
 
 
-def limits_of(sides: Sequence[Side], tightening: float) -> tuple[float, ...]:
-    """The limits of sides, the inequalities' moved inwards by so much."""
+def limits_of(constraints: Sequence[Constraint], tightening: float) -> tuple[float, ...]:
+    """The limits of constraints, those of inequalities tightened by this much."""
     moved = (
-        side.limit - side.bound.value * (0.0 if side.requirement == GUARD else tightening / side.scale)
-        for side in sides
+        constraint.limit
+        - constraint.bound.value * (0.0 if constraint.requirement == STABILITY_GUARD else tightening / constraint.scale)
+        for constraint in constraints
     )
     return tuple(moved)
 
 
 def with_violations(
-    cuts: Cuts, sides: tuple[Side, ...], violations: Sequence[Violation], ends: tuple[float, float]
+    cuts: Cuts, constraints: tuple[Constraint, ...], violations: Sequence[Violation], ends: tuple[float, float]
 ) -> Cuts:
     """The cuts with those a check has found."""
     points, plants, margin_plants = list(cuts.points), list(cuts.plants), list(cuts.margin_plants)
     for violation in violations:
-        for k, side in enumerate(sides):
-            if side.requirement != violation.requirement:
+        for k, constraint in enumerate(constraints):
+            if constraint.requirement != violation.requirement:
                 continue
-            if side.where is Where.BAND and not math.isnan(violation.omega_rad_s):
+            if constraint.where is EvaluatedAt.BAND and not math.isnan(violation.omega_rad_s):
                 # What is approached in a limit is asked for at the end of the grid.
                 omega = min(max(violation.omega_rad_s, float(ends[0])), float(ends[1]))
                 points.append(Point(k, violation.theta, omega))
-            elif side.where is Where.PHASE_CROSSOVERS:
-                crossing = side.bound is not Bound.LOWER
+            elif constraint.where is EvaluatedAt.PHASE_CROSSOVERS:
+                crossing = constraint.bound is not Bound.LOWER
                 margin_plants.append(MarginPlant(k, violation.theta, crossing))
-            elif side.where is not Where.BAND:
+            elif constraint.where is not EvaluatedAt.BAND:
                 plants.append(violation.theta)
     return replace(
         cuts,

@@ -16,15 +16,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array, Complex
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import gain_crossovers, phase_crossovers
 from fopi_tune.core.stability import is_stable
-from fopi_tune.design.sides import Bound, Scale, Side
-from fopi_tune.design.table import numbers_at
+from fopi_tune.design.constraints import Bound, Constraint, Scale
+from fopi_tune.design.loop_grid import numbers_at
 from fopi_tune.errors import DomainError
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
 
@@ -52,16 +52,18 @@ def closed_form_gains(plant_response: Complex, omega_rad_s: Array, phase_margin_
     return np.stack([kp, ki], axis=1)
 
 
-def starts(spec: DesignSpec, scale: Scale, sides: tuple[Side, ...], objective: ObjectiveKind, most: int) -> list[FoPi]:
+def starts(
+    spec: DesignSpec, scale: Scale, constraints: tuple[Constraint, ...], objective: ObjectiveKind, most: int
+) -> list[FoPi]:
     """At most `most` starts, the most promising first, none close to another."""
-    candidates = _candidates(spec, scale, sides)
+    candidates = _candidates(spec, scale, constraints)
     if not len(candidates):
         return []
-    merit = _merit(spec, scale, sides, objective, candidates)
+    merit = _merit(spec, scale, constraints, objective, candidates)
     order = np.argsort(merit)
     ranked, merit = candidates[order], merit[order]
     # What the grid cannot tell, exact crossovers of the nominal plant can, for the best of them.
-    merit[:_EXACT] += _exact_violation(spec, sides, ranked[:_EXACT])
+    merit[:_EXACT] += _exact_violation(spec, constraints, ranked[:_EXACT])
     best = np.argsort(merit[:_EXACT])
     ranked[:_EXACT], merit[:_EXACT] = ranked[best], merit[best]
     best = np.lexsort((merit, _place_in_group(ranked[:, 2])))
@@ -125,11 +127,11 @@ def _place(scaled: Array) -> Array:
     return np.array([np.arcsinh(scaled[0] / 0.1), np.arcsinh(scaled[1] / 0.1), 2.0 * scaled[2]])
 
 
-def _candidates(spec: DesignSpec, scale: Scale, sides: tuple[Side, ...]) -> Array:
+def _candidates(spec: DesignSpec, scale: Scale, constraints: tuple[Constraint, ...]) -> Array:
     """Gains (n, 3) from a lattice of crossovers, margins and orders, moved into the box."""
     box = spec.controller
-    omegas, exact_omega = _crossovers(scale, sides)
-    margins, exact_margin = _phase_margins(sides)
+    omegas, exact_omega = _crossovers(scale, constraints)
+    margins, exact_margin = _phase_margins(constraints)
     count = 41 if exact_omega and exact_margin else 13
     alphas = np.linspace(box.alpha.min, box.alpha.max, 1 if box.alpha.is_fixed else count)
     lattice = np.array(list(itertools.product(omegas, margins, alphas)))
@@ -163,41 +165,41 @@ def _nearly_off(spec: DesignSpec, scale: Scale, alphas: Array) -> Array:
     return np.array(rows)
 
 
-def _crossovers(scale: Scale, sides: tuple[Side, ...]) -> tuple[Array, bool]:
+def _crossovers(scale: Scale, constraints: tuple[Constraint, ...]) -> tuple[Array, bool]:
     low, high = scale.omega_grid[0] * 10.0, scale.omega_grid[-1] / 10.0
-    for side in sides:
-        if side.quantity.name == "crossover_rad_s":
-            if side.bound is Bound.EQUAL:
-                return np.array([side.limit_public]), True
-            if side.bound is Bound.LOWER:
-                low = max(low, side.limit_public)
+    for constraint in constraints:
+        if constraint.quantity.name == "crossover_rad_s":
+            if constraint.bound is Bound.EQUAL:
+                return np.array([constraint.limit_public]), True
+            if constraint.bound is Bound.LOWER:
+                low = max(low, constraint.limit_public)
             else:
-                high = min(high, side.limit_public)
+                high = min(high, constraint.limit_public)
     if low > high:
         low, high = high, low
     count = int(np.clip(6 * math.log10(high / low), 3, 40))
     return np.geomspace(low, high, count), False
 
 
-def _phase_margins(sides: tuple[Side, ...]) -> tuple[Array, bool]:
+def _phase_margins(constraints: tuple[Constraint, ...]) -> tuple[Array, bool]:
     low = math.radians(20.0)
-    for side in sides:
-        if side.quantity.name == "phase_margin_deg":
-            if side.bound is Bound.EQUAL:
-                return np.array([side.limit]), True
-            if side.bound is Bound.LOWER:
-                low = max(low, side.limit)
+    for constraint in constraints:
+        if constraint.quantity.name == "phase_margin_deg":
+            if constraint.bound is Bound.EQUAL:
+                return np.array([constraint.limit]), True
+            if constraint.bound is Bound.LOWER:
+                low = max(low, constraint.limit)
     return np.linspace(low, max(math.radians(130.0), low + 0.2), 8), False
 
 
 def _merit(
-    spec: DesignSpec, scale: Scale, sides: tuple[Side, ...], objective: ObjectiveKind, candidates: Array
+    spec: DesignSpec, scale: Scale, constraints: tuple[Constraint, ...], objective: ObjectiveKind, candidates: Array
 ) -> Array:
     """Violation of what a coarse grid shows, plus a little of the objective; smaller is better; shape (n,)."""
     family = spec.plant
     points = family.corners(8)
     plants = Plants.members(family, points)
-    omega = np.unique(np.concatenate([_thinned(scale.omega_grid), *_band_ends(sides)]))
+    omega = np.unique(np.concatenate([_thinned(scale.omega_grid), *_band_ends(constraints)]))
     rows = np.repeat(np.arange(len(points)), len(omega))
     tiled = np.tile(omega, len(points))
     response = plants.response(rows, tiled) * np.exp(-1j * tiled * plants.dead_time_s[rows])
@@ -216,48 +218,50 @@ def _merit(
         "control_sensitivity_db": log_controller + log_sensitivity,
         "loop_gain_db": log_gain,
     }
-    for side in sides:
-        values = responses.get(side.quantity.name)
+    for constraint in constraints:
+        values = responses.get(constraint.quantity.name)
         if values is None:
             continue
-        band = (omega >= side.from_rad_s * (1 - 1e-9)) & (omega <= side.to_rad_s * (1 + 1e-9))
+        band = (omega >= constraint.from_rad_s * (1 - 1e-9)) & (omega <= constraint.to_rad_s * (1 + 1e-9))
         if not band.any():
             continue
-        violation = np.nan_to_num((values[:, :, band] - side.limit) * (side.bound.value or 1), nan=1e3)
-        if side.nominal:
+        violation = np.nan_to_num((values[:, :, band] - constraint.limit) * (constraint.bound.value or 1), nan=1e3)
+        if constraint.nominal:
             violation = violation[:, :1]
         total += np.maximum(violation.max(axis=(1, 2)), 0.0)
-    total += _crossing_violation(sides, log_gain, loop, omega)
+    total += _crossing_violation(constraints, log_gain, loop, omega)
     peak = np.nan_to_num(log_sensitivity.max(axis=(1, 2)), nan=1e3, posinf=1e3)
     return total + 0.02 * peak + 0.01 * _preference(objective, scale, candidates, log_controller + log_sensitivity)
 
 
-def _exact_violation(spec: DesignSpec, sides: tuple[Side, ...], candidates: Array) -> Array:
+def _exact_violation(spec: DesignSpec, constraints: tuple[Constraint, ...], candidates: Array) -> Array:
     """Violation of what is read at the nominal plant's gain crossovers, equalities included; shape (n,)."""
-    wanted = [s for s in sides if s.where in (Where.GAIN_CROSSOVERS, Where.HIGHEST_GAIN_CROSSOVER)]
+    wanted = [s for s in constraints if s.where in (EvaluatedAt.GAIN_CROSSOVERS, EvaluatedAt.HIGHEST_GAIN_CROSSOVER)]
     n = len(candidates)
     nominal = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
     kp, ki, alpha = candidates.T
     loops = Loops(kp, ki, alpha, nominal.take(np.zeros(n, dtype=np.intp)))
     try:
-        crossings, margin_violation = gain_crossovers(loops), _gain_margin_violation(sides, loops)
+        crossings, margin_violation = gain_crossovers(loops), _gain_margin_violation(constraints, loops)
     except DomainError:
         # One of the candidates lies on |L| = 1 or on -180 deg over a whole range: the coarse look has to do.
         return np.zeros(n)
     numbers = numbers_at(loops, crossings.row, np.log(crossings.omega_rad_s))
     total = np.zeros(n)
-    for side in wanted:
-        distance = (side.limit - side.quantity.natural(numbers)) * side.scale
-        violation = np.abs(distance) if side.bound is Bound.EQUAL else np.maximum(-side.bound.value * distance, 0.0)
+    for constraint in wanted:
+        distance = (constraint.limit - constraint.quantity.natural(numbers)) * constraint.scale
+        violation = (
+            np.abs(distance) if constraint.bound is Bound.EQUAL else np.maximum(-constraint.bound.value * distance, 0.0)
+        )
         worst = np.zeros(n)
         np.maximum.at(worst, crossings.row, violation)
         total += worst
     return total + margin_violation
 
 
-def _gain_margin_violation(sides: tuple[Side, ...], loops: Loops) -> Array:
+def _gain_margin_violation(constraints: tuple[Constraint, ...], loops: Loops) -> Array:
     """Violation of the gain margins, shape (m,); an infinite margin misses an upper limit by a lot."""
-    wanted = [s for s in sides if s.where is Where.PHASE_CROSSOVERS]
+    wanted = [s for s in constraints if s.where is EvaluatedAt.PHASE_CROSSOVERS]
     total = np.zeros(len(loops))
     if not wanted:
         return total
@@ -265,9 +269,11 @@ def _gain_margin_violation(sides: tuple[Side, ...], loops: Loops) -> Array:
     margin = np.full(len(loops), _ENDLESS_MARGIN)
     small = crossings.gain <= 1.0
     np.minimum.at(margin, crossings.row[small], -np.log(crossings.gain[small]))
-    for side in wanted:
-        distance = (side.limit - margin) * side.scale
-        total += np.abs(distance) if side.bound is Bound.EQUAL else np.maximum(-side.bound.value * distance, 0.0)
+    for constraint in wanted:
+        distance = (constraint.limit - margin) * constraint.scale
+        total += (
+            np.abs(distance) if constraint.bound is Bound.EQUAL else np.maximum(-constraint.bound.value * distance, 0.0)
+        )
     return total
 
 
@@ -281,9 +287,9 @@ def _preference(objective: ObjectiveKind, scale: Scale, candidates: Array, log_c
     return np.zeros(len(candidates))
 
 
-def _crossing_violation(sides: tuple[Side, ...], log_gain: Array, loop: Complex, omega: Array) -> Array:
+def _crossing_violation(constraints: tuple[Constraint, ...], log_gain: Array, loop: Complex, omega: Array) -> Array:
     """Violation of phase margins and crossovers, read off at the grid's last |L| >= 1; shape (n,)."""
-    wanted = [s for s in sides if s.where in (Where.GAIN_CROSSOVERS, Where.HIGHEST_GAIN_CROSSOVER)]
+    wanted = [s for s in constraints if s.where in (EvaluatedAt.GAIN_CROSSOVERS, EvaluatedAt.HIGHEST_GAIN_CROSSOVER)]
     if not wanted:
         return np.zeros(len(log_gain))
     above = log_gain >= 0
@@ -295,12 +301,12 @@ def _crossing_violation(sides: tuple[Side, ...], log_gain: Array, loop: Complex,
     log_omega = np.log(omega)[at]
     values = {"phase_margin_deg": margin, "crossover_rad_s": log_omega, "delay_margin_s": margin * np.exp(-log_omega)}
     total = 2.0 * np.max(nowhere, axis=1)
-    for side in wanted:
-        value = values.get(side.quantity.name)
-        if value is None or side.bound is Bound.EQUAL:
+    for constraint in wanted:
+        value = values.get(constraint.quantity.name)
+        if value is None or constraint.bound is Bound.EQUAL:
             continue
-        violation = (value - side.limit) * side.bound.value * side.scale
-        if side.nominal:
+        violation = (value - constraint.limit) * constraint.bound.value * constraint.scale
+        if constraint.nominal:
             violation = violation[:, :1]
         # The grid is coarse: what is missed by less than half its step is no violation.
         total += np.maximum(violation.max(axis=1) - 0.1, 0.0)
@@ -311,8 +317,8 @@ def _thinned(grid: Array) -> Array:
     return np.geomspace(grid[0], grid[-1], _SCREEN_OMEGAS)
 
 
-def _band_ends(sides: tuple[Side, ...]) -> list[Array]:
-    ends = [w for side in sides for w in (side.from_rad_s, side.to_rad_s) if 0.0 < w < math.inf]
+def _band_ends(constraints: tuple[Constraint, ...]) -> list[Array]:
+    ends = [w for constraint in constraints for w in (constraint.from_rad_s, constraint.to_rad_s) if 0.0 < w < math.inf]
     return [np.array(ends)]
 
 

@@ -16,16 +16,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.design.exchange import Converged, Cuts, Exchange
+from fopi_tune.design.constraints import Bound, Constraint, constraints_of
+from fopi_tune.design.exchange import Cuts, Exchange, ExchangeResult
 from fopi_tune.design.nlp.layout import TooManySlotsError
 from fopi_tune.design.nlp.slots import Mode, Point, Task
 from fopi_tune.design.nlp.solve import Solved, solve
 from fopi_tune.design.reasons import branches, reason_without_solving
 from fopi_tune.design.search import TIGHTENING, Search, Violation, limits_of, with_violations
-from fopi_tune.design.sides import Bound, Side, sides_of
 from fopi_tune.design.synthesis import best_of
 from fopi_tune.errors import DomainError
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.spec.model import DesignSpec
 
@@ -101,7 +101,7 @@ class Warm:
         """
         if self.search.objective is not ObjectiveKind.DEPTH:
             return True
-        pairs = zip(self.search.exchange.sides, sides_of(spec), strict=True)
+        pairs = zip(self.search.exchange.constraints, constraints_of(spec), strict=True)
         return all(old.scale == new.scale for old, new in pairs)
 
     def glance(self, spec: DesignSpec, start: FoPi, seen: Sequence[Seen] = ()) -> Solution | None:
@@ -110,9 +110,9 @@ class Warm:
         Its objective is at least as good as that of the whole problem's local optimum: where a check of the gains
         agrees with it, and finds every requirement met, nothing was missing.  `seen` are places that a check found.
         """
-        exchange = self.search.exchange.about(sides_of(spec))
+        exchange = self.search.exchange.with_constraints(constraints_of(spec))
         cuts = self._with_seen(exchange, seen)
-        for peaks in (self._peaks(exchange.sides, seen), ()):
+        for peaks in (self._peaks(exchange.constraints, seen), ()):
             solved = self._solved(exchange, replace(cuts, peaks=peaks), start)
             if solved is not None:
                 self._keep(exchange, cuts, solved.gains)
@@ -123,14 +123,16 @@ class Warm:
 
     def settle(self, spec: DesignSpec, start: FoPi, seen: Sequence[Seen] = ()) -> Solution | None:
         """The exchange from a neighbour's gains and from places `seen` by a check; None when it leads nowhere."""
-        exchange = self.search.exchange.about(sides_of(spec))
+        exchange = self.search.exchange.with_constraints(constraints_of(spec))
         cuts = self._with_seen(exchange, seen)
-        peaks = self._peaks(exchange.sides, seen)
+        peaks = self._peaks(exchange.constraints, seen)
         # small steps: a neighbour is near, and few cuts hold larger ones back.  Limits that leave no room at all
         # are met without the tightening
-        for tightening, trust in ((TIGHTENING, 0.5), (0.0, 0.1)):
-            limits = limits_of(exchange.sides, tightening)
-            run = self._run(exchange, start, replace(cuts, peaks=peaks), Mode.OBJECTIVE, limits, trust=trust)
+        for tightening, trust_radius in ((TIGHTENING, 0.5), (0.0, 0.1)):
+            limits = limits_of(exchange.constraints, tightening)
+            run = self._run(
+                exchange, start, replace(cuts, peaks=peaks), Mode.OBJECTIVE, limits, trust_radius=trust_radius
+            )
             if run is not None and run.solved.depth >= -TIGHTENING and not run.solved.at_bound:
                 self._keep(exchange, run.cuts, run.solved.gains)
                 return Solution(run.solved.gains, self.search.public_objective(run.solved), run.rounds)
@@ -157,15 +159,17 @@ class Warm:
         Returns:
             The limit (the spec's own when it can be met), and gains there; None when the solver gave up.
         """
-        exchange = self.search.exchange.about(sides_of(spec))
-        limits = limits_of(exchange.sides, TIGHTENING)
+        exchange = self.search.exchange.with_constraints(constraints_of(spec))
+        limits = limits_of(exchange.constraints, TIGHTENING)
         run = self._run(exchange, start, self.cuts, Mode.FEASIBILITY, limits, frozenset({requirement}))
         if run is None:
             return None
-        k, side = next((k, s) for k, s in enumerate(exchange.sides) if s.requirement == requirement)
-        given = float(run.solved.gives[2 * k] - run.solved.gives[2 * k + 1])
-        direction = 1.0 if side.bound is Bound.EQUAL else float(side.bound.value)
-        return side.quantity.from_natural(side.limit + direction * given / side.scale), run.solved.gains
+        k, constraint = next((k, s) for k, s in enumerate(exchange.constraints) if s.requirement == requirement)
+        given = float(run.solved.relaxations[2 * k] - run.solved.relaxations[2 * k + 1])
+        direction = 1.0 if constraint.bound is Bound.EQUAL else float(constraint.bound.value)
+        return constraint.quantity.from_natural(
+            constraint.limit + direction * given / constraint.scale
+        ), run.solved.gains
 
     def _run(
         self,
@@ -174,27 +178,36 @@ class Warm:
         cuts: Cuts,
         mode: Mode,
         limits: tuple[float, ...],
-        giving: frozenset[int] = frozenset(),
-        trust: float = 4.0,
-    ) -> Converged | None:
+        relaxed: frozenset[int] = frozenset(),
+        trust_radius: float = 4.0,
+    ) -> ExchangeResult | None:
         try:
             everything = self.search.all_requirements
-            run = exchange.run(start, cuts, mode, everything, giving, limits, trust=trust, peaks=cuts.peaks)
+            run = exchange.run(
+                start, cuts, mode, everything, relaxed, limits, trust_radius=trust_radius, peaks=cuts.peaks
+            )
         except DomainError:
             # Both gains ran to 0: no loop is left to judge.
             return None
         return run if run.ok else None
 
     def _solved(self, exchange: Exchange, cuts: Cuts, start: FoPi) -> Solved | None:
-        limits, everything = limits_of(exchange.sides, TIGHTENING), self.search.all_requirements
+        limits, everything = limits_of(exchange.constraints, TIGHTENING), self.search.all_requirements
         task = Task(
-            cuts.points, cuts.peaks, cuts.plants, cuts.margin_plants, limits, Mode.OBJECTIVE, everything, trust=1.0
+            cuts.points,
+            cuts.peaks,
+            cuts.plants,
+            cuts.margin_plants,
+            limits,
+            Mode.OBJECTIVE,
+            everything,
+            trust_radius=1.0,
         )
         try:
             solved = solve(exchange.problem, exchange.box, task, start, 1.0)
         except (TooManySlotsError, DomainError):
             return None
-        usable = solved.success and not solved.on_trust_bound and not solved.at_bound and solved.depth >= -TIGHTENING
+        usable = solved.success and not solved.on_trust_boundary and not solved.at_bound and solved.depth >= -TIGHTENING
         return solved if usable else None
 
     def _keep(self, exchange: Exchange, cuts: Cuts, gains: FoPi) -> None:
@@ -202,8 +215,12 @@ class Warm:
         mine = self.search.exchange
         mine.problem, mine.capacity, mine.solves = exchange.problem, exchange.capacity, exchange.solves
         binding = exchange.binding(cuts, gains)
-        sides = dict.fromkeys(p.side for p in binding.points)
-        points = [p for side in sides for p in [p for p in binding.points if p.side == side][-_MOST_KEPT:]]
+        constraints = dict.fromkeys(p.constraint for p in binding.points)
+        points = [
+            p
+            for constraint in constraints
+            for p in [p for p in binding.points if p.constraint == constraint][-_MOST_KEPT:]
+        ]
         # the nominal plant stays the first
         plants = (*binding.plants[:1], *binding.plants[1:][-_MOST_KEPT:])
         self.cuts = Cuts(tuple(points), (), plants, binding.margin_plants[-_MOST_KEPT:])
@@ -212,7 +229,7 @@ class Warm:
         """The cuts in play and the places where a check found the neighbour's gains worst."""
         grid = self.search.scale.omega_grid
         asked = [Violation(s.requirement, s.theta, s.omega_rad_s) for s in seen if s.requirement is not None]
-        cuts = with_violations(self.cuts, exchange.sides, asked, (float(grid[0]), float(grid[-1])))
+        cuts = with_violations(self.cuts, exchange.constraints, asked, (float(grid[0]), float(grid[-1])))
         points, plants = list(cuts.points), list(cuts.plants)
         for place in seen:
             if place.requirement is not None:
@@ -226,7 +243,7 @@ class Warm:
                 points.append(Point(None, place.theta, self.search.scale.omega_rad_s))
         return replace(cuts, points=tuple(dict.fromkeys(points)), plants=tuple(dict.fromkeys(plants)))
 
-    def _peaks(self, sides: tuple[Side, ...], seen: Sequence[Seen]) -> tuple[Point, ...]:
+    def _peaks(self, constraints: tuple[Constraint, ...], seen: Sequence[Seen]) -> tuple[Point, ...]:
         """Peaks that move with the limits: fixed points would have to be put in again at every step."""
         peaks: list[Point] = []
         for place in seen:
@@ -234,9 +251,9 @@ class Warm:
                 continue
             if place.requirement is None and self.search.objective in _PEAK_OBJECTIVES:
                 peaks.append(Point(None, place.theta, place.omega_rad_s))
-            for k, side in enumerate(sides):
-                inside = side.from_rad_s * (1 + 1e-6) < place.omega_rad_s < side.to_rad_s * (1 - 1e-6)
-                if side.requirement == place.requirement and side.where is Where.BAND and inside:
+            for k, constraint in enumerate(constraints):
+                inside = constraint.from_rad_s * (1 + 1e-6) < place.omega_rad_s < constraint.to_rad_s * (1 - 1e-6)
+                if constraint.requirement == place.requirement and constraint.where is EvaluatedAt.BAND and inside:
                     peaks.append(Point(k, place.theta, place.omega_rad_s))
         return tuple(dict.fromkeys(peaks))
 

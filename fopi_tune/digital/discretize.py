@@ -11,9 +11,9 @@ from enum import StrEnum
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array
-from fopi_tune.core.sections import Sections
+from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital.fit import FIT_UP_TO, fit
 from fopi_tune.digital.integrator import ZeroPoleGain, modified_oustaloup, oustaloup
 from fopi_tune.digital.realise import Form, Precision, Realisation, accepted, realise

@@ -8,7 +8,7 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.digital import sections_of
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DesignSpec, DigitalSpec

@@ -12,9 +12,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.logform import Array
-from fopi_tune.core.sampled import zeros_and_poles
-from fopi_tune.core.sections import Sections
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.parallel_form import Sections
+from fopi_tune.core.sampled_loops import zeros_and_poles
 from fopi_tune.errors import DomainError
 
 Matrix = NDArray[np.float64]

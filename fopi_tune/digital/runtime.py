@@ -45,7 +45,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.digital.realise import Precision, parallel_rows
 from fopi_tune.digital.sections import Sections
 from fopi_tune.errors import DomainError

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.sections import Sections
+from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital.integrator import ZeroPoleGain
 from fopi_tune.errors import DomainError
 

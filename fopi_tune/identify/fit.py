@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 from fopi_tune.identify.recording import Recording, counted
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
-from fopi_tune.core.samples import parse_table
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.parameter_table import parse_table
 from fopi_tune.errors import DomainError
 
 COLUMNS = ("time_s", "input", "output")

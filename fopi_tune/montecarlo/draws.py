@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.distributions import Distribution, Uniform
-from fopi_tune.core.logform import Array
+from fopi_tune.core.parameter_table import ParameterTable, not_uncertain, outside_box
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.core.samples import Table, not_uncertain, outside_box
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.sampling import Design, cube
 
@@ -27,7 +27,7 @@ from fopi_tune.montecarlo.sampling import Design, cube
 class Listed:
     """A table's rows one after the other: draw i is row i, whatever seed and design."""
 
-    table: Table
+    table: ParameterTable
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Draw:
     seed: int
     design: Design = Design.RANDOM
     total: int | None = None
-    source: Mapping[str, Distribution] | Table | Listed = field(default_factory=dict)
+    source: Mapping[str, Distribution] | ParameterTable | Listed = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "seed", _whole("seed", self.seed))
@@ -76,7 +76,7 @@ def points(draw: Draw, family: PlantFamily, first: int, count: int) -> Array:
     first, count = _whole("first", first), _whole("count", count)
     if isinstance(draw.source, Listed):
         return _rows(draw.source.table, family, first, count)
-    if isinstance(draw.source, Table):
+    if isinstance(draw.source, ParameterTable):
         columns = draw.source.columns(family)
         u = cube(draw.design, draw.seed, 1, first, count, draw.total)[:, 0]
         # u < 1, but u m may round up to m
@@ -93,8 +93,8 @@ def points(draw: Draw, family: PlantFamily, first: int, count: int) -> Array:
 
 def stays_inside(draw: Draw, family: PlantFamily) -> bool:
     """Whether no draw can lie outside the family's box."""
-    if isinstance(draw.source, Table | Listed):
-        table = draw.source if isinstance(draw.source, Table) else draw.source.table
+    if isinstance(draw.source, ParameterTable | Listed):
+        table = draw.source if isinstance(draw.source, ParameterTable) else draw.source.table
         return not outside_box(table.rows[:, table.columns(family)], family).any()
     for name in family.uncertain_names:
         number = family.parameters[name]
@@ -104,7 +104,7 @@ def stays_inside(draw: Draw, family: PlantFamily) -> bool:
     return True
 
 
-def _rows(table: Table, family: PlantFamily, first: int, count: int) -> Array:
+def _rows(table: ParameterTable, family: PlantFamily, first: int, count: int) -> Array:
     if first + count > len(table.rows):
         raise DomainError(
             f"draws {first} to {first + count - 1} were asked for; there are {len(table.rows)} samples, from 0 on"

@@ -14,10 +14,10 @@ from functools import cached_property
 
 import numpy as np
 
-from fopi_tune.core.logform import Array, Complex, Rows
+from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.core.margins import Crossings, negative_ends
 from fopi_tune.core.peaks import Response
-from fopi_tune.core.sampled import SampledLoops, shifted
+from fopi_tune.core.sampled_loops import SampledLoops, shifted
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB, highest_by_row, smallest_by_row

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.parameter_table import impossible, outside_box
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.core.samples import impossible, outside_box
 from fopi_tune.montecarlo.tally import Found, Tally, Worst, merge, tally
 
 Marks = NDArray[np.bool_]

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Plants
-from fopi_tune.core.sampled import SampledLoops
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError

@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.parameter_table import outside_box, why_impossible
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.core.samples import outside_box, why_impossible
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.draws import Design, Draw, Listed, points, stays_inside
 from fopi_tune.montecarlo.membership import Counted, Marked, count, merge_counts

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 
 Words = NDArray[np.uint64]

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.montecarlo.montecarlo import controller_of
 from fopi_tune.montecarlo.outcomes import Drawn, Progress, Simulations, steps_of
 from fopi_tune.simulation.measures import scenario_of

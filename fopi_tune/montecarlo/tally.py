@@ -15,7 +15,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.statistics import Fraction, Quantile, checked, fraction, quantiles
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array
 from fopi_tune.paper.sources import brake_plant
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
 

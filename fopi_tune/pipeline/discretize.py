@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.proof import certify, verify
 from fopi_tune.results.design import Discretized
 from fopi_tune.results.stamp import certificate_versions, stamp

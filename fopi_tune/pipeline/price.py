@@ -75,10 +75,10 @@ def tradeoff(
     spec = load_spec(source)
     if loop_name(spec) == "sampled":
         raise DomainError(NOT_ON_SAMPLES)
-    from fopi_tune.prices import knob_of
-    from fopi_tune.prices.sweep import Range, sweep  # loads CasADi
+    from fopi_tune.prices import movable_limit
+    from fopi_tune.prices.sweep import SweepRange, sweep  # loads CasADi
 
-    knob = knob_of(spec, str(requirement))
+    knob = movable_limit(spec, str(requirement))
     box = spec.controller
     if box.kp.is_fixed and box.ki.is_fixed and box.alpha.is_fixed:
         raise DomainError(
@@ -88,4 +88,4 @@ def tradeoff(
     if design.status is not Status.SOLVED or design.gains is None:
         said = f"{design.status.value}: {design.message}" if design.message else design.status.value
         raise DomainError(f"a sweep starts from the design with the spec's own limits, which is {said}")
-    return sweep(spec, knob, design.gains, Range(start, stop, points), objective_name(spec))
+    return sweep(spec, knob, design.gains, SweepRange(start, stop, points), objective_name(spec))

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.validate import wanted_validation
 from fopi_tune.results.simulation import Driven
@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.parameter_table import why_impossible
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.core.samples import why_impossible
 from fopi_tune.results.simulation import Simulated
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import MEASURES, Limit, Relation, ScenarioSpec

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.tune import tune
 from fopi_tune.pipeline.validate import wanted_validation

@@ -1,9 +1,9 @@
-"""What a requirement costs:  its multiplier checked by solving again, and the objective against its limit.
+"""The price of a requirement:  its multiplier checked by solving again, and the trade-off of objective against limit.
 
-The stages are `price.py` and `sweep.py`, which load the solver; what they hand on is here, and loads none.
+The stages `price.py` and `sweep.py` import the solver; their results, exported here, do not.
 """
 
-from fopi_tune.prices.limit import Knob, knob_of, knobs_of
-from fopi_tune.prices.result import End, PointStatus, Tradeoff, TradeoffPoint
+from fopi_tune.prices.limit import MovableLimit, movable_limit, movable_limits
+from fopi_tune.prices.result import FeasibleEnd, PointStatus, Tradeoff, TradeoffPoint
 
-__all__ = ["End", "Knob", "PointStatus", "Tradeoff", "TradeoffPoint", "knob_of", "knobs_of"]
+__all__ = ["FeasibleEnd", "MovableLimit", "PointStatus", "Tradeoff", "TradeoffPoint", "movable_limit", "movable_limits"]

@@ -1,4 +1,4 @@
-"""One limit of one requirement, to be turned while all else of the spec stays."""
+"""One limit of one requirement, to be moved while the rest of the spec stays."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ from fopi_tune.errors import DomainError
 from fopi_tune.quantities import QUANTITIES, Quantity
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 
-#: how far a limit is turned at the most: dB, degrees (per decade), and for the others this many times
-_FARTHEST = {"_db": 40.0, "_deg": 90.0, "_deg_per_decade": 180.0}
-_MOST_TIMES = 20.0
-#: how far a sweep goes where nothing ends it, as a part of that
-_USUAL = 0.15
+#: the largest distance a limit is moved, by unit: dB, degrees, degrees per decade
+_LARGEST_DISTANCE = {"_db": 40.0, "_deg": 90.0, "_deg_per_decade": 180.0}
+#: the same for other units, as a factor
+_LARGEST_FACTOR = 20.0
+#: how far a sweep goes by default, relative to these
+_DEFAULT_PART = 0.15
 
 
 @dataclass(frozen=True)
-class Knob:
-    """A limit that can be turned.
+class MovableLimit:
+    """A limit that can be moved.
 
     Args:
-        spec: what was asked, but with the limit as a requirement of its own: `between` becomes two.
+        spec: the user's, with the limit as a requirement of its own: a `between` becomes two requirements.
         index: of that requirement in `spec`.
         number: of the requirement in the user's spec, from 1 on.
         end: "lower" or "upper" of a `between`; empty otherwise.
@@ -34,27 +35,27 @@ class Knob:
 
     @property
     def requirement(self) -> Requirement:
-        """With its own limit."""
+        """The requirement, with the user's limit."""
         return self.spec.requirements[self.index]
 
     @property
     def quantity(self) -> Quantity:
-        """What is limited."""
+        """The quantity that is limited."""
         return QUANTITIES[self.requirement.quantity]
 
     @property
     def limit(self) -> float:
-        """The spec's own, public unit."""
+        """The user's limit, public unit."""
         return self.requirement.limits[0]
 
     @property
     def name(self) -> str:
-        """The words that choose it: "4" or "2.upper"."""
+        """The name by which it is selected: "4" or "2.upper"."""
         return f"{self.number}.{self.end}" if self.end else str(self.number)
 
     @property
     def tightens(self) -> int:
-        """Which way the limit asks for more: 1 up, -1 down; 0 for `equals`, where either way asks for another thing."""
+        """The direction that tightens the limit: 1 up, -1 down; 0 for `equals`, which has none."""
         return {Relation.AT_LEAST: 1, Relation.AT_MOST: -1}.get(self.requirement.relation, 0)
 
     def at(self, limit: float) -> DesignSpec:
@@ -63,52 +64,52 @@ class Knob:
         requirements = (*self.spec.requirements[: self.index], moved, *self.spec.requirements[self.index + 1 :])
         return replace(self.spec, requirements=requirements)
 
-    def reach(self, way: int, part: float = 1.0) -> float:
-        """The limit, public unit, as far up (`way` 1) or down (-1) as it is turned at the most.
+    def farthest_limit(self, way: int, part: float = 1.0) -> float:
+        """The farthest limit that is tried, public unit.
 
         Args:
-            way: 1 or -1.
-            part: of that way, dimensionless, from 0 to 1.
+            way: 1 up, -1 down.
+            part: relative to the largest distance, from 0 to 1.
         """
-        for unit, farthest in _FARTHEST.items():
+        for unit, distance in _LARGEST_DISTANCE.items():
             if self.requirement.quantity.endswith(unit):
-                return self.limit + way * part * farthest
-        return self.limit * _MOST_TIMES ** (way * part)
+                return self.limit + way * part * distance
+        return self.limit * _LARGEST_FACTOR ** (way * part)
 
-    def usual(self, way: int) -> float:
-        """Where a sweep up (`way` 1) or down (-1) ends when nothing else ends it, public unit."""
-        return self.reach(way, _USUAL)
+    def default_end(self, way: int) -> float:
+        """Where a sweep up (`way` 1) or down (-1) ends by default, public unit."""
+        return self.farthest_limit(way, _DEFAULT_PART)
 
 
-def knob_of(spec: DesignSpec, words: str) -> Knob:
-    """The knob that words choose: a requirement's number in the spec, or its quantity when no other has the same.
+def movable_limit(spec: DesignSpec, words: str) -> MovableLimit:
+    """Select a limit by its requirement's number in the spec, or by its quantity if only one requirement has it.
 
     Args:
-        spec: what is asked.
-        words: "3", "sensitivity_db"; of a `between` with ".lower" or ".upper" behind.
+        spec: the user's.
+        words: "3" or "sensitivity_db"; for a `between` followed by ".lower" or ".upper".
 
     Raises:
-        DomainError: there is no such requirement, or more than one; the message lists those there are.
+        DomainError: there is no such requirement, or more than one; the message lists the choices.
     """
-    knobs = knobs_of(spec)
-    found = [knob for knob in knobs if words in (knob.name, str(knob.number))]
+    limits = movable_limits(spec)
+    found = [movable for movable in limits if words in (movable.name, str(movable.number))]
     if not found:
         name, _, end = words.partition(".")
-        found = [k for k in knobs if k.requirement.quantity == name and end in ("", k.end)]
+        found = [k for k in limits if k.requirement.quantity == name and end in ("", k.end)]
     if len(found) == 1:
         return found[0]
-    if not knobs:
+    if not limits:
         raise DomainError(f"there is no requirement {words!r}: the spec has none")
     problem = f"{words!r} is not one limit of the spec" if found else f"there is no requirement {words!r}"
-    raise DomainError(f"{problem}; choose by number: {'; '.join(_described(knob) for knob in found or knobs)}")
+    raise DomainError(f"{problem}; choose by number: {'; '.join(_described(movable) for movable in found or limits)}")
 
 
-def knobs_of(spec: DesignSpec) -> tuple[Knob, ...]:
-    """Every limit there is, in the order of the spec."""
-    knobs: list[Knob] = []
+def movable_limits(spec: DesignSpec) -> tuple[MovableLimit, ...]:
+    """Every limit of a spec, in its order."""
+    limits: list[MovableLimit] = []
     for i, requirement in enumerate(spec.requirements):
         if requirement.relation is not Relation.BETWEEN:
-            knobs.append(Knob(spec, i, i + 1))
+            limits.append(MovableLimit(spec, i, i + 1))
             continue
         sides = [
             replace(requirement, relation=relation, limits=(limit,))
@@ -116,17 +117,17 @@ def knobs_of(spec: DesignSpec) -> tuple[Knob, ...]:
         ]
         for k, end in enumerate(("lower", "upper")):
             others = (*spec.requirements[:i], sides[k], *spec.requirements[i + 1 :], sides[1 - k])
-            knobs.append(Knob(replace(spec, requirements=others), i, i + 1, end))
-    return tuple(knobs)
+            limits.append(MovableLimit(replace(spec, requirements=others), i, i + 1, end))
+    return tuple(limits)
 
 
-def _described(knob: Knob) -> str:
-    requirement = knob.requirement
+def _described(movable: MovableLimit) -> str:
+    requirement = movable.requirement
     low, high = requirement.from_rad_s, requirement.to_rad_s
     band = f" from {low:g} rad/s on" if low > 0.0 else ""
     if high < math.inf:
         band = f" from {low:g} to {high:g} rad/s" if low > 0.0 else f" up to {high:g} rad/s"
     return (
-        f"{knob.name} is {requirement.quantity} {requirement.relation.value} {knob.limit:g}{band}"
+        f"{movable.name} is {requirement.quantity} {requirement.relation.value} {movable.limit:g}{band}"
         f" ({requirement.scope.value})"
     )

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design import Seen, Solution, Warm
 from fopi_tune.errors import DomainError
-from fopi_tune.prices.limit import Knob
+from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.prices.result import PointStatus, TradeoffPoint
 from fopi_tune.proof import Verification, verify, with_limits_of
 from fopi_tune.spec.model import DesignSpec, Objective, Sense
@@ -63,7 +63,7 @@ class Probe:
 class Prober:
     """Solves and checks a spec with one limit turned; keeps what is compiled, and which limits are infeasible."""
 
-    knob: Knob
+    knob: MovableLimit
     base: Probe
     warm: Warm
     #: limits that no start met
@@ -72,7 +72,7 @@ class Prober:
     quick: bool = True
 
     @classmethod
-    def of(cls, knob: Knob, gains: FoPi) -> Prober:
+    def of(cls, knob: MovableLimit, gains: FoPi) -> Prober:
         """Start from the design of the knob's spec.
 
         Raises:

@@ -1,4 +1,4 @@
-"""Tradeoff:  what a sweep of one limit hands to people, files and scripts."""
+"""Tradeoff, the result of a sweep of one limit."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import Any
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.prices.limit import Knob
+from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.results.documents import finite
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import DesignSpec
@@ -19,26 +19,26 @@ COLUMNS = ("limit", "status", "objective", "kp", "ki", "alpha", "largest_score",
 
 
 class PointStatus(StrEnum):
-    """What became of one limit."""
+    """The outcome at one limit."""
 
     MET = "met"
-    #: no start led to gains that meet everything, or a less demanding limit is infeasible already
+    #: no start led to gains that meet all requirements, or a looser limit is infeasible
     INFEASIBLE = "infeasible"
-    #: the solver's answer did not pass the check
+    #: the solver's gains did not pass the check
     REFUSED = "refused"
 
 
 @dataclass(frozen=True)
 class TradeoffPoint:
-    """One limit and the best that is possible with it.
+    """One limit and the best gains with it.
 
     Args:
         limit: public unit.
         status: `met` only after `fopi_tune.proof.verify` found every requirement met.
-        objective: as the check found it, public unit; None unless met.
-        gains: of a refused point those that were refused; None when infeasible.
+        objective: computed by the check, public unit; None unless met.
+        gains: of a refused point the refused ones; None when infeasible.
         largest_score: of all requirements, dimensionless; None without gains.
-        binds: whether the limit itself holds the objective back; without it a limit nearby gives the same gains.
+        binds: whether the limit is active; if not, a limit nearby gives the same gains.
     """
 
     limit: float
@@ -49,7 +49,7 @@ class TradeoffPoint:
     binds: bool
 
     def row(self) -> tuple[str, ...]:
-        """As in the CSV file; numbers as they are, empty where there is none."""
+        """A row of the CSV file; empty where there is no number."""
         gains = (self.gains.kp, self.gains.ki, self.gains.alpha) if self.gains else (None, None, None)
         numbers = ["" if v is None else repr(v) for v in (self.objective, *gains, self.largest_score)]
         return (repr(self.limit), self.status.value, *numbers, str(self.binds).lower())
@@ -67,13 +67,13 @@ class TradeoffPoint:
 
 
 @dataclass(frozen=True)
-class End:
-    """Where the limits that can be met end.
+class FeasibleEnd:
+    """The end of the feasible limits in one direction.
 
     Args:
         way: 1 above, -1 below.
         feasible: the farthest limit that was found to be met, public unit.
-        infeasible: the nearest that no start met, public unit; None where limits are met as far as was looked.
+        infeasible: the nearest that is met from no start, public unit; None where all limits that were tried are met.
     """
 
     way: int
@@ -91,20 +91,20 @@ class Tradeoff:
     """The objective against one limit, all else unchanged.
 
     Args:
-        knob: the limit, in a spec where it is a requirement of its own.
-        spec: what was asked.
-        own: the spec's own limit.
+        knob: the limit that is moved.
+        spec: the user's.
+        own: the point at the user's limit.
         points: the sweep, by rising limit.
-        ends: where it becomes infeasible; none where that was not looked for.
+        ends: where the limit becomes infeasible; of the directions in which that was searched for.
         objective_quantity: the objective in words.
-        stamp: where this comes from.
+        stamp: versions and digests.
     """
 
-    knob: Knob
+    knob: MovableLimit
     spec: DesignSpec
     own: TradeoffPoint
     points: tuple[TradeoffPoint, ...]
-    ends: tuple[End, ...]
+    ends: tuple[FeasibleEnd, ...]
     objective_quantity: str
     stamp: Stamp
 
@@ -115,11 +115,11 @@ class Tradeoff:
 
     @property
     def met(self) -> tuple[TradeoffPoint, ...]:
-        """The points of the curve."""
+        """The feasible points, which make the curve."""
         return tuple(p for p in self.points if p.status is PointStatus.MET)
 
     def rows(self) -> Iterator[tuple[str, ...]]:
-        """The columns `COLUMNS`, a row a point."""
+        """One row a point, with the columns `COLUMNS`."""
         yield from (point.row() for point in self.points)
 
     def to_dict(self) -> dict[str, Any]:

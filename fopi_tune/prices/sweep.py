@@ -1,8 +1,8 @@
-"""The Pareto curve of one limit:  a design's gains -> Tradeoff, from the spec's own limit outwards.
+"""The trade-off curve (Pareto front) of objective against one limit:  a design's gains -> Tradeoff.
 
-Every point starts from its neighbour.  Relaxing a limit adds gains to choose from and takes none away, so the objective
-cannot become worse: where a point is worse than its tighter neighbour, it is solved again from there, and at the least
-the neighbour's gains are its answer too.
+The sweep goes outwards from the user's limit, and every point starts from its neighbour.  Relaxing a limit enlarges the
+feasible set, so the objective cannot become worse.  A point that is worse than its tighter neighbour is solved again
+from there; if that does not help, the neighbour's gains are its result.
 """
 
 from __future__ import annotations
@@ -15,27 +15,27 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
-from fopi_tune.prices.ends import end_of
-from fopi_tune.prices.limit import Knob
+from fopi_tune.prices.feasible_end import end_of
+from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.prices.prober import Probe, Prober, is_no_worse
-from fopi_tune.prices.result import End, Tradeoff
+from fopi_tune.prices.result import FeasibleEnd, Tradeoff
 from fopi_tune.results.stamp import stamp
 from fopi_tune.spec.model import DesignSpec
 
 _SOLVER = "ipopt"
 _MOST_POINTS = 10_000
-#: an objective that is worse by more than this (relative) is worth another solve
+#: relative; an objective that is worse by more than this is solved for again
 _NOISE = 1e-7
 
 
 @dataclass(frozen=True)
-class Range:
-    """Which limits to look at.
+class SweepRange:
+    """The limits of a sweep.
 
     Args:
-        start: the lowest, public unit; None leaves it to the sweep: as far from the spec's limit as the infeasible end.
-        stop: the highest.
-        points: how many.
+        start: the lowest, public unit; None: the infeasible end, or as far from the user's limit on the other side.
+        stop: the highest, likewise.
+        points: their number.
     """
 
     start: float | None = None
@@ -43,33 +43,35 @@ class Range:
     points: int = 50
 
 
-def sweep(spec: DesignSpec, knob: Knob, gains: FoPi, wanted: Range, objective_quantity: str) -> Tradeoff:
-    """Turn one limit, and solve and check the spec at every place.
+def sweep(
+    spec: DesignSpec, movable: MovableLimit, gains: FoPi, wanted: SweepRange, objective_quantity: str
+) -> Tradeoff:
+    """Move one limit over a range; solve and check the spec at every point.
 
     Args:
-        spec: what was asked.
-        knob: one of its limits.
-        gains: of the design with the spec's own limit.
-        wanted: which limits.
+        spec: the user's.
+        movable: one of its limits.
+        gains: of the design with the user's limit.
+        wanted: the range.
         objective_quantity: the objective in words.
 
     Raises:
         DomainError: the range or the number of points makes no sense, or the design does not pass the check.
     """
-    _check(knob, wanted)
-    prober = Prober.of(knob, gains)
-    sides = [end_of(prober, way) for way in ((-1, 1) if knob.tightens == 0 else (knob.tightens,))]
+    _check(movable, wanted)
+    prober = Prober.of(movable, gains)
+    sides = [end_of(prober, way) for way in ((-1, 1) if movable.tightens == 0 else (movable.tightens,))]
     ends, lasts = tuple(end for end, _ in sides), [last for _, last in sides]
-    limits = _limits(knob, wanted, ends)
+    limits = _limits(movable, wanted, ends)
     probes = _swept(prober, limits)
-    if knob.tightens:
+    if movable.tightens:
         probes = monotone(prober, probes, lasts[0])
     stamped = stamp(spec.sha256, _SOLVER)
     points = tuple(prober.point(probe) for probe in probes)
-    return Tradeoff(knob, spec, prober.point(prober.base), points, ends, objective_quantity, stamped)
+    return Tradeoff(movable, spec, prober.point(prober.base), points, ends, objective_quantity, stamped)
 
 
-def _check(knob: Knob, wanted: Range) -> None:
+def _check(movable: MovableLimit, wanted: SweepRange) -> None:
     if not 2 <= wanted.points <= _MOST_POINTS:
         raise DomainError(f"--points {wanted.points} must lie between 2 and {_MOST_POINTS}; 50 is usual")
     for option, value in (("--from", wanted.start), ("--to", wanted.stop)):
@@ -77,21 +79,21 @@ def _check(knob: Knob, wanted: Range) -> None:
             continue
         if not math.isfinite(value):
             raise DomainError(f"{option} {value!r} is no finite number")
-        problem = knob.quantity.check_limit(value)
+        problem = movable.quantity.check_limit(value)
         if problem:
-            raise DomainError(f"{option} {value:g}: a limit of {knob.requirement.quantity} {problem}")
+            raise DomainError(f"{option} {value:g}: a limit of {movable.requirement.quantity} {problem}")
     if wanted.start is not None and wanted.stop is not None and wanted.start >= wanted.stop:
         raise DomainError(f"--from {wanted.start:g} must be smaller than --to {wanted.stop:g}")
 
 
-def _limits(knob: Knob, wanted: Range, ends: Sequence[End]) -> list[float]:
-    """The limits to look at, rising: by default from the infeasible end as far to the other side of the spec's own."""
-    reached = {end.way: end.feasible if end.infeasible is not None else knob.usual(end.way) for end in ends}
+def _limits(movable: MovableLimit, wanted: SweepRange, ends: Sequence[FeasibleEnd]) -> list[float]:
+    """The limits of the sweep, rising: by default from the infeasible end to as far on the other side of the user's."""
+    reached = {end.way: end.feasible if end.infeasible is not None else movable.default_end(end.way) for end in ends}
     for way in (-1, 1):
         if way not in reached:
-            least = abs(knob.usual(way) - knob.limit) * 0.1
-            away = knob.limit + way * max(abs(reached[-way] - knob.limit), least)
-            reached[way] = away if knob.quantity.check_limit(away) is None else 0.5 * knob.limit
+            least = abs(movable.default_end(way) - movable.limit) * 0.1
+            away = movable.limit + way * max(abs(reached[-way] - movable.limit), least)
+            reached[way] = away if movable.quantity.check_limit(away) is None else 0.5 * movable.limit
     low = wanted.start if wanted.start is not None else reached[-1]
     high = wanted.stop if wanted.stop is not None else reached[1]
     if low >= high:
@@ -103,7 +105,7 @@ def _limits(knob: Knob, wanted: Range, ends: Sequence[End]) -> list[float]:
 
 
 def _swept(prober: Prober, rising: Sequence[float]) -> list[Probe]:
-    """Outwards from the spec's own limit in both directions."""
+    """Probe outwards from the user's limit in both directions."""
     above = [v for v in rising if v >= prober.knob.limit]
     below = [v for v in rising if v < prober.knob.limit][::-1]
     found: list[Probe] = []
@@ -117,7 +119,7 @@ def _swept(prober: Prober, rising: Sequence[float]) -> list[Probe]:
 
 
 def monotone(prober: Prober, probes: Sequence[Probe], tightest: Probe) -> list[Probe]:
-    """From the tightest limit on, none worse than the one before it."""
+    """Make the objective monotone: from the tightest limit on, no point is worse than the one before it."""
     order = sorted((*probes, tightest), key=lambda probe: -probe.limit * prober.knob.tightens)
     better: list[Probe] = []
     before: Probe | None = None
@@ -130,7 +132,7 @@ def monotone(prober: Prober, probes: Sequence[Probe], tightest: Probe) -> list[P
 
 
 def _no_worse_than(prober: Prober, probe: Probe, tighter: Probe) -> Probe:
-    """The point itself, or a better one from its tighter neighbour's gains."""
+    """The point itself, or a better one from its tighter neighbour's gains, or those gains."""
     kept = prober.kept(probe.limit, tighter)
     if not kept.is_met or is_no_worse(prober, probe, kept):
         return probe

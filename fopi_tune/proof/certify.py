@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 from flint import arb, ctx
 
-from fopi_tune.core.logform import Array
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.proof.balls.box import points
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.certificate import (

@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.logform import Array, Complex, LogForm, Rows
+from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
 from fopi_tune.core.loops import Loops
 from fopi_tune.proof.sample import Badness, Sample, evaluate
 from fopi_tune.proof.search import find_worst
@@ -121,7 +121,7 @@ def _signatures_at_once(loops: Loops) -> tuple[Array, Array]:
     return gains + _BOTH_IN_ONE * phases, distance
 
 
-def _turning_points(log: LogForm, part: Part) -> tuple[Rows, Array, NDArray[np.bool_]]:
+def _turning_points(log: BodeForm, part: Part) -> tuple[Rows, Array, NDArray[np.bool_]]:
     """Rows, u and whether it is a maximum, of the turning points of ln|f| or arg f."""
     u = _places(log)
     rows = np.repeat(np.arange(len(u)), u.shape[1])
@@ -152,7 +152,7 @@ def _sign_change(slope: Callable[[Array], Array], ends: tuple[Array, Array], slo
     return x
 
 
-def _places(log: LogForm) -> Array:
+def _places(log: BodeForm) -> Array:
     """Where to look for turning points, sorted, shape (m, n): evenly between the asymptotes, crowded around corners.
 
     A factor's resonance is as wide as its ray's angle from -1; the crowd begins far inside.

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
-from fopi_tune.core.sections import Implementation, Sections
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.balls.box import ball_of
 from fopi_tune.proof.certificate import (

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.peaks import Response, extremes
-from fopi_tune.core.sampled import SampledLoops
+from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.proof.crossing_changes import Samples
 from fopi_tune.proof.results import Place, RequirementResult
 from fopi_tune.proof.sample import Badness, Sample

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.core.sections import Implementation
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, points
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.sampled import SampledBallLoop
@@ -25,7 +25,7 @@ from fopi_tune.proof.claims.lag import closed_form
 from fopi_tune.proof.claims.poles import NoAxisRoot, NoPoleAtTheEnds
 from fopi_tune.proof.claims.reading import Reader, Reading
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import Requirement, Scope
 
@@ -182,7 +182,7 @@ def _stays(case: Case, requirement: Requirement, upper: bool, level: float, plan
             return []
         return [_bound(case, requirement, upper, level, _band(case, requirement), plants)]
     domain = (_EVERYWHERE, *plants)
-    if quantity.where is Where.PHASE_CROSSOVERS:
+    if quantity.where is EvaluatedAt.PHASE_CROSSOVERS:
         if upper:
             return [SomePhaseCrossover(loop, level, domain, origin)]
         return [EveryPhaseCrossover(loop, level, domain, origin)]

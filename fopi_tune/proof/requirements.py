@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops
 from fopi_tune.proof.crossing_changes import Samples
 from fopi_tune.proof.results import Extreme, Outcome, Place, RequirementResult

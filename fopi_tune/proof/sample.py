@@ -13,12 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array, Rows
 from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.core.sampled import SampledLoops
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.errors import DomainError
 
 #: m loops -> (how bad (m,), the frequency that decides (m,)); nan where a loop has no such thing

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fopi_tune.core.logform import Array, Rows
+from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.proof.results import Place
 from fopi_tune.proof.sample import Badness, Sample, evaluate
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.peaks import Response, extremes
-from fopi_tune.core.sampled import SampledLoops
+from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import unstable_closed_loop_poles
 from fopi_tune.proof.results import Stability
 from fopi_tune.proof.sample import Sample, evaluate

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins_of
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.proof.crossing_changes import Samples
 from fopi_tune.proof.objectives import depth_of, evaluate_objective
 from fopi_tune.proof.requirements import check_requirement, judged

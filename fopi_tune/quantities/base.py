@@ -1,7 +1,7 @@
-"""What a quantity is: one thing a requirement can limit.
+"""The interface of a quantity that a requirement can limit.
 
-Slacks are measured in natural units (neper for gains and frequencies, radian for angles), so that slacks of different
-quantities can be compared: ln L = ln|L| + j arg L weighs both alike.
+Slacks are measured in natural units (neper for gains and frequencies, radian for angles), the units of the real and the
+imaginary part of ln L = ln|L| + j arg L, so that slacks of different quantities can be compared.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fopi_tune.core.logform import Array, Rows
+from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import Crossings
 
 NEPER_PER_DB = math.log(10.0) / 20.0
 
 
-class Where(Enum):
-    """At which frequencies of a loop a quantity is read."""
+class EvaluatedAt(Enum):
+    """At which frequencies of a loop a quantity is evaluated."""
 
     BAND = "every frequency of a band"
     GAIN_CROSSOVERS = "every gain crossover"
@@ -31,7 +31,7 @@ class Where(Enum):
 
 
 class LoopSymbols(Protocol):
-    """A loop at one frequency, in a solver's symbols or in arrays; all of them take + - * /."""
+    """A loop at one frequency, in a solver's symbols or in arrays; both support + - * /."""
 
     @property
     def log_gain(self) -> Any:
@@ -71,12 +71,12 @@ class LoopSymbols(Protocol):
 
 @dataclass(frozen=True)
 class Measured:
-    """A quantity of m loops; shapes (m,).
+    """The values of a quantity for m loops; shapes (m,).
 
     Args:
-        value: in the quantity's public unit; nan where a loop has no gain crossover and so no such quantity; inf for a
-            gain margin that does not end.
-        omega_rad_s: the frequency that decides it; 0, inf or nan where there is none.
+        value: in the quantity's public unit; nan where a loop has no gain crossover and so no such quantity; inf for an
+            infinite gain margin.
+        omega_rad_s: the frequency at which that value occurs; 0, inf or nan where there is none.
     """
 
     value: Array
@@ -88,34 +88,34 @@ class Quantity(ABC):
 
     Attributes:
         name: the word in the spec, unit included.
-        where: at which frequencies it is read.
-        meaning: one sentence for people; for a sensitivity, from which signal to which.
+        where: at which frequencies it is evaluated.
+        meaning: a short definition for people; for a sensitivity, from which signal to which.
     """
 
     name: str
-    where: Where
+    where: EvaluatedAt
     meaning: str
 
     @property
     def takes_band(self) -> bool:
         """Whether it is a function of frequency (from_rad_s, to_rad_s, at_rad_s) or one number a loop."""
-        return self.where is Where.BAND
+        return self.where is EvaluatedAt.BAND
 
     @abstractmethod
     def to_natural(self, value: float) -> float:
-        """The value in neper or radian, increasing in `value`, which is in the public unit."""
+        """`value` from the public unit to neper or radian; increasing."""
 
     @abstractmethod
     def from_natural(self, value: float) -> float:
-        """The inverse of `to_natural`: `value` in neper or radian to the public unit."""
+        """`value` from neper or radian to the public unit."""
 
     def natural_scale(self, limit: float) -> float:
-        """What a slack against `limit`, in the public unit, is multiplied with to be dimensionless."""
+        """The factor that makes a slack in natural units dimensionless; `limit` is in the public unit."""
         return 1.0
 
     @abstractmethod
     def natural(self, loop: LoopSymbols) -> Any:
-        """The value in the unit of `to_natural`, in a solver's symbols, at one frequency."""
+        """The value in natural units at one frequency, in a solver's symbols or in arrays."""
 
     @abstractmethod
     def measure(self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float) -> Measured:
@@ -128,22 +128,22 @@ class Quantity(ABC):
             to_rad_s: upper end; infinite is all high frequencies.
 
         Returns:
-            Values and where, shape (m,).
+            Values and their frequencies, shape (m,).
         """
 
     def check_limit(self, limit: float) -> str | None:
-        """What is wrong with `limit`, in the public unit, by itself, or None."""
+        """An error message for a limit that is never valid, or None; `limit` is in the public unit."""
         return None
 
 
 def smallest_by_row(crossings: Crossings, values: Array, rows: int) -> Measured:
-    """Of each loop the smallest of its crossings' values."""
+    """The smallest value over the crossings of each loop."""
     order = np.lexsort((values, crossings.row))
     return _first_by_row(crossings, values, rows, order)
 
 
 def highest_by_row(crossings: Crossings, values: Array, rows: int) -> Measured:
-    """Of each loop the value at its highest crossing."""
+    """The value at the highest crossing of each loop."""
     order = np.lexsort((-crossings.omega_rad_s, crossings.row))
     return _first_by_row(crossings, values, rows, order)
 

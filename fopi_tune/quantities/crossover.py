@@ -7,12 +7,12 @@ from typing import Any
 
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import gain_crossovers
-from fopi_tune.quantities.base import LoopSymbols, Measured, Quantity, Where, highest_by_row
+from fopi_tune.quantities.base import EvaluatedAt, LoopSymbols, Measured, Quantity, highest_by_row
 
 
 class Crossover(Quantity):
     name = "crossover_rad_s"
-    where = Where.HIGHEST_GAIN_CROSSOVER
+    where = EvaluatedAt.HIGHEST_GAIN_CROSSOVER
     meaning = "the highest gain crossover, |L| = 1"
 
     def to_natural(self, value: float) -> float:

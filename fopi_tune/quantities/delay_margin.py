@@ -7,12 +7,12 @@ from typing import Any
 
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import gain_crossovers
-from fopi_tune.quantities.base import LoopSymbols, Measured, Quantity, Where, smallest_by_row
+from fopi_tune.quantities.base import EvaluatedAt, LoopSymbols, Measured, Quantity, smallest_by_row
 
 
 class DelayMargin(Quantity):
     name = "delay_margin_s"
-    where = Where.GAIN_CROSSOVERS
+    where = EvaluatedAt.GAIN_CROSSOVERS
     meaning = "phase margin / omega, the smallest over all gain crossovers"
 
     def to_natural(self, value: float) -> float:

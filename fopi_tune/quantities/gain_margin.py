@@ -9,12 +9,12 @@ import numpy as np
 
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import phase_crossovers
-from fopi_tune.quantities.base import LoopSymbols, Measured, Quantity, Where, smallest_by_row
+from fopi_tune.quantities.base import EvaluatedAt, LoopSymbols, Measured, Quantity, smallest_by_row
 
 
 class GainMargin(Quantity):
     name = "gain_margin_db"
-    where = Where.PHASE_CROSSOVERS
+    where = EvaluatedAt.PHASE_CROSSOVERS
     meaning = "1/|L|, the smallest over the phase crossovers with |L| < 1"
 
     def to_natural(self, value: float) -> float:

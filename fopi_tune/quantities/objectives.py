@@ -1,4 +1,4 @@
-"""The words after `objective:`."""
+"""The objectives: the words after `objective:` in a spec, and the horizon of `iae_disturbance`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fopi_tune.core.plant import PlantFamily
 
 
 class ObjectiveKind(StrEnum):
-    """What the freedom left by the requirements is used for; the value is the word in the spec."""
+    """The quantity that is optimised subject to the requirements; the value is the word in the spec."""
 
     KI = "ki"
     PHASE_MARGIN_SPREAD = "phase_margin_spread_deg"
@@ -19,7 +19,7 @@ class ObjectiveKind(StrEnum):
     SENSITIVITY_PEAK = "sensitivity_peak_db"
     CONTROL_SENSITIVITY_PEAK = "control_sensitivity_peak_db"
     IAE_DISTURBANCE = "iae_disturbance"
-    #: no objective in the spec: the largest smallest slack
+    #: no objective in the spec: the smallest slack is maximised
     DEPTH = "depth"
 
 
@@ -37,9 +37,9 @@ def default_horizon_s(family: PlantFamily) -> float:
 
         int_0^inf e(t) e^{-t/T} dt = T P(s)/(1 + C(s) P(s))   at s = 1/T ,
 
-    its largest absolute value over the family; with alpha = 1 it tends to 1/ki as T grows.  T is ten times the nominal
-    plant's slowest time constant (1/|p| over its poles other than 0, else its zeros) plus its dead time.  A plant K s^n
-    without any has as its time the one where |P(j/T)| = 1, and a mere static gain 1 s.
+    and the objective is its largest absolute value over the family; with alpha = 1 it tends to 1/ki as T grows.  T is
+    ten times the nominal plant's slowest time constant (1/|p| over its poles other than 0, else its zeros) plus its
+    dead time.  A plant K s^n without any has as its time the one where |P(j/T)| = 1, and a mere static gain 1 s.
     """
     plants = Plants.of(family.member(family.nominal_point))
     corners = [np.abs(roots[np.isfinite(roots) & (roots != 0)]) for roots in (plants.poles, plants.zeros)]

@@ -9,12 +9,12 @@ import numpy as np
 
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import gain_crossovers
-from fopi_tune.quantities.base import LoopSymbols, Measured, Quantity, Where, highest_by_row
+from fopi_tune.quantities.base import EvaluatedAt, LoopSymbols, Measured, Quantity, highest_by_row
 
 
 class PhaseSlope(Quantity):
     name = "phase_slope_deg_per_decade"
-    where = Where.HIGHEST_GAIN_CROSSOVER
+    where = EvaluatedAt.HIGHEST_GAIN_CROSSOVER
     meaning = "d arg L / d log10 omega at the highest gain crossover; 0 is iso-damping"
 
     def to_natural(self, value: float) -> float:

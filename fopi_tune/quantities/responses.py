@@ -6,13 +6,13 @@ from typing import Any
 
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.peaks import Response, extremes
-from fopi_tune.quantities.base import NEPER_PER_DB, LoopSymbols, Measured, Quantity, Where
+from fopi_tune.quantities.base import NEPER_PER_DB, EvaluatedAt, LoopSymbols, Measured, Quantity
 
 
 class FrequencyFunction(Quantity):
     """A response's gain in dB over a band."""
 
-    where = Where.BAND
+    where = EvaluatedAt.BAND
     response: Response
 
     def to_natural(self, value: float) -> float:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.sections import Implementation, Sections
+from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.errors import DomainError
 from fopi_tune.results.design import Run, loop_name
 from fopi_tune.spec.model import DesignSpec, Requirement

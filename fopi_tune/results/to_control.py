@@ -10,9 +10,9 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.parallel_form import Sections
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.core.sampled import SampledPlants
-from fopi_tune.core.sections import Sections
+from fopi_tune.core.sampled_loops import SampledPlants
 from fopi_tune.errors import DomainError
 
 #: two poles a decade of the filter's own band

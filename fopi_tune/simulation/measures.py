@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.simulation.scenario import Actuator, Before, Horizon, Measures, Scenario, Sensor, Signals, Start
 from fopi_tune.spec.model import Knot, ScenarioSpec
 

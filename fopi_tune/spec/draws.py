@@ -21,8 +21,8 @@ from fopi_tune.core.distributions import (
     Uniform,
     UniformNoise,
 )
+from fopi_tune.core.parameter_table import ParameterTable, impossible, not_uncertain, parse_table, why_impossible
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
-from fopi_tune.core.samples import Table, impossible, not_uncertain, parse_table, why_impossible
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import SamplesFile, ValidationSpec
 from fopi_tune.spec.yaml import nodes
@@ -269,7 +269,7 @@ def _listed(name: str, values: Values, place: Place, family: PlantFamily | None,
     return ValidationSpec(samples=values.get("samples", rows), samples_file=listed, **plain)
 
 
-def _table(data: bytes, family: PlantFamily | None) -> Table:
+def _table(data: bytes, family: PlantFamily | None) -> ParameterTable:
     if len(data) > MAX_SAMPLES_BYTES:
         raise DomainError(f"is larger than {MAX_SAMPLES_BYTES // 2**20} MiB; keep fewer rows or digits")
     if max(data.count(b"\n"), data.count(b"\r")) > MAX_ROWS + 1:

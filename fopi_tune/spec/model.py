@@ -9,8 +9,8 @@ from enum import StrEnum
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.distributions import Distribution
+from fopi_tune.core.parameter_table import ParameterTable
 from fopi_tune.core.plant import PlantFamily, Uncertain
-from fopi_tune.core.samples import Table
 
 
 class Relation(StrEnum):
@@ -250,7 +250,7 @@ class SamplesFile:
 
     name: str
     sha256: str
-    table: Table = field(compare=False, repr=False)
+    table: ParameterTable = field(compare=False, repr=False)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The convex path:  its rows against the loops they linearise, its optima against those of the search by Ipopt."""
+"""The convex path:  its constraints against the loops they linearise, its optima against those of Ipopt."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from typer.testing import CliRunner
 import fopi_tune as ft
 from fopi_tune.cli import app
 from fopi_tune.convex import convex_design
-from fopi_tune.convex.evaluate import Places, look
+from fopi_tune.convex.cone_constraints import ConeConstraints, constraints_at
+from fopi_tune.convex.convex_concave import TOLERANCE, ConvexConcaveProcedure, LocalResult, Members
+from fopi_tune.convex.evaluate import ConstraintPoints, evaluate
 from fopi_tune.convex.limits import Task, task_of
-from fopi_tune.convex.local import TOLERANCE, Found, Local, Members
 from fopi_tune.convex.program import Program
-from fopi_tune.convex.rows import RowTable, rows_of
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design import design
 from fopi_tune.proof import verify
@@ -228,7 +228,7 @@ def test_the_command_takes_the_solver_and_refuses_an_unknown_one(tmp_path: Path)
     assert CliRunner().invoke(app, ["tune", spec, "--solver", "concave"]).exit_code == 2
 
 
-def test_a_worst_plant_inside_the_box_joins_the_plants_in_play() -> None:
+def test_a_worst_plant_inside_the_box_becomes_a_member() -> None:
     # the closest approach to -1 of a resonance between its ends: corners alone would let a middle plant through
     plant = transfer_function([1.0], [1.0, 0.3, (0.5, 2.0)], 0.4)
     spec = with_alpha(spec_of(plant, at_most("sensitivity_db", 4.0), objective=KI), 1.0)
@@ -236,7 +236,7 @@ def test_a_worst_plant_inside_the_box_joins_the_plants_in_play() -> None:
     assert value(spec, found) > 0.0
 
 
-def test_a_violation_found_by_the_check_puts_its_plant_in_play() -> None:
+def test_a_violation_found_by_the_check_adds_its_plant() -> None:
     spec = with_alpha(spec_of(brake(), at_least("phase_margin_deg", 80.0), objective=KI), 0.8)
     assert convex_design(spec, (Violation(0, (2.6,), math.nan),)).cuts == convex_design(spec).cuts + 1
 
@@ -244,10 +244,10 @@ def test_a_violation_found_by_the_check_puts_its_plant_in_play() -> None:
 # rows
 
 
-def steps(task: Task, gains: FoPi, points: np.ndarray) -> tuple[Members, RowTable]:
+def steps(task: Task, gains: FoPi, points: np.ndarray) -> tuple[Members, ConeConstraints]:
     members = Members(task, points)
-    found = look(task, gains, members.plants)
-    return members, rows_of(task, found, members.plants, found.places)
+    found = evaluate(task, gains, members.plants)
+    return members, constraints_at(task, found, members.plants, found.points)
 
 
 FAMILY = lag((1.0, 0.8, 1.2), (2.25, 1.6, 3.1), 0.3)
@@ -276,8 +276,8 @@ def test_a_row_is_the_limits_slack_and_its_slope_at_small_steps(name: str) -> No
 
     def slack(d: np.ndarray) -> float:
         kp, ki = np.array([GAINS.kp, GAINS.ki]) + unit * d
-        places = look(task, FoPi(kp, ki, GAINS.alpha), members.plants).places
-        return float(places.slack[places.limit == 0].min())
+        points = evaluate(task, FoPi(kp, ki, GAINS.alpha), members.plants).points
+        return float(points.slack[points.limit == 0].min())
 
     def model(d: np.ndarray) -> float:
         return float(rows.slack0[row] + rows.slope[row] @ d - abs(rows.cone0[row] + rows.cone[row] @ d))
@@ -292,7 +292,7 @@ def test_a_row_is_the_limits_slack_and_its_slope_at_small_steps(name: str) -> No
         assert (model(d) - model(-d)) / (2.0 * h) == pytest.approx(central * factor, rel=1e-5, abs=1e-8)
 
 
-def slope_scale(rows: RowTable, row: int, slack: float, offset: float) -> float:
+def slope_scale(rows: ConeConstraints, row: int, slack: float, offset: float) -> float:
     """A plane's slope is the slack's; a cone's is that of 1 - ratio times -ln(ratio)/(1 - ratio) at slack -ln ratio."""
     if not np.any(rows.cone[row]) and not abs(rows.cone0[row]):
         return 1.0
@@ -310,16 +310,16 @@ def test_a_cone_never_promises_more_than_the_loop_keeps() -> None:
     for d in rng.normal(scale=0.5, size=(200, 2)):
         model = rows.slack0[mine] + rows.slope[mine] @ d - np.abs(rows.cone0[mine] + rows.cone[mine] @ d)
         kp, ki = np.array([GAINS.kp, GAINS.ki]) + unit * d
-        places = look(task, FoPi(kp, ki, GAINS.alpha), members.plants).places
+        points = evaluate(task, FoPi(kp, ki, GAINS.alpha), members.plants).points
         met = (model >= 0.0).all()
         kept += met
-        assert not met or places.slack[places.limit == 0].min() >= -1e-9  # rounding
+        assert not met or points.slack[points.limit == 0].min() >= -1e-9  # rounding
     assert kept > 20
 
 
-def found_from(spec: DesignSpec, start: FoPi) -> Found:
+def found_from(spec: DesignSpec, start: FoPi) -> LocalResult:
     task = task_of(spec)
-    return Local(task, Members.of(task), Program(task.equalities)).run(start)
+    return ConvexConcaveProcedure(task, Members.of(task), Program(task.equalities)).run(start)
 
 
 @pytest.mark.parametrize("start", [FoPi(0.1, 0.05, 0.9), FoPi(3.0, 0.2, 0.9), FoPi(0.5, 2.5, 0.9)])
@@ -327,8 +327,8 @@ def test_every_start_leads_to_the_same_optimum(start: FoPi) -> None:
     spec = load_spec(SPECS / "brake_delay.yaml")
     best = found_from(spec, FoPi(1.5, 1.2, 0.9))
     found = found_from(spec, start)
-    assert found.look.violation <= TOLERANCE
-    assert found.look.cost == pytest.approx(best.look.cost, abs=1e-6)  # ln of the objective
+    assert found.evaluation.violation <= TOLERANCE
+    assert found.evaluation.cost == pytest.approx(best.evaluation.cost, abs=1e-6)  # ln of the objective
 
 
 def test_a_brute_force_scan_finds_nothing_better() -> None:
@@ -337,9 +337,9 @@ def test_a_brute_force_scan_finds_nothing_better() -> None:
     members = Members(task, np.linspace(1.6, 3.1, 5)[:, None])
     found = convex_design(spec)
     assert found.gains is not None
-    best = look(task, found.gains, members.plants).cost
+    best = evaluate(task, found.gains, members.plants).cost
     scan = [
-        look(task, FoPi(found.gains.kp * a, found.gains.ki * b, 1.2), members.plants)
+        evaluate(task, FoPi(found.gains.kp * a, found.gains.ki * b, 1.2), members.plants)
         for a in np.linspace(0.7, 1.3, 13)
         for b in np.linspace(0.95, 1.05, 11)
     ]
@@ -348,9 +348,9 @@ def test_a_brute_force_scan_finds_nothing_better() -> None:
     assert min(feasible) >= best - 1e-9  # rounding: the optimum itself is one of them
 
 
-def test_places_beyond_what_a_double_holds_are_drawn_in() -> None:
-    places = Places.of(0, np.zeros(3, dtype=np.intp), np.array([-math.inf, math.nan, math.inf]), np.zeros(3))
-    assert places.u.tolist() == [-100.0, 0.0, 100.0]
+def test_points_beyond_what_a_double_holds_are_clipped() -> None:
+    points = ConstraintPoints.of(0, np.zeros(3, dtype=np.intp), np.array([-math.inf, math.nan, math.inf]), np.zeros(3))
+    assert points.u.tolist() == [-100.0, 0.0, 100.0]
 
 
 def test_the_nominal_plant_comes_first_and_none_comes_twice() -> None:

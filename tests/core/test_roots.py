@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fopi_tune.core.logform import LogForm
+from fopi_tune.core.bode_form import BodeForm
 from fopi_tune.core.loops import Loops, Plants, polynomial_roots
 from fopi_tune.core.roots import Curvature, find_roots
 from fopi_tune.errors import DomainError
@@ -225,7 +225,7 @@ def test_the_unwrapped_phase_is_continuous_and_starts_at_its_asymptote(seed: int
 
 def test_exponents_beyond_double_precision_neither_overflow_nor_lose_the_asymptote() -> None:
     # (1 + 1e300 w): at w = 1e5 the ratio is 1e305.
-    form = LogForm(
+    form = BodeForm(
         np.zeros(1), np.zeros(1), np.zeros(1), np.ones((1, 1)), np.ones((1, 1)),
         np.array([[-300.0 * math.log(10.0)]]), np.full((1, 1), 0.5 * math.pi), np.zeros(1),
     )  # fmt: skip

@@ -97,7 +97,7 @@ def test_a_violation_found_by_the_check_enters_the_next_design() -> None:
     spec = load_spec(DELAY)
     violation = Violation(2, (1.6,), 4.2)
     search = Search.of(spec, (violation,))
-    assert any(point.side == 2 and point.omega_rad_s == 4.2 for point in search.first_cuts.points)
+    assert any(point.constraint == 2 and point.omega_rad_s == 4.2 for point in search.first_cuts.points)
     assert design(spec, (violation,)).status is Status.SOLVED
 
 

@@ -8,7 +8,7 @@ from scipy import signal
 
 import fopi_tune as ft
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.sections import Sections
+from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital import discretize
 from fopi_tune.digital.fit import fit
 from fopi_tune.digital.integrator import modified_oustaloup, oustaloup

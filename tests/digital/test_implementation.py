@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 
 import fopi_tune as ft
 from fopi_tune.cli import app
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.peaks import Response, extremes
-from fopi_tune.core.sampled import SampledLoops
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.pipeline.discretize import discretize
 from fopi_tune.proof import Verdict

@@ -24,8 +24,8 @@ from fopi_tune.core.distributions import (
     Uniform,
     UniformNoise,
 )
+from fopi_tune.core.parameter_table import ParameterTable, impossible, outside_box, parse_table, why_impossible
 from fopi_tune.core.plant import PlantFamily, Uncertain
-from fopi_tune.core.samples import Table, impossible, outside_box, parse_table, why_impossible
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.draws import Draw, Listed, points, stays_inside
 from fopi_tune.montecarlo.sampling import Design, cube, open_unit, philox, shuffled
@@ -295,7 +295,7 @@ def test_a_tables_columns_go_by_name_and_its_rows_stay_together() -> None:
 
 
 def test_a_latin_hypercube_takes_every_row_once() -> None:
-    table = Table((TAU,), np.linspace(1.6, 3.1, 777)[:, None])
+    table = ParameterTable((TAU,), np.linspace(1.6, 3.1, 777)[:, None])
     drawn = points(Draw(1, Design.LATIN_HYPERCUBE, 777, table), brake(), 0, 777)
     np.testing.assert_array_equal(np.sort(drawn, axis=0), table.rows)
     assert stays_inside(Draw(1, source=table), brake())
@@ -307,7 +307,7 @@ def test_a_table_reads_what_spreadsheets_write() -> None:
 
 def test_a_table_cannot_be_changed_from_outside() -> None:
     mine = np.array([[2.0]])
-    table = Table((TAU,), mine)
+    table = ParameterTable((TAU,), mine)
     mine[0, 0] = 5.0
     assert table.rows[0, 0] == 2.0
     with pytest.raises(ValueError, match="read-only"):
@@ -358,7 +358,7 @@ def test_a_table_of_another_family_is_refused(text: str, complaint: str) -> None
 )
 def test_a_bad_array_is_no_table(rows: list[Any], complaint: str) -> None:
     with pytest.raises(DomainError, match=complaint):
-        Table((TAU,), np.array(rows))
+        ParameterTable((TAU,), np.array(rows))
 
 
 # --- hostile inputs -------------------------------------------------------------------------------------------------

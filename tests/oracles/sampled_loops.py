@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.optimize import minimize_scalar
 
+from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import Plant
-from fopi_tune.core.sections import Implementation, Sections
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

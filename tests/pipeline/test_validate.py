@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import fopi_tune as ft
 from fopi_tune.cli import app
 from fopi_tune.core.loops import Plants
-from fopi_tune.core.sampled import SampledLoops
+from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import unstable_closed_loop_poles
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.errors import DomainError, SpecError

@@ -148,8 +148,8 @@ def test_what_costs_nothing_or_is_not_solved_has_no_price() -> None:
     spec = spec_of("sensitivity_db: {at_most: 4}", "delay_margin_s: {at_least: 0.01}", objective="maximize: ki")
     assert checked(spec)[1][1] is None
     assert price_of(spec, ft.FoPi(1.0, 1.0, 1.0), 1, None) is None
-    hopeless = replace(ft.tune(spec, proof=False), status=ft.Status.INFEASIBLE)
-    assert ft.price(hopeless) == hopeless
+    infeasible = replace(ft.tune(spec, proof=False), status=ft.Status.INFEASIBLE)
+    assert ft.price(infeasible) == infeasible
 
 
 def test_a_design_for_samples_has_no_prices() -> None:

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import fopi_tune as ft
 from fopi_tune.cli import app
-from fopi_tune.prices import PointStatus, Tradeoff, knob_of, knobs_of
+from fopi_tune.prices import PointStatus, Tradeoff, movable_limit, movable_limits
 from fopi_tune.prices.prober import Probe, Prober
 from fopi_tune.prices.sweep import monotone
 from fopi_tune.proof import verify, with_limits_of
@@ -123,11 +123,11 @@ def test_every_point_passes_the_check_with_its_own_limit() -> None:
 
 def test_a_point_that_is_worse_than_a_tighter_one_is_solved_again() -> None:
     result = brake()
-    knob = result.knob
+    movable = result.knob
     assert result.own.gains is not None
-    prober = Prober.of(knob, result.own.gains)
+    prober = Prober.of(movable, result.own.gains)
     tight = Probe(-22.0, PointStatus.MET, _found(prober, -22.0))
-    poor = Probe(-20.0, PointStatus.MET, with_limits_of(knob.at(-20.0), _found(prober, -25.0)))
+    poor = Probe(-20.0, PointStatus.MET, with_limits_of(movable.at(-20.0), _found(prober, -25.0)))
     assert poor.found is not None
     assert poor.found.all_met
     better = monotone(prober, [poor, replace(tight)], tight)
@@ -151,9 +151,9 @@ def test_the_check_of_the_same_gains_against_other_limits_needs_no_measuring() -
         gains = ft.tune(spec, proof=False).gains
         assert gains is not None
         for asked in (spec, replace(spec, objective=None)):
-            knob = knob_of(asked, number)
-            found = with_limits_of(knob.at(limit), verify(asked, gains))
-            assert found == verify(knob.at(limit), gains)
+            movable = movable_limit(asked, number)
+            found = with_limits_of(movable.at(limit), verify(asked, gains))
+            assert found == verify(movable.at(limit), gains)
             assert not found.all_met
 
 
@@ -204,19 +204,19 @@ def test_a_requirement_is_named_by_number_quantity_or_end() -> None:
         "sensitivity_db: {at_most: 4}",
         "sensitivity_db: {at_most: 2}, to_rad_s: 1",
     )
-    assert [knob.name for knob in knobs_of(spec)] == ["1.lower", "1.upper", "2", "3"]
-    upper = knob_of(spec, "phase_margin_deg.upper")
+    assert [movable.name for movable in movable_limits(spec)] == ["1.lower", "1.upper", "2", "3"]
+    upper = movable_limit(spec, "phase_margin_deg.upper")
     assert (upper.limit, upper.tightens, upper.number) == (60.0, -1, 1)
     assert [r.relation.value for r in upper.at(58.0).requirements] == ["at_most", "at_most", "at_most", "at_least"]
-    assert knob_of(spec, "2").requirement == spec.requirements[1]
+    assert movable_limit(spec, "2").requirement == spec.requirements[1]
     for words in ("sensitivity_db", "1", "phase_margin_deg"):
         with pytest.raises(ft.DomainError, match="choose by number"):
-            knob_of(spec, words)
+            movable_limit(spec, words)
     for words in ("9", "gain_margin_db", "", "2.upper"):
         with pytest.raises(ft.DomainError, match="there is no requirement"):
-            knob_of(spec, words)
+            movable_limit(spec, words)
     with pytest.raises(ft.DomainError, match="up to 1 rad/s"):
-        knob_of(spec, "sensitivity_db")
+        movable_limit(spec, "sensitivity_db")
 
 
 @pytest.mark.parametrize(
@@ -239,9 +239,9 @@ def test_there_is_nothing_to_sweep_without_free_gains_or_a_design_or_on_samples(
         ft.tradeoff(fixed, 1)
     spec = ft.load_spec(SPECS / "brake.yaml")
     # crossover and margin need alpha >= 0.622
-    hopeless = replace(spec, controller=replace(spec.controller, alpha=GainRange(0.45, 0.45)))
+    infeasible = replace(spec, controller=replace(spec.controller, alpha=GainRange(0.45, 0.45)))
     with pytest.raises(ft.DomainError, match="infeasible"):
-        ft.tradeoff(hopeless, 1)
+        ft.tradeoff(infeasible, 1)
     spec = ft.load_spec(SPECS / "throttle.yaml")
     assert spec.digital is not None
     with pytest.raises(ft.DomainError, match="design: continuous"):

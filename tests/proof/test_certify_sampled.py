@@ -20,8 +20,8 @@ from oracles import sampled_loops as oracle
 from scipy.optimize import minimize
 
 import fopi_tune as ft
+from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.core.sections import Implementation, Sections
 from fopi_tune.digital.integrator import modified_oustaloup, oustaloup
 from fopi_tune.digital.sections import matched, tustin
 from fopi_tune.proof import certify, recheck, verify

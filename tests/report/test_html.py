@@ -30,7 +30,7 @@ import fopi_tune as ft
 from fopi_tune.cli import app
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.statistics import histogram
 from fopi_tune.report.figures.canvas import Picture

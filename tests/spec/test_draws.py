@@ -33,7 +33,7 @@ from fopi_tune.core.distributions import (
     Uniform,
     UniformNoise,
 )
-from fopi_tune.core.samples import impossible, outside_box
+from fopi_tune.core.parameter_table import impossible, outside_box
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.montecarlo import montecarlo

@@ -25,7 +25,7 @@ from fopi_tune.cli import app
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.design import design, neighbour
-from fopi_tune.design.nlp.solve import not_swallowed
+from fopi_tune.design.nlp.solve import raising_interrupts
 from fopi_tune.errors import FopiError
 from fopi_tune.montecarlo.montecarlo import SCANNED
 from fopi_tune.pipeline.discretize import discretize
@@ -665,7 +665,7 @@ def test_progress_for_programs_has_no_other_lines() -> None:
 
 def test_ctrl_c_is_heard_though_a_solver_takes_it_for_a_failed_solve() -> None:
     def solve() -> None:
-        with not_swallowed(), contextlib.suppress(KeyboardInterrupt):
+        with raising_interrupts(), contextlib.suppress(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(1.0)
 
@@ -674,7 +674,7 @@ def test_ctrl_c_is_heard_though_a_solver_takes_it_for_a_failed_solve() -> None:
         with pytest.raises(KeyboardInterrupt):
             solve()
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        with not_swallowed():
+        with raising_interrupts():
             pass
     finally:
         signal.signal(signal.SIGINT, before)

@@ -1,19 +1,18 @@
 """DesignSpec -> one CasADi NLP with slots, built once and solved many times.
 
-Variables  z = (kp', ki', alpha, worst, depth, give_1 .. give_2n, v_1 .. v_m).  A slot is one plant and one frequency
-at which something is asked; its plant, frequency and sheet of the phase are parameters, so that exchange only changes
-numbers:
+Variables  z = (kp', ki', alpha, worst, depth, relaxation_1 .. relaxation_2n, v_1 .. v_m).  A slot is one plant and one
+frequency at which a constraint or the objective is evaluated.  Its plant, frequency and branch of the phase are
+parameters, so that exchange changes numbers only:
 
-    point      a side of a frequency function at a fixed (plant, frequency)
-    peak       the same at the plant's own peak: an unknown v with  d value / d v = 0
-    crossing   a plant with its own unknown v:  ln|L(v)| = 0,  and every quantity read at gain crossovers
+    point      a constraint on a frequency function at a fixed (plant, frequency)
+    peak       the same at the plant's own peak: a variable v with  d value / d v = 0
+    crossing   a plant with its own variable v:  ln|L(v)| = 0,  and every quantity evaluated at gain crossovers
     level      ln|L(v)| = -limit and arg L(v) >= -180 deg: a gain margin at a plant, also where the margin is infinite
-    phase      arg L(v) = -180 deg: a gain margin's upper limit or equality
-    member     an objective's worst member without a frequency of its own
+    phase      arg L(v) = -180 deg: an upper limit or equality of a gain margin
+    member     a member of the objective's maximum without a frequency of its own
 
-An unused slot has infinite bounds and a fixed v.  Every inequality reads  slack - depth + give >= 0  in natural units:
-`depth` is the smallest slack when that is the objective, `give` what a requirement has to give when the problem is
-elastic.
+An unused slot has infinite bounds and a fixed v.  Every inequality reads  slack - depth + relaxation >= 0  in natural
+units: `depth` is the smallest slack when that is the objective, `relaxation` the elastic variable of an elastic solve.
 """
 
 from __future__ import annotations
@@ -27,20 +26,20 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.design.constraints import Bound, Constraint, Scale
 from fopi_tune.design.nlp.symbols import SymbolicLoop, loop_function
 from fopi_tune.design.reasons import low_frequency_control_gain
-from fopi_tune.design.sides import Bound, Scale, Side
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
-KP, KI, ALPHA, WORST, DEPTH, FIRST_GIVE = range(6)
+KP, KI, ALPHA, WORST, DEPTH, FIRST_RELAXATION = range(6)
 
 
 class SlotKind(Enum):
-    """What a slot asks; see the module's docstring."""
+    """The kinds of slots; see the module's docstring."""
 
     POINT = "point"
     PEAK = "peak"
@@ -55,20 +54,20 @@ class Block:
     """A group of equal slots.
 
     Args:
-        kind: what they ask.
-        sides: indices of the sides they are about; empty for an objective's.
+        kind: of all of them.
+        constraints: indices of their constraints; empty for the objective.
         capacity: how many there are.
-        rows: names of a slot's rows, for bounds: "equation", "side <k>", "objective".
+        rows: names of a slot's rows, by which bounds are set: "equation", "constraint <k>", "objective".
     """
 
     kind: SlotKind
-    sides: tuple[int, ...]
+    constraints: tuple[int, ...]
     capacity: int
     rows: tuple[str, ...]
 
     @property
     def has_frequency(self) -> bool:
-        """Whether each slot has an unknown v of its own."""
+        """Whether each slot has a variable v of its own."""
         return self.kind in (SlotKind.PEAK, SlotKind.CROSSING, SlotKind.LEVEL, SlotKind.PHASE)
 
 
@@ -78,7 +77,7 @@ class Problem:
 
     family: PlantFamily
     scale: Scale
-    sides: tuple[Side, ...]
+    constraints: tuple[Constraint, ...]
     objective: ObjectiveKind
     horizon_s: float
     control_floor: float
@@ -95,31 +94,33 @@ class Problem:
     first_row: dict[int, int] = field(repr=False)
 
 
-#: peaks in play at a time, of each side and of the objective
+#: moving peaks at a time, of each constraint and of the objective
 PEAKS = 3
-#: parameters before the slots': limits of all sides, then these weights
-WEIGHTS = ("worst", "ki", "depth", "give", "ki_scale")
+#: parameters before the slots': limits of all constraints, then these weights
+WEIGHTS = ("worst", "ki", "depth", "relaxation", "ki_scale")
 
 
-def wanted_blocks(sides: tuple[Side, ...], objective: ObjectiveKind, capacity: int) -> list[Block]:
-    """The groups of slots that a spec's sides and its objective need."""
+def wanted_blocks(constraints: tuple[Constraint, ...], objective: ObjectiveKind, capacity: int) -> list[Block]:
+    """The groups of slots that the constraints and the objective need."""
     crossing = tuple(
-        k for k, side in enumerate(sides) if side.where in (Where.GAIN_CROSSOVERS, Where.HIGHEST_GAIN_CROSSOVER)
+        k
+        for k, constraint in enumerate(constraints)
+        if constraint.where in (EvaluatedAt.GAIN_CROSSOVERS, EvaluatedAt.HIGHEST_GAIN_CROSSOVER)
     )
     blocks = []
     spread = objective is ObjectiveKind.PHASE_MARGIN_SPREAD
     if crossing or spread or objective is ObjectiveKind.CROSSOVER_SPREAD:
-        rows = ("equation", *(f"side {k}" for k in crossing), *(("spread up", "spread down") if spread else ()))
+        rows = ("equation", *(f"constraint {k}" for k in crossing), *(("spread up", "spread down") if spread else ()))
         blocks.append(Block(SlotKind.CROSSING, crossing, capacity + 2, rows))
-    for k, side in enumerate(sides):
-        if side.where is Where.BAND:
-            blocks.append(Block(SlotKind.POINT, (k,), capacity, (f"side {k}",)))
-            if side.from_rad_s < side.to_rad_s:
-                blocks.append(Block(SlotKind.PEAK, (k,), PEAKS, ("equation", f"side {k}")))
-        elif side.where is Where.PHASE_CROSSOVERS and side.bound is Bound.LOWER:
-            blocks.append(Block(SlotKind.LEVEL, (k,), capacity, ("equation", f"side {k}")))
-        if side.where is Where.PHASE_CROSSOVERS:
-            blocks.append(Block(SlotKind.PHASE, (k,), capacity, ("equation", f"side {k}")))
+    for k, constraint in enumerate(constraints):
+        if constraint.where is EvaluatedAt.BAND:
+            blocks.append(Block(SlotKind.POINT, (k,), capacity, (f"constraint {k}",)))
+            if constraint.from_rad_s < constraint.to_rad_s:
+                blocks.append(Block(SlotKind.PEAK, (k,), PEAKS, ("equation", f"constraint {k}")))
+        elif constraint.where is EvaluatedAt.PHASE_CROSSOVERS and constraint.bound is Bound.LOWER:
+            blocks.append(Block(SlotKind.LEVEL, (k,), capacity, ("equation", f"constraint {k}")))
+        if constraint.where is EvaluatedAt.PHASE_CROSSOVERS:
+            blocks.append(Block(SlotKind.PHASE, (k,), capacity, ("equation", f"constraint {k}")))
     if objective in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK):
         blocks.append(Block(SlotKind.POINT, (), 2 * capacity, ("objective",)))
         blocks.append(Block(SlotKind.PEAK, (), PEAKS, ("equation", "objective")))
@@ -133,20 +134,20 @@ def wanted_blocks(sides: tuple[Side, ...], objective: ObjectiveKind, capacity: i
 class _Symbols:
     """The growing lists of symbols while a problem is built."""
 
-    def __init__(self, sides: tuple[Side, ...]) -> None:
-        self.head = ca.SX.sym("z", FIRST_GIVE + 2 * len(sides))
+    def __init__(self, constraints: tuple[Constraint, ...]) -> None:
+        self.head = ca.SX.sym("z", FIRST_RELAXATION + 2 * len(constraints))
         self.variables: list[Any] = [self.head]
-        self.limits = ca.SX.sym("limit", len(sides))
+        self.limits = ca.SX.sym("limit", len(constraints))
         self.weights = ca.SX.sym("weight", len(WEIGHTS))
         self.parameters: list[Any] = [self.limits, self.weights]
         self.rows: list[Any] = []
 
-    def give(self, k: int) -> tuple[Any, Any]:
-        """What side k gives, upwards and downwards."""
-        return self.head[FIRST_GIVE + 2 * k], self.head[FIRST_GIVE + 2 * k + 1]
+    def relaxation(self, k: int) -> tuple[Any, Any]:
+        """The elastic variables of constraint k, upwards and downwards."""
+        return self.head[FIRST_RELAXATION + 2 * k], self.head[FIRST_RELAXATION + 2 * k + 1]
 
 
-#: (what a compiled problem depends on) -> the problem, the last used last; some ten megabytes each
+#: cache of compiled problems by what they depend on, least recently used first; about ten megabytes each
 _kept: OrderedDict[tuple[object, ...], Problem] = OrderedDict()
 _MOST_KEPT = 4
 
@@ -154,35 +155,34 @@ _MOST_KEPT = 4
 def compiled_problem(
     family: PlantFamily,
     scale: Scale,
-    sides: tuple[Side, ...],
+    constraints: tuple[Constraint, ...],
     objective: ObjectiveKind,
     horizon_s: float,
     capacity: int,
 ) -> Problem:
-    """The same as `compile_problem`, for specs that are designed again and again in one process.
+    """`compile_problem` with a cache, for specs that are designed repeatedly in one process.
 
-    What was compiled lately is used again where it is the same problem: limits, ranges of numbers and the grid of
-    frequencies are no part of it.  A solve leaves nothing behind in it, so that an answer does not depend on what was
-    solved before.
+    Limits, ranges of parameters and the frequency grid are not part of the compiled problem.  A solve leaves no state
+    in it, so that results do not depend on earlier solves.
     """
     numbers = tuple((name, value.min if value.is_exact else None) for name, value in family.parameters.items())
     # a delay margin's scale is its limit's, and compiled in
-    kinds = tuple((s.quantity, s.bound, s.scale, s.from_rad_s < s.to_rad_s, s.in_depth) for s in sides)
+    kinds = tuple((s.quantity, s.bound, s.scale, s.from_rad_s < s.to_rad_s, s.in_depth) for s in constraints)
     key = (family.model, numbers, scale.omega_rad_s, scale.gain, kinds, objective, horizon_s, capacity)
     problem = _kept.pop(key, None)
     if problem is None:
-        problem = compile_problem(family, scale, sides, objective, horizon_s, capacity)
+        problem = compile_problem(family, scale, constraints, objective, horizon_s, capacity)
     _kept[key] = problem
     while len(_kept) > _MOST_KEPT:
         _kept.popitem(last=False)
     floor, unstable = _of_corners(family)
     return replace(
-        problem, family=family, scale=scale, sides=sides, control_floor=floor, needs_crossover=unstable
+        problem, family=family, scale=scale, constraints=constraints, control_floor=floor, needs_crossover=unstable
     )  # fmt: skip
 
 
 def _of_corners(family: PlantFamily) -> tuple[float, bool]:
-    """The least control gain at low frequencies, and whether some corner of the box is unstable without control."""
+    """The low-frequency control gain, and whether the plant at some corner of the box is unstable in open loop."""
     corners = Plants.members(family, family.corners())
     return low_frequency_control_gain(corners), bool(corners.unstable_poles.any())
 
@@ -190,7 +190,7 @@ def _of_corners(family: PlantFamily) -> tuple[float, bool]:
 def compile_problem(
     family: PlantFamily,
     scale: Scale,
-    sides: tuple[Side, ...],
+    constraints: tuple[Constraint, ...],
     objective: ObjectiveKind,
     horizon_s: float,
     capacity: int,
@@ -198,19 +198,19 @@ def compile_problem(
     """Build the NLP.
 
     Args:
-        capacity: slots a block.
+        capacity: number of slots a block.
 
     Returns:
         The problem; its solver is IPOPT with MUMPS.
     """
-    symbols = _Symbols(sides)
+    symbols = _Symbols(constraints)
     loop = loop_function(family, scale)
-    blocks = tuple(wanted_blocks(sides, objective, capacity))
+    blocks = tuple(wanted_blocks(constraints, objective, capacity))
     first_frequency: dict[int, int] = {}
     first_parameter: dict[int, int] = {}
     first_row: dict[int, int] = {}
     p = len(family.uncertain_names)
-    n_var, n_par, n_row = FIRST_GIVE + 2 * len(sides), len(sides) + len(WEIGHTS), 0
+    n_var, n_par, n_row = FIRST_RELAXATION + 2 * len(constraints), len(constraints) + len(WEIGHTS), 0
     # ki's own bounds are not bounds of ki' unless alpha is fixed: a row of their own, in units of ki_scale.
     kp, ki, alpha = symbols.head[KP], symbols.head[KI], symbols.head[ALPHA]
     ki_user = ki * scale.omega_rad_s**alpha / scale.gain
@@ -234,19 +234,19 @@ def compile_problem(
                 nominal = {"v": v, "phase": at.phase_rad}
             if block.kind is SlotKind.MEMBER and objective is ObjectiveKind.CROSSOVER_SPREAD:
                 at = SymbolicLoop(*loop(ca.vertcat(kp, ki, alpha), theta, nominal["v"], near))
-            rows = _slot_rows(block, at, v, symbols, sides, objective, nominal)
+            rows = _slot_rows(block, at, v, symbols, constraints, objective, nominal)
             if objective is ObjectiveKind.IAE_DISTURBANCE and block.kind is SlotKind.MEMBER:
                 error = log_discounted_error(family, theta, kp / scale.gain, ki_user, alpha, horizon_s)
                 rows = [symbols.head[WORST] - error]
             symbols.rows += rows
             n_row += len(rows)
     w = {name: symbols.weights[i] for i, name in enumerate(WEIGHTS)}
-    gives = ca.sum(symbols.head[FIRST_GIVE:])
+    relaxations = ca.sum(symbols.head[FIRST_RELAXATION:])
     cost = (
         w["worst"] * symbols.head[WORST]
         - w["ki"] * ki_user / w["ki_scale"]
         - w["depth"] * symbols.head[DEPTH]
-        + w["give"] * gives
+        + w["relaxation"] * relaxations
     )
     cost_and_rows = cost + ca.dot(lam := ca.SX.sym("lam", n_row), ca.vertcat(*symbols.rows))
     prices = ca.Function(
@@ -262,7 +262,7 @@ def compile_problem(
     }
     floor, unstable = _of_corners(family)
     return Problem(
-        family, scale, sides, objective, horizon_s, floor, unstable, blocks,
+        family, scale, constraints, objective, horizon_s, floor, unstable, blocks,
         ca.nlpsol("design", "ipopt", nlp, IPOPT_OPTIONS), prices,
         n_var, n_par, n_row, first_frequency, first_parameter, first_row,
     )  # fmt: skip
@@ -290,7 +290,7 @@ def _slot_rows(
     at: SymbolicLoop,
     v: Any,
     symbols: _Symbols,
-    sides: tuple[Side, ...],
+    constraints: tuple[Constraint, ...],
     objective: ObjectiveKind,
     nominal: dict[str, Any],
 ) -> list[Any]:
@@ -300,10 +300,14 @@ def _slot_rows(
     rows: list[Any] = []
     for name in block.rows:
         if name == "equation" and block.kind is SlotKind.PEAK:
-            value = sides[block.sides[0]].quantity.natural(at) if block.sides else _peak_value(objective, at)
+            value = (
+                constraints[block.constraints[0]].quantity.natural(at)
+                if block.constraints
+                else _peak_value(objective, at)
+            )
             rows.append(ca.gradient(value, v))
         elif name == "equation":
-            rows.append(_equation(block, at, symbols, sides))
+            rows.append(_equation(block, at, symbols, constraints))
         elif name == "objective":
             rows.append(worst - _peak_value(objective, at))
         elif name in spread and block.kind is SlotKind.CROSSING:
@@ -311,7 +315,7 @@ def _slot_rows(
         elif name in spread:
             rows.append(worst + spread[name] * at.log_gain)
         else:
-            rows.append(_side_row(int(name.split()[1]), block, at, symbols, sides))
+            rows.append(_side_row(int(name.split()[1]), block, at, symbols, constraints))
     return rows
 
 
@@ -321,30 +325,30 @@ def _peak_value(objective: ObjectiveKind, at: SymbolicLoop) -> Any:
     return -at.log_return_difference
 
 
-def _equation(block: Block, at: SymbolicLoop, symbols: _Symbols, sides: tuple[Side, ...]) -> Any:
+def _equation(block: Block, at: SymbolicLoop, symbols: _Symbols, constraints: tuple[Constraint, ...]) -> Any:
     if block.kind is SlotKind.CROSSING:
         return at.log_gain
     if block.kind is SlotKind.PHASE:
         return at.phase_rad + ca.pi
-    k = block.sides[0]
-    up, _ = symbols.give(k)
-    # |L| = 1/(the gain margin asked for, deeper by the slack)
-    return at.log_gain + symbols.limits[k] + _depth(symbols, sides[k]) - up
+    k = block.constraints[0]
+    up, _ = symbols.relaxation(k)
+    # |L| = 1/(the required gain margin, increased by the depth)
+    return at.log_gain + symbols.limits[k] + _depth(symbols, constraints[k]) - up
 
 
-def _side_row(k: int, block: Block, at: SymbolicLoop, symbols: _Symbols, sides: tuple[Side, ...]) -> Any:
-    side = sides[k]
-    up, down = symbols.give(k)
+def _side_row(k: int, block: Block, at: SymbolicLoop, symbols: _Symbols, constraints: tuple[Constraint, ...]) -> Any:
+    constraint = constraints[k]
+    up, down = symbols.relaxation(k)
     if block.kind is SlotKind.LEVEL:
         return at.phase_rad + ca.pi
-    distance = (symbols.limits[k] - side.quantity.natural(at)) * side.scale
-    if side.bound is Bound.EQUAL:
+    distance = (symbols.limits[k] - constraint.quantity.natural(at)) * constraint.scale
+    if constraint.bound is Bound.EQUAL:
         return distance + up - down
-    return side.bound.value * distance - _depth(symbols, side) + up
+    return constraint.bound.value * distance - _depth(symbols, constraint) + up
 
 
-def _depth(symbols: _Symbols, side: Side) -> Any:
-    return symbols.head[DEPTH] if side.in_depth else 0.0
+def _depth(symbols: _Symbols, constraint: Constraint) -> Any:
+    return symbols.head[DEPTH] if constraint.in_depth else 0.0
 
 
 def log_discounted_error(family: PlantFamily, theta: Any, kp: Any, ki: Any, alpha: Any, horizon_s: float) -> Any:

@@ -6,28 +6,28 @@ import math
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array
-from fopi_tune.design.nlp.compile import ALPHA, DEPTH, FIRST_GIVE, KI, KP, WORST, Block, Problem, pack_parameters
+from fopi_tune.design.constraints import Bound
+from fopi_tune.design.nlp.compile import ALPHA, DEPTH, FIRST_RELAXATION, KI, KP, WORST, Block, Problem, pack_parameters
 from fopi_tune.design.nlp.slots import Mode, Slot, SlotsInPlay, Task
-from fopi_tune.design.sides import Bound
 from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.spec.model import ControllerSpec
 
 #: a gain the spec leaves open is searched this far, in the plant's own scale
 OPEN_GAIN = 1e4
-#: a smallest slack of so many neper or radian is no limit at all
+#: neper or radian; a smallest slack of this size counts as unbounded
 _DEPTH_CAP = 15.0
 #: no objective's natural value lies outside: e^100 is beyond any gain
 _WORST_CAP = 100.0
 
 
 class TooManySlotsError(Exception):
-    """A block of the compiled problem is too small for the task; it is compiled again, larger."""
+    """A block of the compiled problem has too few slots for the task; compile it again with more."""
 
 
 class Layout:
-    """The vectors of one solve."""
+    """Start, bounds and parameters of one solve."""
 
     def __init__(self, problem: Problem, box: ControllerSpec, start: FoPi, task: Task) -> None:
         self.problem, self.box, self.start, self.task = problem, box, start, task
@@ -73,12 +73,12 @@ class Layout:
         self.x0[:3] = np.clip(self.x0[:3], self.lbx[:3], self.ubx[:3])
         self.box_low, self.box_high = self.lbx[:3].copy(), self.ubx[:3].copy()
         size = np.abs(self.x0[:2])
-        reach = np.append(size + 0.25 * max(float(size.max()), 0.1), 0.25) * self.task.trust
+        reach = np.append(size + 0.25 * max(float(size.max()), 0.1), 0.25) * self.task.trust_radius
         self.lbx[:3] = np.maximum(self.lbx[:3], self.x0[:3] - reach)
         self.ubx[:3] = np.minimum(self.ubx[:3], self.x0[:3] + reach)
 
-    def on_trust_bound(self, x: Array) -> bool:
-        """Whether a gain stopped where this solve, not the box, ended."""
+    def on_trust_boundary(self, x: Array) -> bool:
+        """Whether a gain lies on the boundary of the trust region (not of its own range)."""
         room = 1e-4 * (self.ubx[:3] - self.lbx[:3])
         low = (x[:3] < self.lbx[:3] + room) & (self.lbx[:3] > self.box_low)
         high = (x[:3] > self.ubx[:3] - room) & (self.ubx[:3] < self.box_high)
@@ -94,21 +94,21 @@ class Layout:
         self.ubx[WORST] = _WORST_CAP if named else 0.0
         integral = not (self.box.ki.is_fixed and self.box.ki.min == 0.0)
         if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK and named and integral:
-            # |C S| tends to 1/|P(0)| under integral action, at frequencies that no cut reaches.
+            # With integral action |C S| tends to 1/|P(0)| as omega -> 0, below all cuts.
             self.lbx[WORST] = max(self.lbx[WORST], problem.control_floor)
         self.x0[WORST] = worst if named else 0.0
         deep = objective is ObjectiveKind.DEPTH and not elastic
         self.lbx[DEPTH], self.ubx[DEPTH] = (-1.0, _DEPTH_CAP) if deep else (0.0, 0.0)
-        for k, side in enumerate(problem.sides):
-            if elastic and side.requirement in task.giving:
-                self.ubx[FIRST_GIVE + 2 * k] = np.inf
-                self.ubx[FIRST_GIVE + 2 * k + 1] = np.inf if side.bound is Bound.EQUAL else 0.0
-                self.x0[FIRST_GIVE + 2 * k] = 0.1
+        for k, constraint in enumerate(problem.constraints):
+            if elastic and constraint.requirement in task.relaxed:
+                self.ubx[FIRST_RELAXATION + 2 * k] = np.inf
+                self.ubx[FIRST_RELAXATION + 2 * k + 1] = np.inf if constraint.bound is Bound.EQUAL else 0.0
+                self.x0[FIRST_RELAXATION + 2 * k] = 0.1
         weights = {
             "worst": 1.0 if named else 0.0,
             "ki": 1.0 if objective is ObjectiveKind.KI and not elastic else 0.0,
             "depth": 1.0 if deep else 0.0,
-            "give": 1.0 if elastic else 0.0,
+            "relaxation": 1.0 if elastic else 0.0,
             "ki_scale": self.ki_scale,
         }
         head = pack_parameters(np.array(task.limits), weights)
@@ -135,7 +135,7 @@ class Layout:
                 self.lbg[first + j], self.ubg[first + j] = slot.rows[name]
 
     def open_gains_at_bound(self, x: Array) -> tuple[str, ...]:
-        """What the solver pushed to the end of what is searched: gains left open by the spec, or the slack itself."""
+        """Names of what reached the end of the search range: gains that the spec leaves open, or the smallest slack."""
         scale, names = self.problem.scale, []
         reach = 0.5 * OPEN_GAIN
         if (x[KP] > reach and self.box.kp.max * scale.gain > OPEN_GAIN) or (

@@ -8,13 +8,13 @@ from enum import Enum
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import gain_crossovers, phase_crossovers
+from fopi_tune.design.constraints import STABILITY_GUARD, Bound
 from fopi_tune.design.nlp.compile import Block, Problem, SlotKind
-from fopi_tune.design.sides import GUARD, Bound
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
 _V_CAP = 40.0
@@ -48,9 +48,9 @@ class Mode(Enum):
 
 @dataclass(frozen=True)
 class Point:
-    """A point of play: a plant, and for frequency functions a frequency.  `side` None belongs to the objective."""
+    """A cut: a plant, and for frequency functions a frequency.  `constraint` None belongs to the objective."""
 
-    side: int | None
+    constraint: int | None
     theta: tuple[float, ...]
     omega_rad_s: float
 
@@ -59,7 +59,7 @@ class Point:
 class MarginPlant:
     """A plant whose gain margin is in play: at the level that is asked for, or at a phase crossover itself."""
 
-    side: int
+    constraint: int
     theta: tuple[float, ...]
     crossing: bool
 
@@ -69,15 +69,15 @@ class Task:
     """What to solve.
 
     Args:
-        points: fixed (side, plant, frequency) cuts of frequency functions and members of the objective.
+        points: fixed (constraint, plant, frequency) cuts of frequency functions and members of the objective.
         peaks: the same, moving with the plant's own peak; the frequency is where it is looked for.
         plants: plants whose gain crossovers are in play; the nominal one first.
         margin_plants: plants of gain margins in play.
-        limits: of all sides, natural units.
+        limits: of all constraints, natural units.
         mode: what for.
         active: requirements that count; others are dropped.
-        giving: requirements that may give in an elastic solve.
-        trust: kp and ki may move this many times their own size, alpha a quarter of it: cuts that are not yet in
+        relaxed: requirements that are relaxed in an elastic solve.
+        trust_radius: kp and ki may move this many times their own size, alpha a quarter of it: cuts that are not yet in
             play cannot hold them back.
     """
 
@@ -88,8 +88,8 @@ class Task:
     limits: tuple[float, ...]
     mode: Mode
     active: frozenset[int]
-    giving: frozenset[int] = frozenset()
-    trust: float = 4.0
+    relaxed: frozenset[int] = frozenset()
+    trust_radius: float = 4.0
 
 
 @dataclass(frozen=True)
@@ -106,25 +106,27 @@ class SlotsInPlay:
             return self._crossing_slots()
         if block.kind in (SlotKind.LEVEL, SlotKind.PHASE):
             return self._margin_slots(block)
-        side = block.sides[0] if block.sides else None
-        if (side is not None and not self._counts(side)) or (side is None and self.task.mode is Mode.FEASIBILITY):
+        constraint = block.constraints[0] if block.constraints else None
+        if (constraint is not None and not self._counts(constraint)) or (
+            constraint is None and self.task.mode is Mode.FEASIBILITY
+        ):
             return []
         log_s = math.log(self.problem.scale.omega_rad_s)
         bound = (0.0, np.inf)
-        if side is not None and self.problem.sides[side].bound is Bound.EQUAL:
+        if constraint is not None and self.problem.constraints[constraint].bound is Bound.EQUAL:
             bound = (0.0, 0.0)
         rows = {name: (0.0, 0.0) if name == "equation" else bound for name in block.rows}
         chosen = self.task.peaks if block.kind is SlotKind.PEAK else self.task.points
         slots = []
         for point in chosen:
-            if point.side == side:
+            if point.constraint == constraint:
                 v = float(np.clip(math.log(point.omega_rad_s) - log_s, -600.0, 600.0))
                 slots.append(Slot(point.theta, v, 0.0, rows, v - _PEAK_REACH, v + _PEAK_REACH))
         return slots
 
-    def _counts(self, side: int) -> bool:
-        return self.problem.sides[side].requirement in self.task.active or (
-            self.problem.sides[side].requirement == GUARD
+    def _counts(self, constraint: int) -> bool:
+        return self.problem.constraints[constraint].requirement in self.task.active or (
+            self.problem.constraints[constraint].requirement == STABILITY_GUARD
         )
 
     def _crossing_slots(self) -> list[Slot]:
@@ -161,8 +163,11 @@ class SlotsInPlay:
 
     def _asks_for_crossovers(self) -> bool:
         """Whether anything that counts needs a crossover; a guard alone must not force one to exist."""
-        kinds = (Where.GAIN_CROSSOVERS, Where.HIGHEST_GAIN_CROSSOVER)
-        asked = any(side.where in kinds and side.requirement in self.task.active for side in self.problem.sides)
+        kinds = (EvaluatedAt.GAIN_CROSSOVERS, EvaluatedAt.HIGHEST_GAIN_CROSSOVER)
+        asked = any(
+            constraint.where in kinds and constraint.requirement in self.task.active
+            for constraint in self.problem.constraints
+        )
         spread = self.problem.objective in (ObjectiveKind.PHASE_MARGIN_SPREAD, ObjectiveKind.CROSSOVER_SPREAD)
         return asked or self.problem.needs_crossover or (spread and self.task.mode is Mode.OBJECTIVE)
 
@@ -173,35 +178,35 @@ class SlotsInPlay:
         if not nominal and not elastic and self.problem.objective is ObjectiveKind.PHASE_MARGIN_SPREAD:
             bounds["spread up"] = (0.0, np.inf)
             bounds["spread down"] = (0.0, np.inf) if smallest else (-np.inf, np.inf)
-        for k, side in enumerate(self.problem.sides):
-            at_crossing = side.where in (Where.GAIN_CROSSOVERS, Where.HIGHEST_GAIN_CROSSOVER)
-            if not at_crossing or not self._counts(k) or (side.nominal and not nominal):
+        for k, constraint in enumerate(self.problem.constraints):
+            at_crossing = constraint.where in (EvaluatedAt.GAIN_CROSSOVERS, EvaluatedAt.HIGHEST_GAIN_CROSSOVER)
+            if not at_crossing or not self._counts(k) or (constraint.nominal and not nominal):
                 continue
-            decides = highest if side.where is Where.HIGHEST_GAIN_CROSSOVER else smallest
+            decides = highest if constraint.where is EvaluatedAt.HIGHEST_GAIN_CROSSOVER else smallest
             if decides:
-                bounds[f"side {k}"] = (0.0, 0.0) if side.bound is Bound.EQUAL else (0.0, np.inf)
-            elif side.where is Where.GAIN_CROSSOVERS and side.bound is Bound.LOWER:
-                bounds[f"side {k}"] = (0.0, np.inf)
-            elif side.where is Where.GAIN_CROSSOVERS and side.bound is Bound.EQUAL:
+                bounds[f"constraint {k}"] = (0.0, 0.0) if constraint.bound is Bound.EQUAL else (0.0, np.inf)
+            elif constraint.where is EvaluatedAt.GAIN_CROSSOVERS and constraint.bound is Bound.LOWER:
+                bounds[f"constraint {k}"] = (0.0, np.inf)
+            elif constraint.where is EvaluatedAt.GAIN_CROSSOVERS and constraint.bound is Bound.EQUAL:
                 # The smallest equals the limit, so the others lie above: limit - value <= 0.
-                bounds[f"side {k}"] = (-np.inf, 0.0)
+                bounds[f"constraint {k}"] = (-np.inf, 0.0)
         return bounds
 
     def _margin_slots(self, block: Block) -> list[Slot]:
-        k = block.sides[0]
+        k = block.constraints[0]
         if not self._counts(k):
             return []
-        side, log_s = self.problem.sides[k], math.log(self.problem.scale.omega_rad_s)
+        constraint, log_s = self.problem.constraints[k], math.log(self.problem.scale.omega_rad_s)
         slots = []
         for plant in self.task.margin_plants:
-            if plant.side != k or plant.crossing is not (block.kind is SlotKind.PHASE):
+            if plant.constraint != k or plant.crossing is not (block.kind is SlotKind.PHASE):
                 continue
             theta = plant.theta
             plants = Plants.members(self.problem.family, np.array([theta]).reshape(1, -1))
             loops = Loops.of(self.start, plants)
             found = phase_crossovers(loops)
             small = np.flatnonzero((found.gain <= 1.0) & np.isfinite(found.omega_rad_s))
-            if not len(small) and plant.crossing and side.bound is Bound.LOWER:
+            if not len(small) and plant.crossing and constraint.bound is Bound.LOWER:
                 continue
             turn = 0.0
             v = 0.0
@@ -217,8 +222,8 @@ class SlotsInPlay:
             omega = self.problem.scale.omega_rad_s * math.exp(v)
             near = float(loops.log_response(np.array([0]), np.array([math.log(omega)]))[0].imag)
             near += omega * float(plants.dead_time_s[0]) - 2 * np.pi * turn
-            row = (0.0, 0.0) if side.bound is Bound.EQUAL else (0.0, np.inf)
-            rows = {"equation": (0.0, 0.0), f"side {k}": row}
+            row = (0.0, 0.0) if constraint.bound is Bound.EQUAL else (0.0, np.inf)
+            rows = {"equation": (0.0, 0.0), f"constraint {k}": row}
             ends = _between_neighbours(np.log(found.omega_rad_s) - log_s, v) if plant.crossing else (-_V_CAP, _V_CAP)
             slots.append(Slot(theta, v, near, rows, *ends))
         return slots

@@ -1,6 +1,6 @@
-"""The loop in CasADi's symbols.  Written from the definitions, not from `core/`: a test compares the two.
+"""The loop in CasADi's symbols, written from the definitions independently of `core/`; a test compares the two.
 
-With s = j omega, omega = omega_s e^v, and gains scaled as in `fopi_tune.design.sides`:
+With s = j omega, omega = omega_s e^v, and gains scaled as in `fopi_tune.design.constraints`:
 
     C g_s = kp' + ki' e^{-alpha v} (cos(alpha pi/2) - j sin(alpha pi/2)),
     L     = (C g_s) (N(s)/D(s)/g_s) e^{-j omega L} .
@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.design.sides import Scale
+from fopi_tune.design.constraints import Scale
 
 #: outputs of `loop_function`, in order; the attributes of `fopi_tune.quantities.base.LoopSymbols`
 OUTPUTS = (
@@ -60,8 +60,8 @@ def _log_size(a: tuple[Any, Any]) -> Any:
 def loop_function(family: PlantFamily, scale: Scale) -> ca.Function:
     """(gains (3,), theta (p,), v, phase_near) -> `OUTPUTS`.
 
-    `phase_near`, a number, is the unwrapped phase of the delay-free loop somewhere nearby: the logarithm's sheet is
-    the one around it, so that the phase stays smooth wherever it moves by less than half a turn.
+    `phase_near` is the unwrapped phase (rad) of the delay-free loop near the point.  It selects the branch of the
+    phase, which is smooth as long as the phase stays within half a turn of it.
     """
     gains, v, near = ca.SX.sym("gains", 3), ca.SX.sym("v"), ca.SX.sym("near")
     theta = ca.SX.sym("theta", len(family.uncertain_names))
@@ -74,7 +74,7 @@ def loop_function(family: PlantFamily, scale: Scale) -> ca.Function:
     angle = alpha * (ca.pi / 2)
     controller = (kp + power * ca.cos(angle), -power * ca.sin(angle))
     top, bottom = _polynomial(numerator, omega), _polynomial(denominator, omega)
-    # C N conj(D) has the phase of C P; its size is taken from the factors.
+    # C N conj(D) has the phase of C P; the gain is computed from the factors.
     direction = _times(_times(controller, top), (bottom[0], -bottom[1]))
     log_controller = _log_size(controller)
     log_gain = log_controller + _log_size(top) - _log_size(bottom) - ca.log(scale.gain)

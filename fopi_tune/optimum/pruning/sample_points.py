@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.errors import DomainError

@@ -17,7 +17,7 @@ import numpy as np
 from flint import acb, arb
 from numpy.typing import NDArray
 
-from fopi_tune.core.logform import Array, Complex
+from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.peaks import Response
 from fopi_tune.optimum.charts import Chart, CrossoverChart
 from fopi_tune.optimum.problem import Problem

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.bode_form import Complex
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Complex
 from fopi_tune.digital import discretize
 from fopi_tune.digital.discretize import DigitalController
 from fopi_tune.digital.realise import Form, Precision

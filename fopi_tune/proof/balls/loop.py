@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from flint import acb, arb
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of, is_tail, outward, points
 from fopi_tune.proof.balls.parameters import LoopParameters

@@ -1,6 +1,6 @@
 """L on samples over a box of frequencies and plants, in ball arithmetic:  digital controller, hold, delays, sampler.
 
-With z = (1 + w)/(1 - w), w = j nu, nu = tan(omega Ts/2) (see `fopi_tune.core.sampled`), u = ln nu, the loop is rational
+With z = (1 + w)/(1 - w), w = j nu, nu = tan(omega Ts/2) (see `fopi_tune.core.sampled_loops`), u = ln nu, the loop is rational
 in w, and what was written for continuous loops holds as it stands with w in the place of s:
 
     C(w) = d + sum_k rho_k/(w + sigma_k),   sigma_k = (1 - p_k)/(1 + p_k),  rho_k = 2 r_k/(1 + p_k)^2,
@@ -20,10 +20,10 @@ from functools import cached_property
 
 from flint import acb, acb_poly, arb, arb_poly, ctx
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.sampled import MOST_DELAY_SAMPLES, WHOLE, SampledLoops
-from fopi_tune.core.sections import Implementation
+from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.core.sampled_loops import MOST_DELAY_SAMPLES, WHOLE, SampledLoops
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.balls.argument import Argument
 from fopi_tune.proof.balls.box import Box, Interval

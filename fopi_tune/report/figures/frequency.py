@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.logform import Array, Complex
+from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError

@@ -10,11 +10,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array, Complex
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import gain_crossovers, phase_crossovers
-from fopi_tune.core.sampled import SampledLoops
+from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.sample import Sample

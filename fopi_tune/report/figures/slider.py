@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.logform import Array, Complex
+from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.report.figures.members import Members
 from fopi_tune.report.figures.times import frame_of, response, times_s
 from fopi_tune.report.text.phrases import number

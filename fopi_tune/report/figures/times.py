@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.errors import DomainError
 from fopi_tune.report.figures.canvas import STYLES, TWO_PANELS, Picture, labelled, legend_below

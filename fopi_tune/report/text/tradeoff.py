@@ -23,7 +23,7 @@ from fopi_tune.report.text.phrases import (
 )
 
 if TYPE_CHECKING:
-    from fopi_tune.prices import End, Tradeoff, TradeoffPoint
+    from fopi_tune.prices import FeasibleEnd, Tradeoff, TradeoffPoint
 
 #: rows of the table; of more points every second, third, ... is shown
 _MOST_ROWS = 26
@@ -67,7 +67,7 @@ def _row(point: TradeoffPoint, own: bool) -> Line:
     )
 
 
-def _end_words(end: End) -> str:
+def _end_words(end: FeasibleEnd) -> str:
     if end.infeasible is None:
         side = "up" if end.way > 0 else "down"
         return f"Looking {side} to {number(end.feasible)}, every limit can be met."

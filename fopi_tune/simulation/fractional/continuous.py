@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array
 from fopi_tune.core.plant import Plant
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fopi_tune.core.logform import Array, Complex
+from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.errors import DomainError
 
 Transform = Callable[[Complex], Complex]

@@ -26,8 +26,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array, Complex
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import Plant
 from fopi_tune.core.stability import is_stable

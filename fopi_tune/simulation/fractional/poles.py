@@ -20,8 +20,8 @@ from fractions import Fraction
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array, Complex
 from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.inversion import SECTOR_RAD

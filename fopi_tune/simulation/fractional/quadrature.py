@@ -12,9 +12,9 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.special import gamma
 
-from fopi_tune.core.hold import exponentials_less_one
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.plant import Plant
+from fopi_tune.core.zero_order_hold import matrix_expm1
 
 #: panels towards each end of the step, and points in each
 _PANELS, _POINTS = 48, 8
@@ -102,7 +102,7 @@ class StepNodes:
 
 def exponentials(matrices: Array) -> Array:
     """e^A of many small matrices, shape (m, n, n), each to rounding of the largest entry."""
-    return exponentials_less_one(matrices) + np.eye(matrices.shape[-1])
+    return matrix_expm1(matrices) + np.eye(matrices.shape[-1])
 
 
 def kernel(model: StateSpace, step_s: float) -> tuple[Array, Array, Array, StepNodes]:

@@ -28,8 +28,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gamma
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array
 from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.quadrature import StateSpace, integral_weights, kernel, power_kernel, state_space

@@ -29,9 +29,9 @@ from functools import cached_property
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.hold import exponentials_less_one
-from fopi_tune.core.logform import Array
+from fopi_tune.core.zero_order_hold import matrix_expm1
 from fopi_tune.digital.integrator import ZeroPoleGain
 from fopi_tune.errors import DomainError
 
@@ -231,7 +231,7 @@ def _table(matrix: Array, steps: Array) -> Array:
     norm = float(np.abs(matrix).sum(axis=1).max())
     short = min(int(np.searchsorted(-steps * norm, -0.5)), FINEST)
     table = np.zeros((len(steps), *matrix.shape))
-    table[short:] = exponentials_less_one(matrix * steps[short:, None, None])
+    table[short:] = matrix_expm1(matrix * steps[short:, None, None])
     for level in range(short - 1, -1, -1):
         table[level] = 2.0 * table[level + 1] + np.einsum("ij,jk->ik", table[level + 1], table[level + 1])
     return table

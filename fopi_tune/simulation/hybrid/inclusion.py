@@ -32,7 +32,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.hybrid.events import Guard, Verdict
 from fopi_tune.simulation.hybrid.flow import FINEST, Flow, Pedal, Reading, Regime

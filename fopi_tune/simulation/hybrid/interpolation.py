@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fopi_tune.core.hold import exponentials_less_one
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.zero_order_hold import matrix_expm1
 from fopi_tune.simulation.hybrid.flow import Flow
 
 #: matrices held at once
@@ -51,7 +51,7 @@ def sampled(nodes: Sequence[Node], times: Array) -> Samples:
         for rows in (same[i : i + _AT_ONCE] for i in range(0, len(same), _AT_ONCE)):
             w = np.array([nodes[last[i]].w for i in rows])
             since = times[rows] - np.array([nodes[last[i]].time_s for i in rows])
-            w = w + np.einsum("mij,mj->mi", exponentials_less_one(flow.matrix * since[:, None, None]), w)
+            w = w + np.einsum("mij,mj->mi", matrix_expm1(flow.matrix * since[:, None, None]), w)
             output[rows], error[rows], rate[rows] = w[:, 0], w[:, -3] - w[:, 0], w @ flow.matrix[0]
             demand = flow.pedal.gains.kp * error[rows] + w[:, 1:-3] @ flow.pedal.weights
             control[rows] = np.clip(demand, *flow.pedal.limits)

@@ -14,7 +14,7 @@ from enum import Enum, IntEnum, StrEnum
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.hybrid.flow import Pedal
 

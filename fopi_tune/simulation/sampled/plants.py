@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.hold import companion, segment
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.zero_order_hold import companion, constant_input_step
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.scenario import Before, Start
 
@@ -162,7 +162,7 @@ def _delayed(a: Array, samples: Array) -> Delayed:
     m, n = a.shape[:2]
     # most delays are whole, most often 0
     none = np.broadcast_to(np.eye(n), (m, n, n)), np.zeros((m, n))
-    before, after = segment(a, part) if part.any() else none, segment(a, 1.0 - part)
+    before, after = constant_input_step(a, part) if part.any() else none, constant_input_step(a, 1.0 - part)
     both = np.stack([before[0], after[0]]), np.stack([before[1], after[1]])
     return Delayed(whole.astype(np.int64), *both)
 

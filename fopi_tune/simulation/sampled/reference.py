@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.digital import runtime
 from fopi_tune.digital.runtime import Runtime, State
 from fopi_tune.simulation.sampled.noise import deviates

@@ -14,9 +14,9 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import gain_crossovers, margins
 from fopi_tune.core.peaks import Response, log_response_at
 from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.design.constraints import scale_of
 from fopi_tune.design.nlp.compile import log_discounted_error
 from fopi_tune.design.nlp.symbols import OUTPUTS, SymbolicLoop, loop_function
-from fopi_tune.design.sides import scale_of
 from fopi_tune.design.starts import closed_form_gains
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec import parse_spec

@@ -15,9 +15,9 @@ from flint import acb, arb, ctx
 from oracles import sampled_loops as oracle
 
 import fopi_tune as ft
+from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.core.sections import Implementation, Sections
 from fopi_tune.proof import certify, verify
 from fopi_tune.proof.balls.sampled import SampledBallLoop, count_unstable_roots
 from fopi_tune.proof.balls.winding import count_by_argument

@@ -17,11 +17,11 @@ import scipy.special
 from cases.project import ROOT
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.hold import companion, segment
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
-from fopi_tune.core.sampled import SampledLoops
-from fopi_tune.core.sections import Implementation, Sections
+from fopi_tune.core.sampled_loops import SampledLoops
+from fopi_tune.core.zero_order_hold import companion, constant_input_step
 from fopi_tune.digital.discretize import discretize
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Op, Operation, Runtime, init, replay, reset, step, track
@@ -337,10 +337,10 @@ def test_segments_of_first_order_agree_with_the_series_of_higher_orders() -> Non
     # the same plant with a pole and a zero that cancel, in a state space of order 2
     for pole in (0.0, 0.7, -0.4):
         a, _, _ = companion(np.array([[1.0]]), np.array([[1.0, pole]]), TS)
-        once = segment(a, np.array([0.3]))
+        once = constant_input_step(a, np.array([0.3]))
         block = np.zeros((1, 2, 2))
         block[0, 0, 0], block[0, 1, 1] = a[0, 0, 0], -1.0
-        twice = segment(block, np.array([0.3]))
+        twice = constant_input_step(block, np.array([0.3]))
         np.testing.assert_allclose(once[0][0, 0, 0], twice[0][0, 0, 0], rtol=1e-15)
         np.testing.assert_allclose(once[1][0, 0], twice[1][0, 0], rtol=1e-15)
 

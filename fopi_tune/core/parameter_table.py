@@ -1,4 +1,4 @@
-"""Samples of plants:  the text of a CSV file -> Table;  which places are no plants, and which lie outside a family."""
+"""Tables of sampled plant parameters:  CSV text -> ParameterTable;  checks of sampled parameters against a family."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.errors import DomainError
 
@@ -20,8 +20,8 @@ Marks = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
-    """Samples of plants.
+class ParameterTable:
+    """Sampled parameters, a row a plant.
 
     Args:
         names: the columns' parameter names.
@@ -51,7 +51,7 @@ class Table:
         object.__setattr__(self, "rows", rows)
 
     def columns(self, family: PlantFamily) -> list[int]:
-        """Where the family's uncertain numbers stand.
+        """Column indices of the family's uncertain numbers, in the family's order.
 
         Raises:
             DomainError: a column is missing, or is no uncertain number of the family.
@@ -64,7 +64,7 @@ class Table:
         return [self.names.index(name) for name in wanted]
 
 
-def parse_table(text: str) -> Table:
+def parse_table(text: str) -> ParameterTable:
     """A table from the text of a CSV file: a line of parameter names, then a line of numbers per plant.
 
     Raises:
@@ -74,38 +74,38 @@ def parse_table(text: str) -> Table:
     reader = csv.reader(io.StringIO(text.removeprefix("\ufeff"), newline=""), strict=True)
     try:
         names = tuple(name.strip() for name in next(reader, ()))
-        # doubles without an object each: a large file is a large table
+        # array of doubles: one Python object a number would be too large for long files
         values = array("d", (value for line in reader for value in _numbers(line, names, reader.line_num)))
     except csv.Error as error:
         raise DomainError(f"line {reader.line_num} is not CSV: {error}") from error
     if not values:
         raise DomainError("the table is empty; it needs a line of parameter names and at least one line of numbers")
-    return Table(names, np.array(values).reshape(-1, len(names)))
+    return ParameterTable(names, np.array(values).reshape(-1, len(names)))
 
 
 def not_uncertain(name: str, family: PlantFamily) -> str:
-    """Why a name is not one of a family's uncertain numbers."""
+    """The message for a name that is not one of a family's uncertain numbers."""
     if name in family.parameters:
         return f"{name!r} is exact in this family; give it a range or leave it out"
     known = ", ".join(family.uncertain_names) or "none: every number is exact"
     return f"{name!r} is no number of this family; its uncertain numbers are {known}"
 
 
-def outside_box(places: Array, family: PlantFamily) -> Marks:
-    """Which places lie outside the family's box, shape (m,): no certificate speaks of them."""
-    return np.any((places < family.low) | (places > family.high), axis=1)
+def outside_box(points: Array, family: PlantFamily) -> Marks:
+    """Which points lie outside the family's box, shape (m,); a certificate does not cover them."""
+    return np.any((points < family.low) | (points > family.high), axis=1)
 
 
-def impossible(places: Array, family: PlantFamily) -> Marks:
-    """Which places are no plants of the model (a time constant of 0, a gain of 0, a negative delay), shape (m,)."""
-    refused = np.zeros(len(places), dtype=bool)
+def impossible(points: Array, family: PlantFamily) -> Marks:
+    """Which points are no valid plants of the model (a zero time constant or gain, a negative delay), shape (m,)."""
+    refused = np.zeros(len(points), dtype=bool)
     for column, name in enumerate(family.uncertain_names):
-        values = places[:, column]
+        values = points[:, column]
         if not len(values) or family.problem(name, _hull(values.min(), values.max())) is None:
             continue
         order = np.argsort(values, kind="stable")
         ranked = values[order]
-        # the model judges ranges: what it refuses is cut in two until single values are left
+        # the model checks ranges: a range that it refuses is bisected until single values are left
         pending = [(0, len(ranked))]
         while pending:
             start, stop = pending.pop()
@@ -120,9 +120,9 @@ def impossible(places: Array, family: PlantFamily) -> Marks:
     return refused
 
 
-def why_impossible(place: Array, family: PlantFamily) -> str | None:
-    """What keeps one place, shape (p,), from being a plant, or None."""
-    for name, value in zip(family.uncertain_names, place.tolist(), strict=True):
+def why_impossible(point: Array, family: PlantFamily) -> str | None:
+    """Why one point, shape (p,), is no valid plant, or None."""
+    for name, value in zip(family.uncertain_names, point.tolist(), strict=True):
         if (wrong := family.problem(name, Uncertain.exactly(value))) is not None:
             return f"{name} = {value!r} {wrong}"
     return None

@@ -1,17 +1,17 @@
-"""Loops as they are on samples:  a digital controller, a zero-order hold, a plant with its delays, and the sampler.
+"""Sampled-data loops:  a digital controller, a zero-order hold, a plant with its delays, and the sampler.
 
-At the samples the plant behind the hold, its dead time and the computing delay d + f samples late (d whole,
-0 <= f < 1), is exactly
+Let the dead time and the computing delay together be d + f samples (d whole, 0 <= f < 1).  At the sampling instants the
+plant behind the hold is exactly
 
     P(z) = z^-(d+1) Q(z)/R(z),    Q(z) = c adj(zI - Phi) (g_0 z + g_1) + q0 R(z),    R(z) = det(zI - Phi),           (1)
 
 with Phi = e^{A Ts}, g_0 = int_0^{(1-f)Ts} e^{As} b ds, g_1 = int_{(1-f)Ts}^{Ts} e^{As} b ds, q0 the direct path; the
-measurement is taken just before the new control acts.  Both are kept as polynomials in delta = z - 1, so that poles
-next to 1 cost no digits.
+measurement is taken just before the new control acts.  A, b and c are a state space of the plant without its delay.  Q
+and R are stored as polynomials in delta = z - 1, which avoids cancellation at poles close to 1.
 
-With z = (1 + w)/(1 - w) the unit circle is the imaginary axis, w = j nu,  nu = tan(omega Ts/2), its outside the right
-half-plane, and the loop is rational in w: everything that holds for continuous loops, every crossing and every peak
-included, is read off the same factors (`fopi_tune.core.logform`), with u = ln nu.  A root z0 gives
+The bilinear map z = (1 + w)/(1 - w) takes the unit circle to the imaginary axis, w = j nu with nu = tan(omega Ts/2),
+and its outside to the right half-plane.  The loop is rational in w, so that crossings and peaks are found as for
+continuous loops, from the same Bode form (`fopi_tune.core.bode_form`) with u = ln nu.  A root z0 gives the factor
 
     z - z0 = (-delta_0 + w (2 + delta_0))/(1 - w),    delta_0 = z0 - 1,    z^-1 = (1 - w)/(1 + w) .                  (2)
 
@@ -26,20 +26,20 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.hold import behind_hold
-from fopi_tune.core.logform import Array, Complex, LogForm, Rows
 from fopi_tune.core.loops import Loops, Plants, leading_coefficients, polynomial_at
-from fopi_tune.core.sections import Implementation, Sections
+from fopi_tune.core.parallel_form import Implementation, Sections
+from fopi_tune.core.zero_order_hold import behind_hold
 from fopi_tune.errors import DomainError
 
 _AXIS_TOLERANCE = 1e-9
-#: exponents of omega are cut here, so that nu and 1/nu stay finite
+#: exponents of omega are clipped here, so that nu and 1/nu stay finite
 _U_CAP = 600.0
-#: a delay this close to a whole number of samples is one
+#: samples; a delay this close to a whole number of samples is rounded to it
 WHOLE = 1e-12
 MOST_DELAY_SAMPLES = 10_000
-#: in delta; a zero beyond this changes nothing for |z| = 1
+#: in delta; a zero beyond this has no effect on the unit circle
 _FARTHEST_ZERO = 1e12
 
 
@@ -50,8 +50,8 @@ class SampledPlants(Plants):
     Args:
         numerator: Q in descending powers of delta, shape (m, n + 1).
         denominator: R, shape (m, n + 1).
-        dead_time_s: 0: what is late is in `late`.
-        late: d + 1, shape (m,), whole numbers.
+        dead_time_s: 0; all delay is in `late`.
+        late: d + 1, the delay in samples, shape (m,), whole numbers.
     """
 
     late: Array
@@ -79,7 +79,7 @@ class SampledPlants(Plants):
         return cls(numerator, denominator, np.zeros(len(plants)), whole + 1.0)
 
     def take(self, rows: Rows) -> SampledPlants:
-        """The plants of these rows, repeated as often as they are named."""
+        """Select rows, with repetition."""
         return SampledPlants(self.numerator[rows], self.denominator[rows], self.dead_time_s[rows], self.late[rows])
 
     @cached_property
@@ -90,7 +90,7 @@ class SampledPlants(Plants):
 
     @cached_property
     def hidden_on_axis(self) -> NDArray[np.bool_]:
-        """Whether Q and R share a root on the unit circle: no controller moves it, shape (m,)."""
+        """Whether Q and R share a root on the unit circle, shape (m,): a hidden mode that no controller moves."""
         poles, zeros = self.poles[:, :, None], self.zeros[:, None, :]
         on_circle = np.isfinite(poles) & (np.abs(np.abs(1.0 + poles) - 1.0) <= _AXIS_TOLERANCE * np.abs(poles))
         return np.asarray((on_circle & (np.abs(zeros - poles) <= _AXIS_TOLERANCE * np.abs(poles))).any(axis=(1, 2)))
@@ -103,10 +103,10 @@ class SampledPlants(Plants):
             return late * polynomial_at(self.numerator[rows], delta) / polynomial_at(self.denominator[rows], delta)
 
     @cached_property
-    def log(self) -> LogForm:
+    def log(self) -> BodeForm:
         """ln P; every pole outside the unit circle starts at -180 deg, as in continuous time."""
         leading = leading_coefficients(self.numerator) / leading_coefficients(self.denominator)
-        return _log_form(leading, self.zeros, self.poles, self.late)
+        return _bode_form(leading, self.zeros, self.poles, self.late)
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class SampledLoops(Loops):
         return cls(gains.kp * rows, gains.ki * rows, gains.alpha * rows, sampled, implementation.sections)
 
     def take(self, rows: Rows) -> SampledLoops:
-        """The loops of these rows."""
+        """Select rows."""
         return SampledLoops(self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows), self.sections)
 
     @cached_property
@@ -159,18 +159,18 @@ class SampledLoops(Loops):
         return 1.0 / (2.0 * np.cosh(cut) * np.arctan(np.exp(cut)))
 
     @cached_property
-    def log_controller(self) -> LogForm:
+    def log_controller(self) -> BodeForm:
         """ln C."""
         zeros, poles, gain = zeros_and_poles(self.sections)
-        one = _log_form(np.array([gain]), zeros[None, :], poles[None, :], np.zeros(1))
+        one = _bode_form(np.array([gain]), zeros[None, :], poles[None, :], np.zeros(1))
         return one.take(np.zeros(len(self), dtype=np.intp))
 
     @cached_property
-    def log(self) -> LogForm:
+    def log(self) -> BodeForm:
         """ln L."""
         zeros, poles, gain = zeros_and_poles(self.sections)
         rows, plants = len(self), self.plants
-        return _log_form(
+        return _bode_form(
             gain * leading_coefficients(plants.numerator) / leading_coefficients(plants.denominator),
             np.concatenate([np.broadcast_to(zeros, (rows, len(zeros))), plants.zeros], axis=1),
             np.concatenate([np.broadcast_to(poles, (rows, len(poles))), plants.poles], axis=1),
@@ -183,7 +183,10 @@ class SampledLoops(Loops):
         return self.sections.at(shifted(u)) * self.plants.at(rows, u)
 
     def log_response_and_slope(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
-        """ln L, the value from the sections and the polynomials, the sheet from the factors; and d ln L/du."""
+        """ln L and d ln L/du.
+
+        The value comes from the sections and polynomials, the branch of the logarithm from the Bode form.
+        """
         factors, slope = self.log.value_and_derivative(rows, u)
         with np.errstate(all="ignore"):
             gain: Complex = self.sections.at(shifted(u)) * self.plants.at(rows, u)
@@ -205,7 +208,7 @@ def zeros_and_poles(sections: Sections) -> tuple[Complex, Complex, float]:
 
         det [[diag(p - 1) - lambda, r], [1', direct]] = 0 ,
 
-    which needs no division by a direct path that may be small; zeros too far out to matter on the circle are left out.
+    which needs no division by the direct feedthrough, which may be small.  Zeros beyond `_FARTHEST_ZERO` are left out.
     """
     from scipy.linalg import eigvals
 
@@ -231,7 +234,7 @@ def zeros_and_poles(sections: Sections) -> tuple[Complex, Complex, float]:
 
 
 def _by_polynomial(shifts: Array, residues: Array, poles: Complex) -> tuple[Complex, Complex, float]:
-    """The same where even the sum of the residues vanishes: from sum r_k prod_(i != k) (delta - p_i) itself."""
+    """Zeros and poles where the sum of the residues vanishes too: roots of sum r_k prod_(i != k) (delta - p_i)."""
     top = np.zeros(len(shifts))
     for k, residue in enumerate(residues):
         top = top + residue * np.real(np.poly(np.delete(shifts, k)))
@@ -241,8 +244,8 @@ def _by_polynomial(shifts: Array, residues: Array, poles: Complex) -> tuple[Comp
     return np.roots(top).astype(complex), poles, float(top[0])
 
 
-def _log_form(gain: Array, zeros: Complex, poles: Complex, late: Array) -> LogForm:
-    """gain prod(delta - zeros)/prod(delta - poles) z^-late as factors of w, by (2); inf is no root."""
+def _bode_form(gain: Array, zeros: Complex, poles: Complex, late: Array) -> BodeForm:
+    """ln of gain prod(delta - zeros)/prod(delta - poles) z^-late in Bode form, by (2); roots at inf are ignored."""
     roots = np.concatenate([zeros, poles], axis=1)
     sign = np.concatenate([np.ones(zeros.shape), -np.ones(poles.shape)], axis=1)
     there = np.isfinite(roots)
@@ -255,14 +258,14 @@ def _log_form(gain: Array, zeros: Complex, poles: Complex, late: Array) -> LogFo
     slope0 = (sign * origin).sum(axis=1)
     constant = constant + slope0 * np.log(2.0)
     unstable = (moving & (sign < 0) & (rho.real < 0.0)).sum(axis=1)
-    # the sign at rest: a real root delta_0 > 0 gives -delta_0 < 0
+    # the sign as omega -> 0: a real root delta_0 > 0 gives -delta_0 < 0
     flips = (inner & (np.abs(safe.imag) <= 1e-12 * np.abs(safe)) & (safe.real > 0.0)).sum(axis=1)
     negative = ((gain < 0) ^ (flips % 2 == 1)) ^ (unstable % 2 == 1)
     phase0 = np.asarray(-np.pi * negative - np.pi * unstable + 0.5 * np.pi * slope0, dtype=float)
     excess = -(sign * there).sum(axis=1) + late
     m = len(gain)
     rays = np.where(moving, rho, 1.0)
-    return LogForm(
+    return BodeForm(
         constant,
         slope0,
         phase0,
@@ -288,6 +291,6 @@ def _ray(roots: Complex) -> Complex:
 
 
 def _nudged(rho: Complex) -> Complex:
-    """Rays of roots on the unit circle turned as if the root lay just inside."""
+    """The same rays, with roots on the unit circle moved just inside."""
     on_axis = np.isfinite(rho) & (np.abs(rho.real) <= _AXIS_TOLERANCE * np.abs(rho.imag))
     return np.where(on_axis, _AXIS_TOLERANCE * np.abs(rho.imag) + 1j * rho.imag, rho)

@@ -1,16 +1,16 @@
-"""Places -> rows of a convex problem:  what each limit says of a small step d of x = (kp, ki), scaled.
+"""Points -> second-order cone constraints on a small step d of the scaled gains x = (kp, ki).
 
 For fixed alpha C = kp + ki s^-alpha and L = C P are affine in x.  Every frequency function is |N|/|D| of two affine
 functions of x, and with e = D(x0)/|D(x0)|
 
     |N| <= M |D|      is implied by      |N(x0 + d)| <= M Re(conj(e) D(x0 + d)) ,                                    (1)
 
-a second-order cone: convex on the left, linearised on the right, exact at d = 0.  What is read at a crossing u_c moves
-with it: with l = ln L,  dl/dx = (1, s^-alpha)/C,  and
+a second-order cone: convex on the left, linearised on the right, exact at d = 0.  A quantity at a crossing u_c changes
+with the crossing, too: with l = ln L,  dl/dx = (1, s^-alpha)/C,  and
 
     gain crossover    du_c/dx = -Re(dl/dx)/Re(dl/du) ,        phase crossover    du_c/dx = -Im(dl/dx)/Im(dl/du) ,    (2)
 
-which makes a half-plane of d.  Rows are divided by their size, so that a row's slack at d = 0 is in neper or radian.
+which gives a half-plane of d.  Rows are scaled so that a row's slack at d = 0 is in neper or radian.
 
 Source: derived; (1) since Re(conj(e) z) <= |z| for |e| = 1, (2) by the implicit function theorem.
 """
@@ -22,32 +22,39 @@ from typing import Any
 
 import numpy as np
 
-from fopi_tune.convex.evaluate import OBJECTIVE, PEAKS, Look, Places, at_rest, counts_in_depth
+from fopi_tune.convex.evaluate import (
+    OBJECTIVE,
+    PEAKS,
+    ConstraintPoints,
+    Evaluation,
+    at_inverse_horizon,
+    counts_in_depth,
+)
 from fopi_tune.convex.limits import Bound, Limit, Task
-from fopi_tune.core.logform import Array, Complex, Rows
+from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
 #: step of u for the second derivative of ln L
 _STEP = 1e-5
-#: a crossing whose gain (or phase) is flatter than this has no derivative worth using
+#: slopes of gain (or phase) at a crossing are kept at least this large, so that (2) stays finite
 _FLAT = 1e-9
 
 
 @dataclass(frozen=True)
-class RowTable:
-    """n rows  |cone d + cone0| <= slope d + slack0 + share t ,  and the equalities  slope d = distance.
+class ConeConstraints:
+    """n rows  |cone d + cone0| <= slope d + slack0 + share t ,  and k equalities  equal_slope d = distance.
 
     Args:
         cone: complex, shape (n, 2).
         cone0: complex, shape (n,).
         slope: shape (n, 2).
         slack0: shape (n,).
-        share: shape (n,), how much of the objective's t a row takes.
-        elastic: shape (n,), 1 for a requirement's row, 0 for the objective's.
-        group: shape (n,), which limit a row belongs to.
+        share: shape (n,), coefficient of t, the change of the objective's largest member.
+        elastic: shape (n,), 1 for a requirement's row, which may be violated in `restore`; 0 for the objective's.
+        group: shape (n,), index of a row's limit, or OBJECTIVE.
         equal_slope: shape (k, 2).
         distance: shape (k,).
     """
@@ -64,11 +71,11 @@ class RowTable:
 
     @property
     def slack(self) -> Array:
-        """At d = 0 and t = 0, shape (n,)."""
+        """The slack at d = 0 and t = 0, shape (n,)."""
         return self.slack0 - np.abs(self.cone0)
 
-    def tightest(self, most: int, of_each: int) -> RowTable:
-        """At most so many rows: of every limit the tightest few, then the tightest of all."""
+    def tightest(self, most: int, of_each: int) -> ConeConstraints:
+        """At most `most` rows: the `of_each` with the smallest slack of every limit, then the smallest of all."""
         order = np.lexsort((self.slack, self.group))
         _, first, count = np.unique(self.group[order], return_index=True, return_counts=True)
         place = np.zeros(len(order), dtype=np.intp)
@@ -76,36 +83,36 @@ class RowTable:
         chosen = np.lexsort((self.slack, place >= of_each))[:most]
         return self.take(chosen)
 
-    def take(self, rows: Rows) -> RowTable:
-        """Some of the rows, and all equalities."""
+    def take(self, rows: Rows) -> ConeConstraints:
+        """Select rows; all equalities are kept."""
         names = ("cone", "cone0", "slope", "slack0", "share", "elastic", "group")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
-def rows_of(task: Task, found: Look, plants: Plants, places: Places) -> RowTable:
-    """The rows of these places at the gains of `found`.
+def constraints_at(task: Task, found: Evaluation, plants: Plants, points: ConstraintPoints) -> ConeConstraints:
+    """The constraints at these points, linearised at the gains of `found`.
 
     Args:
         task: limits and objective.
         found: the gains and their cost.
-        plants: the places' plants.
-        places: of limits and of the objective; they may be others than those `found` names.
+        plants: the points' plants.
+        points: of limits and of the objective, not necessarily those of `found`.
     """
-    local = _Local.at(task, found, plants, places)
-    table = _Builder(task, found, local, places)
+    responses = _Responses.at(task, found, plants, points)
+    table = _Builder(task, found, responses, points)
     for k, limit in enumerate(task.limits):
-        mine = np.flatnonzero(places.limit == k)
+        mine = np.flatnonzero(points.limit == k)
         if len(mine):
             table.limit(k, limit, mine)
-    mine = np.flatnonzero((places.limit == OBJECTIVE) & np.isfinite(places.slack))
+    mine = np.flatnonzero((points.limit == OBJECTIVE) & np.isfinite(points.slack))
     if len(mine):
         table.objective(mine)
     return table.built()
 
 
 @dataclass(frozen=True)
-class _Local:
-    """Responses and derivatives with respect to x at n places."""
+class _Responses:
+    """Responses and their derivatives with respect to x at n points."""
 
     plant: Complex
     controller: Complex
@@ -120,8 +127,8 @@ class _Local:
     unit: Array
 
     @classmethod
-    def at(cls, task: Task, found: Look, plants: Plants, places: Places) -> _Local:
-        gains, u, rows = found.gains, places.u, places.plant
+    def at(cls, task: Task, found: Evaluation, plants: Plants, points: ConstraintPoints) -> _Responses:
+        gains, u, rows = found.gains, points.u, points.plant
         loops = Loops.of(gains, plants)
         unit = task.unit(gains.alpha)
         integral: Complex = np.exp(-gains.alpha * (u + 0.5j * np.pi))
@@ -150,7 +157,7 @@ class _Local:
         return -self.d_log_loop[at].real / _steep(self.slope[at].real)[:, None]
 
     def read(self, quantity: str, at: Rows) -> tuple[Array, Array]:
-        """A quantity at its crossing and its derivative with respect to x, the crossing's own movement included."""
+        """A quantity at its crossing and its total derivative with respect to x, by (2)."""
         d_loop, slope = self.d_log_loop[at], self.slope[at]
         if quantity == "gain_margin_db":
             moves = -d_loop.imag / _steep(slope.imag)[:, None]
@@ -170,7 +177,7 @@ class _Local:
 
     def _phase_slope(self, at: Rows, moves: Array) -> tuple[Array, Array]:
         alpha, c, dc = self.loops.alpha[self.rows[at]], self.controller[at], self.d_controller[at]
-        # d ln C/du = -alpha ki s^-alpha/C; of its two factors ki and 1/C each has its derivative
+        # d ln C/du = -alpha ki s^-alpha/C; by the product rule, ki and 1/C are differentiated in turn
         own = -alpha * self.integral[at] / c
         d_own = -own[:, None] * dc / c[:, None]
         d_own[:, 1] += -alpha * dc[:, 1] / c
@@ -181,58 +188,60 @@ class _Local:
 
 
 class _Builder:
-    def __init__(self, task: Task, found: Look, local: _Local, places: Places) -> None:
-        self.task, self.found, self.local, self.places = task, found, local, places
+    """Collects the rows of all limits and of the objective."""
+
+    def __init__(self, task: Task, found: Evaluation, responses: _Responses, points: ConstraintPoints) -> None:
+        self.task, self.found, self.responses, self.points = task, found, responses, points
         self.parts: list[tuple[Complex, Complex, Array, Array, Array, Array, Rows]] = []
         self.group = OBJECTIVE
         self.hard = True
         self.equal: list[tuple[Array, Array]] = []
 
-    def built(self) -> RowTable:
+    def built(self) -> ConeConstraints:
         empty = [np.zeros(0) for _ in range(3)]
         none = (np.zeros((0, 2), complex), np.zeros(0, complex), np.zeros((0, 2)), *empty, np.zeros(0, dtype=np.intp))
         columns: list[Any] = [np.concatenate(column) for column in zip(none, *self.parts, strict=True)]
         slopes = np.concatenate([np.zeros((0, 2)), *(slope for slope, _ in self.equal)])
         distances = np.concatenate([np.zeros(0), *(distance for _, distance in self.equal)])
-        table = RowTable(*columns, equal_slope=slopes, distance=distances)
+        table = ConeConstraints(*columns, equal_slope=slopes, distance=distances)
         usable = np.isfinite(table.slack) & np.isfinite(table.slope).all(axis=1) & np.isfinite(table.cone).all(axis=1)
         return table.take(np.flatnonzero(usable))
 
     def limit(self, k: int, limit: Limit, mine: Rows) -> None:
-        """The rows of one limit; where the depth is the objective they are asked to be as deep as it is, plus -t."""
+        """Add the rows of one limit; where the depth is the objective, its slack must be at least depth - t."""
         self.group, self.hard = k, True
         deep = self.task.objective is ObjectiveKind.DEPTH and counts_in_depth(limit)
         depth = -self.found.cost if deep and np.isfinite(self.found.cost) else 0.0
         share = 1.0 if deep else 0.0
-        missing = self.places.missing[mine]
-        self._crossing_wanted(mine[missing & np.isfinite(self.places.slack[mine])])
+        missing = self.points.missing[mine]
+        self._approach_crossover(mine[missing & np.isfinite(self.points.slack[mine])])
         mine = mine[~missing]
         if limit.bound is Bound.EQUAL:
             self._equality(limit, mine)
-        elif limit.where is Where.BAND:
+        elif limit.where is EvaluatedAt.BAND:
             level = limit.limit - limit.bound.value * depth / limit.scale
             self._cones(limit.response, limit.bound, level, mine, share)
         else:
-            value, slope = self.local.read(limit.quantity, mine)
+            value, slope = self.responses.read(limit.quantity, mine)
             slack = limit.bound.value * (limit.limit - value) * limit.scale - depth
             self._planes(-limit.bound.value * limit.scale * slope, slack, share)
 
     def _equality(self, limit: Limit, mine: Rows) -> None:
         if not len(mine):
             return
-        if limit.where is Where.BAND:
+        if limit.where is EvaluatedAt.BAND:
             assert limit.response is not None
-            top, d_top, bottom, d_bottom = self.local.parts(limit.response, mine)
+            top, d_top, bottom, d_bottom = self.responses.parts(limit.response, mine)
             value = np.log(np.abs(top)) - np.log(np.abs(bottom))
             slope = (d_top / top[:, None] - d_bottom / bottom[:, None]).real
         else:
-            value, slope = self.local.read(limit.quantity, mine)
+            value, slope = self.responses.read(limit.quantity, mine)
         self.equal.append((limit.scale * slope[:1], limit.scale * (limit.limit - value[:1])))
 
     def _cones(self, response: Response | None, bound: Bound, level: float, mine: Rows, share: float) -> None:
-        """Rows (1); of a lower limit with N and D exchanged."""
+        """Add rows (1); a lower limit exchanges N and D."""
         assert response is not None
-        top, d_top, bottom, d_bottom = self.local.parts(response, mine)
+        top, d_top, bottom, d_bottom = self.responses.parts(response, mine)
         most = np.exp(level)
         if bound is Bound.LOWER:
             top, d_top, bottom, d_bottom, most = bottom, d_bottom, top, d_top, 1.0 / most
@@ -240,7 +249,7 @@ class _Builder:
             size = np.abs(bottom)
             ratio = np.abs(top) / (most * size)
             off = ratio - 1.0
-            # the row's slack 1 - ratio becomes -ln ratio, natural units
+            # scale the row so that its slack 1 - ratio becomes -ln ratio, in neper
             unit = np.where(np.abs(off) > 1e-9, np.log(ratio) / np.where(off == 0.0, 1.0, off), 1.0)
             unit = np.where(ratio > 1e-12, unit, 1.0)
             slope = unit[:, None] * (d_bottom * np.conj(bottom)[:, None]).real / size[:, None] ** 2
@@ -250,11 +259,11 @@ class _Builder:
     def _planes(self, slope: Array, slack: Array, share: float) -> None:
         self._add(np.zeros(slope.shape, complex), np.zeros(len(slack), complex), slope, slack, share)
 
-    def _crossing_wanted(self, mine: Rows) -> None:
-        """|L| brought to 1 where it comes nearest, at a plant that lacks a gain crossover."""
-        gain = self.local.log_loop[mine].real
+    def _approach_crossover(self, mine: Rows) -> None:
+        """Require |L| = 1 to be reached where |L| is closest to 1, for a plant without a gain crossover."""
+        gain = self.responses.log_loop[mine].real
         sign = np.where(gain < 0.0, 1.0, -1.0)
-        self._planes(sign[:, None] * self.local.d_log_loop[mine].real, sign * gain, 0.0)
+        self._planes(sign[:, None] * self.responses.d_log_loop[mine].real, sign * gain, 0.0)
 
     def _add(self, cone: Complex, cone0: Complex, slope: Array, slack0: Array, share: float) -> None:
         n = len(slack0)
@@ -262,19 +271,19 @@ class _Builder:
         self.parts.append((cone, cone0, slope, slack0, np.full(n, share), elastic, group))
 
     def objective(self, mine: Rows) -> None:
-        """Rows that t bounds: the objective's natural value is at most cost + t at each of the places."""
+        """Add rows of the objective: its value in natural units is at most cost + t at each point."""
         self.group, self.hard = OBJECTIVE, False
         kind, cost = self.task.objective, self.found.cost
         if kind in PEAKS:
             self._cones(PEAKS[kind], Bound.UPPER, cost, mine, 1.0)
         elif kind is ObjectiveKind.IAE_DISTURBANCE:
-            self._at_rest(mine)
+            self._iae_disturbance(mine)
         elif kind is ObjectiveKind.CROSSOVER_SPREAD:
             value, slope = self._at_nominal_crossover(mine)
             self._two_sided(value, slope)
         elif kind is ObjectiveKind.PHASE_MARGIN_SPREAD:
-            value, slope = self.local.read("phase_margin_deg", mine)
-            nominal = int(np.flatnonzero(self.places.plant[mine] == 0)[0])
+            value, slope = self.responses.read("phase_margin_deg", mine)
+            nominal = int(np.flatnonzero(self.points.plant[mine] == 0)[0])
             self._two_sided(value - value[nominal], slope - slope[nominal])
 
     def _two_sided(self, value: Array, slope: Array) -> None:
@@ -283,21 +292,21 @@ class _Builder:
             self._add(*empty, -sign * slope, self.found.cost - sign * value, 1.0)
 
     def _at_nominal_crossover(self, mine: Rows) -> tuple[Array, Array]:
-        nominal = mine[self.places.plant[mine] == 0][:1]
-        moves = self.local.crossover_moves(nominal)
-        slope = self.local.d_log_loop[mine].real + self.local.slope[mine].real[:, None] * moves
-        return self.local.log_loop[mine].real, slope
+        nominal = mine[self.points.plant[mine] == 0][:1]
+        moves = self.responses.crossover_moves(nominal)
+        slope = self.responses.d_log_loop[mine].real + self.responses.slope[mine].real[:, None] * moves
+        return self.responses.log_loop[mine].real, slope
 
-    def _at_rest(self, mine: Rows) -> None:
-        """(1 + C P)/(T P) at s = 1/T is affine in x: exact, but for e^-t = 1 - t of the bound."""
-        plants = self.places.plant[mine]
-        loops = self.local.loops.take(plants)
-        gain, loop = at_rest(self.task, loops)
+    def _iae_disturbance(self, mine: Rows) -> None:
+        """iae_disturbance: (1 + C P)/(T P) at s = 1/T is affine in x; only the bound's e^-t is linearised, as 1 - t."""
+        plants = self.points.plant[mine]
+        loops = self.responses.loops.take(plants)
+        gain, loop = at_inverse_horizon(self.task, loops)
         with np.errstate(divide="ignore", invalid="ignore"):
             least = np.abs(gain) * np.exp(-self.found.cost)  # |1 + C P| where this plant would be the worst
             plant = gain / self.task.horizon_s
             powers = np.array([1.0, self.task.horizon_s**self.found.gains.alpha])
-            slope = np.sign(1.0 + loop)[:, None] * plant[:, None] * (powers * self.local.unit) / least[:, None]
+            slope = np.sign(1.0 + loop)[:, None] * plant[:, None] * (powers * self.responses.unit) / least[:, None]
             slack = np.abs(1.0 + loop) / least - 1.0
         empty = np.zeros(slope.shape, complex), np.zeros(len(slack), complex)
         self._add(*empty, slope, slack, 1.0)

@@ -1,18 +1,19 @@
-"""Transfer functions in logarithmic factors:  the form in which nothing has to be unwrapped and nothing is missed.
+"""Transfer functions in Bode form, as logarithms:  gain, slope, factors 1 + (s/corner)^nu and dead time.
 
-With u = ln omega, every response of this package is, exactly,
+With u = ln omega, the logarithm of every response f in this package is, exactly,
 
     ln f = scale + slope0 u + j phase0 + sum_k sign_k ln(1 + e^{nu_k (u - u_k)} e^{j psi_k}) - j delay e^u .      (1)
 
-A root r of a polynomial has nu = 1, u_k = ln|r| and psi = arg(-j/r); kp + ki s^-alpha has nu = alpha,
-u_k = ln|ki/kp|/alpha and psi = alpha pi/2.  As omega grows, w = e^{nu (u - u_k)} e^{j psi} runs along a ray from 0, so
-the principal value of ln(1 + w) is continuous: the imaginary part of (1) is the unwrapped phase from omega -> 0, in
-closed form.  With
+Each factor k has a sign (+1 in the numerator, -1 in the denominator), an exponent nu_k, a corner u_k and an angle
+psi_k. A root r of a polynomial has nu = 1, u_k = ln|r| and psi = arg(-j/r); kp + ki s^-alpha has nu = alpha, u_k =
+ln|ki/kp|/alpha and psi = alpha pi/2.  As omega grows, w = e^{nu (u - u_k)} e^{j psi} runs along a ray from 0, so the
+principal value of ln(1 + w) is continuous: the imaginary part of (1) is the unwrapped phase from omega -> 0, in closed
+form.  With
 
     d/du ln(1 + w) = nu w/(1 + w),        d2/du2 ln(1 + w) = nu^2 w/(1 + w)^2,                                     (2)
 
-the second derivative is bounded on an interval of u by the ray's smallest distance from -1, which is what
-`fopi_tune.core.roots` and `fopi_tune.core.peaks` need in order to miss nothing between two points.
+the second derivative is bounded on an interval of u by the ray's smallest distance from -1.  `fopi_tune.core.roots` and
+`fopi_tune.core.peaks` use that bound: no root and no peak between two points is missed.
 
 Source: derived; (1) is the sum of the logarithms of the factors of N, D and C.
 """
@@ -29,22 +30,22 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Complex = NDArray[np.complex128]
 
-#: exponents are cut here so that a double, and in bounds its square, stays finite
+#: exponents are clipped here so that a double, and in bounds its square, stays finite
 _EXPONENT_CAP = 700.0
 _BOUND_EXPONENT_CAP = 300.0
 
 
 @dataclass(frozen=True)
-class LogForm:
+class BodeForm:
     """m functions of u = ln omega in the form (1).
 
     Args:
         scale: shape (m,), ln of the absolute gain of the low-frequency asymptote at omega = 1 rad/s.
         slope0: shape (m,), exponent of that asymptote (-1 per integrator).
         phase0: shape (m,), rad, phase as omega -> 0.
-        sign: shape (m, K), how often a factor stands above the line; negative below.
+        sign: shape (m, K), multiplicity of a factor; positive in the numerator, negative in the denominator.
         nu: shape (m, K), exponent of a factor's ray.
-        corner: shape (m, K), u_k; inf for a factor that is not there.
+        corner: shape (m, K), u_k; inf for a factor that is absent.
         psi: shape (m, K), rad, angle of a factor's ray, in (-pi, pi).
         delay: shape (m,), s; negative in the inverse of a delayed function.
     """
@@ -58,9 +59,9 @@ class LogForm:
     psi: Array
     delay: Array
 
-    def __add__(self, other: LogForm) -> LogForm:
+    def __add__(self, other: BodeForm) -> BodeForm:
         """The product of the functions."""
-        return LogForm(
+        return BodeForm(
             self.scale + other.scale,
             self.slope0 + other.slope0,
             self.phase0 + other.phase0,
@@ -71,16 +72,18 @@ class LogForm:
             self.delay + other.delay,
         )
 
-    def __neg__(self) -> LogForm:
+    def __neg__(self) -> BodeForm:
         """One over the functions."""
-        return LogForm(-self.scale, -self.slope0, -self.phase0, -self.sign, self.nu, self.corner, self.psi, -self.delay)
+        return BodeForm(
+            -self.scale, -self.slope0, -self.phase0, -self.sign, self.nu, self.corner, self.psi, -self.delay
+        )
 
-    def take(self, rows: Rows) -> LogForm:
-        """The functions of these rows."""
-        return LogForm(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+    def take(self, rows: Rows) -> BodeForm:
+        """Select rows."""
+        return BodeForm(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
-    def undelayed(self) -> LogForm:
-        """The functions without their dead times: the same gain, and a curvature bound that is about the gain alone."""
+    def undelayed(self) -> BodeForm:
+        """The functions without their dead times: same gain, and a curvature bound of the gain alone."""
         return replace(self, delay=np.zeros_like(self.delay))
 
     def value(self, rows: Rows, u: Array) -> Complex:
@@ -114,7 +117,7 @@ class LogForm:
         return self.gain_curvature_bound(rows, low, high) + np.abs(self.delay[rows]) * np.exp(high)
 
     def gain_curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
-        """The same without the dead time, which bends only the phase: an upper bound of |d2 ln|f| / du2|."""
+        """An upper bound of |d2 ln|f| / du2| on [low, high]; a dead time changes only the phase."""
         nu, corner, cosine = self.nu[rows], self.corner[rows], self._direction[rows].real
         rho_low = np.exp(np.clip(nu * (low[:, None] - corner), -_BOUND_EXPONENT_CAP, _BOUND_EXPONENT_CAP))
         rho_high = np.exp(np.clip(nu * (high[:, None] - corner), -_BOUND_EXPONENT_CAP, _BOUND_EXPONENT_CAP))

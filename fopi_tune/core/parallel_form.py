@@ -1,4 +1,4 @@
-"""A digital controller as a sum of first-order sections:  C(z) = direct + sum_k r_k/(z - p_k)."""
+"""Digital controllers in parallel form, a sum of first-order sections:  C(z) = direct + sum_k r_k/(z - p_k)."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 
-#: relative; what is nearer to Nyquist's frequency cannot be told from it, as its tangent has no digits left
+#: relative; frequencies this close to Nyquist's count as equal to it: tan(omega Ts/2) has no accurate digits there
 _NYQUIST_ROUNDING = 1e-12
 
 
@@ -19,8 +19,8 @@ class Sections:
 
     Args:
         sample_time_s: Ts.
-        direct: the path without memory.
-        poles: real, inside the unit circle but for the integrator's, which is exactly 1 and comes first; empty
+        direct: the direct feedthrough.
+        poles: real, inside the unit circle except the integrator's, which is exactly 1 and comes first; empty
             without ki.
         residues: of the same length.
     """
@@ -36,7 +36,7 @@ class Sections:
         return self.at(2j * np.sin(half) * np.exp(1j * half))
 
     def at(self, shifted: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """C(z) at z = 1 + shifted, shape (n,): with z - 1 given, poles next to 1 cost no digits."""
+        """C(z) at z = 1 + shifted, shape (n,); taking z - 1 avoids cancellation at poles close to 1."""
         total = np.full(len(shifted), self.direct, dtype=complex)
         with np.errstate(divide="ignore", invalid="ignore"):
             for pole, residue in zip(self.poles, self.residues, strict=True):
@@ -49,7 +49,7 @@ class Implementation:
     """A controller as it runs on a computer.
 
     Args:
-        sections: what is computed at every sample.
+        sections: the filter that is computed at every sample.
         delay_samples: time from the measurement to the new control, in samples; whole or not, >= 0.
     """
 
@@ -72,5 +72,5 @@ class Implementation:
         return float(np.pi / self.sections.sample_time_s)
 
     def is_beyond_nyquist(self, omega_rad_s: float) -> bool:
-        """Whether a frequency is Nyquist's, but for rounding, or a higher one."""
+        """Whether a frequency is at or above Nyquist's, up to rounding."""
         return omega_rad_s >= self.nyquist_rad_s * (1.0 - _NYQUIST_ROUNDING)

@@ -1,4 +1,7 @@
-"""Plants behind a zero-order hold, exactly:  the polynomials Q and R of `fopi_tune.core.sampled`, many at once."""
+"""Exact zero-order-hold discretisation of many plants at once.
+
+The results are the polynomials Q and R of `fopi_tune.core.sampled_loops`, formula (1).
+"""
 
 from __future__ import annotations
 
@@ -6,17 +9,18 @@ import math
 
 import numpy as np
 
-from fopi_tune.core.logform import Array
+from fopi_tune.core.bode_form import Array
 
 #: terms of the exponential series: 0.5^16/16! = 1e-18
 _TERMS = 17
 
 
-def exponentials_less_one(matrices: Array) -> Array:
-    """e^A - 1 of m small matrices, shape (m, n, n), each to rounding of its largest entry.
+def matrix_expm1(matrices: Array) -> Array:
+    """e^A - I of m small matrices, shape (m, n, n), each to rounding of its largest entry.
 
-    With A/2^k of norm below 1/2, e^{A/2^k} - 1 by its series, and e^{2A} - 1 = 2 (e^A - 1) + (e^A - 1)^2 so often.
-    Written out rather than by scipy's expm: a thousand calls of a threaded library for 2 x 2 matrices can take seconds.
+    Scaling and squaring: k is chosen so that A/2^k has a norm below 1/2; e^{A/2^k} - I comes from its series, and
+    e^{2A} - I = 2 (e^A - I) + (e^A - I)^2 is applied k times.  scipy's expm is not used: a thousand calls of a threaded
+    library for 2 x 2 matrices can take seconds.
     """
     norm = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
     halvings = max(0, math.ceil(math.log2(max(norm, 1e-300))) + 1)
@@ -31,13 +35,13 @@ def exponentials_less_one(matrices: Array) -> Array:
 
 
 def behind_hold(numerator: Array, denominator: Array, sample_time_s: float, part: Array) -> tuple[Array, Array]:
-    """Q and R in powers of delta = z - 1 of m plants without their whole samples of delay.
+    """Q and R in powers of delta = z - 1 of m plants behind a hold, without the whole samples of their delay.
 
     Args:
         numerator: shape (m, a), descending powers of s.
         denominator: shape (m, n + 1).
         sample_time_s: Ts.
-        part: f, shape (m,), the part of a sample by which they are late.
+        part: f, shape (m,), the fractional part of their delay in samples, 0 <= f < 1.
 
     Returns:
         Shape (m, n + 1) each; R's first column is 1.
@@ -51,7 +55,7 @@ def behind_hold(numerator: Array, denominator: Array, sample_time_s: float, part
     # int_{1-f}^1 = e^{A(1-f)} int_0^f, and e^{At} = I + A int_0^t
     g1 = second[:, :, 0] + np.einsum("mij,mjk,mk->mi", a, first, second[:, :, 0])
     q, r = _polynomials(a @ whole, c, g0, g1)
-    # an integrator's pole is at z = 1 to the last bit, and the gain at rest is the plant's own
+    # an integrator's pole must be exactly z = 1, and the static gain exactly the plant's
     for k in range(1, n + 1):
         r[:, k] = np.where((denominator[:, k:] == 0.0).all(axis=1), 0.0, r[:, k])
     q = q + direct[:, None] * r
@@ -74,7 +78,7 @@ def companion(numerator: Array, denominator: Array, sample_time_s: float) -> tup
     """
     m, width = denominator.shape
     n = width - 1
-    # s Ts = sigma: coefficients of falling powers take Ts^0, Ts^1, ...; plants come last, in long rows
+    # s Ts = sigma: coefficients of falling powers take Ts^0, Ts^1, ...; the plants are the last axis
     scale = (sample_time_s ** np.arange(width))[:, None]
     bottom, top = np.ascontiguousarray(denominator.T) * scale, np.zeros((width, m))
     top[width - numerator.shape[1] :] = numerator.T
@@ -87,15 +91,15 @@ def companion(numerator: Array, denominator: Array, sample_time_s: float) -> tup
     return a, np.ascontiguousarray((top[1:] - direct * bottom[1:]).T), direct
 
 
-def segment(a: Array, part: Array) -> tuple[Array, Array]:
-    """A part of a sample under a constant input:  x <- e^{At} x + int_0^t e^{As} e_1 ds u.
+def constant_input_step(a: Array, part: Array) -> tuple[Array, Array]:
+    """State transition over part of a sample with a constant input u:  x <- e^{At} x + int_0^t e^{As} e_1 ds u.
 
     Args:
         a: the companion matrices, shape (m, n, n).
         part: t, shape (m,), in samples.
 
     Returns:
-        e^{At}, shape (m, n, n), and the input's weight, shape (m, n).
+        e^{At}, shape (m, n, n), and the input vector int_0^t e^{As} e_1 ds, shape (m, n).
     """
     if a.shape[1] == 1:
         # (e^{at} - 1)/a, and t for an integrator
@@ -113,11 +117,11 @@ def _integrals(a: Array, t: Array) -> Array:
     block = np.zeros((m, 2 * n, 2 * n))
     block[:, :n, :n] = a
     block[:, :n, n:] = np.eye(n)
-    return exponentials_less_one(block * t[:, None, None])[:, :n, n:]
+    return matrix_expm1(block * t[:, None, None])[:, :n, n:]
 
 
 def _polynomials(e: Array, c: Array, g0: Array, g1: Array) -> tuple[Array, Array]:
-    """By Faddeev and LeVerrier's recursion for adj(delta I - E) = sum_k B_k delta^(n-1-k), E = Phi - I."""
+    """Q and R by the Faddeev-LeVerrier recursion for adj(delta I - E) = sum_k B_k delta^(n-1-k), E = Phi - I."""
     m, n = c.shape
     r = np.zeros((m, n + 1))
     r[:, 0] = 1.0

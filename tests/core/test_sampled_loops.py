@@ -1,4 +1,4 @@
-"""Loops on samples in floating point, against state space, eigenvalues, `control` and brute-force scans."""
+"""Sampled-data loops in floating point, against state space, eigenvalues, `control` and brute-force scans."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from scipy.signal import cont2discrete
 import fopi_tune as ft
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import margins_of
+from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.plant import Plant
-from fopi_tune.core.sampled import SampledLoops
-from fopi_tune.core.sections import Implementation, Sections
+from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import unstable_closed_loop_poles
 from fopi_tune.digital.integrator import oustaloup
 from fopi_tune.digital.sections import tustin

@@ -1,7 +1,7 @@
-"""Requirements as one-sided inequalities and equalities in natural units: what a solver works with; and their scale.
+"""DesignSpec -> constraints of the solver, and their scaling.
 
-In the plant's own time and gain every design problem looks alike, be it in microseconds or in hours.  With omega_s
-and g_s the loop is scaled by
+Every requirement becomes one-sided inequalities or an equality in natural units (neper, radian).  With a characteristic
+frequency omega_s and the gain g_s = |P(j omega_s)| of the nominal plant the loop is scaled by
 
     v = ln(omega/omega_s),   kp' = kp g_s,   ki' = ki g_s omega_s^-alpha ,
     so that   C g_s = kp' + ki' e^{-alpha (v + j pi/2)} .
@@ -15,24 +15,25 @@ from enum import Enum
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.quantities import QUANTITIES, Quantity
-from fopi_tune.quantities.base import Where
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Scope
 
-#: The design keeps |S| below this for every plant and frequency, whether or not a requirement says so: the loop's
-#: distance from -1 stays above 0.01, so that stability at one member carries over to the connected family.
+#: The design keeps |S| below this for every plant and frequency, with or without a requirement: a modulus margin of
+#: 0.01. The loop's distance from -1 then stays positive, so that stability of one member implies that of the connected
+#: family.
 STABILITY_GUARD_DB = 40.0
-#: 2 arcsin(0.01/2): the phase margin that goes with that distance
+#: 2 arcsin(0.01/2), the phase margin that corresponds to this modulus margin
 STABILITY_GUARD_DEG = 0.573
-#: the guard's place in lists of requirements
-GUARD = -1
+#: `Constraint.requirement` of the stability guards, which belong to no requirement
+STABILITY_GUARD = -1
 
 
 class Bound(Enum):
-    """Which way a side bounds its quantity; the value is the slack's sign: slack = value (limit - quantity)."""
+    """Which way a constraint bounds its quantity; the value is the slack's sign: slack = value (limit - quantity)."""
 
     LOWER = -1
     UPPER = 1
@@ -40,8 +41,8 @@ class Bound(Enum):
 
 
 @dataclass(frozen=True)
-class Side:
-    """One side of one requirement.
+class Constraint:
+    """One bound of one requirement, or a stability guard.
 
     Args:
         requirement: index in the spec's list, or GUARD.
@@ -50,7 +51,7 @@ class Side:
         limit: in natural units (neper or radian).
         limit_public: in the quantity's public unit.
         scale: multiplies the slack; see `Quantity.natural_scale`.
-        nominal: only the nominal member counts.
+        nominal: whether it holds for the nominal plant only.
         from_rad_s, to_rad_s: the band, for frequency functions.
         in_depth: whether its slack counts when the smallest slack is the objective.
     """
@@ -67,12 +68,12 @@ class Side:
     in_depth: bool
 
     @property
-    def where(self) -> Where:
-        """At which frequencies the quantity is read."""
+    def where(self) -> EvaluatedAt:
+        """At which frequencies the quantity is evaluated."""
         return self.quantity.where
 
     def slack(self, natural: float) -> float:
-        """How far inside the limit a value is; of an equality, minus the distance."""
+        """Distance of a value from the limit, positive inside; of an equality, minus the absolute distance."""
         if self.bound is Bound.EQUAL:
             return -abs(self.limit - natural) * self.scale
         return self.bound.value * (self.limit - natural) * self.scale
@@ -86,37 +87,39 @@ class Side:
         return (up - down) / (2.0 * step)
 
 
-def sides_of(spec: DesignSpec) -> tuple[Side, ...]:
-    """Every side of every requirement, then the two stability guards.
+def constraints_of(spec: DesignSpec) -> tuple[Constraint, ...]:
+    """The constraints of every requirement, then the two stability guards.
 
-    The guard of |S| counts in the depth only when nothing else does.  The small phase margin steers away from
-    unstable loops that meet all the rest: |S| <= M alone is also true of some of them.
+    The guard of |S| counts in the depth (the smallest slack) only when no other constraint does.  The guard of the
+    phase margin excludes unstable loops: |S| <= M alone also holds for some of them.
     """
-    sides = [side for i, requirement in enumerate(spec.requirements) for side in _split(i, requirement)]
+    constraints = [
+        constraint for i, requirement in enumerate(spec.requirements) for constraint in _split(i, requirement)
+    ]
     peak = Requirement("sensitivity_db", Relation.AT_MOST, (STABILITY_GUARD_DB,))
     margin = Requirement("phase_margin_deg", Relation.AT_LEAST, (STABILITY_GUARD_DEG,))
-    alone = not any(side.in_depth for side in sides)
+    alone = not any(constraint.in_depth for constraint in constraints)
     return (
-        *sides,
-        _side(GUARD, peak, Bound.UPPER, STABILITY_GUARD_DB, alone),
-        _side(GUARD, margin, Bound.LOWER, STABILITY_GUARD_DEG, False),
+        *constraints,
+        _constraint(STABILITY_GUARD, peak, Bound.UPPER, STABILITY_GUARD_DB, alone),
+        _constraint(STABILITY_GUARD, margin, Bound.LOWER, STABILITY_GUARD_DEG, False),
     )
 
 
-def _split(index: int, requirement: Requirement) -> list[Side]:
+def _split(index: int, requirement: Requirement) -> list[Constraint]:
     if requirement.relation is Relation.EQUALS:
-        return [_side(index, requirement, Bound.EQUAL, requirement.limits[0], False)]
-    sides = []
+        return [_constraint(index, requirement, Bound.EQUAL, requirement.limits[0], False)]
+    constraints = []
     if math.isfinite(requirement.lower):
-        sides.append(_side(index, requirement, Bound.LOWER, requirement.lower, True))
+        constraints.append(_constraint(index, requirement, Bound.LOWER, requirement.lower, True))
     if math.isfinite(requirement.upper):
-        sides.append(_side(index, requirement, Bound.UPPER, requirement.upper, True))
-    return sides
+        constraints.append(_constraint(index, requirement, Bound.UPPER, requirement.upper, True))
+    return constraints
 
 
-def _side(index: int, requirement: Requirement, bound: Bound, limit: float, in_depth: bool) -> Side:
+def _constraint(index: int, requirement: Requirement, bound: Bound, limit: float, in_depth: bool) -> Constraint:
     quantity = QUANTITIES[requirement.quantity]
-    return Side(
+    return Constraint(
         requirement=index,
         quantity=quantity,
         bound=bound,
@@ -131,19 +134,19 @@ def _side(index: int, requirement: Requirement, bound: Bound, limit: float, in_d
 
 
 _POINTS_PER_DECADE = 16
-#: decades searched beyond the slowest and the fastest thing the spec names; with gains left open more
+#: decades of the grid beyond the lowest and highest characteristic frequency; more where gains are left open
 _DECADES_BEYOND = 3.0
 _DECADES_BEYOND_OPEN = 5.0
 
 
 @dataclass(frozen=True)
 class Scale:
-    """The scale of a spec.
+    """The scaling of a spec, and its frequency grid.
 
     Args:
         omega_rad_s: omega_s.
         gain: g_s = |P(j omega_s)| of the nominal plant.
-        omega_grid: shape (n,), rad/s, where violations are looked for.
+        omega_grid: shape (n,), rad/s, where the oracle evaluates the constraints.
     """
 
     omega_rad_s: float
@@ -162,7 +165,7 @@ class Scale:
 
 
 def scale_of(spec: DesignSpec) -> Scale:
-    """Scale and frequency grid of a spec: from its plants' corners and dead times, and the frequencies it names."""
+    """Scaling and frequency grid, from the plants' corner frequencies and dead times and the spec's own frequencies."""
     family = spec.plant
     plants = Plants.members(family, family.corners())
     roots = np.concatenate([plants.zeros.ravel(), plants.poles.ravel()])
@@ -195,7 +198,7 @@ def _named_frequencies(spec: DesignSpec) -> Array:
 
 
 def _characteristic(spec: DesignSpec, own: Array, named: Array) -> float:
-    """The crossover where the spec fixes one, else the geometric middle of the plant's corners."""
+    """omega_s: the crossover if the spec names one, else the geometric mean of the plants' corner frequencies."""
     for requirement in spec.requirements:
         if requirement.quantity == "crossover_rad_s":
             return requirement.limits[0]

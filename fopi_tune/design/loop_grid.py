@@ -1,4 +1,4 @@
-"""Loops over a grid of frequencies:  where they cross, and every number that quantities are made of."""
+"""Loops on a frequency grid:  their gain and phase crossovers, and the values from which quantities are computed."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.logform import Array, Complex, Rows
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import gain_crossovers
 
 
 class Track(Enum):
-    """What a frequency is moved to before it is looked at."""
+    """To which crossover a frequency is moved before it is evaluated."""
 
     STAY = 0
     GAIN_CROSSOVER = 1
@@ -38,8 +38,8 @@ class LoopNumbers:
     omega_rad_s: Array
 
 
-class Table:
-    """ln L of some plants, the nominal one first, over the frequency grid, and what follows from it."""
+class LoopGrid:
+    """ln L of some plants, the nominal one first, on the frequency grid."""
 
     def __init__(self, gains: FoPi, plants: Plants, omega: Array) -> None:
         self.loops = Loops.of(gains, plants)
@@ -73,12 +73,12 @@ class Table:
         return slack(numbers).reshape(len(rows), -1), self.u[inside]
 
     def gain_crossings(self) -> tuple[Rows, Array]:
-        """(row, u) of the gain crossovers the grid shows."""
+        """(row, u) of the gain crossovers that are visible on the grid."""
         if self._gain_crossings is None:
             rows, u = self._crossings(self.log_l.real >= 0, Track.GAIN_CROSSOVER)
             dip_rows, dip_u = self._dips()
             rows, u = np.concatenate([rows, dip_rows]), np.concatenate([u, dip_u])
-            # Small gains cross below the grid, large ones above: the exact search has no ends.
+            # Small gains have their crossover below the grid, large ones above: find those by the exact search.
             missing = np.setdiff1d(np.arange(len(self.loops)), rows)
             if len(missing):
                 beyond = gain_crossovers(self.loops.take(missing))
@@ -89,7 +89,7 @@ class Table:
         return self._gain_crossings
 
     def _dips(self) -> tuple[Rows, Array]:
-        """Pairs of crossovers between grid points, where ln|L| turns close to 0 and may pass it in between."""
+        """Pairs of crossovers between grid points, where ln|L| has a minimum or maximum close to 0."""
         gain = self.log_l.real
         before, at, after = np.abs(gain[:, :-2]), np.abs(gain[:, 1:-1]), np.abs(gain[:, 2:])
         same = (gain[:, :-2] * gain[:, 1:-1] > 0) & (gain[:, 1:-1] * gain[:, 2:] > 0)
@@ -99,7 +99,7 @@ class Table:
         loops = self.loops.take(rows)
         every = np.arange(len(rows))
         sign = np.sign(gain[rows, i + 1])
-        # Where ln|L| turns, its slope changes sign: bisection finds the place.
+        # The slope of ln|L| changes sign at the extremum: find it by bisection.
         for _ in range(30):
             middle = 0.5 * (left + right)
             falling = sign * loops.log.derivative(every, middle).real < 0
@@ -117,7 +117,7 @@ class Table:
         return np.concatenate([rows[passes]] * 2), np.concatenate(ends)
 
     def phase_crossings(self) -> tuple[Rows, Array]:
-        """(row, u) of the phase crossovers with |L| < 1 the grid shows."""
+        """(row, u) of the phase crossovers with |L| < 1 that are visible on the grid."""
         rows, u = self._crossings(np.floor((self.log_l.imag + np.pi) / (2.0 * np.pi)), Track.PHASE_CROSSOVER)
         small = self.loops.log_response(rows, u).real < 0
         return rows[small], u[small]
@@ -128,7 +128,7 @@ class Table:
         return np.abs(self.log_l.real)[np.arange(len(best)), best], self.u[best]
 
     def _crossings(self, cell: NDArray[Any], track: Track) -> tuple[Rows, Array]:
-        """Changes of the cell's number along the grid, polished."""
+        """Where `cell` changes along the grid, refined by Newton's method."""
         rows, i = np.nonzero(cell[:, 1:] != cell[:, :-1])
         u = 0.5 * (self.u[i] + self.u[i + 1])
         polished = tracked(self.loops.take(rows), u, np.full(len(u), track.value))
@@ -154,7 +154,7 @@ def tracked(loops: Loops, u: Array, track: Rows) -> Array:
 
 
 def numbers_at(loops: Loops, rows: Rows, u: Array) -> LoopNumbers:
-    """Everything quantities are made of, at given rows and u."""
+    """The values from which quantities are computed, at given rows and u."""
     z = loops.log_response(rows, u)
     omega = np.exp(u)
     with np.errstate(divide="ignore"):
@@ -163,7 +163,7 @@ def numbers_at(loops: Loops, rows: Rows, u: Array) -> LoopNumbers:
 
 
 def part_of(numbers: LoopNumbers, part: slice) -> LoopNumbers:
-    """Some of the rows."""
+    """Select rows."""
     return LoopNumbers(*(getattr(numbers, name)[part] for name in LoopNumbers.__dataclass_fields__))
 
 
