@@ -6,8 +6,9 @@ precisions that targets use.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +17,8 @@ from fopi_tune.core.logform import Array
 from fopi_tune.core.sections import Sections
 from fopi_tune.digital.fit import FIT_UP_TO, fit
 from fopi_tune.digital.integrator import ZeroPoleGain, modified_oustaloup, oustaloup
-from fopi_tune.digital.realise import Form, Precision, Realisation, accepted, realise
-from fopi_tune.digital.sections import matched, tustin
+from fopi_tune.digital.realise import Form, Precision, Realisation, checked_realisation, realise
+from fopi_tune.digital.transforms import matched, tustin
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DigitalSpec
 
@@ -115,7 +116,7 @@ def discretize(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None 
         realisations = tuple(realise(sections, form, precision, _test_input()) for form, precision in pairs)
     for realisation in realisations:
         if realisation.form is Form.PARALLEL:
-            accepted(realisation, _TOLERANCE)
+            checked_realisation(realisation, _TOLERANCE)
     return DigitalController(gains, digital, sections, errors, accurate, realisations, crossover_rad_s)
 
 
@@ -187,3 +188,32 @@ def _test_input() -> Array:
     """A step with noise: what a loop's error looks like; seeded, so that equal inputs give equal results."""
     rng = np.random.default_rng(20)
     return 0.3 + rng.normal(size=_SAMPLES)
+
+
+def to_document(controller: DigitalController) -> dict[str, Any]:
+    """What the JSON of `fopi discretize` says of the controller itself."""
+    sections = controller.sections
+    return {
+        "digital": {key: list(v) if isinstance(v, tuple) else v for key, v in asdict(controller.digital).items()},
+        "controller": {
+            "form": "direct + sum of residue/(z - pole)",
+            "direct": sections.direct,
+            "sections": [
+                {"pole": pole, "residue": residue}
+                for pole, residue in zip(sections.poles, sections.residues, strict=True)
+            ],
+        },
+        **({"band_note": controller.band_note} if controller.band_note else {}),
+        "errors": [{"up_to_rad_s": omega, "largest_relative": error} for omega, error in controller.errors],
+        "accurate_rad_s": list(controller.accurate_rad_s) if controller.accurate_rad_s else None,
+        "realisations": [
+            {
+                "form": realisation.form.value,
+                "precision": realisation.precision.value,
+                "relative_error": realisation.error if realisation.error < float("inf") else None,
+                "stable": realisation.stable,
+                "coefficients": [list(row) for row in realisation.coefficients],
+            }
+            for realisation in controller.realisations
+        ],
+    }

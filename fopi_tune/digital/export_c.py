@@ -102,7 +102,7 @@ def comment(text: str) -> str:
     return "\n".join(f" * {line}" for line in textwrap.wrap(text, _WIDTH, subsequent_indent=" " * _INDENT)) or " *"
 
 
-def harmless(text: str, longest: int = _SHORT) -> str:
+def sanitized(text: str, longest: int = _SHORT) -> str:
     """Any text as printable ASCII of one line without comment marks, trigraphs and continued lines.
 
     Args:
@@ -152,14 +152,14 @@ def _values(export: Export, runtime: Runtime) -> dict[str, Any]:
         "prefix": f"fopi_{export.identifier}_{kind['suffix']}",
         "macro": f"FOPI_{export.identifier}_{kind['suffix']}".upper(),
         "name": export.name,
-        "description": harmless(export.description, _DESCRIPTION),
-        "sha256": harmless(export.spec_sha256),
-        "tool": harmless(export.tool),
-        "measurement_unit": harmless(export.units.measurement) or "unit not given",
-        "output_unit": harmless(export.units.output) or "unit not given",
+        "description": sanitized(export.description, _DESCRIPTION),
+        "sha256": sanitized(export.spec_sha256),
+        "tool": sanitized(export.tool),
+        "measurement_unit": sanitized(export.units.measurement) or "unit not given",
+        "output_unit": sanitized(export.units.output) or "unit not given",
         "gains": controller.gains,
         "digital": controller.digital,
-        "filter": harmless(_filter(controller), _DESCRIPTION),
+        "filter": sanitized(_filter(controller), _DESCRIPTION),
         "errors": _errors(controller),
         "rounding": _rounding(controller, runtime),
         "limits": "none" if export.limits is None else f"{runtime.limits[0]!r} to {runtime.limits[1]!r}",

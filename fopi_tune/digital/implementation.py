@@ -26,8 +26,8 @@ def implementation_of(spec: DesignSpec, gains: FoPi) -> Implementation:
     Raises:
         DomainError: there is no such section, or it cannot be met (band, sample time).
     """
-    digital = digital_of(spec)
-    return Implementation(sections_of(gains, digital, crossover_of(spec, gains)), digital.delay_samples)
+    digital = digital_section_of(spec)
+    return Implementation(sections_of(gains, digital, nominal_crossover(spec, gains)), digital.delay_samples)
 
 
 def is_implementation_of(spec: DesignSpec, gains: FoPi, implementation: Implementation) -> bool:
@@ -43,7 +43,7 @@ def is_implementation_of(spec: DesignSpec, gains: FoPi, implementation: Implemen
     return bool(np.all(np.abs(implementation.sections.response(omega) - wanted) <= _SAME * np.abs(wanted)))
 
 
-def digital_of(spec: DesignSpec) -> DigitalSpec:
+def digital_section_of(spec: DesignSpec) -> DigitalSpec:
     """The spec's section.
 
     Raises:
@@ -56,6 +56,6 @@ def digital_of(spec: DesignSpec) -> DigitalSpec:
     return spec.digital
 
 
-def crossover_of(spec: DesignSpec, gains: FoPi) -> float | None:
+def nominal_crossover(spec: DesignSpec, gains: FoPi) -> float | None:
     """The nominal gain crossover of the ideal controller, rad/s; None without one."""
     return margins(gains, spec.plant.member(spec.plant.nominal_point)).crossover_rad_s

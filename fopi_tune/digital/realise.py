@@ -84,7 +84,7 @@ def realise(sections: Sections, form: Form, precision: Precision, inputs: Array)
     return Realisation(form, precision, coefficients, error if np.isfinite(error) else np.inf, stable)
 
 
-def accepted(realisation: Realisation, tolerance: float) -> Realisation:
+def checked_realisation(realisation: Realisation, tolerance: float) -> Realisation:
     """The realisation, unless it must not be used.
 
     Raises:

@@ -46,8 +46,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.logform import Array
+from fopi_tune.core.sections import Sections
 from fopi_tune.digital.realise import Precision, parallel_rows
-from fopi_tune.digital.sections import Sections
 from fopi_tune.errors import DomainError
 
 #: how far inside the unit circle eigenvalues have to be before weights of both signs are used; above eig's rounding
@@ -103,16 +103,16 @@ class Runtime:
         return bool(self.poles) and self.poles[0] == 1.0
 
     @cached_property
-    def stored(self) -> Stored:
+    def stored(self) -> StoredCoefficients:
         """The same numbers in the type of the precision."""
         dtype = self.precision.dtype
         direct, gain, low, high = (dtype(number) for number in (self.direct, self.tracking_gain, *self.limits))
         poles, residues, weights = (np.array(row, dtype=dtype) for row in (self.poles, self.residues, self.weights))
-        return Stored(direct, poles, residues, weights, gain, low, high, np.finfo(dtype).max)
+        return StoredCoefficients(direct, poles, residues, weights, gain, low, high, np.finfo(dtype).max)
 
 
 @dataclass(frozen=True, eq=False)
-class Stored:
+class StoredCoefficients:
     """A runtime's numbers as NumPy's scalars and arrays of its precision."""
 
     direct: np.floating

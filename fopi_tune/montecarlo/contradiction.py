@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from fopi_tune.montecarlo.montecarlo import Evidence
-from fopi_tune.montecarlo.outcomes import Judged
+from fopi_tune.montecarlo.outcomes import OutcomeStatistics
 from fopi_tune.proof.certificate import Certificate, RequirementProof, Verdict
 from fopi_tune.quantities import QUANTITIES
 
@@ -38,7 +38,7 @@ def contradictions(evidence: Evidence, certificate: Certificate | None) -> tuple
     return tuple(found)
 
 
-def _key(judged: Judged) -> tuple[object, ...]:
+def _key(judged: OutcomeStatistics) -> tuple[object, ...]:
     r = judged.requirement
     assert r is not None
     return r.quantity, r.relation, r.limits, r.scope, r.from_rad_s, r.to_rad_s
@@ -54,7 +54,7 @@ def _bound(proof: RequirementProof, upper: bool) -> float | None:
     return proof.bounds[1] if upper else proof.bounds[0]
 
 
-def _is_beyond(judged: Judged, value: float, bound: float) -> bool:
+def _is_beyond(judged: OutcomeStatistics, value: float, bound: float) -> bool:
     assert judged.requirement is not None
     quantity = QUANTITIES[judged.requirement.quantity]
     one, other = quantity.to_natural(value), quantity.to_natural(bound)

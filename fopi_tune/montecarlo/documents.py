@@ -7,7 +7,7 @@ from typing import Any
 
 from fopi_tune.core.distributions import Uniform
 from fopi_tune.montecarlo.montecarlo import Evidence
-from fopi_tune.montecarlo.outcomes import Judged, WorstPlant
+from fopi_tune.montecarlo.outcomes import OutcomeStatistics, WorstPlant
 from fopi_tune.montecarlo.statistics import Fraction, Histogram
 from fopi_tune.montecarlo.systems import SystemEvidence
 from fopi_tune.spec.model import ValidationSpec
@@ -55,7 +55,7 @@ def _drawn(evidence: Evidence | SystemEvidence) -> dict[str, Any]:
     }
 
 
-def _judged(judged: Judged) -> dict[str, Any]:
+def _judged(judged: OutcomeStatistics) -> dict[str, Any]:
     said: dict[str, Any] = {}
     if judged.requirement is not None:
         requirement = judged.requirement

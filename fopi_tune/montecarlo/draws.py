@@ -20,18 +20,18 @@ from fopi_tune.core.logform import Array
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.samples import Table, not_uncertain, outside_box
 from fopi_tune.errors import DomainError
-from fopi_tune.montecarlo.sampling import Design, cube
+from fopi_tune.montecarlo.sampling import SamplingDesign, unit_cube_points
 
 
 @dataclass(frozen=True)
-class Listed:
+class SampleList:
     """A table's rows one after the other: draw i is row i, whatever seed and design."""
 
     table: Table
 
 
 @dataclass(frozen=True)
-class Draw:
+class SamplingPlan:
     """What to draw.
 
     Args:
@@ -46,18 +46,18 @@ class Draw:
     """
 
     seed: int
-    design: Design = Design.RANDOM
+    design: SamplingDesign = SamplingDesign.RANDOM
     total: int | None = None
-    source: Mapping[str, Distribution] | Table | Listed = field(default_factory=dict)
+    source: Mapping[str, Distribution] | Table | SampleList = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "seed", _whole("seed", self.seed))
         if self.total is not None:
             object.__setattr__(self, "total", _whole("total", self.total))
-        cube(self.design, self.seed, 0, 0, 0, self.total)
+        unit_cube_points(self.design, self.seed, 0, 0, 0, self.total)
 
 
-def points(draw: Draw, family: PlantFamily, first: int, count: int) -> Array:
+def sample_points(draw: SamplingPlan, family: PlantFamily, first: int, count: int) -> Array:
     """Draws first .. first + count - 1.
 
     Args:
@@ -74,26 +74,26 @@ def points(draw: Draw, family: PlantFamily, first: int, count: int) -> Array:
     """
     names = family.uncertain_names
     first, count = _whole("first", first), _whole("count", count)
-    if isinstance(draw.source, Listed):
+    if isinstance(draw.source, SampleList):
         return _rows(draw.source.table, family, first, count)
     if isinstance(draw.source, Table):
         columns = draw.source.columns(family)
-        u = cube(draw.design, draw.seed, 1, first, count, draw.total)[:, 0]
+        u = unit_cube_points(draw.design, draw.seed, 1, first, count, draw.total)[:, 0]
         # u < 1, but u m may round up to m
         rows = np.minimum((u * len(draw.source.rows)).astype(np.int64), len(draw.source.rows) - 1)
         return draw.source.rows[rows][:, columns]
     if unknown := sorted(set(draw.source) - set(names)):
         raise DomainError(not_uncertain(unknown[0], family))
-    places = cube(draw.design, draw.seed, len(names), first, count, draw.total)
+    places = unit_cube_points(draw.design, draw.seed, len(names), first, count, draw.total)
     for column, name in enumerate(names):
         u = np.ascontiguousarray(places[:, column])
         places[:, column] = draw.source.get(name, Uniform()).values(u, family.parameters[name])
     return places
 
 
-def stays_inside(draw: Draw, family: PlantFamily) -> bool:
+def stays_inside(draw: SamplingPlan, family: PlantFamily) -> bool:
     """Whether no draw can lie outside the family's box."""
-    if isinstance(draw.source, Table | Listed):
+    if isinstance(draw.source, Table | SampleList):
         table = draw.source if isinstance(draw.source, Table) else draw.source.table
         return not outside_box(table.rows[:, table.columns(family)], family).any()
     for name in family.uncertain_names:

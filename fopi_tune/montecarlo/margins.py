@@ -36,7 +36,7 @@ _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True)
-class Scan:
+class MarginScan:
     """m loops of one digital controller, looked at on a grid.
 
     Args:

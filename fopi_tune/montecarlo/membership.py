@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from fopi_tune.core.logform import Array
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.samples import impossible, outside_box
-from fopi_tune.montecarlo.tally import Found, Tally, Worst, merge, tally
+from fopi_tune.montecarlo.tally import IndexedValue, Tally, Worst, merge, tally
 
-Marks = NDArray[np.bool_]
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Marked:
+class ClassifiedDraws:
     """Draws first, first + 1, ...
 
     Args:
@@ -36,11 +36,11 @@ class Marked:
 
     first: int
     places: Array
-    is_plant: Marks
-    inside: Marks
+    is_plant: Flags
+    inside: Flags
 
     @classmethod
-    def of(cls, places: Array, family: PlantFamily, first: int, free: bool) -> Marked:
+    def of(cls, places: Array, family: PlantFamily, first: int, free: bool) -> ClassifiedDraws:
         """Draws with their marks.
 
         Args:
@@ -58,7 +58,7 @@ class Marked:
 
 
 @dataclass(frozen=True)
-class Counted:
+class FamilyTally:
     """A tally, and what of it is about the family.
 
     Args:
@@ -69,10 +69,10 @@ class Counted:
 
     tally: Tally
     missed_inside: int
-    worst_inside: Found | None
+    worst_inside: IndexedValue | None
 
 
-def count(drawn: Marked, values: Array, met: Marks, worst_are: Worst, keep: int) -> Counted:
+def count(drawn: ClassifiedDraws, values: Array, met: Flags, worst_are: Worst, keep: int) -> FamilyTally:
     """A chunk's counts.
 
     Args:
@@ -88,21 +88,21 @@ def count(drawn: Marked, values: Array, met: Marks, worst_are: Worst, keep: int)
     worst = None
     if len(inside):
         at = int(inside[np.argmin(worst_are.value * values[inside])])
-        worst = Found(float(values[at]), drawn.first + at)
-    return Counted(merge(parts), int(np.count_nonzero(~met[inside])), worst)
+        worst = IndexedValue(float(values[at]), drawn.first + at)
+    return FamilyTally(merge(parts), int(np.count_nonzero(~met[inside])), worst)
 
 
-def merge_counts(parts: Iterable[Counted]) -> Counted:
+def merge_family_tallies(parts: Iterable[FamilyTally]) -> FamilyTally:
     """One count of several, as `tally.merge`."""
     each = list(parts)
     whole = merge(part.tally for part in each)
     sign = whole.worst_are.value
     found = [part.worst_inside for part in each if part.worst_inside is not None]
     worst = min(found, key=lambda f: (sign * f.value, f.index), default=None)
-    return Counted(whole, sum(part.missed_inside for part in each), worst)
+    return FamilyTally(whole, sum(part.missed_inside for part in each), worst)
 
 
-def _runs(marks: Marks) -> Iterator[tuple[int, int]]:
+def _runs(marks: Flags) -> Iterator[tuple[int, int]]:
     """Where marks are set without a gap: (start, stop)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], marks, [False]]).astype(np.int8)))
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)

@@ -21,13 +21,21 @@ from fopi_tune.core.sections import Implementation
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
-from fopi_tune.montecarlo.margins import Scan
-from fopi_tune.montecarlo.membership import Counted, merge_counts
-from fopi_tune.montecarlo.outcomes import Done, Drawn, Judged, Progress, counted, limits_about, steps_of
+from fopi_tune.montecarlo.margins import MarginScan
+from fopi_tune.montecarlo.membership import FamilyTally, merge_family_tallies
+from fopi_tune.montecarlo.outcomes import (
+    ChunkProgress,
+    OutcomeStatistics,
+    PlantSampler,
+    Progress,
+    counted,
+    limits_about,
+    split_progress,
+)
 from fopi_tune.montecarlo.statistics import Fraction
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.simulation.measures import scenario_of
-from fopi_tune.simulation.sampled.simulate import threads_of_machine
+from fopi_tune.simulation.sampled.simulate import available_threads
 from fopi_tune.simulation.scenario import Mode
 from fopi_tune.spec.model import DesignSpec, Requirement, ScenarioSpec, Scope, ValidationSpec
 
@@ -55,8 +63,8 @@ class Evidence:
 
     validation: ValidationSpec
     stable: Fraction
-    requirements: tuple[Judged, ...]
-    limits: tuple[Judged, ...]
+    requirements: tuple[OutcomeStatistics, ...]
+    limits: tuple[OutcomeStatistics, ...]
     outside: int
     unstable_inside: int = 0
     no_plants: int = 0
@@ -91,8 +99,8 @@ class Block:
     end: int
     outside: int
     no_plants: int
-    margins: tuple[Counted, ...]
-    simulated: tuple[tuple[Counted, ...], ...]
+    margins: tuple[FamilyTally, ...]
+    simulated: tuple[tuple[FamilyTally, ...], ...]
 
 
 def monte_carlo(
@@ -110,10 +118,10 @@ def monte_carlo(
         DomainError: none of the draws is a plant, or a loop so late that it cannot be simulated.
     """
     samples = (spec.validation or ValidationSpec()).samples
-    return evidence_of(spec, [drawn_block(spec, gains, implementation, 0, samples, progress)])
+    return evidence_of(spec, [sample_block(spec, gains, implementation, 0, samples, progress)])
 
 
-def drawn_block(
+def sample_block(
     spec: DesignSpec,
     gains: FoPi,
     implementation: Implementation,
@@ -130,11 +138,11 @@ def drawn_block(
     samples = (spec.validation or ValidationSpec()).samples
     if first % SCANNED or not first < end <= samples or (end % SCANNED and end != samples):
         raise DomainError(f"draws {first} to {end - 1} of {samples} are no block; cut at multiples of {SCANNED}")
-    drawn = Drawn(spec.plant, spec.validation or ValidationSpec())
+    drawn = PlantSampler(spec.plant, spec.validation or ValidationSpec())
     outside, no_plants = drawn.strays(first, end)
     drawn.check_plants(no_plants)
     driven = _driven(spec)
-    done = steps_of(progress, end - first, 1 + len(driven))
+    done = split_progress(progress, end - first, 1 + len(driven))
     margins = _Scanner(spec, gains, implementation, drawn).margins(first, end, done[0])
     modes = [Mode(controller_of(spec, implementation), drawn.plants)]
     simulated = [
@@ -156,17 +164,19 @@ def evidence_of(spec: DesignSpec, blocks: Sequence[Block]) -> Evidence:
     Raises:
         DomainError: draws that are missing or were counted twice, or of which none is a plant.
     """
-    drawn = Drawn(spec.plant, spec.validation or ValidationSpec())
+    drawn = PlantSampler(spec.plant, spec.validation or ValidationSpec())
     ordered = sorted(blocks, key=lambda block: block.first)
     edges = [0, *(block.end for block in ordered)]
     if [block.first for block in ordered] != edges[:-1] or edges[-1] != drawn.validation.samples:
         raise DomainError(f"blocks up to {edges[1:]} do not make up {drawn.validation.samples} draws")
     no_plants = sum(block.no_plants for block in ordered)
     drawn.check_plants(no_plants)
-    stable, *rest = (merge_counts(column) for column in zip(*(block.margins for block in ordered), strict=True))
-    limits: list[Judged] = []
+    stable, *rest = (merge_family_tallies(column) for column in zip(*(block.margins for block in ordered), strict=True))
+    limits: list[OutcomeStatistics] = []
     for place, scenario in enumerate(_driven(spec)):
-        found = [merge_counts(column) for column in zip(*(block.simulated[place] for block in ordered), strict=True)]
+        found = [
+            merge_family_tallies(column) for column in zip(*(block.simulated[place] for block in ordered), strict=True)
+        ]
         limits += drawn.simulations(spec.limits, scenario, found).limits
     return Evidence(
         validation=drawn.validation,
@@ -198,16 +208,16 @@ class _Scanner:
     spec: DesignSpec
     gains: FoPi
     implementation: Implementation
-    drawn: Drawn
+    drawn: PlantSampler
 
-    def margins(self, first: int, end: int, done: Done) -> tuple[Counted, ...]:
+    def margins(self, first: int, end: int, done: ChunkProgress) -> tuple[FamilyTally, ...]:
         """Stability and every requirement over the family, of the draws first to end - 1."""
         sides = _sides(self.spec)
 
-        def scan(chunk: tuple[int, int]) -> list[Counted]:
+        def scan(chunk: tuple[int, int]) -> list[FamilyTally]:
             drawn = self.drawn.marked(*chunk)
             plants = Plants.members(self.spec.plant, drawn.places)
-            found = Scan(SampledLoops.implemented(self.gains, self.implementation, plants))
+            found = MarginScan(SampledLoops.implemented(self.gains, self.implementation, plants))
             stable = found.unstable_poles < 0.5
             counts = [counted(drawn, np.where(stable, 0.0, 1.0), stable, True)]
             for requirement, upper in sides:
@@ -218,13 +228,13 @@ class _Scanner:
                 counts.append(counted(drawn, values, _keeps(requirement, upper, values), upper))
             return counts
 
-        parts: list[list[Counted]] = []
-        with ThreadPoolExecutor(threads_of_machine()) as pool:
+        parts: list[list[FamilyTally]] = []
+        with ThreadPoolExecutor(available_threads()) as pool:
             chunks = list(self.drawn.chunks(SCANNED, first, end))
             for chunk, counts in zip(chunks, pool.map(scan, chunks), strict=True):
                 parts.append(counts)
                 done(chunk[1] - first)
-        return tuple(merge_counts(column) for column in zip(*parts, strict=True))
+        return tuple(merge_family_tallies(column) for column in zip(*parts, strict=True))
 
 
 def controller_of(spec: DesignSpec, implementation: Implementation) -> Runtime:

@@ -13,10 +13,11 @@ from fopi_tune.core.loops import Plants
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.samples import outside_box, why_impossible
 from fopi_tune.errors import DomainError
-from fopi_tune.montecarlo.draws import Design, Draw, Listed, points, stays_inside
-from fopi_tune.montecarlo.membership import Counted, Marked, count, merge_counts
+from fopi_tune.montecarlo.draws import SampleList, SamplingPlan, sample_points, stays_inside
+from fopi_tune.montecarlo.membership import ClassifiedDraws, FamilyTally, count, merge_family_tallies
+from fopi_tune.montecarlo.sampling import SamplingDesign
 from fopi_tune.montecarlo.statistics import Fraction, Histogram, Quantile, histogram
-from fopi_tune.montecarlo.tally import Found, Worst
+from fopi_tune.montecarlo.tally import IndexedValue, Worst
 from fopi_tune.simulation.measures import MEASURE_VALUES, horizon_of
 from fopi_tune.simulation.sampled.simulate import measure_chunks
 from fopi_tune.simulation.scenario import Mode, Scenario
@@ -25,10 +26,10 @@ from fopi_tune.spec.model import Limit, Relation, Requirement, ScenarioSpec, Val
 #: plants whose simulations are in memory at once
 _SIMULATED = 8192
 #: how many of the worst plants are kept
-KEPT = 5
+WORST_KEPT = 5
 #: (done, of all) plants, and done of one pass over them
 Progress = Callable[[int, int], None]
-Done = Callable[[int], None]
+ChunkProgress = Callable[[int], None]
 PROBABILITIES = (0.01, 0.05, 0.5, 0.95, 0.99)
 
 
@@ -50,7 +51,7 @@ class WorstPlant:
 
 
 @dataclass(frozen=True)
-class Judged:
+class OutcomeStatistics:
     """How often one requirement or limit held.
 
     Args:
@@ -79,7 +80,7 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Simulations:
+class ScenarioStatistics:
     """One scenario, driven with every plant that was drawn.
 
     Args:
@@ -92,11 +93,11 @@ class Simulations:
     scenario: str
     finite: Fraction
     calm: Fraction
-    limits: tuple[Judged, ...]
+    limits: tuple[OutcomeStatistics, ...]
 
 
 @dataclass(frozen=True)
-class Drawn:
+class PlantSampler:
     """The plants that a section `validation` draws from a box.
 
     Args:
@@ -113,9 +114,9 @@ class Drawn:
         return self.validation.seed
 
     @cached_property
-    def draw(self) -> Draw:
+    def draw(self) -> SamplingPlan:
         """What is drawn."""
-        return draw_of(self.validation)
+        return sampling_plan_of(self.validation)
 
     @cached_property
     def is_free(self) -> bool:
@@ -124,11 +125,11 @@ class Drawn:
 
     def places(self, first: int, end: int) -> Array:
         """Uncertain numbers of the draws first to end - 1, shape (end - first, p)."""
-        return points(self.draw, self.family, first, end - first)
+        return sample_points(self.draw, self.family, first, end - first)
 
-    def marked(self, first: int, end: int) -> Marked:
+    def marked(self, first: int, end: int) -> ClassifiedDraws:
         """The same with what is no plant replaced, and where each lies."""
-        return Marked.of(self.places(first, end), self.family, first, self.is_free)
+        return ClassifiedDraws.of(self.places(first, end), self.family, first, self.is_free)
 
     def plants(self, first: int, end: int) -> Plants:
         """The draws first to end - 1 as plants of the family's model."""
@@ -166,9 +167,9 @@ class Drawn:
         scenario: ScenarioSpec,
         modes: Sequence[Mode],
         run: Scenario,
-        done: Done,
+        done: ChunkProgress,
         block: tuple[int, int] | None = None,
-    ) -> tuple[Counted, ...]:
+    ) -> tuple[FamilyTally, ...]:
         """A scenario driven with draws, and what is counted: finite, calm, then every limit about it.
 
         Args:
@@ -180,7 +181,7 @@ class Drawn:
             block: draws, (first, end); None: all.
         """
         limits = limits_about(limits, scenario)
-        parts: list[list[Counted]] = []
+        parts: list[list[FamilyTally]] = []
         start, end = block or (0, self.validation.samples)
         first = start
         horizon = horizon_of(scenario, run)
@@ -196,9 +197,11 @@ class Drawn:
             parts.append(counts)
             first += len(measures.finite)
             done(first - start)
-        return tuple(merge_counts(column) for column in zip(*parts, strict=True))
+        return tuple(merge_family_tallies(column) for column in zip(*parts, strict=True))
 
-    def simulations(self, limits: Sequence[Limit], scenario: ScenarioSpec, found: Sequence[Counted]) -> Simulations:
+    def simulations(
+        self, limits: Sequence[Limit], scenario: ScenarioSpec, found: Sequence[FamilyTally]
+    ) -> ScenarioStatistics:
         """What `simulated` counted over all draws, with its intervals.
 
         Args:
@@ -212,20 +215,20 @@ class Drawn:
             for t, e in zip(rest, limits_about(limits, scenario), strict=True)
         ]
         sure = self.validation.confidence
-        return Simulations(scenario.name, finite.tally.fraction(sure), calm.tally.fraction(sure), tuple(judged))
+        return ScenarioStatistics(scenario.name, finite.tally.fraction(sure), calm.tally.fraction(sure), tuple(judged))
 
     def judged(
         self,
-        found: Counted,
+        found: FamilyTally,
         upper: bool,
         *,
         requirement: Requirement | None = None,
         limit: Limit | None = None,
         scenario: str | None = None,
-    ) -> Judged:
+    ) -> OutcomeStatistics:
         """Counts with their intervals and their worst plants."""
         confidence, tally = self.validation.confidence, found.tally
-        return Judged(
+        return OutcomeStatistics(
             requirement=requirement,
             limit=limit,
             scenario=scenario,
@@ -238,7 +241,7 @@ class Drawn:
             worst_inside=None if found.worst_inside is None else self.worst_plant(found.worst_inside),
         )
 
-    def worst_plant(self, found: Found) -> WorstPlant:
+    def worst_plant(self, found: IndexedValue) -> WorstPlant:
         """The plant of a draw."""
         place = self.places(found.index, found.index + 1)
         inside = not bool(outside_box(place, self.family)[0])
@@ -250,27 +253,27 @@ def limits_about(limits: Sequence[Limit], scenario: ScenarioSpec) -> list[Limit]
     return [each for each in limits if each.scenario in (None, scenario.name)]
 
 
-def steps_of(progress: Progress | None, samples: int, count: int) -> list[Done]:
+def split_progress(progress: Progress | None, samples: int, count: int) -> list[ChunkProgress]:
     """One progress for each of `count` passes over the plants, each of which knows only its own."""
 
-    def step(place: int) -> Done:
+    def step(place: int) -> ChunkProgress:
         return lambda plants: None if progress is None else progress(place * samples + plants, count * samples)
 
     return [step(place) for place in range(count)]
 
 
-def draw_of(validation: ValidationSpec) -> Draw:
+def sampling_plan_of(validation: ValidationSpec) -> SamplingPlan:
     """The draws that a spec's section `validation` asks for; those of a file are its rows in their order."""
     listed = validation.samples_file
-    source = validation.distributions if listed is None else Listed(listed.table)
-    return Draw(validation.seed, Design(validation.design), validation.samples, source)
+    source = validation.distributions if listed is None else SampleList(listed.table)
+    return SamplingPlan(validation.seed, SamplingDesign(validation.design), validation.samples, source)
 
 
-def counted(drawn: Marked, values: Array, met: np.ndarray, upper: bool) -> Counted:
+def counted(drawn: ClassifiedDraws, values: Array, met: np.ndarray, upper: bool) -> FamilyTally:
     """A chunk of values of which the large (upper) or the small ones are the worst."""
-    return count(drawn, values, met, Worst.LARGEST if upper else Worst.SMALLEST, KEPT)
+    return count(drawn, values, met, Worst.LARGEST if upper else Worst.SMALLEST, WORST_KEPT)
 
 
-def _yes(drawn: Marked, met: np.ndarray) -> Counted:
+def _yes(drawn: ClassifiedDraws, met: np.ndarray) -> FamilyTally:
     """A chunk of yes and no."""
     return counted(drawn, np.where(met, 0.0, 1.0), met, True)

@@ -35,7 +35,7 @@ _SOBOL_BITS = 32
 _MOST = {"random": 2**62, "latin_hypercube": 2**26, "sobol": 2**_SOBOL_BITS}
 
 
-class Design(Enum):
+class SamplingDesign(Enum):
     """How the draws lie in the box; only those of RANDOM are independent, which confidence intervals need."""
 
     RANDOM = "random"
@@ -55,7 +55,9 @@ class _Stream(Enum):
     SHUFFLES = 1
 
 
-def cube(design: Design, seed: int, columns: int, first: int, count: int, total: int | None = None) -> Array:
+def unit_cube_points(
+    design: SamplingDesign, seed: int, columns: int, first: int, count: int, total: int | None = None
+) -> Array:
     """Draws first .. first + count - 1 in the unit cube.
 
     Args:
@@ -75,19 +77,19 @@ def cube(design: Design, seed: int, columns: int, first: int, count: int, total:
     _check(design, seed, columns, first, count, total)
     if columns == 0 or count == 0:
         return np.empty((count, columns))
-    if design is Design.SOBOL:
+    if design is SamplingDesign.SOBOL:
         return _sobol(seed, columns, first, count)
     u = _random(seed, columns, first, count)
-    if design is Design.LATIN_HYPERCUBE:
+    if design is SamplingDesign.LATIN_HYPERCUBE:
         assert total is not None
         # a cell's outermost 2^-25 is left out: (k + v)/N then never rounds across the cell's border while N <= 2^26
         np.clip(u, 2.0**-25, 1.0 - 2.0**-25, out=u)
         for column in range(columns):
-            u[:, column] = (shuffled(seed, column, total, first, count) + u[:, column]) / total
+            u[:, column] = (permutation(seed, column, total, first, count) + u[:, column]) / total
     return u
 
 
-def shuffled(seed: int, column: int, total: int, first: int, count: int) -> Array:
+def permutation(seed: int, column: int, total: int, first: int, count: int) -> Array:
     """Entries first .. first + count - 1 of a shuffle of 0 .. total - 1 that depends on the seed and the column."""
     side = math.isqrt(total - 1) + 1
     words = philox(seed, 0, -(-_ROUNDS * side // _WORDS), block=column, stream=_Stream.SHUFFLES.value)
@@ -111,7 +113,7 @@ def philox(seed: int, first: int, count: int, block: int = 0, stream: int = 0) -
     return np.asarray(generator.random_raw(_WORDS * count), dtype=np.uint64).reshape(count, _WORDS)
 
 
-def open_unit(words: Words) -> Array:
+def uniform_from_words(words: Words) -> Array:
     """Random words to numbers in (0, 1).
 
     u = (floor(w/2^12) + 1/2)/2^52: the odd multiples of 2^-53, which lie symmetric about 1/2 and reach neither end.
@@ -126,7 +128,7 @@ def _random(seed: int, columns: int, first: int, count: int) -> Array:
         for start in range(0, count, _AT_ONCE):
             rows = slice(start, min(start + _AT_ONCE, count))
             words = philox(seed, first + start, rows.stop - start, block, _Stream.PLACES.value)
-            u[rows, wanted] = open_unit(words[:, : wanted.stop - wanted.start])
+            u[rows, wanted] = uniform_from_words(words[:, : wanted.stop - wanted.start])
     return u
 
 
@@ -155,12 +157,12 @@ def _sobol(seed: int, columns: int, first: int, count: int) -> Array:
     return u + 0.5 ** (_SOBOL_BITS + 1)
 
 
-def _check(design: Design, seed: int, columns: int, first: int, count: int, total: int | None) -> None:
+def _check(design: SamplingDesign, seed: int, columns: int, first: int, count: int, total: int | None) -> None:
     if not 0 <= seed < 2**64:
         raise DomainError(f"seed {seed!r} is not in [0, 2^64)")
     if columns < 0 or first < 0 or count < 0:
         raise DomainError(f"columns = {columns!r}, first = {first!r} and count = {count!r} must be at least 0")
-    if design is Design.LATIN_HYPERCUBE and total is None:
+    if design is SamplingDesign.LATIN_HYPERCUBE and total is None:
         raise DomainError("a Latin hypercube needs the total number of draws; give total")
     if total is not None and not 1 <= total <= design.most:
         raise DomainError(f"total = {total!r} is not in [1, {design.most}], what a {design.value} design can give")

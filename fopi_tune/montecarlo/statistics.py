@@ -126,7 +126,7 @@ def quantiles(values: Array, probabilities: Sequence[float], confidence: float =
     Raises:
         DomainError: no values, some not a number, or a probability outside (0, 1).
     """
-    values = checked(values)
+    values = checked_values(values)
     if values.size == 0:
         raise DomainError("no values, no quantiles")
     _check_inside("confidence", confidence)
@@ -149,7 +149,7 @@ def quantiles(values: Array, probabilities: Sequence[float], confidence: float =
     )
 
 
-def checked(values: Array) -> Array:
+def checked_values(values: Array) -> Array:
     """Values as an array of floats, shape (n,).
 
     Raises:

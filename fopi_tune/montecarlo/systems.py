@@ -12,15 +12,15 @@ from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.sections import Implementation
 from fopi_tune.montecarlo.montecarlo import controller_of
-from fopi_tune.montecarlo.outcomes import Drawn, Progress, Simulations, steps_of
+from fopi_tune.montecarlo.outcomes import PlantSampler, Progress, ScenarioStatistics, split_progress
 from fopi_tune.simulation.measures import scenario_of
-from fopi_tune.simulation.scenario import Hybrid, Inactive, Mode, Scenario, Supplier
+from fopi_tune.simulation.scenario import Hybrid, InactiveController, Mode, PlantSupplier, Scenario
 from fopi_tune.spec.model import ModeSpec, ScenarioSpec, SystemSpec, ValidationSpec
 
-_INACTIVE = {"held": Inactive.HOLD, "tracking": Inactive.TRACK, "reset": Inactive.RESET}
+_INACTIVE = {"held": InactiveController.HOLD, "tracking": InactiveController.TRACK, "reset": InactiveController.RESET}
 
 #: uncertain numbers of the draws first to end - 1, shape (end - first, p), columns as the joint box's
-Places = Callable[[int, int], Array]
+PointSource = Callable[[int, int], Array]
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class SystemEvidence:
     """
 
     validation: ValidationSpec
-    scenarios: tuple[Simulations, ...]
+    scenarios: tuple[ScenarioStatistics, ...]
     outside: int
     no_plants: int = 0
     numbers: tuple[str, ...] = ()
@@ -48,7 +48,7 @@ class SystemEvidence:
         return all(fraction.met == fraction.total for fraction in every)
 
 
-def modes_of(system: SystemSpec, implementations: Sequence[Implementation], places: Places) -> list[Mode]:
+def modes_of(system: SystemSpec, implementations: Sequence[Implementation], places: PointSource) -> list[Mode]:
     """Both modes of a system for the plants at these places.
 
     Args:
@@ -58,7 +58,7 @@ def modes_of(system: SystemSpec, implementations: Sequence[Implementation], plac
     """
     split = len(system.modes[0].spec.plant.uncertain_names)
 
-    def supply(mode: ModeSpec, columns: slice) -> Supplier:
+    def supply(mode: ModeSpec, columns: slice) -> PlantSupplier:
         return lambda first, end: Plants.members(mode.spec.plant, places(first, end)[:, columns])
 
     return [
@@ -99,11 +99,11 @@ def system_evidence(
         implementations: the controllers that run, throttle first.
         progress: told how many plants are done.
     """
-    drawn = Drawn(system.family, system.validation or ValidationSpec())
+    drawn = PlantSampler(system.family, system.validation or ValidationSpec())
     modes = modes_of(system, implementations, lambda first, end: drawn.marked(first, end).places)
     outside, no_plants = drawn.strays()
     drawn.check_plants(no_plants)
-    done = steps_of(progress, drawn.validation.samples, len(system.scenarios))
+    done = split_progress(progress, drawn.validation.samples, len(system.scenarios))
     found = []
     for scenario, each in zip(system.scenarios, done, strict=True):
         run = hybrid_scenario(system, scenario, implementations[0], drawn.seed)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.logform import Array
 from fopi_tune.errors import DomainError
-from fopi_tune.montecarlo.statistics import Fraction, Quantile, checked, fraction, quantiles
+from fopi_tune.montecarlo.statistics import Fraction, Quantile, checked_values, fraction, quantiles
 
 
 class Worst(Enum):
@@ -28,7 +28,7 @@ class Worst(Enum):
 
 
 @dataclass(frozen=True, order=True)
-class Found:
+class IndexedValue:
     """A value and the index of its draw."""
 
     value: float
@@ -64,8 +64,8 @@ class Tally:
     worst_are: Worst
     keep: int
     met: int
-    worst: tuple[Found, ...]
-    best: Found | None
+    worst: tuple[IndexedValue, ...]
+    best: IndexedValue | None
     chunks: tuple[Chunk, ...]
 
     @property
@@ -99,7 +99,7 @@ def tally(values: Array, met: NDArray[np.bool_], first: int, worst_are: Worst, k
     Raises:
         DomainError: a value that is not a number, shapes that differ, or first or keep out of range.
     """
-    values, met = checked(values).copy(), np.asarray(met)
+    values, met = checked_values(values).copy(), np.asarray(met)
     if met.shape != values.shape or met.dtype != bool:
         raise DomainError(f"met must be {values.shape} truth values, not {met.shape} of {met.dtype}")
     if first < 0 or keep < 1:
@@ -109,8 +109,8 @@ def tally(values: Array, met: NDArray[np.bool_], first: int, worst_are: Worst, k
         return Tally(worst_are, keep, 0, (), None, ())
     signed = worst_are.value * values
     at = int(np.argmax(signed))
-    worst = tuple(Found(float(values[i]), first + int(i)) for i in _least(signed, keep))
-    best = Found(float(values[at]), first + at)
+    worst = tuple(IndexedValue(float(values[i]), first + int(i)) for i in _least(signed, keep))
+    best = IndexedValue(float(values[at]), first + at)
     return Tally(worst_are, keep, int(np.count_nonzero(met)), worst, best, (Chunk(first, values),))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fopi_tune.core.logform import Array
 from fopi_tune.core.sections import Implementation
-from fopi_tune.simulation.scenario import Actuator, Before, Horizon, Measures, Scenario, Sensor, Signals, Start
+from fopi_tune.simulation.scenario import Actuator, Horizon, InitialInput, Measures, Scenario, Sensor, Signals, Start
 from fopi_tune.spec.model import Knot, ScenarioSpec
 
 #: km/h per m/s
@@ -42,13 +42,13 @@ def scenario_of(scenario: ScenarioSpec, implementation: Implementation, seed: in
     """
     step = implementation.sample_time_s
     time_s = np.asarray(step * np.arange(max(1, round(scenario.duration_s / step)) + 1), dtype=float)
-    load = course(scenario.load, 0.0, time_s) if scenario.load else None
+    load = piecewise_signal(scenario.load, 0.0, time_s) if scenario.load else None
     return Scenario(
         sample_time_s=step,
-        signals=Signals(course(scenario.reference, scenario.initial_output, time_s), load),
+        signals=Signals(piecewise_signal(scenario.reference, scenario.initial_output, time_s), load),
         sensor=Sensor(scenario.quantum, scenario.noise_std, seed),
         actuator=Actuator(scenario.rate_per_s, implementation.delay_samples),
-        start=Start(scenario.initial_output, Before(scenario.before), scenario.bumpless),
+        start=Start(scenario.initial_output, InitialInput(scenario.before), scenario.bumpless),
     )
 
 
@@ -63,7 +63,7 @@ def horizon_of(scenario: ScenarioSpec, run: Scenario) -> Horizon:
     return Horizon(band, first)
 
 
-def course(knots: Sequence[Knot], before: float, time_s: Array, *, just_before: bool = False) -> Array:
+def piecewise_signal(knots: Sequence[Knot], before: float, time_s: Array, *, just_before: bool = False) -> Array:
     """A piecewise signal at these times: held between knots, a straight line along a ramp; shape of `time_s`.
 
     Args:

@@ -29,17 +29,17 @@ from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 
 #: plants of the indices begin to end - 1
-Supplier = Callable[[int, int], Plants]
+PlantSupplier = Callable[[int, int], Plants]
 
 
-class Before(Enum):
+class InitialInput(Enum):
     """What was before the first sample."""
 
     REST = "rest"  # the input that holds the plant at its initial output
     FREE = "free"  # no input: a plant of first order starts at its initial output and decays
 
 
-class Inactive(IntEnum):
+class InactiveController(IntEnum):
     """What the controller does whose mode is not active."""
 
     HOLD = 0  # nothing: its memory stays
@@ -129,7 +129,7 @@ class Start:
     """
 
     output: float = 0.0
-    before: Before = Before.REST
+    before: InitialInput = InitialInput.REST
     bumpless: bool = False
 
     def __post_init__(self) -> None:
@@ -152,7 +152,7 @@ class Hybrid:
     """
 
     half_width: float
-    inactive: Inactive = Inactive.HOLD
+    inactive: InactiveController = InactiveController.HOLD
     first: int = 1
     most_switches: int = 5
     window_s: float = 2.0
@@ -176,7 +176,7 @@ class Mode:
     """
 
     controller: Runtime
-    plants: Plants | Supplier
+    plants: Plants | PlantSupplier
 
     def __post_init__(self) -> None:
         if self.controller.precision is not Precision.FLOAT64:

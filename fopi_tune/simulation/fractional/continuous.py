@@ -17,11 +17,11 @@ from fopi_tune.core.plant import Plant
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.quadrature import state_space
-from fopi_tune.simulation.fractional.time_stepping import Start as ExactStart
-from fopi_tune.simulation.fractional.time_stepping import TimeResponse, simulate_exactly
-from fopi_tune.simulation.measures import course, horizon_of
+from fopi_tune.simulation.fractional.time_stepping import InitialState as ExactStart
+from fopi_tune.simulation.fractional.time_stepping import TimeResponse, simulate_fractional
+from fopi_tune.simulation.measures import horizon_of, piecewise_signal
 from fopi_tune.simulation.sampled.reference import measures_of
-from fopi_tune.simulation.scenario import Before, Measures, Scenario, Signals, Start, Traces
+from fopi_tune.simulation.scenario import InitialInput, InitialState, Measures, Scenario, Signals, Traces
 from fopi_tune.spec.model import Knot, ScenarioSpec
 
 #: steps of the coarser of two runs, a sample: about so many in all, and never more than the largest number
@@ -30,7 +30,7 @@ _MOST_PARTS = 40
 
 
 @dataclass(frozen=True)
-class Continuous:
+class ContinuousSimulation:
     """One scenario of one plant, or pair of plants, in continuous time.
 
     Args:
@@ -50,9 +50,9 @@ class Continuous:
     outcome: str = ""
 
 
-def drive_loop(
+def simulate_loop(
     scenario: ScenarioSpec, gains: FoPi, plant: Plant, controller: Runtime, sample_time_s: float
-) -> Continuous:
+) -> ContinuousSimulation:
     """One loop.
 
     Args:
@@ -71,7 +71,7 @@ def drive_loop(
     fine = runs[1]
     shared = min(len(fine.output[::2]), len(runs[0].output))
     accuracy = float(np.abs(fine.output[::2][:shared] - runs[0].output[:shared]).max())
-    reference = course(scenario.reference, scenario.initial_output, fine.time_s)
+    reference = piecewise_signal(scenario.reference, scenario.initial_output, fine.time_s)
     rows = (fine.output, fine.rate, fine.output, fine.error, fine.control, fine.control)
     traces = Traces(
         fine.time_s,
@@ -80,7 +80,7 @@ def drive_loop(
         rate_after=fine.rate[None, :],
     )
     run = Scenario(coarse / 2, Signals(reference), start=start_of(scenario))
-    return Continuous(
+    return ContinuousSimulation(
         reference, traces, measures_of(traces, [controller], run, horizon_of(scenario, run)), (), accuracy
     )
 
@@ -125,7 +125,7 @@ def _follow(
     times = np.asarray(step * np.arange(steps + 1), dtype=float)
 
     def sides(knots: Sequence[Knot], before: float) -> tuple[Array, Array]:
-        return course(knots, before, times, just_before=True), course(knots, before, times)
+        return piecewise_signal(knots, before, times, just_before=True), piecewise_signal(knots, before, times)
 
     past = _past(scenario, plant)
     if scenario.bumpless and past != 0.0 and gains.ki == 0.0:
@@ -140,7 +140,7 @@ def _follow(
     start = ExactStart(tuple(state.tolist()), integral, past)
     load = sides(scenario.load, 0.0)
     reference = sides(scenario.reference, scenario.initial_output)
-    return simulate_exactly(gains, plant, reference, step, steps, limits=limits, load=load, start=start)
+    return simulate_fractional(gains, plant, reference, step, steps, limits=limits, load=load, start=start)
 
 
 def _past(scenario: ScenarioSpec, plant: Plant) -> float:
@@ -148,7 +148,7 @@ def _past(scenario: ScenarioSpec, plant: Plant) -> float:
     y0, order = scenario.initial_output, len(plant.denominator) - 1
     if y0 == 0.0:
         return 0.0
-    if scenario.before == Before.FREE.value:
+    if scenario.before == InitialInput.FREE.value:
         if order != 1:
             raise DomainError(f"an initial output without input needs plants of order 1, not {order}")
         return 0.0
@@ -157,6 +157,6 @@ def _past(scenario: ScenarioSpec, plant: Plant) -> float:
     return y0 * plant.denominator[-1] / plant.numerator[-1]
 
 
-def start_of(scenario: ScenarioSpec) -> Start:
+def start_of(scenario: ScenarioSpec) -> InitialState:
     """How a scenario starts."""
-    return Start(scenario.initial_output, Before(scenario.before), scenario.bumpless)
+    return InitialState(scenario.initial_output, InitialInput(scenario.before), scenario.bumpless)

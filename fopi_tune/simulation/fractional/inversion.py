@@ -47,7 +47,7 @@ _CHUNK = 2_000_000
 
 
 @dataclass(frozen=True)
-class Inverse:
+class InversionResult:
     """f at the wanted times, and how far two contours disagree.
 
     Args:
@@ -60,7 +60,7 @@ class Inverse:
 
 
 @dataclass(frozen=True)
-class Bend:
+class LineBounds:
     """Where the bent line (3) may go.
 
     Args:
@@ -92,10 +92,10 @@ def checked_times(times_s: object) -> Array:
     return times
 
 
-def invert(
+def invert_on_hyperbola(
     transform: Transform, times_s: object, poles_rad_s: Complex | None = None, residues: Complex | None = None,
     order: int = 0,
-) -> Inverse:  # fmt: skip
+) -> InversionResult:  # fmt: skip
     """Invert F on the hyperbola (2).
 
     Args:
@@ -122,7 +122,7 @@ def invert(
         return _compared(first, second)
 
 
-def invert_beside(transform: Transform, times_s: object, bend: Bend) -> Inverse:
+def invert_on_bent_line(transform: Transform, times_s: object, bend: LineBounds) -> InversionResult:
     """Invert F on the bent line (3), right of singularities that need not be known.
 
     Args:
@@ -147,10 +147,10 @@ def invert_beside(transform: Transform, times_s: object, bend: Bend) -> Inverse:
             first, second = (_on_line(transform, times[group], bend, *setting) for setting in _LINES)
             both = _compared(first, second)
         value[group], error[group] = both.value, both.error
-    return Inverse(value, error)
+    return InversionResult(value, error)
 
 
-def line(omega: Array, horizon_s: float, bend: Bend, margin: float = 6.0) -> tuple[Complex, Complex]:
+def bent_line(omega: Array, horizon_s: float, bend: LineBounds, margin: float = 6.0) -> tuple[Complex, Complex]:
     """Points of (3) and ds/domega there.
 
     Args:
@@ -162,7 +162,7 @@ def line(omega: Array, horizon_s: float, bend: Bend, margin: float = 6.0) -> tup
     Returns:
         s and ds/domega, shape (n,) each.
     """
-    w = corner(horizon_s, bend)
+    w = corner_frequency(horizon_s, bend)
     log_base = np.log1p((omega / w) ** 8)
     psi, slope = np.expm1(log_base / 8.0), np.exp(7.0 * np.log(omega / w) - 7.0 / 8.0 * log_base)
     stretch = bend.dead_time_s * w / bend.power
@@ -176,7 +176,7 @@ def line(omega: Array, horizon_s: float, bend: Bend, margin: float = 6.0) -> tup
     return np.asarray(s, dtype=complex), np.asarray(1j - slope, dtype=complex)
 
 
-def corner(horizon_s: float, bend: Bend) -> float:
+def corner_frequency(horizon_s: float, bend: LineBounds) -> float:
     """w of (3), rad/s: so far out that the line is still m/(2T) right of sigma where omega = bend.omega_rad_s.
 
     From w psi(omega/w) <= omega^8/(8 w^7) <= m/(2T).
@@ -185,9 +185,9 @@ def corner(horizon_s: float, bend: Bend) -> float:
     return max(bend.omega_rad_s * max(1.2, (cycles / 24.0) ** (1.0 / 7.0)), _CORNER / horizon_s)
 
 
-def _compared(first: Array, second: Array) -> Inverse:
+def _compared(first: Array, second: Array) -> InversionResult:
     error = np.abs(first - second)
-    return Inverse(np.where(np.isfinite(second), second, 0.0), np.where(np.isfinite(error), error, np.inf))
+    return InversionResult(np.where(np.isfinite(second), second, 0.0), np.where(np.isfinite(error), error, np.inf))
 
 
 def _on_hyperbola(
@@ -213,7 +213,7 @@ def _on_hyperbola(
     return value
 
 
-def _on_line(transform: Transform, times: Array, bend: Bend, margin: float, widen: float, step: float) -> Array:
+def _on_line(transform: Transform, times: Array, bend: LineBounds, margin: float, widen: float, step: float) -> Array:
     horizon = float(times.max())
     wide = replace(bend, omega_rad_s=bend.omega_rad_s * widen)
     h = step / horizon
@@ -225,15 +225,15 @@ def _on_line(transform: Transform, times: Array, bend: Bend, margin: float, wide
     width = max(1, _CHUNK // len(times))
     for start in range(0, count, width):
         omega = (np.arange(start, min(start + width, count)) + 0.5) * h
-        s, slope = line(np.asarray(omega, dtype=float), horizon, wide, margin)
+        s, slope = bent_line(np.asarray(omega, dtype=float), horizon, wide, margin)
         value += (np.exp(times[:, None] * s) * (transform(s) * slope)).sum(axis=1).imag
     return value * h / math.pi
 
 
-def _end(transform: Transform, shortest: float, horizon: float, bend: Bend, margin: float) -> float:
+def _end(transform: Transform, shortest: float, horizon: float, bend: LineBounds, margin: float) -> float:
     """omega from which the rest of (1) is below e^{-38} of its largest part; inf if that is nowhere near."""
-    omega = np.asarray(corner(horizon, bend) * np.geomspace(1e-3, 1e8, 400), dtype=float)
-    s, slope = line(omega, horizon, bend, margin)
+    omega = np.asarray(corner_frequency(horizon, bend) * np.geomspace(1e-3, 1e8, 400), dtype=float)
+    s, slope = bent_line(omega, horizon, bend, margin)
     log_size = np.log(np.abs(transform(s) * slope) * omega) + s.real * shortest
     loud = np.flatnonzero(~(log_size < np.nanmax(log_size) - _NEPERS + 6.0))
     return float(omega[loud[-1] + 1]) if len(loud) and loud[-1] + 1 < len(omega) else math.inf

@@ -34,14 +34,14 @@ from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.inversion import (
     SECTOR_RAD,
-    Bend,
-    Inverse,
+    InversionResult,
+    LineBounds,
     Transform,
+    bent_line,
     checked_times,
-    corner,
-    invert,
-    invert_beside,
-    line,
+    corner_frequency,
+    invert_on_bent_line,
+    invert_on_hyperbola,
 )
 from fopi_tune.simulation.fractional.poles import Characteristic, principal_poles
 
@@ -115,7 +115,7 @@ def exact_response(
 
 def response_and_error(
     gains: FoPi, plant: Plant, signal: Signal, times_s: object, stimulus: Stimulus = Stimulus.STEP
-) -> Inverse:
+) -> InversionResult:
     """The same with the error estimate of every value, however large: inf where there is no way.
 
     Args:
@@ -135,7 +135,7 @@ def response_and_error(
     if np.any(later):
         answer = way(loop, times[later])
         value[later], error[later] = answer.value, answer.error
-    return Inverse(value, error)
+    return InversionResult(value, error)
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ class LoopTransform:
         return transform
 
 
-def _without_dead_time(loop: LoopTransform, times: Array) -> Inverse:
+def _without_dead_time(loop: LoopTransform, times: Array) -> InversionResult:
     poles = principal_poles(loop.gains, loop.plant)
     with np.errstate(all="ignore"):
         power, c, n, d = loop.parts(poles)
@@ -253,14 +253,14 @@ def _without_dead_time(loop: LoopTransform, times: Array) -> Inverse:
             case Signal.OUTPUT_AFTER_LOAD:
                 above = n
         _, slope = Characteristic.of(loop.gains, loop.plant).value_and_derivative(poles, 1.0 / power)
-        return invert(loop.transform, times, poles, above / (slope * poles**loop.stimulus.value))
+        return invert_on_hyperbola(loop.transform, times, poles, above / (slope * poles**loop.stimulus.value))
 
 
-def _with_dead_time(loop: LoopTransform, times: Array) -> Inverse:
+def _with_dead_time(loop: LoopTransform, times: Array) -> InversionResult:
     value, error = np.zeros_like(times), np.full_like(times, np.inf)
     dead_time = loop.plant.dead_time_s
 
-    def improve(rows: NDArray[np.intp], way: Callable[[LoopTransform, Array], Inverse]) -> None:
+    def improve(rows: NDArray[np.intp], way: Callable[[LoopTransform, Array], InversionResult]) -> None:
         if len(rows):
             answer = way(loop, times[rows])
             better = answer.error < error[rows]
@@ -268,14 +268,14 @@ def _with_dead_time(loop: LoopTransform, times: Array) -> Inverse:
             error[rows] = np.where(better, answer.error, error[rows])
 
     late = times > _STEPS_FIRST * dead_time
-    improve(np.flatnonzero(late), response_beside)
+    improve(np.flatnonzero(late), response_on_bent_line)
     size = float(np.abs(value).max(initial=0.0))
     missing = ~late | ~(error <= 1e-10 * size)
     improve(np.flatnonzero(missing & (times <= _MOST_STEPS * dead_time)), response_by_steps)
-    return Inverse(value, error)
+    return InversionResult(value, error)
 
 
-def response_by_steps(loop: LoopTransform, times: Array) -> Inverse:
+def response_by_steps(loop: LoopTransform, times: Array) -> InversionResult:
     """The method of steps (2), exact but for cancellation, which the error estimate includes.
 
     Args:
@@ -298,21 +298,21 @@ def response_by_steps(loop: LoopTransform, times: Array) -> Inverse:
                 term = _open_response(loop, k, since[rows])
                 value[rows] += term.value
                 error[rows] += term.error + _ROUNDING * np.abs(term.value)
-    return Inverse(value, error)
+    return InversionResult(value, error)
 
 
-def _open_response(loop: LoopTransform, k: int, times: Array) -> Inverse:
+def _open_response(loop: LoopTransform, k: int, times: Array) -> InversionResult:
     """Term k of (2): no other poles than the plant's, which are multiple."""
     order = math.floor(k * loop.degree)
     poles = np.roots(loop.plant.denominator)
     outside = poles[(np.abs(np.angle(poles)) < SECTOR_RAD) & (poles != 0.0)]
     if len(outside) == 0:
-        return invert(loop.term(k), times, order=order)
-    bend = Bend(max(0.0, float(outside.real.max())), 1.5 * float(np.abs(outside).max()))
-    return invert_beside(loop.term(k), times, bend)
+        return invert_on_hyperbola(loop.term(k), times, order=order)
+    bend = LineBounds(max(0.0, float(outside.real.max())), 1.5 * float(np.abs(outside).max()))
+    return invert_on_bent_line(loop.term(k), times, bend)
 
 
-def response_beside(loop: LoopTransform, times: Array) -> Inverse:
+def response_on_bent_line(loop: LoopTransform, times: Array) -> InversionResult:
     """The bent line (3); infinite errors where it is of no use: an unstable loop, jumps that have not died out.
 
     Args:
@@ -323,16 +323,16 @@ def response_beside(loop: LoopTransform, times: Array) -> Inverse:
         Values and absolute errors, shape (n,) each.
     """
     if not loop.stable:
-        return Inverse(np.zeros_like(times), np.full_like(times, np.inf))
+        return InversionResult(np.zeros_like(times), np.full_like(times, np.inf))
     value, error = np.zeros_like(times), np.full_like(times, np.inf)
     octave = np.floor(np.log2(times))
     for exponent in np.unique(octave):
         rows = np.flatnonzero(octave == exponent)
         bend = _bend(loop, float(times[rows].max()))
         if bend is not None:
-            answer = invert_beside(loop.transform, times[rows], bend)
+            answer = invert_on_bent_line(loop.transform, times[rows], bend)
             value[rows], error[rows] = answer.value, answer.error
-    return Inverse(value, error)
+    return InversionResult(value, error)
 
 
 def _loop_gain(loop: LoopTransform, s: Complex) -> Array:
@@ -340,7 +340,7 @@ def _loop_gain(loop: LoopTransform, s: Complex) -> Array:
     return np.abs(c / power * n / d) * np.exp(-loop.plant.dead_time_s * s.real)
 
 
-def _bend(loop: LoopTransform, horizon: float) -> Bend | None:
+def _bend(loop: LoopTransform, horizon: float) -> LineBounds | None:
     """Where |L0 e^{-Ls}| < 1 from the axis to the line, by the maximum principle; None if nowhere within reach."""
     poles, zeros = np.roots(loop.plant.denominator), np.roots(loop.plant.numerator)
     aside = poles[np.abs(np.angle(poles)) < SECTOR_RAD]
@@ -357,8 +357,8 @@ def _bend(loop: LoopTransform, horizon: float) -> Bend | None:
             return None
         start = max(float(omega[loud[-1] + 1]) if len(loud) else 0.0, float(np.abs(aside).max(initial=0.0)))
         for _ in range(40):
-            bend = Bend(0.0, start, loop.plant.dead_time_s, power, rest > 0.0)
-            s, _slope = line(corner(horizon, bend) * np.geomspace(1e-2, 1e10, 4000), horizon, bend)
+            bend = LineBounds(0.0, start, loop.plant.dead_time_s, power, rest > 0.0)
+            s, _slope = bent_line(corner_frequency(horizon, bend) * np.geomspace(1e-2, 1e10, 4000), horizon, bend)
             if np.all(_loop_gain(loop, s)[s.real < 0.0] < small):
                 return bend
             start = max(1.5 * start, 1.0 / horizon)

@@ -100,12 +100,12 @@ class StepNodes:
     weight: Array
 
 
-def exponentials(matrices: Array) -> Array:
+def matrix_exponentials(matrices: Array) -> Array:
     """e^A of many small matrices, shape (m, n, n), each to rounding of the largest entry."""
     return exponentials_less_one(matrices) + np.eye(matrices.shape[-1])
 
 
-def kernel(model: StateSpace, step_s: float) -> tuple[Array, Array, Array, StepNodes]:
+def linear_input_weights(model: StateSpace, step_s: float) -> tuple[Array, Array, Array, StepNodes]:
     """The plant over one step of h with an input that is a line.
 
     Returns:
@@ -126,13 +126,13 @@ def kernel(model: StateSpace, step_s: float) -> tuple[Array, Array, Array, StepN
     degree = len(model.a)
     vectors = np.zeros((len(since), degree))
     if degree:
-        vectors = exponentials(model.a * (step_s * left)[:, None, None]) @ model.b * (step_s * weights)[:, None]
+        vectors = matrix_exponentials(model.a * (step_s * left)[:, None, None]) @ model.b * (step_s * weights)[:, None]
     nodes = StepNodes(since, vectors)
-    transition = exponentials(model.a[None] * step_s)[0] if degree else model.a
+    transition = matrix_exponentials(model.a[None] * step_s)[0] if degree else model.a
     return transition, left @ vectors, since @ vectors, nodes
 
 
-def power_kernel(nodes: StepNodes, alpha: float, step_s: float, steps: int) -> Array:
+def power_input_weights(nodes: StepNodes, alpha: float, step_s: float, steps: int) -> Array:
     """int_0^h e^{A(h-v)} B (k h + v)^alpha/Gamma(1+alpha) dv, k = 0 ... steps - 1; shape (steps, n).
 
     For k >= 4 the power is its interpolant at ten Chebyshev points of the step.

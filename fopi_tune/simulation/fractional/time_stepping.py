@@ -32,18 +32,24 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.logform import Array
 from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.fractional.quadrature import StateSpace, integral_weights, kernel, power_kernel, state_space
+from fopi_tune.simulation.fractional.quadrature import (
+    StateSpace,
+    integral_weights,
+    linear_input_weights,
+    power_input_weights,
+    state_space,
+)
 
 #: a number (a step at t = 0), values held from node to node, a continuous function of time, or the values just before
 #: and just after each node
-Course = float | Sequence[float] | Array | Callable[[Array], Array] | tuple[Array, Array]
+TimeSignal = float | Sequence[float] | Array | Callable[[Array], Array] | tuple[Array, Array]
 
 #: how far the dead time may be off a whole number of steps
 _WHOLE = 1e-9
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialState:
     """What the loop is like at t = 0.
 
     Args:
@@ -78,9 +84,9 @@ class TimeResponse:
     rate: Array
 
 
-def simulate_exactly(
-    gains: FoPi, plant: Plant, reference: Course, step_s: float, steps: int, *,
-    limits: tuple[float, float] = (-math.inf, math.inf), load: Course = 0.0, start: Start | None = None,
+def simulate_fractional(
+    gains: FoPi, plant: Plant, reference: TimeSignal, step_s: float, steps: int, *,
+    limits: tuple[float, float] = (-math.inf, math.inf), load: TimeSignal = 0.0, start: InitialState | None = None,
 ) -> TimeResponse:  # fmt: skip
     """Simulate the loop at n equal steps; the work grows as n^2.
 
@@ -106,7 +112,7 @@ def simulate_exactly(
     if not limits[0] < limits[1]:
         raise DomainError(f"limits = {limits!r} leave no room for the control; the lower one comes first")
     model = state_space(plant)
-    run = _Run(gains, model, step_s, steps, limits, _lag(plant.dead_time_s, step_s), start or Start())
+    run = _Run(gains, model, step_s, steps, limits, _lag(plant.dead_time_s, step_s), start or InitialState())
     arriving = _later(_sides(load, step_s, steps, "load"), run.lag)
     sides = _sides(reference, step_s, steps, "reference")
     run.follow(sides, arriving)
@@ -132,7 +138,7 @@ def _lag(dead_time: float, step: float) -> int:
     return lag
 
 
-def _sides(course: Course, step: float, steps: int, name: str) -> tuple[Array, Array]:
+def _sides(course: TimeSignal, step: float, steps: int, name: str) -> tuple[Array, Array]:
     """Values just before and just after the nodes."""
     if isinstance(course, tuple) and len(course) == 2 and np.ndim(course[0]) == 1:
         before, after = (np.asarray(side, dtype=float) for side in course)
@@ -163,7 +169,7 @@ class _Run:
 
     def __init__(
         self, gains: FoPi, model: StateSpace, step: float, steps: int, limits: tuple[float, float], lag: int,
-        start: Start,
+        start: InitialState,
     ) -> None:  # fmt: skip
         self.gains, self.model, self.limits, self.lag, self.start = gains, model, limits, lag, start
         if lag == 0 and not 1.0 + gains.kp * model.direct > 0.0:
@@ -175,8 +181,8 @@ class _Run:
         left, right = integral_weights(gains.alpha, step, steps)
         # backwards, so that a history is a dot product with a slice
         self.left, self.right = left[::-1].copy(), right[::-1].copy()
-        self.transition, self.begin, self.end, nodes = kernel(model, step)
-        self.through = power_kernel(nodes, gains.alpha, step, steps)
+        self.transition, self.begin, self.end, nodes = linear_input_weights(model, step)
+        self.through = power_input_weights(nodes, gains.alpha, step, steps)
         self.power = (step * np.arange(steps + 1)) ** gains.alpha / gamma(1.0 + gains.alpha)
         self.factor = gains.ki / (1.0 + (gains.kp * model.direct if lag == 0 else 0.0))
         self.steps = steps

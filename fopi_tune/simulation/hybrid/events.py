@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 
-class Verdict(Enum):
+class GuardStatus(Enum):
     """What a step does to a guard."""
 
     CLEAR = "no zero within the step"
@@ -57,7 +57,7 @@ class Guard:
         reach = abs(self.slope) * longest_s + 0.5 * (abs(self.bend) + change) * longest_s**2
         return abs(self.value) + reach <= self.rounding
 
-    def judge(self, step_s: float, change: float, at_end: float) -> Verdict:
+    def judge(self, step_s: float, change: float, at_end: float) -> GuardStatus:
         """The verdict over one step.
 
         Args:
@@ -67,19 +67,19 @@ class Guard:
         """
         above = self.bend + change
         if self.at_rest:
-            return Verdict.CLEAR
+            return GuardStatus.CLEAR
         if self.on_line:
             # from 0, and by rounding perhaps just short of the top of what touches the line
             leaving, end = self._highest(0.0, step_s, above), step_s * (self.slope + 0.5 * above * step_s)
             if leaving <= 0.0 > end or (leaving <= self.rounding and end < -2.0 * self.rounding):
-                return Verdict.CLEAR
+                return GuardStatus.CLEAR
         elif self._highest(self.value, step_s, above) < -self.rounding:
-            return Verdict.CLEAR
+            return GuardStatus.CLEAR
         if self.slope + max(0.0, step_s * above) <= 0.0:
-            return Verdict.CLEAR
+            return GuardStatus.CLEAR
         if self.slope + min(0.0, step_s * (self.bend - change)) >= 0.0:
-            return Verdict.CROSSED if at_end >= 0.0 else Verdict.CLEAR
-        return Verdict.OPEN
+            return GuardStatus.CROSSED if at_end >= 0.0 else GuardStatus.CLEAR
+        return GuardStatus.OPEN
 
     def _highest(self, value: float, step: float, above: float) -> float:
         """The greatest value of the parabola (1) that starts from this value."""

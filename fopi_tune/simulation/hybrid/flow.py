@@ -23,9 +23,11 @@ Source: derived from (1), as said.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,7 +54,7 @@ class Regime(Enum):
 
 
 @dataclass(frozen=True)
-class Pedal:
+class ModeLoop:
     """A first-order plant gain/(s + pole) and its controller; a lag K/(tau s + 1) is gain = K/tau, pole = 1/tau.
 
     Args:
@@ -134,7 +136,7 @@ class Pedal:
 
 
 @dataclass(frozen=True)
-class Reading:
+class LoopDerivatives:
     """What (1) says at one instant, with derivatives.
 
     Args:
@@ -155,7 +157,7 @@ class Reading:
 class Flow:
     """One pedal in one regime."""
 
-    def __init__(self, pedal: Pedal, regime: Regime) -> None:
+    def __init__(self, pedal: ModeLoop, regime: Regime) -> None:
         self.pedal, self.regime = pedal, regime
         gains, n = pedal.gains, len(pedal.poles)
         self.matrix = np.zeros((n + 4, n + 4))
@@ -198,7 +200,7 @@ class Flow:
             step *= 0.5
         return step
 
-    def read(self, w: Array) -> Reading:
+    def read(self, w: Array) -> LoopDerivatives:
         """y - r, u and their derivatives at w."""
         pedal = self.pedal
         error, rate = float(w[-3] - w[0]), float(self.matrix[0] @ w)
@@ -209,9 +211,9 @@ class Flow:
         demand_rate = pedal.gains.kp * error_rate + float(pedal.weights @ rates)
         bend = -pedal.pole_rad_s * rate + (pedal.gain * demand_rate if self.through else 0.0)
         demand_bend = -pedal.gains.kp * bend + float(pedal.weights @ bends)
-        return Reading((-error, -error_rate, bend), (demand, demand_rate, demand_bend), rate, rates, bends)
+        return LoopDerivatives((-error, -error_rate, bend), (demand, demand_rate, demand_bend), rate, rates, bends)
 
-    def changes(self, reading: Reading, level: int) -> tuple[float, float]:
+    def changes(self, reading: LoopDerivatives, level: int) -> tuple[float, float]:
         """How far y'' and u'' can move from their values within the step of this level: (3), and the same for u''."""
         step, reach = self.steps_s[level], self.reach[level]
         kp, pole = abs(self.pedal.gains.kp), abs(self.pedal.pole_rad_s)
@@ -235,3 +237,50 @@ def _table(matrix: Array, steps: Array) -> Array:
     for level in range(short - 1, -1, -1):
         table[level] = 2.0 * table[level + 1] + np.einsum("ij,jk->ik", table[level + 1], table[level + 1])
     return table
+
+
+#: matrices held at once
+_AT_ONCE = 500
+
+
+class Node(NamedTuple):
+    """The state just after `time_s`, and the flow that goes on from it."""
+
+    time_s: float
+    mode: int
+    flow: Flow
+    w: Array
+
+
+class Samples(NamedTuple):
+    """Arrays of shape (m,): y, y', u within its limits, r - y, and the mode."""
+
+    output: Array
+    rate: Array
+    control: Array
+    error: Array
+    mode: np.ndarray
+
+
+def interpolate(nodes: Sequence[Node], times: Array) -> Samples:
+    """The samples at these times.
+
+    Args:
+        nodes: in the order of time; where several share one, the last counts.
+        times: shape (m,), s, not before the first node.
+    """
+    output, rate, control, error = np.zeros((4, len(times)))
+    last = np.searchsorted(np.array([node.time_s for node in nodes]), times, side="right") - 1
+    rows_of: dict[int, list[int]] = {}
+    for row, node in enumerate(last):
+        rows_of.setdefault(id(nodes[node].flow), []).append(row)
+    for same in rows_of.values():
+        flow = nodes[last[same[0]]].flow
+        for rows in (same[i : i + _AT_ONCE] for i in range(0, len(same), _AT_ONCE)):
+            w = np.array([nodes[last[i]].w for i in rows])
+            since = times[rows] - np.array([nodes[last[i]].time_s for i in rows])
+            w = w + np.einsum("mij,mj->mi", exponentials_less_one(flow.matrix * since[:, None, None]), w)
+            output[rows], error[rows], rate[rows] = w[:, 0], w[:, -3] - w[:, 0], w @ flow.matrix[0]
+            demand = flow.pedal.gains.kp * error[rows] + w[:, 1:-3] @ flow.pedal.weights
+            control[rows] = np.clip(demand, *flow.pedal.limits)
+    return Samples(output, rate, control, error, np.array([nodes[i].mode for i in last], dtype=int))

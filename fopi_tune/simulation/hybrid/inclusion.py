@@ -34,9 +34,8 @@ import numpy as np
 
 from fopi_tune.core.logform import Array
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.hybrid.events import Guard, Verdict
-from fopi_tune.simulation.hybrid.flow import FINEST, Flow, Pedal, Reading, Regime
-from fopi_tune.simulation.hybrid.interpolation import Node, sampled
+from fopi_tune.simulation.hybrid.events import Guard, GuardStatus
+from fopi_tune.simulation.hybrid.flow import FINEST, Flow, LoopDerivatives, ModeLoop, Node, Regime, interpolate
 from fopi_tune.simulation.hybrid.model import (
     Corner,
     Event,
@@ -84,7 +83,7 @@ def simulate_hybrid(
     run = _Run(car, corners, end_s, start or HybridStart(), watch or Watch())
     run.follow(corners, end_s)
     times = times[times <= run.time]
-    return HybridResponse(times, *sampled(run.nodes, times), tuple(run.events), run.outcome, run.reason, run.time)
+    return HybridResponse(times, *interpolate(run.nodes, times), tuple(run.events), run.outcome, run.reason, run.time)
 
 
 class _Run:
@@ -118,7 +117,7 @@ class _Run:
         self.nodes: list[Node] = []
 
     @property
-    def pedal(self) -> Pedal:
+    def pedal(self) -> ModeLoop:
         return self.car.pedal(self.mode)
 
     @property
@@ -163,27 +162,29 @@ class _Run:
         while True:
             end = self.w + self.flow.ahead[level] @ self.w
             verdicts = self._verdicts(guards, self.flow.changes(reading, level), level, end)
-            if level == FINEST or Verdict.OPEN not in verdicts:
+            if level == FINEST or GuardStatus.OPEN not in verdicts:
                 break
             level += 1
         self.level = max(level - 1, 0)
-        if verdicts[0] is Verdict.OPEN:
+        if verdicts[0] is GuardStatus.OPEN:
             return self._jump_and_settle()
         # a limit that is crossed again at once: the flow is the same on both sides of it, so only rounding can do that
         seen = 1 if self.switched_at == self.time else len(verdicts)
-        crossed = [i for i, verdict in enumerate(verdicts[:seen]) if verdict is Verdict.CROSSED]
+        crossed = [i for i, verdict in enumerate(verdicts[:seen]) if verdict is GuardStatus.CROSSED]
         if crossed:
             return self._locate(level, crossed)
         step = self.flow.steps_s[level]
         self.w, self.time = end, until if step >= left else self.time + step
         return None
 
-    def _verdicts(self, guards: Sequence[Guard], changes: tuple[float, float], level: int, end: Array) -> list[Verdict]:
+    def _verdicts(
+        self, guards: Sequence[Guard], changes: tuple[float, float], level: int, end: Array
+    ) -> list[GuardStatus]:
         """Of the mode's guard and of the limits', over the step of this level."""
         step = self.flow.steps_s[level]
         return [guard.judge(step, changes[min(i, 1)], self._value(i, end)) for i, guard in enumerate(guards)]
 
-    def _guards(self, reading: Reading, left: float) -> list[Guard]:
+    def _guards(self, reading: LoopDerivatives, left: float) -> list[Guard]:
         """The mode's guard, and those of the limits that bound the regime; `left` is the time to the next corner."""
         guard, longest = self._mode_guard(reading), self.flow.longest_s
         near = abs(guard.value) <= self.rounding
@@ -249,7 +250,7 @@ class _Run:
                 if Guard(sign * (u - limit), sign * slope, sign * bend, rounding).leaves(longest):
                     self.regime = regime
 
-    def _mode_guard(self, reading: Reading) -> Guard:
+    def _mode_guard(self, reading: LoopDerivatives) -> Guard:
         side, (y, slope, bend) = self.mode.outwards, reading.offset
         return Guard(side * y - self.car.eps, side * slope, side * bend, self.rounding)
 

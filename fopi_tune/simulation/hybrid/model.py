@@ -16,7 +16,7 @@ import numpy as np
 
 from fopi_tune.core.logform import Array
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.hybrid.flow import Pedal
+from fopi_tune.simulation.hybrid.flow import ModeLoop
 
 
 class Mode(IntEnum):
@@ -69,8 +69,8 @@ class HybridCar:
         DomainError: eps is negative or not finite, or TRACKING of a controller that has no integral.
     """
 
-    throttle: Pedal
-    brake: Pedal
+    throttle: ModeLoop
+    brake: ModeLoop
     eps: float = 0.0
     memory: Memory = Memory.HELD
 
@@ -80,7 +80,7 @@ class HybridCar:
         if self.memory is Memory.TRACKING and not (self.throttle.gains.ki and self.brake.gains.ki):
             raise DomainError("hybrid car: TRACKING needs ki in both controllers; take HELD or RESET")
 
-    def pedal(self, mode: Mode) -> Pedal:
+    def pedal(self, mode: Mode) -> ModeLoop:
         """The pedal of a mode."""
         return self.throttle if mode is Mode.THROTTLE else self.brake
 

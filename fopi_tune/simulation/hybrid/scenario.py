@@ -17,13 +17,13 @@ from fopi_tune.core.plant import Plant
 from fopi_tune.digital.integrator import oustaloup
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.fractional.continuous import Continuous, refuse_samples_only, start_of
-from fopi_tune.simulation.hybrid.flow import PURE_INTEGRAL, Pedal
+from fopi_tune.simulation.fractional.continuous import ContinuousSimulation, refuse_samples_only, start_of
+from fopi_tune.simulation.hybrid.flow import PURE_INTEGRAL, ModeLoop
 from fopi_tune.simulation.hybrid.inclusion import simulate_hybrid
 from fopi_tune.simulation.hybrid.model import Corner, HybridCar, HybridOutcome, HybridStart, Memory, Mode, Watch
-from fopi_tune.simulation.measures import course, horizon_of
+from fopi_tune.simulation.measures import horizon_of, piecewise_signal
 from fopi_tune.simulation.sampled.reference import measures_of
-from fopi_tune.simulation.scenario import Before, Hybrid, Scenario, Signals, Traces
+from fopi_tune.simulation.scenario import Hybrid, InitialInput, Scenario, Signals, Traces
 from fopi_tune.spec.model import ScenarioSpec, SystemSpec
 
 _MEMORY = {"held": Memory.HELD, "tracking": Memory.TRACKING, "reset": Memory.RESET}
@@ -32,10 +32,10 @@ _POLES, _BAND = 39, (1e-7, 1e6)
 _KEPT = 10
 
 
-def drive_inclusion(
+def simulate_inclusion(
     system: SystemSpec, scenario: ScenarioSpec, gains: Sequence[FoPi], plants: Sequence[Plant],
     controllers: Sequence[Runtime], sample_time_s: float,
-) -> Continuous:  # fmt: skip
+) -> ContinuousSimulation:  # fmt: skip
     """A system.
 
     Args:
@@ -59,14 +59,16 @@ def drive_inclusion(
     first = Mode.THROTTLE if system.first == system.modes[0].name else Mode.BRAKE
     car = HybridCar(*pedals, eps=system.hysteresis, memory=_MEMORY[system.inactive])
     pedal = car.pedal(first)
-    past = scenario.initial_output * pedal.pole_rad_s / pedal.gain if scenario.before == Before.REST.value else 0.0
+    past = (
+        scenario.initial_output * pedal.pole_rad_s / pedal.gain if scenario.before == InitialInput.REST.value else 0.0
+    )
     start = HybridStart(scenario.initial_output, first, pedal.cut(past) if scenario.bumpless else None)
     step = sample_time_s / _KEPT
     times = step * np.arange(round(scenario.duration_s / step) + 1)
     times = np.minimum(times, scenario.duration_s)
     watch = Watch(system.most_switches, system.window_s)
     found = simulate_hybrid(car, _corners(scenario), scenario.duration_s, np.unique(times), start=start, watch=watch)
-    reference = course(scenario.reference, scenario.initial_output, found.time_s)
+    reference = piecewise_signal(scenario.reference, scenario.initial_output, found.time_s)
     rows = (found.output, found.rate, found.output, found.error, found.control, found.control)
     traces = Traces(
         found.time_s,
@@ -85,15 +87,15 @@ def drive_inclusion(
     chattering = np.array([found.outcome is HybridOutcome.CHATTERING])
     measures = replace(measures, switches=np.array([len(found.events)]), chattering=chattering)
     switches = tuple(event.time_s for event in found.events)
-    return Continuous(reference, traces, measures, switches, None, found.reason)
+    return ContinuousSimulation(reference, traces, measures, switches, None, found.reason)
 
 
-def _pedal(plant: Plant, gains: FoPi, limits: tuple[float, float]) -> Pedal:
+def _pedal(plant: Plant, gains: FoPi, limits: tuple[float, float]) -> ModeLoop:
     lead, rest = plant.denominator
     integral = PURE_INTEGRAL if gains.alpha == 1.0 else oustaloup(gains.alpha, _POLES, _BAND)
     # a runtime without limits has the largest numbers there are
     low, high = (limit if abs(limit) < sys.float_info.max else math.copysign(math.inf, limit) for limit in limits)
-    return Pedal(plant.numerator[-1] / lead, rest / lead, gains, integral, (low, high))
+    return ModeLoop(plant.numerator[-1] / lead, rest / lead, gains, integral, (low, high))
 
 
 def _corners(scenario: ScenarioSpec) -> list[Corner]:

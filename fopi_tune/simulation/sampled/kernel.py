@@ -22,31 +22,31 @@ from fopi_tune.simulation.sampled import plant_stages as stages
 from fopi_tune.simulation.sampled import vectors as packs
 from fopi_tune.simulation.sampled.layout import (
     APPLIED,
-    ARRIVED,
-    BEFORE,
+    ARRIVED_MODE,
     CONTROL,
     EXCESS,
     FINITE,
     GAIN,
     HIGH,
     INTEGRATES,
-    JUMPED,
-    LAST,
+    LAST_ERROR,
+    LAST_OUTPUT,
+    LAST_SWITCH,
     LOW,
     MODE,
     NOISE,
-    OTHER_LAST,
+    OTHER_LAST_OUTPUT,
     OUTSIDE,
-    OVER,
+    OVERSHOOT,
     PEAK_RATE,
+    PREVIOUS_INPUT,
     RESULTS,
-    SEEN,
     START,
     TRACES,
     TRACK,
     WIDTH,
 )
-from fopi_tune.simulation.sampled.vectors import bits, load, pointer, rounded, size, spread, store, where
+from fopi_tune.simulation.sampled.vectors import absolute, bits, broadcast, load, pointer, rounded, store, where
 
 _RESULTS, _TRACES = len(RESULTS), len(TRACES)
 _inlined: Any = njit(forceinline=True, error_model="numpy")
@@ -63,16 +63,16 @@ def _begin(s, block, table, controllers, settings, places):
         past = table[0, plant]
         for row in range(1, table.shape[0]):
             s[places.x + (row - 1) * WIDTH + lane] = table[row, plant]
-        s[OVER + lane], s[OUTSIDE + lane], s[FINITE + lane] = -np.inf, settings.horizon - 1.0, 1.0
-        s[APPLIED + lane] = s[BEFORE + lane] = s[CONTROL + lane] = past
-        s[MODE + lane] = s[ARRIVED + lane] = settings.first_mode
-        s[JUMPED + lane] = -np.inf
+        s[OVERSHOOT + lane], s[OUTSIDE + lane], s[FINITE + lane] = -np.inf, settings.horizon - 1.0, 1.0
+        s[APPLIED + lane] = s[PREVIOUS_INPUT + lane] = s[CONTROL + lane] = past
+        s[MODE + lane] = s[ARRIVED_MODE + lane] = settings.first_mode
+        s[LAST_SWITCH + lane] = -np.inf
         for which in range(1 + settings.hybrid):
             mode = (settings.first_mode + which) % 2
             begin = controllers[mode, START]
             if which == 0 and settings.bumpless:
                 begin = min(max(past, controllers[mode, LOW]), controllers[mode, HIGH])
-            s[(LAST if which == 0 else OTHER_LAST) + lane] = begin
+            s[(LAST_OUTPUT if which == 0 else OTHER_LAST_OUTPUT) + lane] = begin
             states = places.active if which == 0 else places.inactive_0
             if settings.sections > 0:
                 s[states + lane] = begin * controllers[mode, INTEGRATES]
@@ -81,32 +81,32 @@ def _begin(s, block, table, controllers, settings, places):
 @_inlined
 def _output(s, c, other, jumps, k, settings, places, other_old, r, rate, measured, careful):
     """The active controller's output, and whether the block has to look at every number from here on."""
-    second, e = load(s, MODE) > spread(0.5), spread(r) - measured
-    own, select = controlled.controllers_of(c, other, second)
-    up, down = controlled.edges(s, measured, r, settings.half_width)
+    second, e = load(s, MODE) > broadcast(0.5), broadcast(r) - measured
+    own, select = controlled.resolve_mode(c, other, second)
+    up, down = controlled.hysteresis_crossings(s, measured, r, settings.half_width)
     # careful ones have followed
     behind = k > 0 and not careful
-    controlled.forget(s, jumps, k, settings.window)
+    controlled.expire_switches(s, jumps, k, settings.window)
     if settings.hybrid and bits(up | down) != 0:
         v = controlled.switch_and_demand(
             s, jumps, k, c, other, up, down, places.active, other_old, settings, behind, e
         )  # fmt: skip
-        second = load(s, MODE) > spread(0.5)
-        own, select = controlled.controllers_of(c, other, second)
+        second = load(s, MODE) > broadcast(0.5)
+        own, select = controlled.resolve_mode(c, other, second)
     elif behind:
-        v = controlled.follow_and_demand(s, own, select, second, places.active, settings.sections, e)
+        v = controlled.update_and_demand(s, own, select, second, places.active, settings.sections, e)
     else:
         v = controlled.demand(s, own, select, second, places.active, settings.sections, e)
-    u = controlled.limited(own, select, second, v)
-    d = controlled.of_mode(own, GAIN, select, second) * (u - v)
-    store(s, SEEN, e)
+    u = controlled.saturate(own, select, second, v)
+    d = controlled.coefficient(own, GAIN, select, second) * (u - v)
+    store(s, LAST_ERROR, e)
     store(s, EXCESS, d)
-    careful = careful or not controlled.small(e, d, u, rate)
+    careful = careful or not controlled.all_small(e, d, u, rate)
     if careful:
-        u = controlled.follow_carefully(
+        u = controlled.update_checked(
             s, own, select, second, places.active, places.spare, settings.sections, v, u
         )  # fmt: skip
-    store(s, LAST, u)
+    store(s, LAST_OUTPUT, u)
     return e, u, careful
 
 
@@ -122,32 +122,32 @@ def _sample(s, history, modes, c, other, block, k, settings, places, jumps, late
     if settings.noise_std != 0.0:
         if k % 4 == 0:
             noise_packs.make_noise(s, settings.seed, settings.first_index + block * WIDTH, k)
-        measured = measured + spread(settings.noise_std) * load(s, NOISE + (k % 4) * WIDTH)
+        measured = measured + broadcast(settings.noise_std) * load(s, NOISE + (k % 4) * WIDTH)
     if settings.quantum != 0.0:
-        measured = spread(settings.quantum) * rounded(measured / spread(settings.quantum))
+        measured = broadcast(settings.quantum) * rounded(measured / broadcast(settings.quantum))
     e, u, careful = _output(s, c, other, jumps, k, settings, places, other_old, r, rate, measured, careful)
     if careful:
-        store(s, FINITE, where(controlled.fine(y) & controlled.fine(rate), load(s, FINITE), spread(0.0)))
-    applied = stages.actuated(s, u, settings.most_change)
+        store(s, FINITE, where(controlled.is_finite(y) & controlled.is_finite(rate), load(s, FINITE), broadcast(0.0)))
+    applied = stages.rate_limited(s, u, settings.most_change)
     if track:
-        first = load(s, MODE) < spread(0.5)
-        idle, either = controlled.controllers_of(c, other, first)
-        controlled.follow_applied(s, idle, either, first, other_old, other_new, settings.sections, e, applied)
+        first = load(s, MODE) < broadcast(0.5)
+        idle, either = controlled.resolve_mode(c, other, first)
+        controlled.track_applied(s, idle, either, first, other_old, other_new, settings.sections, e, applied)
     if k >= settings.horizon:
-        stages.judge(s, k, y, rate, r, u, applied, settings, c, other)
+        stages.accumulate_measures(s, k, y, rate, r, u, applied, settings, c, other)
     if settings.keep:
         for row, value in enumerate((y, rate, measured, e, u, applied, load(s, MODE))):
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
-    stages.arrive(s, history, modes, block, k, applied, signal, late, settings)
+    stages.update_inputs(s, history, modes, block, k, applied, signal, late, settings)
     if settings.hybrid:
-        after = stages.flow_hybrid(s, settings, places)
+        after = stages.advance_hybrid_states(s, settings, places)
     else:
         after = stages.rate_after(s, settings, places, rate)
-        stages.flow(s, settings, places)
+        stages.advance_states(s, settings, places)
         if settings.order == 1 and settings.prompt == 0:
             after = stages.rate_on_arrival(s, places, after)
     if k >= settings.horizon and k < settings.steps - 1:
-        controlled.keep_larger(s, PEAK_RATE, size(after))
+        controlled.store_maximum(s, PEAK_RATE, absolute(after))
     if settings.keep:
         store(traces, (7 * settings.steps + k) * settings.width + block * WIDTH, after)
     return careful
@@ -172,7 +172,7 @@ def _made(stamp: tuple[int, ...]) -> Callable[..., int]:
             for place in range(rings):
                 history[place] = s[APPLIED + place % WIDTH]
                 modes[place] = settings.first_mode
-            careful = controlled.large(table, controllers, block)
+            careful = controlled.any_large(table, controllers, block)
             for k in range(settings.steps):
                 careful = _sample(
                     s, history, modes, c, other, block, k, settings, places, *inputs, careful

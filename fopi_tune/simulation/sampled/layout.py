@@ -20,10 +20,12 @@ RESULTS = (
 #: traces, a row each
 TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", "rate_after")
 
-PEAK_RATE, OVER, OUTSIDE, IAE, ISE, SATURATED, PEAK_U = (WIDTH * i for i in range(7))
-SWITCHES, LONGEST, CHATTER, ERROR, FINITE = (WIDTH * i for i in range(7, 12))
-RUN, JUMPED, APPLIED, MODE, BEFORE, CONTROL, LOAD, ARRIVED = (WIDTH * i for i in range(12, 20))
-OLD_CONTROL, OLD_LOAD, OLD_ARRIVED, LAST, OTHER_LAST, SEEN, EXCESS, RECENT, NOISE = (WIDTH * i for i in range(20, 29))
+PEAK_RATE, OVERSHOOT, OUTSIDE, IAE, ISE, SATURATED, PEAK_CONTROL = (WIDTH * i for i in range(7))
+SWITCHES, LONGEST_RUN, CHATTERING, FINAL_ERROR, FINITE = (WIDTH * i for i in range(7, 12))
+RUN, LAST_SWITCH, APPLIED, MODE, PREVIOUS_INPUT, CONTROL, LOAD, ARRIVED_MODE = (WIDTH * i for i in range(12, 20))
+OLD_CONTROL, OLD_LOAD, OLD_ARRIVED_MODE, LAST_OUTPUT, OTHER_LAST_OUTPUT, LAST_ERROR, EXCESS, RECENT_SWITCHES, NOISE = (
+    WIDTH * i for i in range(20, 29)
+)
 #: four rows each, for the noise of four samples; a pack may be read from the last place
 TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
 #: rows with a fixed place
@@ -65,7 +67,7 @@ class Settings(NamedTuple):
     keep: int
 
 
-class Layout(NamedTuple):
+class ScratchLayout(NamedTuple):
     """Places in the scratch array; of a table's rows: x, then what `simulate` packs behind it."""
 
     x: int
@@ -78,7 +80,7 @@ class Layout(NamedTuple):
     size: int
 
 
-def layout(order: int, plant_rows: int, sections: int) -> Layout:
+def scratch_layout(order: int, plant_rows: int, sections: int) -> ScratchLayout:
     """The places for plants of an order with so many rows of numbers behind their states, and controllers."""
     rows = (order, plant_rows, order, sections, sections, sections, sections)
-    return Layout(*(int(WIDTH * place) for place in np.cumsum((FIXED_ROWS, *rows))))
+    return ScratchLayout(*(int(WIDTH * place) for place in np.cumsum((FIXED_ROWS, *rows))))

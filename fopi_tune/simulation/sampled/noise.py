@@ -59,7 +59,7 @@ def normal_quantile(u: Array) -> Array:
     return np.where(np.abs(q) <= CENTRAL, q * _quotient(CENTRE, CENTRAL**2 - q * q), np.copysign(tail, q))
 
 
-def deviates(seed: int, plant: int, steps: int) -> Array:
+def normal_deviates(seed: int, plant: int, steps: int) -> Array:
     """The noise of one plant, standard deviation 1, shape (steps,)."""
     words = [word for j in range(-(-steps // 4)) for word in philox(1 + j, (seed, plant))]
     return normal_quantile(np.array([((word >> 12) + 0.5) * 2.0**-52 for word in words[:steps]]))

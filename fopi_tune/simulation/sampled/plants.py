@@ -19,7 +19,7 @@ from fopi_tune.core.hold import companion, segment
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.scenario import Before, Start
+from fopi_tune.simulation.scenario import InitialInput, Start
 
 #: a delay this close to a whole number of samples is one
 _WHOLE = 1e-12
@@ -27,7 +27,7 @@ _MOST_DELAY_SAMPLES = 10_000
 
 
 @dataclass(frozen=True, eq=False)
-class Delayed:
+class DelayedInput:
     """How an input acts on the states over one sample, by (1).
 
     Args:
@@ -48,7 +48,7 @@ class Delayed:
 
 
 @dataclass(frozen=True, eq=False)
-class HeldPlants:
+class DiscretePlants:
     """m plants of order n behind a zero-order hold; y = c x + direct v at the samples, v what acted just before.
 
     A plant of first order has its output without the direct path as its state (c = 1).
@@ -64,8 +64,8 @@ class HeldPlants:
         rest: the state that an input of 1 holds, shape (m, n); not finite where there is an integrator.
     """
 
-    control: Delayed
-    load: Delayed
+    control: DelayedInput
+    load: DelayedInput
     output: Array
     direct: Array
     rate_state: Array
@@ -108,7 +108,7 @@ class HeldPlants:
         m, y0 = len(self), start.output
         if y0 == 0.0:
             return np.zeros((m, self.order)), np.zeros(m)
-        if start.before is Before.FREE:
+        if start.before is InitialInput.FREE:
             if self.order != 1:
                 raise DomainError(f"an initial output without input needs plants of order 1, not {self.order}")
             return np.full((m, 1), y0), np.zeros(m)
@@ -118,7 +118,7 @@ class HeldPlants:
         return self.rest * held[:, None], held
 
 
-def hold(plants: Plants, sample_time_s: float, delay_samples: float = 0.0) -> HeldPlants:
+def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float = 0.0) -> DiscretePlants:
     """Discretise plants exactly behind a zero-order hold.
 
     Args:
@@ -151,10 +151,10 @@ def hold(plants: Plants, sample_time_s: float, delay_samples: float = 0.0) -> He
         if n == 1:
             control, load = _scaled(control, c), _scaled(load, c)
             rest, rate_state, c = rest * c, a[:, 0, :] / sample_time_s, np.ones_like(c)
-    return HeldPlants(control, load, c, direct, rate_state, rate_input, gain, rest)
+    return DiscretePlants(control, load, c, direct, rate_state, rate_input, gain, rest)
 
 
-def _delayed(a: Array, samples: Array) -> Delayed:
+def _delayed(a: Array, samples: Array) -> DelayedInput:
     if np.any(samples > _MOST_DELAY_SAMPLES):
         raise DomainError(f"the delay is {samples.max():.3g} samples long; take a longer sample time")
     whole = np.floor(samples + _WHOLE)
@@ -164,8 +164,8 @@ def _delayed(a: Array, samples: Array) -> Delayed:
     none = np.broadcast_to(np.eye(n), (m, n, n)), np.zeros((m, n))
     before, after = segment(a, part) if part.any() else none, segment(a, 1.0 - part)
     both = np.stack([before[0], after[0]]), np.stack([before[1], after[1]])
-    return Delayed(whole.astype(np.int64), *both)
+    return DelayedInput(whole.astype(np.int64), *both)
 
 
-def _scaled(delayed: Delayed, c: Array) -> Delayed:
-    return Delayed(delayed.late, delayed.transition, delayed.weight * c)
+def _scaled(delayed: DelayedInput, c: Array) -> DelayedInput:
+    return DelayedInput(delayed.late, delayed.transition, delayed.weight * c)

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from fopi_tune.core.logform import Array
 from fopi_tune.digital import runtime
 from fopi_tune.digital.runtime import Runtime, State
-from fopi_tune.simulation.sampled.noise import deviates
-from fopi_tune.simulation.sampled.plants import HeldPlants
-from fopi_tune.simulation.scenario import Horizon, Hybrid, Inactive, Measures, Scenario, Traces
+from fopi_tune.simulation.sampled.noise import normal_deviates
+from fopi_tune.simulation.sampled.plants import DiscretePlants
+from fopi_tune.simulation.scenario import Horizon, Hybrid, InactiveController, Measures, Scenario, Traces
 
 
-def simulate_plainly(
-    controllers: Sequence[Runtime], plants: Sequence[HeldPlants], scenario: Scenario, first_index: int = 0
+def simulate_reference(
+    controllers: Sequence[Runtime], plants: Sequence[DiscretePlants], scenario: Scenario, first_index: int = 0
 ) -> Traces:
     """Simulate every plant; slow.
 
@@ -105,11 +105,13 @@ class _Run:
     """One loop on its way through the samples."""
 
     def __init__(
-        self, controllers: Sequence[Runtime], plants: Sequence[HeldPlants], scenario: Scenario, row: int, index: int
+        self, controllers: Sequence[Runtime], plants: Sequence[DiscretePlants], scenario: Scenario, row: int, index: int
     ) -> None:
         self.controllers, self.plants, self.scenario, self.row = controllers, plants, scenario, row
         self.steps = len(scenario.signals)
-        self.noise = deviates(scenario.sensor.seed, index, self.steps) if scenario.sensor.noise_std else np.zeros(0)
+        self.noise = (
+            normal_deviates(scenario.sensor.seed, index, self.steps) if scenario.sensor.noise_std else np.zeros(0)
+        )
         self.mode = _first(scenario) - 1
         states, past = plants[self.mode].begin(scenario.start)
         self.x, self.past = states[row], float(past[row])
@@ -135,7 +137,7 @@ class _Run:
         self.memory[self.mode] = runtime.step(controller, self.memory[self.mode], reference, measured)
         demanded = float(self.memory[self.mode].output)
         self._actuate(demanded)
-        if scenario.hybrid is not None and scenario.hybrid.inactive is Inactive.TRACK:
+        if scenario.hybrid is not None and scenario.hybrid.inactive is InactiveController.TRACK:
             other = 1 - self.mode
             self.memory[other] = runtime.track(
                 self.controllers[other], self.memory[other], reference, measured, self.last
@@ -176,7 +178,7 @@ class _Run:
             self.mode = 1 - self.mode
             low, high = self.controllers[self.mode].limits
             self.last = min(max(self.last, low), high)
-            if hybrid.inactive is Inactive.RESET:
+            if hybrid.inactive is InactiveController.RESET:
                 self.memory[self.mode] = runtime.init(self.controllers[self.mode])
 
     def _actuate(self, wanted: float) -> None:

@@ -18,8 +18,8 @@ from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital.runtime import Runtime, init
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.sampled.layout import RESULTS, SECTIONS, TRACES, WIDTH, Settings, layout
-from fopi_tune.simulation.sampled.plants import HeldPlants, hold
+from fopi_tune.simulation.sampled.layout import RESULTS, SECTIONS, TRACES, WIDTH, Settings, scratch_layout
+from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants
 from fopi_tune.simulation.scenario import Horizon, Hybrid, Measures, Mode, Scenario, Traces
 
 #: plants that are held in memory at once, a thread
@@ -79,7 +79,7 @@ def measure_chunks(
     total = _count(modes, scenario, count)
     if first and any(isinstance(mode.plants, Plants) for mode in modes):
         raise DomainError(f"plants that are given are counted from 0, not from {first!r}")
-    workers = threads if threads is not None else threads_of_machine()
+    workers = threads if threads is not None else available_threads()
     if chunk < 1 or workers < 1:
         raise DomainError(f"chunk {chunk!r} and threads {workers!r} must be at least 1")
     if horizon.first >= len(scenario.signals):
@@ -130,15 +130,15 @@ def _taken(modes: Sequence[Mode], begin: int, end: int) -> list[Plants]:
     return parts
 
 
-def _held(modes: Sequence[Mode], scenario: Scenario, begin: int, total: int) -> list[HeldPlants]:
+def _held(modes: Sequence[Mode], scenario: Scenario, begin: int, total: int) -> list[DiscretePlants]:
     parts = [mode.plants for mode in modes if isinstance(mode.plants, Plants)]
     if len(parts) < len(modes):
         parts = _taken(modes, begin, begin + total)
     return _discretised(parts, scenario)
 
 
-def _discretised(parts: Sequence[Plants], scenario: Scenario) -> list[HeldPlants]:
-    held = [hold(part, scenario.sample_time_s, scenario.actuator.delay_samples) for part in parts]
+def _discretised(parts: Sequence[Plants], scenario: Scenario) -> list[DiscretePlants]:
+    held = [discretize_plants(part, scenario.sample_time_s, scenario.actuator.delay_samples) for part in parts]
     if scenario.hybrid is not None:
         for part, plants in zip(held, parts, strict=True):
             if part.order != 1 or np.any(part.direct != 0.0):
@@ -149,7 +149,12 @@ def _discretised(parts: Sequence[Plants], scenario: Scenario) -> list[HeldPlants
 
 
 def _run(
-    modes: Sequence[Mode], held: list[HeldPlants], scenario: Scenario, horizon: Horizon, begin: int, keep: bool = False
+    modes: Sequence[Mode],
+    held: list[DiscretePlants],
+    scenario: Scenario,
+    horizon: Horizon,
+    begin: int,
+    keep: bool = False,
 ) -> tuple[Array, Array]:
     """Results, shape (12, m), and traces, shape (8, m, steps) when they are kept."""
     from fopi_tune.simulation.sampled.kernel import run_blocks
@@ -160,7 +165,7 @@ def _run(
     late[0, :m], late[1, :m] = held[0].control.late, held[0].load.late
     table = _table(held, scenario, blocks * WIDTH)
     settings = _settings(modes, held, scenario, horizon, begin, keep)
-    places = layout(settings.order, len(table) - 1 - settings.order, settings.sections)
+    places = scratch_layout(settings.order, len(table) - 1 - settings.order, settings.sections)
     signal = scenario.signals.load if scenario.signals.load is not None else np.zeros(0)
     results = np.zeros((len(RESULTS), blocks * WIDTH))
     traces = np.zeros(len(TRACES) * steps * blocks * WIDTH if keep else 0)
@@ -192,7 +197,7 @@ def _rows(controller: Runtime, sections: int) -> Array:
     return rows
 
 
-def _table(held: list[HeldPlants], scenario: Scenario, width: int) -> Array:
+def _table(held: list[DiscretePlants], scenario: Scenario, width: int) -> Array:
     """A column a plant: the input before the start, the states, and what `stages` multiplies them with."""
     first = held[scenario.hybrid.first - 1 if scenario.hybrid else 0]
     m, n = len(first), first.order
@@ -216,7 +221,7 @@ def _table(held: list[HeldPlants], scenario: Scenario, width: int) -> Array:
 
 
 def _settings(
-    modes: Sequence[Mode], held: list[HeldPlants], scenario: Scenario, horizon: Horizon, begin: int, keep: bool
+    modes: Sequence[Mode], held: list[DiscretePlants], scenario: Scenario, horizon: Horizon, begin: int, keep: bool
 ) -> Settings:
     sensor, Ts = scenario.sensor, scenario.sample_time_s
     hybrid = scenario.hybrid or Hybrid(0.0)
@@ -289,12 +294,12 @@ def _measures(rows: Array, scenario: Scenario, horizon: Horizon) -> Measures:
 
 
 #: set to 1 where many processes share a machine, as the workers of a study do
-VARIABLE = "FOPI_THREADS"
+THREADS_VARIABLE = "FOPI_THREADS"
 
 
-def threads_of_machine() -> int:
+def available_threads() -> int:
     """At least 1; a variable that is no positive number is not heard."""
-    wanted = os.environ.get(VARIABLE, "")
+    wanted = os.environ.get(THREADS_VARIABLE, "")
     if wanted.isdecimal() and int(wanted) > 0:
         return int(wanted)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -27,7 +27,7 @@ _INTEGERS = ir.VectorType(ir.IntType(64), WIDTH)
 _instruction = cast("Callable[[Any], Any]", intrinsic)
 
 
-class Pack(types.Type):
+class Vector(types.Type):
     """The type of WIDTH doubles."""
 
     def __init__(self) -> None:
@@ -48,7 +48,7 @@ class Words(types.Type):
         super().__init__(f"Words{WIDTH}")
 
 
-@register_model(Pack)
+@register_model(Vector)
 class _PackModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, _DOUBLES)
@@ -66,7 +66,7 @@ class _WordsModel(models.PrimitiveModel):
         super().__init__(manager, kind, _INTEGERS)
 
 
-_PACK, _MASK, _WORDS = Pack(), Mask(), Words()
+_PACK, _MASK, _WORDS = Vector(), Mask(), Words()
 
 
 @_instruction
@@ -83,7 +83,7 @@ def pointer(_typing: Any, array: Any) -> Any:
 
 
 @_instruction
-def behind(_typing: Any, begin: Any, place: Any) -> Any:
+def offset_pointer(_typing: Any, begin: Any, place: Any) -> Any:
     """The pointer to a place."""
     return begin(begin, types.intp), lambda _context, builder, _sig, args: builder.gep(args[0], [args[1]])
 
@@ -120,13 +120,13 @@ def _spread(builder: Any, kind: Any, value: Any) -> Any:
 
 
 @_instruction
-def spread(_typing: Any, value: Any) -> Any:
+def broadcast(_typing: Any, value: Any) -> Any:
     """A number in every lane."""
     return _PACK(types.float64), lambda _context, builder, _sig, args: _spread(builder, _DOUBLES, args[0])
 
 
 @_instruction
-def words(_typing: Any, first: Any, step: Any) -> Any:
+def word_sequence(_typing: Any, first: Any, step: Any) -> Any:
     """The words first, first + step, first + 2 step, ..."""
 
     def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
@@ -137,7 +137,7 @@ def words(_typing: Any, first: Any, step: Any) -> Any:
 
 
 @_instruction
-def products(_typing: Any, pack: Any, factor: Any) -> Any:
+def wide_product(_typing: Any, pack: Any, factor: Any) -> Any:
     """Lane by lane the upper and the lower 64 bits of a product, by the halves that vectors can multiply."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -166,7 +166,7 @@ def upper_bits(_typing: Any, pack: Any) -> Any:
 
 
 @_instruction
-def squeeze(_typing: Any, begin: Any, place: Any, pack: Any, mask: Any) -> Any:
+def compress_store(_typing: Any, begin: Any, place: Any, pack: Any, mask: Any) -> Any:
     """Write the lanes of a mask without gaps behind pointer + place."""
 
     def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
@@ -179,7 +179,7 @@ def squeeze(_typing: Any, begin: Any, place: Any, pack: Any, mask: Any) -> Any:
 
 
 @_instruction
-def stretch(_typing: Any, begin: Any, place: Any, mask: Any, others: Any) -> Any:
+def expand_load(_typing: Any, begin: Any, place: Any, mask: Any, others: Any) -> Any:
     """What `squeeze` wrote, in the lanes of the mask."""
 
     def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
@@ -191,7 +191,7 @@ def stretch(_typing: Any, begin: Any, place: Any, mask: Any, others: Any) -> Any
 
 
 @_instruction
-def count(_typing: Any, word: Any) -> Any:
+def count_bits(_typing: Any, word: Any) -> Any:
     """How many bits are set."""
     return types.int64(types.int64), lambda _context, builder, _sig, args: builder.ctpop(args[0])
 
@@ -213,7 +213,7 @@ def bits(_typing: Any, mask: Any) -> Any:
 
 
 @_instruction
-def lanes(_typing: Any, word: Any) -> Any:
+def mask_from_bits(_typing: Any, word: Any) -> Any:
     """The mask of a whole number."""
 
     def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
@@ -231,7 +231,7 @@ def _by_llvm(name: str) -> Callable[..., Any]:
 
 
 @_instruction
-def size(_typing: Any, pack: Any) -> Any:
+def absolute(_typing: Any, pack: Any) -> Any:
     """Lane by lane the absolute value."""
     return _PACK(_PACK), _by_llvm("fabs")
 
@@ -243,7 +243,7 @@ def rounded(_typing: Any, pack: Any) -> Any:
 
 
 @_instruction
-def root(_typing: Any, pack: Any) -> Any:
+def square_root(_typing: Any, pack: Any) -> Any:
     """Lane by lane the square root."""
     return _PACK(_PACK), _by_llvm("sqrt")
 

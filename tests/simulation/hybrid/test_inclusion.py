@@ -18,7 +18,7 @@ from fopi_tune.core.plant import Plant
 from fopi_tune.digital.integrator import ZeroPoleGain, oustaloup
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
-from fopi_tune.simulation.hybrid.flow import Flow, Pedal, Regime
+from fopi_tune.simulation.hybrid.flow import Flow, ModeLoop, Regime
 from fopi_tune.simulation.hybrid.inclusion import simulate_hybrid
 from fopi_tune.simulation.hybrid.model import (
     Corner,
@@ -40,8 +40,8 @@ LOCATED_S = 1e-9
 
 
 def papers_car(eps: float, memory: Memory = Memory.HELD, limited: bool = False) -> HybridCar:
-    throttle = Pedal(4.39, 0.1746, FoPi(0.09, 0.025, 0.8), oustaloup(0.8, 7, BAND), (0.0, 1.0) if limited else FREE)
-    brake = Pedal(
+    throttle = ModeLoop(4.39, 0.1746, FoPi(0.09, 0.025, 0.8), oustaloup(0.8, 7, BAND), (0.0, 1.0) if limited else FREE)
+    brake = ModeLoop(
         1 / 2.25, 1 / 2.25, FoPi(0.07, 0.11, 0.45), oustaloup(0.45, 7, BAND), (-1.0, 0.0) if limited else FREE
     )
     return HybridCar(throttle, brake, eps, memory)
@@ -55,7 +55,7 @@ CRUISING = HybridStart(30.0, Mode.THROTTLE, CRUISING_CONTROL)
 
 def coasting(pole: float, eps: float = 0.0) -> HybridCar:
     """Both modes y' = -pole y, without control."""
-    return HybridCar(Pedal(1.0, pole, IDLE), Pedal(1.0, pole, IDLE), eps)
+    return HybridCar(ModeLoop(1.0, pole, IDLE), ModeLoop(1.0, pole, IDLE), eps)
 
 
 def times_of(run: HybridResponse) -> list[float]:
@@ -67,7 +67,7 @@ def times_of(run: HybridResponse) -> list[float]:
 
 def test_a_proportional_car_cycles_with_the_period_of_its_two_exponentials() -> None:
     # throttle downhill: y' = 0.1 y + 2 (10 - y), brake: y' = -0.5 y + 0.3 (10 - y), both first order
-    car = HybridCar(Pedal(4.0, -0.1, FoPi(0.5, 0.0, 1.0)), Pedal(1.0, 0.5, FoPi(0.3, 0.0, 1.0)), eps=0.25)
+    car = HybridCar(ModeLoop(4.0, -0.1, FoPi(0.5, 0.0, 1.0)), ModeLoop(1.0, 0.5, FoPi(0.3, 0.0, 1.0)), eps=0.25)
     run = simulate_hybrid(car, [Corner(0.0, 10.0)], 200.0, [], watch=replace(Watch(), most_output=100.0))
     (rise, above), (fall, below) = (1.9, 20.0 / 1.9), (0.8, 3.0 / 0.8)
     up = math.log((above - 9.75) / (above - 10.25)) / rise
@@ -91,7 +91,7 @@ def test_a_coasting_car_meets_a_rising_ramp_where_lamberts_function_says() -> No
 def test_an_ordinary_pi_reaches_the_line_when_its_second_order_loop_does() -> None:
     # 1/s with PI: y'' + kp y' + ki y = kp r' + ki r: from rest y = 1 - e^{-at} (cos wt - (kp - a)/w sin wt)
     kp, ki = 1.0, 2.0
-    car = HybridCar(Pedal(1.0, 0.0, FoPi(kp, ki, 1.0)), Pedal(1.0, 1.0, IDLE), eps=0.05)
+    car = HybridCar(ModeLoop(1.0, 0.0, FoPi(kp, ki, 1.0)), ModeLoop(1.0, 1.0, IDLE), eps=0.05)
     run = simulate_hybrid(car, [Corner(0.0, 1.0)], 1.5, [])
     a, w = kp / 2.0, math.sqrt(ki - kp**2 / 4.0)
     mpmath.mp.dps = 30
@@ -103,7 +103,7 @@ def test_an_ordinary_pi_reaches_the_line_when_its_second_order_loop_does() -> No
 
 def test_a_limit_is_left_when_the_demand_returns_within_it() -> None:
     # y' = -0.2 y + 1 until 2 (10 - y) = 1, from y = 0: y = 5 (1 - e^{-0.2 t}) never gets there; with 4: 20 (1 - ...)
-    car = HybridCar(Pedal(4.0, 0.2, FoPi(2.0, 0.0, 1.0), limits=(0.0, 1.0)), Pedal(1.0, 1.0, IDLE), eps=1.0)
+    car = HybridCar(ModeLoop(4.0, 0.2, FoPi(2.0, 0.0, 1.0), limits=(0.0, 1.0)), ModeLoop(1.0, 1.0, IDLE), eps=1.0)
     leaves = -math.log(1.0 - 9.5 / 20.0) / 0.2
     times = np.linspace(0.0, 10.0, 301)
     run = simulate_hybrid(car, [Corner(0.0, 10.0)], 10.0, times)
@@ -127,7 +127,7 @@ def test_the_flow_is_exact_to_rounding_also_with_poles_from_milliseconds_to_hour
 
 def test_without_jumps_it_is_the_fractional_loop_within_the_filters_error() -> None:
     gains = FoPi(0.5, 0.6, 0.55)
-    pedal = Pedal(1 / 2.35, 1 / 2.35, gains, oustaloup(0.55, 30, (1e-6, 1e6)))
+    pedal = ModeLoop(1 / 2.35, 1 / 2.35, gains, oustaloup(0.55, 30, (1e-6, 1e6)))
     times = np.array([0.5, 5.0, 20.0, 100.0])
     run = simulate_hybrid(HybridCar(pedal, pedal, eps=10.0), [Corner(0.0, 1.0)], 100.0, times)
     exact = exact_response(gains, Plant((1.0,), (2.35, 1.0)), Signal.OUTPUT_AFTER_REFERENCE, times)
@@ -197,14 +197,14 @@ class ByScipy:
 def random_case(seed: int, limited: bool) -> tuple[HybridCar, tuple[Corner, ...], HybridStart]:
     """Plants, gains, alpha = 1 and fractional, ki = 0 among them, steps and ramps."""
     rng = np.random.default_rng(seed)
-    pedals: list[Pedal] = []
+    pedals: list[ModeLoop] = []
     for sign in (1.0, -1.0):
         alpha = float(rng.choice([1.0, rng.uniform(0.3, 1.6)]))
         ki = float(rng.choice([0.0, 1.0], p=[0.2, 0.8]) * rng.uniform(0.05, 0.6))
         limits = (-0.2, 1.0) if sign > 0.0 else (-1.0, 0.2)
         gains = FoPi(float(rng.uniform(0.05, 0.6)), ki, alpha)
         filtered = oustaloup(alpha, 3, (0.03, 10.0))
-        pedal = Pedal(float(rng.uniform(1.0, 4.0)), float(rng.uniform(-0.05, 0.4)), gains, filtered)
+        pedal = ModeLoop(float(rng.uniform(1.0, 4.0)), float(rng.uniform(-0.05, 0.4)), gains, filtered)
         pedals.append(replace(pedal, limits=limits) if limited else pedal)
     memory = Memory.HELD if rng.random() < 0.5 else Memory.RESET
     corners = [
@@ -343,7 +343,7 @@ def test_a_car_beyond_its_line_jumps_at_once() -> None:
 
 
 def test_jumps_too_fast_for_the_watch_are_chattering_though_there_is_hysteresis() -> None:
-    car = HybridCar(Pedal(4.0, -0.1, FoPi(0.5, 0.0, 1.0)), Pedal(1.0, 0.5, FoPi(0.3, 0.0, 1.0)), eps=1e-3)
+    car = HybridCar(ModeLoop(4.0, -0.1, FoPi(0.5, 0.0, 1.0)), ModeLoop(1.0, 0.5, FoPi(0.3, 0.0, 1.0)), eps=1e-3)
     run = simulate_hybrid(car, [Corner(0.0, 10.0)], 100.0, [], watch=Watch(most_jumps=20, window_s=0.5))
     assert run.outcome is HybridOutcome.CHATTERING
     assert "eps is too small" in run.reason
@@ -357,7 +357,9 @@ def test_a_hysteresis_of_almost_nothing_ends_too(eps: float) -> None:
 
 
 def test_an_unstable_car_diverges() -> None:
-    car = HybridCar(Pedal(-1.0, 0.1, FoPi(2.0, 0.1, 0.7), oustaloup(0.7, 5, BAND)), Pedal(1.0, 1.0, IDLE), eps=1.0)
+    car = HybridCar(
+        ModeLoop(-1.0, 0.1, FoPi(2.0, 0.1, 0.7), oustaloup(0.7, 5, BAND)), ModeLoop(1.0, 1.0, IDLE), eps=1.0
+    )
     run = simulate_hybrid(car, [Corner(0.0, 1.0)], 1000.0, [0.0, 999.0])
     assert run.outcome is HybridOutcome.DIVERGED
     assert run.reached_s < 20.0
@@ -414,7 +416,7 @@ def test_slower_time_gives_the_same_car(factor: float) -> None:
         np.testing.assert_allclose(slow.output, run.output, rtol=0.0, atol=1e-9)
 
 
-def slower(pedal: Pedal, factor: float) -> Pedal:
+def slower(pedal: ModeLoop, factor: float) -> ModeLoop:
     gains, integral = pedal.gains, pedal.integral
     zeros, poles = (tuple(root / factor for root in roots) for roots in (integral.zeros, integral.poles))
     # F(s) = gain prod(s - z)/prod(s - p) keeps its value at s/c, and ki s^-alpha its meaning with ki/c^alpha
