@@ -1,4 +1,4 @@
-"""Scenarios of a spec as the simulator takes them, and the measures that its limits name."""
+"""A spec's scenarios converted for the simulator, and the measures that its limits name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fopi_tune.spec.model import Knot, ScenarioSpec
 
 #: km/h per m/s
 KMH_PER_M_S = 3.6
-#: of the last step, where a spec does not say what counts as settled
+#: settling band as a share of the last step, where the spec gives none
 _SETTLED = 0.02
 
 #: word after `limits:` -> the measure, shape (m,)
@@ -53,7 +53,7 @@ def scenario_of(scenario: ScenarioSpec, implementation: Implementation, seed: in
 
 
 def horizon_of(scenario: ScenarioSpec, run: Scenario) -> Horizon:
-    """What is judged of it."""
+    """The samples over which its measures are taken, and the settling band."""
     reference = run.signals.reference
     first = min(math.ceil(scenario.judged_from_s / run.sample_time_s - 1e-9), len(reference) - 1)
     before = float(reference[first - 1]) if first else scenario.initial_output
@@ -73,7 +73,7 @@ def piecewise_signal(knots: Sequence[Knot], before: float, time_s: Array, *, jus
         just_before: whether a step at one of these times has not yet been made there.
     """
     values = np.full(len(time_s), before)
-    # a knot on a sample acts from that sample on, whatever rounding made of the time
+    # a knot at the time of a sample acts from that sample on, in spite of rounding
     late = 1e-9 * (time_s[1] - time_s[0]) if len(time_s) > 1 else 0.0
     late = -late if just_before else late
     start = before

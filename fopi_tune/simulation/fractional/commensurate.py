@@ -8,8 +8,8 @@ in controllable form with p + q states: 9 for 0.8 = 4/5, 29 for 0.45 = 9/20.  It
 
     y(t) = inverse of C (s^{1/q} I - A)^{-1} B R(s),
 
-whose poles are s = lambda^q for the eigenvalues lambda of A with |arg lambda| < pi/q, a route that shares nothing with
-`exact_linear` but the inversion.
+whose poles are s = lambda^q for the eigenvalues lambda of A with |arg lambda| < pi/q, a method that shares nothing with
+`linear` but the inversion.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from fopi_tune.core.logform import Array, Complex
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.inversion import SECTOR_RAD, InversionResult, checked_times, invert_on_hyperbola
 
-#: states at most; what alpha = 0.999 would need is no model to work with
+#: largest number of states; alpha = 0.999 would need too many to be of use
 MOST_STATES = 200
 
 

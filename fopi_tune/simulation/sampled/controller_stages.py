@@ -1,7 +1,11 @@
-"""The controllers of `WIDTH` plants in stages, switching included:  rows of scratch -> rows.
+"""One sample of the controllers of `WIDTH` plants, in stages, switching included:  rows of the scratch array -> rows.
 
-The formulas and the order of the operations are those of `fopi_tune.digital.runtime`, bit for bit.  A lane selects the
-numbers of its mode; where all lanes have the same one nothing is selected.
+Formulas and order of operations are those of `fopi_tune.digital.runtime`, bit for bit.  A lane selects the coefficients
+of its mode; where all lanes are in the same mode nothing has to be selected.
+
+Arguments that many stages share: s is the pointer to the scratch array, c the pointer to the coefficients of mode 1,
+`other` the offset of those of mode 2 (0 where there is nothing to select), `second` the mask of lanes in mode 2, e the
+error, v the controller's output before the limits and u within them.
 """
 
 from __future__ import annotations
@@ -46,8 +50,7 @@ from fopi_tune.simulation.sampled.vectors import (
 
 _BIG = float(np.finfo(np.float64).max)
 _ALL = 2**WIDTH - 1
-#: where no signal is beyond the first, no coefficient beyond the second and no pole beyond 1, a sum of as many samples
-#: as there can be is finite
+#: with signals below the first, coefficients below the second and poles at most 1, sums over all samples are finite
 _LARGE, _LARGE_COEFFICIENT = 1e150, 1e100
 
 _inlined: Any = njit(forceinline=True, error_model="numpy")
@@ -56,13 +59,13 @@ _compiled: Any = njit(error_model="numpy")
 
 @_inlined
 def is_finite(x):
-    """The lanes that are finite."""
+    """The mask of the finite lanes."""
     return absolute(x) <= broadcast(_BIG)
 
 
 @_inlined
 def store_maximum(s, row, value):
-    """A row becomes the larger one of what it is and a value."""
+    """Store the larger of a row and a value."""
     before = load(s, row)
     store(s, row, where(value > before, value, before))
 
@@ -74,13 +77,13 @@ def _store_where(s, row, some, value):
 
 @_inlined
 def all_small(e, d, u, rate):
-    """Whether all signals of the sample are far from overflowing (y is in e, and v in d or u)."""
+    """Whether all signals of the sample are far from overflow (e contains y; d and u contain v)."""
     return bits(absolute(e) + absolute(d) + absolute(u) + absolute(rate) <= broadcast(_LARGE)) == _ALL
 
 
 @_compiled
 def any_large(table, controllers, block):
-    """Whether a block has to look at every number: its controllers' are large, or its first inputs."""
+    """Whether a block must check every number for overflow: coefficients or first inputs are large."""
     found = False
     for mode in range(controllers.shape[0]):
         for row in range(controllers.shape[1]):
@@ -93,7 +96,7 @@ def any_large(table, controllers, block):
 
 @_inlined
 def resolve_mode(c, other, second):
-    """(c, other) of `of_mode`:  where all lanes have the same mode, as most often, nothing is left to select."""
+    """(c, other) for `coefficient`:  where all lanes have one mode, as most often, `other` is 0: nothing to select."""
     word = bits(second)
     if word == _ALL:
         return offset_pointer(c, other), 0
@@ -102,7 +105,7 @@ def resolve_mode(c, other, second):
 
 @_inlined
 def coefficient(c, row, other, second):
-    """A controller's number in every lane; `other` is where the second mode's begin, 0 where there is one mode."""
+    """A coefficient in every lane; `other` is the offset of the second mode's, 0 where there is one mode."""
     if other == 0:
         return broadcast(c[row])
     return where(second, broadcast(c[other + row]), broadcast(c[row]))
@@ -135,7 +138,7 @@ def _next_state(s, c, other, second, state, i, e, d):
 
 @_inlined
 def update_states(s, c, other, second, states, new, sections):
-    """The states after the last sample."""
+    """The states after the last sample, from its error and excess u - v."""
     e, d = load(s, LAST_ERROR), load(s, EXCESS)
     for i in range(sections):
         store(s, new + i * WIDTH, _next_state(s, c, other, second, states + i * WIDTH, i, e, d))
@@ -143,7 +146,7 @@ def update_states(s, c, other, second, states, new, sections):
 
 @_inlined
 def update_and_demand(s, c, other, second, states, sections, e):
-    """`follow` and the next sample's `demand` at once: the sum waits, section by section, for nothing else."""
+    """`update_states` and the next sample's `demand` in one pass over the sections."""
     before, d = load(s, LAST_ERROR), load(s, EXCESS)
     v = coefficient(c, DIRECT, other, second) * e
     for i in range(sections):
@@ -155,7 +158,7 @@ def update_and_demand(s, c, other, second, states, sections, e):
 
 @_inlined
 def update_checked(s, c, other, second, states, spare, sections, v, u):
-    """`follow`, and the output; where a number is not finite the states as they were, and the last output."""
+    """`update_states`, and the output; where a number is not finite, states and output are held."""
     good = is_finite(load(s, LAST_ERROR)) & is_finite(v)
     update_states(s, c, other, second, states, spare, sections)
     for i in range(sections):
@@ -167,7 +170,7 @@ def update_checked(s, c, other, second, states, spare, sections, v, u):
 
 @_inlined
 def track_applied(s, c, other, second, old, new, sections, e, applied):
-    """One sample of the other controller."""
+    """One sample of the inactive controller, which tracks the applied control."""
     v = demand(s, c, other, second, old, sections, e)
     rest, total = coefficient(c, DIRECT, other, second) * e, applied + v
     for i in range(1, sections):
@@ -192,7 +195,7 @@ def track_applied(s, c, other, second, old, new, sections, e, applied):
 
 @_inlined
 def hysteresis_crossings(s, measured, reference, half_width):
-    """The lanes that meet the edge of the hysteresis: from mode 1 to 2, and from 2 to 1."""
+    """The lanes that cross the hysteresis: from mode 1 to 2, and from 2 to 1."""
     mode = load(s, MODE)
     up = (mode < broadcast(0.5)) & (measured >= broadcast(reference + half_width))
     return up, (mode > broadcast(0.5)) & (measured <= broadcast(reference - half_width))
@@ -200,7 +203,7 @@ def hysteresis_crossings(s, measured, reference, half_width):
 
 @_inlined
 def expire_switches(s, jumps, k, window):
-    """The jumps that are no longer within the window."""
+    """Take the switches that have left the window out of the count."""
     jumps[k] = 0
     if k > window and jumps[k - window - 1] != 0:
         store(
@@ -211,8 +214,8 @@ def expire_switches(s, jumps, k, window):
 
 
 @_inlined
-def switch_and_demand(s, jumps, k, c, other, up, down, states, others, settings, offset_pointer, e):
-    """`follow` where it is due, lanes change their mode, and `demand`."""
+def switch_and_demand(s, jumps, k, c, other, up, down, states, others, settings, update_due, e):
+    """`update_states` where it is due, the change of mode of some lanes, and `demand`."""
     before, jumping = load(s, MODE) > broadcast(0.5), up | down
     mode = where(up, broadcast(1.0), where(down, broadcast(0.0), load(s, MODE)))
     second = mode > broadcast(0.5)
@@ -229,9 +232,9 @@ def switch_and_demand(s, jumps, k, c, other, up, down, states, others, settings,
     for i in range(settings.sections):
         one, two = states + i * WIDTH, others + i * WIDTH
         x, held = load(s, one), load(s, two)
-        if offset_pointer:
+        if update_due:
             x = _next_state(s, own, select, before, one, i, seen, d)
-        # LLVM may make this one a store under a mask, which is slow to be read; the other one is read soon
+        # LLVM may make this a masked store, which is slow to read back; the other row is read soon
         store(s, two, where(jumping, x, held))
         if settings.inactive == RESET:
             held = start * coefficient(new, INTEGRATES, choose, second) if i == 0 else broadcast(0.0)
@@ -245,7 +248,7 @@ def switch_and_demand(s, jumps, k, c, other, up, down, states, others, settings,
 
 @_inlined
 def _count_switches(s, k, jumping, most):
-    """Jumps, runs of them, and too many of them within the window."""
+    """Count switches, runs of switches at consecutive samples, and too many switches within the window."""
     now = broadcast(float(k))
     run = where(load(s, LAST_SWITCH) >= now - broadcast(1.0), load(s, RUN) + broadcast(1.0), broadcast(1.0))
     _store_where(s, RUN, jumping, run)

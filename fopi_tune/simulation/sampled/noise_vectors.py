@@ -1,4 +1,4 @@
-"""The deviates of `noise`, for the plants of a block side by side."""
+"""The normal deviates of `noise`, for the `WIDTH` plants of a block side by side."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MIDDLE_TOP, _MIDDLE_BOTTOM = noise.MIDDLE
 _OUTER_TOP, _OUTER_BOTTOM = noise.OUTER
 
 _inlined: Any = njit(forceinline=True, error_model="numpy")
-_apart: Any = njit(error_model="numpy")
+_compiled: Any = njit(error_model="numpy")
 
 
 @_inlined
@@ -61,7 +61,7 @@ def _quotient(top, bottom, x):
 
 @_inlined
 def _tails(s, found):
-    """The deviates of the numbers q in the first places of TAILS."""
+    """The deviates of the first `found` numbers q = u - 1/2 in TAILS, in place."""
     for place in range(found):
         s[LOGARITHMS + place] = math.log(0.5 - abs(s[TAILS + place]))
     for place in range(0, found, WIDTH):
@@ -73,7 +73,7 @@ def _tails(s, found):
         store(s, TAILS + place, where(q < broadcast(0.0), broadcast(0.0) - value, value))
 
 
-@_apart
+@_compiled
 def make_noise(s, seed, index, k):
     """Deviates of the samples k to k + 3 of plants index, index + 1, ..."""
     four = _philox(seed, np.uint64(index), np.uint64(1 + k // 4))

@@ -1,6 +1,6 @@
-"""One sample of `WIDTH` plants without their controllers, in stages:  rows of scratch -> rows.
+"""One sample of `WIDTH` plants without their controllers, in stages:  rows of the scratch array -> rows.
 
-The formulas are those of `scenario` and `plants`.
+The formulas are those of `simulation.scenario` and `plants`.
 """
 
 from __future__ import annotations
@@ -39,37 +39,37 @@ _inlined: Any = njit(forceinline=True, error_model="numpy")
 
 
 @_inlined
-def output(s, settings, places):
+def output(s, settings, offsets):
     """y and dy/dt just before the sample."""
     before = load(s, PREVIOUS_INPUT)
     if settings.hybrid:
-        y, first = load(s, places.x), load(s, ARRIVED_MODE) < broadcast(0.5)
-        p = places.plant
+        y, first = load(s, offsets.x), load(s, ARRIVED_MODE) < broadcast(0.5)
+        p = offsets.plant
         pole = where(first, load(s, p + 4 * WIDTH), load(s, p + 10 * WIDTH))
         gain = where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH))
         return y, pole * y + gain * before
     n = settings.order
-    c = places.plant + (n * n + 4 * n) * WIDTH
+    c = offsets.plant + (n * n + 4 * n) * WIDTH
     y, rate = broadcast(0.0), broadcast(0.0)
     for i in range(n):
-        x = load(s, places.x + i * WIDTH)
+        x = load(s, offsets.x + i * WIDTH)
         y, rate = y + load(s, c + i * WIDTH) * x, rate + load(s, c + (n + i) * WIDTH) * x
     return y + load(s, c + 2 * n * WIDTH) * before, rate + load(s, c + (2 * n + 1) * WIDTH) * before
 
 
 @_inlined
-def rate_after(s, settings, places, rate):
-    """dy/dt just after what arrives at the sample; what arrives between samples is not in it."""
+def rate_after(s, settings, offsets, rate):
+    """dy/dt just after the inputs that arrive at the sample; those that arrive between samples are left out."""
     n = settings.order
-    step = places.plant + (n * n + 6 * n + 2) * WIDTH
+    step = offsets.plant + (n * n + 6 * n + 2) * WIDTH
     return rate + load(s, step) * (load(s, CONTROL) + load(s, LOAD) - load(s, PREVIOUS_INPUT))
 
 
 @_inlined
-def rate_on_arrival(s, places, after):
-    """The same of a plant of first order on which the control acts between the samples: told from the next sample's."""
-    c = places.plant + 5 * WIDTH
-    later = load(s, c + WIDTH) * load(s, places.x) + load(s, c + 3 * WIDTH) * load(s, PREVIOUS_INPUT)
+def rate_on_arrival(s, offsets, after):
+    """The same for a plant of first order whose control arrives between samples: from dy/dt at the next sample."""
+    c = offsets.plant + 5 * WIDTH
+    later = load(s, c + WIDTH) * load(s, offsets.x) + load(s, c + 3 * WIDTH) * load(s, PREVIOUS_INPUT)
     return where(absolute(load(s, c + 4 * WIDTH)) > broadcast(0.0), after, later * load(s, c + 5 * WIDTH))
 
 
@@ -87,7 +87,7 @@ def rate_limited(s, u, most):
 
 @_inlined
 def accumulate_measures(s, k, y, rate, reference, u, applied, settings, c, other):
-    """What one sample adds to the measures."""
+    """Add one sample to the measures."""
     second = load(s, MODE) > broadcast(0.5)
     own, select = resolve_mode(c, other, second)
     store_maximum(s, PEAK_RATE, absolute(rate))
@@ -108,8 +108,8 @@ def accumulate_measures(s, k, y, rate, reference, u, applied, settings, c, other
 
 
 @_inlined
-def update_inputs(s, history, modes, block, k, applied, signal, late, settings):
-    """What reaches the plants in this sample: the control (and its mode) and the load, and what was there before."""
+def update_inputs(s, history, modes, block, k, applied, signal, delay, settings):
+    """The inputs that reach the plants in this sample: control, with its mode, and load; and the previous ones."""
     if settings.delayed:
         store(s, OLD_CONTROL, load(s, CONTROL))
         store(s, OLD_ARRIVED_MODE, load(s, ARRIVED_MODE))
@@ -120,13 +120,13 @@ def update_inputs(s, history, modes, block, k, applied, signal, late, settings):
         now = k % settings.ring
         store(history, now * WIDTH, applied)
         store(modes, now * WIDTH, load(s, MODE))
-        if settings.same_late:
-            place = (k - late[0]) % settings.ring * WIDTH
+        if settings.same_delay:
+            place = (k - delay[0]) % settings.ring * WIDTH
             store(s, CONTROL, load(history, place))
             store(s, ARRIVED_MODE, load(modes, place))
         else:
             for lane in range(WIDTH):
-                row = now - late[block * WIDTH + lane]
+                row = now - delay[block * WIDTH + lane]
                 place = (row if row >= 0 else row + settings.ring) * WIDTH + lane
                 s[CONTROL + lane] = history[place]
                 s[ARRIVED_MODE + lane] = modes[place]
@@ -134,40 +134,40 @@ def update_inputs(s, history, modes, block, k, applied, signal, late, settings):
         store(s, OLD_LOAD, load(s, LOAD))
         if settings.load_delayed:
             for lane in range(WIDTH):
-                place = k - late[settings.width + block * WIDTH + lane]
+                place = k - delay[settings.width + block * WIDTH + lane]
                 s[LOAD + lane] = signal[place] if place >= 0 else 0.0
         else:
             store(s, LOAD, broadcast(signal[k]))
 
 
 @_inlined
-def advance_states(s, settings, places):
+def advance_states(s, settings, offsets):
     """(1) of `plants` to the next sample."""
-    n, p = settings.order, places.plant
+    n, p = settings.order, offsets.plant
     control, old, w, old_w = load(s, CONTROL), load(s, OLD_CONTROL), load(s, LOAD), load(s, OLD_LOAD)
     for i in range(n):
-        x = load(s, p + i * n * WIDTH) * load(s, places.x)
+        x = load(s, p + i * n * WIDTH) * load(s, offsets.x)
         for j in range(1, n):
-            x = x + load(s, p + (i * n + j) * WIDTH) * load(s, places.x + j * WIDTH)
+            x = x + load(s, p + (i * n + j) * WIDTH) * load(s, offsets.x + j * WIDTH)
         row = p + (n * n + i) * WIDTH
         x = x + load(s, row) * control
         if settings.delayed:
             x = x + load(s, row + n * WIDTH) * old
         if settings.loaded:
             x = x + load(s, row + 2 * n * WIDTH) * w + load(s, row + 3 * n * WIDTH) * old_w
-        store(s, places.following + i * WIDTH, x)
+        store(s, offsets.following + i * WIDTH, x)
     for i in range(n):
-        store(s, places.x + i * WIDTH, load(s, places.following + i * WIDTH))
+        store(s, offsets.x + i * WIDTH, load(s, offsets.following + i * WIDTH))
     store(s, PREVIOUS_INPUT, control + w)
 
 
 @_inlined
-def advance_hybrid_states(s, settings, places):
-    """The same of two modes: the old one until its control is followed by the next, the new one from there.
+def advance_hybrid_states(s, settings, offsets):
+    """The same for two modes: the old one until the new control arrives, the new one from there.
 
-    Gives dy/dt just after the new one begins.
+    Returns dy/dt just after the new control arrives.
     """
-    p, x, w = places.plant, load(s, places.x), load(s, LOAD)
+    p, x, w = offsets.plant, load(s, offsets.x), load(s, LOAD)
     if settings.delayed:
         first = load(s, OLD_ARRIVED_MODE) < broadcast(0.5)
         x = where(first, load(s, p), load(s, p + 6 * WIDTH)) * x
@@ -177,6 +177,6 @@ def advance_hybrid_states(s, settings, places):
     pole = where(first, load(s, p + 4 * WIDTH), load(s, p + 10 * WIDTH))
     after = pole * x + where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH)) * before
     x = where(first, load(s, p + 2 * WIDTH), load(s, p + 8 * WIDTH)) * x
-    store(s, places.x, x + where(first, load(s, p + 3 * WIDTH), load(s, p + 9 * WIDTH)) * before)
+    store(s, offsets.x, x + where(first, load(s, p + 3 * WIDTH), load(s, p + 9 * WIDTH)) * before)
     store(s, PREVIOUS_INPUT, before)
     return after

@@ -122,7 +122,9 @@ def test_the_flow_is_exact_to_rounding_also_with_poles_from_milliseconds_to_hour
             exact: Any = mpmath.expm(mpmath.matrix(flow.matrix.tolist()) * flow.steps_s[level], method="taylor")
             less = np.array((exact - mpmath.eye(len(flow.matrix))).tolist(), dtype=float)
             # a few roundings of the largest entry, 1
-            np.testing.assert_allclose(flow.ahead[level], less, rtol=0.0, atol=1e-15 * np.abs(less).max())
+            np.testing.assert_allclose(
+                flow.exponential_less_one[level], less, rtol=0.0, atol=1e-15 * np.abs(less).max()
+            )
 
 
 def test_without_jumps_it_is_the_fractional_loop_within_the_filters_error() -> None:
@@ -150,14 +152,14 @@ class ByScipy:
         return corner.value + corner.slope_per_s * (t - corner.time_s), corner.slope_per_s
 
     def demand(self, mode: Mode, corner: Corner, t: float, y: float, x: Array) -> float:
-        pedal = self.car.pedal(mode)
+        pedal = self.car.loop(mode)
         r = corner.value + corner.slope_per_s * (t - corner.time_s)
         parts = pedal.gains.ki * pedal.integral.residues @ x if pedal.gains.ki else 0.0
         return pedal.gains.kp * (r - y) + float(parts)
 
     def run(self, y: float, mode: Mode, end: float) -> tuple[list[float], Array]:
         """Jump times, and the output at the end."""
-        memory = {m: np.zeros(len(self.car.pedal(m).integral.poles)) for m in Mode}
+        memory = {m: np.zeros(len(self.car.loop(m).integral.poles)) for m in Mode}
         events: list[float] = []
         state = np.append(y, memory[mode])
         for corner, until in zip(self.reference, [*(c.time_s for c in self.reference[1:]), end], strict=True):
@@ -175,7 +177,7 @@ class ByScipy:
         return events, state
 
     def flow(self, mode: Mode, corner: Corner, t: float, until: float, state: Array) -> tuple[float, Array, bool]:
-        pedal = self.car.pedal(mode)
+        pedal = self.car.loop(mode)
         poles = np.array(pedal.integral.poles)
 
         def rate(t: float, s: Array) -> Array:
@@ -252,9 +254,9 @@ def test_the_bounds_on_the_curvature_hold_between_two_steps() -> None:
             flow = Flow(pedal, regime)
             w = np.append(rng.normal(size=len(flow.matrix) - 1) * 10 ** rng.uniform(-2, 2), 1.0)
             level = int(rng.integers(0, 8))
-            begin, most = flow.read(w), flow.changes(flow.read(w), level)
+            begin, most = flow.derivatives(w), flow.derivative_changes(flow.derivatives(w), level)
             for part in share * flow.steps_s[level]:
-                at = flow.read(w + ahead(flow, float(part)) @ w)
+                at = flow.derivatives(w + ahead(flow, float(part)) @ w)
                 assert abs(at.offset[2] - begin.offset[2]) <= most[0] * (1.0 + 1e-9) + 1e-9
                 assert abs(at.demand[2] - begin.demand[2]) <= most[1] * (1.0 + 1e-9) + 1e-9
                 tightest = min(tightest, most[0] / max(abs(at.offset[2] - begin.offset[2]), 1e-12))
@@ -267,7 +269,7 @@ def ahead(flow: Flow, step: float) -> Array:
     for level in range(1, 40):
         if step >= flow.steps_s[level]:
             step -= flow.steps_s[level]
-            product = product + flow.ahead[level] @ product
+            product = product + flow.exponential_less_one[level] @ product
     return product - np.eye(len(flow.matrix))
 
 

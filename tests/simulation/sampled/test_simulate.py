@@ -192,7 +192,7 @@ def test_a_bumpless_start_is_the_reset_of_the_runtime() -> None:
     plants = throttle_plants(1)
     scenario = Scenario(TS, Signals(np.full(20, 9.0)), start=Start(9.0, bumpless=True))
     traces = simulate([Mode(THROTTLE, plants)], scenario)
-    state = reset(THROTTLE, float(discretize_plants(plants, TS).begin(scenario.start)[1][0]))
+    state = reset(THROTTLE, float(discretize_plants(plants, TS).initial_state(scenario.start)[1][0]))
     for measured, demanded in zip(traces.measured[0], traces.demanded[0], strict=True):
         state = step(THROTTLE, state, 9.0, float(measured))
         assert state.output == demanded
@@ -323,7 +323,7 @@ def test_the_loop_tends_to_the_exact_continuous_one_with_the_first_power_of_the_
 
 
 def test_a_saturated_loop_tends_to_the_exact_continuous_one() -> None:
-    # a limit below the first demand; without anti-windup in `exact_time` it must not wind up: proportional control
+    # a limit below the first demand; `fractional.time_stepping` has no anti-windup, hence proportional control
     def outputs(sample_time_s: float) -> np.ndarray:
         controller = Runtime.of(Sections(sample_time_s, 3.0, (), ()), Precision.FLOAT64, (-0.5, 1.2))
         steps = round(4.0 / sample_time_s) + 1
