@@ -1,4 +1,4 @@
-"""Digital controllers: approximations of s^-alpha, sampling rules, the fit, and what rounding does to each form."""
+"""Digital controllers: approximations of s^-alpha, sampling rules, the fit, and the rounding error of each form."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from fopi_tune.spec.model import DigitalSpec
 
 BAND, TS = (1e-3, 1e3), 0.2
 ALPHAS = [0.05, 0.3, 0.45, 0.55, 0.8, 1.0, 1.2, 1.5, 1.95]
-#: where the fit is judged: from 10^-2.5 rad/s to 0.3 of Nyquist's frequency
+#: where the fit is checked: from 10^-2.5 rad/s to 0.3 of Nyquist's frequency
 JUDGED = np.geomspace(10**-2.5, 0.3 * np.pi / TS, 1500)
 
 

@@ -1,4 +1,4 @@
-"""What runs on the target: the loop on samples verified and proved, designs made for it, everything that is written."""
+"""Digital controllers end to end: sampled loops verified and proved, designs for them, and the files written."""
 
 from __future__ import annotations
 

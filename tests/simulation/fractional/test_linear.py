@@ -175,7 +175,7 @@ def test_a_proportional_loop_around_a_pure_delay_jumps_at_every_dead_time() -> N
     )
 
 
-# --- one route against another -------------------------------------------------------------------------------------
+# --- one method against another ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("signal", Signal)
@@ -186,7 +186,7 @@ def test_thirty_delayed_loops_are_answered_everywhere(signal: Signal) -> None:
 
 
 def test_steps_and_bent_line_meet_where_both_hold() -> None:
-    # up to 6 dead times the answer is made of steps, after that of a line: the test's own line reaches to both sides
+    # up to 6 dead times the response comes from the method of steps, then from the line: this line covers both
     for gains, plant in random_loops(8, 10, delayed=True):
         loop = LoopTransform(gains, plant, OUTPUT, Stimulus.STEP)
         times = plant.dead_time_s * np.array([4.5, 5.99, 6.0, 6.01, 8.0, 10.5])

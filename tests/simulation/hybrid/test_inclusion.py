@@ -1,4 +1,4 @@
-"""The hybrid car: against closed forms, scipy's integrator with events, and what a dense grid of samples can see."""
+"""The hybrid car: against closed forms, SciPy's integrator with events, and a dense grid of samples."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 BAND = (1e-3, 1e3)
 FREE = (-math.inf, math.inf)
 IDLE = FoPi(0.0, 0.0, 1.0)
-#: what the event times are promised to, s
+#: tolerance of event times, s
 LOCATED_S = 1e-9
 
 
@@ -368,7 +368,7 @@ def test_an_unstable_car_diverges() -> None:
     assert len(run.time_s) == 1
 
 
-# --- what is kept over a jump --------------------------------------------------------------------------------------
+# --- states across a jump ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("memory", list(Memory))
@@ -441,7 +441,7 @@ def test_samples_do_not_change_the_run_and_lie_on_one_curve() -> None:
     np.testing.assert_allclose(fine.output[1:] - fine.output[0], climbed, rtol=0.0, atol=1e-5)
 
 
-# --- mistakes ------------------------------------------------------------------------------------------------------
+# --- errors --------------------------------------------------------------------------------------------------------
 
 BAD_REFERENCES = [
     ([], "reference is empty"),

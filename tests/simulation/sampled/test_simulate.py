@@ -1,4 +1,4 @@
-"""Many loops on samples: the compiled simulation against the plain one, and both against independent answers."""
+"""Simulation on samples: the compiled kernel against the reference, and both against independent solutions."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def assert_identical(one: Measures, two: Measures) -> None:
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name), err_msg=name)
 
 
-# ---- the compiled simulation and the plain one ----
+# ---- the compiled kernel and the reference ----
 
 LOADED = np.where(np.arange(STEPS) > 40, 0.3, 0.0)
 CASES = {
@@ -199,7 +199,7 @@ def test_a_bumpless_start_is_the_reset_of_the_runtime() -> None:
     np.testing.assert_allclose(traces.output, 9.0, rtol=1e-13)
 
 
-# ---- independent answers ----
+# ---- independent solutions ----
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -357,7 +357,7 @@ def test_philox_is_numpy_s() -> None:
 
 
 def test_the_kernel_s_noise_is_made_of_numpy_s_words_bit_for_bit() -> None:
-    # a plant at 0 that nothing moves: what is measured is the noise
+    # a plant at rest at 0: the measurement is the noise
     controller = Runtime.of(Sections(TS, 0.0, (), ()), Precision.FLOAT64, WIDE)
     seed, first = 2**63 + 5, 10**9
     scenario = Scenario(TS, Signals(np.zeros(43)), Sensor(noise_std=1.0, seed=seed))
@@ -384,7 +384,7 @@ def test_the_noise_is_normal_and_differs_from_plant_to_plant() -> None:
     assert np.abs(np.corrcoef(noise) - np.eye(40)).max() < 0.25
 
 
-# ---- chunks, threads, places ----
+# ---- chunks, threads, plant indices ----
 
 
 def test_results_depend_on_neither_chunks_nor_threads_nor_the_place_in_a_block() -> None:
@@ -421,7 +421,7 @@ def test_equal_plants_with_different_delays_do_not_disturb_each_other() -> None:
         np.testing.assert_array_equal(alone.output[0], together.output[i])
 
 
-# ---- what the measures say ----
+# ---- measures ----
 
 
 def constant(value: float, limits: tuple[float, float] = WIDE) -> Runtime:
@@ -493,7 +493,7 @@ def test_an_unstable_loop_ends_in_a_flag() -> None:
     assert found.finite.tolist() == [False, True, False]
     assert np.isnan(found.iae).tolist() == [True, False, True]
     assert found.settling_s[0] == np.inf
-    # the controller holds: what it demands stays finite
+    # the controller holds its output, which stays finite
     assert np.isfinite(simulate([Mode(THROTTLE, plants)], scenario).demanded).all()
 
 
@@ -550,7 +550,7 @@ def test_members_of_a_family_are_simulated_as_they_are() -> None:
     np.testing.assert_allclose(held.control.whole[0][:, 0, 0], np.exp(-TS / points[:, 0]), rtol=1e-15)
 
 
-# ---- hostile inputs ----
+# ---- invalid inputs ----
 
 ONE = throttle_plants(1)
 
@@ -641,7 +641,7 @@ def test_a_horizon_beyond_the_samples_and_empty_chunks_are_named() -> None:
         measure([Mode(THROTTLE, lambda begin, end: ONE)], scenario_of(), Horizon(0.1), 3)
 
 
-# ---- how it is installed ----
+# ---- imports and the compiled cache ----
 
 
 def test_the_package_is_imported_without_numba() -> None:
@@ -651,12 +651,12 @@ def test_the_package_is_imported_without_numba() -> None:
 
 
 def test_what_was_compiled_is_kept_where_numba_is_told_to(tmp_path: Path) -> None:
-    # importing makes the cache's place; compiling would take many seconds
+    # importing creates the cache's folder; compiling would take many seconds
     code = "from fopi_tune.simulation.sampled.kernel import run_blocks; print(run_blocks._cache.cache_path)"
     root = ROOT
     copy = tmp_path / "read_only"
     shutil.copytree(root / "fopi_tune", copy / "fopi_tune", ignore=shutil.ignore_patterns("__pycache__"))
-    folder = copy / "fopi_tune" / "validation"
+    folder = copy / "fopi_tune" / "simulation" / "sampled"
     folder.chmod(0o555)
     environment = {**os.environ, "PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
