@@ -25,9 +25,19 @@ from fopi_tune.core.loops import Plants
 from fopi_tune.digital.discretize import discretize
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
-from fopi_tune.simulation.sampled.plants import HeldPlants, hold
+from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants
 from fopi_tune.simulation.sampled.simulate import CHUNK, measure_chunks
-from fopi_tune.simulation.scenario import Actuator, Horizon, Hybrid, Inactive, Mode, Scenario, Sensor, Signals, Start
+from fopi_tune.simulation.scenario import (
+    Actuator,
+    Horizon,
+    Hybrid,
+    InactiveController,
+    Mode,
+    Scenario,
+    Sensor,
+    Signals,
+    Start,
+)
 from fopi_tune.spec.model import DigitalSpec
 
 TS = 0.2
@@ -79,7 +89,7 @@ def by_numpy(pair: tuple[Runtime, Runtime], count: int) -> tuple[Array, Array, A
 
 def _block(pair: tuple[Runtime, Runtime], begin: int, end: int) -> tuple[Array, Array, Array]:
     """One block:  arrays of long rows of plants, no new ones while it runs, and a jump changes its own columns only."""
-    held, m = [hold(plants(begin, end), TS) for plants in (throttle, brake)], end - begin
+    held, m = [discretize_plants(plants(begin, end), TS) for plants in (throttle, brake)], end - begin
     of_modes = [_columns(controller, part) for controller, part in zip(pair, held, strict=True)]
     (p, w, r, one), (q, x) = (np.array(rows) for rows in of_modes[0]), np.zeros((2, 8, m))
     upwards, y, iae, jumps = np.ones(m, dtype=bool), np.full(m, START), np.zeros(m), np.zeros(m)
@@ -121,7 +131,7 @@ def _block(pair: tuple[Runtime, Runtime], begin: int, end: int) -> tuple[Array, 
     return e, TS * iae, jumps
 
 
-def _columns(controller: Runtime, part: HeldPlants) -> tuple[Array, Array, Array, Array]:
+def _columns(controller: Runtime, part: DiscretePlants) -> tuple[Array, Array, Array, Array]:
     """A mode's numbers for every plant: p, w, r; then direct, g, the limits and the plant's own two."""
     ones = np.ones((8, len(part)))
     transition, gain, _ = part.control.whole
@@ -134,7 +144,7 @@ def _columns(controller: Runtime, part: HeldPlants) -> tuple[Array, Array, Array
 
 def by_control(pair: tuple[Runtime, Runtime]) -> Array:
     """One of these loops with `control`; its output."""
-    held = [hold(throttle(0, 1), TS), hold(brake(0, 1), TS)]
+    held = [discretize_plants(throttle(0, 1), TS), discretize_plants(brake(0, 1), TS)]
     phi = [float(h.control.whole[0][0, 0, 0]) for h in held]
     gain = [float(h.control.whole[1][0, 0]) for h in held]
     tables = [(c, np.array(c.poles), np.array(c.weights), np.array(c.residues)) for c in pair]
@@ -191,7 +201,7 @@ def main() -> None:
     signals = Signals(profile())
     plain = Scenario(TS, signals, start=Start(START), hybrid=Hybrid(EPS))
     noisy = dataclasses.replace(plain, sensor=Sensor(0.0, 0.05, 1))
-    tracking = dataclasses.replace(plain, hybrid=Hybrid(EPS, Inactive.TRACK))
+    tracking = dataclasses.replace(plain, hybrid=Hybrid(EPS, InactiveController.TRACK))
     single = dataclasses.replace(plain, hybrid=None)
     delay = Actuator(2.0, 1.4)
     horizon = Horizon(0.3, FIRST)

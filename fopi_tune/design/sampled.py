@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import PlantFamily, Uncertain
-from fopi_tune.digital.implementation import digital_of, implementation_of
+from fopi_tune.digital.implementation import implementation_of
+from fopi_tune.digital.implementation import digital_section_of
 from fopi_tune.proof import Verification, certify, verify
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.objectives import ObjectiveKind
@@ -146,7 +147,7 @@ def _unmoved(spec: DesignSpec, candidate: Candidate, shifts: Shifts) -> Candidat
 
 def stand_in(spec: DesignSpec, shifts: Shifts) -> DesignSpec:
     """The continuous spec whose solution is tried on samples: dead time for hold and delay, limits moved by (1)."""
-    digital = digital_of(spec)
+    digital = digital_section_of(spec)
     late_s = (0.5 + digital.delay_samples) * digital.sample_time_s
     parameters = dict(spec.plant.parameters)
     dead_time = parameters.get("dead_time_s", Uncertain.exactly(0.0))

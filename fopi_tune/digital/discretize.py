@@ -1,13 +1,14 @@
 """From gains to a digital controller:  gains and the spec's digital section -> DigitalController.
 
-What comes out is the sum of first-order sections, how far it is from C(j omega), and what it becomes in the forms and
-precisions that targets use.
+The result holds the sum of first-order sections, its error against C(j omega), and its realisations in the forms and
+precisions that targets use, also as JSON.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -16,23 +17,23 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital.fit import FIT_UP_TO, fit
 from fopi_tune.digital.integrator import ZeroPoleGain, modified_oustaloup, oustaloup
-from fopi_tune.digital.realise import Form, Precision, Realisation, accepted, realise
-from fopi_tune.digital.sections import matched, tustin
+from fopi_tune.digital.realise import Form, Precision, Realisation, checked_realisation, realise
+from fopi_tune.digital.transforms import matched, tustin
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DigitalSpec
 
 _FREQUENCIES = 600
-#: samples that a realisation is run on
+#: samples of the test input for realisations
 _SAMPLES = 2000
-#: what the parallel form may lose in float32 before it is refused
+#: largest relative error of the parallel form in float32
 _TOLERANCE = 1e-3
 #: relative error that counts as accurate
 _ACCURATE = 0.05
-#: parts of Nyquist's frequency up to which the error is stated
+#: shares of the Nyquist frequency up to which the error is stated
 _PARTS = (0.1, FIT_UP_TO, 1.0)
-#: the filter has to hold from this part of the gain crossover on
+#: the filter has to be accurate from this share of the gain crossover on
 _BELOW_CROSSOVER = 0.01
-#: a band that suits a crossover reaches so many times below and above it, as the default does for 1 rad/s
+#: the suggested band extends by this factor below and above the crossover, as the default does for 1 rad/s
 _SUITABLE = 1e3
 
 
@@ -56,14 +57,14 @@ class DigitalController:
     """A controller that runs on samples.
 
     Args:
-        gains: what it approximates.
-        digital: how it was asked for.
-        sections: the filter; sections without an integrator have ki = 0.
+        gains: of the ideal controller.
+        digital: the spec's section.
+        sections: the filter; without an integrator if ki = 0.
         errors: (frequency in rad/s, largest |C_d/C - 1| from `errors_from_rad_s` up to it), ascending.
-        accurate_rad_s: the frequencies around the band's middle between which |C_d/C - 1| stays within 5 %; None where
-            it does not even there.
+        accurate_rad_s: the range around the band's middle in which |C_d/C - 1| is at most 5 %; None where it is larger
+            in the middle itself.
         realisations: forms and precisions with their measured errors.
-        crossover_rad_s: the nominal gain crossover of the ideal controller; None where it is not known.
+        crossover_rad_s: the nominal gain crossover of the ideal controller; None where unknown.
     """
 
     gains: FoPi
@@ -76,14 +77,14 @@ class DigitalController:
 
     @property
     def errors_from_rad_s(self) -> float:
-        """Where the errors begin: at the band's lower end, or lower where the loop needs the filter there."""
+        """Lower end of the range of `errors`: the band's, or lower where the loop needs the filter there."""
         return _errors_from(self.digital, self.crossover_rad_s)
 
     @property
     def band_note(self) -> str:
-        """A warning that the band does not hold the loop's frequencies, with a band that does; empty where it does."""
+        """A warning that the band does not cover the loop's frequencies, with one that does; empty where it does."""
         (low, high), crossover = self.digital.band_rad_s, self.crossover_rad_s
-        # an integrator of order one is exact, whatever the band is
+        # an integrator of order one is exact for every band
         if crossover is None or self.gains.alpha == 1.0 or self.gains.ki == 0.0:
             return ""
         if low <= _BELOW_CROSSOVER * crossover and crossover <= high:
@@ -101,30 +102,29 @@ def discretize(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None 
     Args:
         gains: from a design.
         digital: the spec's section.
-        crossover_rad_s: where `matched` keeps the gain and a prewarped `tustin` is exact; the band's middle when it is
-            not known.
+        crossover_rad_s: where `matched` keeps the gain and a prewarped `tustin` is exact; None: the band's middle.
 
     Raises:
-        DomainError: the band does not fit the sample time, or the parallel form loses too much in float32.
+        DomainError: the band does not fit the sample time, or the parallel form is too inaccurate in float32.
     """
     sections = sections_of(gains, digital, crossover_rad_s)
     pairs = [(form, precision) for form in Form for precision in Precision]
-    # numbers beyond a float's range are told from the error they make, which is then infinite
+    # an overflow shows as an infinite error
     with np.errstate(all="ignore"):
         errors, accurate = _errors(gains, digital, sections, _errors_from(digital, crossover_rad_s))
         realisations = tuple(realise(sections, form, precision, _test_input()) for form, precision in pairs)
     for realisation in realisations:
         if realisation.form is Form.PARALLEL:
-            accepted(realisation, _TOLERANCE)
+            checked_realisation(realisation, _TOLERANCE)
     return DigitalController(gains, digital, sections, errors, accurate, realisations, crossover_rad_s)
 
 
 def sections_of(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None = None) -> Sections:
-    """The digital controller alone, not measured.
+    """The digital controller alone, without its errors.
 
     Args:
         gains: kp, ki, alpha.
-        digital: how to make it.
+        digital: the spec's section.
         crossover_rad_s: where Tustin's rule is exact with `prewarp: crossover`.
 
     Raises:
@@ -164,7 +164,7 @@ def _errors_from(digital: DigitalSpec, crossover_rad_s: float | None) -> float:
 def _errors(
     gains: FoPi, digital: DigitalSpec, sections: Sections, from_rad_s: float
 ) -> tuple[tuple[tuple[float, float], ...], tuple[float, float] | None]:
-    """Largest relative errors up to parts of Nyquist's frequency, and between where 5 % is kept."""
+    """Largest relative errors up to shares of the Nyquist frequency, and the range with at most 5 %."""
     nyquist = np.pi / digital.sample_time_s
     omega = np.geomspace(from_rad_s, nyquist, _FREQUENCIES)
     ideal = gains.kp + gains.ki * (1j * omega) ** -gains.alpha
@@ -184,6 +184,35 @@ def _errors(
 
 
 def _test_input() -> Array:
-    """A step with noise: what a loop's error looks like; seeded, so that equal inputs give equal results."""
+    """A step with noise, similar to a loop's error; seeded, so that equal inputs give equal results."""
     rng = np.random.default_rng(20)
     return 0.3 + rng.normal(size=_SAMPLES)
+
+
+def to_document(controller: DigitalController) -> dict[str, Any]:
+    """The controller as in the JSON of `fopi discretize`."""
+    sections = controller.sections
+    return {
+        "digital": {key: list(v) if isinstance(v, tuple) else v for key, v in asdict(controller.digital).items()},
+        "controller": {
+            "form": "direct + sum of residue/(z - pole)",
+            "direct": sections.direct,
+            "sections": [
+                {"pole": pole, "residue": residue}
+                for pole, residue in zip(sections.poles, sections.residues, strict=True)
+            ],
+        },
+        **({"band_note": controller.band_note} if controller.band_note else {}),
+        "errors": [{"up_to_rad_s": omega, "largest_relative": error} for omega, error in controller.errors],
+        "accurate_rad_s": list(controller.accurate_rad_s) if controller.accurate_rad_s else None,
+        "realisations": [
+            {
+                "form": realisation.form.value,
+                "precision": realisation.precision.value,
+                "relative_error": realisation.error if realisation.error < float("inf") else None,
+                "stable": realisation.stable,
+                "coefficients": [list(row) for row in realisation.coefficients],
+            }
+            for realisation in controller.realisations
+        ],
+    }

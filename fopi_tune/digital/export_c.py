@@ -2,7 +2,7 @@
 
 Two translation units, double and float, that allocate nothing and call nothing; test vectors, and a program that
 replays them bit for bit.  The arithmetic is `runtime`'s.  Equal inputs give equal bytes: nothing of the machine or the
-hour is in them.  Names and texts come from strangers: what goes into a comment cannot leave it.
+hour is in them.  Names and texts are untrusted: text in a comment cannot end the comment.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from fopi_tune.digital.vectors import COLUMNS, standard_operations, vector_table
 from fopi_tune.errors import DomainError
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-#: characters of a comment's line after " * ", of a description, and of other texts
+#: largest lengths: of a comment's line after " * ", of a description, and of other texts
 _WIDTH, _DESCRIPTION, _SHORT = 96, 600, 80
 #: of a comment's lines after its first
 _INDENT = 13
-#: what differs between the two precisions in C
+#: C type, suffixes and largest number of each precision
 _TYPES = {
     Precision.FLOAT64: {"suffix": "f64", "type": "double", "largest": "DBL_MAX", "literal": ""},
     Precision.FLOAT32: {"suffix": "f32", "type": "float", "largest": "FLT_MAX", "literal": "f"},
@@ -80,7 +80,7 @@ def export_c(export: Export) -> dict[str, str]:
         export: the controller and what its header says.
 
     Raises:
-        DomainError: the name is no name, the limits are empty, or the controller does not survive rounding.
+        DomainError: an invalid name, empty limits, or a controller that is unusable after rounding.
     """
     if not _NAME.fullmatch(export.name):
         raise DomainError(f"{export.name[:80]!a} cannot name files; use letters, digits, dot, underscore or hyphen")
@@ -98,18 +98,18 @@ def export_c(export: Export) -> dict[str, str]:
 
 
 def comment(text: str) -> str:
-    """Any text as lines of a C comment, each after " * "; the comment cannot be left from inside."""
+    """Any text as lines of a C comment, each after " * "."""
     return "\n".join(f" * {line}" for line in textwrap.wrap(text, _WIDTH, subsequent_indent=" " * _INDENT)) or " *"
 
 
-def harmless(text: str, longest: int = _SHORT) -> str:
+def sanitized(text: str, longest: int = _SHORT) -> str:
     """Any text as printable ASCII of one line without comment marks, trigraphs and continued lines.
 
     Args:
-        text: from anywhere.
-        longest: in characters; more end in "...".
+        text: untrusted.
+        longest: in characters; longer texts end in "...".
     """
-    # what is cut later need not be cleaned; cleaning never shortens by more than white space
+    # text that is cut off below need not be cleaned; cleaning removes white space only
     text = " ".join(text[: 20 * longest].split())
     text = re.sub(r"[^ -~]", "?", text).replace("\\", "/")
     text = re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)|(?<=\?)(?=\?)", " ", text)
@@ -125,7 +125,7 @@ def literal(value: float, suffix: str = "") -> str:
 
 
 def _rendered(template: str, values: dict[str, Any]) -> str:
-    # where C is asked for only: what starts in a hurry does not read templates
+    # imported here: only the export of C needs templates
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -152,14 +152,14 @@ def _values(export: Export, runtime: Runtime) -> dict[str, Any]:
         "prefix": f"fopi_{export.identifier}_{kind['suffix']}",
         "macro": f"FOPI_{export.identifier}_{kind['suffix']}".upper(),
         "name": export.name,
-        "description": harmless(export.description, _DESCRIPTION),
-        "sha256": harmless(export.spec_sha256),
-        "tool": harmless(export.tool),
-        "measurement_unit": harmless(export.units.measurement) or "unit not given",
-        "output_unit": harmless(export.units.output) or "unit not given",
+        "description": sanitized(export.description, _DESCRIPTION),
+        "sha256": sanitized(export.spec_sha256),
+        "tool": sanitized(export.tool),
+        "measurement_unit": sanitized(export.units.measurement) or "unit not given",
+        "output_unit": sanitized(export.units.output) or "unit not given",
         "gains": controller.gains,
         "digital": controller.digital,
-        "filter": harmless(_filter(controller), _DESCRIPTION),
+        "filter": sanitized(_filter(controller), _DESCRIPTION),
         "errors": _errors(controller),
         "rounding": _rounding(controller, runtime),
         "limits": "none" if export.limits is None else f"{runtime.limits[0]!r} to {runtime.limits[1]!r}",

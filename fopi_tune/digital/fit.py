@@ -3,12 +3,12 @@
     F(z) = d + (Ts/2)(z + 1)/(z - 1) r_0 + sum_k r_k (1 - p_k)/(z - p_k),    p_k in (0, 1) ,
 
 minimises the largest relative error |F(e^{j omega Ts}) - (j omega)^-alpha|/|(j omega)^-alpha| over the band.  For given
-poles that is convex in d and r_k (a second-order cone a frequency).  It is solved over a grid of poles first; the poles
-that carry most are refined by least squares whose weights follow the error (Lawson), and the residues of the refined
-poles are the convex problem's again.
+poles this is convex in d and r_k (a second-order cone per frequency).  It is solved over a grid of poles first; the
+poles with the largest residues are refined by least squares with weights that follow the error (Lawson), and the
+residues of the refined poles are those of the convex problem again.
 
-Near the Nyquist frequency a real filter has a real value: its phase is 0 or 180 deg there and not -90 deg alpha.  The
-error is bounded up to `FIT_UP_TO` of the Nyquist frequency, and beyond only kept from growing wild.
+At the Nyquist frequency a real filter has a real value: its phase is 0 or 180 deg there and not -90 deg alpha.  The
+error is minimised up to `FIT_UP_TO` of the Nyquist frequency; above, only a loose bound is kept.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.errors import DomainError
 
-#: part of the Nyquist frequency up to which the error is minimised
+#: share of the Nyquist frequency up to which the error is minimised
 FIT_UP_TO = 0.3
 _FREQUENCIES, _UPPER_FREQUENCIES, _BEYOND = 120, 60, 20
-#: how much larger the relative error may be beyond
+#: factor by which the relative error may be larger above
 _LOOSER = 400.0
 _GRID = 60
 _LAWSON_ROUNDS, _LAWSON_POWER = 25, 0.7
-#: ln(1 - p) of the slowest pole that is told from the integrator, and of the fastest
+#: ln(1 - p) of the slowest pole that differs from the integrator, and of the fastest
 _SLOWEST, _FASTEST = -16.0, 0.0
 
 
 @dataclass(frozen=True)
 class _Band:
-    """Frequencies with the relative error allowed there in units of the largest."""
+    """Frequencies, and the relative error allowed at each in units of the largest error."""
 
     omega: Array
     allowed: Array
@@ -46,7 +46,7 @@ class _Band:
     sample_time_s: float
 
     def matrix(self, poles: Array) -> NDArray[np.complex128]:
-        """Columns of F over the target, each divided by what is allowed: shape (n, 2 + poles)."""
+        """Columns of F over the target, divided by the allowed errors: shape (n, 2 + poles)."""
         z = self.z[:, None]
         integrator = 0.5 * self.sample_time_s * (z + 1.0) / (z - 1.0)
         columns = np.hstack([np.ones_like(z), integrator, (1.0 - poles) / (z - poles)])
@@ -54,7 +54,7 @@ class _Band:
 
     @property
     def wanted(self) -> Array:
-        """What the columns should add up to."""
+        """The sum of the columns for F equal to the target."""
         return 1.0 / self.allowed
 
 
@@ -62,7 +62,7 @@ def fit(gains: FoPi, sample_time_s: float, poles: int, band_rad_s: tuple[float, 
     """kp + ki s^-alpha as sections.
 
     Args:
-        gains: the controller; alpha = 1 is Tustin's integrator, which is exact in its own sense.
+        gains: the controller; alpha = 1 gives Tustin's integrator.
         sample_time_s: Ts.
         poles: sections besides the integrator.
         band_rad_s: where to fit; its upper end is cut at `FIT_UP_TO` of the Nyquist frequency.
@@ -76,7 +76,7 @@ def fit(gains: FoPi, sample_time_s: float, poles: int, band_rad_s: tuple[float, 
     if gains.alpha == 1.0:
         return Sections(sample_time_s, gains.kp + gains.ki * half, (1.0,), (gains.ki * sample_time_s,))
     band = _band(gains.alpha, sample_time_s, band_rad_s)
-    chosen = _refined(band, _chosen(band, poles))
+    chosen = _refined_poles(band, _initial_poles(band, poles))
     values = _minimax(band, chosen)
     direct, integral, residues = values[0], values[1], values[2:] * (1.0 - chosen)
     return Sections(
@@ -93,7 +93,7 @@ def _band(alpha: float, sample_time_s: float, band_rad_s: tuple[float, float]) -
     if not low < high:
         where = f"{high:g} rad/s, where a fit ends: {FIT_UP_TO:g} of Nyquist's frequency or the band's upper end"
         raise DomainError(f"the band begins at {low:g} rad/s, not below {where}")
-    # crowded where the filter has to bend away from the ideal phase
+    # denser where the filter's phase has to depart from the ideal one
     upper = np.linspace(max(low, high / 10.0), high, _UPPER_FREQUENCIES)
     inside = np.unique(np.concatenate([np.geomspace(low, high, _FREQUENCIES), upper]))
     beyond = np.linspace(high, nyquist, _BEYOND + 1)[1:]
@@ -105,7 +105,7 @@ def _band(alpha: float, sample_time_s: float, band_rad_s: tuple[float, float]) -
 
 
 def _minimax(band: _Band, poles: Array) -> Array:
-    """d, r_0 and r_k of the smallest largest error, for given poles."""
+    """d, r_0 and r_k that minimise the largest error, for given poles."""
     import cvxpy as cp
 
     matrix = band.matrix(poles)
@@ -115,7 +115,7 @@ def _minimax(band: _Band, poles: Array) -> Array:
     error = cp.vstack([a @ x - band.wanted, b @ x])
     problem = cp.Problem(cp.Minimize(bound), [cp.norm(error, 2, axis=0) <= bound])
     with warnings.catch_warnings():
-        # "may be inaccurate": what was found is measured in any case
+        # "may be inaccurate": the result's error is measured in any case
         warnings.simplefilter("ignore")
         problem.solve(solver=cp.CLARABEL)
     if x.value is None:
@@ -123,19 +123,19 @@ def _minimax(band: _Band, poles: Array) -> Array:
     return np.asarray(x.value / scale, dtype=float)
 
 
-def _chosen(band: _Band, count: int) -> Array:
-    """Poles of a grid to start from: the largest shares of the convex problem's solution, kept apart."""
+def _initial_poles(band: _Band, count: int) -> Array:
+    """Initial poles from a grid: where the convex problem's solution has its largest residues, kept apart."""
     slowest = np.log(band.omega[0] * band.sample_time_s)
     grid = 1.0 - np.exp(np.linspace(max(slowest - 1.0, _SLOWEST), -0.05, _GRID))
     share = np.abs(_minimax(band, grid)[2:])
-    # cumulated share in ln(1 - p): equal portions give poles where the sum lives
+    # cumulative residues over ln(1 - p): equal portions put poles where the residues are large
     ends = np.cumsum(share / np.abs(1.0 / (1.0 - grid)).max() + share.mean() * 0.5)
     portions = (np.arange(count) + 0.5) / count * ends[-1]
     return grid[np.searchsorted(ends, portions).clip(0, _GRID - 1)]
 
 
-def _refined(band: _Band, poles: Array) -> Array:
-    """Poles of the smallest largest error that a local search finds."""
+def _refined_poles(band: _Band, poles: Array) -> Array:
+    """Poles that minimise the largest error, by local search."""
     from scipy.optimize import least_squares
 
     wanted = np.concatenate([band.wanted, np.zeros(len(band.omega))])

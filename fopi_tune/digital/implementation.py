@@ -1,8 +1,6 @@
-"""The digital controller of gains, as a spec's section `digital` asks for it:  DesignSpec, FoPi -> Implementation."""
+"""The digital controller that a spec's section `digital` makes of gains:  DesignSpec, FoPi -> Implementation."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,25 +11,22 @@ from fopi_tune.digital import sections_of
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DesignSpec, DigitalSpec
 
-if TYPE_CHECKING:
-    pass
-
-#: relative difference of responses that are the same
+#: relative difference below which two responses count as equal
 _SAME = 1e-6
 
 
 def implementation_of(spec: DesignSpec, gains: FoPi) -> Implementation:
-    """The digital controller of gains, as the spec's `digital:` section asks for it.
+    """The digital controller that the spec's section `digital` makes of gains.
 
     Raises:
         DomainError: there is no such section, or it cannot be met (band, sample time).
     """
-    digital = digital_of(spec)
-    return Implementation(sections_of(gains, digital, crossover_of(spec, gains)), digital.delay_samples)
+    digital = digital_section_of(spec)
+    return Implementation(sections_of(gains, digital, nominal_crossover(spec, gains)), digital.delay_samples)
 
 
 def is_implementation_of(spec: DesignSpec, gains: FoPi, implementation: Implementation) -> bool:
-    """Whether a digital controller is what the spec makes of gains, up to what a fit's solver may differ by."""
+    """Whether a digital controller equals `implementation_of`, up to the tolerance of a fit's solver."""
     try:
         ours = implementation_of(spec, gains)
     except DomainError:
@@ -43,8 +38,8 @@ def is_implementation_of(spec: DesignSpec, gains: FoPi, implementation: Implemen
     return bool(np.all(np.abs(implementation.sections.response(omega) - wanted) <= _SAME * np.abs(wanted)))
 
 
-def digital_of(spec: DesignSpec) -> DigitalSpec:
-    """The spec's section.
+def digital_section_of(spec: DesignSpec) -> DigitalSpec:
+    """The spec's section `digital`.
 
     Raises:
         DomainError: there is none.
@@ -56,6 +51,6 @@ def digital_of(spec: DesignSpec) -> DigitalSpec:
     return spec.digital
 
 
-def crossover_of(spec: DesignSpec, gains: FoPi) -> float | None:
+def nominal_crossover(spec: DesignSpec, gains: FoPi) -> float | None:
     """The nominal gain crossover of the ideal controller, rad/s; None without one."""
     return margins(gains, spec.plant.member(spec.plant.nominal_point)).crossover_rad_s

@@ -12,8 +12,8 @@ The modified filter (Xue, Zhao, Chen, 2006, as the paper codes it with b = 10, d
 
     (d/b)^beta (d s^2 + b wh s)/(d (1 - beta) s^2 + b wh s + d beta) .                                               (2)
 
-Three things are wrong with (2) in a controller.  Its gain in the middle of the band is (d/b)^beta, not 1: here the
-gain is set in the middle of the band, as in (1).  Its zero at s = 0 cancels the integrator, and its slow pole, near
+(2) has three defects in a controller.  Its gain in the middle of the band is (d/b)^beta, not 1: here the gain is set in
+the middle of the band, as in (1).  Its zero at s = 0 cancels the integrator, and its slow pole, near
 -d beta/(b wh), is unstable for beta < 0: here that zero and that pole, which nearly cancel each other, are left out,
 and the fast pair, which is what improves the upper end of the band, is kept:
 
@@ -51,7 +51,7 @@ class ZeroPoleGain:
     def response(self, omega: Array) -> NDArray[np.complex128]:
         """The value at s = j omega, shape (n,)."""
         s = 1j * omega[:, None]
-        # by logarithms: fifty factors of a wide band are beyond what a double holds, their quotient is not
+        # by logarithms: products of fifty factors over a wide band overflow, their quotient does not
         factors = np.log(s - np.array(self.zeros)).sum(axis=1) - np.log(s - np.array(self.poles)).sum(axis=1)
         return np.asarray(self.gain * np.exp(factors), dtype=complex)
 
@@ -72,13 +72,13 @@ def oustaloup(alpha: float, poles: int, band_rad_s: tuple[float, float]) -> Zero
 
     Args:
         alpha: order of the integral, in (0, 2).
-        poles: N; the integrator comes on top.
+        poles: N, without the integrator.
         band_rad_s: wb and wh.
     """
     beta = 1.0 - alpha
     if beta == 0.0:
         return ZeroPoleGain((), (0.0,), 1.0)
-    return _with_gain(*_spread(beta, poles, band_rad_s), beta, band_rad_s)
+    return _with_gain(*_zeros_and_poles(beta, poles, band_rad_s), beta, band_rad_s)
 
 
 def modified_oustaloup(alpha: float, poles: int, band_rad_s: tuple[float, float]) -> ZeroPoleGain:
@@ -94,12 +94,14 @@ def modified_oustaloup(alpha: float, poles: int, band_rad_s: tuple[float, float]
         return ZeroPoleGain((), (0.0,), 1.0)
     if poles < 2:
         raise DomainError("modified_oustaloup needs at least 2 poles: one is its extra fast pole")
-    zeros, spread = _spread(beta, poles - 1, band_rad_s)
+    zeros, spread = _zeros_and_poles(beta, poles - 1, band_rad_s)
     fast_zero, fast_pole = -_B * band_rad_s[1] / _D, -_B * band_rad_s[1] / (_D * (1.0 - beta))
     return _with_gain((*zeros, fast_zero), (*spread, fast_pole), beta, band_rad_s)
 
 
-def _spread(beta: float, count: int, band_rad_s: tuple[float, float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _zeros_and_poles(
+    beta: float, count: int, band_rad_s: tuple[float, float]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Zeros and poles of (1)."""
     low, high = band_rad_s
     k = np.arange(count) + 0.5
@@ -111,7 +113,7 @@ def _spread(beta: float, count: int, band_rad_s: tuple[float, float]) -> tuple[t
 def _with_gain(
     zeros: tuple[float, ...], poles: tuple[float, ...], beta: float, band_rad_s: tuple[float, float]
 ) -> ZeroPoleGain:
-    """With the integrator, and exact in gain in the middle of the band: |F(j w)| = w^(beta - 1)."""
+    """Add the integrator and set the gain to be exact in the middle of the band: |F(j w)| = w^(beta - 1)."""
     middle = float(np.sqrt(band_rad_s[0] * band_rad_s[1]))
     unscaled = ZeroPoleGain(zeros, (0.0, *poles), 1.0)
     size = float(np.abs(unscaled.response(np.array([middle])))[0])

@@ -1,7 +1,7 @@
-"""How a digital controller is stored and computed, and what that costs:  parallel, second-order sections, CMSIS-DSP.
+"""Realisations of a digital controller and their rounding errors:  parallel, second-order sections, CMSIS-DSP.
 
-Rounded to the target's precision, each form is run beside the parallel form in float64 on the same input; its error is
-relative to the largest output.
+Each form, rounded to the target's precision, is compared with the parallel form in float64 on the same input; its error
+is relative to the largest output.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ class Precision(StrEnum):
 
     @property
     def dtype(self) -> type[np.floating]:
-        """NumPy's name of it."""
+        """NumPy's type."""
         return np.float64 if self is Precision.FLOAT64 else np.float32
 
 
 class Form(StrEnum):
-    """How the filter is laid out."""
+    """Filter structure."""
 
     PARALLEL = "parallel"
     SECOND_ORDER = "second_order"
@@ -61,13 +61,13 @@ class Realisation:
 
 
 def realise(sections: Sections, form: Form, precision: Precision, inputs: Array) -> Realisation:
-    """Round a controller to a form and measure what that does.
+    """Round a controller to a form and measure the error.
 
     Args:
         sections: the controller.
         form: layout.
-        precision: of everything that is rounded.
-        inputs: shape (n,), what it is run on.
+        precision: of coefficients, states and arithmetic.
+        inputs: shape (n,), the test input.
     """
     reference = run_parallel(sections, inputs, Precision.FLOAT64)
     if form is Form.PARALLEL:
@@ -84,8 +84,8 @@ def realise(sections: Sections, form: Form, precision: Precision, inputs: Array)
     return Realisation(form, precision, coefficients, error if np.isfinite(error) else np.inf, stable)
 
 
-def accepted(realisation: Realisation, tolerance: float) -> Realisation:
-    """The realisation, unless it must not be used.
+def checked_realisation(realisation: Realisation, tolerance: float) -> Realisation:
+    """The realisation, if its error is within a tolerance.
 
     Raises:
         DomainError: a rounded pole left the unit disc, or the error exceeds the tolerance.
@@ -131,8 +131,8 @@ def second_order_sections(sections: Sections) -> Matrix:
     zeros, poles, gain = zeros_poles_gain(sections)
     table = np.asarray(zpk2sos(zeros, poles, gain), dtype=float)
     for _ in range(len(poles) - len(zeros)):
-        # SciPy counts powers of 1/z, so that a zero that is missing took a sample's delay with it: a section that has
-        # room for it takes it back
+        # SciPy uses powers of 1/z, so that every zero fewer than poles loses one sample of delay: it is restored in a
+        # section whose last coefficient is free
         row = int(np.argmin(np.abs(table[:, 2])))
         table[row, :3] = 0.0, *table[row, :2]
     return table

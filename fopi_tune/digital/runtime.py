@@ -1,4 +1,4 @@
-"""The controller as it runs on the target, in NumPy:  the same roundings in the same order as the exported C.
+"""The controller's arithmetic on the target, in NumPy:  the same operations and roundings as the exported C.
 
     e = setpoint - measurement
     v = direct e + x_0 + x_1 + ...                          from left to right
@@ -6,14 +6,14 @@
     d = g (u - v)
     x_k <- p_k (x_k + w_k d) + r_k e                                                                               (1)
 
-A sample with a number that is not finite, anywhere, is held: the last output again, the states as they were.
+At a sample with any number that is not finite, output and states are held.
 
-Anti-windup is back-calculation by weights that sum to 1.  With w_k = r_k/sum r_j (over p_j > 0) what the correction
-takes from a section while the output is limited is what a constant error adds to it: nothing winds up, slow sections
-included.  g = min(1, |sum r_j/direct|) lets the output leave a limit as the error changes sign.  Were it 1, a sample of
-noise beyond the limit would cost the integrator all of its excess, and the output would settle off the setpoint.
+Anti-windup is back-calculation by weights that sum to 1.  While the output is limited, w_k = r_k/sum r_j (over p_j > 0)
+makes the correction take from each section what a constant error adds to it: no section winds up, not even a slow one.
+g = min(1, |sum r_j/direct|) lets the output leave a limit as the error changes sign.  With g = 1, a sample of noise
+beyond the limit would change the integrator by all of its excess, and the output would settle off the setpoint.
 
-Since u is always what (1) feeds back, the states obey, limited or not,
+Since (1) always feeds back u, the states obey, limited or not,
 
     x <- P (I - g w 1') x + g P w (u - direct e) + r e,       P = diag(p_k) ,                                      (2)
 
@@ -24,13 +24,13 @@ to w and is shortened by the other.  (A rank-one update: the eigenvalues lie bet
 [0, p_min].)  Residues of both signs, alpha > 1, give weights of both signs: they are used when the eigenvalues are
 inside, and |r_k| in place of r_k if not.
 
-While another controller or a driver has the actuator (`track`), the sections forget and the integrator holds what is
-missing to the applied output u,
+While another controller or a driver has the actuator (`track`), the other sections decay and the integrator holds the
+difference to the applied output u,
 
     x_k <- p_k x_k  (k > 0),        x_0 = u - (direct e + x_1 + x_2 + ...) ,                                        (3)
 
-so that the next output with the same error is u, and stays u while the error is 0: nothing was remembered of errors
-that were not this controller's to remove.
+so that the next output with the same error is u, and stays u while the error is 0: errors during tracking are not
+integrated.
 
 Source: back-calculation as in Astrom and Hagglund, Advanced PID Control, 2006; weights and (2) derived here.
 """
@@ -46,17 +46,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.sections import Sections
 from fopi_tune.digital.realise import Precision, parallel_rows
-from fopi_tune.digital.sections import Sections
 from fopi_tune.errors import DomainError
 
-#: how far inside the unit circle eigenvalues have to be before weights of both signs are used; above eig's rounding
+#: least distance of eigenvalues from the unit circle for weights of both signs; above the rounding of `eigvals`
 _INSIDE = 1e-9
 
 
 @dataclass(frozen=True)
 class Runtime:
-    """A controller in the numbers that its target stores; each is representable in `precision`.
+    """A controller with the coefficients that its target stores; each is representable in `precision`.
 
     Args:
         precision: of coefficients, states and arithmetic.
@@ -93,7 +93,7 @@ class Runtime:
         with np.errstate(over="ignore", under="ignore"):
             rows = parallel_rows(sections, precision).astype(np.float64)
         direct, poles, residues = float(rows[0, 1]), rows[1:, 0], rows[1:, 1]
-        _usable(sections, rows, precision)
+        _check_coefficients(sections, rows, precision)
         weights, gain = _anti_windup(direct, poles, residues, precision)
         return cls(precision, direct, _floats(poles), _floats(residues), _floats(weights), gain, within)
 
@@ -103,16 +103,16 @@ class Runtime:
         return bool(self.poles) and self.poles[0] == 1.0
 
     @cached_property
-    def stored(self) -> Stored:
+    def stored(self) -> StoredCoefficients:
         """The same numbers in the type of the precision."""
         dtype = self.precision.dtype
         direct, gain, low, high = (dtype(number) for number in (self.direct, self.tracking_gain, *self.limits))
         poles, residues, weights = (np.array(row, dtype=dtype) for row in (self.poles, self.residues, self.weights))
-        return Stored(direct, poles, residues, weights, gain, low, high, np.finfo(dtype).max)
+        return StoredCoefficients(direct, poles, residues, weights, gain, low, high, np.finfo(dtype).max)
 
 
 @dataclass(frozen=True, eq=False)
-class Stored:
+class StoredCoefficients:
     """A runtime's numbers as NumPy's scalars and arrays of its precision."""
 
     direct: np.floating
@@ -125,7 +125,7 @@ class Stored:
     largest: np.floating
 
     def finite(self, value: np.floating) -> bool:
-        """By comparison, as the target does it: it has no isfinite."""
+        """By comparison, as on the target, which has no isfinite."""
         return bool(-self.largest <= value <= self.largest)
 
     def limited(self, value: np.floating) -> np.floating:
@@ -198,7 +198,7 @@ def reset(runtime: Runtime, output: float) -> State:
 
 def step(runtime: Runtime, state: State, setpoint: float, measurement: float) -> State:
     """One sample; `output` of what is returned goes to the actuator."""
-    return _sampled(runtime, state, setpoint, measurement, None)
+    return _one_sample(runtime, state, setpoint, measurement, None)
 
 
 def track(runtime: Runtime, state: State, setpoint: float, measurement: float, applied: float) -> State:
@@ -211,7 +211,7 @@ def track(runtime: Runtime, state: State, setpoint: float, measurement: float, a
         measurement: as for `step`.
         applied: what the actuator had; taken within the limits.
     """
-    return _sampled(runtime, state, setpoint, measurement, applied)
+    return _one_sample(runtime, state, setpoint, measurement, applied)
 
 
 def replay(runtime: Runtime, operations: Iterable[Operation]) -> Array:
@@ -229,7 +229,7 @@ def replay(runtime: Runtime, operations: Iterable[Operation]) -> Array:
 
 
 @np.errstate(all="ignore")
-def _sampled(runtime: Runtime, state: State, setpoint: float, measurement: float, applied: float | None) -> State:
+def _one_sample(runtime: Runtime, state: State, setpoint: float, measurement: float, applied: float | None) -> State:
     """(1); the state itself when a number is not finite."""
     c, dtype = runtime.stored, runtime.precision.dtype
     e = dtype(setpoint) - dtype(measurement)
@@ -262,7 +262,7 @@ def _floats(values: Array) -> tuple[float, ...]:
 
 
 def _limits(limits: tuple[float, float] | None, precision: Precision) -> tuple[float, float]:
-    """The limits in a precision, rounded inwards: what the target allows is never beyond what was asked for."""
+    """The limits in a precision, rounded inwards: never wider than the given ones."""
     low, high = limits if limits is not None else (-np.inf, np.inf)
     what = f"output limits ({low!r}, {high!r})"
     if not low < high:
@@ -279,8 +279,8 @@ def _limits(limits: tuple[float, float] | None, precision: Precision) -> tuple[f
     return float(lower), float(upper)
 
 
-def _usable(sections: Sections, rows: Array, precision: Precision) -> None:
-    """Refuse rounded coefficients (pole, residue) that are no controller any more."""
+def _check_coefficients(sections: Sections, rows: Array, precision: Precision) -> None:
+    """Refuse rounded coefficients (pole, residue) of an unusable controller."""
     poles, residues = rows[1:, 0], rows[1:, 1]
     if not np.all(np.isfinite(rows)):
         raise DomainError(f"a coefficient of the filter is beyond the range of {precision.value}; scale the signals")
@@ -294,7 +294,7 @@ def _usable(sections: Sections, rows: Array, precision: Precision) -> None:
 
 
 def _anti_windup(direct: float, poles: Array, residues: Array, precision: Precision) -> tuple[Array, float]:
-    """Weights and gain: r_k/sum r_j where that is stable, |r_k|/sum |r_j| where it is not, 0 where there is nothing."""
+    """Weights and gain: r_k/sum r_j if stable, else |r_k|/sum |r_j|, 0 without such sections."""
     dtype = precision.dtype
     taking = np.where(poles > 0.0, residues, 0.0)
     for shares in (taking, np.abs(taking)):

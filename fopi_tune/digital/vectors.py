@@ -1,7 +1,7 @@
-"""Test vectors of the exported controller:  operations, and what they must give in float64 and float32.
+"""Test vectors of the exported controller:  operations, and their expected outputs in float64 and float32.
 
-Inputs are representable in float32, so that both precisions read the same; numbers are hexadecimal, so that nothing is
-rounded on the way.
+Inputs are representable in float32, so that both precisions read the same numbers; these are hexadecimal, so that
+reading does not round.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from fopi_tune.digital.runtime import Op, Operation, Runtime, replay
 #: first line of the table
 COLUMNS = "op,setpoint,measurement,applied_or_output,expected_f64,expected_f32"
 #: float32's largest number, its smallest, and numbers whose differences or products overflow in one precision or both
-_WILD = (3.4028234663852886e38, -3.4028234663852886e38, 1e38, -3e37, 1e30, -1e20, 1.4e-45, -1e-40, 0.0, -0.0)
+_EXTREME = (3.4028234663852886e38, -3.4028234663852886e38, 1e38, -3e37, 1e30, -1e20, 1.4e-45, -1e-40, 0.0, -0.0)
 _NOT_FINITE = (float("nan"), float("inf"), float("-inf"))
-#: part of the output's range that a signal of size 1 moves it by
-_PART = 0.3
+#: share of the output's range that a signal of size 1 covers
+_SHARE = 0.3
 _SEED = 20
 
 
@@ -27,9 +27,9 @@ def vector_table(float64: Runtime, float32: Runtime, operations: Sequence[Operat
     """The table as CSV.
 
     Args:
-        float64: the controller in this precision.
-        float32: the same controller in that one.
-        operations: from a fresh controller.
+        float64: the controller in float64.
+        float32: the same controller in float32.
+        operations: applied to a newly initialised controller.
     """
     expected = zip(replay(float64, operations), replay(float32, operations), strict=True)
     rows = [
@@ -45,9 +45,9 @@ def standard_operations(runtime: Runtime, seed: int = _SEED, mixed: int = 800) -
     Args:
         runtime: whose limits and gains scale the signals.
         seed: of the noise.
-        mixed: rows of everything at random at the end.
+        mixed: number of random operations at the end.
     """
-    size, draw = _size(runtime), random.Random(seed)
+    size, draw = _signal_size(runtime), random.Random(seed)
 
     def noise(scale: float) -> float:
         return size * scale * draw.uniform(-1.0, 1.0)
@@ -60,14 +60,14 @@ def standard_operations(runtime: Runtime, seed: int = _SEED, mixed: int = 800) -
         rows += [Operation(Op.STEP, value, 0.0), Operation(Op.STEP, size, value), Operation(Op.STEP, value, value)]
         rows += [Operation(Op.TRACK, value, 0.0, size), Operation(Op.TRACK, size, 0.0, value)]
         rows += [Operation(Op.RESET, output=value), *_steps(10, lambda k: size, lambda k: noise(1.0))]
-    for first in _WILD:
+    for first in _EXTREME:
         for second in (0.0, first, -first):
             rows += [Operation(Op.STEP, first, second), Operation(Op.TRACK, size, second, first)]
         rows += [Operation(Op.RESET, output=first), *_steps(5, lambda k: size, lambda k: noise(1.0))]
     for applied in (0.0, 0.5 * size, -100.0 * size):
         rows += [Operation(Op.TRACK, size, 0.5 * size, applied) for _ in range(60)]
         rows += _steps(40, lambda k: size, lambda k: 0.5 * size)
-    rows += [_any(draw, size) for _ in range(mixed)]
+    rows += [_random_operation(draw, size) for _ in range(mixed)]
     return tuple(_in_float32(row) for row in rows)
 
 
@@ -75,16 +75,16 @@ def _steps(count: int, setpoint: Callable[[int], float], measurement: Callable[[
     return [Operation(Op.STEP, setpoint(k), measurement(k)) for k in range(count)]
 
 
-def _any(draw: random.Random, size: float) -> Operation:
-    """One of everything, mostly ordinary steps."""
+def _random_operation(draw: random.Random, size: float) -> Operation:
+    """A random operation, mostly an ordinary step."""
     chance, scale = draw.random(), size * (20.0 if draw.random() < 0.1 else 1.0)
     setpoint, measurement, output = (scale * draw.uniform(-1.0, 1.0) for _ in range(3))
     if chance < 0.02:
         setpoint = draw.choice(_NOT_FINITE)
     elif chance < 0.04:
-        measurement = draw.choice(_NOT_FINITE + _WILD)
+        measurement = draw.choice(_NOT_FINITE + _EXTREME)
     elif chance < 0.05:
-        return Operation(Op.RESET, output=draw.choice((output, *_NOT_FINITE, *_WILD)))
+        return Operation(Op.RESET, output=draw.choice((output, *_NOT_FINITE, *_EXTREME)))
     elif chance < 0.06:
         return Operation(Op.INIT)
     elif chance < 0.15:
@@ -92,12 +92,12 @@ def _any(draw: random.Random, size: float) -> Operation:
     return Operation(Op.STEP, setpoint, measurement)
 
 
-def _size(runtime: Runtime) -> float:
-    """A signal's size that moves the output through a good part of its range; 1 where there is no range."""
+def _signal_size(runtime: Runtime) -> float:
+    """Size of signals that move the output through much of its range; 1 where the range is unlimited."""
     gain = abs(runtime.direct) + sum(abs(residue) for residue in runtime.residues)
     span = max(abs(limit) for limit in runtime.limits)
-    size = _PART * span / gain if gain > 0.0 else 1.0
-    # beyond these the controller has no limits that a signal could reach
+    size = _SHARE * span / gain if gain > 0.0 else 1.0
+    # outside these sizes no signal reaches the limits
     return size if 1e-12 < size < 1e12 else 1.0
 
 

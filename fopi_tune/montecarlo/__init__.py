@@ -1,1 +1,1 @@
-"""Plants drawn from a family -> Evidence:  how often everything holds, with exact binomial intervals."""
+"""Monte Carlo validation:  plants drawn from a family -> Evidence, with exact binomial confidence intervals."""

@@ -7,79 +7,79 @@ from typing import Any
 
 from fopi_tune.core.distributions import Uniform
 from fopi_tune.montecarlo.montecarlo import Evidence
-from fopi_tune.montecarlo.outcomes import Judged, WorstPlant
+from fopi_tune.montecarlo.outcomes import OutcomeStatistics, WorstPlant
 from fopi_tune.montecarlo.statistics import Fraction, Histogram
 from fopi_tune.montecarlo.systems import SystemEvidence
 from fopi_tune.spec.model import ValidationSpec
 
 
 def to_document(evidence: Evidence) -> dict[str, Any]:
-    """What the JSON of `fopi validate` says of the plants that were drawn; infinite numbers are null."""
+    """Evidence about a loop, as in the JSON of `fopi validate`; infinite numbers are null."""
     return {
-        "drawn": _drawn(evidence),
+        "drawn": _sampling(evidence),
         "stable": {**_fraction(evidence.stable), "missed_in_the_family": evidence.unstable_inside},
-        "requirements": [_judged(judged) for judged in evidence.requirements],
-        "limits": [_judged(judged) for judged in evidence.limits],
+        "requirements": [_outcome(outcome) for outcome in evidence.requirements],
+        "limits": [_outcome(outcome) for outcome in evidence.limits],
     }
 
 
 def system_document(evidence: SystemEvidence) -> dict[str, Any]:
-    """What the JSON of `fopi validate` says of a system."""
+    """Evidence about a system, as in the JSON of `fopi validate`."""
     return {
-        "drawn": _drawn(evidence),
+        "drawn": _sampling(evidence),
         "scenarios": [
             {
                 "name": each.scenario,
                 "finite": _fraction(each.finite),
                 "without_chattering": _fraction(each.calm),
-                "limits": [_judged(judged) for judged in each.limits],
+                "limits": [_outcome(outcome) for outcome in each.limits],
             }
             for each in evidence.scenarios
         ],
     }
 
 
-def _drawn(evidence: Evidence | SystemEvidence) -> dict[str, Any]:
-    """How plants were drawn, and how many of them no proof speaks of."""
-    drawn = evidence.validation
+def _sampling(evidence: Evidence | SystemEvidence) -> dict[str, Any]:
+    """How plants were drawn, and how many of them lie outside the family, where no proof applies."""
+    validation = evidence.validation
     return {
-        "samples": drawn.samples,
-        "seed": drawn.seed,
-        "design": drawn.design if drawn.samples_file is None else None,
-        "confidence": drawn.confidence,
-        "intervals_are_exact": drawn.design == "random",
-        "distributions": _distributions(drawn, evidence.numbers),
-        "samples_file": _file(drawn),
+        "samples": validation.samples,
+        "seed": validation.seed,
+        "design": validation.design if validation.samples_file is None else None,
+        "confidence": validation.confidence,
+        "intervals_are_exact": validation.design == "random",
+        "distributions": _distributions(validation, evidence.numbers),
+        "samples_file": _file(validation),
         "outside_the_family": evidence.outside,
         "no_plants": evidence.no_plants,
     }
 
 
-def _judged(judged: Judged) -> dict[str, Any]:
+def _outcome(outcome: OutcomeStatistics) -> dict[str, Any]:
     said: dict[str, Any] = {}
-    if judged.requirement is not None:
-        requirement = judged.requirement
+    if outcome.requirement is not None:
+        requirement = outcome.requirement
         said = {
             "name": requirement.quantity,
             "relation": requirement.relation.value,
             "limits": list(requirement.limits),
-            "side": "at_most" if judged.upper else "at_least",
+            "side": "at_most" if outcome.upper else "at_least",
         }
-    elif judged.limit is not None:
-        limit = judged.limit
+    elif outcome.limit is not None:
+        limit = outcome.limit
         said = {"name": limit.measure, "relation": limit.relation.value, "limits": [limit.limit]}
-        said["scenario"] = judged.scenario
+        said["scenario"] = outcome.scenario
     return {
         **said,
-        "fraction": _fraction(judged.fraction),
+        "fraction": _fraction(outcome.fraction),
         "quantiles": [
             {"probability": q.probability, "value": _finite(q.value), "low": _finite(q.low), "high": _finite(q.high)}
-            for q in judged.quantiles
+            for q in outcome.quantiles
         ],
-        "histogram": _histogram(judged.histogram),
-        "worst": [_worst(worst) for worst in judged.worst],
-        "missed_in_the_family": judged.missed_inside,
-        "worst_in_the_family": None if judged.worst_inside is None else _worst(judged.worst_inside),
+        "histogram": _histogram(outcome.histogram),
+        "worst": [_worst(worst) for worst in outcome.worst],
+        "missed_in_the_family": outcome.missed_inside,
+        "worst_in_the_family": None if outcome.worst_inside is None else _worst(outcome.worst_inside),
     }
 
 
@@ -96,15 +96,15 @@ def _worst(worst: WorstPlant) -> dict[str, Any]:
     }
 
 
-def _distributions(drawn: ValidationSpec, numbers: tuple[str, ...]) -> dict[str, Any] | None:
-    """Of every uncertain number as a spec writes it; null where the plants come from a file."""
-    if drawn.samples_file is not None:
+def _distributions(validation: ValidationSpec, numbers: tuple[str, ...]) -> dict[str, Any] | None:
+    """The distribution of every uncertain number, as a spec writes it; null where the plants come from a file."""
+    if validation.samples_file is not None:
         return None
-    return {name: drawn.distributions.get(name, Uniform()).words() for name in numbers}
+    return {name: validation.distributions.get(name, Uniform()).words() for name in numbers}
 
 
-def _file(drawn: ValidationSpec) -> dict[str, Any] | None:
-    listed = drawn.samples_file
+def _file(validation: ValidationSpec) -> dict[str, Any] | None:
+    listed = validation.samples_file
     if listed is None:
         return None
     return {"name": listed.name, "sha256": listed.sha256, "rows": len(listed.table.rows)}

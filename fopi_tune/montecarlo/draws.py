@@ -1,10 +1,10 @@
-"""Plants drawn from a family:  Draw, PlantFamily, indices -> points of the box, shape (count, p).
+"""Plants drawn from a family:  SamplingPlan, PlantFamily, indices -> points of the box, shape (count, p).
 
-Draw i depends on the seed and i alone: chunks, threads and workers change no bit.  A place in the unit cube
-(`designs`) becomes values by the inverse distribution functions (`core.distributions`), or by a table of samples, whose
-row floor(u rows) it picks; a Latin hypercube of as many draws as rows takes every row once.  A list of samples is taken
-as it is.  Draws may lie outside the family's box, where nothing was proven (`outside_box`), and be no plant at all
-(`impossible`).
+Draw i depends on the seed and on i alone: results do not depend on chunks, threads or workers, to the last bit.  A
+point u of the unit cube (`sampling`) is mapped by the inverse distribution functions (`core.distributions`), or, with a
+table of samples, to the row floor(u rows); a Latin hypercube of as many draws as rows takes every row once.  A list of
+samples is used in its order.  A draw may lie outside the family's box, where nothing is proved
+(`core.samples.outside_box`), or be no plant at all (`core.samples.impossible`).
 """
 
 from __future__ import annotations
@@ -20,51 +20,51 @@ from fopi_tune.core.distributions import Distribution, Uniform
 from fopi_tune.core.parameter_table import ParameterTable, not_uncertain, outside_box
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import DomainError
-from fopi_tune.montecarlo.sampling import Design, cube
+from fopi_tune.montecarlo.sampling import SamplingDesign, unit_cube_points
 
 
 @dataclass(frozen=True)
-class Listed:
-    """A table's rows one after the other: draw i is row i, whatever seed and design."""
+class SampleList:
+    """A table's rows in their order: draw i is row i, for every seed and design."""
 
     table: ParameterTable
 
 
 @dataclass(frozen=True)
-class Draw:
-    """What to draw.
+class SamplingPlan:
+    """Which points are drawn: seed, design, number and distribution.
 
     Args:
         seed: in [0, 2^64).
-        design: how the draws lie.
-        total: number of draws of the whole design; None where the design does not need to know.
-        source: a distribution by parameter name (`Uniform` for those left out), a table of samples to pick from, or a
-            list of them.
+        design: random, Latin hypercube or Sobol.
+        total: number of draws of the whole design; None where the design does not need it.
+        source: distributions by parameter name (`Uniform` for those left out), a table of samples to pick from, or a
+            list of samples used in its order.
 
     Raises:
         DomainError: the seed or the total is no whole number or out of range, or a Latin hypercube has no total.
     """
 
     seed: int
-    design: Design = Design.RANDOM
+    design: SamplingDesign = SamplingDesign.RANDOM
     total: int | None = None
-    source: Mapping[str, Distribution] | ParameterTable | Listed = field(default_factory=dict)
+    source: Mapping[str, Distribution] | ParameterTable | SampleList = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "seed", _whole("seed", self.seed))
         if self.total is not None:
             object.__setattr__(self, "total", _whole("total", self.total))
-        cube(self.design, self.seed, 0, 0, 0, self.total)
+        unit_cube_points(self.design, self.seed, 0, 0, 0, self.total)
 
 
-def points(draw: Draw, family: PlantFamily, first: int, count: int) -> Array:
+def sample_points(plan: SamplingPlan, family: PlantFamily, first: int, count: int) -> Array:
     """Draws first .. first + count - 1.
 
     Args:
-        draw: what to draw.
+        plan: seed, design and distributions.
         family: its box and nominal values.
         first: index of the first draw, from 0.
-        count: how many; the memory needed is proportional.
+        count: number of draws; the memory needed is proportional to it.
 
     Returns:
         Shape (count, p), columns as `family.uncertain_names`.
@@ -74,31 +74,31 @@ def points(draw: Draw, family: PlantFamily, first: int, count: int) -> Array:
     """
     names = family.uncertain_names
     first, count = _whole("first", first), _whole("count", count)
-    if isinstance(draw.source, Listed):
-        return _rows(draw.source.table, family, first, count)
-    if isinstance(draw.source, ParameterTable):
-        columns = draw.source.columns(family)
-        u = cube(draw.design, draw.seed, 1, first, count, draw.total)[:, 0]
+    if isinstance(plan.source, SampleList):
+        return _rows(plan.source.table, family, first, count)
+    if isinstance(plan.source, ParameterTable):
+        columns = plan.source.columns(family)
+        u = unit_cube_points(plan.design, plan.seed, 1, first, count, plan.total)[:, 0]
         # u < 1, but u m may round up to m
-        rows = np.minimum((u * len(draw.source.rows)).astype(np.int64), len(draw.source.rows) - 1)
-        return draw.source.rows[rows][:, columns]
-    if unknown := sorted(set(draw.source) - set(names)):
+        rows = np.minimum((u * len(plan.source.rows)).astype(np.int64), len(plan.source.rows) - 1)
+        return plan.source.rows[rows][:, columns]
+    if unknown := sorted(set(plan.source) - set(names)):
         raise DomainError(not_uncertain(unknown[0], family))
-    places = cube(draw.design, draw.seed, len(names), first, count, draw.total)
+    points = unit_cube_points(plan.design, plan.seed, len(names), first, count, plan.total)
     for column, name in enumerate(names):
-        u = np.ascontiguousarray(places[:, column])
-        places[:, column] = draw.source.get(name, Uniform()).values(u, family.parameters[name])
-    return places
+        u = np.ascontiguousarray(points[:, column])
+        points[:, column] = plan.source.get(name, Uniform()).values(u, family.parameters[name])
+    return points
 
 
-def stays_inside(draw: Draw, family: PlantFamily) -> bool:
+def stays_inside(plan: SamplingPlan, family: PlantFamily) -> bool:
     """Whether no draw can lie outside the family's box."""
-    if isinstance(draw.source, ParameterTable | Listed):
-        table = draw.source if isinstance(draw.source, ParameterTable) else draw.source.table
+    if isinstance(plan.source, ParameterTable | SampleList):
+        table = plan.source if isinstance(plan.source, ParameterTable) else plan.source.table
         return not outside_box(table.rows[:, table.columns(family)], family).any()
     for name in family.uncertain_names:
         number = family.parameters[name]
-        low, high = draw.source.get(name, Uniform()).limits(number)
+        low, high = plan.source.get(name, Uniform()).limits(number)
         if low < number.min or high > number.max:
             return False
     return True

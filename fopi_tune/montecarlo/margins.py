@@ -1,9 +1,9 @@
-"""Margins and peaks of thousands of loops on samples at once:  scanned on a grid of frequencies, then polished.
+"""Margins and peaks of thousands of sampled loops at once:  found on a frequency grid, then refined.
 
-`fopi_tune.core` finds every crossing and every peak, whatever it costs.  Here a crossing is a change of sign between
-neighbouring points of a dense grid in u = ln tan(omega Ts/2), polished by Newton's method to the last digits, and a
-peak one of the grid's highest points, polished by shrinking brackets.  Two crossings between neighbours would be
-missed; a sample of plants can bear that, a proof could not.
+`fopi_tune.core` finds every crossing and every peak, at any cost.  Here a crossing is a change of sign between
+neighbouring points of a dense grid in u = ln tan(omega Ts/2), refined by Newton's method to rounding, and a peak is one
+of the grid's highest points, refined by golden-section search.  Two crossings between neighbouring points would be
+missed; that is acceptable for statistics over sampled plants, not for a proof.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from fopi_tune.quantities.base import NEPER_PER_DB, highest_by_row, smallest_by_
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import Requirement
 
-#: grid points, and how many a sample of delay needs
+#: grid points, and the least number per sample of delay
 _POINTS, _POINTS_A_DELAY = 400, 16
-#: in u, the parts of the axis beyond the corners with few points, and how many
+#: widths in u of the coarse ends of the grid, below the lowest and above the highest corner, and their points
 _SPARSE_BELOW, _SPARSE_ABOVE, _TAIL = 6.0, 12.0, 12
 _NEWTON, _BRACKETS = 12, 24
-#: local peaks of the grid that are polished
+#: local peaks of the grid that are refined
 _PEAKS = 3
 _ROUNDING = 4e-15
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True)
-class Scan:
-    """m loops of one digital controller, looked at on a grid.
+class MarginScan:
+    """m loops of one digital controller, evaluated on a frequency grid.
 
     Args:
         loops: the loops.
@@ -47,9 +47,9 @@ class Scan:
 
     @cached_property
     def u(self) -> Array:
-        """The grid, shape (n,), from far below the corners to far beyond."""
+        """The grid, shape (n,), from far below the lowest corner to far above the highest."""
         low, high = self.loops.log.corners()
-        # corners() reaches to where nothing changes by 1e-9 any more: a few points are enough that far out
+        # corners() reaches as far as anything still changes by 1e-9: a few points are enough at those ends
         ends = max(float(low.min()), -60.0), min(float(high.max()), 40.0)
         first = min(ends[0] + _SPARSE_BELOW, ends[1] - 1.0)
         last = max(ends[1] - _SPARSE_ABOVE, first + 1.0)
@@ -78,7 +78,7 @@ class Scan:
 
     @cached_property
     def phase_crossings(self) -> Crossings:
-        """arg L = -180 deg (mod 360), the ends of the axis included."""
+        """arg L = -180 deg (mod 360), the limits at both ends of the frequency axis included."""
         turns = (self.log_gain.imag + np.pi) / (2.0 * np.pi)
         found = self._crossings(turns - np.floor(turns[:, :1]), np.imag, 2.0 * np.pi)
         parts = (found, *negative_ends(self.loops))
@@ -87,11 +87,11 @@ class Scan:
         return Crossings(*(column[order] for column in columns))
 
     def _crossings(self, values: Array, part: Callable[[Complex], Array], period: float) -> Crossings:
-        """Polished changes of sign of `values` (of whole parts, for a period) between neighbours."""
+        """Refined crossings: where `values` change sign (with a period: whole part) between neighbouring points."""
         level = np.floor(values) if period else (values > 0.0).astype(float)
         row, k = np.nonzero(np.isfinite(values[:, 1:] + values[:, :-1]) & (level[:, 1:] != level[:, :-1]))
         low, high = self.u[k], self.u[k + 1]
-        # the line that is passed: a multiple of the period nearest to the middle of the two values
+        # the level that is crossed: the multiple of the period nearest to the mean of the two values
         ends = part(self.log_gain[row, k]), part(self.log_gain[row, k + 1])
         offset = np.pi if period else 0.0
         line = (
@@ -167,7 +167,7 @@ class Scan:
         return self.loops.log_response(rows, np.full(len(rows), u))[:, None]
 
     def _polished(self, rows: Rows, low: Array, high: Array, response: Response, sign: float) -> Array:
-        """Golden sections of brackets that hold a maximum."""
+        """The maxima within brackets, by golden-section search."""
 
         def value(u: Array) -> Array:
             controller: Complex = np.log(self.loops.sections.at(shifted(u)))
@@ -188,7 +188,7 @@ class Scan:
 
 
 def _highest(values: Array) -> list[Rows]:
-    """Columns of each row's highest points that no neighbour exceeds; the highest again where there are fewer."""
+    """Columns of each row's highest local maxima; where a row has fewer, its highest is repeated."""
     padded = np.pad(values, ((0, 0), (1, 1)), constant_values=-np.inf)
     peak = (values >= padded[:, :-2]) & (values >= padded[:, 2:])
     heights = np.where(peak, values, -np.inf)

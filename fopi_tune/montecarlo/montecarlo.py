@@ -1,7 +1,7 @@
 """Evidence by sampling:  a spec, its digital controller and plants drawn from its family -> how often everything holds.
 
 Draw i depends on the seed and on i alone, and so does the noise of its simulation: chunks and threads change nothing,
-and each draw can be made again by itself.  Draws may leave the family (`counted`): what is proved is not about those.
+and each draw can be reproduced by itself.  Draws may lie outside the family (`membership`), where no proof applies.
 """
 
 from __future__ import annotations
@@ -21,42 +21,50 @@ from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
-from fopi_tune.montecarlo.margins import Scan
-from fopi_tune.montecarlo.membership import Counted, merge_counts
-from fopi_tune.montecarlo.outcomes import Done, Drawn, Judged, Progress, counted, limits_about, steps_of
+from fopi_tune.montecarlo.margins import MarginScan
+from fopi_tune.montecarlo.membership import FamilyTally, merge_family_tallies
+from fopi_tune.montecarlo.outcomes import (
+    ChunkProgress,
+    OutcomeStatistics,
+    PlantSampler,
+    Progress,
+    limits_about,
+    outcome_tally,
+    split_progress,
+)
 from fopi_tune.montecarlo.statistics import Fraction
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.simulation.measures import scenario_of
-from fopi_tune.simulation.sampled.simulate import threads_of_machine
+from fopi_tune.simulation.sampled.simulate import available_threads
 from fopi_tune.simulation.scenario import Mode
 from fopi_tune.spec.model import DesignSpec, Requirement, ScenarioSpec, Scope, ValidationSpec
 
-#: plants whose margins are scanned at once, on a grid of frequencies that all of them have in common: cut elsewhere,
-#: their margins would differ in the last bits
+#: plants whose margins are computed at once, on a common frequency grid: another division into chunks would change
+#: the margins in their last bits
 SCANNED = 512
-#: by how much a requirement may be missed, as in the verification
+#: tolerance of a requirement's limit, as in the verification
 _TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What sampling says of a digital controller's loop.
+    """The evidence about a digital controller's loop.
 
     Args:
-        validation: how it was drawn.
+        validation: how plants were drawn.
         stable: fraction of stable loops.
-        requirements: over the family; those about the nominal plant alone are not sampled.
+        requirements: those over the family; those on the nominal plant alone are not sampled.
         limits: of the scenarios.
-        outside: plants outside the family's box, of which no proof speaks.
+        outside: plants outside the family's box, where no proof applies.
         unstable_inside: plants of the family whose loop is unstable.
-        no_plants: draws that are no plants, such as one with a negative time constant; they count nowhere else.
+        no_plants: draws that are no plants, such as one with a negative time constant; they enter no other count.
         numbers: names of the uncertain numbers.
     """
 
     validation: ValidationSpec
     stable: Fraction
-    requirements: tuple[Judged, ...]
-    limits: tuple[Judged, ...]
+    requirements: tuple[OutcomeStatistics, ...]
+    limits: tuple[OutcomeStatistics, ...]
     outside: int
     unstable_inside: int = 0
     no_plants: int = 0
@@ -64,56 +72,56 @@ class Evidence:
 
     @property
     def missed_inside(self) -> bool:
-        """Whether a plant of the family was drawn that is unstable or misses anything."""
+        """Whether a drawn plant of the family is unstable or violates a requirement or limit."""
         return bool(self.unstable_inside) or any(e.missed_inside for e in (*self.requirements, *self.limits))
 
     @property
     def all_met(self) -> bool:
         """Whether every drawn plant is stable and meets everything."""
-        every = (self.stable, *(judged.fraction for judged in (*self.requirements, *self.limits)))
+        every = (self.stable, *(outcome.fraction for outcome in (*self.requirements, *self.limits)))
         return all(fraction.met == fraction.total for fraction in every)
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """What was counted of the draws first to end - 1.
+    """The tallies of the draws first to end - 1.
 
     Args:
         first: index of the first draw.
         end: index after the last.
         outside: plants outside the family's box.
         no_plants: draws that are no plants.
-        margins: stable, then every side of every requirement over the family.
-        simulated: of each scenario that is judged, as `Drawn.simulated`.
+        margins: of stability, then of every side of every requirement over the family.
+        simulated: of each scenario with limits, as `PlantSampler.simulate_scenario`.
     """
 
     first: int
     end: int
     outside: int
     no_plants: int
-    margins: tuple[Counted, ...]
-    simulated: tuple[tuple[Counted, ...], ...]
+    margins: tuple[FamilyTally, ...]
+    simulated: tuple[tuple[FamilyTally, ...], ...]
 
 
 def monte_carlo(
     spec: DesignSpec, gains: FoPi, implementation: Implementation, progress: Progress | None = None
 ) -> Evidence:
-    """Draw plants, and judge each by the spec's requirements and, in its scenarios, by its limits.
+    """Draw plants, and check the spec's requirements and, in its scenarios, its limits on each.
 
     Args:
-        spec: what is asked; its section `validation` says how many plants.
+        spec: the spec; its section `validation` says how many plants.
         gains: what the controller approximates.
         implementation: the controller that runs.
-        progress: told how many plants are done.
+        progress: called with the number of plants done.
 
     Raises:
-        DomainError: none of the draws is a plant, or a loop so late that it cannot be simulated.
+        DomainError: none of the draws is a plant, or a loop's delay is too long to be simulated.
     """
     samples = (spec.validation or ValidationSpec()).samples
-    return evidence_of(spec, [drawn_block(spec, gains, implementation, 0, samples, progress)])
+    return evidence_of(spec, [sample_block(spec, gains, implementation, 0, samples, progress)])
 
 
-def drawn_block(
+def sample_block(
     spec: DesignSpec,
     gains: FoPi,
     implementation: Implementation,
@@ -121,58 +129,61 @@ def drawn_block(
     end: int,
     progress: Progress | None = None,
 ) -> Block:
-    """`monte_carlo` of the draws first to end - 1 alone, on whatever machine; `evidence_of` puts blocks together.
+    """`monte_carlo` of the draws first to end - 1 alone, on any machine; `evidence_of` merges blocks.
 
     Raises:
-        DomainError: a block that does not begin and end at multiples of `SCANNED` (or at the last draw); none of the
-            draws of the whole is a plant, or a loop so late that it cannot be simulated.
+        DomainError: a block that does not begin and end at multiples of `SCANNED` (or at the last draw); none of all
+            draws is a plant, or a loop's delay is too long to be simulated.
     """
     samples = (spec.validation or ValidationSpec()).samples
     if first % SCANNED or not first < end <= samples or (end % SCANNED and end != samples):
         raise DomainError(f"draws {first} to {end - 1} of {samples} are no block; cut at multiples of {SCANNED}")
-    drawn = Drawn(spec.plant, spec.validation or ValidationSpec())
-    outside, no_plants = drawn.strays(first, end)
-    drawn.check_plants(no_plants)
-    driven = _driven(spec)
-    done = steps_of(progress, end - first, 1 + len(driven))
-    margins = _Scanner(spec, gains, implementation, drawn).margins(first, end, done[0])
-    modes = [Mode(controller_of(spec, implementation), drawn.plants)]
+    sampler = PlantSampler(spec.plant, spec.validation or ValidationSpec())
+    outside, no_plants = sampler.count_outside(first, end)
+    sampler.check_plants(no_plants)
+    scenarios = _limited_scenarios(spec)
+    done = split_progress(progress, end - first, 1 + len(scenarios))
+    margins = _MarginSampler(spec, gains, implementation, sampler).margins(first, end, done[0])
+    modes = [Mode(controller_of(spec, implementation), sampler.plants)]
     simulated = [
-        drawn.simulated(
-            spec.limits, scenario, modes, scenario_of(scenario, implementation, drawn.seed), each, (first, end)
+        sampler.simulate_scenario(
+            spec.limits, scenario, modes, scenario_of(scenario, implementation, sampler.seed), each, (first, end)
         )
-        for scenario, each in zip(driven, done[1:], strict=True)
+        for scenario, each in zip(scenarios, done[1:], strict=True)
     ]
     return Block(first, end, outside, no_plants, margins, tuple(simulated))
 
 
 def evidence_of(spec: DesignSpec, blocks: Sequence[Block]) -> Evidence:
-    """The evidence of all draws, to the same bits however they were divided.
+    """The evidence of all draws, to the same bits for every division into blocks.
 
     Args:
-        spec: that the blocks were drawn for.
-        blocks: of all its draws, in any order.
+        spec: for which the blocks were drawn.
+        blocks: of all draws, in any order.
 
     Raises:
         DomainError: draws that are missing or were counted twice, or of which none is a plant.
     """
-    drawn = Drawn(spec.plant, spec.validation or ValidationSpec())
+    sampler = PlantSampler(spec.plant, spec.validation or ValidationSpec())
     ordered = sorted(blocks, key=lambda block: block.first)
     edges = [0, *(block.end for block in ordered)]
-    if [block.first for block in ordered] != edges[:-1] or edges[-1] != drawn.validation.samples:
-        raise DomainError(f"blocks up to {edges[1:]} do not make up {drawn.validation.samples} draws")
+    if [block.first for block in ordered] != edges[:-1] or edges[-1] != sampler.validation.samples:
+        raise DomainError(f"blocks up to {edges[1:]} do not make up {sampler.validation.samples} draws")
     no_plants = sum(block.no_plants for block in ordered)
-    drawn.check_plants(no_plants)
-    stable, *rest = (merge_counts(column) for column in zip(*(block.margins for block in ordered), strict=True))
-    limits: list[Judged] = []
-    for place, scenario in enumerate(_driven(spec)):
-        found = [merge_counts(column) for column in zip(*(block.simulated[place] for block in ordered), strict=True)]
-        limits += drawn.simulations(spec.limits, scenario, found).limits
+    sampler.check_plants(no_plants)
+    stable, *rest = (merge_family_tallies(column) for column in zip(*(block.margins for block in ordered), strict=True))
+    limits: list[OutcomeStatistics] = []
+    for place, scenario in enumerate(_limited_scenarios(spec)):
+        found = [
+            merge_family_tallies(column) for column in zip(*(block.simulated[place] for block in ordered), strict=True)
+        ]
+        limits += sampler.scenario_statistics(spec.limits, scenario, found).limits
     return Evidence(
-        validation=drawn.validation,
-        stable=stable.tally.fraction(drawn.validation.confidence),
+        validation=sampler.validation,
+        stable=stable.tally.fraction(sampler.validation.confidence),
         requirements=tuple(
-            drawn.judged(t, upper, requirement=r) for t, (r, upper) in zip(rest, _sides(spec), strict=True)
+            sampler.outcome_statistics(t, upper, requirement=r)
+            for t, (r, upper) in zip(rest, _sides(spec), strict=True)
         ),
         limits=tuple(limits),
         outside=sum(block.outside for block in ordered),
@@ -182,49 +193,49 @@ def evidence_of(spec: DesignSpec, blocks: Sequence[Block]) -> Evidence:
     )
 
 
-def _driven(spec: DesignSpec) -> list[ScenarioSpec]:
-    """The scenarios that a limit judges."""
+def _limited_scenarios(spec: DesignSpec) -> list[ScenarioSpec]:
+    """The scenarios on which there is a limit."""
     return [scenario for scenario in spec.scenarios if limits_about(spec.limits, scenario)]
 
 
 def _sides(spec: DesignSpec) -> list[tuple[Requirement, bool]]:
-    """Every requirement over the family with each of its limits: whether it is the upper one."""
+    """Every requirement over the family with each of its finite limits; True for the upper one."""
     family = [r for r in spec.requirements if r.scope is Scope.FAMILY]
     return [(r, upper) for r in family for upper in (False, True) if math.isfinite(_limit_of(r, upper))]
 
 
 @dataclass(frozen=True)
-class _Scanner:
+class _MarginSampler:
     spec: DesignSpec
     gains: FoPi
     implementation: Implementation
-    drawn: Drawn
+    sampler: PlantSampler
 
-    def margins(self, first: int, end: int, done: Done) -> tuple[Counted, ...]:
+    def margins(self, first: int, end: int, done: ChunkProgress) -> tuple[FamilyTally, ...]:
         """Stability and every requirement over the family, of the draws first to end - 1."""
         sides = _sides(self.spec)
 
-        def scan(chunk: tuple[int, int]) -> list[Counted]:
-            drawn = self.drawn.marked(*chunk)
-            plants = Plants.members(self.spec.plant, drawn.places)
-            found = Scan(SampledLoops.implemented(self.gains, self.implementation, plants))
+        def margins_of(chunk: tuple[int, int]) -> list[FamilyTally]:
+            draws = self.sampler.classified(*chunk)
+            plants = Plants.members(self.spec.plant, draws.points)
+            found = MarginScan(SampledLoops.implemented(self.gains, self.implementation, plants))
             stable = found.unstable_poles < 0.5
-            counts = [counted(drawn, np.where(stable, 0.0, 1.0), stable, True)]
+            counts = [outcome_tally(draws, np.where(stable, 0.0, 1.0), stable, True)]
             for requirement, upper in sides:
                 values = found.measure(requirement, upper)
-                # without a gain crossover there is no such number, and the requirement is not met
-                # nor does an unstable loop meet any
+                # without a gain crossover there is no such value and the requirement is not met;
+                # an unstable loop meets none
                 values = np.where(np.isnan(values) | ~stable, np.inf if upper else -np.inf, values)
-                counts.append(counted(drawn, values, _keeps(requirement, upper, values), upper))
+                counts.append(outcome_tally(draws, values, _meets(requirement, upper, values), upper))
             return counts
 
-        parts: list[list[Counted]] = []
-        with ThreadPoolExecutor(threads_of_machine()) as pool:
-            chunks = list(self.drawn.chunks(SCANNED, first, end))
-            for chunk, counts in zip(chunks, pool.map(scan, chunks), strict=True):
+        parts: list[list[FamilyTally]] = []
+        with ThreadPoolExecutor(available_threads()) as pool:
+            chunks = list(self.sampler.chunks(SCANNED, first, end))
+            for chunk, counts in zip(chunks, pool.map(margins_of, chunks), strict=True):
                 parts.append(counts)
                 done(chunk[1] - first)
-        return tuple(merge_counts(column) for column in zip(*parts, strict=True))
+        return tuple(merge_family_tallies(column) for column in zip(*parts, strict=True))
 
 
 def controller_of(spec: DesignSpec, implementation: Implementation) -> Runtime:
@@ -237,8 +248,8 @@ def _limit_of(requirement: Requirement, upper: bool) -> float:
     return requirement.upper if upper else requirement.lower
 
 
-def _keeps(requirement: Requirement, upper: bool, values: Array) -> np.ndarray:
-    """Whether values are on their side of a limit, within the verification's tolerance."""
+def _meets(requirement: Requirement, upper: bool, values: Array) -> np.ndarray:
+    """Whether values meet a limit, within the verification's tolerance."""
     quantity, limit = QUANTITIES[requirement.quantity], _limit_of(requirement, upper)
     natural = quantity.to_natural(limit)
     slack = _TOLERANCE * (abs(natural) if requirement.quantity == "delay_margin_s" else 1.0)

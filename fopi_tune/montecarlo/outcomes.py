@@ -1,4 +1,4 @@
-"""Plants drawn from a box, what is simulated with each, and how often limits hold."""
+"""Outcomes of sampling:  plants drawn from a box, their simulations, and how often each limit holds."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ from fopi_tune.core.loops import Plants
 from fopi_tune.core.parameter_table import outside_box, why_impossible
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import DomainError
-from fopi_tune.montecarlo.draws import Design, Draw, Listed, points, stays_inside
-from fopi_tune.montecarlo.membership import Counted, Marked, count, merge_counts
+from fopi_tune.montecarlo.draws import SampleList, SamplingPlan, sample_points, stays_inside
+from fopi_tune.montecarlo.membership import ClassifiedDraws, FamilyTally, family_tally, merge_family_tallies
+from fopi_tune.montecarlo.sampling import SamplingDesign
 from fopi_tune.montecarlo.statistics import Fraction, Histogram, Quantile, histogram
-from fopi_tune.montecarlo.tally import Found, Worst
+from fopi_tune.montecarlo.tally import IndexedValue, Worst
 from fopi_tune.simulation.measures import MEASURE_VALUES, horizon_of
 from fopi_tune.simulation.sampled.simulate import measure_chunks
 from fopi_tune.simulation.scenario import Mode, Scenario
 from fopi_tune.spec.model import Limit, Relation, Requirement, ScenarioSpec, ValidationSpec
 
-#: plants whose simulations are in memory at once
+#: plants simulated at once; bounds the memory
 _SIMULATED = 8192
 #: how many of the worst plants are kept
-KEPT = 5
-#: (done, of all) plants, and done of one pass over them
+WORST_KEPT = 5
+#: called with (plants done, plants in all), and with the plants done of one pass over them
 Progress = Callable[[int, int], None]
-Done = Callable[[int], None]
+ChunkProgress = Callable[[int], None]
+#: of the quantiles that are stated
 PROBABILITIES = (0.01, 0.05, 0.5, 0.95, 0.99)
 
 
@@ -37,8 +39,8 @@ class WorstPlant:
     """A plant that was drawn, with the value that makes it one of the worst.
 
     Args:
-        index: of the draw; with the seed it can be made again.
-        value: in the unit of what was judged; infinite where there is none.
+        index: of the draw; index and seed reproduce it.
+        value: of the quantity or measure, in its public unit; infinite where there is none.
         plant: the uncertain numbers by name.
         inside: whether it lies in the family's box.
     """
@@ -50,18 +52,18 @@ class WorstPlant:
 
 
 @dataclass(frozen=True)
-class Judged:
+class OutcomeStatistics:
     """How often one requirement or limit held.
 
     Args:
-        requirement: the spec's, of a requirement.
-        limit: the spec's, of a limit.
-        scenario: in which a limit was judged.
-        upper: whether large values are the bad ones.
+        requirement: the spec's; None for a limit of a scenario.
+        limit: the spec's; None for a requirement.
+        scenario: in which a limit was evaluated.
+        upper: whether large values are the worst.
         fraction: of the plants that met it, with its interval.
         quantiles: of the values.
         worst: the worst plants, the worst first.
-        missed_inside: plants of the family that did not meet it.
+        missed_inside: plants of the family that violate it.
         worst_inside: the worst plant of the family; None when none of it was drawn.
         histogram: of the finite values; None without any.
     """
@@ -79,24 +81,24 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Simulations:
-    """One scenario, driven with every plant that was drawn.
+class ScenarioStatistics:
+    """One scenario, simulated with every plant that was drawn.
 
     Args:
         scenario: its name.
         finite: fraction of the plants whose output stayed finite.
-        calm: fraction of the plants whose modes did not chatter.
-        limits: those about it.
+        calm: fraction of the plants that did not chatter.
+        limits: the outcomes of the limits on this scenario.
     """
 
     scenario: str
     finite: Fraction
     calm: Fraction
-    limits: tuple[Judged, ...]
+    limits: tuple[OutcomeStatistics, ...]
 
 
 @dataclass(frozen=True)
-class Drawn:
+class PlantSampler:
     """The plants that a section `validation` draws from a box.
 
     Args:
@@ -109,45 +111,45 @@ class Drawn:
 
     @property
     def seed(self) -> int:
-        """Of every random number."""
+        """The seed of every random number."""
         return self.validation.seed
 
     @cached_property
-    def draw(self) -> Draw:
-        """What is drawn."""
-        return draw_of(self.validation)
+    def plan(self) -> SamplingPlan:
+        """Seed, design and distributions."""
+        return sampling_plan_of(self.validation)
 
     @cached_property
-    def is_free(self) -> bool:
+    def may_leave_box(self) -> bool:
         """Whether a draw may leave the family's box."""
-        return not stays_inside(self.draw, self.family)
+        return not stays_inside(self.plan, self.family)
 
-    def places(self, first: int, end: int) -> Array:
+    def points(self, first: int, end: int) -> Array:
         """Uncertain numbers of the draws first to end - 1, shape (end - first, p)."""
-        return points(self.draw, self.family, first, end - first)
+        return sample_points(self.plan, self.family, first, end - first)
 
-    def marked(self, first: int, end: int) -> Marked:
-        """The same with what is no plant replaced, and where each lies."""
-        return Marked.of(self.places(first, end), self.family, first, self.is_free)
+    def classified(self, first: int, end: int) -> ClassifiedDraws:
+        """The same draws, classified by membership; draws that are no plants are replaced."""
+        return ClassifiedDraws.of(self.points(first, end), self.family, first, self.may_leave_box)
 
     def plants(self, first: int, end: int) -> Plants:
         """The draws first to end - 1 as plants of the family's model."""
-        return Plants.members(self.family, self.marked(first, end).places)
+        return Plants.members(self.family, self.classified(first, end).points)
 
     def chunks(self, size: int, first: int, end: int) -> Iterator[tuple[int, int]]:
-        """(first, end) of so many draws at a time."""
+        """(first, end) of chunks of at most `size` draws."""
         for begin in range(first, end, size):
             yield begin, min(begin + size, end)
 
-    def strays(self, first: int = 0, end: int | None = None) -> tuple[int, int]:
-        """Plants outside the family's box, and draws that are no plants, of the draws first to end - 1 (of all)."""
+    def count_outside(self, first: int = 0, end: int | None = None) -> tuple[int, int]:
+        """How many of the draws first to end - 1 (None: all) are plants outside the box, and how many no plants."""
         end = self.validation.samples if end is None else end
-        if not self.is_free:
+        if not self.may_leave_box:
             return 0, 0
         plants = inside = 0
-        for drawn in (self.marked(*chunk) for chunk in self.chunks(_SIMULATED, first, end)):
-            plants += int(drawn.is_plant.sum())
-            inside += int(drawn.inside.sum())
+        for draws in (self.classified(*chunk) for chunk in self.chunks(_SIMULATED, first, end)):
+            plants += int(draws.is_plant.sum())
+            inside += int(draws.inside.sum())
         return plants - inside, end - first - plants
 
     def check_plants(self, no_plants: int) -> None:
@@ -157,75 +159,79 @@ class Drawn:
             DomainError: as many draws are no plants as there are draws.
         """
         if no_plants == self.validation.samples:
-            why = why_impossible(self.places(0, 1)[0], self.family)
+            why = why_impossible(self.points(0, 1)[0], self.family)
             raise DomainError(f"no draw is a plant; the first: {why}.  Check distributions: in section validation")
 
-    def simulated(
+    def simulate_scenario(
         self,
         limits: Sequence[Limit],
         scenario: ScenarioSpec,
         modes: Sequence[Mode],
         run: Scenario,
-        done: Done,
+        done: ChunkProgress,
         block: tuple[int, int] | None = None,
-    ) -> tuple[Counted, ...]:
-        """A scenario driven with draws, and what is counted: finite, calm, then every limit about it.
+    ) -> tuple[FamilyTally, ...]:
+        """Simulate a scenario with draws, and tally: finite, without chattering, then every limit on it.
 
         Args:
             limits: the spec's.
             scenario: the spec's.
-            modes: controllers, and the plants by index.
+            modes: controllers, with the plants by index.
             run: the scenario on the controllers' samples.
-            done: told how many plants are done.
-            block: draws, (first, end); None: all.
+            done: called with the number of plants done.
+            block: the draws, (first, end); None: all.
         """
         limits = limits_about(limits, scenario)
-        parts: list[list[Counted]] = []
+        parts: list[list[FamilyTally]] = []
         start, end = block or (0, self.validation.samples)
         first = start
         horizon = horizon_of(scenario, run)
         for measures in measure_chunks(modes, run, horizon, end - start, first=start, chunk=_SIMULATED):
-            drawn = self.marked(first, first + len(measures.finite))
-            counts = [_yes(drawn, measures.finite), _yes(drawn, ~measures.chattering)]
+            draws = self.classified(first, first + len(measures.finite))
+            counts = [_condition_tally(draws, measures.finite), _condition_tally(draws, ~measures.chattering)]
             for limit in limits:
                 upper = limit.relation is Relation.AT_MOST
                 values = MEASURE_VALUES[limit.measure](measures)
                 values = np.where(np.isnan(values), np.inf if upper else -np.inf, values)
                 met = values <= limit.limit if upper else values >= limit.limit
-                counts.append(counted(drawn, values, met, upper))
+                counts.append(outcome_tally(draws, values, met, upper))
             parts.append(counts)
             first += len(measures.finite)
             done(first - start)
-        return tuple(merge_counts(column) for column in zip(*parts, strict=True))
+        return tuple(merge_family_tallies(column) for column in zip(*parts, strict=True))
 
-    def simulations(self, limits: Sequence[Limit], scenario: ScenarioSpec, found: Sequence[Counted]) -> Simulations:
-        """What `simulated` counted over all draws, with its intervals.
+    def scenario_statistics(
+        self, limits: Sequence[Limit], scenario: ScenarioSpec, found: Sequence[FamilyTally]
+    ) -> ScenarioStatistics:
+        """The tallies of `simulate_scenario` over all draws, with their intervals.
 
         Args:
             limits: the spec's.
             scenario: the spec's.
-            found: finite, calm, then every limit about the scenario.
+            found: finite, without chattering, then every limit on the scenario.
         """
         finite, calm, *rest = found
-        judged = [
-            self.judged(t, e.relation is Relation.AT_MOST, limit=e, scenario=scenario.name)
+        outcomes = [
+            self.outcome_statistics(t, e.relation is Relation.AT_MOST, limit=e, scenario=scenario.name)
             for t, e in zip(rest, limits_about(limits, scenario), strict=True)
         ]
-        sure = self.validation.confidence
-        return Simulations(scenario.name, finite.tally.fraction(sure), calm.tally.fraction(sure), tuple(judged))
+        confidence = self.validation.confidence
+        return ScenarioStatistics(
+            scenario.name, finite.tally.fraction(confidence), calm.tally.fraction(confidence), tuple(outcomes)
+        )
 
-    def judged(
+    def outcome_statistics(
         self,
-        found: Counted,
+        found: FamilyTally,
         upper: bool,
         *,
         requirement: Requirement | None = None,
         limit: Limit | None = None,
         scenario: str | None = None,
-    ) -> Judged:
-        """Counts with their intervals and their worst plants."""
+    ) -> OutcomeStatistics:
+        """A tally with its intervals, quantiles and worst plants."""
         confidence, tally = self.validation.confidence, found.tally
-        return Judged(
+        return OutcomeStatistics(
             requirement=requirement,
             limit=limit,
             scenario=scenario,
@@ -238,39 +244,39 @@ class Drawn:
             worst_inside=None if found.worst_inside is None else self.worst_plant(found.worst_inside),
         )
 
-    def worst_plant(self, found: Found) -> WorstPlant:
+    def worst_plant(self, found: IndexedValue) -> WorstPlant:
         """The plant of a draw."""
-        place = self.places(found.index, found.index + 1)
+        place = self.points(found.index, found.index + 1)
         inside = not bool(outside_box(place, self.family)[0])
         return WorstPlant(found.index, found.value, self.family.describe(place[0]), inside)
 
 
 def limits_about(limits: Sequence[Limit], scenario: ScenarioSpec) -> list[Limit]:
-    """Those that judge a scenario."""
+    """The limits that apply to a scenario."""
     return [each for each in limits if each.scenario in (None, scenario.name)]
 
 
-def steps_of(progress: Progress | None, samples: int, count: int) -> list[Done]:
-    """One progress for each of `count` passes over the plants, each of which knows only its own."""
+def split_progress(progress: Progress | None, samples: int, count: int) -> list[ChunkProgress]:
+    """One callback for each of `count` passes over the plants, which together report to `progress`."""
 
-    def step(place: int) -> Done:
+    def step(place: int) -> ChunkProgress:
         return lambda plants: None if progress is None else progress(place * samples + plants, count * samples)
 
     return [step(place) for place in range(count)]
 
 
-def draw_of(validation: ValidationSpec) -> Draw:
+def sampling_plan_of(validation: ValidationSpec) -> SamplingPlan:
     """The draws that a spec's section `validation` asks for; those of a file are its rows in their order."""
     listed = validation.samples_file
-    source = validation.distributions if listed is None else Listed(listed.table)
-    return Draw(validation.seed, Design(validation.design), validation.samples, source)
+    source = validation.distributions if listed is None else SampleList(listed.table)
+    return SamplingPlan(validation.seed, SamplingDesign(validation.design), validation.samples, source)
 
 
-def counted(drawn: Marked, values: Array, met: np.ndarray, upper: bool) -> Counted:
-    """A chunk of values of which the large (upper) or the small ones are the worst."""
-    return count(drawn, values, met, Worst.LARGEST if upper else Worst.SMALLEST, KEPT)
+def outcome_tally(draws: ClassifiedDraws, values: Array, met: np.ndarray, upper: bool) -> FamilyTally:
+    """The tally of a chunk of values whose largest (upper) or smallest are the worst."""
+    return family_tally(draws, values, met, Worst.LARGEST if upper else Worst.SMALLEST, WORST_KEPT)
 
 
-def _yes(drawn: Marked, met: np.ndarray) -> Counted:
-    """A chunk of yes and no."""
-    return counted(drawn, np.where(met, 0.0, 1.0), met, True)
+def _condition_tally(draws: ClassifiedDraws, met: np.ndarray) -> FamilyTally:
+    """The tally of a chunk of truth values."""
+    return outcome_tally(draws, np.where(met, 0.0, 1.0), met, True)

@@ -1,11 +1,11 @@
-"""Places in the unit cube by index:  (seed, i) -> u_i in (0, 1)^p,  whatever came before and whoever asks.
+"""Points of the unit cube by index:  (seed, i) -> u_i in (0, 1)^p,  independent of all other draws.
 
 random           the words of Philox4x64-10 at counter (i, column's block, 0, 0): independent draws.
-latin hypercube  u_i = (pi_j(i) + v_i)/N with v_i random and pi_j a shuffle of 0..N-1 per column j.
-sobol            the scrambled Sobol sequence (SciPy), 32 bits, in the middle of their cells.
+latin hypercube  u_i = (pi_j(i) + v_i)/N with v_i random and pi_j a permutation of 0..N-1 per column j.
+sobol            the scrambled Sobol sequence (SciPy), 32 bits, at the middle of its cells.
 
-The shuffle is a Feistel network on an a x a square with a = ceil(sqrt N), whose rounds are tables of random words, so
-that pi(i) needs neither a list of N nor what the other indices got:
+The permutation is a Feistel network on an a x a square with a = ceil(sqrt N), whose rounds are tables of random words,
+so that pi(i) needs neither a list of N entries nor the other entries:
 
     (L, R) <- (R, L + table_r[R] mod a),  repeated from the start while a L + R >= N.
 """
@@ -31,12 +31,12 @@ _WORDS = 4
 _AT_ONCE = 1 << 18
 _ROUNDS = 12
 _SOBOL_BITS = 32
-#: draws that can be told apart; the Latin hypercube's cells must stay wide against rounding
+#: largest number of distinct draws; the cells of a Latin hypercube must stay wide compared with rounding
 _MOST = {"random": 2**62, "latin_hypercube": 2**26, "sobol": 2**_SOBOL_BITS}
 
 
-class Design(Enum):
-    """How the draws lie in the box; only those of RANDOM are independent, which confidence intervals need."""
+class SamplingDesign(Enum):
+    """Sampling design; only the draws of RANDOM are independent, which confidence intervals need."""
 
     RANDOM = "random"
     LATIN_HYPERCUBE = "latin_hypercube"
@@ -44,26 +44,28 @@ class Design(Enum):
 
     @property
     def most(self) -> int:
-        """The number of draws this design can give."""
+        """The largest number of draws of this design."""
         return _MOST[self.value]
 
 
 class _Stream(Enum):
-    """The counter's third word: what the random words are for."""
+    """The counter's third word, which keeps random words for different purposes apart."""
 
-    PLACES = 0
-    SHUFFLES = 1
+    POINTS = 0
+    PERMUTATIONS = 1
 
 
-def cube(design: Design, seed: int, columns: int, first: int, count: int, total: int | None = None) -> Array:
+def unit_cube_points(
+    design: SamplingDesign, seed: int, columns: int, first: int, count: int, total: int | None = None
+) -> Array:
     """Draws first .. first + count - 1 in the unit cube.
 
     Args:
-        design: how they lie.
+        design: random, Latin hypercube or Sobol.
         seed: in [0, 2^64).
         columns: p >= 0, the cube's dimension.
         first: index of the first draw, >= 0.
-        count: how many, >= 0.
+        count: number of draws, >= 0.
         total: N, the number of draws of the whole design; the Latin hypercube needs it.
 
     Returns:
@@ -75,22 +77,22 @@ def cube(design: Design, seed: int, columns: int, first: int, count: int, total:
     _check(design, seed, columns, first, count, total)
     if columns == 0 or count == 0:
         return np.empty((count, columns))
-    if design is Design.SOBOL:
+    if design is SamplingDesign.SOBOL:
         return _sobol(seed, columns, first, count)
     u = _random(seed, columns, first, count)
-    if design is Design.LATIN_HYPERCUBE:
+    if design is SamplingDesign.LATIN_HYPERCUBE:
         assert total is not None
         # a cell's outermost 2^-25 is left out: (k + v)/N then never rounds across the cell's border while N <= 2^26
         np.clip(u, 2.0**-25, 1.0 - 2.0**-25, out=u)
         for column in range(columns):
-            u[:, column] = (shuffled(seed, column, total, first, count) + u[:, column]) / total
+            u[:, column] = (permutation(seed, column, total, first, count) + u[:, column]) / total
     return u
 
 
-def shuffled(seed: int, column: int, total: int, first: int, count: int) -> Array:
-    """Entries first .. first + count - 1 of a shuffle of 0 .. total - 1 that depends on the seed and the column."""
+def permutation(seed: int, column: int, total: int, first: int, count: int) -> Array:
+    """Entries first .. first + count - 1 of a permutation of 0 .. total - 1 fixed by the seed and the column."""
     side = math.isqrt(total - 1) + 1
-    words = philox(seed, 0, -(-_ROUNDS * side // _WORDS), block=column, stream=_Stream.SHUFFLES.value)
+    words = philox(seed, 0, -(-_ROUNDS * side // _WORDS), block=column, stream=_Stream.PERMUTATIONS.value)
     tables = (words.reshape(-1)[: _ROUNDS * side].reshape(_ROUNDS, side) % np.uint64(side)).astype(np.int64)
     place = _feistel(np.arange(first, first + count, dtype=np.int64), tables)
     while (beyond := np.flatnonzero(place >= total)).size:
@@ -101,8 +103,8 @@ def shuffled(seed: int, column: int, total: int, first: int, count: int) -> Arra
 def philox(seed: int, first: int, count: int, block: int = 0, stream: int = 0) -> Words:
     """Random words by counter.
 
-    Row i is what `numpy.random.Philox(key=seed, counter=[first + i, block, stream, 0])` gives first: the block of
-    counter first + i + 1, as NumPy counts before it generates.
+    Row i is the first output of `numpy.random.Philox(key=seed, counter=[first + i, block, stream, 0])`: the block of
+    counter first + i + 1, as NumPy increments the counter before it generates.
 
     Returns:
         Shape (count, 4), 64 random bits each.
@@ -111,10 +113,10 @@ def philox(seed: int, first: int, count: int, block: int = 0, stream: int = 0) -
     return np.asarray(generator.random_raw(_WORDS * count), dtype=np.uint64).reshape(count, _WORDS)
 
 
-def open_unit(words: Words) -> Array:
-    """Random words to numbers in (0, 1).
+def uniform_from_words(words: Words) -> Array:
+    """Random words w to uniform numbers u in (0, 1).
 
-    u = (floor(w/2^12) + 1/2)/2^52: the odd multiples of 2^-53, which lie symmetric about 1/2 and reach neither end.
+    u = (floor(w/2^12) + 1/2)/2^52: the odd multiples of 2^-53, symmetric about 1/2, without 0 and 1.
     """
     return np.asarray((words >> np.uint64(12)) * 2.0**-52 + 2.0**-53, dtype=float)
 
@@ -125,8 +127,8 @@ def _random(seed: int, columns: int, first: int, count: int) -> Array:
         wanted = slice(_WORDS * block, min(_WORDS * (block + 1), columns))
         for start in range(0, count, _AT_ONCE):
             rows = slice(start, min(start + _AT_ONCE, count))
-            words = philox(seed, first + start, rows.stop - start, block, _Stream.PLACES.value)
-            u[rows, wanted] = open_unit(words[:, : wanted.stop - wanted.start])
+            words = philox(seed, first + start, rows.stop - start, block, _Stream.POINTS.value)
+            u[rows, wanted] = uniform_from_words(words[:, : wanted.stop - wanted.start])
     return u
 
 
@@ -134,7 +136,7 @@ def _feistel(place: NDArray[np.int64], tables: NDArray[np.int64]) -> NDArray[np.
     side = tables.shape[1]
     left, right = np.divmod(place, side)
     for table in tables:
-        # both summands are below the side: one subtraction is the remainder
+        # both summands are below `side`: one subtraction gives the remainder
         mixed = left + table[right]
         mixed[mixed >= side] -= side
         left, right = right, mixed
@@ -155,12 +157,12 @@ def _sobol(seed: int, columns: int, first: int, count: int) -> Array:
     return u + 0.5 ** (_SOBOL_BITS + 1)
 
 
-def _check(design: Design, seed: int, columns: int, first: int, count: int, total: int | None) -> None:
+def _check(design: SamplingDesign, seed: int, columns: int, first: int, count: int, total: int | None) -> None:
     if not 0 <= seed < 2**64:
         raise DomainError(f"seed {seed!r} is not in [0, 2^64)")
     if columns < 0 or first < 0 or count < 0:
         raise DomainError(f"columns = {columns!r}, first = {first!r} and count = {count!r} must be at least 0")
-    if design is Design.LATIN_HYPERCUBE and total is None:
+    if design is SamplingDesign.LATIN_HYPERCUBE and total is None:
         raise DomainError("a Latin hypercube needs the total number of draws; give total")
     if total is not None and not 1 <= total <= design.most:
         raise DomainError(f"total = {total!r} is not in [1, {design.most}], what a {design.value} design can give")

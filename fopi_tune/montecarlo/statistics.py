@@ -1,10 +1,10 @@
-"""What a sample of plants says of all:  counts and values -> fractions and quantiles with exact confidence intervals.
+"""Statistics of a sample of plants:  counts and values -> fractions and quantiles with exact confidence intervals.
 
-Nothing is assumed of the values' distribution, but that the draws are independent: `Design.RANDOM`.  Of a Latin
-hypercube or a Sobol sequence the intervals are not proven.
+Nothing is assumed about the values' distribution, only that the draws are independent: `SamplingDesign.RANDOM`.  For a
+Latin hypercube or a Sobol sequence the intervals are not exact.
 
-Infinite values are values (a settling time that never comes).  A value that is not a number is refused: who computes
-it knows whether it counts as met, as infinite, or as a failure of its own.
+Infinite values are allowed (a loop that never settles).  A value that is not a number is refused: the caller has to
+decide whether it counts as met, as infinite, or as a failure.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from scipy import special
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 
-#: relative; what the roundings of a probability and its product with a number of draws may make
+#: relative rounding error of a probability times a number of draws
 _ROUNDING = 2.0**-50
-#: of a histogram
+#: bins of a histogram
 _BINS = 30
 
 
 @dataclass(frozen=True)
 class Fraction:
-    """How many draws met a requirement, and what that says of the probability that a draw meets it.
+    """How many draws met a requirement, and confidence bounds of the probability that a draw meets it.
 
     Args:
         met: number of draws that met it.
         total: number of draws.
         low: lower end of the two-sided Clopper-Pearson interval.
         high: upper end.
-        at_least: one-sided lower bound, what to say when all were met; low and at_least are different promises.
-        at_most: one-sided upper bound, what to say when none was met.
-        confidence: probability, at least, that [low, high] holds the true value; that at_least does; that at_most does.
+        at_least: one-sided lower bound, to be stated when all draws met it; not below `low`.
+        at_most: one-sided upper bound, to be stated when none met it.
+        confidence: least probability that [low, high] contains the true value; the same for each one-sided bound.
     """
 
     met: int
@@ -55,11 +55,11 @@ class Fraction:
 
 @dataclass(frozen=True)
 class Histogram:
-    """How many values lie between neighbouring edges, the last one's own included; infinite values lie nowhere.
+    """How many values lie between neighbouring edges, the last edge included; infinite values are left out.
 
     Args:
         edges: ascending.
-        counts: one fewer.
+        counts: one per interval between edges.
     """
 
     edges: tuple[float, ...]
@@ -126,7 +126,7 @@ def quantiles(values: Array, probabilities: Sequence[float], confidence: float =
     Raises:
         DomainError: no values, some not a number, or a probability outside (0, 1).
     """
-    values = checked(values)
+    values = checked_values(values)
     if values.size == 0:
         raise DomainError("no values, no quantiles")
     _check_inside("confidence", confidence)
@@ -134,7 +134,7 @@ def quantiles(values: Array, probabilities: Sequence[float], confidence: float =
     found = []
     for q in probabilities:
         _check_inside("probability", q)
-        # what lies within roundings of a whole number is one: 30 times 0.1 is 3
+        # a product within rounding of a whole number counts as that number: 30 times 0.1 is 3
         near = min(max(math.ceil(n * q * (1.0 - _ROUNDING)), 1), n)
         found.append((near, *_ranks(n, q, confidence)))
     wanted = sorted({rank - 1 for near, low, high, _ in found for rank in (near, low, high) if 1 <= rank <= n})
@@ -149,7 +149,7 @@ def quantiles(values: Array, probabilities: Sequence[float], confidence: float =
     )
 
 
-def checked(values: Array) -> Array:
+def checked_values(values: Array) -> Array:
     """Values as an array of floats, shape (n,).
 
     Raises:
@@ -197,7 +197,7 @@ def _ranks(n: int, q: float, confidence: float) -> tuple[int, int, float]:
 
 
 def histogram(values: Array) -> Histogram | None:
-    """The finite values in bins of equal width; None without any.
+    """The finite values in bins of equal width; None without a finite value.
 
     Args:
         values: shape (n,), in any order.

@@ -1,4 +1,4 @@
-"""Systems of two loops on samples:  SystemSpec, gains -> modes, scenario and evidence.
+"""Systems of two switched loops on samples:  SystemSpec, implementations -> modes, scenario and evidence.
 
 Each mode's plants come from its own columns of a draw from the joint box (`SystemSpec.family`).
 """
@@ -12,31 +12,31 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.montecarlo.montecarlo import controller_of
-from fopi_tune.montecarlo.outcomes import Drawn, Progress, Simulations, steps_of
+from fopi_tune.montecarlo.outcomes import PlantSampler, Progress, ScenarioStatistics, split_progress
 from fopi_tune.simulation.measures import scenario_of
-from fopi_tune.simulation.scenario import Hybrid, Inactive, Mode, Scenario, Supplier
+from fopi_tune.simulation.scenario import Hybrid, InactiveController, Mode, PlantSupplier, Scenario
 from fopi_tune.spec.model import ModeSpec, ScenarioSpec, SystemSpec, ValidationSpec
 
-_INACTIVE = {"held": Inactive.HOLD, "tracking": Inactive.TRACK, "reset": Inactive.RESET}
+_INACTIVE = {"held": InactiveController.HOLD, "tracking": InactiveController.TRACK, "reset": InactiveController.RESET}
 
 #: uncertain numbers of the draws first to end - 1, shape (end - first, p), columns as the joint box's
-Places = Callable[[int, int], Array]
+PointSource = Callable[[int, int], Array]
 
 
 @dataclass(frozen=True)
 class SystemEvidence:
-    """What sampling says of a system.
+    """The evidence about a system.
 
     Args:
-        validation: how it was drawn.
-        scenarios: what was driven, and how often it kept its limits.
+        validation: how plants were drawn.
+        scenarios: what was simulated, and how often the limits were met.
         outside: pairs outside the box.
-        no_plants: draws that are no plants; they count nowhere else.
+        no_plants: draws that are no plants; they enter no other count.
         numbers: names of the uncertain numbers.
     """
 
     validation: ValidationSpec
-    scenarios: tuple[Simulations, ...]
+    scenarios: tuple[ScenarioStatistics, ...]
     outside: int
     no_plants: int = 0
     numbers: tuple[str, ...] = ()
@@ -44,22 +44,22 @@ class SystemEvidence:
     @property
     def all_met(self) -> bool:
         """Whether every drawn plant stays finite, does not chatter, and meets every limit."""
-        every = [f for s in self.scenarios for f in (s.finite, s.calm, *(judged.fraction for judged in s.limits))]
+        every = [f for s in self.scenarios for f in (s.finite, s.calm, *(outcome.fraction for outcome in s.limits))]
         return all(fraction.met == fraction.total for fraction in every)
 
 
-def modes_of(system: SystemSpec, implementations: Sequence[Implementation], places: Places) -> list[Mode]:
-    """Both modes of a system for the plants at these places.
+def modes_of(system: SystemSpec, implementations: Sequence[Implementation], points: PointSource) -> list[Mode]:
+    """Both modes of a system, with the plants at these points.
 
     Args:
         system: the system.
         implementations: the controllers that run, throttle first.
-        places: see `Places`.
+        points: see `PointSource`.
     """
     split = len(system.modes[0].spec.plant.uncertain_names)
 
-    def supply(mode: ModeSpec, columns: slice) -> Supplier:
-        return lambda first, end: Plants.members(mode.spec.plant, places(first, end)[:, columns])
+    def supply(mode: ModeSpec, columns: slice) -> PlantSupplier:
+        return lambda first, end: Plants.members(mode.spec.plant, points(first, end)[:, columns])
 
     return [
         Mode(controller_of(mode.spec, implementation), supply(mode, columns))
@@ -73,8 +73,8 @@ def hybrid_scenario(system: SystemSpec, scenario: ScenarioSpec, implementation: 
     """A system's scenario on its samples.
 
     Args:
-        system: how it switches.
-        scenario: what is driven.
+        system: gives hysteresis, first mode and the inactive controller's behaviour.
+        scenario: the spec's.
         implementation: of either mode; gives sample time and delay.
         seed: of the noise.
     """
@@ -92,21 +92,21 @@ def hybrid_scenario(system: SystemSpec, scenario: ScenarioSpec, implementation: 
 def system_evidence(
     system: SystemSpec, implementations: Sequence[Implementation], progress: Progress | None = None
 ) -> SystemEvidence:
-    """Draw pairs of plants, and judge each by the system's limits in its scenarios.
+    """Draw pairs of plants, and check the system's limits on each in its scenarios.
 
     Args:
-        system: what is asked; its section `validation` says how many plants.
+        system: the spec; its section `validation` says how many plants.
         implementations: the controllers that run, throttle first.
-        progress: told how many plants are done.
+        progress: called with the number of plants done.
     """
-    drawn = Drawn(system.family, system.validation or ValidationSpec())
-    modes = modes_of(system, implementations, lambda first, end: drawn.marked(first, end).places)
-    outside, no_plants = drawn.strays()
-    drawn.check_plants(no_plants)
-    done = steps_of(progress, drawn.validation.samples, len(system.scenarios))
+    sampler = PlantSampler(system.family, system.validation or ValidationSpec())
+    modes = modes_of(system, implementations, lambda first, end: sampler.classified(first, end).points)
+    outside, no_plants = sampler.count_outside()
+    sampler.check_plants(no_plants)
+    done = split_progress(progress, sampler.validation.samples, len(system.scenarios))
     found = []
     for scenario, each in zip(system.scenarios, done, strict=True):
-        run = hybrid_scenario(system, scenario, implementations[0], drawn.seed)
-        counts = drawn.simulated(system.limits, scenario, modes, run, each)
-        found.append(drawn.simulations(system.limits, scenario, counts))
-    return SystemEvidence(drawn.validation, tuple(found), outside, no_plants, system.family.uncertain_names)
+        run = hybrid_scenario(system, scenario, implementations[0], sampler.seed)
+        counts = sampler.simulate_scenario(system.limits, scenario, modes, run, each)
+        found.append(sampler.scenario_statistics(system.limits, scenario, counts))
+    return SystemEvidence(sampler.validation, tuple(found), outside, no_plants, system.family.uncertain_names)

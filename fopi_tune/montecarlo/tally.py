@@ -1,8 +1,8 @@
 """Results of many draws, chunk by chunk:  values, met -> Tally;  merged in any order to the same bits.
 
-A tally keeps counts, the worst values with their draws' indices, both extremes, and every value as a float: 8 bytes a
-draw (80 MB for 1e7), twice that while quantiles are taken.  Equal values rank by index, which makes the worst unique.
-No sums are kept: they would depend on the order of merging.
+A tally keeps counts, the worst values with the indices of their draws, both extremes, and every value as a float: 8
+bytes a draw (80 MB for 1e7), twice that while quantiles are taken.  Equal values rank by index, so that the list of the
+worst is unique.  No sums are kept: they would depend on the order of merging.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
-from fopi_tune.montecarlo.statistics import Fraction, Quantile, checked, fraction, quantiles
+from fopi_tune.montecarlo.statistics import Fraction, Quantile, checked_values, fraction, quantiles
 
 
 class Worst(Enum):
@@ -28,7 +28,7 @@ class Worst(Enum):
 
 
 @dataclass(frozen=True, order=True)
-class Found:
+class IndexedValue:
     """A value and the index of its draw."""
 
     value: float
@@ -37,7 +37,7 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Values of the draws first, first + 1, ...; shape (n,), n >= 1, not to be written."""
+    """Values of the draws first, first + 1, ...; shape (n,), n >= 1, read-only."""
 
     first: int
     values: Array
@@ -50,11 +50,11 @@ class Chunk:
 
 @dataclass(frozen=True, eq=False)
 class Tally:
-    """What is known of the draws so far; made by `tally` and `merge`.
+    """Counts and extremes of the draws so far; made by `tally` and `merge`.
 
     Args:
         worst_are: which values are the worst.
-        keep: how many of them are kept.
+        keep: how many of the worst are kept.
         met: number of draws that met the requirement.
         worst: the worst values, the worst first.
         best: the best value, None without draws.
@@ -64,8 +64,8 @@ class Tally:
     worst_are: Worst
     keep: int
     met: int
-    worst: tuple[Found, ...]
-    best: Found | None
+    worst: tuple[IndexedValue, ...]
+    best: IndexedValue | None
     chunks: tuple[Chunk, ...]
 
     @property
@@ -78,16 +78,16 @@ class Tally:
         return np.concatenate([chunk.values for chunk in self.chunks]) if self.chunks else np.empty(0)
 
     def fraction(self, confidence: float = 0.95) -> Fraction:
-        """How many met, with the exact interval; needs a draw."""
+        """The fraction that met, with its exact interval; needs at least one draw."""
         return fraction(self.met, self.total, confidence)
 
     def quantiles(self, probabilities: Sequence[float], confidence: float = 0.95) -> tuple[Quantile, ...]:
-        """Quantiles of the values; needs a draw."""
+        """Quantiles of the values; needs at least one draw."""
         return quantiles(self.values(), probabilities, confidence)
 
 
 def tally(values: Array, met: NDArray[np.bool_], first: int, worst_are: Worst, keep: int = 10) -> Tally:
-    """A chunk's tally.
+    """The tally of a chunk.
 
     Args:
         values: shape (n,), infinities allowed; copied.
@@ -99,7 +99,7 @@ def tally(values: Array, met: NDArray[np.bool_], first: int, worst_are: Worst, k
     Raises:
         DomainError: a value that is not a number, shapes that differ, or first or keep out of range.
     """
-    values, met = checked(values).copy(), np.asarray(met)
+    values, met = checked_values(values).copy(), np.asarray(met)
     if met.shape != values.shape or met.dtype != bool:
         raise DomainError(f"met must be {values.shape} truth values, not {met.shape} of {met.dtype}")
     if first < 0 or keep < 1:
@@ -109,16 +109,16 @@ def tally(values: Array, met: NDArray[np.bool_], first: int, worst_are: Worst, k
         return Tally(worst_are, keep, 0, (), None, ())
     signed = worst_are.value * values
     at = int(np.argmax(signed))
-    worst = tuple(Found(float(values[i]), first + int(i)) for i in _least(signed, keep))
-    best = Found(float(values[at]), first + at)
+    worst = tuple(IndexedValue(float(values[i]), first + int(i)) for i in _least(signed, keep))
+    best = IndexedValue(float(values[at]), first + at)
     return Tally(worst_are, keep, int(np.count_nonzero(met)), worst, best, (Chunk(first, values),))
 
 
 def merge(tallies: Iterable[Tally]) -> Tally:
-    """One tally of several; how they are grouped and ordered does not matter.
+    """One tally of several; grouping and order do not matter.
 
     Raises:
-        DomainError: none given, different ideas of the worst, or draws that were counted twice.
+        DomainError: none given, tallies that differ in `worst_are` or `keep`, or draws that were counted twice.
     """
     parts = list(tallies)
     if not parts:
@@ -138,11 +138,11 @@ def merge(tallies: Iterable[Tally]) -> Tally:
 
 
 def _least(values: Array, keep: int) -> NDArray[np.int64]:
-    """Indices of the least values in order, equal ones by index."""
+    """Indices of the smallest values in order, equal ones by index."""
     if keep < len(values):
         border = np.partition(values, keep - 1)[keep - 1]
         below = np.flatnonzero(values < border)
-        # of those equal to the border only the first fit
+        # of the values equal to the border only the first are taken
         candidates = np.concatenate([below, np.flatnonzero(values == border)[: keep - len(below)]])
     else:
         candidates = np.arange(len(values))

@@ -29,11 +29,11 @@ def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:
         DomainError: the spec has no such section, it cannot be met (band, sample time, precision), or kp = ki = 0.
     """
     from fopi_tune.digital import discretize
-    from fopi_tune.digital.implementation import crossover_of, digital_of
+    from fopi_tune.digital.implementation import digital_section_of, nominal_crossover
 
     spec = load_spec(source)
-    digital = digital_of(spec)
-    controller = discretize(gains, digital, crossover_of(spec, gains))
+    digital = digital_section_of(spec)
+    controller = discretize(gains, digital, nominal_crossover(spec, gains))
     implementation = Implementation(controller.sections, digital.delay_samples)
     found = verify(spec, gains, implementation=implementation)
     certificate = certify(spec, found, certificate_versions(), implementation) if proof else None

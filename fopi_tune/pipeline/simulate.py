@@ -33,7 +33,7 @@ from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import MEASURES, Limit, Relation, ScenarioSpec
 
 if TYPE_CHECKING:
-    from fopi_tune.simulation.fractional.continuous import Continuous
+    from fopi_tune.simulation.fractional.continuous import ContinuousSimulation
     from fopi_tune.simulation.scenario import Measures, Mode, Scenario, Traces
 
 
@@ -108,11 +108,11 @@ def drive(
     place = place_of(spec.plant, drawn, plant, index)
     scenarios = chosen(spec.scenarios, only)
     if exact:
-        from fopi_tune.simulation.fractional.continuous import drive_loop
+        from fopi_tune.simulation.fractional.continuous import simulate_loop
 
         member, controller = spec.plant.member(place), controller_of(spec, implementation)
         step = implementation.sample_time_s
-        runs = [drive_loop(scenario, gains, member, controller, step) for scenario in scenarios]
+        runs = [simulate_loop(scenario, gains, member, controller, step) for scenario in scenarios]
         driven = tuple(continuous_of(s, run, spec.limits) for s, run in zip(scenarios, runs, strict=True))
         return Simulated(spec, gains, spec.plant.describe(place), index, driven, stamp, exact=True)
     plants = Plants.members(spec.plant, place[None, :])
@@ -168,7 +168,7 @@ def judged_of(
     )
 
 
-def continuous_of(scenario: ScenarioSpec, found: Continuous, limits: Sequence[Limit]) -> Driven:
+def continuous_of(scenario: ScenarioSpec, found: ContinuousSimulation, limits: Sequence[Limit]) -> Driven:
     """The same of a run in continuous time."""
     driven = judged_of(scenario, found.reference, found.traces, found.measures, limits)
     if not found.measures.finite[0]:
@@ -216,12 +216,12 @@ def place_of(
 
 
 def _drawn_place(family: PlantFamily, drawn: ValidationSpec, index: int) -> np.ndarray:
-    from fopi_tune.montecarlo.draws import points
-    from fopi_tune.montecarlo.outcomes import draw_of
+    from fopi_tune.montecarlo.draws import sample_points
+    from fopi_tune.montecarlo.outcomes import sampling_plan_of
 
     if not 0 <= index < drawn.samples:
         raise DomainError(f"plant {index} was not drawn; the spec draws {drawn.samples}, from 0 on")
-    return points(draw_of(drawn), family, index, 1)[0]
+    return sample_points(sampling_plan_of(drawn), family, index, 1)[0]
 
 
 def _named_place(family: PlantFamily, named: Mapping[str, float]) -> np.ndarray:

@@ -182,11 +182,11 @@ def _inclusion(
     place: np.ndarray,
 ) -> Driven:
     from fopi_tune.montecarlo.montecarlo import controller_of
-    from fopi_tune.simulation.hybrid.scenario import drive_inclusion
+    from fopi_tune.simulation.hybrid.scenario import simulate_inclusion
 
     split = len(system.modes[0].spec.plant.uncertain_names)
     plants = [m.spec.plant.member(part) for m, part in zip(system.modes, (place[:split], place[split:]), strict=True)]
     controllers = [controller_of(m.spec, i) for m, i in zip(system.modes, implementations, strict=True)]
     each = [gains[mode.name] for mode in system.modes]
     step = implementations[0].sample_time_s
-    return continuous_of(scenario, drive_inclusion(system, scenario, each, plants, controllers, step), system.limits)
+    return continuous_of(scenario, simulate_inclusion(system, scenario, each, plants, controllers, step), system.limits)

@@ -70,11 +70,11 @@ def validate_block(source: Source, gains: FoPi, first: int, end: int) -> Block:
         SpecError: the file cannot be read, or has mistakes.
         DomainError: as for `validate`.
     """
-    from fopi_tune.montecarlo.montecarlo import drawn_block
+    from fopi_tune.montecarlo.montecarlo import sample_block
 
     spec = load_spec(source)
     controller = discretize(spec, gains, proof=False).controller
-    return drawn_block(spec, gains, Implementation(controller.sections, controller.digital.delay_samples), first, end)
+    return sample_block(spec, gains, Implementation(controller.sections, controller.digital.delay_samples), first, end)
 
 
 def wanted_validation(validation: ValidationSpec | None, samples: int | None, seed: int | None) -> ValidationSpec:

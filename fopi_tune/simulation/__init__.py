@@ -1,5 +1,5 @@
-"""Loops driven through scenarios in time:  what they do, and the measures that are read off.
+"""Simulation of loops in the time domain:  scenario, controllers, plants -> signals and measures.
 
-`sampled` is the digital controller with its plant on samples, `fractional` the ideal controller in continuous time, and
-`hybrid` two loops that take turns in continuous time.
+`sampled` simulates the digital controller with its plant on samples, `fractional` the ideal controller in continuous
+time, and `hybrid` two switched loops in continuous time.
 """

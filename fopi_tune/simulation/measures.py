@@ -1,4 +1,4 @@
-"""Scenarios of a spec as the simulator takes them, and the measures that its limits name."""
+"""A spec's scenarios converted for the simulator, and the measures that its limits name."""
 
 from __future__ import annotations
 
@@ -9,12 +9,19 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.parallel_form import Implementation
-from fopi_tune.simulation.scenario import Actuator, Before, Horizon, Measures, Scenario, Sensor, Signals, Start
+from fopi_tune.simulation.scenario import Actuator
+from fopi_tune.simulation.scenario import Horizon
+from fopi_tune.simulation.scenario import Measures
+from fopi_tune.simulation.scenario import Scenario
+from fopi_tune.simulation.scenario import Sensor
+from fopi_tune.simulation.scenario import Signals
+from fopi_tune.simulation.scenario import Start
+from fopi_tune.simulation.scenario import InitialInput
 from fopi_tune.spec.model import Knot, ScenarioSpec
 
 #: km/h per m/s
 KMH_PER_M_S = 3.6
-#: of the last step, where a spec does not say what counts as settled
+#: settling band as a share of the last step, where the spec gives none
 _SETTLED = 0.02
 
 #: word after `limits:` -> the measure, shape (m,)
@@ -42,18 +49,18 @@ def scenario_of(scenario: ScenarioSpec, implementation: Implementation, seed: in
     """
     step = implementation.sample_time_s
     time_s = np.asarray(step * np.arange(max(1, round(scenario.duration_s / step)) + 1), dtype=float)
-    load = course(scenario.load, 0.0, time_s) if scenario.load else None
+    load = piecewise_signal(scenario.load, 0.0, time_s) if scenario.load else None
     return Scenario(
         sample_time_s=step,
-        signals=Signals(course(scenario.reference, scenario.initial_output, time_s), load),
+        signals=Signals(piecewise_signal(scenario.reference, scenario.initial_output, time_s), load),
         sensor=Sensor(scenario.quantum, scenario.noise_std, seed),
         actuator=Actuator(scenario.rate_per_s, implementation.delay_samples),
-        start=Start(scenario.initial_output, Before(scenario.before), scenario.bumpless),
+        start=Start(scenario.initial_output, InitialInput(scenario.before), scenario.bumpless),
     )
 
 
 def horizon_of(scenario: ScenarioSpec, run: Scenario) -> Horizon:
-    """What is judged of it."""
+    """The samples over which its measures are taken, and the settling band."""
     reference = run.signals.reference
     first = min(math.ceil(scenario.judged_from_s / run.sample_time_s - 1e-9), len(reference) - 1)
     before = float(reference[first - 1]) if first else scenario.initial_output
@@ -63,7 +70,7 @@ def horizon_of(scenario: ScenarioSpec, run: Scenario) -> Horizon:
     return Horizon(band, first)
 
 
-def course(knots: Sequence[Knot], before: float, time_s: Array, *, just_before: bool = False) -> Array:
+def piecewise_signal(knots: Sequence[Knot], before: float, time_s: Array, *, just_before: bool = False) -> Array:
     """A piecewise signal at these times: held between knots, a straight line along a ramp; shape of `time_s`.
 
     Args:
@@ -73,7 +80,7 @@ def course(knots: Sequence[Knot], before: float, time_s: Array, *, just_before: 
         just_before: whether a step at one of these times has not yet been made there.
     """
     values = np.full(len(time_s), before)
-    # a knot on a sample acts from that sample on, whatever rounding made of the time
+    # a knot at the time of a sample acts from that sample on, in spite of rounding
     late = 1e-9 * (time_s[1] - time_s[0]) if len(time_s) > 1 else 0.0
     late = -late if just_before else late
     start = before

@@ -1,15 +1,15 @@
-"""What a simulation on samples is told and what it answers:  signals, sensor, actuator, switching; traces, measures.
+"""Inputs and results of a sampled simulation:  signals, sensor, actuator, switching; traces, measures.
 
 At sample k, in this order:
 
     y_m = quantised(y + noise_std n_k)                                                                               (1)
     mode 1 -> 2 when y_m >= r + eps,   2 -> 1 when y_m <= r - eps                                                    (2)
     u = the controller's output for e = r - y_m, by `fopi_tune.digital.runtime`                                      (3)
-    applied = the last one moved towards u by at most rate Ts; u itself when it is not further away                  (4)
+    applied = the last one moved towards u by at most rate Ts; u itself where it is within reach                     (4)
 
 and the plant runs to sample k + 1 under `applied`, delayed, plus the load.
 
-Source: definitions; each is what the spec's words mean.
+Source: definitions of the spec's words.
 """
 
 from __future__ import annotations
@@ -28,28 +28,28 @@ from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 
-#: plants of the indices begin to end - 1
-Supplier = Callable[[int, int], Plants]
+#: (begin, end) -> plants of the indices begin to end - 1
+PlantSupplier = Callable[[int, int], Plants]
 
 
-class Before(Enum):
-    """What was before the first sample."""
+class InitialInput(Enum):
+    """The plant's input before the first sample."""
 
     REST = "rest"  # the input that holds the plant at its initial output
     FREE = "free"  # no input: a plant of first order starts at its initial output and decays
 
 
-class Inactive(IntEnum):
-    """What the controller does whose mode is not active."""
+class InactiveController(IntEnum):
+    """What the controller of the inactive mode does."""
 
-    HOLD = 0  # nothing: its memory stays
-    TRACK = 1  # follows what was applied, within its own limits
-    RESET = 2  # starts anew when its mode is entered
+    HOLD = 0  # nothing: its states are kept
+    TRACK = 1  # tracks the applied control, within its own limits
+    RESET = 2  # is reset when its mode is entered
 
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """What comes from outside, a value a sample, the same for every plant.
+    """External signals, one value per sample, the same for every plant.
 
     Args:
         reference: r_k, shape (steps,), in the output's unit.
@@ -66,7 +66,7 @@ class Signals:
         for name, values in (("reference", self.reference), ("load", self.load)):
             if values is None:
                 continue
-            # a copy of its own: what is compiled knows one kind of array
+            # a copy: the compiled function accepts one array type only
             signal = np.array(values, dtype=float)
             if signal.ndim != 1 or not len(signal) or not np.all(np.isfinite(signal)):
                 raise DomainError(f"the {name} needs one finite number a sample; it has shape {signal.shape}")
@@ -83,7 +83,7 @@ class Sensor:
     """(1); the noise of a plant depends on the seed and the plant's index only.
 
     Args:
-        quantum: step of the measurement, in the output's unit; 0: none; halves go to the even multiple.
+        quantum: quantisation step of the measurement, in the output's unit; 0: none; halves round to the even multiple.
         noise_std: standard deviation of the normal noise, in the output's unit.
         seed: 0 to 2^64 - 1.
     """
@@ -101,7 +101,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Actuator:
-    """(4); the controller is not told.
+    """(4); the controller does not know of it.
 
     Args:
         rate_per_s: fastest change of the control, per s; inf: any.
@@ -124,12 +124,12 @@ class Start:
 
     Args:
         output: y just before the first sample.
-        before: what the plant's input was until then.
-        bumpless: whether the first controller is reset to that input; it starts from 0 if not.
+        before: the plant's input until then.
+        bumpless: whether the first controller is reset to that input; otherwise it starts from 0.
     """
 
     output: float = 0.0
-    before: Before = Before.REST
+    before: InitialInput = InitialInput.REST
     bumpless: bool = False
 
     def __post_init__(self) -> None:
@@ -145,14 +145,14 @@ class Hybrid:
 
     Args:
         half_width: eps of the hysteresis, in the output's unit.
-        inactive: what the controller of the other mode does.
+        inactive: behaviour of the inactive controller.
         first: the mode at the start, 1 or 2.
         most_switches: more than these within the window is chattering.
         window_s: the window, s.
     """
 
     half_width: float
-    inactive: Inactive = Inactive.HOLD
+    inactive: InactiveController = InactiveController.HOLD
     first: int = 1
     most_switches: int = 5
     window_s: float = 2.0
@@ -176,7 +176,7 @@ class Mode:
     """
 
     controller: Runtime
-    plants: Plants | Supplier
+    plants: Plants | PlantSupplier
 
     def __post_init__(self) -> None:
         if self.controller.precision is not Precision.FLOAT64:
@@ -210,7 +210,7 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Horizon:
-    """Which samples the measures look at, and what counts as settled.
+    """The samples over which measures are taken, and the settling band.
 
     Args:
         band: half-width around the final reference, in the output's unit.
@@ -232,13 +232,13 @@ class Traces:
     Args:
         time_s: of the samples, shape (steps,).
         output: y just before the new control acts.
-        rate: dy/dt there, per s; the jumps of a direct path are not in it.
-        rate_after: dy/dt just after what is new arrives, at the sample or, of a plant of first order, between samples;
-            `rate` of a plant of higher order on which it arrives between samples.
-        measured: what the controller sees, y_m.
+        rate: dy/dt there, per s, without the jumps of a direct path.
+        rate_after: dy/dt just after a new input arrives, at the sample or, for a plant of first order, between samples;
+            equal to `rate` for a plant of higher order whose input arrives between samples.
+        measured: y_m, the controller's input.
         error: r - y_m.
         demanded: the controller's output.
-        applied: what the actuator does from this sample on, undelayed.
+        applied: the actuator's output from this sample on, undelayed.
         mode: 1 or 2.
     """
 
@@ -260,11 +260,11 @@ class Measures:
     Where an output did not stay finite the measures are nan, its settling time inf.
 
     Args:
-        peak_rate: largest |dy/dt| just before and after the samples: of a plant of first order the largest at any
-            time (but for a load that arrives between samples).
+        peak_rate: largest |dy/dt| just before and after the samples; for a plant of first order the largest at any time
+            (except for a load that arrives between samples).
         overshoot: largest y - r_f in the direction of the step, which is from the reference before the horizon (the
-            initial output when it starts at sample 0) to r_f; negative when y stays short of r_f; largest |y - r_f|
-            without a step.
+            initial output when it starts at sample 0) to r_f; negative when y stays short of r_f; without a
+            step, largest |y - r_f|.
         settling_s: from the horizon's start to the first sample after which y stays within the band; inf: it does not.
         iae: Ts sum |r - y|.
         ise: Ts sum (r - y)^2.

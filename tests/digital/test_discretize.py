@@ -1,4 +1,4 @@
-"""Digital controllers: approximations of s^-alpha, sampling rules, the fit, and what rounding does to each form."""
+"""Digital controllers: approximations of s^-alpha, sampling rules, the fit, and the rounding error of each form."""
 
 from __future__ import annotations
 
@@ -12,8 +12,15 @@ from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital import discretize
 from fopi_tune.digital.fit import fit
 from fopi_tune.digital.integrator import modified_oustaloup, oustaloup
-from fopi_tune.digital.realise import Form, Precision, accepted, realise, second_order_sections, zeros_poles_gain
-from fopi_tune.digital.sections import matched, tustin
+from fopi_tune.digital.realise import (
+    Form,
+    Precision,
+    checked_realisation,
+    realise,
+    second_order_sections,
+    zeros_poles_gain,
+)
+from fopi_tune.digital.transforms import matched, tustin
 from fopi_tune.errors import DomainError
 from fopi_tune.report.text.digital import digital_text
 from fopi_tune.spec import parse_spec
@@ -21,7 +28,7 @@ from fopi_tune.spec.model import DigitalSpec
 
 BAND, TS = (1e-3, 1e3), 0.2
 ALPHAS = [0.05, 0.3, 0.45, 0.55, 0.8, 1.0, 1.2, 1.5, 1.95]
-#: where the fit is judged: from 10^-2.5 rad/s to 0.3 of Nyquist's frequency
+#: where the fit is checked: from 10^-2.5 rad/s to 0.3 of Nyquist's frequency
 JUDGED = np.geomspace(10**-2.5, 0.3 * np.pi / TS, 1500)
 
 
@@ -221,10 +228,10 @@ def test_a_form_whose_pole_leaves_the_unit_circle_is_refused() -> None:
     spoiled = realise(sections, Form.PARALLEL, Precision.FLOAT32, np.ones(50))
     assert not spoiled.stable
     with pytest.raises(DomainError, match="outside the unit circle"):
-        accepted(spoiled, 1.0)
+        checked_realisation(spoiled, 1.0)
     cascade = realise(designs(1)[0], Form.SECOND_ORDER, Precision.FLOAT32, np.ones(50))
     with pytest.raises(DomainError, match="errs by"):
-        accepted(cascade, 1e-12)
+        checked_realisation(cascade, 1e-12)
 
 
 def test_the_papers_printed_filters_are_unstable_and_ours_are_not() -> None:

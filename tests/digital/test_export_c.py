@@ -15,12 +15,13 @@ from cases.plants import PUBLISHED_BRAKE, PUBLISHED_THROTTLE
 from scipy import signal
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.sections import Sections
 from fopi_tune.digital import DigitalController, Export, Units, discretize, export_c
-from fopi_tune.digital.export_c import comment, harmless, literal
+from fopi_tune.digital.export_c import comment, literal, sanitized
 from fopi_tune.digital.integrator import modified_oustaloup, oustaloup
 from fopi_tune.digital.realise import Precision, run_parallel
 from fopi_tune.digital.runtime import Op, Operation, Runtime, State, init, replay, reset, step, track
-from fopi_tune.digital.sections import Sections, matched, tustin
+from fopi_tune.digital.transforms import matched, tustin
 from fopi_tune.digital.vectors import standard_operations, vector_table
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DigitalSpec
@@ -548,7 +549,7 @@ def test_nothing_of_a_text_leaves_the_comment(tmp_path: Path, text: str) -> None
 
 @pytest.mark.parametrize("text", [*HOSTILE, "", " \n ", "x" * 10_000, "".join(map(chr, range(0x300)))])
 def test_a_harmless_text_is_printable_short_and_without_marks(text: str) -> None:
-    found = harmless(text, 200)
+    found = sanitized(text, 200)
     assert len(found) <= 200
     assert re.fullmatch("[ -~]*", found)
     assert not re.search(r"\*/|/\*|\?\?|\\", comment(found).replace("\n", ""))

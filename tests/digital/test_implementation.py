@@ -1,4 +1,4 @@
-"""What runs on the target: the loop on samples verified and proved, designs made for it, everything that is written."""
+"""Digital controllers end to end: sampled loops verified and proved, designs for them, and the files written."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def test_the_published_reference_loses_as_much_on_samples_as_was_measured_elsewh
     """|S| of PM 75 deg at 0.3 rad/s over the brake's family: 1.1637 in continuous time, 1.1948 at 0.2 s."""
     from fopi_tune.core.loops import Plants
     from fopi_tune.digital.integrator import oustaloup
-    from fopi_tune.digital.sections import tustin
+    from fopi_tune.digital.transforms import tustin
 
     gains = ft.FoPi(0.24027, 0.39344, 0.9)
     sections = tustin(gains, oustaloup(0.9, 7, (1e-3, 1e3)), 0.2)

@@ -27,8 +27,8 @@ from fopi_tune.core.distributions import (
 from fopi_tune.core.parameter_table import ParameterTable, impossible, outside_box, parse_table, why_impossible
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.errors import DomainError
-from fopi_tune.montecarlo.draws import Draw, Listed, points, stays_inside
-from fopi_tune.montecarlo.sampling import Design, cube, open_unit, philox, shuffled
+from fopi_tune.montecarlo.draws import SampleList, SamplingPlan, sample_points, stays_inside
+from fopi_tune.montecarlo.sampling import SamplingDesign, permutation, philox, uniform_from_words, unit_cube_points
 
 Array = NDArray[np.float64]
 TAU = "time_constant_s"
@@ -50,7 +50,7 @@ def philox_of_the_paper(counter: list[int], key: list[int]) -> list[int]:
 
 
 def taus(source: Distribution, count: int = MANY, seed: int = 7) -> Array:
-    return points(Draw(seed, source={TAU: source}), brake(), 0, count)[:, 0]
+    return sample_points(SamplingPlan(seed, source={TAU: source}), brake(), 0, count)[:, 0]
 
 
 def many_numbers() -> PlantFamily:
@@ -80,64 +80,67 @@ def test_words_are_philox_of_the_counter_bit_for_bit(seed: int, first: int) -> N
 
 def test_a_random_draw_is_its_own_philox_blocks() -> None:
     family = many_numbers()
-    drawn = points(Draw(11), family, 1000, 5)
+    drawn = sample_points(SamplingPlan(11), family, 1000, 5)
     for row in range(5):
         blocks = [philox_of_the_paper([1000 + row + 1, block, 0, 0], [11, 0]) for block in range(2)]
-        u = open_unit(np.array(blocks, dtype=np.uint64)).reshape(-1)[:6]
+        u = uniform_from_words(np.array(blocks, dtype=np.uint64)).reshape(-1)[:6]
         # one rounding of each product, one of the sum
         np.testing.assert_allclose(drawn[row], (1.0 - u) * family.low + u * family.high, rtol=1e-15)
 
 
 def test_words_become_numbers_that_never_reach_0_or_1_and_lie_symmetric() -> None:
-    ends = open_unit(np.array([0, 2**64 - 1, 2**63, 2**63 - 1], dtype=np.uint64))
+    ends = uniform_from_words(np.array([0, 2**64 - 1, 2**63, 2**63 - 1], dtype=np.uint64))
     assert ends.tolist() == [2.0**-53, 1.0 - 2.0**-53, 0.5 + 2.0**-53, 0.5 - 2.0**-53]
 
 
 # --- draws by index -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("design", Design)
+@pytest.mark.parametrize("design", SamplingDesign)
 @pytest.mark.parametrize("family", [brake(), lag_gain_and_delay(), many_numbers()], ids=["1", "3", "6"])
-def test_chunks_change_no_bit(design: Design, family: PlantFamily) -> None:
+def test_chunks_change_no_bit(design: SamplingDesign, family: PlantFamily) -> None:
     total = 3001
     source: dict[str, Distribution] = {name: Beta(2.0, 3.0) for name in family.uncertain_names[1::2]}
     source[family.uncertain_names[0]] = TruncatedNormal(1.8, 0.3)
-    draw = Draw(5, design, total, source)
-    whole = points(draw, family, 0, total)
+    draw = SamplingPlan(5, design, total, source)
+    whole = sample_points(draw, family, 0, total)
     cuts = [0, 1, 2, 7, 7, 1024, 2999, total]
-    pieces = [points(draw, family, start, stop - start) for start, stop in itertools.pairwise(cuts)]
+    pieces = [sample_points(draw, family, start, stop - start) for start, stop in itertools.pairwise(cuts)]
     assert np.concatenate(pieces).tobytes() == whole.tobytes()
 
 
-@pytest.mark.parametrize("design", Design)
-def test_threads_and_their_order_change_no_bit(design: Design) -> None:
-    draw = Draw(6, design, 4000)
+@pytest.mark.parametrize("design", SamplingDesign)
+def test_threads_and_their_order_change_no_bit(design: SamplingDesign) -> None:
+    draw = SamplingPlan(6, design, 4000)
     starts = list(range(0, 4000, 250))[::-1]
     with ThreadPoolExecutor(4) as threads:
-        pieces = list(threads.map(lambda start: points(draw, brake(), start, 250), starts))
-    assert np.concatenate(pieces[::-1]).tobytes() == points(draw, brake(), 0, 4000).tobytes()
+        pieces = list(threads.map(lambda start: sample_points(draw, brake(), start, 250), starts))
+    assert np.concatenate(pieces[::-1]).tobytes() == sample_points(draw, brake(), 0, 4000).tobytes()
 
 
 def test_draws_longer_than_one_internal_block_are_the_same_draws() -> None:
-    long = points(Draw(8), brake(), 0, 300_000)
-    assert long[262_140:262_150].tobytes() == points(Draw(8), brake(), 262_140, 10).tobytes()
+    long = sample_points(SamplingPlan(8), brake(), 0, 300_000)
+    assert long[262_140:262_150].tobytes() == sample_points(SamplingPlan(8), brake(), 262_140, 10).tobytes()
 
 
-@pytest.mark.parametrize("design", Design)
-def test_seeds_give_different_draws_and_one_seed_the_same(design: Design) -> None:
-    one, again, other = (points(Draw(seed, design, 64), brake(), 0, 64) for seed in (1, 1, 2))
+@pytest.mark.parametrize("design", SamplingDesign)
+def test_seeds_give_different_draws_and_one_seed_the_same(design: SamplingDesign) -> None:
+    one, again, other = (sample_points(SamplingPlan(seed, design, 64), brake(), 0, 64) for seed in (1, 1, 2))
     assert one.tobytes() == again.tobytes()
     assert not np.isin(one, other).any()
 
 
 def test_the_first_numbers_of_a_draw_do_not_depend_on_how_many_there_are() -> None:
-    assert cube(Design.RANDOM, 3, 2, 0, 50).tobytes() == cube(Design.RANDOM, 3, 9, 0, 50)[:, :2].tobytes()
+    assert (
+        unit_cube_points(SamplingDesign.RANDOM, 3, 2, 0, 50).tobytes()
+        == unit_cube_points(SamplingDesign.RANDOM, 3, 9, 0, 50)[:, :2].tobytes()
+    )
 
 
-@pytest.mark.parametrize("design", Design)
-def test_a_family_without_uncertain_numbers_has_draws_without_numbers(design: Design) -> None:
-    assert points(Draw(0, design, 10), throttle(), 2, 5).shape == (5, 0)
-    assert points(Draw(0, design, 10), brake(), 3, 0).shape == (0, 1)
+@pytest.mark.parametrize("design", SamplingDesign)
+def test_a_family_without_uncertain_numbers_has_draws_without_numbers(design: SamplingDesign) -> None:
+    assert sample_points(SamplingPlan(0, design, 10), throttle(), 2, 5).shape == (5, 0)
+    assert sample_points(SamplingPlan(0, design, 10), brake(), 3, 0).shape == (0, 1)
 
 
 # --- designs --------------------------------------------------------------------------------------------------------
@@ -145,29 +148,29 @@ def test_a_family_without_uncertain_numbers_has_draws_without_numbers(design: De
 
 @pytest.mark.parametrize("total", [1, 2, 3, 5, 16, 17, 1000, 4097])
 def test_every_cell_of_a_latin_hypercube_holds_one_draw(total: int) -> None:
-    u = cube(Design.LATIN_HYPERCUBE, 9, 3, 0, total, total)
+    u = unit_cube_points(SamplingDesign.LATIN_HYPERCUBE, 9, 3, 0, total, total)
     for column in u.T:
         np.testing.assert_array_equal(np.sort(np.floor(column * total)), np.arange(total))
 
 
 def test_the_greatest_latin_hypercube_keeps_its_draws_in_their_cells() -> None:
-    total = Design.LATIN_HYPERCUBE.most
+    total = SamplingDesign.LATIN_HYPERCUBE.most
     for first in (0, total - 5000):
-        cells = shuffled(4, 0, total, first, 5000)
-        u = cube(Design.LATIN_HYPERCUBE, 4, 1, first, 5000, total)[:, 0]
+        cells = permutation(4, 0, total, first, 5000)
+        u = unit_cube_points(SamplingDesign.LATIN_HYPERCUBE, 4, 1, first, 5000, total)[:, 0]
         np.testing.assert_array_equal(np.floor(u * total), cells)
         assert len(set(cells)) == 5000
 
 
 def test_shuffles_of_few_are_equally_likely() -> None:
-    seen = Counter(tuple(shuffled(seed, 0, 4, 0, 4)) for seed in range(4800))
+    seen = Counter(tuple(permutation(seed, 0, 4, 0, 4)) for seed in range(4800))
     assert len(seen) == math.factorial(4)
     assert stats.chisquare(list(seen.values())).pvalue > IMPLAUSIBLE
 
 
 def test_shuffles_of_columns_and_neighbours_are_unrelated() -> None:
     n = 20_000
-    one, other = (shuffled(2, column, n, 0, n) for column in (0, 1))
+    one, other = (permutation(2, column, n, 0, n) for column in (0, 1))
     for pair in ((one, other), (one, np.arange(n)), (one[1:], one[:-1])):
         # a correlation of 0 is found as normal with standard deviation 1/sqrt(n)
         assert abs(np.corrcoef(*pair)[0, 1]) < 3.3 / math.sqrt(n)
@@ -176,22 +179,22 @@ def test_shuffles_of_columns_and_neighbours_are_unrelated() -> None:
 
 
 def test_sobol_draws_put_one_in_every_elementary_interval() -> None:
-    u = cube(Design.SOBOL, 12, 2, 0, 1024)
+    u = unit_cube_points(SamplingDesign.SOBOL, 12, 2, 0, 1024)
     for power in range(11):
         cells = np.floor(u[:, 0] * 2**power) * 2 ** (10 - power) + np.floor(u[:, 1] * 2 ** (10 - power))
         assert len(set(cells)) == 1024
 
 
-@pytest.mark.parametrize("design", [Design.LATIN_HYPERCUBE, Design.SOBOL])
-def test_the_other_designs_find_a_mean_far_better_than_random_draws(design: Design) -> None:
+@pytest.mark.parametrize("design", [SamplingDesign.LATIN_HYPERCUBE, SamplingDesign.SOBOL])
+def test_the_other_designs_find_a_mean_far_better_than_random_draws(design: SamplingDesign) -> None:
     n = 4096
-    tau = points(Draw(3, design, n), brake(), 0, n)[:, 0]
+    tau = sample_points(SamplingPlan(3, design, n), brake(), 0, n)[:, 0]
     # one draw a cell: the mean's standard deviation is width/(sqrt(12) n^1.5) = 1.7e-6; of random draws 7e-3
     assert abs(tau.mean() - 2.35) < 1e-5
 
 
 def test_random_draws_are_independent_in_columns_and_in_turn() -> None:
-    u = cube(Design.RANDOM, 21, 6, 0, MANY)
+    u = unit_cube_points(SamplingDesign.RANDOM, 21, 6, 0, MANY)
     # 16 cells for each pair of columns, and for each column with the next draw of itself
     pairs = [(u[:, i], u[:, j]) for i in range(6) for j in range(i)] + [(u[1:, i], u[:-1, i]) for i in range(6)]
     for x, y in pairs:
@@ -234,8 +237,8 @@ def test_draws_follow_scipys_distribution_function(name: str) -> None:
 
 @pytest.mark.parametrize("source", [FoldedNoise(0.85), UniformNoise(0.85), Normal(3.1, 0.2)], ids=repr)
 def test_readings_of_the_papers_noise_have_its_mean_and_leave_the_box_openly(source: Distribution) -> None:
-    draw = Draw(2, source={TAU: source})
-    places = points(draw, brake(), 0, MANY)
+    draw = SamplingPlan(2, source={TAU: source})
+    places = sample_points(draw, brake(), 0, MANY)
     # five standard errors of the mean; the widest, the folded one's, has standard deviation 0.64
     assert abs(places.mean() - 3.10) < 5 * 0.65 / math.sqrt(MANY)
     assert not stays_inside(draw, brake())
@@ -246,7 +249,7 @@ def test_readings_of_the_papers_noise_have_its_mean_and_leave_the_box_openly(sou
 
 
 def test_noise_to_both_sides_makes_brakes_that_are_impossible() -> None:
-    places = points(Draw(2, source={TAU: Normal(2.25, 0.85 * ROOT_HALF_PI)}), brake(), 0, MANY)
+    places = sample_points(SamplingPlan(2, source={TAU: Normal(2.25, 0.85 * ROOT_HALF_PI)}), brake(), 0, MANY)
     np.testing.assert_array_equal(impossible(places, brake()), places[:, 0] <= 0.0)
     assert impossible(places, brake()).any()
 
@@ -260,7 +263,7 @@ def test_impossible_numbers_are_marked_in_every_column() -> None:
 def test_clipping_moves_what_lies_beyond_to_the_ends() -> None:
     free, clipped = taus(Normal(3.1, 0.3)), taus(Normal(3.1, 0.3, (1.6, 3.1)))
     np.testing.assert_array_equal(clipped, np.clip(free, 1.6, 3.1))
-    assert stays_inside(Draw(1, source={TAU: Normal(3.1, 0.3, (1.6, 3.1))}), brake())
+    assert stays_inside(SamplingPlan(1, source={TAU: Normal(3.1, 0.3, (1.6, 3.1))}), brake())
 
 
 def test_negative_noise_mirrors_positive_noise() -> None:
@@ -285,20 +288,20 @@ def test_distributions_inside_the_range_stay_there_at_the_last_u() -> None:
 def test_a_tables_columns_go_by_name_and_its_rows_stay_together() -> None:
     family = lag((1.0, 0.8, 1.2), (2.25, 1.6, 3.1))
     table = parse_table("time_constant_s, static_gain\n2.0,1.0\n2.5,1.1\n 9e0 ,0.9\n")
-    drawn = points(Draw(1, source=table), family, 0, 3000)
+    drawn = sample_points(SamplingPlan(1, source=table), family, 0, 3000)
     seen = Counter(map(tuple, drawn.tolist()))
     assert set(seen) == {(1.0, 2.0), (1.1, 2.5), (0.9, 9.0)}
     assert stats.chisquare(list(seen.values())).pvalue > IMPLAUSIBLE
-    assert not stays_inside(Draw(1, source=table), family)
+    assert not stays_inside(SamplingPlan(1, source=table), family)
     np.testing.assert_array_equal(outside_box(drawn, family), drawn[:, 1] == 9.0)
-    assert drawn[1234:1300].tobytes() == points(Draw(1, source=table), family, 1234, 66).tobytes()
+    assert drawn[1234:1300].tobytes() == sample_points(SamplingPlan(1, source=table), family, 1234, 66).tobytes()
 
 
 def test_a_latin_hypercube_takes_every_row_once() -> None:
     table = ParameterTable((TAU,), np.linspace(1.6, 3.1, 777)[:, None])
-    drawn = points(Draw(1, Design.LATIN_HYPERCUBE, 777, table), brake(), 0, 777)
+    drawn = sample_points(SamplingPlan(1, SamplingDesign.LATIN_HYPERCUBE, 777, table), brake(), 0, 777)
     np.testing.assert_array_equal(np.sort(drawn, axis=0), table.rows)
-    assert stays_inside(Draw(1, source=table), brake())
+    assert stays_inside(SamplingPlan(1, source=table), brake())
 
 
 def test_a_table_reads_what_spreadsheets_write() -> None:
@@ -349,7 +352,7 @@ def test_a_bad_table_is_refused_by_line(text: str, complaint: str) -> None:
 )
 def test_a_table_of_another_family_is_refused(text: str, complaint: str) -> None:
     with pytest.raises(DomainError, match=complaint):
-        points(Draw(0, source=parse_table(text)), brake(), 0, 1)
+        sample_points(SamplingPlan(0, source=parse_table(text)), brake(), 0, 1)
 
 
 @pytest.mark.parametrize(
@@ -367,19 +370,28 @@ def test_a_bad_array_is_no_table(rows: list[Any], complaint: str) -> None:
 @pytest.mark.parametrize(
     ("make", "complaint"),
     [
-        (lambda: Draw(-1), "seed = -1 must be at least 0"),
-        (lambda: Draw(2**64), "is not in"),
-        (lambda: Draw(1.5), "seed = 1.5 is no whole number"),  # pyright: ignore[reportArgumentType]
-        (lambda: Draw(0, Design.LATIN_HYPERCUBE), "needs the total"),
-        (lambda: Draw(0, Design.LATIN_HYPERCUBE, 2**26 + 1), "what a latin_hypercube design can give"),
-        (lambda: Draw(0, total=0), "total = 0"),
-        (lambda: points(Draw(0, total=10), brake(), 8, 3), "draws 8 to 10 were asked for; the design has 10"),
-        (lambda: points(Draw(0, Design.SOBOL), brake(), 2**32, 1), "the design has 4294967296"),
-        (lambda: points(Draw(0), brake(), -1, 3), "first = -1 must be at least 0"),
-        (lambda: points(Draw(0), brake(), 0, -3), "count = -3 must be at least 0"),
-        (lambda: cube(Design.RANDOM, 0, -1, 0, 0), "columns = -1"),
-        (lambda: points(Draw(0, source={"tau": Uniform()}), brake(), 0, 1), "'tau' is no number of this family"),
-        (lambda: points(Draw(0, source={"static_gain": Uniform()}), brake(), 0, 1), "is exact in this family"),
+        (lambda: SamplingPlan(-1), "seed = -1 must be at least 0"),
+        (lambda: SamplingPlan(2**64), "is not in"),
+        (lambda: SamplingPlan(1.5), "seed = 1.5 is no whole number"),  # pyright: ignore[reportArgumentType]
+        (lambda: SamplingPlan(0, SamplingDesign.LATIN_HYPERCUBE), "needs the total"),
+        (lambda: SamplingPlan(0, SamplingDesign.LATIN_HYPERCUBE, 2**26 + 1), "what a latin_hypercube design can give"),
+        (lambda: SamplingPlan(0, total=0), "total = 0"),
+        (
+            lambda: sample_points(SamplingPlan(0, total=10), brake(), 8, 3),
+            "draws 8 to 10 were asked for; the design has 10",
+        ),
+        (lambda: sample_points(SamplingPlan(0, SamplingDesign.SOBOL), brake(), 2**32, 1), "the design has 4294967296"),
+        (lambda: sample_points(SamplingPlan(0), brake(), -1, 3), "first = -1 must be at least 0"),
+        (lambda: sample_points(SamplingPlan(0), brake(), 0, -3), "count = -3 must be at least 0"),
+        (lambda: unit_cube_points(SamplingDesign.RANDOM, 0, -1, 0, 0), "columns = -1"),
+        (
+            lambda: sample_points(SamplingPlan(0, source={"tau": Uniform()}), brake(), 0, 1),
+            "'tau' is no number of this family",
+        ),
+        (
+            lambda: sample_points(SamplingPlan(0, source={"static_gain": Uniform()}), brake(), 0, 1),
+            "is exact in this family",
+        ),
         (lambda: TruncatedNormal(math.nan, 1.0), "not finite"),
         (lambda: TruncatedNormal(2.0, 0.0), "std must be greater than 0"),
         (lambda: taus(TruncatedNormal(100.0, 1.0), 1), "next to no probability"),
@@ -404,17 +416,17 @@ def test_what_cannot_be_drawn_is_refused_by_name(make: Any, complaint: str) -> N
 # --- lists ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("design", Design)
-def test_a_list_is_drawn_in_its_order_whatever_the_design(design: Design) -> None:
+@pytest.mark.parametrize("design", SamplingDesign)
+def test_a_list_is_drawn_in_its_order_whatever_the_design(design: SamplingDesign) -> None:
     family = lag((1.0, 0.8, 1.2), (2.25, 1.6, 3.1))
-    listed = Listed(parse_table("time_constant_s,static_gain\n2.0,1.0\n2.5,1.1\n3.0,0.9\n"))
-    draw = Draw(1, design, 3, listed)
-    assert points(draw, family, 0, 3).tolist() == [[1.0, 2.0], [1.1, 2.5], [0.9, 3.0]]
-    assert points(draw, family, 1, 2).tolist() == [[1.1, 2.5], [0.9, 3.0]]
+    listed = SampleList(parse_table("time_constant_s,static_gain\n2.0,1.0\n2.5,1.1\n3.0,0.9\n"))
+    draw = SamplingPlan(1, design, 3, listed)
+    assert sample_points(draw, family, 0, 3).tolist() == [[1.0, 2.0], [1.1, 2.5], [0.9, 3.0]]
+    assert sample_points(draw, family, 1, 2).tolist() == [[1.1, 2.5], [0.9, 3.0]]
     assert stays_inside(draw, family)
     assert not stays_inside(draw, lag((1.0, 0.95, 1.2), (2.25, 1.6, 3.1)))
     with pytest.raises(DomainError, match=r"draws 2 to 3 were asked for; there are 3 samples"):
-        points(draw, family, 2, 2)
+        sample_points(draw, family, 2, 2)
 
 
 def test_what_is_impossible_says_why() -> None:

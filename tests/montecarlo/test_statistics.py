@@ -15,7 +15,7 @@ from scipy import stats
 
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.statistics import Quantile, fraction, quantiles
-from fopi_tune.montecarlo.tally import Found, Tally, Worst, merge, tally
+from fopi_tune.montecarlo.tally import IndexedValue, Tally, Worst, merge, tally
 
 Array = NDArray[np.float64]
 
@@ -218,8 +218,8 @@ def test_a_chunk_with_fewer_draws_than_are_kept_or_none_is_fine() -> None:
     none = tally(np.empty(0), np.empty(0, dtype=bool), 0, Worst.LARGEST)
     two = tally(np.array([1.0, 3.0]), np.array([True, False]), 8, Worst.LARGEST)
     both = merge([none, two])
-    assert both.worst == (Found(3.0, 9), Found(1.0, 8))
-    assert (both.best, both.met, both.total) == (Found(1.0, 8), 1, 2)
+    assert both.worst == (IndexedValue(3.0, 9), IndexedValue(1.0, 8))
+    assert (both.best, both.met, both.total) == (IndexedValue(1.0, 8), 1, 2)
     assert (none.total, none.best, none.values().shape) == (0, None, (0,))
 
 

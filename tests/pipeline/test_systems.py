@@ -18,16 +18,16 @@ from fopi_tune.core.loops import Plants
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.digital.integrator import oustaloup
 from fopi_tune.errors import DomainError, SpecError
-from fopi_tune.montecarlo.draws import points
+from fopi_tune.montecarlo.draws import sample_points
 from fopi_tune.montecarlo.montecarlo import controller_of
-from fopi_tune.montecarlo.outcomes import draw_of
+from fopi_tune.montecarlo.outcomes import sampling_plan_of
 from fopi_tune.montecarlo.systems import hybrid_scenario
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
-from fopi_tune.simulation.hybrid.flow import Pedal
+from fopi_tune.simulation.hybrid.flow import ModeLoop
 from fopi_tune.simulation.hybrid.inclusion import simulate_hybrid
 from fopi_tune.simulation.hybrid.model import Corner, HybridCar, HybridStart, Memory, Mode, Watch
-from fopi_tune.simulation.sampled.plants import hold
-from fopi_tune.simulation.sampled.reference import simulate_plainly
+from fopi_tune.simulation.sampled.plants import discretize_plants
+from fopi_tune.simulation.sampled.reference import simulate_reference
 from fopi_tune.spec import load_any, load_spec, load_system
 from fopi_tune.spec.model import DesignSpec, SystemSpec
 from fopi_tune.spec.schema import system_json_schema
@@ -173,9 +173,9 @@ def test_a_system_runs_as_the_plain_simulation_of_its_two_loops_does(folder: Pat
         implementations.append(implementation)
         controllers.append(controller_of(mode.spec, implementation))
         point = np.array([[tau]]) if tau else np.zeros((1, 0))
-        held.append(hold(Plants.members(mode.spec.plant, point), 0.2))
+        held.append(discretize_plants(Plants.members(mode.spec.plant, point), 0.2))
     run = hybrid_scenario(system, system.scenarios[0], implementations[0], 3)
-    plain = simulate_plainly(controllers, held, run)
+    plain = simulate_reference(controllers, held, run)
     # rounding of sums in another order, of signals up to 10
     np.testing.assert_allclose(driven.traces.output, plain.output, rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal(driven.traces.mode, plain.mode)
@@ -201,7 +201,7 @@ def test_uncertain_numbers_of_both_plants_are_drawn_together(folder: Path) -> No
     system = load_system(folder / "small.yaml")
     assert system.family.uncertain_names == ("throttle.gain", "brake.time_constant_s")
     assert system.validation is not None
-    drawn = points(draw_of(system.validation), system.family, 7, 1)[0]
+    drawn = sample_points(sampling_plan_of(system.validation), system.family, 7, 1)[0]
     again = ft.simulate_system(system, replay=7, scenario="up")
     assert again.plant == {"throttle.gain": drawn[0], "brake.time_constant_s": drawn[1]}
     named = ft.simulate_system(system, plant=again.plant, scenario="up")
@@ -255,8 +255,8 @@ def test_the_exact_car_is_the_inclusion_with_a_filter_of_many_poles(folder: Path
     system = load_system(folder / "small.yaml")
     driven = ft.simulate_system(system, scenario="up", exact=True).driven[0]
     band = (1e-6, 1e5)
-    throttle = Pedal(4.39, 0.1746, FoPi(0.09, 0.025, 0.8), oustaloup(0.8, 33, band), (0.0, 1.0))
-    brake = Pedal(1 / 2.25, 1 / 2.25, FoPi(0.07, 0.11, 0.45), oustaloup(0.45, 33, band), (-1.0, 0.0))
+    throttle = ModeLoop(4.39, 0.1746, FoPi(0.09, 0.025, 0.8), oustaloup(0.8, 33, band), (0.0, 1.0))
+    brake = ModeLoop(1 / 2.25, 1 / 2.25, FoPi(0.07, 0.11, 0.45), oustaloup(0.45, 33, band), (-1.0, 0.0))
     car = HybridCar(throttle, brake, 0.5, Memory.TRACKING)
     run = simulate_hybrid(
         car, [Corner(0.0, 10.0), Corner(12.0, 4.0)], 20.0, [19.9], start=HybridStart(), watch=Watch(5, 2.0)

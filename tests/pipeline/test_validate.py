@@ -23,12 +23,12 @@ from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.montecarlo import montecarlo
 from fopi_tune.montecarlo import outcomes as drawn
 from fopi_tune.montecarlo.contradiction import contradictions
-from fopi_tune.montecarlo.margins import Scan
+from fopi_tune.montecarlo.margins import MarginScan
 from fopi_tune.montecarlo.montecarlo import monte_carlo
 from fopi_tune.pipeline.simulate import simulate
 from fopi_tune.pipeline.validate import validate, validate_block
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.simulation.measures import course
+from fopi_tune.simulation.measures import piecewise_signal
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import DesignSpec, Knot, Relation, Requirement
 
@@ -69,7 +69,7 @@ def test_scanned_margins_are_those_of_the_core(name: str) -> None:
         implementation = implementation_of(spec, gains)
         points = rng.uniform(spec.plant.low, spec.plant.high, (10, len(spec.plant.low)))
         loops = SampledLoops.implemented(gains, implementation, Plants.members(spec.plant, points))
-        found = Scan(loops)
+        found = MarginScan(loops)
         assert np.array_equal(found.unstable_poles, unstable_closed_loop_poles(loops))
         for quantity in QUANTITIES.values():
             bands = [(0.0, math.inf), (0.05, 2.0)] if quantity.takes_band else [(0.0, math.inf)]
@@ -171,21 +171,21 @@ def test_a_course_steps_and_ramps() -> None:
     time_s = np.array([0.5 * k for k in range(13)])
     knots = [Knot(1.0, 2.0), Knot(2.0, 4.0, 2.0), Knot(5.0, 0.0)]
     expected = [1, 1, 2, 2, 2, 2.5, 3, 3.5, 4, 4, 0, 0, 0]
-    assert course(knots, 1.0, time_s).tolist() == pytest.approx(expected, abs=1e-8)
+    assert piecewise_signal(knots, 1.0, time_s).tolist() == pytest.approx(expected, abs=1e-8)
 
 
 def test_a_ramp_starts_where_the_entry_before_ended_also_between_samples() -> None:
     time_s = np.asarray(0.2 * np.arange(8), dtype=float)
-    found = course([Knot(0.05, 5.0), Knot(0.1, 10.0, 1.0)], 0.0, time_s)
+    found = piecewise_signal([Knot(0.05, 5.0), Knot(0.1, 10.0, 1.0)], 0.0, time_s)
     assert found[:6] == pytest.approx([0.0, 5.5, 6.5, 7.5, 8.5, 9.5])
-    found = course([Knot(0.0, 10.0, 0.9), Knot(0.9, 0.0, 1.0)], 0.0, time_s)
+    found = piecewise_signal([Knot(0.0, 10.0, 0.9), Knot(0.9, 0.0, 1.0)], 0.0, time_s)
     assert found[5] == pytest.approx(9.0)
 
 
 def test_a_knot_on_a_sample_acts_from_that_sample_on() -> None:
     time_s = np.array([0.2 * k for k in range(200)])  # 0.2 k is not the nearest double to k/5
     for k in range(1, 200):
-        assert course([Knot(k / 5, 1.0)], 0.0, time_s).tolist() == [0.0] * k + [1.0] * (200 - k)
+        assert piecewise_signal([Knot(k / 5, 1.0)], 0.0, time_s).tolist() == [0.0] * k + [1.0] * (200 - k)
 
 
 def test_without_limits_a_pi_settles_where_the_theory_says() -> None:

@@ -23,7 +23,7 @@ import fopi_tune as ft
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.digital.integrator import modified_oustaloup, oustaloup
-from fopi_tune.digital.sections import matched, tustin
+from fopi_tune.digital.transforms import matched, tustin
 from fopi_tune.proof import certify, recheck, verify
 from fopi_tune.proof.documents import digest, to_document
 from fopi_tune.quantities import QUANTITIES

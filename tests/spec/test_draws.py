@@ -40,10 +40,10 @@ from fopi_tune.montecarlo import montecarlo
 from fopi_tune.montecarlo import outcomes as drawn_plants
 from fopi_tune.montecarlo.contradiction import contradictions
 from fopi_tune.montecarlo.documents import to_document
-from fopi_tune.montecarlo.draws import points
+from fopi_tune.montecarlo.draws import sample_points
 from fopi_tune.montecarlo.montecarlo import Evidence, monte_carlo
-from fopi_tune.montecarlo.outcomes import draw_of
-from fopi_tune.montecarlo.sampling import Design
+from fopi_tune.montecarlo.outcomes import sampling_plan_of
+from fopi_tune.montecarlo.sampling import SamplingDesign
 from fopi_tune.pipeline.simulate import simulate
 from fopi_tune.pipeline.validate import validate
 from fopi_tune.results.design import Validated
@@ -103,7 +103,9 @@ def drawing(kind: str, rest: str = "samples: 600", more: str = "") -> DesignSpec
 
 def drawn(spec: DesignSpec, first: int = 0, count: int | None = None) -> Array:
     assert spec.validation is not None
-    return points(draw_of(spec.validation), spec.plant, first, spec.validation.samples if count is None else count)
+    return sample_points(
+        sampling_plan_of(spec.validation), spec.plant, first, spec.validation.samples if count is None else count
+    )
 
 
 def evidence_of(spec: DesignSpec) -> Evidence:
@@ -222,7 +224,7 @@ def test_a_spec_refuses_just_the_truncated_normals_that_cannot_be_drawn(mean: fl
 
 
 def test_a_latin_hypercube_of_too_many_cells_is_refused() -> None:
-    assert Design.LATIN_HYPERCUBE.most == draws.MAX_LATIN_HYPERCUBE
+    assert SamplingDesign.LATIN_HYPERCUBE.most == draws.MAX_LATIN_HYPERCUBE
     (found,) = complaints("{samples: 100000000, design: latin_hypercube}")
     assert found.startswith("s.yaml:24:23: validation.samples: a Latin hypercube has at most 67108864 cells")
 

@@ -34,7 +34,7 @@ from fopi_tune.pipeline.tune import tune
 from fopi_tune.pipeline.validate import validate
 from fopi_tune.report import study_text
 from fopi_tune.results.stamp import numeric_versions
-from fopi_tune.simulation.sampled.simulate import threads_of_machine
+from fopi_tune.simulation.sampled.simulate import available_threads
 from fopi_tune.spec import load_spec
 from fopi_tune.study import Machines, StudyResult, run
 from fopi_tune.study.cells import Result, finish, run_block, run_cell, run_chunk
@@ -499,13 +499,13 @@ def test_the_schema_of_studies_is_printed() -> None:
 
 def test_workers_may_be_told_how_many_threads_to_take(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FOPI_THREADS", "3")
-    assert threads_of_machine() == 3
+    assert available_threads() == 3
     for odd in ("0", "many", "", "-1"):
         monkeypatch.setenv("FOPI_THREADS", odd)
         assert (
-            threads_of_machine() == len(os.sched_getaffinity(0))
+            available_threads() == len(os.sched_getaffinity(0))
             if hasattr(os, "sched_getaffinity")
-            else threads_of_machine() >= 1
+            else available_threads() >= 1
         )
 
 

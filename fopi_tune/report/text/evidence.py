@@ -28,7 +28,7 @@ from fopi_tune.spec.model import Relation
 if TYPE_CHECKING:
     from fopi_tune.core.distributions import Words
     from fopi_tune.montecarlo.montecarlo import Evidence
-    from fopi_tune.montecarlo.outcomes import Judged
+    from fopi_tune.montecarlo.outcomes import OutcomeStatistics
     from fopi_tune.montecarlo.statistics import Fraction
     from fopi_tune.montecarlo.systems import SystemEvidence
     from fopi_tune.results.design import Validated
@@ -144,7 +144,7 @@ def _row(what: str, found: Fraction) -> Iterator[Line]:
         yield f"{verdict:<{VERDICT}}{what:<{_WHAT}}{numbers}", style
 
 
-def _phrase(judged: Judged) -> str:
+def _phrase(judged: OutcomeStatistics) -> str:
     sign = "<=" if judged.upper else ">="
     if judged.requirement is not None:
         asked = judged.requirement
@@ -155,7 +155,7 @@ def _phrase(judged: Judged) -> str:
     return f"{judged.limit.measure} {sign} {number(judged.limit.limit)}"
 
 
-def _below(judged: Judged) -> str:
+def _below(judged: OutcomeStatistics) -> str:
     """Scenario, median, and the worst plant."""
     parts = [] if judged.scenario is None else [judged.scenario]
     middle = next((q for q in judged.quantiles if q.probability == 0.5), None)

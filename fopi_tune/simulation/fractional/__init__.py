@@ -1,5 +1,5 @@
-"""The fractional loop in continuous time, exactly:  no filter stands in for s^-alpha.
+"""The fractional loop in continuous time, exactly:  s^-alpha itself, without an approximating filter.
 
-`linear` inverts the linear loop's Laplace transform; `time_stepping` steps through time where saturation or a
-reference of any shape forbids that; `commensurate` is the pseudo-state model with orders that are fractions p/q.
+`linear` inverts the linear loop's Laplace transform; `time_stepping` steps through time, for saturation and references
+of any shape; `commensurate` is the pseudo-state model for orders that are fractions p/q.
 """

@@ -8,8 +8,8 @@ in controllable form with p + q states: 9 for 0.8 = 4/5, 29 for 0.45 = 9/20.  It
 
     y(t) = inverse of C (s^{1/q} I - A)^{-1} B R(s),
 
-whose poles are s = lambda^q for the eigenvalues lambda of A with |arg lambda| < pi/q, a route that shares nothing with
-`exact_linear` but the inversion.
+whose poles are s = lambda^q for the eigenvalues lambda of A with |arg lambda| < pi/q, a method that shares nothing with
+`linear` but the inversion.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.fractional.inversion import SECTOR_RAD, Inverse, checked_times, invert
+from fopi_tune.simulation.fractional.inversion import SECTOR_RAD, InversionResult, checked_times, invert_on_hyperbola
 
-#: states at most; what alpha = 0.999 would need is no model to work with
+#: largest number of states; alpha = 0.999 would need too many to be of use
 MOST_STATES = 200
 
 
 @dataclass(frozen=True)
-class Commensurate:
+class CommensurateModel:
     """D^{1/q} x = A x + B r, y = C x.
 
     Args:
@@ -45,7 +45,7 @@ class Commensurate:
     q: int
 
 
-def commensurate_model(kp: float, ki: float, alpha: Fraction, gain: float, pole_rad_s: float) -> Commensurate:
+def commensurate_model(kp: float, ki: float, alpha: Fraction, gain: float, pole_rad_s: float) -> CommensurateModel:
     """The closed loop of C = kp + ki s^-alpha and gain/(s + pole_rad_s).
 
     Args:
@@ -75,10 +75,10 @@ def commensurate_model(kp: float, ki: float, alpha: Fraction, gain: float, pole_
     a[-1, p] -= pole_rad_s + gain * kp
     c[0] = gain * ki
     c[p] += gain * kp
-    return Commensurate(a, np.eye(n)[-1], c, q)
+    return CommensurateModel(a, np.eye(n)[-1], c, q)
 
 
-def step_response(model: Commensurate, times_s: object) -> Inverse:
+def step_response(model: CommensurateModel, times_s: object) -> InversionResult:
     """The output after a unit reference step, from rest.
 
     Args:
@@ -103,6 +103,6 @@ def step_response(model: Commensurate, times_s: object) -> Inverse:
     seen = np.asarray(values[model.q * np.abs(np.angle(values)) < SECTOR_RAD], dtype=complex)
     characteristic = np.concatenate([[1.0], -model.a[-1, ::-1]])
     parts = np.polyval(model.c[::-1], seen) / np.polyval(np.polyder(characteristic), seen)
-    return invert(
+    return invert_on_hyperbola(
         transform, times, np.asarray(seen**model.q, dtype=complex), np.asarray(parts * model.q / seen, dtype=complex)
     )

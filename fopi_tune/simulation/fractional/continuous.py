@@ -1,6 +1,6 @@
-"""Scenarios in continuous time, without filter, samples and computing delay:  what the loop on samples stands for.
+"""Scenarios of the ideal loop in continuous time:  without filter, sampling and computing delay.
 
-The loop is the exact fractional one (`time_stepping`), without anti-windup, run twice so that its error is known.
+The loop is the exact fractional one (`time_stepping`), without anti-windup, run with two steps to estimate its error.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from fopi_tune.core.plant import Plant
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.quadrature import state_space
-from fopi_tune.simulation.fractional.time_stepping import Start as ExactStart
-from fopi_tune.simulation.fractional.time_stepping import TimeResponse, simulate_exactly
-from fopi_tune.simulation.measures import course, horizon_of
+from fopi_tune.simulation.fractional.time_stepping import InitialState, TimeResponse, simulate_fractional
+from fopi_tune.simulation.measures import horizon_of, piecewise_signal
 from fopi_tune.simulation.sampled.reference import measures_of
-from fopi_tune.simulation.scenario import Before, Measures, Scenario, Signals, Start, Traces
+from fopi_tune.simulation.scenario import InitialInput, Measures, Scenario, Signals, Start, Traces
 from fopi_tune.spec.model import Knot, ScenarioSpec
 
-#: steps of the coarser of two runs, a sample: about so many in all, and never more than the largest number
+#: steps of the coarser of the two runs: about the first number, never more than the second
 _USUAL_STEPS, _MOST_STEPS = 3000, 12_000
+#: steps per sample, at most
 _MOST_PARTS = 40
 
 
 @dataclass(frozen=True)
-class Continuous:
+class ContinuousSimulation:
     """One scenario of one plant, or pair of plants, in continuous time.
 
     Args:
-        reference: the setpoint at the signals' times.
-        traces: one row; `demanded` is what the actuator does, within its limits.
-        measures: of it.
+        reference: the setpoint at the times of the traces.
+        traces: one row; `demanded` is the control within its limits.
+        measures: of the traces.
         switch_times_s: when the modes changed, located to 1e-9 s.
-        accuracy: the largest difference of the output to the run with steps twice as long; None for a system.
-        outcome: one sentence, how a system's run ended; empty for a loop.
+        accuracy: largest difference of the output to the run with steps twice as long; None for a system.
+        outcome: one sentence on how a system's run ended; empty for a loop.
     """
 
     reference: Array
@@ -50,28 +50,28 @@ class Continuous:
     outcome: str = ""
 
 
-def drive_loop(
+def simulate_loop(
     scenario: ScenarioSpec, gains: FoPi, plant: Plant, controller: Runtime, sample_time_s: float
-) -> Continuous:
-    """One loop.
+) -> ContinuousSimulation:
+    """Simulate one loop.
 
     Args:
         scenario: without noise, quantum and rate limit.
         gains: the controller.
         plant: the plant.
         controller: gives the control's limits.
-        sample_time_s: of the controller that this stands for; a scenario's times are its multiples.
+        sample_time_s: of the digital controller; a scenario's times are its multiples.
 
     Raises:
-        DomainError: what only a loop on samples has, a start that is none, or too many samples.
+        DomainError: something only a sampled loop has, a start without solution, or too many samples.
     """
     refuse_samples_only(scenario)
     coarse = _step(scenario.duration_s, sample_time_s, plant.dead_time_s)
-    runs = [_follow(scenario, gains, plant, controller.limits, coarse / halves) for halves in (1, 2)]
+    runs = [_simulate(scenario, gains, plant, controller.limits, coarse / halves) for halves in (1, 2)]
     fine = runs[1]
     shared = min(len(fine.output[::2]), len(runs[0].output))
     accuracy = float(np.abs(fine.output[::2][:shared] - runs[0].output[:shared]).max())
-    reference = course(scenario.reference, scenario.initial_output, fine.time_s)
+    reference = piecewise_signal(scenario.reference, scenario.initial_output, fine.time_s)
     rows = (fine.output, fine.rate, fine.output, fine.error, fine.control, fine.control)
     traces = Traces(
         fine.time_s,
@@ -80,16 +80,16 @@ def drive_loop(
         rate_after=fine.rate[None, :],
     )
     run = Scenario(coarse / 2, Signals(reference), start=start_of(scenario))
-    return Continuous(
+    return ContinuousSimulation(
         reference, traces, measures_of(traces, [controller], run, horizon_of(scenario, run)), (), accuracy
     )
 
 
 def refuse_samples_only(scenario: ScenarioSpec) -> None:
-    """Refuse what only the loop on samples has.
+    """Refuse noise, quantisation and rate limit.
 
     Raises:
-        DomainError: the scenario has something that only the loop on samples has.
+        DomainError: the scenario has one of them; only a sampled loop simulates it.
     """
     for key, none in (("noise_std", 0.0), ("quantum", 0.0), ("rate_per_s", math.inf)):
         if getattr(scenario, key) != none:
@@ -99,7 +99,7 @@ def refuse_samples_only(scenario: ScenarioSpec) -> None:
 
 
 def _step(duration_s: float, sample_time_s: float, dead_time_s: float) -> float:
-    """A part of the sample time, of which the dead time is a multiple if there is such a part."""
+    """A fraction 1/k of the sample time; if possible one that divides the dead time."""
     samples = duration_s / sample_time_s
     if samples > _MOST_STEPS:
         raise DomainError(f"{samples:.0f} samples are more than {_MOST_STEPS} in continuous time; end earlier")
@@ -108,7 +108,7 @@ def _step(duration_s: float, sample_time_s: float, dead_time_s: float) -> float:
         lag = dead_time_s * parts / sample_time_s
         if abs(lag - round(lag)) <= 1e-9 * max(1.0, lag) and parts * samples <= _MOST_STEPS:
             return sample_time_s / parts
-    # then a scenario's steps act up to one of these steps late
+    # no such fraction: then a scenario's steps act late, by less than one of these steps
     step = dead_time_s / math.ceil(dead_time_s * usual / sample_time_s)
     if duration_s / step > _MOST_STEPS:
         raise DomainError(
@@ -118,16 +118,16 @@ def _step(duration_s: float, sample_time_s: float, dead_time_s: float) -> float:
     return step
 
 
-def _follow(
+def _simulate(
     scenario: ScenarioSpec, gains: FoPi, plant: Plant, limits: tuple[float, float], step: float
 ) -> TimeResponse:
     steps = max(1, round(scenario.duration_s / step))
     times = np.asarray(step * np.arange(steps + 1), dtype=float)
 
     def sides(knots: Sequence[Knot], before: float) -> tuple[Array, Array]:
-        return course(knots, before, times, just_before=True), course(knots, before, times)
+        return piecewise_signal(knots, before, times, just_before=True), piecewise_signal(knots, before, times)
 
-    past = _past(scenario, plant)
+    past = _initial_input(scenario, plant)
     if scenario.bumpless and past != 0.0 and gains.ki == 0.0:
         raise DomainError(f"scenario {scenario.name}: without ki no controller starts at {past:.6g}; drop bumpless")
     model = state_space(plant)
@@ -137,18 +137,18 @@ def _follow(
     elif len(state):
         state[0] = scenario.initial_output
     integral = past / gains.ki if scenario.bumpless and past != 0.0 else 0.0
-    start = ExactStart(tuple(state.tolist()), integral, past)
+    start = InitialState(tuple(state.tolist()), integral, past)
     load = sides(scenario.load, 0.0)
     reference = sides(scenario.reference, scenario.initial_output)
-    return simulate_exactly(gains, plant, reference, step, steps, limits=limits, load=load, start=start)
+    return simulate_fractional(gains, plant, reference, step, steps, limits=limits, load=load, start=start)
 
 
-def _past(scenario: ScenarioSpec, plant: Plant) -> float:
-    """The input before the start, as `plants.HeldPlants.begin` has it."""
+def _initial_input(scenario: ScenarioSpec, plant: Plant) -> float:
+    """The input before the start, as in `sampled.plants.DiscretePlants.initial_state`."""
     y0, order = scenario.initial_output, len(plant.denominator) - 1
     if y0 == 0.0:
         return 0.0
-    if scenario.before == Before.FREE.value:
+    if scenario.before == InitialInput.FREE.value:
         if order != 1:
             raise DomainError(f"an initial output without input needs plants of order 1, not {order}")
         return 0.0
@@ -159,4 +159,4 @@ def _past(scenario: ScenarioSpec, plant: Plant) -> float:
 
 def start_of(scenario: ScenarioSpec) -> Start:
     """How a scenario starts."""
-    return Start(scenario.initial_output, Before(scenario.before), scenario.bumpless)
+    return Start(scenario.initial_output, InitialInput(scenario.before), scenario.bumpless)

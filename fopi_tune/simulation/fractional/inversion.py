@@ -8,13 +8,13 @@ whose error falls exponentially with 1/h (Trefethen and Weideman, SIAM Review 56
 
     hyperbola   s = (mu/t) (1 + sin(ju - phi))                    (Weideman and Trefethen, Math. Comp. 76 (2007))    (2)
     bent line   s = sigma + m/T - depth(omega) + j omega,   psi(v) = (1 + v^8)^(1/8) - 1,
-                depth = w psi(omega/w)                          or, where e^{-Ls} keeps one from going further left,
+                depth = w psi(omega/w)                          or, where e^{-Ls} forbids going further left,
                 depth = a/L ln(1 + (L w/a) psi(omega/w)),  or even never further left than a/L,
                 depth = w psi/(1 + (L w/a) psi)                                                                      (3)
 
-The hyperbola wants F free of singularities but for the poles it is told, whose parts r/(s - p) are taken out and put
-back as r e^{pt}; its work does not depend on t.  The bent line goes right of whatever lies below omega = w; its work
-grows with w t.  The error is the difference of two settings of one contour.
+The hyperbola needs F free of singularities except for given poles, whose terms r/(s - p) are subtracted and added again
+as r e^{pt}; its cost does not depend on t.  The bent line passes to the right of all singularities below omega = w; its
+cost grows with w t.  The error estimate is the difference between two settings of one contour.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ SECTOR_RAD = 0.76 * math.pi
 _HYPERBOLAS = ((4.5, 0.40, 0.070), (5.3, 0.385, 0.064))
 #: m, w's factor and h T in (3), twice: a pole m/(2T) to the left costs e^{-pi m/(h T)} = e^{-30}
 _LINES = ((6.0, 1.0, 0.62), (7.3, 1.3, 0.73))
-#: e^{-38} is what is left of e^{st} where a contour ends
+#: contours end where e^{st} has fallen to e^{-38}
 _NEPERS = 38.0
 #: poles with |p| t below it lie within the hyperbola, whatever their direction
 _ENCLOSED = 0.5
-#: w T in (3): the corner's own singularity lies 0.38 w away
+#: w T in (3): the singularity of psi itself lies 0.38 w away
 _CORNER = 20.0
 _MOST_NODES = 1_000_000
 _CHUNK = 2_000_000
 
 
 @dataclass(frozen=True)
-class Inverse:
-    """f at the wanted times, and how far two contours disagree.
+class InversionResult:
+    """f at the requested times, and the difference between two contours.
 
     Args:
         value: shape (n,), f(t), in F's unit per second.
@@ -60,8 +60,8 @@ class Inverse:
 
 
 @dataclass(frozen=True)
-class Bend:
-    """Where the bent line (3) may go.
+class LineBounds:
+    """The region in which the bent line (3) has to stay.
 
     Args:
         sigma_rad_s: no singularity of F has a larger real part; 0 for a stable loop.
@@ -92,10 +92,10 @@ def checked_times(times_s: object) -> Array:
     return times
 
 
-def invert(
+def invert_on_hyperbola(
     transform: Transform, times_s: object, poles_rad_s: Complex | None = None, residues: Complex | None = None,
     order: int = 0,
-) -> Inverse:  # fmt: skip
+) -> InversionResult:  # fmt: skip
     """Invert F on the hyperbola (2).
 
     Args:
@@ -122,13 +122,13 @@ def invert(
         return _compared(first, second)
 
 
-def invert_beside(transform: Transform, times_s: object, bend: Bend) -> Inverse:
+def invert_on_bent_line(transform: Transform, times_s: object, bounds: LineBounds) -> InversionResult:
     """Invert F on the bent line (3), right of singularities that need not be known.
 
     Args:
-        transform: F as in `invert`, with the bend's conditions in place of the sector; e^{-Ls} may be in it.
+        transform: F as in `invert_on_hyperbola`, but analytic as `bounds` says; e^{-Ls} may be in it.
         times_s: shape (n,), s, > 0, any order.
-        bend: where the line may go.
+        bounds: the region in which the line has to stay.
 
     Returns:
         f and its error estimate; inf where more than a million nodes would be needed.
@@ -144,50 +144,50 @@ def invert_beside(transform: Transform, times_s: object, bend: Bend) -> Inverse:
     for exponent in np.unique(octave):
         group = np.flatnonzero(octave == exponent)
         with np.errstate(all="ignore"):
-            first, second = (_on_line(transform, times[group], bend, *setting) for setting in _LINES)
+            first, second = (_on_line(transform, times[group], bounds, *setting) for setting in _LINES)
             both = _compared(first, second)
         value[group], error[group] = both.value, both.error
-    return Inverse(value, error)
+    return InversionResult(value, error)
 
 
-def line(omega: Array, horizon_s: float, bend: Bend, margin: float = 6.0) -> tuple[Complex, Complex]:
+def bent_line(omega: Array, horizon_s: float, bounds: LineBounds, margin: float = 6.0) -> tuple[Complex, Complex]:
     """Points of (3) and ds/domega there.
 
     Args:
         omega: shape (n,), rad/s, > 0.
         horizon_s: T, the longest time it serves.
-        bend: as in `invert_beside`.
+        bounds: as in `invert_on_bent_line`.
         margin: m.
 
     Returns:
         s and ds/domega, shape (n,) each.
     """
-    w = corner(horizon_s, bend)
+    w = corner_frequency(horizon_s, bounds)
     log_base = np.log1p((omega / w) ** 8)
     psi, slope = np.expm1(log_base / 8.0), np.exp(7.0 * np.log(omega / w) - 7.0 / 8.0 * log_base)
-    stretch = bend.dead_time_s * w / bend.power
+    stretch = bounds.dead_time_s * w / bounds.power
     falling = 1.0 / (1.0 + stretch * psi)
-    if bend.bounded:
+    if bounds.bounded:
         depth, slope = w * psi * falling, slope * falling**2
     else:
         depth = w * psi if stretch == 0.0 else w / stretch * np.log1p(stretch * psi)
         slope = slope * falling
-    s = bend.sigma_rad_s + margin / horizon_s - depth + 1j * omega
+    s = bounds.sigma_rad_s + margin / horizon_s - depth + 1j * omega
     return np.asarray(s, dtype=complex), np.asarray(1j - slope, dtype=complex)
 
 
-def corner(horizon_s: float, bend: Bend) -> float:
-    """w of (3), rad/s: so far out that the line is still m/(2T) right of sigma where omega = bend.omega_rad_s.
+def corner_frequency(horizon_s: float, bounds: LineBounds) -> float:
+    """w of (3), rad/s: large enough that the line is still m/(2T) right of sigma at omega = bounds.omega_rad_s.
 
     From w psi(omega/w) <= omega^8/(8 w^7) <= m/(2T).
     """
-    cycles = bend.omega_rad_s * horizon_s
-    return max(bend.omega_rad_s * max(1.2, (cycles / 24.0) ** (1.0 / 7.0)), _CORNER / horizon_s)
+    cycles = bounds.omega_rad_s * horizon_s
+    return max(bounds.omega_rad_s * max(1.2, (cycles / 24.0) ** (1.0 / 7.0)), _CORNER / horizon_s)
 
 
-def _compared(first: Array, second: Array) -> Inverse:
+def _compared(first: Array, second: Array) -> InversionResult:
     error = np.abs(first - second)
-    return Inverse(np.where(np.isfinite(second), second, 0.0), np.where(np.isfinite(error), error, np.inf))
+    return InversionResult(np.where(np.isfinite(second), second, 0.0), np.where(np.isfinite(error), error, np.inf))
 
 
 def _on_hyperbola(
@@ -213,9 +213,9 @@ def _on_hyperbola(
     return value
 
 
-def _on_line(transform: Transform, times: Array, bend: Bend, margin: float, widen: float, step: float) -> Array:
+def _on_line(transform: Transform, times: Array, bounds: LineBounds, margin: float, widen: float, step: float) -> Array:
     horizon = float(times.max())
-    wide = replace(bend, omega_rad_s=bend.omega_rad_s * widen)
+    wide = replace(bounds, omega_rad_s=bounds.omega_rad_s * widen)
     h = step / horizon
     end = _end(transform, float(times.min()), horizon, wide, margin)
     if not end < _MOST_NODES * h:
@@ -225,15 +225,15 @@ def _on_line(transform: Transform, times: Array, bend: Bend, margin: float, wide
     width = max(1, _CHUNK // len(times))
     for start in range(0, count, width):
         omega = (np.arange(start, min(start + width, count)) + 0.5) * h
-        s, slope = line(np.asarray(omega, dtype=float), horizon, wide, margin)
+        s, slope = bent_line(np.asarray(omega, dtype=float), horizon, wide, margin)
         value += (np.exp(times[:, None] * s) * (transform(s) * slope)).sum(axis=1).imag
     return value * h / math.pi
 
 
-def _end(transform: Transform, shortest: float, horizon: float, bend: Bend, margin: float) -> float:
-    """omega from which the rest of (1) is below e^{-38} of its largest part; inf if that is nowhere near."""
-    omega = np.asarray(corner(horizon, bend) * np.geomspace(1e-3, 1e8, 400), dtype=float)
-    s, slope = line(omega, horizon, bend, margin)
+def _end(transform: Transform, shortest: float, horizon: float, bounds: LineBounds, margin: float) -> float:
+    """omega from which the terms of (1) are below e^{-38} of the largest; inf if there is none within reach."""
+    omega = np.asarray(corner_frequency(horizon, bounds) * np.geomspace(1e-3, 1e8, 400), dtype=float)
+    s, slope = bent_line(omega, horizon, bounds, margin)
     log_size = np.log(np.abs(transform(s) * slope) * omega) + s.real * shortest
     loud = np.flatnonzero(~(log_size < np.nanmax(log_size) - _NEPERS + 6.0))
     return float(omega[loud[-1] + 1]) if len(loud) and loud[-1] + 1 < len(omega) else math.inf

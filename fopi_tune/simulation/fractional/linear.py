@@ -5,13 +5,13 @@ C(s) = kp + ki s^-alpha, P = N/D e^{-Ls}, P0 = N/D, L0 = C P0, chi = D + C N e^{
     output after a reference   C N e^{-Ls}/(chi s^j),      control after it   C D/(chi s^j),                         (1)
     output after a load at the plant's input   N e^{-Ls}/(chi s^j).
 
-Without dead time the transform is inverted on a hyperbola, the poles of the principal sheet taken out.  With dead time
-there are two ways, which overlap:
+Without dead time the transform is inverted on a hyperbola, with the poles of the principal sheet subtracted.  With dead
+time there are two methods, whose ranges overlap:
 
     steps: 1/(1 + L0 e^{-Ls}) = sum_k (-L0)^k e^{-kLs}, exact with the terms k <= t/L, each free of delay;           (2)
     a bent line, for t >> L and a stable loop: no pole lies where |L0 e^{-Ls}| < 1, and there the line may go left
     as long as |s|^{-r} e^{-L Re s}, r the relative degree of L0, stays small; with a direct path, as long as
-    |L0(inf)| e^{-L Re s} does, which is of use once |L0(inf)|^{t/L}, the size of the jumps, has died out.           (3)
+    |L0(inf)| e^{-L Re s} does, which is useful once the jumps, of size |L0(inf)|^{t/L}, have decayed.               (3)
 
 Source: derived from the loop's equations; (2) is a geometric series.
 """
@@ -34,33 +34,33 @@ from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.inversion import (
     SECTOR_RAD,
-    Bend,
-    Inverse,
+    InversionResult,
+    LineBounds,
     Transform,
+    bent_line,
     checked_times,
-    corner,
-    invert,
-    invert_beside,
-    line,
+    corner_frequency,
+    invert_on_bent_line,
+    invert_on_hyperbola,
 )
 from fopi_tune.simulation.fractional.poles import Characteristic, principal_poles
 
-#: no answer is given with a worse error than this, of the response's size
+#: largest tolerance that may be asked for, relative to the response's size
 WORST_TOLERANCE = 1e-6
 #: up to this many dead times by (2), beyond it by (3)
 _STEPS_FIRST = 6.0
-#: terms of (2) at most, where (3) is of no use
+#: most terms of (2), where (3) does not apply
 _MOST_STEPS = 200
-#: share of the relative degree that the line may spend in (3)
+#: share of the relative degree by which e^{-Ls} may grow along the line in (3)
 _SPENT = 0.8
-#: |L0 e^{-Ls}| on the line, left of the axis, and on the axis from where the line may go left, for a loop that falls
+#: bounds of |L0 e^{-Ls}| on the line left of the axis, and on the axis from where the line goes left, if L0(inf) = 0
 _SMALL, _SMALL_ON_AXIS = 0.9, 0.5
 #: rounding of one inversion, of its largest intermediate
 _ROUNDING = 1e-14
 
 
 class Signal(Enum):
-    """What is looked at, and what moved."""
+    """A response of the loop: which signal, after which input."""
 
     OUTPUT_AFTER_REFERENCE = "output after a reference"
     CONTROL_AFTER_REFERENCE = "control after a reference"
@@ -87,13 +87,13 @@ def exact_response(
         times_s: shape (n,), s, >= 0, in any order; at a jump the value just after it is given.
         stimulus: unit step, or ramp of 1 per second.
         tolerance: largest error, as estimated from two contours, relative to the response's largest value at the
-            times asked for; at most 1e-6.
+            requested times; at most 1e-6.
 
     Returns:
         Shape (n,), the output's or the control's unit, per unit of the reference or of the load.
 
     Raises:
-        DomainError: times that are none; a tolerance outside (0, 1e-6]; a loop that is not well posed; an unstable
+        DomainError: invalid times; a tolerance outside (0, 1e-6]; a loop that is not well posed; an unstable
             loop with dead time later than a few dead times; the tolerance cannot be met.
     """
     if not 0.0 < tolerance <= WORST_TOLERANCE:
@@ -115,8 +115,8 @@ def exact_response(
 
 def response_and_error(
     gains: FoPi, plant: Plant, signal: Signal, times_s: object, stimulus: Stimulus = Stimulus.STEP
-) -> Inverse:
-    """The same with the error estimate of every value, however large: inf where there is no way.
+) -> InversionResult:
+    """The same with the error estimate of every value, however large: inf where no method applies.
 
     Args:
         gains, plant, signal, times_s, stimulus: as in `exact_response`.
@@ -125,17 +125,17 @@ def response_and_error(
         Values and absolute errors, shape (n,) each.
 
     Raises:
-        DomainError: times that are none, or a loop that is not well posed.
+        DomainError: invalid times, or a loop that is not well posed.
     """
     times = checked_times(times_s)
     loop = LoopTransform(gains, plant, signal, stimulus)
-    way = _without_dead_time if plant.dead_time_s == 0.0 else _with_dead_time
+    method = _without_dead_time if plant.dead_time_s == 0.0 else _with_dead_time
     value, error = np.full_like(times, loop.initial_value), np.zeros_like(times)
     later = times > 0.0
     if np.any(later):
-        answer = way(loop, times[later])
+        answer = method(loop, times[later])
         value[later], error[later] = answer.value, answer.error
-    return Inverse(value, error)
+    return InversionResult(value, error)
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ class LoopTransform:
         return 0 if self.signal is Signal.CONTROL_AFTER_REFERENCE else 1
 
     def parts(self, s: Complex) -> tuple[Complex, Complex, Complex, Complex]:
-        """s^alpha, s^alpha C, N and D: so that neither s -> 0 nor alpha -> 2 overflows."""
+        """s^alpha, s^alpha C, N and D; with them neither s -> 0 nor alpha -> 2 overflows."""
         power = s**self.gains.alpha
         n, d = (np.asarray(np.polyval(p, s), dtype=complex) for p in (self.plant.numerator, self.plant.denominator))
         return power, self.gains.kp * power + self.gains.ki, n, d
@@ -241,7 +241,7 @@ class LoopTransform:
         return transform
 
 
-def _without_dead_time(loop: LoopTransform, times: Array) -> Inverse:
+def _without_dead_time(loop: LoopTransform, times: Array) -> InversionResult:
     poles = principal_poles(loop.gains, loop.plant)
     with np.errstate(all="ignore"):
         power, c, n, d = loop.parts(poles)
@@ -253,29 +253,29 @@ def _without_dead_time(loop: LoopTransform, times: Array) -> Inverse:
             case Signal.OUTPUT_AFTER_LOAD:
                 above = n
         _, slope = Characteristic.of(loop.gains, loop.plant).value_and_derivative(poles, 1.0 / power)
-        return invert(loop.transform, times, poles, above / (slope * poles**loop.stimulus.value))
+        return invert_on_hyperbola(loop.transform, times, poles, above / (slope * poles**loop.stimulus.value))
 
 
-def _with_dead_time(loop: LoopTransform, times: Array) -> Inverse:
+def _with_dead_time(loop: LoopTransform, times: Array) -> InversionResult:
     value, error = np.zeros_like(times), np.full_like(times, np.inf)
     dead_time = loop.plant.dead_time_s
 
-    def improve(rows: NDArray[np.intp], way: Callable[[LoopTransform, Array], Inverse]) -> None:
+    def improve(rows: NDArray[np.intp], method: Callable[[LoopTransform, Array], InversionResult]) -> None:
         if len(rows):
-            answer = way(loop, times[rows])
+            answer = method(loop, times[rows])
             better = answer.error < error[rows]
             value[rows] = np.where(better, answer.value, value[rows])
             error[rows] = np.where(better, answer.error, error[rows])
 
     late = times > _STEPS_FIRST * dead_time
-    improve(np.flatnonzero(late), response_beside)
+    improve(np.flatnonzero(late), response_on_bent_line)
     size = float(np.abs(value).max(initial=0.0))
     missing = ~late | ~(error <= 1e-10 * size)
     improve(np.flatnonzero(missing & (times <= _MOST_STEPS * dead_time)), response_by_steps)
-    return Inverse(value, error)
+    return InversionResult(value, error)
 
 
-def response_by_steps(loop: LoopTransform, times: Array) -> Inverse:
+def response_by_steps(loop: LoopTransform, times: Array) -> InversionResult:
     """The method of steps (2), exact but for cancellation, which the error estimate includes.
 
     Args:
@@ -298,41 +298,41 @@ def response_by_steps(loop: LoopTransform, times: Array) -> Inverse:
                 term = _open_response(loop, k, since[rows])
                 value[rows] += term.value
                 error[rows] += term.error + _ROUNDING * np.abs(term.value)
-    return Inverse(value, error)
+    return InversionResult(value, error)
 
 
-def _open_response(loop: LoopTransform, k: int, times: Array) -> Inverse:
-    """Term k of (2): no other poles than the plant's, which are multiple."""
+def _open_response(loop: LoopTransform, k: int, times: Array) -> InversionResult:
+    """Term k of (2): its only poles are the plant's, which are multiple."""
     order = math.floor(k * loop.degree)
     poles = np.roots(loop.plant.denominator)
     outside = poles[(np.abs(np.angle(poles)) < SECTOR_RAD) & (poles != 0.0)]
     if len(outside) == 0:
-        return invert(loop.term(k), times, order=order)
-    bend = Bend(max(0.0, float(outside.real.max())), 1.5 * float(np.abs(outside).max()))
-    return invert_beside(loop.term(k), times, bend)
+        return invert_on_hyperbola(loop.term(k), times, order=order)
+    bounds = LineBounds(max(0.0, float(outside.real.max())), 1.5 * float(np.abs(outside).max()))
+    return invert_on_bent_line(loop.term(k), times, bounds)
 
 
-def response_beside(loop: LoopTransform, times: Array) -> Inverse:
-    """The bent line (3); infinite errors where it is of no use: an unstable loop, jumps that have not died out.
+def response_on_bent_line(loop: LoopTransform, times: Array) -> InversionResult:
+    """The bent line (3); infinite errors where it does not apply: an unstable loop, jumps that have not decayed.
 
     Args:
         loop: gains, plant, signal and stimulus.
-        times: shape (n,), s, > 0; those of a few dead times and less need too many nodes.
+        times: shape (n,), s, > 0; times up to a few dead times need too many nodes.
 
     Returns:
         Values and absolute errors, shape (n,) each.
     """
     if not loop.stable:
-        return Inverse(np.zeros_like(times), np.full_like(times, np.inf))
+        return InversionResult(np.zeros_like(times), np.full_like(times, np.inf))
     value, error = np.zeros_like(times), np.full_like(times, np.inf)
     octave = np.floor(np.log2(times))
     for exponent in np.unique(octave):
         rows = np.flatnonzero(octave == exponent)
-        bend = _bend(loop, float(times[rows].max()))
-        if bend is not None:
-            answer = invert_beside(loop.transform, times[rows], bend)
+        bounds = _line_bounds(loop, float(times[rows].max()))
+        if bounds is not None:
+            answer = invert_on_bent_line(loop.transform, times[rows], bounds)
             value[rows], error[rows] = answer.value, answer.error
-    return Inverse(value, error)
+    return InversionResult(value, error)
 
 
 def _loop_gain(loop: LoopTransform, s: Complex) -> Array:
@@ -340,8 +340,8 @@ def _loop_gain(loop: LoopTransform, s: Complex) -> Array:
     return np.abs(c / power * n / d) * np.exp(-loop.plant.dead_time_s * s.real)
 
 
-def _bend(loop: LoopTransform, horizon: float) -> Bend | None:
-    """Where |L0 e^{-Ls}| < 1 from the axis to the line, by the maximum principle; None if nowhere within reach."""
+def _line_bounds(loop: LoopTransform, horizon: float) -> LineBounds | None:
+    """A line with |L0 e^{-Ls}| < 1 between it and the axis, by the maximum principle; None if none is found."""
     poles, zeros = np.roots(loop.plant.denominator), np.roots(loop.plant.numerator)
     aside = poles[np.abs(np.angle(poles)) < SECTOR_RAD]
     corners = np.concatenate([np.abs(poles), np.abs(zeros), [1.0 / loop.plant.dead_time_s, 1.0 / horizon]])
@@ -357,9 +357,9 @@ def _bend(loop: LoopTransform, horizon: float) -> Bend | None:
             return None
         start = max(float(omega[loud[-1] + 1]) if len(loud) else 0.0, float(np.abs(aside).max(initial=0.0)))
         for _ in range(40):
-            bend = Bend(0.0, start, loop.plant.dead_time_s, power, rest > 0.0)
-            s, _slope = line(corner(horizon, bend) * np.geomspace(1e-2, 1e10, 4000), horizon, bend)
+            bounds = LineBounds(0.0, start, loop.plant.dead_time_s, power, rest > 0.0)
+            s, _slope = bent_line(corner_frequency(horizon, bounds) * np.geomspace(1e-2, 1e10, 4000), horizon, bounds)
             if np.all(_loop_gain(loop, s)[s.real < 0.0] < small):
-                return bend
+                return bounds
             start = max(1.5 * start, 1.0 / horizon)
     return None

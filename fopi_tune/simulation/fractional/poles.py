@@ -3,11 +3,11 @@
     chi(s) = D(s) + (kp + ki s^-alpha) N(s),   |arg s| < pi.                                                         (1)
 
 With alpha near p/q, s^alpha chi is a polynomial in w = s^{1/q}, whose roots with |arg w| < pi/q start Newton's method
-on chi(e^v), an entire function of v = ln s, while p/q moves to alpha.  None is missed: the argument principle counts
+on chi(e^v), an entire function of v = ln s, while p/q moves to alpha.  The argument principle confirms their number:
 
     number = (1/pi) (change of arg chi along  +R -> R e^{j theta} -> r e^{j theta} -> +r),                           (2)
 
-twice the upper half of the sector's border.
+taken along the upper half of the sector's border.
 
 Source: derived from the argument principle; the sectors of commensurate orders are Matignon's (1996).
 """
@@ -26,16 +26,16 @@ from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.inversion import SECTOR_RAD
 
-#: largest q of the fractions p/q that are tried in turn
+#: largest q of the fractions p/q, tried in this order
 _DENOMINATORS = (8, 16, 5, 24)
 _STEPS = 12
-#: poles further apart than this in ln s are two
+#: poles closer than this in ln s count as one
 _SAME = 1e-8
 #: the sector's edge is put into the widest gap up to here
 _WIDEST_RAD = 0.93 * math.pi
 #: the sector is counted between these multiples of the slowest and fastest corner
 _REACH = 1e6
-#: and corners further than this from the others are taken to be at infinity
+#: corners further than this from the others count as infinite
 _FARTHEST = 1e30
 
 
@@ -57,7 +57,7 @@ class Characteristic:
 
     @classmethod
     def of(cls, gains: FoPi, plant: Plant) -> Characteristic:
-        """chi of a loop, whose dead time is not looked at."""
+        """chi of a loop without its dead time."""
         numerator = np.trim_zeros(np.array(plant.numerator, dtype=float), "f")
         return cls(numerator, np.array(plant.denominator, dtype=float), gains.kp, gains.ki, gains.alpha)
 
@@ -85,15 +85,15 @@ def principal_poles(gains: FoPi, plant: Plant) -> Complex:
     """All closed-loop poles in a sector |arg s| < theta, theta >= SECTOR_RAD, of a loop without dead time.
 
     Args:
-        gains: the controller; unstable loops are welcome.
-        plant: its dead time is not looked at.
+        gains: the controller; the loop may be unstable.
+        plant: its dead time is ignored.
 
     Returns:
-        Shape (m,), rad/s, conjugates included; poles further left are no matter to `invert`.
+        Shape (m,), rad/s, conjugates included; `invert_on_hyperbola` needs no poles further left.
 
     Raises:
-        DomainError: not as many found as there are, two that are too close to be told apart, or a loop that is not
-            well posed (1 + kp P(inf) = 0).
+        DomainError: the number found differs from (2), two poles too close to separate, or a loop that is not well
+            posed (1 + kp P(inf) = 0).
     """
     chi = Characteristic.of(gains, plant)
     if len(chi.numerator) == len(chi.denominator) and chi.denominator[0] + chi.kp * chi.numerator[0] == 0.0:
@@ -142,7 +142,7 @@ def _seeds(chi: Characteristic, most: int) -> Complex:
 
 
 def _refined(chi: Characteristic, v: Complex, most: int) -> Complex:
-    """Newton's method in v = ln s while p/q moves to alpha; what did not converge is left out."""
+    """Newton's method in v = ln s while p/q moves to alpha; what does not converge is dropped."""
     p, q = _fraction(chi.alpha, most)
     change = np.full(len(v), np.inf)
     for step in range(1, _STEPS + 1):
@@ -158,7 +158,7 @@ def _refined(chi: Characteristic, v: Complex, most: int) -> Complex:
 
 
 def _distinct(v: Complex) -> Complex:
-    """Each once, with its conjugate; real ones are made real."""
+    """Distinct values with their conjugates; nearly real ones are made real."""
     height = np.where(np.abs(v.imag) < _SAME, 0.0, np.abs(v.imag))
     upper = v.real + 1j * height
     kept: list[complex] = []
@@ -169,7 +169,7 @@ def _distinct(v: Complex) -> Complex:
 
 
 def _edge(v: Complex) -> float:
-    """Middle of the widest gap between the poles' angles, in the range that the inversion leaves open."""
+    """Middle of the widest gap between the poles' angles, within the range that the inversion allows."""
     angles = np.abs(v.imag)
     inside = np.sort(angles[(angles > SECTOR_RAD) & (angles < _WIDEST_RAD)])
     borders = np.concatenate([[SECTOR_RAD], inside, [_WIDEST_RAD]])
@@ -178,7 +178,7 @@ def _edge(v: Complex) -> float:
 
 
 def _corners(chi: Characteristic) -> Array:
-    """Where a loop may change its mind, rad/s: plant roots and where the two largest terms of chi balance."""
+    """Corner frequencies, rad/s: roots of the plant, and where the two largest terms of chi balance."""
     found = [np.abs(np.roots(p)) for p in (chi.numerator, chi.denominator)]
     found.append(np.exp(_seeds(chi, 3).real))
     corners = np.concatenate(found)

@@ -1,7 +1,7 @@
-"""Weights of the time-stepping simulator: the fractional integral's memory and the plant's answer over one step.
+"""Quadrature weights of the time-stepping simulator: the fractional integral, and the plant's response over one step.
 
-They are integrals of known functions over one step, taken by Gauss-Legendre panels that shrink towards both ends of
-the step, so that neither a power t^alpha at its start nor a pole much faster than the step at its end is missed.
+They are integrals of known functions over one step, by Gauss-Legendre panels that shrink towards both ends of the step:
+they resolve a power t^alpha at its start and a pole much faster than the step at its end.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from fopi_tune.core.zero_order_hold import matrix_expm1
 
 #: panels towards each end of the step, and points in each
 _PANELS, _POINTS = 48, 8
-#: from this distance, in steps, (k - v)^{alpha-1} is so smooth that quadrature beats the closed form's cancellation
+#: from this distance in steps on, quadrature of the smooth (k - v)^{alpha-1} is more exact than the closed form, which
+#: cancels
 _SMOOTH = 20
-#: the same for (k + v)^alpha, with as many Chebyshev points as digits need
+#: Chebyshev points that interpolate (k + v)^alpha to rounding, from which step k on
 _CHEBYSHEV, _SINGULAR_STEPS = 10, 4
 
 
@@ -100,24 +101,24 @@ class StepNodes:
     weight: Array
 
 
-def exponentials(matrices: Array) -> Array:
-    """e^A of many small matrices, shape (m, n, n), each to rounding of the largest entry."""
+def matrix_exponentials(matrices: Array) -> Array:
+    """e^A of many small matrices, shape (m, n, n), each exact to rounding of its largest entry."""
     return matrix_expm1(matrices) + np.eye(matrices.shape[-1])
 
 
-def kernel(model: StateSpace, step_s: float) -> tuple[Array, Array, Array, StepNodes]:
-    """The plant over one step of h with an input that is a line.
+def linear_input_weights(model: StateSpace, step_s: float) -> tuple[Array, Array, Array, StepNodes]:
+    """The plant's response over one step h to an input that is linear in time.
 
     Returns:
-        e^{Ah} (n, n), the weights of the input at the step's begin and at its end (n,) each, and the nodes from which
-        they come.
+        e^{Ah} (n, n), the weights of the input at the start and at the end of the step, (n,) each, and the nodes of the
+        quadrature.
     """
     x, weight = leggauss(_POINTS)
     border = np.concatenate([[0.0], 0.5 ** np.arange(_PANELS, 0, -1.0)])
     width = np.diff(border)
     v = (border[:-1, None] + 0.5 * width[:, None] * (1.0 + x)).ravel()
     weights = (0.5 * width[:, None] * weight).ravel()
-    # nodes near the step's end by their distance from it, which 1 - v would round away
+    # nodes near the end are stored by their distance from it, which 1 - v would lose to rounding
     since, left, weights = (
         np.concatenate([v, 1.0 - v]),
         np.concatenate([1.0 - v, v]),
@@ -126,13 +127,13 @@ def kernel(model: StateSpace, step_s: float) -> tuple[Array, Array, Array, StepN
     degree = len(model.a)
     vectors = np.zeros((len(since), degree))
     if degree:
-        vectors = exponentials(model.a * (step_s * left)[:, None, None]) @ model.b * (step_s * weights)[:, None]
+        vectors = matrix_exponentials(model.a * (step_s * left)[:, None, None]) @ model.b * (step_s * weights)[:, None]
     nodes = StepNodes(since, vectors)
-    transition = exponentials(model.a[None] * step_s)[0] if degree else model.a
+    transition = matrix_exponentials(model.a[None] * step_s)[0] if degree else model.a
     return transition, left @ vectors, since @ vectors, nodes
 
 
-def power_kernel(nodes: StepNodes, alpha: float, step_s: float, steps: int) -> Array:
+def power_input_weights(nodes: StepNodes, alpha: float, step_s: float, steps: int) -> Array:
     """int_0^h e^{A(h-v)} B (k h + v)^alpha/Gamma(1+alpha) dv, k = 0 ... steps - 1; shape (steps, n).
 
     For k >= 4 the power is its interpolant at ten Chebyshev points of the step.

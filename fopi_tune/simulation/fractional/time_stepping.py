@@ -1,4 +1,4 @@
-"""The exact fractional loop step by step: saturation, a reference of any shape, loads, a start away from rest.
+"""Time stepping of the exact fractional loop: saturation, any reference, loads, any initial state.
 
 u = kp e + ki (I0 + I^alpha e), v = u within the actuator's limits, w = (v + load)(t - L), x' = Ax + Bw, y = Cx + gw.
 Over one step e is a line between its values just after and just before the nodes, and its integral with full memory
@@ -7,16 +7,16 @@ is exact (product trapezoidal rule; Diethelm, The Analysis of Fractional Differe
     I^alpha e(t_n) = sum_{j < n} (l_{n-j} e(t_j+) + r_{n-j} e(t_{j+1}-)),                                            (1)
     r_k = h^alpha/Gamma(alpha) int_0^1 (k - v)^{alpha-1} v dv,   l_k the same with 1 - v for v.                      (2)
 
-A jump E_j of e makes u start as ki E_j (t - t_j)^alpha/Gamma(1 + alpha), which no line follows.  That part,
+A jump E_j of e makes u start as ki E_j (t - t_j)^alpha/Gamma(1 + alpha), which is not linear over a step.  That part,
 
     q(t) = c sum_j E_j (t - t_j)^alpha/Gamma(1 + alpha),   c = ki/(1 + kp g) without dead time, else ki,             (3)
 
-goes through the plant exactly as long as the actuator is within its limits, and only v - q is a line over a step:
+is applied to the plant exactly while the actuator is within its limits; only v - q is taken as linear over a step:
 
     x_{n+1} = e^{Ah} x_n + int_0^h e^{A(h-v)} B (line of w - q, plus q) dv.                                          (4)
 
-So the error falls as h^2; as h^{1+alpha} for alpha < 1 in a loop with a direct path g, or with a lag far shorter than
-h, where the error too goes on from a jump with a power of t.
+The error falls as h^2; for alpha < 1 as h^{1+alpha} in a loop with a direct path g, or with a lag far shorter than h,
+where e too continues after a jump with a power of t.
 """
 
 from __future__ import annotations
@@ -32,24 +32,30 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.fractional.quadrature import StateSpace, integral_weights, kernel, power_kernel, state_space
+from fopi_tune.simulation.fractional.quadrature import (
+    StateSpace,
+    integral_weights,
+    linear_input_weights,
+    power_input_weights,
+    state_space,
+)
 
-#: a number (a step at t = 0), values held from node to node, a continuous function of time, or the values just before
-#: and just after each node
-Course = float | Sequence[float] | Array | Callable[[Array], Array] | tuple[Array, Array]
+#: an external signal: a number (a step at t = 0), values held from node to node, a continuous function of time, or the
+#: values just before and just after each node
+TimeSignal = float | Sequence[float] | Array | Callable[[Array], Array] | tuple[Array, Array]
 
-#: how far the dead time may be off a whole number of steps
+#: tolerance within which the dead time has to be a whole number of steps
 _WHOLE = 1e-9
 
 
 @dataclass(frozen=True)
-class Start:
-    """What the loop is like at t = 0.
+class InitialState:
+    """The loop's state at t = 0.
 
     Args:
         state: the plant's state in the form of `state_space`, whose first entry is the output; None: zeros.
         integral: I0, in the error's unit times s^alpha.
-        past_control: the control for t < 0 that the dead time still holds back.
+        past_control: the control for t < 0, still on its way through the dead time.
     """
 
     state: tuple[float, ...] | None = None
@@ -64,8 +70,8 @@ class TimeResponse:
     Args:
         time_s: the nodes, s.
         output: the plant's output, in the reference's unit.
-        control: what the actuator does, in the control's unit, within its limits.
-        demand: what the controller asked for.
+        control: the control within the actuator's limits, in its unit.
+        demand: the controller's output before the limits.
         error: reference less output.
         rate: dy/dt, per s; with a direct path the quotient of differences over the step before.
     """
@@ -78,48 +84,52 @@ class TimeResponse:
     rate: Array
 
 
-def simulate_exactly(
-    gains: FoPi, plant: Plant, reference: Course, step_s: float, steps: int, *,
-    limits: tuple[float, float] = (-math.inf, math.inf), load: Course = 0.0, start: Start | None = None,
+def simulate_fractional(
+    gains: FoPi, plant: Plant, reference: TimeSignal, step_s: float, steps: int, *,
+    limits: tuple[float, float] = (-math.inf, math.inf), load: TimeSignal = 0.0, start: InitialState | None = None,
 ) -> TimeResponse:  # fmt: skip
-    """Simulate the loop at n equal steps; the work grows as n^2.
+    """Simulate the loop over n equal steps; the cost grows as n^2.
 
     Args:
-        gains: the controller, without anti-windup: its integral goes on while the actuator is at a limit.
+        gains: the controller, without anti-windup: it integrates also while the actuator is at a limit.
         plant: the plant; its dead time must be a whole number of steps.
         reference: a number, an array of n + 1 values held from node to node, or a continuous function of time.
         step_s: h, s, > 0.
         steps: n, >= 1.
         limits: least and greatest control, in the control's unit; they need not be symmetric.
-        load: added to the control at the plant's input, after the limits; the dead time holds it back too.
+        load: added to the control at the plant's input, after the limits; it is delayed by the dead time too.
         start: the state, integral and past control at t = 0; None: at rest.
 
     Returns:
         The response; its error falls as h^2, or as h^(1 + alpha) with a direct path and alpha < 1.
 
     Raises:
-        DomainError: a step, a number of steps, limits, a course or a start that make no sense; a dead time between
-            nodes; a loop whose direct path has no answer.
+        DomainError: an invalid step, number of steps, limits, signal or start; a dead time that is no whole number of
+            steps; a direct path for which the loop has no solution.
     """
     if not (step_s > 0.0 and math.isfinite(step_s) and steps >= 1):
         raise DomainError(f"step_s = {step_s!r} and steps = {steps!r} must be greater than 0")
     if not limits[0] < limits[1]:
         raise DomainError(f"limits = {limits!r} leave no room for the control; the lower one comes first")
     model = state_space(plant)
-    run = _Run(gains, model, step_s, steps, limits, _lag(plant.dead_time_s, step_s), start or Start())
-    arriving = _later(_sides(load, step_s, steps, "load"), run.lag)
+    simulation = _Simulation(
+        gains, model, step_s, steps, limits, _lag(plant.dead_time_s, step_s), start or InitialState()
+    )
+    arriving = _delayed_sides(_sides(load, step_s, steps, "load"), simulation.lag)
     sides = _sides(reference, step_s, steps, "reference")
-    run.follow(sides, arriving)
-    rate = run.rate
+    simulation.run(sides, arriving)
+    rate = simulation.rate
     if model.direct != 0.0:
-        # within each step, from just after its begin to just before its end
-        rate = np.concatenate([rate[:1], (sides[0] - run.error_before - np.roll(run.output, 1))[1:] / step_s])
+        # within each step, from just after its start to just before its end
+        rate = np.concatenate(
+            [rate[:1], (sides[0] - simulation.error_before - np.roll(simulation.output, 1))[1:] / step_s]
+        )
     return TimeResponse(
         np.asarray(step_s * np.arange(steps + 1.0), dtype=float),
-        run.output,
-        run.control,
-        run.demand,
-        run.error,
+        simulation.output,
+        simulation.control,
+        simulation.demand,
+        simulation.error,
         rate,
     )
 
@@ -132,15 +142,15 @@ def _lag(dead_time: float, step: float) -> int:
     return lag
 
 
-def _sides(course: Course, step: float, steps: int, name: str) -> tuple[Array, Array]:
+def _sides(signal: TimeSignal, step: float, steps: int, name: str) -> tuple[Array, Array]:
     """Values just before and just after the nodes."""
-    if isinstance(course, tuple) and len(course) == 2 and np.ndim(course[0]) == 1:
-        before, after = (np.asarray(side, dtype=float) for side in course)
-    elif callable(course):
-        after = np.array(course(np.asarray(step * np.arange(steps + 1.0), dtype=float)), dtype=float)
+    if isinstance(signal, tuple) and len(signal) == 2 and np.ndim(signal[0]) == 1:
+        before, after = (np.asarray(side, dtype=float) for side in signal)
+    elif callable(signal):
+        after = np.array(signal(np.asarray(step * np.arange(steps + 1.0), dtype=float)), dtype=float)
         before = after.copy()
     else:
-        held = np.asarray(course, dtype=float)
+        held = np.asarray(signal, dtype=float)
         after = np.full(steps + 1, float(held)) if held.ndim == 0 else held.copy()
         before = np.concatenate([after[:1], after[:-1]])
     if after.shape != (steps + 1,) or before.shape != after.shape or not np.all(np.isfinite(after + before)):
@@ -148,8 +158,8 @@ def _sides(course: Course, step: float, steps: int, name: str) -> tuple[Array, A
     return before, after
 
 
-def _later(sides: tuple[Array, Array], lag: int) -> tuple[Array, Array]:
-    """The same, so many nodes later, and 0 until then."""
+def _delayed_sides(sides: tuple[Array, Array], lag: int) -> tuple[Array, Array]:
+    """The same signal `lag` nodes later, and 0 until then."""
     before, after = sides
     if lag == 0:
         return sides
@@ -158,12 +168,12 @@ def _later(sides: tuple[Array, Array], lag: int) -> tuple[Array, Array]:
     return before, np.concatenate([rest, after[:kept]])
 
 
-class _Run:
-    """One pass through time: what is filled in node by node."""
+class _Simulation:
+    """One pass through time, node by node."""
 
     def __init__(
         self, gains: FoPi, model: StateSpace, step: float, steps: int, limits: tuple[float, float], lag: int,
-        start: Start,
+        start: InitialState,
     ) -> None:  # fmt: skip
         self.gains, self.model, self.limits, self.lag, self.start = gains, model, limits, lag, start
         if lag == 0 and not 1.0 + gains.kp * model.direct > 0.0:
@@ -173,10 +183,10 @@ class _Run:
             raise DomainError(f"start.state has shape {state.shape}; the plant has {len(model.a)} states")
         self.x = state
         left, right = integral_weights(gains.alpha, step, steps)
-        # backwards, so that a history is a dot product with a slice
+        # reversed, so that the sum over the history is a dot product with a slice
         self.left, self.right = left[::-1].copy(), right[::-1].copy()
-        self.transition, self.begin, self.end, nodes = kernel(model, step)
-        self.through = power_kernel(nodes, gains.alpha, step, steps)
+        self.transition, self.begin, self.end, nodes = linear_input_weights(model, step)
+        self.through = power_input_weights(nodes, gains.alpha, step, steps)
         self.power = (step * np.arange(steps + 1)) ** gains.alpha / gamma(1.0 + gains.alpha)
         self.factor = gains.ki / (1.0 + (gains.kp * model.direct if lag == 0 else 0.0))
         self.steps = steps
@@ -186,14 +196,14 @@ class _Run:
         self.jump_nodes: list[int] = []
         self.jumps: list[float] = []
 
-    def follow(self, reference: tuple[Array, Array], load: tuple[Array, Array]) -> None:
+    def run(self, reference: tuple[Array, Array], load: tuple[Array, Array]) -> None:
         """All nodes in turn."""
         self._after(0, self.start.integral, reference, load)
         for n in range(1, self.steps + 1):
             integral = self._before(n, reference[0][n], load[0][n], load[1][n - 1])
             self._after(n, integral, reference, load)
 
-    def _cut(self, demand: float) -> float:
+    def _saturate(self, demand: float) -> float:
         return min(max(demand, self.limits[0]), self.limits[1])
 
     def _solve(self, constant: float, slope: float) -> float:
@@ -201,7 +211,7 @@ class _Run:
         if not slope > -1.0:
             raise DomainError("the step is too long for this loop's gain: no control solves it; take a smaller step_s")
         demand = constant / (1.0 + slope)
-        cut = self._cut(demand)
+        cut = self._saturate(demand)
         return demand if cut == demand else constant - slope * cut
 
     def _delayed(self, n: int, values: Array) -> float:
@@ -233,7 +243,7 @@ class _Run:
         through = 0.0 if known else float(model.c @ self.end) + model.direct
         rest = reference - float(model.c @ self.x) - model.direct * (load + own)
         demand = self._solve(gain * rest + ki * (self.start.integral + history), gain * through)
-        cut = self._cut(demand)
+        cut = self._saturate(demand)
         if not known:
             self.x = self.x + self.end * cut
         self.control_before[n], self.demand_before[n] = cut, demand
@@ -241,7 +251,7 @@ class _Run:
         return self.start.integral + float(history + weight * self.error_before[n])
 
     def _after(self, n: int, integral: float, reference: tuple[Array, Array], load: tuple[Array, Array]) -> None:
-        """The values just after node n, and what of the error jumped there."""
+        """The values just after node n, and the jump of the error there."""
         model, kp, ki = self.model, self.gains.kp, self.gains.ki
         outside = reference[1][n] != reference[0][n] or load[1][n] != load[0][n]
         arriving = model.direct != 0.0 and n >= self.lag > 0 and self.at_jump[n - self.lag]
@@ -254,9 +264,9 @@ class _Run:
             rest = reference[1][n] - float(model.c @ self.x) - model.direct * (load[1][n] + late)
             own = model.direct if self.lag == 0 else 0.0
             self.demand[n] = self._solve(kp * rest + ki * integral, kp * own)
-            self.control[n] = self._cut(self.demand[n])
+            self.control[n] = self._saturate(self.demand[n])
             self.error[n] = rest - own * self.control[n]
-            # before t = 0 there is no error, so that its first value is a jump
+            # the error is 0 before t = 0, so that its first value is a jump
             self.jump_nodes.append(n)
             self.jumps.append(float(self.error[n] - self.error_before[n]))
         self.at_limit[n] = self.control[n] != self.demand[n]

@@ -1,1 +1,1 @@
-"""Two loops that take turns in continuous time:  a hybrid inclusion with located jumps; its controllers are filters."""
+"""Two switched loops in continuous time:  a hybrid inclusion with located jumps; its controllers are filters."""

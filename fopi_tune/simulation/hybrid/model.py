@@ -1,7 +1,7 @@
-"""What the hybrid car is made of, and what a run of it gives back; `inclusion` runs it.
+"""The hybrid car and its parts, and the result of a run; `inclusion` simulates it.
 
 Modes i: 1 throttle, 2 brake, with one output y, the velocity, and in both e = r - y.  Each has its own plant and
-controller (`Pedal`); u is what that mode's plant sees, so with positive gains the throttle pushes with u > 0 and the
+controller (`ModeLoop`); u is the input of its plant, so with positive gains the throttle pushes with u > 0 and the
 brake pulls with u < 0.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.hybrid.flow import Pedal
+from fopi_tune.simulation.hybrid.flow import ModeLoop
 
 
 class Mode(IntEnum):
@@ -37,9 +37,9 @@ class Mode(IntEnum):
 
 
 class Memory(Enum):
-    """What becomes of a controller's states while the other one acts.
+    """States of a controller while the other one acts.
 
-    TRACKING sets the integrator's part at the jump so that the new demand is the control before the jump, as far as
+    TRACKING sets the integrator's state at the jump so that the new demand is the control before the jump, as far as
     the new mode's limits let it.
     """
 
@@ -58,19 +58,19 @@ class HybridOutcome(StrEnum):
 
 @dataclass(frozen=True)
 class HybridCar:
-    """Two pedals and how they take turns.
+    """The loops of throttle and brake, and how they are switched.
 
     Args:
         throttle, brake: modes 1 and 2.
         eps: half-width of the hysteresis, >= 0, in the output's unit.
-        memory: of the inactive controller; the paper holds it.
+        memory: of the inactive controller; the paper keeps it.
 
     Raises:
         DomainError: eps is negative or not finite, or TRACKING of a controller that has no integral.
     """
 
-    throttle: Pedal
-    brake: Pedal
+    throttle: ModeLoop
+    brake: ModeLoop
     eps: float = 0.0
     memory: Memory = Memory.HELD
 
@@ -80,8 +80,8 @@ class HybridCar:
         if self.memory is Memory.TRACKING and not (self.throttle.gains.ki and self.brake.gains.ki):
             raise DomainError("hybrid car: TRACKING needs ki in both controllers; take HELD or RESET")
 
-    def pedal(self, mode: Mode) -> Pedal:
-        """The pedal of a mode."""
+    def loop(self, mode: Mode) -> ModeLoop:
+        """The loop of a mode."""
         return self.throttle if mode is Mode.THROTTLE else self.brake
 
 
@@ -96,11 +96,11 @@ class Corner:
 
 @dataclass(frozen=True)
 class HybridStart:
-    """What the car is like at t = 0.
+    """The car's state at t = 0.
 
     Args:
         output: y.
-        mode: which pedal acts; left at once if (1) says so.
+        mode: the active mode; left at once where (1) demands it.
         control: the active controller's demand, by its integrator; None: its memory is 0.  The other's is always 0.
     """
 
@@ -117,7 +117,7 @@ class HybridStart:
 
 @dataclass(frozen=True)
 class Watch:
-    """When a run is given up.
+    """Conditions that end a run early.
 
     Args:
         most_jumps: more of them than this ...
@@ -160,12 +160,12 @@ class HybridResponse:
         time_s: s.
         output: y.
         rate: y', output unit per s.
-        control: what the active plant sees, within its limits.
+        control: the active plant's input, within its limits.
         error: r - y.
         mode: 1 or 2.
         events: all jumps in order.
         outcome: how the run ended.
-        reason: one sentence; where and in which mode, if not FINISHED.
+        reason: one sentence; with time and mode, if not FINISHED.
         reached_s: the end of the run, s.
     """
 
@@ -182,7 +182,7 @@ class HybridResponse:
 
 
 def checked_reference(reference: Sequence[Corner], end_s: float) -> tuple[Corner, ...]:
-    """The corners, if they are a reference from 0 to `end_s`.
+    """The corners, checked to be a reference from 0 to `end_s`.
 
     Raises:
         DomainError: none, the first not at 0, times that do not increase, or a number that is not finite.
@@ -202,7 +202,7 @@ def checked_reference(reference: Sequence[Corner], end_s: float) -> tuple[Corner
 
 
 def checked_samples(times_s: Sequence[float] | Array, end_s: float) -> Array:
-    """The times, if they are samples of [0, end_s].
+    """The times, checked to be increasing within [0, end_s].
 
     Raises:
         DomainError: not finite, not increasing, or outside.

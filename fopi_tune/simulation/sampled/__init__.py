@@ -1,4 +1,4 @@
-"""Digital controllers on samples, many plants at once:  scenario, controllers, plants -> measures and signals.
+"""Digital controllers simulated on samples, many plants at once:  scenario, controllers, plants -> measures, signals.
 
-`simulate` is compiled by Numba; `reference` is the same written plainly, and the tests compare the two.
+`simulate` runs the `kernel` compiled by Numba; `reference` is a plain implementation that tests compare it with.
 """

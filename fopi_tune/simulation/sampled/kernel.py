@@ -1,9 +1,9 @@
-"""The simulation compiled:  blocks of `WIDTH` plants side by side through all samples.
+"""The compiled simulation:  blocks of `WIDTH` plants side by side through all samples.
 
-A jump exchanges a lane's states of the two controllers, whose numbers a lane selects by its mode.  No lane knows of
-another one: blocks can be computed in any order, by any number of threads.
+A switch exchanges the states of the two controllers in a lane; the lane selects their coefficients by its mode.  Lanes
+are independent: blocks can be computed in any order, by any number of threads.
 
-Importing this takes Numba with it: import it where it is needed.
+This module imports Numba: import it where it is needed.
 """
 
 from __future__ import annotations
@@ -15,167 +15,172 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from fopi_tune.simulation.sampled import controller_stages as controlled
-from fopi_tune.simulation.sampled import layout, noise
-from fopi_tune.simulation.sampled import noise_vectors as noise_packs
-from fopi_tune.simulation.sampled import plant_stages as stages
-from fopi_tune.simulation.sampled import vectors as packs
+from fopi_tune.simulation.sampled import controller_stages, layout, noise, noise_vectors, plant_stages, vectors
 from fopi_tune.simulation.sampled.layout import (
     APPLIED,
-    ARRIVED,
-    BEFORE,
+    ARRIVED_MODE,
     CONTROL,
     EXCESS,
     FINITE,
     GAIN,
     HIGH,
     INTEGRATES,
-    JUMPED,
-    LAST,
+    LAST_ERROR,
+    LAST_OUTPUT,
+    LAST_SWITCH,
     LOW,
     MODE,
     NOISE,
-    OTHER_LAST,
+    OTHER_LAST_OUTPUT,
     OUTSIDE,
-    OVER,
+    OVERSHOOT,
     PEAK_RATE,
+    PREVIOUS_INPUT,
     RESULTS,
-    SEEN,
     START,
     TRACES,
     TRACK,
     WIDTH,
 )
-from fopi_tune.simulation.sampled.vectors import bits, load, pointer, rounded, size, spread, store, where
+from fopi_tune.simulation.sampled.vectors import absolute, bits, broadcast, load, pointer, rounded, store, where
 
 _RESULTS, _TRACES = len(RESULTS), len(TRACES)
 _inlined: Any = njit(forceinline=True, error_model="numpy")
-_apart: Any = njit(error_model="numpy")
+_compiled: Any = njit(error_model="numpy")
 
 
-@_apart
-def _begin(s, block, table, controllers, settings, places):
-    """The scratch of a block before its first sample."""
-    for place in range(places.size):
+@_compiled
+def _initialise(s, block, table, controllers, settings, offsets):
+    """The scratch array of a block before its first sample."""
+    for place in range(offsets.size):
         s[place] = 0.0
     for lane in range(WIDTH):
         plant = block * WIDTH + lane
         past = table[0, plant]
         for row in range(1, table.shape[0]):
-            s[places.x + (row - 1) * WIDTH + lane] = table[row, plant]
-        s[OVER + lane], s[OUTSIDE + lane], s[FINITE + lane] = -np.inf, settings.horizon - 1.0, 1.0
-        s[APPLIED + lane] = s[BEFORE + lane] = s[CONTROL + lane] = past
-        s[MODE + lane] = s[ARRIVED + lane] = settings.first_mode
-        s[JUMPED + lane] = -np.inf
+            s[offsets.x + (row - 1) * WIDTH + lane] = table[row, plant]
+        s[OVERSHOOT + lane], s[OUTSIDE + lane], s[FINITE + lane] = -np.inf, settings.horizon - 1.0, 1.0
+        s[APPLIED + lane] = s[PREVIOUS_INPUT + lane] = s[CONTROL + lane] = past
+        s[MODE + lane] = s[ARRIVED_MODE + lane] = settings.first_mode
+        s[LAST_SWITCH + lane] = -np.inf
         for which in range(1 + settings.hybrid):
             mode = (settings.first_mode + which) % 2
             begin = controllers[mode, START]
             if which == 0 and settings.bumpless:
                 begin = min(max(past, controllers[mode, LOW]), controllers[mode, HIGH])
-            s[(LAST if which == 0 else OTHER_LAST) + lane] = begin
-            states = places.active if which == 0 else places.inactive_0
+            s[(LAST_OUTPUT if which == 0 else OTHER_LAST_OUTPUT) + lane] = begin
+            states = offsets.active if which == 0 else offsets.inactive_0
             if settings.sections > 0:
                 s[states + lane] = begin * controllers[mode, INTEGRATES]
 
 
 @_inlined
-def _output(s, c, other, jumps, k, settings, places, other_old, r, rate, measured, careful):
-    """The active controller's output, and whether the block has to look at every number from here on."""
-    second, e = load(s, MODE) > spread(0.5), spread(r) - measured
-    own, select = controlled.controllers_of(c, other, second)
-    up, down = controlled.edges(s, measured, r, settings.half_width)
-    # careful ones have followed
-    behind = k > 0 and not careful
-    controlled.forget(s, jumps, k, settings.window)
+def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measured, check_finite):
+    """Error and output of the active controller, and whether the block must check numbers for overflow from here on."""
+    second, e = load(s, MODE) > broadcast(0.5), broadcast(r) - measured
+    own, select = controller_stages.resolve_mode(c, other, second)
+    up, down = controller_stages.hysteresis_crossings(s, measured, r, settings.half_width)
+    # with checks the states were updated at the end of the last sample
+    update_due = k > 0 and not check_finite
+    controller_stages.expire_switches(s, jumps, k, settings.window)
     if settings.hybrid and bits(up | down) != 0:
-        v = controlled.switch_and_demand(
-            s, jumps, k, c, other, up, down, places.active, other_old, settings, behind, e
+        v = controller_stages.switch_and_demand(
+            s, jumps, k, c, other, up, down, offsets.active, other_old, settings, update_due, e
         )  # fmt: skip
-        second = load(s, MODE) > spread(0.5)
-        own, select = controlled.controllers_of(c, other, second)
-    elif behind:
-        v = controlled.follow_and_demand(s, own, select, second, places.active, settings.sections, e)
+        second = load(s, MODE) > broadcast(0.5)
+        own, select = controller_stages.resolve_mode(c, other, second)
+    elif update_due:
+        v = controller_stages.update_and_demand(s, own, select, second, offsets.active, settings.sections, e)
     else:
-        v = controlled.demand(s, own, select, second, places.active, settings.sections, e)
-    u = controlled.limited(own, select, second, v)
-    d = controlled.of_mode(own, GAIN, select, second) * (u - v)
-    store(s, SEEN, e)
+        v = controller_stages.demand(s, own, select, second, offsets.active, settings.sections, e)
+    u = controller_stages.saturate(own, select, second, v)
+    d = controller_stages.coefficient(own, GAIN, select, second) * (u - v)
+    store(s, LAST_ERROR, e)
     store(s, EXCESS, d)
-    careful = careful or not controlled.small(e, d, u, rate)
-    if careful:
-        u = controlled.follow_carefully(
-            s, own, select, second, places.active, places.spare, settings.sections, v, u
+    check_finite = check_finite or not controller_stages.all_small(e, d, u, rate)
+    if check_finite:
+        u = controller_stages.update_checked(
+            s, own, select, second, offsets.active, offsets.spare, settings.sections, v, u
         )  # fmt: skip
-    store(s, LAST, u)
-    return e, u, careful
+    store(s, LAST_OUTPUT, u)
+    return e, u, check_finite
 
 
 @_inlined
-def _sample(s, history, modes, c, other, block, k, settings, places, jumps, late, reference, signal, traces, careful):
-    """Sample k and the way to the next one."""
+def _sample(
+    s, history, modes, c, other, block, k, settings, offsets, jumps, delay, reference, signal, traces, check_finite
+):
+    """Sample k and the plant's step to the next one."""
     r, track = reference[k], settings.hybrid and settings.inactive == TRACK
-    # only a controller that tracks moves from one buffer of states to the other
-    other_old = places.inactive_1 if track and k % 2 == 1 else places.inactive_0
-    other_new = places.inactive_1 if k % 2 == 0 else places.inactive_0
-    y, rate = stages.output(s, settings, places)
+    # only a tracking controller alternates between two buffers of states
+    other_old = offsets.inactive_1 if track and k % 2 == 1 else offsets.inactive_0
+    other_new = offsets.inactive_1 if k % 2 == 0 else offsets.inactive_0
+    y, rate = plant_stages.output(s, settings, offsets)
     measured = y
     if settings.noise_std != 0.0:
         if k % 4 == 0:
-            noise_packs.make_noise(s, settings.seed, settings.first_index + block * WIDTH, k)
-        measured = measured + spread(settings.noise_std) * load(s, NOISE + (k % 4) * WIDTH)
+            noise_vectors.make_noise(s, settings.seed, settings.first_index + block * WIDTH, k)
+        measured = measured + broadcast(settings.noise_std) * load(s, NOISE + (k % 4) * WIDTH)
     if settings.quantum != 0.0:
-        measured = spread(settings.quantum) * rounded(measured / spread(settings.quantum))
-    e, u, careful = _output(s, c, other, jumps, k, settings, places, other_old, r, rate, measured, careful)
-    if careful:
-        store(s, FINITE, where(controlled.fine(y) & controlled.fine(rate), load(s, FINITE), spread(0.0)))
-    applied = stages.actuated(s, u, settings.most_change)
+        measured = broadcast(settings.quantum) * rounded(measured / broadcast(settings.quantum))
+    e, u, check_finite = _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measured, check_finite)
+    if check_finite:
+        store(
+            s,
+            FINITE,
+            where(controller_stages.is_finite(y) & controller_stages.is_finite(rate), load(s, FINITE), broadcast(0.0)),
+        )
+    applied = plant_stages.rate_limited(s, u, settings.most_change)
     if track:
-        first = load(s, MODE) < spread(0.5)
-        idle, either = controlled.controllers_of(c, other, first)
-        controlled.follow_applied(s, idle, either, first, other_old, other_new, settings.sections, e, applied)
+        first = load(s, MODE) < broadcast(0.5)
+        idle, either = controller_stages.resolve_mode(c, other, first)
+        controller_stages.track_applied(s, idle, either, first, other_old, other_new, settings.sections, e, applied)
     if k >= settings.horizon:
-        stages.judge(s, k, y, rate, r, u, applied, settings, c, other)
+        plant_stages.accumulate_measures(s, k, y, rate, r, u, applied, settings, c, other)
     if settings.keep:
         for row, value in enumerate((y, rate, measured, e, u, applied, load(s, MODE))):
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
-    stages.arrive(s, history, modes, block, k, applied, signal, late, settings)
+    plant_stages.update_inputs(s, history, modes, block, k, applied, signal, delay, settings)
     if settings.hybrid:
-        after = stages.flow_hybrid(s, settings, places)
+        after = plant_stages.advance_hybrid_states(s, settings, offsets)
     else:
-        after = stages.rate_after(s, settings, places, rate)
-        stages.flow(s, settings, places)
-        if settings.order == 1 and settings.prompt == 0:
-            after = stages.rate_on_arrival(s, places, after)
+        after = plant_stages.rate_after(s, settings, offsets, rate)
+        plant_stages.advance_states(s, settings, offsets)
+        if settings.order == 1 and settings.acts_at_samples == 0:
+            after = plant_stages.rate_on_arrival(s, offsets, after)
     if k >= settings.horizon and k < settings.steps - 1:
-        controlled.keep_larger(s, PEAK_RATE, size(after))
+        controller_stages.store_maximum(s, PEAK_RATE, absolute(after))
     if settings.keep:
         store(traces, (7 * settings.steps + k) * settings.width + block * WIDTH, after)
-    return careful
+    return check_finite
 
 
-def _stamp() -> tuple[int, ...]:
-    """Changes when the code below this file does: part of the compiled function, and so of its key on disk."""
-    found = (os.stat(str(module.__file__)) for module in (controlled, layout, noise, noise_packs, packs, stages))
+def _source_stamp() -> tuple[int, ...]:
+    """Times and sizes of the inlined modules: part of the compiled function, and so of its key in Numba's cache."""
+    found = (
+        os.stat(str(module.__file__))
+        for module in (controller_stages, layout, noise, noise_vectors, vectors, plant_stages)
+    )
     return tuple(number for status in found for number in (status.st_mtime_ns, status.st_size))
 
 
-def _made(stamp: tuple[int, ...]) -> Callable[..., int]:
+def _compile(stamp: tuple[int, ...]) -> Callable[..., int]:
     def run_blocks(
-        begin, stop, settings, places, table, late, controllers, reference, signal, results, traces, scratch, jumps
+        begin, stop, settings, offsets, table, delay, controllers, reference, signal, results, traces, scratch, jumps
     ):  # fmt: skip
         s, rings = pointer(scratch), max(settings.ring, 1) * WIDTH
-        history, modes = pointer(scratch[places.size :]), pointer(scratch[places.size + rings :])
+        history, modes = pointer(scratch[offsets.size :]), pointer(scratch[offsets.size + rings :])
         c, other = pointer(controllers), controllers.shape[1] if settings.hybrid else 0
-        inputs = pointer(jumps), pointer(late), pointer(reference), pointer(signal), pointer(traces)
+        inputs = pointer(jumps), pointer(delay), pointer(reference), pointer(signal), pointer(traces)
         for block in range(begin, stop):
-            _begin(s, block, table, controllers, settings, places)
+            _initialise(s, block, table, controllers, settings, offsets)
             for place in range(rings):
                 history[place] = s[APPLIED + place % WIDTH]
                 modes[place] = settings.first_mode
-            careful = controlled.large(table, controllers, block)
+            check_finite = controller_stages.any_large(table, controllers, block)
             for k in range(settings.steps):
-                careful = _sample(
-                    s, history, modes, c, other, block, k, settings, places, *inputs, careful
+                check_finite = _sample(
+                    s, history, modes, c, other, block, k, settings, offsets, *inputs, check_finite
                 )  # fmt: skip
             for row in range(_RESULTS):
                 for lane in range(WIDTH):
@@ -185,9 +190,9 @@ def _made(stamp: tuple[int, ...]) -> Callable[..., int]:
     try:
         return njit(nogil=True, error_model="numpy", cache=True)(run_blocks)
     except RuntimeError:
-        # nowhere to keep what was compiled
+        # there is no directory for the cache
         return njit(nogil=True, error_model="numpy")(run_blocks)
 
 
-#: simulates the blocks begin to stop - 1 and fills in their columns of `results` and, unless it is empty, `traces`
-run_blocks = _made(_stamp())
+#: simulates the blocks begin to stop - 1 and fills their columns of `results` and, unless it is empty, of `traces`
+run_blocks = _compile(_source_stamp())

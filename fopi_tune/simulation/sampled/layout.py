@@ -1,6 +1,6 @@
-"""Where the compiled simulation keeps its numbers:  a scratch array of rows of `WIDTH` doubles, one lane a plant.
+"""Memory layout of the compiled simulation:  a scratch array of rows of `WIDTH` doubles, one lane per plant.
 
-What the controllers are made of is the same for all lanes and not here; a lane selects its mode's numbers.
+Coefficients of the controllers are common to all lanes and kept elsewhere; a lane selects those of its mode.
 """
 
 from __future__ import annotations
@@ -9,32 +9,37 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: lanes: four of the widest registers, so that one chain of operations fills the wait of the others
+#: lanes: four of the widest registers, so that independent chains of operations hide each other's latency
 WIDTH = 32
 
-#: results, a row each
+#: results, one row each, in the order of the first twelve offsets below
 RESULTS = (
     "peak_rate", "overshoot", "outside", "iae", "ise", "saturated", "peak_control", "switches", "longest_run",
     "chattering", "final_error", "finite",
 )  # fmt: skip
-#: traces, a row each
+#: traces, one row each
 TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", "rate_after")
 
-PEAK_RATE, OVER, OUTSIDE, IAE, ISE, SATURATED, PEAK_U = (WIDTH * i for i in range(7))
-SWITCHES, LONGEST, CHATTER, ERROR, FINITE = (WIDTH * i for i in range(7, 12))
-RUN, JUMPED, APPLIED, MODE, BEFORE, CONTROL, LOAD, ARRIVED = (WIDTH * i for i in range(12, 20))
-OLD_CONTROL, OLD_LOAD, OLD_ARRIVED, LAST, OTHER_LAST, SEEN, EXCESS, RECENT, NOISE = (WIDTH * i for i in range(20, 29))
-#: four rows each, for the noise of four samples; a pack may be read from the last place
+#: offsets of rows: first the results; then the run of switches, sample of the last switch, applied control, mode, input
+#: just before the sample, control and load that act now, mode of that control, the same three one sample before, last
+#: output of the active and of the inactive controller, last error, excess u - v, switches in the window
+PEAK_RATE, OVERSHOOT, OUTSIDE, IAE, ISE, SATURATED, PEAK_CONTROL = (WIDTH * i for i in range(7))
+SWITCHES, LONGEST_RUN, CHATTERING, FINAL_ERROR, FINITE = (WIDTH * i for i in range(7, 12))
+RUN, LAST_SWITCH, APPLIED, MODE, PREVIOUS_INPUT, CONTROL, LOAD, ARRIVED_MODE = (WIDTH * i for i in range(12, 20))
+OLD_CONTROL, OLD_LOAD, OLD_ARRIVED_MODE, LAST_OUTPUT, OTHER_LAST_OUTPUT, LAST_ERROR, EXCESS, RECENT_SWITCHES, NOISE = (
+    WIDTH * i for i in range(20, 29)
+)
+#: four rows each, for the noise of four samples; a vector may be read from the last entry
 TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
-#: rows with a fixed place
+#: rows with a fixed offset
 FIXED_ROWS = 42
-#: a controller's numbers before p, w, r of every section
+#: a controller's coefficients; from SECTIONS on p, w, r of every section
 DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, SECTIONS = range(7)
 HOLD, TRACK, RESET = 0, 1, 2
 
 
 class Settings(NamedTuple):
-    """A scenario in numbers; the whole ones count samples or are 0 and 1."""
+    """A scenario in numbers; integers count samples or are flags, 0 or 1."""
 
     noise_std: float
     quantum: float
@@ -56,17 +61,17 @@ class Settings(NamedTuple):
     bumpless: int
     delayed: int
     ring: int
-    same_late: int
+    same_delay: int
     loaded: int
     load_delayed: int
-    prompt: int
+    acts_at_samples: int
     steps: int
     width: int
     keep: int
 
 
-class Layout(NamedTuple):
-    """Places in the scratch array; of a table's rows: x, then what `simulate` packs behind it."""
+class ScratchLayout(NamedTuple):
+    """Offsets in the scratch array: states x of the plant, its coefficients, next states, then controllers' states."""
 
     x: int
     plant: int
@@ -78,7 +83,7 @@ class Layout(NamedTuple):
     size: int
 
 
-def layout(order: int, plant_rows: int, sections: int) -> Layout:
-    """The places for plants of an order with so many rows of numbers behind their states, and controllers."""
+def scratch_layout(order: int, plant_rows: int, sections: int) -> ScratchLayout:
+    """The layout for an order of plant, its number of coefficients, and the controllers' number of sections."""
     rows = (order, plant_rows, order, sections, sections, sections, sections)
-    return Layout(*(int(WIDTH * place) for place in np.cumsum((FIXED_ROWS, *rows))))
+    return ScratchLayout(*(int(WIDTH * place) for place in np.cumsum((FIXED_ROWS, *rows))))

@@ -1,4 +1,4 @@
-"""Normal deviates by place, not by turn:  (seed, plant, sample) -> deviate, the same in any order of computing.
+"""Counter-based normal deviates:  (seed, plant, sample) -> deviate, independent of the order of evaluation.
 
 Philox4x64-10 (Salmon et al., Parallel random numbers: as easy as 1, 2, 3, 2011) with the key (seed, plant) and the
 counter 1 + k//4 gives four words for the samples k = 4j .. 4j + 3: those of numpy.random.Philox(key=[seed, plant]).  A
@@ -15,7 +15,7 @@ from fopi_tune.core.bode_form import Array
 MULTIPLIERS = (0xD2E7470EE14C6C93, 0xCA5A826395121157)
 WEYL = (0x9E3779B97F4A7C15, 0xBB67AE8584CAA73B)
 ROUNDS = 10
-#: |u - 1/2| up to here by the central quotient, sqrt(-ln) up to `FAR` by the middle one, then by the far one
+#: AS 241 uses `CENTRE` for |u - 1/2| up to CENTRAL, `MIDDLE` for r = sqrt(-ln(min(u, 1 - u))) up to FAR, then `OUTER`
 CENTRAL, FAR = 0.425, 5.0
 #: numerators and denominators in ascending powers of CENTRAL^2 - q^2, r - 1.6 and r - 5
 CENTRE = (
@@ -59,7 +59,7 @@ def normal_quantile(u: Array) -> Array:
     return np.where(np.abs(q) <= CENTRAL, q * _quotient(CENTRE, CENTRAL**2 - q * q), np.copysign(tail, q))
 
 
-def deviates(seed: int, plant: int, steps: int) -> Array:
+def normal_deviates(seed: int, plant: int, steps: int) -> Array:
     """The noise of one plant, standard deviation 1, shape (steps,)."""
     words = [word for j in range(-(-steps // 4)) for word in philox(1 + j, (seed, plant))]
     return normal_quantile(np.array([((word >> 12) + 0.5) * 2.0**-52 for word in words[:steps]]))

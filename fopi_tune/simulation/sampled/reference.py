@@ -1,6 +1,6 @@
-"""The simulation as it is meant, one plant and one sample after the other:  what the compiled kernel is held against.
+"""Reference implementation of the sampled simulation, one plant and one sample at a time, to test the kernel against.
 
-The controllers are `fopi_tune.digital.runtime` itself; `scenario` says what happens in a sample.
+The controllers are `fopi_tune.digital.runtime` itself; `simulation.scenario` defines what happens in a sample.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.digital import runtime
 from fopi_tune.digital.runtime import Runtime, State
-from fopi_tune.simulation.sampled.noise import deviates
-from fopi_tune.simulation.sampled.plants import HeldPlants
-from fopi_tune.simulation.scenario import Horizon, Hybrid, Inactive, Measures, Scenario, Traces
+from fopi_tune.simulation.sampled.noise import normal_deviates
+from fopi_tune.simulation.sampled.plants import DiscretePlants
+from fopi_tune.simulation.scenario import Horizon, Hybrid, InactiveController, Measures, Scenario, Traces
 
 
-def simulate_plainly(
-    controllers: Sequence[Runtime], plants: Sequence[HeldPlants], scenario: Scenario, first_index: int = 0
+def simulate_reference(
+    controllers: Sequence[Runtime], plants: Sequence[DiscretePlants], scenario: Scenario, first_index: int = 0
 ) -> Traces:
     """Simulate every plant; slow.
 
@@ -33,7 +33,7 @@ def simulate_plainly(
     rows = np.zeros((8, m, steps))
     with np.errstate(all="ignore"):
         for i in range(m):
-            run = _Run(controllers, plants, scenario, i, first_index + i)
+            run = _ReferenceLoop(controllers, plants, scenario, i, first_index + i)
             for k in range(steps):
                 rows[:, i, k] = run.sample(k)
     time_s = np.asarray(scenario.sample_time_s * np.arange(steps), dtype=float)
@@ -46,20 +46,20 @@ def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenar
     reference, first, Ts = scenario.signals.reference, horizon.first, scenario.sample_time_s
     final = reference[-1]
     direction = np.sign(final - (reference[first - 1] if first else scenario.start.output))
-    y, late = traces.output[:, first:], slice(first, None)
+    y, counted = traces.output[:, first:], slice(first, None)
     with np.errstate(all="ignore"):
         off, beyond = np.abs(y - final), y - final
         outside = ~(off <= horizon.band)
         last = np.where(outside.any(axis=1), y.shape[1] - np.argmax(outside[:, ::-1], axis=1), 0)
         settled = np.where(last == y.shape[1], np.inf, last * Ts)
-        limits = np.array([controller.limits for controller in controllers])[traces.mode[:, late] - 1]
-        at_limit = (traces.demanded[:, late, None] == limits).any(axis=2)
-        error = reference[late] - y
+        limits = np.array([controller.limits for controller in controllers])[traces.mode[:, counted] - 1]
+        at_limit = (traces.demanded[:, counted, None] == limits).any(axis=2)
+        error = reference[counted] - y
         jumps = [np.flatnonzero(np.diff(row, prepend=_first(scenario))) for row in traces.mode]
         finite = np.all(np.isfinite(traces.output) & np.isfinite(traces.rate), axis=1)
 
-        peak_rate = np.abs(traces.rate[:, late]).max(axis=1)
-        # what begins with the last sample is beyond the end
+        peak_rate = np.abs(traces.rate[:, counted]).max(axis=1)
+        # the rate after the last sample lies beyond the end
         peak_rate = np.maximum(peak_rate, np.abs(traces.rate_after[:, first:-1]).max(axis=1, initial=0.0))
 
         def known(values: Array) -> Array:
@@ -72,7 +72,7 @@ def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenar
             known(Ts * np.abs(error).sum(axis=1)),
             known(Ts * (error**2).sum(axis=1)),
             known(Ts * at_limit.sum(axis=1)),
-            known(np.abs(traces.applied[:, late]).max(axis=1)),
+            known(np.abs(traces.applied[:, counted]).max(axis=1)),
             np.array([len(found) for found in jumps]),
             np.array([_longest_run(found) for found in jumps]),
             np.array([_chatters(found, scenario) for found in jumps]),
@@ -101,29 +101,31 @@ def _chatters(jumps: NDArray[np.int_], scenario: Scenario) -> bool:
     return bool((jumps[hybrid.most_switches :] - jumps[: -hybrid.most_switches] <= within).any())
 
 
-class _Run:
-    """One loop on its way through the samples."""
+class _ReferenceLoop:
+    """The state of one loop from sample to sample."""
 
     def __init__(
-        self, controllers: Sequence[Runtime], plants: Sequence[HeldPlants], scenario: Scenario, row: int, index: int
+        self, controllers: Sequence[Runtime], plants: Sequence[DiscretePlants], scenario: Scenario, row: int, index: int
     ) -> None:
         self.controllers, self.plants, self.scenario, self.row = controllers, plants, scenario, row
         self.steps = len(scenario.signals)
-        self.noise = deviates(scenario.sensor.seed, index, self.steps) if scenario.sensor.noise_std else np.zeros(0)
+        self.noise = (
+            normal_deviates(scenario.sensor.seed, index, self.steps) if scenario.sensor.noise_std else np.zeros(0)
+        )
         self.mode = _first(scenario) - 1
-        states, past = plants[self.mode].begin(scenario.start)
+        states, past = plants[self.mode].initial_state(scenario.start)
         self.x, self.past = states[row], float(past[row])
         self.before = self.last = self.past
         self.memory: list[State] = [runtime.init(controller) for controller in controllers]
         if scenario.start.bumpless:
             self.memory[self.mode] = runtime.reset(controllers[self.mode], self.past)
-        # what was sent to the plant, and in which mode
+        # controls sent to the plant, and their modes
         self.applied: list[float] = []
         self.modes: list[int] = []
         self.arrived = self.mode
 
     def sample(self, k: int) -> tuple[float, ...]:
-        """Sample k, and the way to the next one."""
+        """Sample k, and the plant's step to the next one."""
         scenario, reference = self.scenario, float(self.scenario.signals.reference[k])
         held = self.plants[self.arrived]
         y = float(held.output[self.row] @ self.x) + float(held.direct[self.row]) * self.before
@@ -135,7 +137,7 @@ class _Run:
         self.memory[self.mode] = runtime.step(controller, self.memory[self.mode], reference, measured)
         demanded = float(self.memory[self.mode].output)
         self._actuate(demanded)
-        if scenario.hybrid is not None and scenario.hybrid.inactive is Inactive.TRACK:
+        if scenario.hybrid is not None and scenario.hybrid.inactive is InactiveController.TRACK:
             other = 1 - self.mode
             self.memory[other] = runtime.track(
                 self.controllers[other], self.memory[other], reference, measured, self.last
@@ -143,22 +145,22 @@ class _Run:
         self.applied.append(self.last)
         self.modes.append(self.mode)
         after = self._rate_after(k, rate)
-        arriving = self._flow(k)
+        arriving = self._advance(k)
         if scenario.hybrid is not None:
             after = arriving
-        elif not self.plants[0].is_prompt[self.row] and self.plants[0].order == 1:
-            after = self._rate_now() * float(self.plants[0].growth[self.row])
+        elif not self.plants[0].acts_at_samples[self.row] and self.plants[0].order == 1:
+            after = self._rate() * float(self.plants[0].rate_growth[self.row])
         return y, rate, measured, reference - measured, demanded, self.last, self.mode + 1.0, after
 
     def _rate_after(self, k: int, rate: float) -> float:
-        """dy/dt just after the sample of a plant on which something acts there anew."""
+        """dy/dt just after a sample at which a new input arrives."""
         i, held = self.row, self.plants[0]
-        if not held.is_prompt[i]:
+        if not held.acts_at_samples[i]:
             return rate
-        new = self._control(k - int(held.control.late[i])) + self._load(k - int(held.load.late[i]))
+        new = self._control(k - int(held.control.delay[i])) + self._load(k - int(held.load.delay[i]))
         return rate + float(held.rate_input[i]) * (new - self.before)
 
-    def _rate_now(self) -> float:
+    def _rate(self) -> float:
         held = self.plants[self.arrived]
         return float(held.rate_state[self.row] @ self.x) + float(held.rate_input[self.row]) * self.before
 
@@ -176,7 +178,7 @@ class _Run:
             self.mode = 1 - self.mode
             low, high = self.controllers[self.mode].limits
             self.last = min(max(self.last, low), high)
-            if hybrid.inactive is Inactive.RESET:
+            if hybrid.inactive is InactiveController.RESET:
                 self.memory[self.mode] = runtime.init(self.controllers[self.mode])
 
     def _actuate(self, wanted: float) -> None:
@@ -184,31 +186,31 @@ class _Run:
         change = wanted - self.last
         self.last = wanted if abs(change) <= most else self.last + (most if change > 0.0 else -most)
 
-    def _flow(self, k: int) -> float:
+    def _advance(self, k: int) -> float:
         """(1) of `plants`, the control's part and the load's; in a hybrid loop the load acts undelayed.
 
-        Gives dy/dt when the new control arrives in a hybrid loop.
+        Returns dy/dt when the new control arrives in a hybrid loop, 0 in other loops.
         """
         i = self.row
         if self.scenario.hybrid is None:
             held = self.plants[0]
             transition, *weights = (whole[i] for whole in held.control.whole)
-            late = int(held.control.late[i])
-            now, old = self._control(k - late), self._control(k - late - 1)
+            delay = int(held.control.delay[i])
+            now, old = self._control(k - delay), self._control(k - delay - 1)
             follow = transition @ self.x + weights[0] * now + weights[1] * old
-            late = int(held.load.late[i])
-            load, old_load = self._load(k - late), self._load(k - late - 1)
+            delay = int(held.load.delay[i])
+            load, old_load = self._load(k - delay), self._load(k - delay - 1)
             _, *weights = (whole[i] for whole in held.load.whole)
             self.x = follow + weights[0] * load + weights[1] * old_load
             self.before = now + load
             return 0.0
-        late = int(self.plants[0].control.late[i])
+        delay = int(self.plants[0].control.delay[i])
         load, after = self._load(k), 0.0
-        for segment, place in ((0, k - late - 1), (1, k - late)):
+        for segment, place in ((0, k - delay - 1), (1, k - delay)):
             self.arrived = self.modes[place] if place >= 0 else self.scenario.hybrid.first - 1
             control = self.plants[self.arrived].control
             self.before = self._control(place) + load
-            after = self._rate_now()
+            after = self._rate()
             self.x = control.transition[segment, i] @ self.x + control.weight[segment, i] * self.before
         return after
 

@@ -1,7 +1,7 @@
-"""Loops on samples, many at once and exact at the samples:  controllers, plants, scenario -> traces or measures.
+"""Simulation of many sampled loops, exact at the samples:  controllers, plants, scenario -> traces or measures.
 
-What a sample is, `scenario` says; `reference` is the same written plainly.  Plants are computed in chunks, each by one
-thread, and a result depends on neither chunk nor thread: noise has its place by plant and sample.
+`simulation.scenario` defines a sample; `reference` is a plain implementation of it.  Plants are computed in chunks,
+each by one thread, and results depend on neither chunks nor threads: noise is a function of plant and sample.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital.runtime import Runtime, init
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.sampled.layout import RESULTS, SECTIONS, TRACES, WIDTH, Settings, layout
-from fopi_tune.simulation.sampled.plants import HeldPlants, hold
+from fopi_tune.simulation.sampled.layout import RESULTS, SECTIONS, TRACES, WIDTH, Settings, scratch_layout
+from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants
 from fopi_tune.simulation.scenario import Horizon, Hybrid, Measures, Mode, Scenario, Traces
 
-#: plants that are held in memory at once, a thread
+#: plants per chunk and thread; bounds the memory
 CHUNK = 8192
 
 
 def simulate(modes: Sequence[Mode], scenario: Scenario, count: int | None = None, first_index: int = 0) -> Traces:
-    """All signals of a few plants; 8 numbers a plant and sample are kept.
+    """All signals of a few plants; keeps 8 numbers per plant and sample.
 
     Args:
         modes: one, or two of a hybrid loop.
         scenario: everything else.
-        count: number of plants; needed when they come from a function.
-        first_index: of the first plant; functions are asked from there, and the noise depends on it.
+        count: number of plants; needed when a function supplies them.
+        first_index: of the first plant, for functions and for the noise.
 
     Raises:
         DomainError: modes, plants and scenario do not belong together, or a plant cannot be simulated.
     """
     total = _count(modes, scenario, count)
-    held = _held(modes, scenario, first_index, total)
+    held = _discretized_all(modes, scenario, first_index, total)
     kept = _run(modes, held, scenario, Horizon(0.0), first_index, keep=True)[1]
     time_s = np.asarray(scenario.sample_time_s * np.arange(len(scenario.signals)), dtype=float)
     signals = dict(zip(TRACES[:6], kept, strict=False))
@@ -50,7 +50,7 @@ def measure(
     modes: Sequence[Mode], scenario: Scenario, horizon: Horizon, count: int | None = None, *,
     chunk: int = CHUNK, threads: int | None = None,
 ) -> Measures:  # fmt: skip
-    """The measures of every plant; see `measure_chunks`, which bounds the memory of the results too."""
+    """The measures of every plant; `measure_chunks` bounds the memory of the results as well."""
     parts = list(measure_chunks(modes, scenario, horizon, count, chunk=chunk, threads=threads))
     if not parts:
         return _measures(np.zeros((len(RESULTS), 0)), scenario, horizon)
@@ -62,16 +62,16 @@ def measure_chunks(
     modes: Sequence[Mode], scenario: Scenario, horizon: Horizon, count: int | None = None, *,
     first: int = 0, chunk: int = CHUNK, threads: int | None = None,
 ) -> Iterator[Measures]:  # fmt: skip
-    """The measures of chunks of plants, in order; memory is bounded by the chunks at work, not by the plants.
+    """The measures of chunks of plants, in order; memory depends on the chunks at work, not on the number of plants.
 
     Args:
         modes: one, or two of a hybrid loop.
         scenario: everything else.
         horizon: which samples count.
-        count: number of plants; needed when they come from functions, which are called in order from this thread.
-        first: index of the first plant that functions are asked for, and of its noise.
-        chunk: plants a chunk.
-        threads: at work; None: one a core.
+        count: number of plants; needed when functions supply them, which are called in order from this thread.
+        first: index of the first plant, for functions and for the noise.
+        chunk: plants per chunk.
+        threads: number of threads; None: one per core.
 
     Raises:
         DomainError: modes, plants, scenario and horizon do not belong together, or a plant cannot be simulated.
@@ -79,7 +79,7 @@ def measure_chunks(
     total = _count(modes, scenario, count)
     if first and any(isinstance(mode.plants, Plants) for mode in modes):
         raise DomainError(f"plants that are given are counted from 0, not from {first!r}")
-    workers = threads if threads is not None else threads_of_machine()
+    workers = threads if threads is not None else available_threads()
     if chunk < 1 or workers < 1:
         raise DomainError(f"chunk {chunk!r} and threads {workers!r} must be at least 1")
     if horizon.first >= len(scenario.signals):
@@ -91,12 +91,12 @@ def _chunks(
     modes: Sequence[Mode], scenario: Scenario, horizon: Horizon, begins: range, end: int, workers: int
 ) -> Iterator[Measures]:
     def work(parts: list[Plants], begin: int) -> Measures:
-        return _measures(_run(modes, _discretised(parts, scenario), scenario, horizon, begin)[0], scenario, horizon)
+        return _measures(_run(modes, _discretized(parts, scenario), scenario, horizon, begin)[0], scenario, horizon)
 
     waiting: deque[Future[Measures]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         for begin in begins:
-            parts = _taken(modes, begin, min(begin + begins.step, end))
+            parts = _plants_between(modes, begin, min(begin + begins.step, end))
             waiting.append(pool.submit(work, parts, begin))
             if len(waiting) > workers:
                 yield waiting.popleft().result()
@@ -105,7 +105,7 @@ def _chunks(
 
 
 def _count(modes: Sequence[Mode], scenario: Scenario, count: int | None) -> int:
-    """Number of plants, once modes and scenario fit together."""
+    """Number of plants, after checking that modes and scenario fit together."""
     if len(modes) != (1 if scenario.hybrid is None else 2):
         raise DomainError(f"{len(modes)} modes: one without `hybrid`, two with it")
     given = {len(mode.plants) for mode in modes if isinstance(mode.plants, Plants)}
@@ -119,7 +119,7 @@ def _count(modes: Sequence[Mode], scenario: Scenario, count: int | None) -> int:
     return total
 
 
-def _taken(modes: Sequence[Mode], begin: int, end: int) -> list[Plants]:
+def _plants_between(modes: Sequence[Mode], begin: int, end: int) -> list[Plants]:
     parts = []
     for mode in modes:
         given = mode.plants
@@ -130,15 +130,15 @@ def _taken(modes: Sequence[Mode], begin: int, end: int) -> list[Plants]:
     return parts
 
 
-def _held(modes: Sequence[Mode], scenario: Scenario, begin: int, total: int) -> list[HeldPlants]:
+def _discretized_all(modes: Sequence[Mode], scenario: Scenario, begin: int, total: int) -> list[DiscretePlants]:
     parts = [mode.plants for mode in modes if isinstance(mode.plants, Plants)]
     if len(parts) < len(modes):
-        parts = _taken(modes, begin, begin + total)
-    return _discretised(parts, scenario)
+        parts = _plants_between(modes, begin, begin + total)
+    return _discretized(parts, scenario)
 
 
-def _discretised(parts: Sequence[Plants], scenario: Scenario) -> list[HeldPlants]:
-    held = [hold(part, scenario.sample_time_s, scenario.actuator.delay_samples) for part in parts]
+def _discretized(parts: Sequence[Plants], scenario: Scenario) -> list[DiscretePlants]:
+    held = [discretize_plants(part, scenario.sample_time_s, scenario.actuator.delay_samples) for part in parts]
     if scenario.hybrid is not None:
         for part, plants in zip(held, parts, strict=True):
             if part.order != 1 or np.any(part.direct != 0.0):
@@ -149,40 +149,45 @@ def _discretised(parts: Sequence[Plants], scenario: Scenario) -> list[HeldPlants
 
 
 def _run(
-    modes: Sequence[Mode], held: list[HeldPlants], scenario: Scenario, horizon: Horizon, begin: int, keep: bool = False
+    modes: Sequence[Mode],
+    held: list[DiscretePlants],
+    scenario: Scenario,
+    horizon: Horizon,
+    begin: int,
+    keep: bool = False,
 ) -> tuple[Array, Array]:
     """Results, shape (12, m), and traces, shape (8, m, steps) when they are kept."""
     from fopi_tune.simulation.sampled.kernel import run_blocks
 
     m, steps = len(held[0]), len(scenario.signals)
     blocks = -(-m // WIDTH)
-    late = np.zeros((2, blocks * WIDTH), dtype=np.int64)
-    late[0, :m], late[1, :m] = held[0].control.late, held[0].load.late
+    delay = np.zeros((2, blocks * WIDTH), dtype=np.int64)
+    delay[0, :m], delay[1, :m] = held[0].control.delay, held[0].load.delay
     table = _table(held, scenario, blocks * WIDTH)
     settings = _settings(modes, held, scenario, horizon, begin, keep)
-    places = layout(settings.order, len(table) - 1 - settings.order, settings.sections)
+    offsets = scratch_layout(settings.order, len(table) - 1 - settings.order, settings.sections)
     signal = scenario.signals.load if scenario.signals.load is not None else np.zeros(0)
     results = np.zeros((len(RESULTS), blocks * WIDTH))
     traces = np.zeros(len(TRACES) * steps * blocks * WIDTH if keep else 0)
-    controllers = np.array([_rows(mode.controller, settings.sections) for mode in modes])
-    scratch, jumps = _aligned(places.size + 2 * max(settings.ring, 1) * WIDTH), np.zeros(steps, dtype=np.int64)
+    controllers = np.array([_coefficients(mode.controller, settings.sections) for mode in modes])
+    scratch, jumps = _aligned(offsets.size + 2 * max(settings.ring, 1) * WIDTH), np.zeros(steps, dtype=np.int64)
     reference = scenario.signals.reference
     run_blocks(
-        0, blocks, settings, places, table, late, controllers, reference, signal, results, traces, scratch, jumps
+        0, blocks, settings, offsets, table, delay, controllers, reference, signal, results, traces, scratch, jumps
     )  # fmt: skip
     kept = traces.reshape(len(TRACES), steps if keep else 0, blocks * WIDTH)[:, :, :m].transpose(0, 2, 1)
     return results[:, :m], kept
 
 
 def _aligned(count: int) -> Array:
-    """Room for doubles at the start of a cache line: what crosses lines is slow to be read after it was written."""
+    """Doubles aligned to a cache line: vectors that cross lines are slow to read back after a write."""
     room = np.zeros(count + 8)
     first = -(room.ctypes.data // 8) % 8
     return room[first : first + count]
 
 
-def _rows(controller: Runtime, sections: int) -> Array:
-    """A controller's numbers, as `layout` has them; sections that are missing are 0 and stay 0."""
+def _coefficients(controller: Runtime, sections: int) -> Array:
+    """A controller's coefficients in the order of `layout`; missing sections are 0 and stay 0."""
     low, high = controller.limits
     start = float(init(controller).output)
     rows = np.zeros(SECTIONS + 3 * sections)
@@ -192,17 +197,17 @@ def _rows(controller: Runtime, sections: int) -> Array:
     return rows
 
 
-def _table(held: list[HeldPlants], scenario: Scenario, width: int) -> Array:
-    """A column a plant: the input before the start, the states, and what `stages` multiplies them with."""
+def _table(held: list[DiscretePlants], scenario: Scenario, width: int) -> Array:
+    """One column per plant: the input before the start, the states, and the coefficients that `plant_stages` uses."""
     first = held[scenario.hybrid.first - 1 if scenario.hybrid else 0]
     m, n = len(first), first.order
-    states, past = first.begin(scenario.start)
+    states, past = first.initial_state(scenario.start)
     if scenario.hybrid is None:
         transition, new, old = first.control.whole
         _, load_new, load_old = first.load.whole
         plant = [transition.reshape(m, n * n), new, old, load_new, load_old, first.output, first.rate_state]
         plant += [first.direct[:, None], first.rate_input[:, None]]
-        plant += [first.rate_step[:, None], first.growth[:, None]]
+        plant += [first.rate_step[:, None], first.rate_growth[:, None]]
     else:
         plant = []
         for part in held:
@@ -216,14 +221,14 @@ def _table(held: list[HeldPlants], scenario: Scenario, width: int) -> Array:
 
 
 def _settings(
-    modes: Sequence[Mode], held: list[HeldPlants], scenario: Scenario, horizon: Horizon, begin: int, keep: bool
+    modes: Sequence[Mode], held: list[DiscretePlants], scenario: Scenario, horizon: Horizon, begin: int, keep: bool
 ) -> Settings:
     sensor, Ts = scenario.sensor, scenario.sample_time_s
     hybrid = scenario.hybrid or Hybrid(0.0)
-    late = int(held[0].control.late.max(initial=0))
-    delayed = late > 0 or any(bool(np.any(part.control.weight[0] != 0.0)) for part in held)
-    load_delayed = bool(np.any(held[0].load.late > 0))
-    final, before = _step(scenario, horizon)
+    delay = int(held[0].control.delay.max(initial=0))
+    delayed = delay > 0 or any(bool(np.any(part.control.weight[0] != 0.0)) for part in held)
+    load_delayed = bool(np.any(held[0].load.delay > 0))
+    final, before = _reference_step(scenario, horizon)
     return Settings(
         noise_std=float(sensor.noise_std),
         quantum=float(sensor.quantum),
@@ -244,25 +249,25 @@ def _settings(
         horizon=int(horizon.first),
         bumpless=int(scenario.start.bumpless),
         delayed=int(delayed),
-        ring=late + 1 if late else 0,
-        same_late=int(np.all(held[0].control.late == late)),
+        ring=delay + 1 if delay else 0,
+        same_delay=int(np.all(held[0].control.delay == delay)),
         loaded=int(scenario.signals.load is not None),
         load_delayed=int(load_delayed),
-        prompt=int(all(part.is_prompt.all() for part in held)),
+        acts_at_samples=int(all(part.acts_at_samples.all() for part in held)),
         steps=len(scenario.signals),
         width=-(-len(held[0]) // WIDTH) * WIDTH,
         keep=int(keep),
     )
 
 
-def _step(scenario: Scenario, horizon: Horizon) -> tuple[float, float]:
+def _reference_step(scenario: Scenario, horizon: Horizon) -> tuple[float, float]:
     """The last reference and the one before the horizon."""
     reference = scenario.signals.reference
     return float(reference[-1]), float(reference[horizon.first - 1] if horizon.first else scenario.start.output)
 
 
 def _measures(rows: Array, scenario: Scenario, horizon: Horizon) -> Measures:
-    """What the kernel counted, in the measures' units."""
+    """The kernel's results, in the measures' units."""
     Ts, steps = scenario.sample_time_s, len(scenario.signals)
     found = dict(zip(RESULTS, rows, strict=True))
     finite = found["finite"] == 1.0
@@ -288,13 +293,13 @@ def _measures(rows: Array, scenario: Scenario, horizon: Horizon) -> Measures:
     )
 
 
-#: set to 1 where many processes share a machine, as the workers of a study do
-VARIABLE = "FOPI_THREADS"
+#: environment variable with the number of threads; 1 where many processes share a machine, as workers of a study
+THREADS_VARIABLE = "FOPI_THREADS"
 
 
-def threads_of_machine() -> int:
-    """At least 1; a variable that is no positive number is not heard."""
-    wanted = os.environ.get(VARIABLE, "")
+def available_threads() -> int:
+    """Number of threads to use, at least 1; a variable that is no positive number is ignored."""
+    wanted = os.environ.get(THREADS_VARIABLE, "")
     if wanted.isdecimal() and int(wanted) > 0:
         return int(wanted)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

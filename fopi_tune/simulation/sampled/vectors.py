@@ -1,7 +1,7 @@
-"""Vectors for Numba:  `WIDTH` loops side by side in one value, each computed as it would be alone.
+"""SIMD vectors for Numba:  `WIDTH` doubles in one value, one lane per loop.
 
-LLVM gives up on vectorising loops over many arrays that might overlap; operations on its vector type need no proof of
-that.  There is no contraction and no reassociation: a lane's result has no other bits than the scalar operation's.
+LLVM does not vectorise loops over many arrays that might overlap; with operations on its vector type it need not prove
+that they do not.  There is no contraction and no reassociation: each lane has the bits of the scalar operation.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 _INTEGERS = ir.VectorType(ir.IntType(64), WIDTH)
 
 
-#: Numba fills in a function by the signature and the generator it returns; its users call what is filled in
+#: an intrinsic returns its signature and code generator; callers see the generated function, hence the cast
 _instruction = cast("Callable[[Any], Any]", intrinsic)
 
 
-class Pack(types.Type):
+class Vector(types.Type):
     """The type of WIDTH doubles."""
 
     def __init__(self) -> None:
-        super().__init__(f"Pack{WIDTH}")
+        super().__init__(f"Vector{WIDTH}")
 
 
 class Mask(types.Type):
@@ -48,8 +48,8 @@ class Words(types.Type):
         super().__init__(f"Words{WIDTH}")
 
 
-@register_model(Pack)
-class _PackModel(models.PrimitiveModel):
+@register_model(Vector)
+class _VectorModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, _DOUBLES)
 
@@ -66,14 +66,14 @@ class _WordsModel(models.PrimitiveModel):
         super().__init__(manager, kind, _INTEGERS)
 
 
-_PACK, _MASK, _WORDS = Pack(), Mask(), Words()
+_VECTOR, _MASK, _WORDS = Vector(), Mask(), Words()
 
 
 @_instruction
 def pointer(_typing: Any, array: Any) -> Any:
-    """Where a contiguous array's numbers are: indexed like it, unchecked, and not counted as a reference to it.
+    """Pointer to the data of a contiguous array: indexed like it, without bounds checks and reference counting.
 
-    Reference counts are atomic operations, and they were three quarters of the time.  The array has to live on.
+    Reference counts are atomic operations, which took three quarters of the time.  The caller keeps the array alive.
     """
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -83,66 +83,66 @@ def pointer(_typing: Any, array: Any) -> Any:
 
 
 @_instruction
-def behind(_typing: Any, begin: Any, place: Any) -> Any:
-    """The pointer to a place."""
-    return begin(begin, types.intp), lambda _context, builder, _sig, args: builder.gep(args[0], [args[1]])
+def offset_pointer(_typing: Any, base: Any, place: Any) -> Any:
+    """The pointer moved by `place` elements."""
+    return base(base, types.intp), lambda _context, builder, _sig, args: builder.gep(args[0], [args[1]])
 
 
-def _place(builder: Any, args: Any) -> Any:
+def _address(builder: Any, args: Any) -> Any:
     return builder.bitcast(builder.gep(args[0], [args[1]]), _DOUBLES.as_pointer())
 
 
 @_instruction
-def load(_typing: Any, begin: Any, place: Any) -> Any:
-    """The pack of the doubles behind pointer + place."""
+def load(_typing: Any, base: Any, place: Any) -> Any:
+    """The vector of the doubles from pointer + place on."""
 
     def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        return builder.load(_place(builder, args), align=8)
+        return builder.load(_address(builder, args), align=8)
 
-    return _PACK(begin, types.intp), generate
+    return _VECTOR(base, types.intp), generate
 
 
 @_instruction
-def store(_typing: Any, begin: Any, place: Any, pack: Any) -> Any:
-    """Write a pack behind pointer + place."""
+def store(_typing: Any, base: Any, place: Any, vector: Any) -> Any:
+    """Write a vector from pointer + place on."""
 
     def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        builder.store(args[2], _place(builder, args), align=8)
+        builder.store(args[2], _address(builder, args), align=8)
         return context.get_dummy_value()
 
-    return types.void(begin, types.intp, pack), generate
+    return types.void(base, types.intp, vector), generate
 
 
-def _spread(builder: Any, kind: Any, value: Any) -> Any:
+def _broadcast(builder: Any, kind: Any, value: Any) -> Any:
     index = ir.IntType(32)
     one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(index, 0))
     return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(index, WIDTH), [0] * WIDTH))
 
 
 @_instruction
-def spread(_typing: Any, value: Any) -> Any:
+def broadcast(_typing: Any, value: Any) -> Any:
     """A number in every lane."""
-    return _PACK(types.float64), lambda _context, builder, _sig, args: _spread(builder, _DOUBLES, args[0])
+    return _VECTOR(types.float64), lambda _context, builder, _sig, args: _broadcast(builder, _DOUBLES, args[0])
 
 
 @_instruction
-def words(_typing: Any, first: Any, step: Any) -> Any:
-    """The words first, first + step, first + 2 step, ..."""
+def word_sequence(_typing: Any, first: Any, step: Any) -> Any:
+    """The words first, first + step, first + 2 step, ..., one per lane."""
 
     def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        begin, step = (_spread(builder, _INTEGERS, number) for number in args)
-        return builder.add(begin, builder.mul(step, ir.Constant(_INTEGERS, list(range(WIDTH)))))
+        base, step = (_broadcast(builder, _INTEGERS, number) for number in args)
+        return builder.add(base, builder.mul(step, ir.Constant(_INTEGERS, list(range(WIDTH)))))
 
     return _WORDS(types.uint64, types.uint64), generate
 
 
 @_instruction
-def products(_typing: Any, pack: Any, factor: Any) -> Any:
-    """Lane by lane the upper and the lower 64 bits of a product, by the halves that vectors can multiply."""
+def wide_product(_typing: Any, vector: Any, factor: Any) -> Any:
+    """Lane by lane the upper and lower 64 bits of a product, from products of 32-bit halves."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         half, mask = (ir.Constant(_INTEGERS, [number] * WIDTH) for number in (32, 2**32 - 1))
-        one, two = args[0], _spread(builder, _INTEGERS, args[1])
+        one, two = args[0], _broadcast(builder, _INTEGERS, args[1])
         parts = [(builder.and_(word, mask), builder.lshr(word, half)) for word in (one, two)]
         ll, lh, hl, hh = (builder.mul(x, y) for x in parts[0] for y in parts[1])
         first = builder.add(hl, builder.lshr(ll, half))
@@ -155,19 +155,19 @@ def products(_typing: Any, pack: Any, factor: Any) -> Any:
 
 
 @_instruction
-def upper_bits(_typing: Any, pack: Any) -> Any:
+def upper_bits(_typing: Any, vector: Any) -> Any:
     """The upper 52 bits of every word as a number."""
 
     def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
         # a number below 2^63 has the same value with a sign
         return builder.sitofp(builder.lshr(args[0], ir.Constant(_INTEGERS, [12] * WIDTH)), _DOUBLES)
 
-    return _PACK(_WORDS), generate
+    return _VECTOR(_WORDS), generate
 
 
 @_instruction
-def squeeze(_typing: Any, begin: Any, place: Any, pack: Any, mask: Any) -> Any:
-    """Write the lanes of a mask without gaps behind pointer + place."""
+def compress_store(_typing: Any, base: Any, place: Any, vector: Any, mask: Any) -> Any:
+    """Write the lanes of a mask without gaps from pointer + place on."""
 
     def generate(context: Any, builder: Any, _sig: Any, args: Any) -> Any:
         kind = ir.FunctionType(ir.VoidType(), [_DOUBLES, ir.DoubleType().as_pointer(), _BITS])
@@ -175,23 +175,23 @@ def squeeze(_typing: Any, begin: Any, place: Any, pack: Any, mask: Any) -> Any:
         builder.call(function, [args[2], builder.gep(args[0], [args[1]]), args[3]])
         return context.get_dummy_value()
 
-    return types.void(begin, types.intp, _PACK, _MASK), generate
+    return types.void(base, types.intp, _VECTOR, _MASK), generate
 
 
 @_instruction
-def stretch(_typing: Any, begin: Any, place: Any, mask: Any, others: Any) -> Any:
-    """What `squeeze` wrote, in the lanes of the mask."""
+def expand_load(_typing: Any, base: Any, place: Any, mask: Any, others: Any) -> Any:
+    """Read what `compress_store` wrote into the lanes of the mask; `others` elsewhere."""
 
     def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
         kind = ir.FunctionType(_DOUBLES, [ir.DoubleType().as_pointer(), _BITS, _DOUBLES])
         function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.masked.expandload.v{WIDTH}f64")
         return builder.call(function, [builder.gep(args[0], [args[1]]), args[2], args[3]])
 
-    return _PACK(begin, types.intp, _MASK, _PACK), generate
+    return _VECTOR(base, types.intp, _MASK, _VECTOR), generate
 
 
 @_instruction
-def count(_typing: Any, word: Any) -> Any:
+def count_bits(_typing: Any, word: Any) -> Any:
     """How many bits are set."""
     return types.int64(types.int64), lambda _context, builder, _sig, args: builder.ctpop(args[0])
 
@@ -199,7 +199,7 @@ def count(_typing: Any, word: Any) -> Any:
 @_instruction
 def where(_typing: Any, mask: Any, yes: Any, no: Any) -> Any:
     """Lane by lane `yes` where the mask is set and `no` where it is not."""
-    return _PACK(_MASK, _PACK, _PACK), lambda _context, builder, _sig, args: builder.select(*args)
+    return _VECTOR(_MASK, _VECTOR, _VECTOR), lambda _context, builder, _sig, args: builder.select(*args)
 
 
 @_instruction
@@ -213,7 +213,7 @@ def bits(_typing: Any, mask: Any) -> Any:
 
 
 @_instruction
-def lanes(_typing: Any, word: Any) -> Any:
+def mask_from_bits(_typing: Any, word: Any) -> Any:
     """The mask of a whole number."""
 
     def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
@@ -231,21 +231,21 @@ def _by_llvm(name: str) -> Callable[..., Any]:
 
 
 @_instruction
-def size(_typing: Any, pack: Any) -> Any:
+def absolute(_typing: Any, vector: Any) -> Any:
     """Lane by lane the absolute value."""
-    return _PACK(_PACK), _by_llvm("fabs")
+    return _VECTOR(_VECTOR), _by_llvm("fabs")
 
 
 @_instruction
-def rounded(_typing: Any, pack: Any) -> Any:
+def rounded(_typing: Any, vector: Any) -> Any:
     """Lane by lane the nearest whole number, halves to the even one."""
-    return _PACK(_PACK), _by_llvm("rint")
+    return _VECTOR(_VECTOR), _by_llvm("rint")
 
 
 @_instruction
-def root(_typing: Any, pack: Any) -> Any:
+def square_root(_typing: Any, vector: Any) -> Any:
     """Lane by lane the square root."""
-    return _PACK(_PACK), _by_llvm("sqrt")
+    return _VECTOR(_VECTOR), _by_llvm("sqrt")
 
 
 def _operator(function: Any, operand: Any, result: Any, emit: Callable[[Any, Any, Any], Any]) -> None:
@@ -261,15 +261,15 @@ def _operator(function: Any, operand: Any, result: Any, emit: Callable[[Any, Any
     lower_builtin(function, type(operand), type(operand))(lambda _context, builder, _sig, args: emit(builder, *args))
 
 
-_operator(operator.add, _PACK, _PACK, lambda builder, x, y: builder.fadd(x, y))
-_operator(operator.sub, _PACK, _PACK, lambda builder, x, y: builder.fsub(x, y))
-_operator(operator.mul, _PACK, _PACK, lambda builder, x, y: builder.fmul(x, y))
-_operator(operator.truediv, _PACK, _PACK, lambda builder, x, y: builder.fdiv(x, y))
-_operator(operator.lt, _PACK, _MASK, lambda builder, x, y: builder.fcmp_ordered("<", x, y))
-_operator(operator.le, _PACK, _MASK, lambda builder, x, y: builder.fcmp_ordered("<=", x, y))
-_operator(operator.gt, _PACK, _MASK, lambda builder, x, y: builder.fcmp_ordered(">", x, y))
-_operator(operator.ge, _PACK, _MASK, lambda builder, x, y: builder.fcmp_ordered(">=", x, y))
-_operator(operator.ne, _PACK, _MASK, lambda builder, x, y: builder.fcmp_unordered("!=", x, y))
+_operator(operator.add, _VECTOR, _VECTOR, lambda builder, x, y: builder.fadd(x, y))
+_operator(operator.sub, _VECTOR, _VECTOR, lambda builder, x, y: builder.fsub(x, y))
+_operator(operator.mul, _VECTOR, _VECTOR, lambda builder, x, y: builder.fmul(x, y))
+_operator(operator.truediv, _VECTOR, _VECTOR, lambda builder, x, y: builder.fdiv(x, y))
+_operator(operator.lt, _VECTOR, _MASK, lambda builder, x, y: builder.fcmp_ordered("<", x, y))
+_operator(operator.le, _VECTOR, _MASK, lambda builder, x, y: builder.fcmp_ordered("<=", x, y))
+_operator(operator.gt, _VECTOR, _MASK, lambda builder, x, y: builder.fcmp_ordered(">", x, y))
+_operator(operator.ge, _VECTOR, _MASK, lambda builder, x, y: builder.fcmp_ordered(">=", x, y))
+_operator(operator.ne, _VECTOR, _MASK, lambda builder, x, y: builder.fcmp_unordered("!=", x, y))
 _operator(operator.and_, _MASK, _MASK, lambda builder, x, y: builder.and_(x, y))
 _operator(operator.or_, _MASK, _MASK, lambda builder, x, y: builder.or_(x, y))
 _operator(operator.add, _WORDS, _WORDS, lambda builder, x, y: builder.add(x, y))

@@ -21,19 +21,19 @@ from fopi_tune.core.plant import Plant
 from fopi_tune.core.stability import is_stable, unstable_closed_loop_poles
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.commensurate import commensurate_model, step_response
-from fopi_tune.simulation.fractional.inversion import Bend, invert, invert_beside
+from fopi_tune.simulation.fractional.inversion import LineBounds, invert_on_bent_line, invert_on_hyperbola
 from fopi_tune.simulation.fractional.linear import (
     LoopTransform,
     Signal,
     Stimulus,
     exact_response,
     response_and_error,
-    response_beside,
     response_by_steps,
+    response_on_bent_line,
 )
 from fopi_tune.simulation.fractional.poles import principal_poles
-from fopi_tune.simulation.fractional.quadrature import exponentials
-from fopi_tune.simulation.fractional.time_stepping import Start, simulate_exactly
+from fopi_tune.simulation.fractional.quadrature import matrix_exponentials
+from fopi_tune.simulation.fractional.time_stepping import InitialState, simulate_fractional
 
 Array = NDArray[np.float64]
 OUTPUT, CONTROL, LOAD = Signal.OUTPUT_AFTER_REFERENCE, Signal.CONTROL_AFTER_REFERENCE, Signal.OUTPUT_AFTER_LOAD
@@ -85,16 +85,20 @@ def test_the_papers_brake_answers_as_published() -> None:
 
 def test_a_half_order_lag_is_one_less_a_scaled_complementary_error_function() -> None:
     times = np.geomspace(1e-6, 1e6, 25)
-    answer = invert(lambda s: 1 / (s * (s**0.5 + 1)), times)
+    answer = invert_on_hyperbola(lambda s: 1 / (s * (s**0.5 + 1)), times)
     # 10 roundings of e^{mu (1 - sin phi)}
     assert answer.value == pytest.approx(1 - erfcx(np.sqrt(times)), rel=1e-12, abs=1e-15)
-    assert invert(lambda s: 1 / (s * (s**0.5 + 1)), [1.0]).value[0] == pytest.approx(0.5724164238, abs=6e-11)
+    assert invert_on_hyperbola(lambda s: 1 / (s * (s**0.5 + 1)), [1.0]).value[0] == pytest.approx(
+        0.5724164238, abs=6e-11
+    )
 
 
 @pytest.mark.parametrize("beta", [0.1, 0.9, 1.5, 2.9])
 def test_a_power_of_s_is_a_power_of_t(beta: float) -> None:
     times = np.array([1e-9, 1.0, 1e9])
-    assert invert(lambda s: s**-beta, times).value == pytest.approx(times ** (beta - 1) / gamma(beta), rel=1e-12)
+    assert invert_on_hyperbola(lambda s: s**-beta, times).value == pytest.approx(
+        times ** (beta - 1) / gamma(beta), rel=1e-12
+    )
 
 
 def test_named_poles_and_the_bent_line_both_give_a_damped_oscillation() -> None:
@@ -104,9 +108,11 @@ def test_named_poles_and_the_bent_line_both_give_a_damped_oscillation() -> None:
     def transform(s: NDArray[np.complex128]) -> NDArray[np.complex128]:
         return 1 / ((s + 0.01) ** 2 + 9)
 
-    assert invert(transform, times, poles, np.array([-1j / 6, 1j / 6])).value == pytest.approx(closed, abs=1e-12)
+    assert invert_on_hyperbola(transform, times, poles, np.array([-1j / 6, 1j / 6])).value == pytest.approx(
+        closed, abs=1e-12
+    )
     # rounding of e^{7.3} on the line
-    assert invert_beside(transform, times, Bend(0.0, 4.0)).value == pytest.approx(closed, abs=1e-11)
+    assert invert_on_bent_line(transform, times, LineBounds(0.0, 4.0)).value == pytest.approx(closed, abs=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +175,7 @@ def test_a_proportional_loop_around_a_pure_delay_jumps_at_every_dead_time() -> N
     )
 
 
-# --- one route against another -------------------------------------------------------------------------------------
+# --- one method against another ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("signal", Signal)
@@ -180,11 +186,11 @@ def test_thirty_delayed_loops_are_answered_everywhere(signal: Signal) -> None:
 
 
 def test_steps_and_bent_line_meet_where_both_hold() -> None:
-    # up to 6 dead times the answer is made of steps, after that of a line: the test's own line reaches to both sides
+    # up to 6 dead times the response comes from the method of steps, then from the line: this line covers both
     for gains, plant in random_loops(8, 10, delayed=True):
         loop = LoopTransform(gains, plant, OUTPUT, Stimulus.STEP)
         times = plant.dead_time_s * np.array([4.5, 5.99, 6.0, 6.01, 8.0, 10.5])
-        steps, beside = response_by_steps(loop, times), response_beside(loop, times)
+        steps, beside = response_by_steps(loop, times), response_on_bent_line(loop, times)
         known = np.isfinite(beside.error)
         allowed = 10 * (steps.error + beside.error) + 1e-11
         assert np.all(np.abs(steps.value - beside.value)[known] <= allowed[known]), (gains, plant)
@@ -196,7 +202,9 @@ def test_thirty_loops_without_dead_time_agree_with_a_line_that_knows_no_poles() 
         value = exact_response(gains, plant, OUTPUT, times)
         poles = principal_poles(gains, plant)
         beyond = 2.0 * float(np.abs(poles).max(initial=0.0)) + 1.0
-        beside = invert_beside(lambda s, g=gains, p=plant: loop_transform(g, p, s), times, Bend(0.0, beyond))
+        beside = invert_on_bent_line(
+            lambda s, g=gains, p=plant: loop_transform(g, p, s), times, LineBounds(0.0, beyond)
+        )
         assert value == pytest.approx(beside.value, abs=1e-10 * max(1.0, float(np.abs(value).max()))), (gains, plant)
 
 
@@ -205,8 +213,8 @@ def test_unstable_loops_without_dead_time_are_exact_too() -> None:
     for gains, plant in random_loops(10, 15, delayed=False, stable=False):
         value = exact_response(gains, plant, OUTPUT, times)
         poles = principal_poles(gains, plant)
-        reach = Bend(float(poles.real.max(initial=0.0)), 2.0 * float(np.abs(poles).max(initial=0.0)) + 1.0)
-        beside = invert_beside(lambda s, g=gains, p=plant: loop_transform(g, p, s), times, reach)
+        reach = LineBounds(float(poles.real.max(initial=0.0)), 2.0 * float(np.abs(poles).max(initial=0.0)) + 1.0)
+        beside = invert_on_bent_line(lambda s, g=gains, p=plant: loop_transform(g, p, s), times, reach)
         assert value == pytest.approx(beside.value, abs=1e-9 * max(1.0, float(np.abs(value).max()))), (gains, plant)
 
 
@@ -346,7 +354,7 @@ def orders(gains: FoPi, plant: Plant, signal: Signal = OUTPUT) -> Array:
     for steps in (256, 512):
         at = steps * np.array([3, 5, 8]) // 8
         reference, load = (0.0, 1.0) if signal is LOAD else (1.0, 0.0)
-        run = simulate_exactly(gains, plant, reference, 8.0 / steps, steps, load=load)
+        run = simulate_fractional(gains, plant, reference, 8.0 / steps, steps, load=load)
         seen = run.demand if signal is CONTROL else run.output
         errors.append(np.abs(seen[at] - exact_response(gains, plant, signal, run.time_s[at])))
     return np.log2(errors[0] / errors[1])
@@ -370,7 +378,7 @@ def test_a_direct_path_costs_order_down_to_one_plus_alpha() -> None:
 
 @pytest.mark.parametrize("lag_s", [1e-6, 1e6])
 def test_a_lag_far_from_the_step_is_no_matter(lag_s: float) -> None:
-    run = simulate_exactly(PAPER, Plant((1.0,), (lag_s, 1.0)), 1.0, 0.01, 800)
+    run = simulate_fractional(PAPER, Plant((1.0,), (lag_s, 1.0)), 1.0, 0.01, 800)
     exact = exact_response(PAPER, Plant((1.0,), (lag_s, 1.0)), OUTPUT, [2.0, 8.0])
     # the fast one acts as a direct path: order 1 + alpha at best
     assert run.output[[200, 800]] == pytest.approx(exact, rel=1e-3)
@@ -381,14 +389,14 @@ def test_a_lag_far_from_the_step_is_no_matter(lag_s: float) -> None:
 def test_the_matrix_exponential_is_scipys(scale: float) -> None:
     matrix = scale * np.array([[-1.0, 1.0, 0.0], [-3.0, 0.0, 1.0], [-2.0, 0.0, 0.0]])
     # 24 squarings of a stable matrix
-    assert exponentials(matrix[None])[0] == pytest.approx(expm(matrix), abs=1e-9)
+    assert matrix_exponentials(matrix[None])[0] == pytest.approx(expm(matrix), abs=1e-9)
 
 
 def test_held_references_and_loads_superpose() -> None:
     h, n = 0.01, 1000
     reference, load = np.zeros(n + 1), np.zeros(n + 1)
     reference[:300], reference[300:], load[550:] = 1.0, -0.5, 2.0
-    run = simulate_exactly(PAPER, BRAKE, reference, h, n, load=load)
+    run = simulate_fractional(PAPER, BRAKE, reference, h, n, load=load)
     at = np.array([200, 400, 600, 1000])
     t = run.time_s[at]
     exact = exact_response(PAPER, BRAKE, OUTPUT, t) - 1.5 * exact_response(PAPER, BRAKE, OUTPUT, np.maximum(t - 3.0, 0))
@@ -398,30 +406,30 @@ def test_held_references_and_loads_superpose() -> None:
 
 
 def test_a_continuous_reference_is_followed_as_a_ramp() -> None:
-    run = simulate_exactly(PAPER, BRAKE, lambda t: t, 0.02, 500)
+    run = simulate_fractional(PAPER, BRAKE, lambda t: t, 0.02, 500)
     assert run.output[-1] == pytest.approx(exact_response(PAPER, BRAKE, OUTPUT, [10.0], Stimulus.RAMP)[0], abs=2e-5)
 
 
 def test_a_start_away_from_rest_is_a_step_seen_from_there() -> None:
     # a plant without control that stays where it is: from y0 = 1 to r = 1 + 1 is a unit step
     integrator = Plant((1.0,), (1.0, 0.0))
-    away = simulate_exactly(PAPER, integrator, 2.0, 0.02, 400, start=Start(state=(1.0,)))
-    rest = simulate_exactly(PAPER, integrator, 1.0, 0.02, 400)
+    away = simulate_fractional(PAPER, integrator, 2.0, 0.02, 400, start=InitialState(state=(1.0,)))
+    rest = simulate_fractional(PAPER, integrator, 1.0, 0.02, 400)
     assert away.output - 1.0 == pytest.approx(rest.output, abs=1e-12)
 
 
 def test_an_integral_to_start_with_holds_an_equilibrium() -> None:
     plant = Plant((1.0,), (2.35, 1.0), 0.5)
-    run = simulate_exactly(PAPER, plant, 3.0, 0.1, 200, start=Start((3.0 / 2.35 * 2.35,), 3.0 / 0.6, 3.0))
+    run = simulate_fractional(PAPER, plant, 3.0, 0.1, 200, start=InitialState((3.0 / 2.35 * 2.35,), 3.0 / 0.6, 3.0))
     assert run.output == pytest.approx(3.0, abs=1e-12)
     assert run.control == pytest.approx(3.0, abs=1e-12)
 
 
 def test_an_actuator_at_its_limit_is_an_open_loop() -> None:
-    run = simulate_exactly(FoPi(50.0, 1.0, 0.5), BRAKE, 100.0, 0.05, 40, limits=(-0.3, 0.7))
+    run = simulate_fractional(FoPi(50.0, 1.0, 0.5), BRAKE, 100.0, 0.05, 40, limits=(-0.3, 0.7))
     assert run.control == pytest.approx(0.7)
     assert run.output == pytest.approx(0.7 * -np.expm1(-run.time_s / 2.35), abs=1e-12)
-    down = simulate_exactly(FoPi(50.0, 1.0, 0.5), BRAKE, -100.0, 0.05, 40, limits=(-0.3, 0.7))
+    down = simulate_fractional(FoPi(50.0, 1.0, 0.5), BRAKE, -100.0, 0.05, 40, limits=(-0.3, 0.7))
     assert down.output == pytest.approx(-0.3 * -np.expm1(-run.time_s / 2.35), abs=1e-12)
 
 
@@ -434,14 +442,14 @@ def test_a_saturated_ordinary_pi_is_that_of_an_ode_solver() -> None:
         return [(control - y) / 2.35, 1 - y]
 
     oracle = solve_ivp(slope, (0, 10), [0.0, 0.0], rtol=1e-10, atol=1e-12, max_step=0.01).y[0, -1]
-    run = simulate_exactly(gains, BRAKE, 1.0, 0.01, 1000, limits=limits)
+    run = simulate_fractional(gains, BRAKE, 1.0, 0.01, 1000, limits=limits)
     assert run.control.max() == 1.2
     assert run.output[-1] == pytest.approx(oracle, abs=1e-5)
 
 
 def test_saturation_keeps_second_order() -> None:
     ends = [
-        simulate_exactly(FoPi(2.0, 1.5, 0.6), BRAKE, 1.0, 8.0 / n, n, limits=(-0.2, 1.2)).output[-1]
+        simulate_fractional(FoPi(2.0, 1.5, 0.6), BRAKE, 1.0, 8.0 / n, n, limits=(-0.2, 1.2)).output[-1]
         for n in (200, 800, 3200)
     ]
     # the kink lies anywhere in its step, so that the ratio scatters about 16
@@ -450,7 +458,7 @@ def test_saturation_keeps_second_order() -> None:
 
 
 def test_a_direct_path_with_saturation_solves_its_algebraic_loop() -> None:
-    run = simulate_exactly(FoPi(1.0, 0.5, 0.5), Plant((1.0, 1.0), (2.0, 1.0)), 1.0, 0.05, 100, limits=(-1.0, 0.4))
+    run = simulate_fractional(FoPi(1.0, 0.5, 0.5), Plant((1.0, 1.0), (2.0, 1.0)), 1.0, 0.05, 100, limits=(-1.0, 0.4))
     # y(0+) = P(inf) 0.4
     assert run.output[0] == pytest.approx(0.2)
     assert run.demand[0] == pytest.approx(0.8)
@@ -466,7 +474,7 @@ def test_a_direct_path_with_saturation_solves_its_algebraic_loop() -> None:
         ({"limits": (1.0, -1.0)}, "limits"),
         ({"reference": np.ones(3)}, "reference"),
         ({"load": math.nan}, "load"),
-        ({"start": Start(state=(1.0, 2.0))}, "start.state"),
+        ({"start": InitialState(state=(1.0, 2.0))}, "start.state"),
         ({"gains": FoPi(-1.0, 0.5, 0.5), "plant": Plant((1.0,), (1.0,))}, "P\\(inf\\)"),
     ],
 )
@@ -474,4 +482,4 @@ def test_a_simulation_that_makes_no_sense_is_refused(change: dict[str, object], 
     plant = Plant((1.0,), (2.35, 1.0), 0.5)
     arguments = {"gains": PAPER, "plant": plant, "reference": 1.0, "step_s": 0.1, "steps": 10} | change
     with pytest.raises(DomainError, match=message):
-        simulate_exactly(**arguments)  # pyright: ignore[reportArgumentType]
+        simulate_fractional(**arguments)  # pyright: ignore[reportArgumentType]

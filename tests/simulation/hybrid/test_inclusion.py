@@ -1,4 +1,4 @@
-"""The hybrid car: against closed forms, scipy's integrator with events, and what a dense grid of samples can see."""
+"""The hybrid car: against closed forms, SciPy's integrator with events, and a dense grid of samples."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fopi_tune.core.plant import Plant
 from fopi_tune.digital.integrator import ZeroPoleGain, oustaloup
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
-from fopi_tune.simulation.hybrid.flow import Flow, Pedal, Regime
+from fopi_tune.simulation.hybrid.flow import Flow, ModeLoop, Regime
 from fopi_tune.simulation.hybrid.inclusion import simulate_hybrid
 from fopi_tune.simulation.hybrid.model import (
     Corner,
@@ -35,13 +35,13 @@ Array = NDArray[np.float64]
 BAND = (1e-3, 1e3)
 FREE = (-math.inf, math.inf)
 IDLE = FoPi(0.0, 0.0, 1.0)
-#: what the event times are promised to, s
+#: tolerance of event times, s
 LOCATED_S = 1e-9
 
 
 def papers_car(eps: float, memory: Memory = Memory.HELD, limited: bool = False) -> HybridCar:
-    throttle = Pedal(4.39, 0.1746, FoPi(0.09, 0.025, 0.8), oustaloup(0.8, 7, BAND), (0.0, 1.0) if limited else FREE)
-    brake = Pedal(
+    throttle = ModeLoop(4.39, 0.1746, FoPi(0.09, 0.025, 0.8), oustaloup(0.8, 7, BAND), (0.0, 1.0) if limited else FREE)
+    brake = ModeLoop(
         1 / 2.25, 1 / 2.25, FoPi(0.07, 0.11, 0.45), oustaloup(0.45, 7, BAND), (-1.0, 0.0) if limited else FREE
     )
     return HybridCar(throttle, brake, eps, memory)
@@ -55,7 +55,7 @@ CRUISING = HybridStart(30.0, Mode.THROTTLE, CRUISING_CONTROL)
 
 def coasting(pole: float, eps: float = 0.0) -> HybridCar:
     """Both modes y' = -pole y, without control."""
-    return HybridCar(Pedal(1.0, pole, IDLE), Pedal(1.0, pole, IDLE), eps)
+    return HybridCar(ModeLoop(1.0, pole, IDLE), ModeLoop(1.0, pole, IDLE), eps)
 
 
 def times_of(run: HybridResponse) -> list[float]:
@@ -67,7 +67,7 @@ def times_of(run: HybridResponse) -> list[float]:
 
 def test_a_proportional_car_cycles_with_the_period_of_its_two_exponentials() -> None:
     # throttle downhill: y' = 0.1 y + 2 (10 - y), brake: y' = -0.5 y + 0.3 (10 - y), both first order
-    car = HybridCar(Pedal(4.0, -0.1, FoPi(0.5, 0.0, 1.0)), Pedal(1.0, 0.5, FoPi(0.3, 0.0, 1.0)), eps=0.25)
+    car = HybridCar(ModeLoop(4.0, -0.1, FoPi(0.5, 0.0, 1.0)), ModeLoop(1.0, 0.5, FoPi(0.3, 0.0, 1.0)), eps=0.25)
     run = simulate_hybrid(car, [Corner(0.0, 10.0)], 200.0, [], watch=replace(Watch(), most_output=100.0))
     (rise, above), (fall, below) = (1.9, 20.0 / 1.9), (0.8, 3.0 / 0.8)
     up = math.log((above - 9.75) / (above - 10.25)) / rise
@@ -91,7 +91,7 @@ def test_a_coasting_car_meets_a_rising_ramp_where_lamberts_function_says() -> No
 def test_an_ordinary_pi_reaches_the_line_when_its_second_order_loop_does() -> None:
     # 1/s with PI: y'' + kp y' + ki y = kp r' + ki r: from rest y = 1 - e^{-at} (cos wt - (kp - a)/w sin wt)
     kp, ki = 1.0, 2.0
-    car = HybridCar(Pedal(1.0, 0.0, FoPi(kp, ki, 1.0)), Pedal(1.0, 1.0, IDLE), eps=0.05)
+    car = HybridCar(ModeLoop(1.0, 0.0, FoPi(kp, ki, 1.0)), ModeLoop(1.0, 1.0, IDLE), eps=0.05)
     run = simulate_hybrid(car, [Corner(0.0, 1.0)], 1.5, [])
     a, w = kp / 2.0, math.sqrt(ki - kp**2 / 4.0)
     mpmath.mp.dps = 30
@@ -103,7 +103,7 @@ def test_an_ordinary_pi_reaches_the_line_when_its_second_order_loop_does() -> No
 
 def test_a_limit_is_left_when_the_demand_returns_within_it() -> None:
     # y' = -0.2 y + 1 until 2 (10 - y) = 1, from y = 0: y = 5 (1 - e^{-0.2 t}) never gets there; with 4: 20 (1 - ...)
-    car = HybridCar(Pedal(4.0, 0.2, FoPi(2.0, 0.0, 1.0), limits=(0.0, 1.0)), Pedal(1.0, 1.0, IDLE), eps=1.0)
+    car = HybridCar(ModeLoop(4.0, 0.2, FoPi(2.0, 0.0, 1.0), limits=(0.0, 1.0)), ModeLoop(1.0, 1.0, IDLE), eps=1.0)
     leaves = -math.log(1.0 - 9.5 / 20.0) / 0.2
     times = np.linspace(0.0, 10.0, 301)
     run = simulate_hybrid(car, [Corner(0.0, 10.0)], 10.0, times)
@@ -122,12 +122,14 @@ def test_the_flow_is_exact_to_rounding_also_with_poles_from_milliseconds_to_hour
             exact: Any = mpmath.expm(mpmath.matrix(flow.matrix.tolist()) * flow.steps_s[level], method="taylor")
             less = np.array((exact - mpmath.eye(len(flow.matrix))).tolist(), dtype=float)
             # a few roundings of the largest entry, 1
-            np.testing.assert_allclose(flow.ahead[level], less, rtol=0.0, atol=1e-15 * np.abs(less).max())
+            np.testing.assert_allclose(
+                flow.exponential_less_one[level], less, rtol=0.0, atol=1e-15 * np.abs(less).max()
+            )
 
 
 def test_without_jumps_it_is_the_fractional_loop_within_the_filters_error() -> None:
     gains = FoPi(0.5, 0.6, 0.55)
-    pedal = Pedal(1 / 2.35, 1 / 2.35, gains, oustaloup(0.55, 30, (1e-6, 1e6)))
+    pedal = ModeLoop(1 / 2.35, 1 / 2.35, gains, oustaloup(0.55, 30, (1e-6, 1e6)))
     times = np.array([0.5, 5.0, 20.0, 100.0])
     run = simulate_hybrid(HybridCar(pedal, pedal, eps=10.0), [Corner(0.0, 1.0)], 100.0, times)
     exact = exact_response(gains, Plant((1.0,), (2.35, 1.0)), Signal.OUTPUT_AFTER_REFERENCE, times)
@@ -150,14 +152,14 @@ class ByScipy:
         return corner.value + corner.slope_per_s * (t - corner.time_s), corner.slope_per_s
 
     def demand(self, mode: Mode, corner: Corner, t: float, y: float, x: Array) -> float:
-        pedal = self.car.pedal(mode)
+        pedal = self.car.loop(mode)
         r = corner.value + corner.slope_per_s * (t - corner.time_s)
         parts = pedal.gains.ki * pedal.integral.residues @ x if pedal.gains.ki else 0.0
         return pedal.gains.kp * (r - y) + float(parts)
 
     def run(self, y: float, mode: Mode, end: float) -> tuple[list[float], Array]:
         """Jump times, and the output at the end."""
-        memory = {m: np.zeros(len(self.car.pedal(m).integral.poles)) for m in Mode}
+        memory = {m: np.zeros(len(self.car.loop(m).integral.poles)) for m in Mode}
         events: list[float] = []
         state = np.append(y, memory[mode])
         for corner, until in zip(self.reference, [*(c.time_s for c in self.reference[1:]), end], strict=True):
@@ -175,7 +177,7 @@ class ByScipy:
         return events, state
 
     def flow(self, mode: Mode, corner: Corner, t: float, until: float, state: Array) -> tuple[float, Array, bool]:
-        pedal = self.car.pedal(mode)
+        pedal = self.car.loop(mode)
         poles = np.array(pedal.integral.poles)
 
         def rate(t: float, s: Array) -> Array:
@@ -197,14 +199,14 @@ class ByScipy:
 def random_case(seed: int, limited: bool) -> tuple[HybridCar, tuple[Corner, ...], HybridStart]:
     """Plants, gains, alpha = 1 and fractional, ki = 0 among them, steps and ramps."""
     rng = np.random.default_rng(seed)
-    pedals: list[Pedal] = []
+    pedals: list[ModeLoop] = []
     for sign in (1.0, -1.0):
         alpha = float(rng.choice([1.0, rng.uniform(0.3, 1.6)]))
         ki = float(rng.choice([0.0, 1.0], p=[0.2, 0.8]) * rng.uniform(0.05, 0.6))
         limits = (-0.2, 1.0) if sign > 0.0 else (-1.0, 0.2)
         gains = FoPi(float(rng.uniform(0.05, 0.6)), ki, alpha)
         filtered = oustaloup(alpha, 3, (0.03, 10.0))
-        pedal = Pedal(float(rng.uniform(1.0, 4.0)), float(rng.uniform(-0.05, 0.4)), gains, filtered)
+        pedal = ModeLoop(float(rng.uniform(1.0, 4.0)), float(rng.uniform(-0.05, 0.4)), gains, filtered)
         pedals.append(replace(pedal, limits=limits) if limited else pedal)
     memory = Memory.HELD if rng.random() < 0.5 else Memory.RESET
     corners = [
@@ -252,9 +254,9 @@ def test_the_bounds_on_the_curvature_hold_between_two_steps() -> None:
             flow = Flow(pedal, regime)
             w = np.append(rng.normal(size=len(flow.matrix) - 1) * 10 ** rng.uniform(-2, 2), 1.0)
             level = int(rng.integers(0, 8))
-            begin, most = flow.read(w), flow.changes(flow.read(w), level)
+            begin, most = flow.derivatives(w), flow.derivative_changes(flow.derivatives(w), level)
             for part in share * flow.steps_s[level]:
-                at = flow.read(w + ahead(flow, float(part)) @ w)
+                at = flow.derivatives(w + ahead(flow, float(part)) @ w)
                 assert abs(at.offset[2] - begin.offset[2]) <= most[0] * (1.0 + 1e-9) + 1e-9
                 assert abs(at.demand[2] - begin.demand[2]) <= most[1] * (1.0 + 1e-9) + 1e-9
                 tightest = min(tightest, most[0] / max(abs(at.offset[2] - begin.offset[2]), 1e-12))
@@ -267,7 +269,7 @@ def ahead(flow: Flow, step: float) -> Array:
     for level in range(1, 40):
         if step >= flow.steps_s[level]:
             step -= flow.steps_s[level]
-            product = product + flow.ahead[level] @ product
+            product = product + flow.exponential_less_one[level] @ product
     return product - np.eye(len(flow.matrix))
 
 
@@ -343,7 +345,7 @@ def test_a_car_beyond_its_line_jumps_at_once() -> None:
 
 
 def test_jumps_too_fast_for_the_watch_are_chattering_though_there_is_hysteresis() -> None:
-    car = HybridCar(Pedal(4.0, -0.1, FoPi(0.5, 0.0, 1.0)), Pedal(1.0, 0.5, FoPi(0.3, 0.0, 1.0)), eps=1e-3)
+    car = HybridCar(ModeLoop(4.0, -0.1, FoPi(0.5, 0.0, 1.0)), ModeLoop(1.0, 0.5, FoPi(0.3, 0.0, 1.0)), eps=1e-3)
     run = simulate_hybrid(car, [Corner(0.0, 10.0)], 100.0, [], watch=Watch(most_jumps=20, window_s=0.5))
     assert run.outcome is HybridOutcome.CHATTERING
     assert "eps is too small" in run.reason
@@ -357,14 +359,16 @@ def test_a_hysteresis_of_almost_nothing_ends_too(eps: float) -> None:
 
 
 def test_an_unstable_car_diverges() -> None:
-    car = HybridCar(Pedal(-1.0, 0.1, FoPi(2.0, 0.1, 0.7), oustaloup(0.7, 5, BAND)), Pedal(1.0, 1.0, IDLE), eps=1.0)
+    car = HybridCar(
+        ModeLoop(-1.0, 0.1, FoPi(2.0, 0.1, 0.7), oustaloup(0.7, 5, BAND)), ModeLoop(1.0, 1.0, IDLE), eps=1.0
+    )
     run = simulate_hybrid(car, [Corner(0.0, 1.0)], 1000.0, [0.0, 999.0])
     assert run.outcome is HybridOutcome.DIVERGED
     assert run.reached_s < 20.0
     assert len(run.time_s) == 1
 
 
-# --- what is kept over a jump --------------------------------------------------------------------------------------
+# --- states across a jump ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("memory", list(Memory))
@@ -414,7 +418,7 @@ def test_slower_time_gives_the_same_car(factor: float) -> None:
         np.testing.assert_allclose(slow.output, run.output, rtol=0.0, atol=1e-9)
 
 
-def slower(pedal: Pedal, factor: float) -> Pedal:
+def slower(pedal: ModeLoop, factor: float) -> ModeLoop:
     gains, integral = pedal.gains, pedal.integral
     zeros, poles = (tuple(root / factor for root in roots) for roots in (integral.zeros, integral.poles))
     # F(s) = gain prod(s - z)/prod(s - p) keeps its value at s/c, and ki s^-alpha its meaning with ki/c^alpha
@@ -437,7 +441,7 @@ def test_samples_do_not_change_the_run_and_lie_on_one_curve() -> None:
     np.testing.assert_allclose(fine.output[1:] - fine.output[0], climbed, rtol=0.0, atol=1e-5)
 
 
-# --- mistakes ------------------------------------------------------------------------------------------------------
+# --- errors --------------------------------------------------------------------------------------------------------
 
 BAD_REFERENCES = [
     ([], "reference is empty"),

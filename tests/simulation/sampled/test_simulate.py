@@ -1,4 +1,4 @@
-"""Many loops on samples: the compiled simulation against the plain one, and both against independent answers."""
+"""Simulation on samples: the compiled kernel against the reference, and both against independent solutions."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Op, Operation, Runtime, init, replay, reset, step, track
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
-from fopi_tune.simulation.fractional.time_stepping import simulate_exactly
-from fopi_tune.simulation.sampled.noise import deviates, normal_quantile, philox
-from fopi_tune.simulation.sampled.plants import HeldPlants, hold
-from fopi_tune.simulation.sampled.reference import measures_of, simulate_plainly
+from fopi_tune.simulation.fractional.time_stepping import simulate_fractional
+from fopi_tune.simulation.sampled.noise import normal_deviates, normal_quantile, philox
+from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants
+from fopi_tune.simulation.sampled.reference import measures_of, simulate_reference
 from fopi_tune.simulation.sampled.simulate import measure, measure_chunks, simulate
 from fopi_tune.simulation.scenario import (
     Actuator,
-    Before,
     Horizon,
     Hybrid,
-    Inactive,
+    InactiveController,
+    InitialInput,
     Measures,
     Mode,
     Scenario,
@@ -88,11 +88,11 @@ def random_plants(order: int, m: int, seed: int, direct: bool = False, late: boo
 def plainly(modes: list[Mode], scenario: Scenario, first_index: int = 0) -> Traces:
     controllers = [mode.controller for mode in modes]
     held = [
-        hold(mode.plants, scenario.sample_time_s, scenario.actuator.delay_samples)
+        discretize_plants(mode.plants, scenario.sample_time_s, scenario.actuator.delay_samples)
         for mode in modes
         if isinstance(mode.plants, Plants)
     ]
-    return simulate_plainly(controllers, held, scenario, first_index)
+    return simulate_reference(controllers, held, scenario, first_index)
 
 
 def assert_same_traces(one: Traces, two: Traces) -> None:
@@ -105,7 +105,7 @@ def assert_identical(one: Measures, two: Measures) -> None:
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name), err_msg=name)
 
 
-# ---- the compiled simulation and the plain one ----
+# ---- the compiled kernel and the reference ----
 
 LOADED = np.where(np.arange(STEPS) > 40, 0.3, 0.0)
 CASES = {
@@ -129,12 +129,14 @@ def test_the_kernel_computes_what_the_plain_simulation_does(case: str, order: in
     assert_same_measures(modes, CASES[case])
 
 
-@pytest.mark.parametrize("inactive", Inactive)
+@pytest.mark.parametrize("inactive", InactiveController)
 @pytest.mark.parametrize("case", CASES)
-def test_a_hybrid_loop_switches_in_the_kernel_as_in_the_plain_simulation(case: str, inactive: Inactive) -> None:
+def test_a_hybrid_loop_switches_in_the_kernel_as_in_the_plain_simulation(
+    case: str, inactive: InactiveController
+) -> None:
     modes = [Mode(THROTTLE, throttle_plants(18)), Mode(BRAKE, brake_plants(18))]
     for first in (1, 2):
-        start = dataclasses.replace(CASES[case].start, before=Before.FREE)
+        start = dataclasses.replace(CASES[case].start, before=InitialInput.FREE)
         hybrid = Hybrid(0.3, inactive, first, 3, 1.5)
         scenario = dataclasses.replace(CASES[case], hybrid=hybrid, start=start)
         traces = simulate(modes, scenario)
@@ -162,26 +164,26 @@ def test_the_controller_is_the_runtime_bit_for_bit() -> None:
         np.testing.assert_array_equal(replay(THROTTLE, operations), demanded)
 
 
-@pytest.mark.parametrize("inactive", Inactive)
-def test_both_controllers_of_a_hybrid_loop_are_the_runtime_bit_for_bit(inactive: Inactive) -> None:
+@pytest.mark.parametrize("inactive", InactiveController)
+def test_both_controllers_of_a_hybrid_loop_are_the_runtime_bit_for_bit(inactive: InactiveController) -> None:
     scenario = dataclasses.replace(CASES["noisy"], hybrid=Hybrid(0.2, inactive), actuator=Actuator(1.5))
     traces = simulate([Mode(THROTTLE, throttle_plants(4)), Mode(BRAKE, brake_plants(4))], scenario)
     assert sum(jumps_as_the_runtime_has_it(traces, i, inactive) for i in range(4)) > 4
 
 
-def jumps_as_the_runtime_has_it(traces: Traces, i: int, inactive: Inactive) -> int:
+def jumps_as_the_runtime_has_it(traces: Traces, i: int, inactive: InactiveController) -> int:
     """The jumps of plant i, once both of its controllers are the runtime's."""
     pair, switched = (THROTTLE, BRAKE), 0
     with np.errstate(all="ignore"):
         memory, last = [init(THROTTLE), init(BRAKE)], 0
         for k in range(STEPS):
             r, y, mode = levels()[k], traces.measured[i, k], traces.mode[i, k] - 1
-            if mode != last and inactive is Inactive.RESET:
+            if mode != last and inactive is InactiveController.RESET:
                 memory[mode] = init(pair[mode])
             switched, last = switched + (mode != last), mode
             memory[mode] = step(pair[mode], memory[mode], r, y)
             assert memory[mode].output == traces.demanded[i, k]
-            if inactive is Inactive.TRACK:
+            if inactive is InactiveController.TRACK:
                 memory[1 - mode] = track(pair[1 - mode], memory[1 - mode], r, y, traces.applied[i, k])
     return switched
 
@@ -190,14 +192,14 @@ def test_a_bumpless_start_is_the_reset_of_the_runtime() -> None:
     plants = throttle_plants(1)
     scenario = Scenario(TS, Signals(np.full(20, 9.0)), start=Start(9.0, bumpless=True))
     traces = simulate([Mode(THROTTLE, plants)], scenario)
-    state = reset(THROTTLE, float(hold(plants, TS).begin(scenario.start)[1][0]))
+    state = reset(THROTTLE, float(discretize_plants(plants, TS).initial_state(scenario.start)[1][0]))
     for measured, demanded in zip(traces.measured[0], traces.demanded[0], strict=True):
         state = step(THROTTLE, state, 9.0, float(measured))
         assert state.output == demanded
     np.testing.assert_allclose(traces.output, 9.0, rtol=1e-13)
 
 
-# ---- independent answers ----
+# ---- independent solutions ----
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -321,14 +323,14 @@ def test_the_loop_tends_to_the_exact_continuous_one_with_the_first_power_of_the_
 
 
 def test_a_saturated_loop_tends_to_the_exact_continuous_one() -> None:
-    # a limit below the first demand; without anti-windup in `exact_time` it must not wind up: proportional control
+    # a limit below the first demand; `fractional.time_stepping` has no anti-windup, hence proportional control
     def outputs(sample_time_s: float) -> np.ndarray:
         controller = Runtime.of(Sections(sample_time_s, 3.0, (), ()), Precision.FLOAT64, (-0.5, 1.2))
         steps = round(4.0 / sample_time_s) + 1
         plants = Plants(np.array([[1.0]]), np.array([[2.0, 1.0]]), np.zeros(1))
         return simulate([Mode(controller, plants)], Scenario(sample_time_s, Signals(np.ones(steps)))).output[0]
 
-    exact = simulate_exactly(FoPi(3.0, 0.0, 1.0), Plant((1.0,), (2.0, 1.0)), 1.0, 0.001, 4000, limits=(-0.5, 1.2))
+    exact = simulate_fractional(FoPi(3.0, 0.0, 1.0), Plant((1.0,), (2.0, 1.0)), 1.0, 0.001, 4000, limits=(-0.5, 1.2))
     errors = [np.abs(outputs(ts)[:: round(0.04 / ts)] - exact.output[::40]).max() for ts in (0.02, 0.01)]
     assert errors[1] < 0.6 * errors[0] < 0.01
 
@@ -355,7 +357,7 @@ def test_philox_is_numpy_s() -> None:
 
 
 def test_the_kernel_s_noise_is_made_of_numpy_s_words_bit_for_bit() -> None:
-    # a plant at 0 that nothing moves: what is measured is the noise
+    # a plant at rest at 0: the measurement is the noise
     controller = Runtime.of(Sections(TS, 0.0, (), ()), Precision.FLOAT64, WIDE)
     seed, first = 2**63 + 5, 10**9
     scenario = Scenario(TS, Signals(np.zeros(43)), Sensor(noise_std=1.0, seed=seed))
@@ -375,21 +377,21 @@ def test_the_normal_quantile_is_scipy_s_out_to_the_last_word() -> None:
 
 
 def test_the_noise_is_normal_and_differs_from_plant_to_plant() -> None:
-    noise = np.array([deviates(3, plant, 500) for plant in range(40)])
+    noise = np.array([normal_deviates(3, plant, 500) for plant in range(40)])
     # 20,000 deviates: the mean's standard error is 0.007, the deviation's 0.005; four of them
     assert abs(noise.mean()) < 0.03
     assert abs(noise.std() - 1.0) < 0.02
     assert np.abs(np.corrcoef(noise) - np.eye(40)).max() < 0.25
 
 
-# ---- chunks, threads, places ----
+# ---- chunks, threads, plant indices ----
 
 
 def test_results_depend_on_neither_chunks_nor_threads_nor_the_place_in_a_block() -> None:
     m = 75
     first, second = throttle_plants(m), brake_plants(m)
     modes = [Mode(THROTTLE, first), Mode(BRAKE, second)]
-    scenario = dataclasses.replace(CASES["everything"], hybrid=Hybrid(0.3, Inactive.TRACK), start=Start(2.0))
+    scenario = dataclasses.replace(CASES["everything"], hybrid=Hybrid(0.3, InactiveController.TRACK), start=Start(2.0))
     horizon = Horizon(0.5, 50)
     whole = measure(modes, scenario, horizon, threads=1)
     for chunk, threads in ((1000, 4), (32, 3), (17, 2), (1, 1)):
@@ -419,7 +421,7 @@ def test_equal_plants_with_different_delays_do_not_disturb_each_other() -> None:
         np.testing.assert_array_equal(alone.output[0], together.output[i])
 
 
-# ---- what the measures say ----
+# ---- measures ----
 
 
 def constant(value: float, limits: tuple[float, float] = WIDE) -> Runtime:
@@ -433,7 +435,7 @@ def test_a_plant_starts_at_rest_or_free() -> None:
     at_rest = simulate([Mode(controller, plants)], dataclasses.replace(still, actuator=Actuator(delay_samples=1e3)))
     np.testing.assert_allclose(at_rest.output, 8.0, rtol=1e-13)
     np.testing.assert_allclose(at_rest.rate, 0.0, atol=1e-13)
-    free = simulate([Mode(controller, plants)], dataclasses.replace(still, start=Start(8.0, Before.FREE)))
+    free = simulate([Mode(controller, plants)], dataclasses.replace(still, start=Start(8.0, InitialInput.FREE)))
     decay = 8.0 * np.exp(-np.outer(plants.denominator[:, 1], free.time_s))
     np.testing.assert_allclose(free.output, decay, rtol=1e-12)
     np.testing.assert_allclose(free.rate, -plants.denominator[:, 1:] * decay, rtol=1e-12)
@@ -454,7 +456,7 @@ def test_overshoot_and_settling_are_those_of_a_known_response() -> None:
     # free decay from 8 to the final reference 0: in the step's direction (down) y stays short of 0
     plants = Plants(np.ones((1, 1)), np.array([[1.0, 0.5]]), np.zeros(1))
     modes = [Mode(constant(0.0), plants)]
-    scenario = Scenario(TS, Signals(np.zeros(STEPS)), start=Start(8.0, Before.FREE))
+    scenario = Scenario(TS, Signals(np.zeros(STEPS)), start=Start(8.0, InitialInput.FREE))
     found = measure(modes, scenario, Horizon(0.8))
     assert found.overshoot[0] == pytest.approx(-8.0 * np.exp(-0.5 * TS * (STEPS - 1)), rel=1e-12)
     # 8 e^{-t/2} < 0.8 from 4.605 s on
@@ -467,7 +469,7 @@ def test_overshoot_and_settling_are_those_of_a_known_response() -> None:
 def test_chattering_is_counted_and_flagged_not_looped_on() -> None:
     # noise of ten times the hysteresis around the reference
     modes = [Mode(THROTTLE, throttle_plants(20)), Mode(BRAKE, brake_plants(20))]
-    quiet = Scenario(TS, Signals(np.full(STEPS, 5.0)), hybrid=Hybrid(0.5, Inactive.TRACK))
+    quiet = Scenario(TS, Signals(np.full(STEPS, 5.0)), hybrid=Hybrid(0.5, InactiveController.TRACK))
     noisy = dataclasses.replace(quiet, sensor=Sensor(noise_std=5.0, seed=1))
     found = measure(modes, noisy, Horizon(0.5))
     assert found.chattering.all()
@@ -491,7 +493,7 @@ def test_an_unstable_loop_ends_in_a_flag() -> None:
     assert found.finite.tolist() == [False, True, False]
     assert np.isnan(found.iae).tolist() == [True, False, True]
     assert found.settling_s[0] == np.inf
-    # the controller holds: what it demands stays finite
+    # the controller holds its output, which stays finite
     assert np.isfinite(simulate([Mode(THROTTLE, plants)], scenario).demanded).all()
 
 
@@ -502,8 +504,10 @@ def unstable_one(plants: Plants, place: int) -> Plants:
     return Plants(plants.numerator, bottom, plants.dead_time_s)
 
 
-@pytest.mark.parametrize("inactive", Inactive)
-def test_a_plant_that_overflows_holds_its_controllers_and_does_not_disturb_its_neighbours(inactive: Inactive) -> None:
+@pytest.mark.parametrize("inactive", InactiveController)
+def test_a_plant_that_overflows_holds_its_controllers_and_does_not_disturb_its_neighbours(
+    inactive: InactiveController,
+) -> None:
     tame = throttle_plants(40), brake_plants(40)
     wild = [unstable_one(plants, 7) for plants in tame]
     scenario = dataclasses.replace(CASES["noisy"], hybrid=Hybrid(0.3, inactive), actuator=Actuator(1.5))
@@ -541,12 +545,12 @@ def test_members_of_a_family_are_simulated_as_they_are() -> None:
         },
     )
     points = np.linspace(1.6, 3.1, 5)[:, None]
-    held = hold(Plants.members(family, points), TS)
-    assert isinstance(held, HeldPlants)
+    held = discretize_plants(Plants.members(family, points), TS)
+    assert isinstance(held, DiscretePlants)
     np.testing.assert_allclose(held.control.whole[0][:, 0, 0], np.exp(-TS / points[:, 0]), rtol=1e-15)
 
 
-# ---- hostile inputs ----
+# ---- invalid inputs ----
 
 ONE = throttle_plants(1)
 
@@ -597,7 +601,7 @@ def scenario_of(**changes: object) -> Scenario:
         ([Mode(THROTTLE, ONE)], scenario_of(hybrid=Hybrid(0.1)), "1 modes"),
         ([Mode(THROTTLE, ONE), Mode(BRAKE, brake_plants(2))], scenario_of(hybrid=Hybrid(0.1)), "plants"),
         ([Mode(THROTTLE, lambda begin, end: ONE)], scenario_of(), "count"),
-        ([Mode(THROTTLE, random_plants(2, 1, 0))], scenario_of(start=Start(1.0, Before.FREE)), "order 1"),
+        ([Mode(THROTTLE, random_plants(2, 1, 0))], scenario_of(start=Start(1.0, InitialInput.FREE)), "order 1"),
         (
             [Mode(THROTTLE, Plants(np.ones((1, 1)), np.array([[1.0, 0.0]]), np.zeros(1)))],
             scenario_of(start=Start(1.0)),
@@ -637,7 +641,7 @@ def test_a_horizon_beyond_the_samples_and_empty_chunks_are_named() -> None:
         measure([Mode(THROTTLE, lambda begin, end: ONE)], scenario_of(), Horizon(0.1), 3)
 
 
-# ---- how it is installed ----
+# ---- imports and the compiled cache ----
 
 
 def test_the_package_is_imported_without_numba() -> None:
@@ -647,7 +651,7 @@ def test_the_package_is_imported_without_numba() -> None:
 
 
 def test_what_was_compiled_is_kept_where_numba_is_told_to(tmp_path: Path) -> None:
-    # importing makes the cache's place; compiling would take many seconds
+    # importing creates the cache's folder; compiling would take many seconds
     code = "from fopi_tune.simulation.sampled.kernel import run_blocks; print(run_blocks._cache.cache_path)"
     copy = tmp_path / "read_only"
     shutil.copytree(ROOT / "fopi_tune", copy / "fopi_tune", ignore=shutil.ignore_patterns("__pycache__"))

@@ -1,7 +1,7 @@
-"""A digital controller as a sum of first-order sections:  C(z) = direct + sum_k r_k/(z - p_k).
+"""Continuous to discrete, by Tustin's rule or matched poles and zeros:  C(z) = direct + sum_k r_k/(z - p_k).
 
-Poles of these filters are real and simple, and so close to 1 that an expanded polynomial of them cannot be stored: the
-sections come from zeros, poles and gain without ever forming one.  The integrator's pole is 1 to the last bit.
+Poles of these filters are real, simple, and so close to 1 that rounding spoils an expanded polynomial: the sections
+(`core.sections`) are computed from zeros, poles and gain without one.  The integrator's pole is exactly 1.
 
 Tustin's rule with T = tan(w_p Ts/2)/w_p (T = Ts/2 without prewarping) maps a section of the continuous sum by itself,
 
@@ -62,7 +62,7 @@ def matched(gains: FoPi, integral: ZeroPoleGain, sample_time_s: float, exact_at_
         return Sections(sample_time_s, gains.kp, (), ())
     poles = np.exp(np.array(integral.poles) * sample_time_s)
     zeros = np.append(np.exp(np.array(integral.zeros) * sample_time_s), -1.0)
-    # zeros beyond the band of a double collapse on 0, where their order does not matter
+    # zeros far above the Nyquist frequency underflow to 0, which does no harm
     z = np.exp(1j * exact_at_rad_s * sample_time_s)
     size = np.abs(np.prod(z - zeros) / np.prod(z - poles))
     wanted = np.abs(integral.response(np.array([exact_at_rad_s])))[0]
