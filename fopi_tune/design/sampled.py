@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import PlantFamily, Uncertain
-from fopi_tune.digital.implementation import implementation_of
-from fopi_tune.digital.implementation import digital_section_of
+from fopi_tune.digital.implementation import digital_section_of, implementation_of
 from fopi_tune.proof import Verification, certify, verify
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.objectives import ObjectiveKind

@@ -46,7 +46,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.sections import Sections
+from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital.realise import Precision, parallel_rows
 from fopi_tune.errors import DomainError
 

@@ -18,11 +18,7 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.parameter_table import impossible, outside_box
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.montecarlo.tally import Tally
-from fopi_tune.montecarlo.tally import Worst
-from fopi_tune.montecarlo.tally import merge
-from fopi_tune.montecarlo.tally import tally
-from fopi_tune.montecarlo.tally import IndexedValue
+from fopi_tune.montecarlo.tally import IndexedValue, Tally, Worst, merge, tally
 
 Flags = NDArray[np.bool_]
 

@@ -9,14 +9,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.parallel_form import Implementation
-from fopi_tune.simulation.scenario import Actuator
-from fopi_tune.simulation.scenario import Horizon
-from fopi_tune.simulation.scenario import Measures
-from fopi_tune.simulation.scenario import Scenario
-from fopi_tune.simulation.scenario import Sensor
-from fopi_tune.simulation.scenario import Signals
-from fopi_tune.simulation.scenario import Start
-from fopi_tune.simulation.scenario import InitialInput
+from fopi_tune.simulation.scenario import Actuator, Horizon, InitialInput, Measures, Scenario, Sensor, Signals, Start
 from fopi_tune.spec.model import Knot, ScenarioSpec
 
 #: km/h per m/s

@@ -15,7 +15,7 @@ from cases.plants import PUBLISHED_BRAKE, PUBLISHED_THROTTLE
 from scipy import signal
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.sections import Sections
+from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital import DigitalController, Export, Units, discretize, export_c
 from fopi_tune.digital.export_c import comment, literal, sanitized
 from fopi_tune.digital.integrator import modified_oustaloup, oustaloup

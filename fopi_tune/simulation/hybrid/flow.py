@@ -289,7 +289,7 @@ def interpolate(nodes: Sequence[Node], times: Array) -> Samples:
         for rows in (same[i : i + _AT_ONCE] for i in range(0, len(same), _AT_ONCE)):
             w = np.array([nodes[last[i]].w for i in rows])
             since = times[rows] - np.array([nodes[last[i]].time_s for i in rows])
-            w = w + np.einsum("mij,mj->mi", exponentials_less_one(flow.matrix * since[:, None, None]), w)
+            w = w + np.einsum("mij,mj->mi", matrix_expm1(flow.matrix * since[:, None, None]), w)
             output[rows], error[rows], rate[rows] = w[:, 0], w[:, -3] - w[:, 0], w @ flow.matrix[0]
             demand = flow.loop.gains.kp * error[rows] + w[:, 1:-3] @ flow.loop.weights
             control[rows] = np.clip(demand, *flow.loop.limits)
