@@ -20,11 +20,11 @@ from pathlib import Path
 
 from fopi_tune.results.stamp import numeric_versions
 from fopi_tune.study import cluster, engine
-from fopi_tune.study.cells import run_cell
 from fopi_tune.study.engine import InProcess, run_study
 from fopi_tune.study.ledger import opened
 from fopi_tune.study.load import load_study
 from fopi_tune.study.model import Study
+from fopi_tune.study.worker import run_cell
 
 _BRAKE = Path(__file__).parents[1] / "specs" / "brake.yaml"
 _VERSIONS = numeric_versions()

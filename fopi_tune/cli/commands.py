@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune import __version__
-from fopi_tune.cli.certificates import recheck_file
+from fopi_tune.cli.batch import Handling, process
 from fopi_tune.cli.gains import found_or_tuned, given_gains, named_numbers, refusal
 from fopi_tune.cli.init import NoSchema, PlantOption, Recorded, Wanted, Words, write_spec
 from fopi_tune.cli.output import print_out, report_failure, to_json
-from fopi_tune.cli.process import Handling, process
+from fopi_tune.cli.recheck import recheck_file
 from fopi_tune.cli.simulations import Course, simulate_file, validate_file
 from fopi_tune.cli.study import study
 from fopi_tune.cli.tune import Asked, From, Points, Prices, Swept, To, designed
@@ -161,10 +161,10 @@ def report(
     folders that `fopi tune` or `fopi prove` filled, or the design.json or check.json in them.
     """
     if compare:
-        from fopi_tune.cli.report import compare_results
+        from fopi_tune.cli.report_command import compare_results
 
         raise typer.Exit(compare_results(specs, Handling(out, False, quiet, debug)))
-    from fopi_tune.cli.report import remake
+    from fopi_tune.cli.report_command import remake
 
     raise typer.Exit(remake(specs, Handling(out, False, quiet, debug, len(specs) > 1)))
 
@@ -314,7 +314,8 @@ def schema(
     study: Annotated[bool, typer.Option("--study", help="The language of studies instead.")] = False,
 ) -> None:
     """Print the spec language as JSON Schema."""
-    from fopi_tune.spec.schema import json_schema, system_json_schema
+    from fopi_tune.spec.language import json_schema
+    from fopi_tune.spec.systems import system_json_schema
 
     if system and study:
         raise refusal("--system and --study are two languages; leave one of them out")

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from fopi_tune.cli.certificates import gains_of_earlier_design
+from fopi_tune.cli.batch import Handling
 from fopi_tune.cli.output import Exit, say
-from fopi_tune.cli.process import Handling
+from fopi_tune.cli.recheck import gains_of_earlier_design
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 

@@ -18,7 +18,7 @@ from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
     from fopi_tune.identify import Interval, LagFit, Recording
-    from fopi_tune.spec.starts import Start
+    from fopi_tune.spec.template_sections import Start
 
 #: written beside a spec, whose first line names it
 SCHEMA_FILE = "fopi.schema.json"
@@ -108,7 +108,7 @@ def _sorted_out(wanted: Wanted) -> tuple[str, tuple[str, ...]]:
 
 
 def _start(model: Model | None, recordings: tuple[str, ...]) -> Start:
-    from fopi_tune.spec.starts import STARTS, fitted_start
+    from fopi_tune.spec.template_sections import STARTS, fitted_start
 
     if not recordings:
         return STARTS[(model or Model.LAG).value]
@@ -163,7 +163,7 @@ def _shown(line: str) -> str:
 
 
 def _schema() -> str:
-    from fopi_tune.spec.schema import json_schema
+    from fopi_tune.spec.language import json_schema
 
     return to_json(json_schema()) + "\n"
 

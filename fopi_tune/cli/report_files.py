@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.files import CERTIFICATE, CHECK, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, EVIDENCE
 from fopi_tune.cli.output import read_text
+from fopi_tune.cli.result_files import CERTIFICATE, CHECK, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, EVIDENCE
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:

@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.certificates import gains_of_earlier_design
+from fopi_tune.cli.batch import Handling, process_loaded
 from fopi_tune.cli.gains import found_or_tuned
 from fopi_tune.cli.output import Exit, progress_bar
-from fopi_tune.cli.process import Handling, process_loaded
+from fopi_tune.cli.recheck import gains_of_earlier_design
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
-    from fopi_tune.cli.files import Result
+    from fopi_tune.cli.result_files import Result
     from fopi_tune.spec.model import DesignSpec, SystemSpec
 
 

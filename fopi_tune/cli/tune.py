@@ -12,7 +12,7 @@ from fopi_tune.errors import DomainError
 from fopi_tune.results.candidate import Solver
 
 if TYPE_CHECKING:
-    from fopi_tune.cli.process import Handling
+    from fopi_tune.cli.batch import Handling
     from fopi_tune.optimum import OptimumRecheck
     from fopi_tune.prices import Tradeoff
     from fopi_tune.results.design import Design

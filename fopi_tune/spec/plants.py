@@ -7,7 +7,7 @@ from functools import partial
 
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, PlantModel, Uncertain
 from fopi_tune.errors import DomainError
-from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, Record, Tagged, Values
 from fopi_tune.spec.yaml.shapes import Constant, Converted, Either, ListOf, Number, Shape
 
@@ -71,12 +71,12 @@ def _model_record(model: PlantModel) -> Record:
 
 def _build_family(model: PlantModel, values: Values, place: Place) -> PlantFamily | None:
     placed = list(_parameters(model, values, place))
-    before = len(place.report.problems)
+    before = len(place.collector.problems)
     for name, number, where in placed:
         if (wrong := model.check(name, number)) is not None:
             where.refuse(wrong)
     _check_lengths(values, place)
-    if len(place.report.problems) > before:
+    if len(place.collector.problems) > before:
         return None
     family = PlantFamily(model.name, {name: number for name, number, _ in placed})
     try:

@@ -11,7 +11,7 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.quantities import QUANTITIES, Quantity
 from fopi_tune.quantities.objectives import OBJECTIVES
 from fopi_tune.spec.model import Objective, Relation, Requirement, Scope, Sense
-from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, Shape
 

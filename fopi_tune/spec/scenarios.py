@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from fopi_tune.spec.model import MEASURES, Knot, Limit, MeasureKind, Relation, ScenarioSpec
-from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, defaulting_to
 from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Text
 

@@ -9,12 +9,11 @@ from typing import Any
 
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
 from fopi_tune.errors import DomainError, SpecError
-from fopi_tune.spec.draws import PlacedValidation, Reader, resolved, validation_shape
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.model import DesignSpec, JointFamily, ModeSpec, SystemSpec
 from fopi_tune.spec.scenarios import limits_shape, refuse_too_many_samples, refuse_unknown_scenarios, scenarios_shape
-from fopi_tune.spec.yaml.nodes import Table
-from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.validation import PlacedValidation, Reader, resolved, validation_shape
+from fopi_tune.spec.yaml.nodes import MappingNode, Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, defaulting_to
 from fopi_tune.spec.yaml.shapes import Choice, Number, Pair, Shape, Text, Version
 
@@ -56,13 +55,13 @@ def read_system(place: Place, sha256: str, loader: Loader, read: Reader) -> Syst
         loader: reads the specs that it names.
         read: gives the file of samples that it names.
     """
-    assert isinstance(place.node, Table)
+    assert isinstance(place.node, MappingNode)
     values = system_shape().readable(place)
     if values is None:
         return None
     refuse_unknown_scenarios(values.get("scenarios") or [], values.get("limits") or [], place)
     told = values.get(SYSTEM)
-    if told is None or place.report.problems:
+    if told is None or place.collector.problems:
         return None
     modes = [_mode(name, told[name], place.child(SYSTEM).child(name), loader) for name in MODES]
     throttle, brake = modes
@@ -71,7 +70,7 @@ def read_system(place: Place, sha256: str, loader: Loader, read: Reader) -> Syst
     drawn: PlacedValidation | None = values.get("validation")
     family = JointFamily.of({mode.name: mode.spec.plant for mode in (throttle, brake)})
     validation = None if drawn is None else resolved(drawn, family, read)
-    if place.report.problems:
+    if place.collector.problems:
         return None
     plain = {key: value for key, value in told.items() if key not in MODES}
     return SystemSpec(
@@ -150,9 +149,17 @@ def _fit(throttle: ModeSpec, brake: ModeSpec, values: Values, place: Place) -> b
             where.refuse(f"its {key} is {getattr(other, key)}, the throttle's {getattr(one, key)}; make them equal")
             return False
     refuse_too_many_samples(values["scenarios"], one.sample_time_s, place)
-    return not place.report.problems
+    return not place.collector.problems
 
 
 def _digest(sha256: str, *modes: ModeSpec) -> str:
     """Of everything that was read."""
     return hashlib.sha256("\n".join([sha256, *(mode.spec.sha256 for mode in modes)]).encode()).hexdigest()
+
+
+def system_json_schema() -> dict[str, Any]:
+    """The language of systems, generated like `json_schema`."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"fopi-tune system, schema {SCHEMA_VERSION}",
+    } | system_shape().json_schema()

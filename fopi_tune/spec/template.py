@@ -8,8 +8,8 @@ from fopi_tune.errors import DomainError
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.objectives import OBJECTIVES
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
-from fopi_tune.spec.starts import STARTS, Start
-from fopi_tune.spec.yaml.report import quoted
+from fopi_tune.spec.template_sections import STARTS, Start
+from fopi_tune.spec.yaml.problems import quoted
 
 _TEMPLATE = """\
 {modeline}\

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.errors import DomainError, FopiError
-from fopi_tune.study.cells import finish, run_block, run_chunk
 from fopi_tune.study.engine import Ended, Task
+from fopi_tune.study.worker import finish, run_block, run_chunk
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -15,9 +15,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from fopi_tune.study.cells import Result, run_chunk
 from fopi_tune.study.ledger import Counts, Ledger, keyed
 from fopi_tune.study.model import Cell, Study
+from fopi_tune.study.worker import Result, run_chunk
 
 #: a chunk's aim
 _CHUNK_S = 1.0

@@ -8,14 +8,14 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from fopi_tune.errors import Problem, SpecError
-from fopi_tune.spec.draws import Reader
 from fopi_tune.spec.model import DesignSpec, ValidationSpec
+from fopi_tune.spec.validation import Reader
 from fopi_tune.spec.yaml.hints import UNKNOWN_KEY, about_word, closest
-from fopi_tune.spec.yaml.nodes import Items, Node, Scalar, Table
-from fopi_tune.spec.yaml.report import Mark, Report
+from fopi_tune.spec.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from fopi_tune.spec.yaml.problems import Mark, ProblemCollector
 from fopi_tune.study.language import ALL, CHECK, Placed, StudyFile
 from fopi_tune.study.model import Cell, Column, Kind, Stage, Starts, Study
-from fopi_tune.study.trees import NoSuchPlaceError, Override, path_of, replaced, spec_at, text_of, value_of
+from fopi_tune.study.overrides import NoSuchPlaceError, Override, path_of, replaced, spec_at, text_of, value_of
 
 #: cells that a message names
 _NAMED = 12
@@ -154,9 +154,9 @@ class _Judge:
             except NoSuchPlaceError as error:
                 self._blame(override, str(error))
                 return tree, None
-        report = Report(self.base.file)
-        spec = spec_at(tree, report, self.base.read)
-        for problem in report.problems:
+        collector = ProblemCollector(self.base.file)
+        spec = spec_at(tree, collector, self.base.read)
+        for problem in collector.problems:
             self._tell(problem, [*overrides, *before])
         return tree, spec
 
@@ -198,19 +198,19 @@ class _Judge:
             return problem.message
         where: Node = self.base.tree
         for step in outer:
-            if isinstance(where, Table) and step in where.entries:
+            if isinstance(where, MappingNode) and step in where.entries:
                 where = where.entries[str(step)][1]
-            elif isinstance(where, Items) and isinstance(step, int) and step < len(where.nodes):
+            elif isinstance(where, SequenceNode) and isinstance(step, int) and step < len(where.nodes):
                 where = where.nodes[step]
             else:
                 return problem.message
-        meant = closest(str(last), where.entries) if isinstance(where, Table) else None
+        meant = closest(str(last), where.entries) if isinstance(where, MappingNode) else None
         return f"{UNKNOWN_KEY}; did you mean {meant!r}?" if meant else problem.message
 
     def _also_without_overrides(self, problem: Problem) -> bool:
-        report = Report(self.base.file)
-        spec_at(self.base.tree, report, self.base.read)
-        return problem in report.problems
+        collector = ProblemCollector(self.base.file)
+        spec_at(self.base.tree, collector, self.base.read)
+        return problem in collector.problems
 
     def _blame(self, override: Override, message: str, mark: Mark | None = None) -> None:
         self.problems.add(self.problems.study.file, mark or override.mark, override.path, message, self.cell)
@@ -237,13 +237,13 @@ def _cells_in_words(cells: Sequence[Cell]) -> str:
 
 def _name(tree: Node) -> str:
     """The spec's own name, as far as it has one."""
-    name = tree.entries["name"][1] if isinstance(tree, Table) and "name" in tree.entries else None
-    return name.text if isinstance(name, Scalar) else "?"
+    name = tree.entries["name"][1] if isinstance(tree, MappingNode) and "name" in tree.entries else None
+    return name.text if isinstance(name, ScalarNode) else "?"
 
 
 def _start(base: Base) -> str:
     """The base's own text, where it can be used, without what says nothing about its gains."""
-    if spec_at(base.tree, Report(""), base.read) is None or not isinstance(base.tree, Table):
+    if spec_at(base.tree, ProblemCollector(""), base.read) is None or not isinstance(base.tree, MappingNode):
         return ""
     entries = {key: entry for key, entry in base.tree.entries.items() if key != "validation"}
     return text_of(replace(base.tree, entries=entries))

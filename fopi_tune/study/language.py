@@ -8,13 +8,12 @@ from typing import Any
 
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.yaml.hints import closest
-from fopi_tune.spec.yaml.nodes import Items, Node, Refused, Table
-from fopi_tune.spec.yaml.places import Place, kind_of
+from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, RejectedNode, SequenceNode, kind_of
+from fopi_tune.spec.yaml.problems import Mark
 from fopi_tune.spec.yaml.records import Key, Record, Values, is_table
-from fopi_tune.spec.yaml.report import Mark
 from fopi_tune.spec.yaml.shapes import Choice, Either, JsonSchema, ListOf, Number, Shape, Text, Version
 from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
-from fopi_tune.study.trees import PATH_PATTERN, Override, path_of
+from fopi_tune.study.overrides import PATH_PATTERN, Override, path_of
 
 #: keys that begin with this are for the spec that the gains are checked against
 CHECK = "check."
@@ -74,7 +73,7 @@ class Anything(Shape):
     meaning: str
 
     def read(self, place: Place) -> Node | None:
-        return None if isinstance(place.node, Refused) else place.node
+        return None if isinstance(place.node, RejectedNode) else place.node
 
     def json_schema(self) -> JsonSchema:
         return {"description": self.meaning}
@@ -87,13 +86,13 @@ class Several(Shape):
     meaning: str
 
     def read(self, place: Place) -> tuple[Node, ...] | None:
-        if not isinstance(place.node, Items):
+        if not isinstance(place.node, SequenceNode):
             place.refuse(f"{kind_of(place.node)} is written where a list of values belongs; write [{_shown(place)}]")
             return None
         if not place.node.nodes:
             place.refuse("the list is empty; write at least one value, or remove the key")
             return None
-        return None if any(isinstance(node, Refused) for node in place.node.nodes) else place.node.nodes
+        return None if any(isinstance(node, RejectedNode) for node in place.node.nodes) else place.node.nodes
 
     def json_schema(self) -> JsonSchema:
         return {"type": "array", "description": self.meaning, "minItems": 1}
@@ -109,12 +108,12 @@ class ByPath(Shape):
     def read(self, place: Place) -> tuple[Axis, ...] | None:
         if not is_table(place, "{plant.time_constant_s.max: [2.5, 3.1]}"):
             return None
-        assert isinstance(place.node, Table)
+        assert isinstance(place.node, MappingNode)
         axes: list[Axis] = []
         for key, (mark, _) in place.node.entries.items():
             if path_of(key) is None or key == CHECK[:-1]:
                 message = "is no path into a spec; write one such as plant.time_constant_s.max or requirements[2].on"
-                place.report.refuse(mark, place.child(key).path, message)
+                place.collector.add(mark, place.child(key).path, message)
                 continue
             found = self.shape.read(place.child(key))
             if found is not None:
@@ -138,7 +137,7 @@ class Columns(Shape):
     path: Shape
 
     def read(self, place: Place) -> dict[str, str] | None:
-        assert isinstance(place.node, Table)
+        assert isinstance(place.node, MappingNode)
         found = {key: self.path.read(place.child(key)) for key in place.node.entries}
         return None if None in found.values() else found
 
@@ -167,7 +166,7 @@ class WordOr(Shape):
     names: ListOf
 
     def read(self, place: Place) -> list[Placed] | None:
-        if isinstance(place.node, Items):
+        if isinstance(place.node, SequenceNode):
             return self.names.read(place)
         word = Marked(Choice(f"`{ALL}`, or a list of names", [ALL])).read(place)
         return None if word is None else [word]
@@ -211,17 +210,17 @@ def study_shape() -> Record:
 
 def read_study(place: Place) -> StudyFile | None:
     """The study a document says, or None after reporting why there is none."""
-    if not isinstance(place.node, Table):
+    if not isinstance(place.node, MappingNode):
         place.refuse(f"the file is no study; write one such as {_EXAMPLE}")
         return None
     values = study_shape().readable(place)
     if values is None:
         return None
     _check_between_sections(values, place)
-    if place.report.problems:
+    if place.collector.problems:
         return None
     return StudyFile(
-        file=place.report.file,
+        file=place.collector.file,
         name=values["name"],
         description=values.get("description", ""),
         specs=tuple(values.get("specs", ())),
@@ -268,7 +267,7 @@ def _check_between_sections(values: Values, place: Place) -> None:
         if stages and first not in (*stages, "outcome", "reason"):
             meant = closest(first, [str(stage) for stage in stages])
             hint = f"did you mean {meant!r}?" if meant else f"the stages of this study are {', '.join(stages)}"
-            place.report.refuse(path.mark, name, f"{path.word} begins with no stage that is run; {hint}")
+            place.collector.add(path.mark, name, f"{path.word} begins with no stage that is run; {hint}")
 
 
 def _refuse_twice(values: Values, place: Place) -> None:
@@ -282,7 +281,7 @@ def _refuse_twice(values: Values, place: Place) -> None:
         for axis in axes:
             if axis.path in others:
                 message = f"the path has values on line {others[axis.path]} already; keep one of the two"
-                where.report.refuse(axis.mark, where.child(axis.path).path, message)
+                where.collector.add(axis.mark, where.child(axis.path).path, message)
 
 
 def _refuse_replaced(values: Values, place: Place) -> None:
@@ -296,10 +295,10 @@ def _refuse_replaced(values: Values, place: Place) -> None:
             outer = next((o for _, o in ordered[n + 1 :] if axis.path.startswith((f"{o.path}.", f"{o.path}["))), None)
             if outer is not None:
                 message = f"{outer.path}, which is put in later, replaces this; put it before, or into its value"
-                where.report.refuse(axis.mark, where.child(axis.path).path, message)
+                where.collector.add(axis.mark, where.child(axis.path).path, message)
             if axis.path.startswith(f"{CHECK}controller"):
                 message = "the gains that are checked are those of the design; give values to controller itself"
-                where.report.refuse(axis.mark, where.child(axis.path).path, message)
+                where.collector.add(axis.mark, where.child(axis.path).path, message)
 
 
 def _refuse_taken(values: Values, place: Place) -> None:
@@ -330,4 +329,4 @@ def _collected(values: Values, place: Place) -> list[tuple[str, Placed]]:
 
 
 def _shown(place: Place) -> str:
-    return kind_of(place.node).strip("'") if not isinstance(place.node, Table) else "{...}"
+    return kind_of(place.node).strip("'") if not isinstance(place.node, MappingNode) else "{...}"

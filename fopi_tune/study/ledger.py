@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from fopi_tune.errors import DomainError
-from fopi_tune.study.cells import Result
 from fopi_tune.study.model import Cell, Study
+from fopi_tune.study.worker import Result
 
 #: the file in a study's folder
 LEDGER = "ledger.sqlite"

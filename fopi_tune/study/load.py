@@ -43,7 +43,7 @@ def load_study(
     place, _ = load_document(source)
     study = read_study(place)
     if study is None:
-        raise place.report.error()
+        raise place.collector.error()
     claims = names_of(registry, "CLAIMS") if study.claims else ()
     figures = names_of(registry, "FIGURES") if study.figures else ()
     count = count_cells(study, claims, figures)
@@ -70,7 +70,7 @@ def _bases(study: StudyFile) -> list[Base]:
             where = Problem(study.file, placed.mark.line, placed.mark.column, placed.path, "the spec cannot be used:")
             problems += [replace(where, message=f"{where.message} {problem}") for problem in error.problems]
             continue
-        problems += place.report.problems
+        problems += place.collector.problems
         # cells that name the same file share what was read
         found.append(Base(path, place.node, cache(reader_beside(path))))
     if problems:

@@ -15,9 +15,9 @@ from importlib import import_module
 from typing import Any
 
 from fopi_tune.errors import DomainError
-from fopi_tune.study.cells import Result
 from fopi_tune.study.model import Cell, Kind, Study
-from fopi_tune.study.trees import path_of
+from fopi_tune.study.overrides import path_of
+from fopi_tune.study.worker import Result
 
 Value = float | int | str | bool | None
 

@@ -23,9 +23,9 @@ from fopi_tune.pipeline.tune import tune
 from fopi_tune.results.status import Status
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
 from fopi_tune.spec import load_spec, parse_spec
-from fopi_tune.spec.schema import json_schema
-from fopi_tune.spec.starts import STARTS, fitted_start
+from fopi_tune.spec.language import json_schema
 from fopi_tune.spec.template import template
+from fopi_tune.spec.template_sections import STARTS, fitted_start
 
 
 @pytest.fixture(autouse=True)

@@ -37,13 +37,13 @@ from fopi_tune.results.stamp import numeric_versions
 from fopi_tune.simulation.sampled.simulate import threads_of_machine
 from fopi_tune.spec import load_spec
 from fopi_tune.study import Machines, StudyResult, run
-from fopi_tune.study.cells import Result, finish, run_block, run_cell, run_chunk
 from fopi_tune.study.engine import Ended, InProcess, Task, divided, run_study
 from fopi_tune.study.ledger import LEDGER, Counts, LedgerError, opened, read
 from fopi_tune.study.load import load_study
 from fopi_tune.study.model import Cell, Column, Kind, Study
+from fopi_tune.study.overrides import spec_of
 from fopi_tune.study.table import found, table_of
-from fopi_tune.study.trees import spec_of
+from fopi_tune.study.worker import Result, finish, run_block, run_cell, run_chunk
 
 HERE = Machines(0)
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -159,7 +159,7 @@ def test_a_result_does_not_depend_on_what_was_run_before() -> None:
 
     def gains(order: tuple[int, ...]) -> dict[int, str]:
         from fopi_tune.design.nlp import compile as compiling
-        from fopi_tune.study import cells as kept
+        from fopi_tune.study import worker as kept
 
         compiling._kept.clear()
         kept._designed.cache_clear()

@@ -17,7 +17,7 @@ from fopi_tune.errors import SpecError
 from fopi_tune.spec import load_document, load_spec, parse_spec
 from fopi_tune.study.load import TooManyCellsError, load_study, study_json_schema
 from fopi_tune.study.model import Kind, Stage, Study
-from fopi_tune.study.trees import node_of, path_of, spec_of, text_of, value_of, written
+from fopi_tune.study.overrides import node_of, path_of, spec_of, text_of, value_of, written
 
 SPECS = sorted((ROOT / "specs").glob("*.yaml"))
 STUDIES = sorted((ROOT / "studies").glob("*.yaml"))
@@ -292,13 +292,13 @@ _VALUES: st.SearchStrategy[Any] = st.one_of(
     )
 )
 def test_what_the_schema_refuses_the_reader_refuses(document: dict[str, Any]) -> None:
-    from fopi_tune.spec.yaml.nodes import compose
-    from fopi_tune.spec.yaml.places import Place
-    from fopi_tune.spec.yaml.report import Report
+    from fopi_tune.spec.yaml.composer import compose
+    from fopi_tune.spec.yaml.nodes import Place
+    from fopi_tune.spec.yaml.problems import ProblemCollector
     from fopi_tune.study.language import read_study
 
     document = {"schema": 1, "name": "s", "specs": ["lag.yaml"], **document}
-    report = Report("s.yaml")
-    taken = read_study(Place(compose(json.dumps(document), report), "", report)) is not None
+    collector = ProblemCollector("s.yaml")
+    taken = read_study(Place(compose(json.dumps(document), collector), "", collector)) is not None
     # the reader sees more: which sections fit together
     assert not taken or jsonschema.Draft202012Validator(SCHEMA).is_valid(document)

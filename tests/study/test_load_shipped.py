@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from cases.project import ROOT
 
-from fopi_tune.study.cells import run_cell
 from fopi_tune.study.load import load_study
 from fopi_tune.study.model import Kind, Study
 from fopi_tune.study.table import found
+from fopi_tune.study.worker import run_cell
 
 STUDIES = {path.stem: path for path in sorted((ROOT / "studies").glob("*.yaml"))}
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from fopi_tune.spec.yaml.report import quoted
+from fopi_tune.spec.yaml.problems import quoted
 
 #: names longer than this are not misspellings, and comparing them takes long
 _LONGEST_NAME = 60

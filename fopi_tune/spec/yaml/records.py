@@ -9,8 +9,7 @@ from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any
 
 from fopi_tune.spec.yaml.hints import about_key, closest, one_of
-from fopi_tune.spec.yaml.nodes import Scalar, Table
-from fopi_tune.spec.yaml.places import Place, kind_of
+from fopi_tune.spec.yaml.nodes import MappingNode, Place, ScalarNode, kind_of
 from fopi_tune.spec.yaml.scalars import is_empty
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, Shape
 
@@ -109,7 +108,7 @@ class Tagged(Shape):
         if word is not None:
             return self.records[word].read(place)
         # read on as what was probably meant, so that the mistakes in the rest are reported as well
-        meant = closest(tag.node.text, self.records) if isinstance(tag.node, Scalar) else None
+        meant = closest(tag.node.text, self.records) if isinstance(tag.node, ScalarNode) else None
         if meant is not None:
             self.records[meant].readable(place)
         return None
@@ -133,7 +132,7 @@ class OneKeyOf(Shape):
     def read(self, place: Place) -> Any:
         if not is_table(place, self.example):
             return None
-        assert isinstance(place.node, Table)
+        assert isinstance(place.node, MappingNode)
         present = [key for key in place.node.entries if key in self.records]
         if not present:
             meant = refuse_unknown_keys(place, _keys_of(self.records))
@@ -143,7 +142,7 @@ class OneKeyOf(Shape):
         if len(present) > 1:
             line = place.node.entries[present[0]][0].line
             mark = place.node.entries[present[1]][0]
-            place.report.refuse(mark, place.child(present[1]).path, self._too_many(present[0], line))
+            place.collector.add(mark, place.child(present[1]).path, self._too_many(present[0], line))
             return None
         return self.records[present[0]].read(place)
 
@@ -175,11 +174,11 @@ def _written(value: object) -> Any:
 def is_table(place: Place, example: str) -> bool:
     """Whether the node is a mapping; reports if it is not."""
     node = place.node
-    if isinstance(node, Table):
+    if isinstance(node, MappingNode):
         return True
-    if isinstance(node, Scalar) and node.plain and is_empty(node.text):
+    if isinstance(node, ScalarNode) and node.plain and is_empty(node.text):
         place.refuse(f"nothing is written here; remove the key or write a mapping such as {example}")
-    elif isinstance(node, Scalar) and node.plain and re.search(r"\w:\S", node.text):
+    elif isinstance(node, ScalarNode) and node.plain and re.search(r"\w:\S", node.text):
         place.refuse(f"{kind_of(node)} is not a mapping; a space is missing after the colon")
     else:
         place.refuse(f"{kind_of(node)} is written where a mapping belongs; write one such as {example}")
@@ -188,7 +187,7 @@ def is_table(place: Place, example: str) -> bool:
 
 def refuse_unknown_keys(place: Place, known: Collection[str], elsewhere: Mapping[str, str] | None = None) -> set[str]:
     """Reports every key that is not known; returns the known keys that were probably meant by them."""
-    assert isinstance(place.node, Table)
+    assert isinstance(place.node, MappingNode)
     meant: set[str] = set()
     # what is there already was not misspelt
     free = [name for name in known if not place.has(name)] or known
@@ -197,14 +196,14 @@ def refuse_unknown_keys(place: Place, known: Collection[str], elsewhere: Mapping
             continue
         path = place.child(key).path
         if elsewhere and key in elsewhere:
-            place.report.refuse(mark, path, elsewhere[key])
-        elif key.isdigit() and isinstance(value, Scalar) and is_empty(value.text):
+            place.collector.add(mark, path, elsewhere[key])
+        elif key.isdigit() and isinstance(value, ScalarNode) and is_empty(value.text):
             message = "is this the rest of a number with a decimal comma? write it with a decimal point"
-            place.report.refuse(mark, path, message)
+            place.collector.add(mark, path, message)
         else:
             hint = about_key(key, free)
             meant |= {hint.meant} if hint.meant else set()
-            place.report.refuse(mark, path, hint.message)
+            place.collector.add(mark, path, hint.message)
     return meant
 
 

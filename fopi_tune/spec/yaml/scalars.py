@@ -7,7 +7,7 @@ import re
 import unicodedata
 from collections.abc import Callable
 
-from fopi_tune.spec.yaml.report import quoted
+from fopi_tune.spec.yaml.problems import quoted
 
 MAX_LENGTH = 100
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from fopi_tune.spec.yaml.hints import about_word
-from fopi_tune.spec.yaml.nodes import Items, Table
-from fopi_tune.spec.yaml.places import Place, kind_of, scalar_of
-from fopi_tune.spec.yaml.report import quoted
+from fopi_tune.spec.yaml.nodes import MappingNode, Place, SequenceNode, kind_of, scalar_of
+from fopi_tune.spec.yaml.problems import quoted
 from fopi_tune.spec.yaml.scalars import NotANumberError, is_empty, is_number, is_text, parse_number, parse_whole
 
 JsonSchema = dict[str, Any]
@@ -186,7 +185,7 @@ class ListOf(Shape):
 
     def readable(self, place: Place) -> list[Any] | None:
         """The list with None for each value that could not be read; None if it is no list of the right length."""
-        if not isinstance(place.node, Items):
+        if not isinstance(place.node, SequenceNode):
             place.refuse(f"{kind_of(place.node)} is written where a list belongs; write {self._wanted()}")
             return None
         count = len(place.node.nodes)
@@ -238,7 +237,7 @@ class Either(Shape):
     mapping: Shape
 
     def read(self, place: Place) -> Any:
-        return (self.mapping if isinstance(place.node, Table) else self.plain).read(place)
+        return (self.mapping if isinstance(place.node, MappingNode) else self.plain).read(place)
 
     def json_schema(self) -> JsonSchema:
         return {"anyOf": [self.plain.json_schema(), self.mapping.json_schema()]}

@@ -8,7 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fopi_tune.cli.files import (
+from fopi_tune.cli.output import (
+    Exit,
+    patience,
+    print_out,
+    print_styled,
+    reason_of,
+    report_failure,
+    say,
+    to_json,
+    write_file,
+)
+from fopi_tune.cli.report_files import report_of
+from fopi_tune.cli.result_files import (
     CERTIFICATE,
     CHECK,
     CODE,
@@ -24,25 +36,13 @@ from fopi_tune.cli.files import (
     SIMULATION,
     files_of,
 )
-from fopi_tune.cli.output import (
-    Exit,
-    patience,
-    print_out,
-    print_styled,
-    reason_of,
-    report_failure,
-    say,
-    to_json,
-    write_file,
-)
-from fopi_tune.cli.report_files import report_of
 from fopi_tune.errors import DomainError, SpecError
 
 # Solver, NumPy and Rich are imported where they are needed: a mistake must not wait for them.
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from fopi_tune.cli.files import Result
+    from fopi_tune.cli.result_files import Result
     from fopi_tune.spec.model import DesignSpec, SystemSpec
 
 

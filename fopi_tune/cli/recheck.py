@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fopi_tune.cli.batch import Handling
 from fopi_tune.cli.output import Exit, print_out, print_styled, read_text, reason_of, report_failure, say, to_json
-from fopi_tune.cli.process import Handling
 from fopi_tune.cli.tune import recheck_optimum_file
 from fopi_tune.errors import CertificateError, SpecError
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fopi_tune.cli.files import CHECK, COMPARED, COMPARISON, DESIGN, REPORT, SPEC
+from fopi_tune.cli.batch import Handling, load_each, write_each
 from fopi_tune.cli.output import Exit, print_out, report_failure, say
-from fopi_tune.cli.process import Handling, load_each, write_each
+from fopi_tune.cli.result_files import CHECK, COMPARED, COMPARISON, DESIGN, REPORT, SPEC
 from fopi_tune.errors import DomainError, SpecError
 
 if TYPE_CHECKING:

@@ -27,9 +27,9 @@ from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import SamplesFile, ValidationSpec
 from fopi_tune.spec.yaml import nodes
 from fopi_tune.spec.yaml.hints import closest, one_of
-from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.yaml.nodes import Place
+from fopi_tune.spec.yaml.problems import key_path, quoted
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Tagged, Values, defaulting_to, is_table
-from fopi_tune.spec.yaml.report import key_path, quoted
 from fopi_tune.spec.yaml.scalars import is_empty
 from fopi_tune.spec.yaml.shapes import Choice, Constant, JsonSchema, Number, Pair, Shape, Text
 
@@ -99,13 +99,13 @@ def resolved(placed: PlacedValidation, family: PlantFamily | None, read: Reader)
     name = values.pop("samples_file", None)
     if name is not None:
         return _listed(name, values, place, family, read)
-    before = len(place.report.problems)
+    before = len(place.collector.problems)
     if family is not None:
         _check_distributions(values.get("distributions", {}), place.child("distributions"), family)
     if values.get("design") == "latin_hypercube" and values.get("samples", 0) > MAX_LATIN_HYPERCUBE:
         message = f"a Latin hypercube has at most {MAX_LATIN_HYPERCUBE} cells; write fewer samples or another design"
         place.child("samples").refuse(message)
-    return ValidationSpec(**values) if len(place.report.problems) == before else None
+    return ValidationSpec(**values) if len(place.collector.problems) == before else None
 
 
 # -- distributions ----------------------------------------------------------------------------------------------------
@@ -120,7 +120,7 @@ class _ByNumber(Shape):
     def read(self, place: Place) -> dict[str, Distribution] | None:
         if not is_table(place, "{time_constant_s: " + _EXAMPLE + "}"):
             return None
-        assert isinstance(place.node, nodes.Table)
+        assert isinstance(place.node, nodes.MappingNode)
         found = {name: _OneDistribution().read(place.child(name)) for name in place.node.entries}
         readable = {name: distribution for name, distribution in found.items() if distribution is not None}
         return readable if len(readable) == len(found) else None
@@ -145,7 +145,7 @@ class _OneDistribution(Shape):
 
     def read(self, place: Place) -> Distribution | None:
         shape, node = _with_numbers(), place.node
-        if not isinstance(node, nodes.Scalar) or (node.plain and is_empty(node.text)):
+        if not isinstance(node, nodes.ScalarNode) or (node.plain and is_empty(node.text)):
             return shape.read(place)
         if node.text == "uniform":
             return Uniform()
@@ -228,11 +228,11 @@ def _noise(meaning: str, word: str, names: str, make: Callable[..., Distribution
 def _check_distributions(found: dict[str, Distribution], place: Place, family: PlantFamily) -> None:
     for name, distribution in found.items():
         if name not in family.uncertain_names:
-            assert isinstance(place.node, nodes.Table)
+            assert isinstance(place.node, nodes.MappingNode)
             meant = closest(name, family.uncertain_names)
             hint = f"; did you mean {meant!r}?" if meant is not None and name not in family.parameters else ""
             mark = place.node.entries[name][0]
-            place.report.refuse(mark, key_path(place.path, name), not_uncertain(name, family) + hint)
+            place.collector.add(mark, key_path(place.path, name), not_uncertain(name, family) + hint)
         elif problem := distribution.problem(family.parameters[name]) or _no_plant(name, distribution, family):
             place.child(name).refuse(problem)
 

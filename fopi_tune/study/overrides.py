@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from fopi_tune.errors import SpecError
-from fopi_tune.spec.draws import Reader
 from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.load import reader_among
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.spec.yaml.nodes import Items, Node, Refused, Scalar, Table
-from fopi_tune.spec.yaml.places import Place, kind_of
-from fopi_tune.spec.yaml.report import Mark, Report
+from fopi_tune.spec.validation import Reader
+from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, RejectedNode, ScalarNode, SequenceNode, kind_of
+from fopi_tune.spec.yaml.problems import Mark, ProblemCollector
 from fopi_tune.spec.yaml.scalars import is_number
 
 _STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,4}\])*)")
@@ -93,16 +92,16 @@ def _replaced(tree: Node, path: Path, depth: int, override: Override) -> Node:
         return override.node
     step, where = path[depth], written(path[:depth])
     if isinstance(step, int):
-        if not isinstance(tree, Items):
+        if not isinstance(tree, SequenceNode):
             raise NoSuchPlaceError(f"{where} is {kind_of(tree)} in the spec, not a list; there is no entry [{step}]")
         if step >= len(tree.nodes):
             raise NoSuchPlaceError(f"{where} has {len(tree.nodes)} entries in the spec; they count from [0]")
         nodes = list(tree.nodes)
         nodes[step] = _replaced(nodes[step], path, depth + 1, override)
         return replace(tree, nodes=tuple(nodes))
-    if not isinstance(tree, Table):
+    if not isinstance(tree, MappingNode):
         raise NoSuchPlaceError(f"{where} is {kind_of(tree)} in the spec, not a mapping; override {where} as a whole")
-    mark, inner = tree.entries.get(step, (override.mark, Table(override.mark, {})))
+    mark, inner = tree.entries.get(step, (override.mark, MappingNode(override.mark, {})))
     if isinstance(path[depth + 1] if depth + 1 < len(path) else "", int) and step not in tree.entries:
         raise NoSuchPlaceError(f"{written(path[: depth + 1])} is not in the spec; give the whole list")
     return replace(tree, entries={**tree.entries, step: (mark, _replaced(inner, path, depth + 1, override))})
@@ -110,11 +109,11 @@ def _replaced(tree: Node, path: Path, depth: int, override: Override) -> Node:
 
 def value_of(node: Node) -> Any:
     """A node as JSON has it; only numbers as the spec language writes them are numbers."""
-    if isinstance(node, Table):
+    if isinstance(node, MappingNode):
         return {key: value_of(value) for key, (_, value) in node.entries.items()}
-    if isinstance(node, Items):
+    if isinstance(node, SequenceNode):
         return [value_of(value) for value in node.nodes]
-    assert not isinstance(node, Refused)
+    assert not isinstance(node, RejectedNode)
     if not node.plain or not is_number(node.text):
         return node.text
     return int(node.text) if _WHOLE.fullmatch(node.text) else float(node.text) + 0.0
@@ -130,12 +129,12 @@ def text_of(tree: Node) -> str:
 def node_of(value: Any) -> Node:
     """JSON as nodes."""
     if isinstance(value, dict):
-        return Table(_NOWHERE, {key: (_NOWHERE, node_of(inner)) for key, inner in value.items()})
+        return MappingNode(_NOWHERE, {key: (_NOWHERE, node_of(inner)) for key, inner in value.items()})
     if isinstance(value, list):
-        return Items(_NOWHERE, tuple(node_of(inner) for inner in value))
+        return SequenceNode(_NOWHERE, tuple(node_of(inner) for inner in value))
     if isinstance(value, str):
-        return Scalar(_NOWHERE, value, plain=False)
-    return Scalar(_NOWHERE, repr(value), plain=True)
+        return ScalarNode(_NOWHERE, value, plain=False)
+    return ScalarNode(_NOWHERE, repr(value), plain=True)
 
 
 def spec_of(text: str, name: str = "<cell>", files: Files = ()) -> DesignSpec:
@@ -149,14 +148,14 @@ def spec_of(text: str, name: str = "<cell>", files: Files = ()) -> DesignSpec:
     Raises:
         SpecError: not a usable spec.
     """
-    report = Report(name)
+    collector = ProblemCollector(name)
     read = reader_among(dict(files))
-    spec = spec_at(node_of(json.loads(text)), report, read, hashlib.sha256(text.encode()).hexdigest())
+    spec = spec_at(node_of(json.loads(text)), collector, read, hashlib.sha256(text.encode()).hexdigest())
     if spec is None:
-        raise SpecError(tuple(report.problems))
+        raise SpecError(tuple(collector.problems))
     return spec
 
 
-def spec_at(tree: Node, report: Report, read: Reader, sha256: str = "") -> DesignSpec | None:
+def spec_at(tree: Node, collector: ProblemCollector, read: Reader, sha256: str = "") -> DesignSpec | None:
     """The spec that a tree says, or None after reporting why there is none; `read` gives the files that it names."""
-    return read_spec(Place(tree, "", report), sha256, read)
+    return read_spec(Place(tree, "", collector), sha256, read)

@@ -48,7 +48,8 @@ from fopi_tune.pipeline.simulate import simulate
 from fopi_tune.pipeline.validate import validate
 from fopi_tune.results.design import Validated
 from fopi_tune.simulation.measures import MEASURE_VALUES
-from fopi_tune.spec import draws, load_spec, parse_spec
+from fopi_tune.spec import load_spec, parse_spec
+from fopi_tune.spec import validation as draws
 from fopi_tune.spec.model import MEASURES, DesignSpec
 from fopi_tune.spec.template import template
 

@@ -27,8 +27,8 @@ from fopi_tune.results.stamp import numeric_versions
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.study.model import Cell, Kind, Stage
+from fopi_tune.study.overrides import Files, spec_of
 from fopi_tune.study.registry import entries, figure_of
-from fopi_tune.study.trees import Files, spec_of
 
 if TYPE_CHECKING:
     from fopi_tune.design import Neighbour

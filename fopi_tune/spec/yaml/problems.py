@@ -21,19 +21,19 @@ class Mark:
 
 
 @dataclass
-class Report:
+class ProblemCollector:
     """The problems found so far in one file."""
 
     file: str
     problems: list[Problem] = field(default_factory=list)
 
-    def refuse(self, mark: Mark, path: str, message: str) -> None:
+    def add(self, mark: Mark, path: str, message: str) -> None:
         """Add one problem and go on."""
         self.problems.append(Problem(self.file, mark.line, mark.column, path, message))
 
     def stop(self, mark: Mark, path: str, message: str) -> NoReturn:
         """Add one problem after which nothing more can be read."""
-        self.refuse(mark, path, message)
+        self.add(mark, path, message)
         raise self.error()
 
     def error(self) -> SpecError:
