@@ -10,29 +10,29 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from fopi_tune.cli.output import (
     Exit,
-    patience,
     print_out,
     print_styled,
     reason_of,
     report_failure,
     say,
+    still_running_notes,
     to_json,
     write_file,
 )
-from fopi_tune.cli.report_files import report_of
+from fopi_tune.cli.report_files import report_of_run
 from fopi_tune.cli.result_files import (
     CERTIFICATE,
     CHECK,
-    CODE,
+    CODE_FOLDER,
+    CONTROLLER_FIGURE,
     DESIGN,
     DIGITAL,
     DIGITAL_CERTIFICATE,
-    DRAWN,
     EXACT,
-    FIGURE,
-    FIGURES,
+    FIGURES_FOLDER,
     OPTIMUM,
     REPORT,
+    REPORT_FIGURES,
     SIMULATION,
     files_of,
 )
@@ -51,7 +51,7 @@ Loaded = TypeVar("Loaded", "DesignSpec", "DesignSpec | SystemSpec")
 
 
 @dataclass(frozen=True)
-class Handling:
+class OutputOptions:
     """What to do with results and failures."""
 
     out: str | None
@@ -72,7 +72,9 @@ class Handling:
             say(words)
 
 
-def process(files: Sequence[str], make: Callable[[DesignSpec], Result], handling: Handling, doing: str) -> Exit:
+def process_specs(
+    files: Sequence[str], make: Callable[[DesignSpec], Result], handling: OutputOptions, doing: str
+) -> Exit:
     """Load every spec, then make, write and print one result each; ends with the worst of the exit codes."""
 
     def load(file: str) -> DesignSpec:
@@ -80,29 +82,31 @@ def process(files: Sequence[str], make: Callable[[DesignSpec], Result], handling
 
         return load_spec(file)
 
-    return process_loaded(files, load, make, handling, doing)
+    return process_with_loader(files, load, make, handling, doing)
 
 
-def process_loaded(
+def process_with_loader(
     files: Sequence[str],
     load: Callable[[str], Loaded],
     make: Callable[[Loaded], Result],
-    handling: Handling,
+    handling: OutputOptions,
     doing: str,
 ) -> Exit:
     """The same with a loader of one's own, which raises SpecError."""
-    specs, code = load_each(files, load, handling)
+    specs, code = load_specs(files, load, handling)
     documents: list[dict[str, Any]] = []
     for spec in specs:
         handling.note(f"{spec.name}: {doing} ...")
-        with patience(f"{spec.name}: still {doing}", handling.quiet) as enough:
+        with still_running_notes(f"{spec.name}: still {doing}", handling.quiet) as enough:
             code = max(code, _one(spec, make, handling, documents, enough))
     if handling.as_json and (documents or handling.several):
         code = max(code, print_out(to_json(documents if handling.several else documents[0])))
     return code
 
 
-def load_each(files: Sequence[str], load: Callable[[str], Loaded], handling: Handling) -> tuple[list[Loaded], Exit]:
+def load_specs(
+    files: Sequence[str], load: Callable[[str], Loaded], handling: OutputOptions
+) -> tuple[list[Loaded], Exit]:
     """The usable specs; every mistake in the others is reported."""
     code, specs = Exit.MET, dict[str, tuple[str, Loaded]]()
     for file in files:
@@ -127,7 +131,7 @@ def load_each(files: Sequence[str], load: Callable[[str], Loaded], handling: Han
 def _one(
     spec: Loaded,
     make: Callable[[Loaded], Result],
-    handling: Handling,
+    handling: OutputOptions,
     documents: list[dict[str, Any]],
     enough: Callable[[], None],
 ) -> Exit:
@@ -145,7 +149,7 @@ def _one(
         return report_failure(spec.name, error, handling.debug)
     seconds, failed = time.perf_counter() - start, Exit.MET
     try:
-        files += report_of(result, handling.folder(spec)).items()
+        files += report_of_run(result, handling.folder(spec)).items()
     except Exception as error:  # what was found is worth more than what is said about it
         failed = report_failure(f"{spec.name}: report", error, handling.debug)
     enough()
@@ -155,7 +159,7 @@ def _one(
     if problem:
         say(f"{spec.name}: {problem}")
     code = max(_exit_code(result), failed, Exit.BAD_INPUT if problem else Exit.MET)
-    code = max(code, write_each(handling.folder(spec), files, spec.name, handling))
+    code = max(code, write_files(handling.folder(spec), files, spec.name, handling))
     if table is not None:
         if documents:
             print_out("")
@@ -164,7 +168,7 @@ def _one(
     return code
 
 
-def write_each(folder: Path, files: Sequence[tuple[str, str | bytes]], name: str, handling: Handling) -> Exit:
+def write_files(folder: Path, files: Sequence[tuple[str, str | bytes]], name: str, handling: OutputOptions) -> Exit:
     """Each file at once or not at all, and a word about those there that belong to an earlier result."""
     for file, content in files:
         path = folder / file
@@ -176,7 +180,7 @@ def write_each(folder: Path, files: Sequence[tuple[str, str | bytes]], name: str
         if path.parent == folder:
             handling.note(f"{name}: wrote {path}")
     written = {file for file, _ in files}
-    for inner in (CODE, FIGURES):
+    for inner in (CODE_FOLDER, FIGURES_FOLDER):
         if any(file.startswith(f"{inner}/") for file in written):
             handling.note(f"{name}: wrote {folder / inner}")
     stale = [file for file in _made_obsolete(written) if (folder / file).exists()]
@@ -191,8 +195,12 @@ def write_each(folder: Path, files: Sequence[tuple[str, str | bytes]], name: str
 
 def _made_obsolete(written: set[str]) -> list[str]:
     """Files that belong to another result of the kind that was written now."""
-    digital = [DIGITAL, DIGITAL_CERTIFICATE, FIGURE, CODE]
-    figures = [f"{FIGURES}/{name}.{kind}" for name in DRAWN for kind in ("svg", "png")] if REPORT in written else []
+    digital = [DIGITAL, DIGITAL_CERTIFICATE, CONTROLLER_FIGURE, CODE_FOLDER]
+    figures = (
+        [f"{FIGURES_FOLDER}/{name}.{kind}" for name in REPORT_FIGURES for kind in ("svg", "png")]
+        if REPORT in written
+        else []
+    )
     undrawn = [file for file in figures if file not in written]
     if DIGITAL in written:
         return undrawn + ([] if DIGITAL_CERTIFICATE in written else [DIGITAL_CERTIFICATE])

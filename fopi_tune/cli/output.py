@@ -12,7 +12,9 @@ import traceback
 from collections.abc import Callable, Iterator
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import typer
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -66,6 +68,12 @@ def say(words: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
 
+def bad_input(words: str) -> typer.Exit:
+    """Says what is wrong with the command line, and ends with the code of bad input when raised."""
+    say(words)
+    return typer.Exit(Exit.BAD_INPUT)
+
+
 def report_failure(what: str, error: Exception, debug: bool) -> Exit:
     """A bug of the tool: one line, and the traceback on demand."""
     if debug:
@@ -101,7 +109,7 @@ def progress_bar(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] 
 
 
 @contextlib.contextmanager
-def patience(words: str, quiet: bool) -> Iterator[Callable[[], None]]:
+def still_running_notes(words: str, quiet: bool) -> Iterator[Callable[[], None]]:
     """A line on stderr now and then, ever more seldom, while something takes long; what is given ends it before."""
     done = threading.Event()
 
@@ -144,6 +152,26 @@ def read_text(path: Path) -> str:
     if len(text) > _LARGEST_RESULT:
         raise ValueError(f"{path} is larger than any result of this tool")
     return text
+
+
+def read_json(path: str | Path) -> Any:
+    """A JSON file; NaN, infinity and duplicate keys are errors.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no such JSON.
+        RecursionError: it is nested too deeply.
+    """
+
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{constant} is no JSON")
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        if len({key for key, _ in pairs}) < len(pairs):
+            raise ValueError("an entry appears twice")
+        return dict(pairs)
+
+    return json.loads(read_text(Path(path)), parse_constant=refuse, object_pairs_hook=once)
 
 
 def write_file(path: Path, content: str | bytes) -> None:

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 from fopi_tune.cli.output import say
 
 if TYPE_CHECKING:
-    from fopi_tune.study.ledger import Counts
+    from fopi_tune.study.ledger import CellCounts
 
 #: seconds between two plain lines
 _LINE_EVERY_S = 10.0
 
-Told = Callable[["Counts"], None]
+ProgressCallback = Callable[["CellCounts"], None]
 
 
-class Progress(StrEnum):
+class ProgressStyle(StrEnum):
     """What is shown while cells run."""
 
     AUTO = "auto"
@@ -32,18 +32,18 @@ class Progress(StrEnum):
 
 
 @contextlib.contextmanager
-def shown(wanted: Progress, quiet: bool) -> Iterator[Told | None]:
+def progress_display(wanted: ProgressStyle, quiet: bool) -> Iterator[ProgressCallback | None]:
     """What is told how far it is."""
-    if wanted is Progress.AUTO:
+    if wanted is ProgressStyle.AUTO:
         looking = sys.stderr is not None and sys.stderr.isatty()
-        wanted = Progress.NONE if quiet else Progress.BAR if looking else Progress.LINES
-    if wanted is Progress.BAR:
+        wanted = ProgressStyle.NONE if quiet else ProgressStyle.BAR if looking else ProgressStyle.LINES
+    if wanted is ProgressStyle.BAR:
         with _bar() as told:
             yield told
-    elif wanted is Progress.NONE:
+    elif wanted is ProgressStyle.NONE:
         yield None
     else:
-        yield _lines() if wanted is Progress.LINES else _json_lines()
+        yield _lines() if wanted is ProgressStyle.LINES else _json_lines()
 
 
 class _Clock:
@@ -53,7 +53,7 @@ class _Clock:
         self.start = time.monotonic()
         self.before: int | None = None
 
-    def at(self, counts: Counts) -> tuple[float, float | None, float | None]:
+    def at(self, counts: CellCounts) -> tuple[float, float | None, float | None]:
         """Seconds since the start, cells a second, seconds left; None while nothing was run."""
         ran = counts.total - counts.left
         if self.before is None:
@@ -65,10 +65,10 @@ class _Clock:
         return elapsed, rate, counts.left / rate
 
 
-def _lines() -> Told:
+def _lines() -> ProgressCallback:
     clock, last = _Clock(), [-_LINE_EVERY_S]
 
-    def told(counts: Counts) -> None:
+    def told(counts: CellCounts) -> None:
         elapsed, rate, left = clock.at(counts)
         if elapsed - last[0] < _LINE_EVERY_S and counts.left:
             return
@@ -81,10 +81,10 @@ def _lines() -> Told:
     return told
 
 
-def _json_lines() -> Told:
+def _json_lines() -> ProgressCallback:
     clock = _Clock()
 
-    def told(counts: Counts) -> None:
+    def told(counts: CellCounts) -> None:
         elapsed, rate, left = clock.at(counts)
         event = {
             "event": "progress",
@@ -102,7 +102,7 @@ def _json_lines() -> Told:
 
 
 @contextlib.contextmanager
-def _bar() -> Iterator[Told]:
+def _bar() -> Iterator[ProgressCallback]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
     from rich.progress import Progress as Bar
@@ -117,7 +117,7 @@ def _bar() -> Iterator[Told]:
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("cells", total=None, failed=0, rate="", left="")
 
-        def told(counts: Counts) -> None:
+        def told(counts: CellCounts) -> None:
             _, rate, left = clock.at(counts)
             bar.update(
                 task,

@@ -1,26 +1,22 @@
-"""Certificates and earlier results on the disk:  read, checked, printed."""
+"""`fopi prove --recheck`:  a certificate of gains or of an optimum is read, checked again and printed."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.batch import Handling
-from fopi_tune.cli.output import Exit, print_out, print_styled, read_text, reason_of, report_failure, say, to_json
-from fopi_tune.cli.tune import recheck_optimum_file
+from fopi_tune.cli.batch import OutputOptions
+from fopi_tune.cli.output import Exit, print_out, print_styled, read_json, reason_of, report_failure, say, to_json
 from fopi_tune.errors import CertificateError, SpecError
 
 if TYPE_CHECKING:
-    from fopi_tune.core.controller import FoPi
+    from fopi_tune.optimum import OptimumRecheck
     from fopi_tune.proof import Recheck
-    from fopi_tune.spec.model import DesignSpec
 
 
-def recheck_file(file: str, spec_file: str | None, handling: Handling) -> Exit:
+def recheck_file(file: str, spec_file: str | None, handling: OutputOptions) -> Exit:
     """Check a certificate, print what was found, and say by the exit code whether everything in it is proved."""
     try:
-        document = _json(file)
+        document = read_json(file)
     except OSError as error:
         say(f"{file}: cannot be read ({reason_of(error)}); check the path")
         return Exit.BAD_INPUT
@@ -66,33 +62,28 @@ def _document(found: Recheck) -> dict[str, Any]:
     }
 
 
-def gains_of_earlier_design(spec: DesignSpec, handling: Handling) -> FoPi | None:
-    """The gains that the spec fixes, or those of a solved design of exactly this spec in the folder of results."""
-    from fopi_tune.core.controller import FoPi
+def recheck_optimum_file(document: Any, spec_file: str | None, handling: OutputOptions) -> Exit:
+    """Check a file of an optimum, print what was found; like any certificate it raises what is wrong with it."""
+    from fopi_tune.pipeline.optimum import recheck_optimum
 
-    box = spec.controller
-    if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
-        return FoPi(box.kp.min, box.ki.min, box.alpha.min)
-    path = handling.folder(spec) / "design.json"
-    try:
-        document = _json(path)
-        solved = document["status"] == "solved" and document["stamp"]["spec_sha256"] == spec.sha256
-        gains = document["gains"] if solved else None
-        found = FoPi(float(gains["kp"]), float(gains["ki"]), float(gains["alpha"])) if gains else None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None  # there is none that could be used: the caller says so and tunes
-    if found is not None:
-        handling.note(f"{spec.name}: gains from {path}")
-    return found
+    if spec_file is None:
+        say("a bound of an optimum is checked against its spec; name it: fopi prove --recheck FILE SPEC")
+        return Exit.BAD_INPUT
+    found = recheck_optimum(document, spec_file)
+    stated = found.status.value in ("certified", "infeasible")
+    code = Exit.MET if found.is_sound and stated else Exit.NOT_MET
+    if handling.as_json:
+        return max(code, print_out(to_json(_optimum_document(found))))
+    verdict = "sound" if found.is_sound else "refused"
+    lines = [f"{verdict}: {found.status.value}, {found.leaves} boxes tested again in ball arithmetic"]
+    return max(code, print_out("\n".join([*lines, *(f"  {problem}" for problem in found.problems)])))
 
 
-def _json(path: str | Path) -> Any:
-    def refuse(constant: str) -> None:
-        raise ValueError(f"{constant} is no JSON")
-
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        if len({key for key, _ in pairs}) < len(pairs):
-            raise ValueError("an entry appears twice")
-        return dict(pairs)
-
-    return json.loads(read_text(Path(path)), parse_constant=refuse, object_pairs_hook=once)
+def _optimum_document(found: OptimumRecheck) -> dict[str, Any]:
+    return {
+        "schema": 1,
+        "status": "sound" if found.is_sound else "refused",
+        "verdict": found.status.value if found.is_sound else None,
+        "boxes": found.leaves,
+        "problems": list(found.problems),
+    }

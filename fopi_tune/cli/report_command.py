@@ -7,17 +7,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fopi_tune.cli.batch import Handling, load_each, write_each
+from fopi_tune.cli.batch import OutputOptions, load_specs, write_files
 from fopi_tune.cli.output import Exit, print_out, report_failure, say
-from fopi_tune.cli.result_files import CHECK, COMPARED, COMPARISON, DESIGN, REPORT, SPEC
+from fopi_tune.cli.result_files import CHECK, COMPARISON_FOLDER, COMPARISON_PAGE, DESIGN, REPORT, SPEC
 from fopi_tune.errors import DomainError, SpecError
 
 if TYPE_CHECKING:
     from fopi_tune.spec.model import DesignSpec
-from fopi_tune.cli.report_files import comparison_of, report_again
+from fopi_tune.cli.report_files import comparison_of, report_from_folder
 
 
-def remake(files: Sequence[str], handling: Handling) -> Exit:
+def remake_reports(files: Sequence[str], handling: OutputOptions) -> Exit:
     """Make the report of every spec again, print where it is, and end with the worst of the exit codes.
 
     Args:
@@ -36,7 +36,7 @@ def remake(files: Sequence[str], handling: Handling) -> Exit:
         folders[spec.name] = Path(file)
         return spec
 
-    specs, code = load_each(files, load, handling)
+    specs, code = load_specs(files, load, handling)
     for spec in specs:
         handling.note(f"{spec.name}: reporting ...")
         folder = folders.get(spec.name) if handling.out is None else None
@@ -44,15 +44,15 @@ def remake(files: Sequence[str], handling: Handling) -> Exit:
     return code
 
 
-def _one(spec: DesignSpec, folder: Path, handling: Handling) -> Exit:
+def _one(spec: DesignSpec, folder: Path, handling: OutputOptions) -> Exit:
     try:
-        made = report_again(spec, folder)
+        made = report_from_folder(spec, folder)
     except DomainError as error:
         say(f"{spec.name}: {error}")
         return Exit.BAD_INPUT
     except Exception as error:
         return report_failure(spec.name, error, handling.debug)
-    code = write_each(folder, list(made.items()), spec.name, handling)
+    code = write_files(folder, list(made.items()), spec.name, handling)
     return code if code is not Exit.MET else print_out(folder / REPORT)
 
 
@@ -60,7 +60,7 @@ def _one(spec: DesignSpec, folder: Path, handling: Handling) -> Exit:
 _LEAST, _MOST = 2, 6
 
 
-def compare_results(sources: Sequence[str], handling: Handling) -> Exit:
+def compare_results(sources: Sequence[str], handling: OutputOptions) -> Exit:
     """Put designs side by side on one page and print where it is.
 
     Args:
@@ -81,12 +81,12 @@ def compare_results(sources: Sequence[str], handling: Handling) -> Exit:
         return Exit.BAD_INPUT
     except Exception as error:
         return report_failure("compare", error, handling.debug)
-    folder = Path("results", COMPARED) if handling.out is None else Path(handling.out)
-    code = write_each(folder, list(made.items()), COMPARED, handling)
-    return code if code is not Exit.MET else print_out(folder / COMPARISON)
+    folder = Path("results", COMPARISON_FOLDER) if handling.out is None else Path(handling.out)
+    code = write_files(folder, list(made.items()), COMPARISON_FOLDER, handling)
+    return code if code is not Exit.MET else print_out(folder / COMPARISON_PAGE)
 
 
-def _located(source: str, handling: Handling) -> tuple[str, DesignSpec, Path, str] | None:
+def _located(source: str, handling: OutputOptions) -> tuple[str, DesignSpec, Path, str] | None:
     """The name as given, the spec, the folder of its results and the file of its gains; None after saying why not."""
     from fopi_tune.spec import load_spec
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fopi_tune.spec.model import DesignSpec
 
 
-def report_of(result: object, folder: Path) -> dict[str, str | bytes]:
+def report_of_run(result: object, folder: Path) -> dict[str, str | bytes]:
     """The report of a run and its figures by name; of what is no run, none.
 
     Args:
@@ -58,7 +58,7 @@ def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> dict[st
         raise DomainError("some of these results are not as this tool writes them; make them again") from error
 
 
-def report_again(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]:
+def report_from_folder(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]:
     """The same from what a run left.
 
     Args:

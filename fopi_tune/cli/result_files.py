@@ -21,18 +21,18 @@ CERTIFICATE, DIGITAL_CERTIFICATE = "certificate.json", "digital_certificate.json
 #: of the best gains there can be
 OPTIMUM = "optimum.json"
 #: the folder of the exported code, and the figure of the controller
-CODE, FIGURE = "c", "controller.svg"
+CODE_FOLDER, CONTROLLER_FIGURE = "c", "controller.svg"
 EVIDENCE = "evidence.json"
 #: beginnings of the names of simulations on samples and in continuous time
 SIMULATION, EXACT = "simulation", "exact"
 #: the spec of a result, as it was
 SPEC = "spec.yaml"
 #: what a run says to people, and the folder of its figures
-REPORT, FIGURES = "report.html", "figures"
+REPORT, FIGURES_FOLDER = "report.html", "figures"
 #: what a report may draw; not every one draws all
-DRAWN = ("bode", "nyquist", "sensitivities", "responses", "margins", "digital", "plants")
+REPORT_FIGURES = ("bode", "nyquist", "sensitivities", "responses", "margins", "digital", "plants")
 #: designs side by side, and the folder of that page
-COMPARISON, COMPARED = "compare.html", "compare"
+COMPARISON_PAGE, COMPARISON_FOLDER = "compare.html", "compare"
 #: a sweep: .json, .csv and .svg
 TRADEOFF = "tradeoff"
 
@@ -70,7 +70,7 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
         yield DIGITAL, to_json(result.to_dict()) + "\n"
         yield from _certificate(result, DIGITAL_CERTIFICATE)
         yield from _code(result)
-        yield FIGURE, _figure(result)
+        yield CONTROLLER_FIGURE, _figure(result)
         return
     yield CHECK if isinstance(result, Check) else DESIGN, to_json(result.to_dict()) + "\n"
     if result.spec.source:
@@ -99,7 +99,7 @@ def _code(result: Discretized) -> Iterator[tuple[str, str]]:
         units=Units(digital.measurement_unit, digital.output_unit),
         limits=digital.output_limits,
     )
-    yield from ((f"{CODE}/{name}", text) for name, text in export_c(export).items())
+    yield from ((f"{CODE_FOLDER}/{name}", text) for name, text in export_c(export).items())
 
 
 def _table(driven: Driven) -> str:

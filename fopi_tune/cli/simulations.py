@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.batch import Handling, process_loaded
-from fopi_tune.cli.gains import found_or_tuned
-from fopi_tune.cli.output import Exit, progress_bar
-from fopi_tune.cli.recheck import gains_of_earlier_design
+from fopi_tune.cli.batch import OutputOptions, process_with_loader
+from fopi_tune.cli.gains import earlier_or_tuned_gains, gains_of_earlier_design
+from fopi_tune.cli.output import Exit, bad_input, progress_bar
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Course:
+class SimulationOptions:
     """What of a spec or a system is simulated.
 
     Args:
@@ -38,7 +37,21 @@ class Course:
     exact: bool
 
 
-def validate_file(file: str, given: FoPi | None, samples: int | None, seed: int | None, handling: Handling) -> Exit:
+def parameters_from_options(pairs: Sequence[str]) -> dict[str, float]:
+    """NAME=VALUE as a mapping."""
+    numbers: dict[str, float] = {}
+    for pair in pairs:
+        name, _, value = pair.partition("=")
+        try:
+            numbers[name] = float(value)
+        except ValueError:
+            raise bad_input(f"--plant {pair} is not NAME=VALUE, as in --plant time_constant_s=3.1") from None
+    return numbers
+
+
+def validate_file(
+    file: str, given: FoPi | None, samples: int | None, seed: int | None, handling: OutputOptions
+) -> Exit:
     """Draw plants, judge and report."""
 
     def make(loaded: DesignSpec | SystemSpec) -> Result:
@@ -50,16 +63,16 @@ def validate_file(file: str, given: FoPi | None, samples: int | None, seed: int 
             gains = _gains_of_modes(loaded, given, handling)
             with progress_bar("loops", handling.quiet) as progress:
                 return validate_system(loaded, gains, samples=samples, seed=seed, progress=progress)
-        found = given if given is not None else found_or_tuned(loaded, handling)
+        found = given if given is not None else earlier_or_tuned_gains(loaded, handling)
         if not isinstance(found, FoPi):
             return found
         with progress_bar("loops", handling.quiet) as progress:
             return validate(loaded, found, samples=samples, seed=seed, progress=progress)
 
-    return process_loaded([file], _load, make, handling, "validating")
+    return process_with_loader([file], _load, make, handling, "validating")
 
 
-def simulate_file(file: str, given: FoPi | None, course: Course, handling: Handling) -> Exit:
+def simulate_file(file: str, given: FoPi | None, course: SimulationOptions, handling: OutputOptions) -> Exit:
     """Drive one plant, or one pair of them, and report."""
 
     def make(loaded: DesignSpec | SystemSpec) -> Result:
@@ -77,10 +90,10 @@ def simulate_file(file: str, given: FoPi | None, course: Course, handling: Handl
         }
         if isinstance(loaded, SystemSpec):
             return simulate_system(loaded, _gains_of_modes(loaded, given, handling), **wanted)
-        found = given if given is not None else found_or_tuned(loaded, handling)
+        found = given if given is not None else earlier_or_tuned_gains(loaded, handling)
         return found if not isinstance(found, FoPi) else simulate(loaded, found, **wanted)
 
-    return process_loaded([file], _load, make, handling, "simulating")
+    return process_with_loader([file], _load, make, handling, "simulating")
 
 
 def _load(file: str) -> DesignSpec | SystemSpec:
@@ -89,7 +102,7 @@ def _load(file: str) -> DesignSpec | SystemSpec:
     return load_any(file)
 
 
-def _gains_of_modes(system: SystemSpec, given: FoPi | None, handling: Handling) -> dict[str, FoPi]:
+def _gains_of_modes(system: SystemSpec, given: FoPi | None, handling: OutputOptions) -> dict[str, FoPi]:
     """Gains of earlier designs, for modes whose gains the system leaves open; the others are tuned."""
     if given is not None:
         raise DomainError("this is a system; its modes' gains belong into its file: brake: {spec: ..., gains: ...}")

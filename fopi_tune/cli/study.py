@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fopi_tune.cli.gains import refusal
-from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
-from fopi_tune.cli.progress import Progress, shown
+from fopi_tune.cli.output import (
+    Exit,
+    bad_input,
+    print_out,
+    print_styled,
+    reason_of,
+    report_failure,
+    say,
+    to_json,
+    write_file,
+)
+from fopi_tune.cli.progress import ProgressStyle, progress_display
 from fopi_tune.errors import DomainError, FopiError, SpecError
 
 # Solvers and Dask are imported where they are needed: a mistake must not wait for them.
@@ -25,14 +34,14 @@ _INTERRUPTED = 130
 
 
 @dataclass(frozen=True)
-class _Wish:
+class _StudyOptions:
     """What to do with a study, beside running it."""
 
     out: str | None
     parquet: bool
     as_json: bool
     quiet: bool
-    progress: Progress
+    progress: ProgressStyle
     resume: bool
     retry_failed: bool
 
@@ -42,7 +51,7 @@ class _Wish:
 
     def note(self, words: str) -> None:
         """Say something on stderr that is no mistake; where a program reads there, it reads progress alone."""
-        if not self.quiet and self.progress is not Progress.JSONL:
+        if not self.quiet and self.progress is not ProgressStyle.JSONL:
             say(words)
 
 
@@ -64,7 +73,9 @@ def study(
     ] = False,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run cells again that failed.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write the table as Parquet, too; needs pyarrow.")] = False,
-    progress: Annotated[Progress, typer.Option(help="What is shown on stderr while cells run.")] = Progress.AUTO,
+    progress: Annotated[
+        ProgressStyle, typer.Option(help="What is shown on stderr while cells run.")
+    ] = ProgressStyle.AUTO,
     out: Annotated[str | None, typer.Option(metavar="DIR", help="Folder, instead of results/NAME.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")] = False,
@@ -80,10 +91,10 @@ def study(
     if status is not None:
         raise typer.Exit(_status(status, as_json))
     if file is None:
-        raise refusal("there is no STUDY to run; name a study file, or a folder with --status")
+        raise bad_input("there is no STUDY to run; name a study file, or a folder with --status")
     if workers is not None and scheduler is not None:
-        raise refusal("--workers are of this machine, --scheduler has its own; leave one of them out")
-    wish = _Wish(out, parquet, as_json, quiet, progress, resume, retry_failed)
+        raise bad_input("--workers are of this machine, --scheduler has its own; leave one of them out")
+    wish = _StudyOptions(out, parquet, as_json, quiet, progress, resume, retry_failed)
     try:
         loaded = _load(file, force, wish)
         if dry_run:
@@ -96,7 +107,7 @@ def study(
             say(str(problem))
         raise typer.Exit(Exit.BAD_INPUT) from None
     except DomainError as error:
-        raise refusal(str(error)) from None
+        raise bad_input(str(error)) from None
     except FopiError as error:
         say(str(error))
         raise typer.Exit(Exit.TOOL_FAILED) from None
@@ -109,13 +120,13 @@ def study(
         raise typer.Exit(report_failure(file, error, debug)) from None
 
 
-def _load(file: str, force: bool, wish: _Wish) -> Study:
+def _load(file: str, force: bool, wish: _StudyOptions) -> Study:
     from fopi_tune.study.load import load_study
 
     return load_study(file, force, told=lambda count: wish.note(f"{file}: {count} cells"))
 
 
-def _list(loaded: Study, wish: _Wish) -> Exit:
+def _list(loaded: Study, wish: _StudyOptions) -> Exit:
     """Every cell on a line."""
     if wish.as_json:
         cells = [{"cell": c.index + 1, c.kind.value: c.name, "overrides": dict(c.overrides)} for c in loaded.cells]
@@ -123,14 +134,14 @@ def _list(loaded: Study, wish: _Wish) -> Exit:
     return print_out("\n".join(f"{cell.index + 1}  {cell.label}" for cell in loaded.cells))
 
 
-def _run(loaded: Study, machines: Machines, wish: _Wish) -> Exit:
+def _run(loaded: Study, machines: Machines, wish: _StudyOptions) -> Exit:
     from fopi_tune.study import run
     from fopi_tune.study.table import require_parquet
 
     if wish.parquet:
         require_parquet()
     folder = wish.folder(loaded)
-    with shown(wish.progress, wish.quiet) as told:
+    with progress_display(wish.progress, wish.quiet) as told:
         result = run(
             loaded, folder, machines, retry_failed=wish.retry_failed, resume=wish.resume, told=told, say=wish.note
         )  # fmt: skip
@@ -146,7 +157,7 @@ def _run(loaded: Study, machines: Machines, wish: _Wish) -> Exit:
     return max(code, Exit.MET if decided else Exit.TOOL_FAILED)
 
 
-def _write(result: StudyResult, folder: Path, wish: _Wish) -> Exit:
+def _write(result: StudyResult, folder: Path, wish: _StudyOptions) -> Exit:
     files: dict[str, str | bytes] = {TABLE: result.table.to_csv()}
     if wish.parquet:
         files[PARQUET] = result.table.to_parquet()
@@ -162,7 +173,7 @@ def _write(result: StudyResult, folder: Path, wish: _Wish) -> Exit:
     return Exit.MET
 
 
-def _tell(result: StudyResult, wish: _Wish) -> None:
+def _tell(result: StudyResult, wish: _StudyOptions) -> None:
     """Failed cells with their reasons, and columns that stayed empty."""
     for index, label, reason in result.failures[:_MOST_FAILURES]:
         say(f"cell {index + 1} ({label}) failed: {reason}")
@@ -185,13 +196,13 @@ def _document(result: StudyResult) -> dict[str, object]:
 
 def _status(folder: str, as_json: bool) -> Exit:
     """How far a study is, of its ledger alone; 0 when all is done, 1 when cells are left, 3 when some failed."""
-    from fopi_tune.study.ledger import read
+    from fopi_tune.study.ledger import read_ledger
 
     try:
-        with read(Path(folder)) as ledger:
+        with read_ledger(Path(folder)) as ledger:
             counts, failures, name, seconds = ledger.counts(), ledger.failures(), ledger.name, ledger.seconds()
     except DomainError as error:
-        raise refusal(str(error)) from None
+        raise bad_input(str(error)) from None
     code = Exit.TOOL_FAILED if counts.failed else Exit.NOT_MET if counts.left else Exit.MET
     if as_json:
         failed = [{"cell": index + 1, "label": label, "reason": reason} for index, label, reason in failures]

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fopi_tune.cli.output import Exit, print_out, progress_bar, say, to_json
+from fopi_tune.cli.output import progress_bar
 from fopi_tune.errors import DomainError
 from fopi_tune.results.candidate import Solver
 
 if TYPE_CHECKING:
-    from fopi_tune.cli.batch import Handling
-    from fopi_tune.optimum import OptimumRecheck
+    from fopi_tune.cli.batch import OutputOptions
     from fopi_tune.prices import Tradeoff
     from fopi_tune.results.design import Design
     from fopi_tune.spec.model import DesignSpec
 
-Prices = Annotated[
+PricesOption = Annotated[
     bool, typer.Option("--prices", help="Check each multiplier by solving again with its limit moved both ways.")
 ]
-Swept = Annotated[
+TradeoffOption = Annotated[
     str | None,
     typer.Option(
         "--tradeoff",
@@ -29,13 +28,13 @@ Swept = Annotated[
         help="Sweep this requirement's limit (by its number or quantity) and draw the objective against it.",
     ),
 ]
-From = Annotated[float | None, typer.Option("--from", help="Lowest limit of the sweep, in the limit's unit.")]
-To = Annotated[float | None, typer.Option("--to", help="Highest limit of the sweep.")]
-Points = Annotated[int | None, typer.Option("--points", help="Limits in the sweep; 50 when left out.")]
+StartOption = Annotated[float | None, typer.Option("--from", help="Lowest limit of the sweep, in the limit's unit.")]
+StopOption = Annotated[float | None, typer.Option("--to", help="Highest limit of the sweep.")]
+PointsOption = Annotated[int | None, typer.Option("--points", help="Limits in the sweep; 50 when left out.")]
 
 
 @dataclass(frozen=True)
-class Asked:
+class TuneOptions:
     """What the command line asks about prices.
 
     Args:
@@ -65,7 +64,7 @@ class Asked:
         return "--tradeoff sweeps the limit of one spec; name one SPEC" if specs != 1 else None
 
 
-def designed(spec: DesignSpec, asked: Asked, proof: bool) -> Design | Tradeoff:
+def design_or_sweep(spec: DesignSpec, asked: TuneOptions, proof: bool) -> Design | Tradeoff:
     """The design, with its prices where they are asked for, or the sweep.
 
     Raises:
@@ -85,7 +84,7 @@ def designed(spec: DesignSpec, asked: Asked, proof: bool) -> Design | Tradeoff:
     return price(design) if asked.prices else design
 
 
-def with_optimum(design: Design, gap: float, time_limit_s: float, handling: Handling) -> Design:
+def with_optimum(design: Design, gap: float, time_limit_s: float, handling: OutputOptions) -> Design:
     """The design with what is proved of the best gains; of an infeasible one, whether that is proved.
 
     Raises:
@@ -108,30 +107,3 @@ def with_optimum(design: Design, gap: float, time_limit_s: float, handling: Hand
             progress=told,
         )
     return replace(design, optimum=found)
-
-
-def recheck_optimum_file(document: Any, spec_file: str | None, handling: Handling) -> Exit:
-    """Check a file of an optimum, print what was found; like any certificate it raises what is wrong with it."""
-    from fopi_tune.pipeline.optimum import recheck_optimum
-
-    if spec_file is None:
-        say("a bound of an optimum is checked against its spec; name it: fopi prove --recheck FILE SPEC")
-        return Exit.BAD_INPUT
-    found = recheck_optimum(document, spec_file)
-    stated = found.status.value in ("certified", "infeasible")
-    code = Exit.MET if found.is_sound and stated else Exit.NOT_MET
-    if handling.as_json:
-        return max(code, print_out(to_json(_document(found))))
-    verdict = "sound" if found.is_sound else "refused"
-    lines = [f"{verdict}: {found.status.value}, {found.leaves} boxes tested again in ball arithmetic"]
-    return max(code, print_out("\n".join([*lines, *(f"  {problem}" for problem in found.problems)])))
-
-
-def _document(found: OptimumRecheck) -> dict[str, Any]:
-    return {
-        "schema": 1,
-        "status": "sound" if found.is_sound else "refused",
-        "verdict": found.status.value if found.is_sound else None,
-        "boxes": found.leaves,
-        "problems": list(found.problems),
-    }

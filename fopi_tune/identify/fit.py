@@ -22,7 +22,7 @@ import numpy as np
 
 from fopi_tune.core.logform import Array
 from fopi_tune.errors import DomainError
-from fopi_tune.identify.recording import Recording, counted
+from fopi_tune.identify.recording import Recording, pluralized
 
 #: of the intervals
 CONFIDENCE = 0.95
@@ -161,7 +161,7 @@ class _Scaled:
         after = len(recording.time_s) - recording.first
         if after < 6:
             raise DomainError(
-                f"has {counted(after, 'sample')} from the step on; record at least 6, and until the output settles"
+                f"has {pluralized(after, 'sample')} from the step on; record at least 6, and until the output settles"
             )
         length_s = float(recording.time_s[-1]) - recording.step_at_s
         time = (recording.time_s - recording.step_at_s) / length_s
@@ -308,7 +308,7 @@ def _check_bend(scaled: _Scaled, value: Array) -> None:
     bend = int(np.count_nonzero((scaled.time > dead) & (scaled.time < dead + 3 * tau)))
     if bend < _ON_BEND:
         raise DomainError(
-            f"only {counted(bend, 'sample')} {'lies' if bend == 1 else 'lie'} on the rise, which takes about "
+            f"only {pluralized(bend, 'sample')} {'lies' if bend == 1 else 'lie'} on the rise, which takes about "
             f"{3 * tau * seconds:.3g} s: too few to tell "
             "the time constant; sample faster"
         )

@@ -85,7 +85,7 @@ def _parse(text: str, name: str) -> Recording:
         row = int(late[0]) + 1
         raise DomainError(f"line {row + 2}: time_s = {time_s[row]:g} is not after {time_s[row - 1]:g}; sort by time")
     if len(time_s) < MIN_SAMPLES:
-        raise DomainError(f"has {counted(len(time_s), 'sample')}; a fit with intervals needs at least {MIN_SAMPLES}")
+        raise DomainError(f"has {pluralized(len(time_s), 'sample')}; a fit with intervals needs at least {MIN_SAMPLES}")
     first, step = _find_step(moved)
     return Recording(name, time_s, output, first, step)
 
@@ -102,7 +102,7 @@ def _header(line: str) -> tuple[list[str], str]:
     )
 
 
-def counted(number: int, word: str) -> str:
+def pluralized(number: int, word: str) -> str:
     """`1 sample`, `2 samples`."""
     return f"{number} {word}" if number == 1 else f"{number} {word}s"
 

@@ -8,8 +8,8 @@ from functools import partial
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN
 from fopi_tune.spec.model import ControllerSpec, DigitalSpec, GainRange
 from fopi_tune.spec.yaml.nodes import Place
-from fopi_tune.spec.yaml.records import Key, Record, Values, defaulting_to
-from fopi_tune.spec.yaml.shapes import Choice, Converted, Either, Number, Pair, Shape, Text
+from fopi_tune.spec.yaml.records import Key, Record, Values, with_defaults_of
+from fopi_tune.spec.yaml.shapes import Choice, Converted, Number, Pair, PlainOrMapping, Shape, Text
 
 _FREE = GainRange()
 #: the orders searched when the spec does not say: the ends of (0, 2) themselves are no integrators
@@ -46,7 +46,7 @@ def _gain_shape(meaning: str, number: Callable[[str], Number], default: GainRang
         "max": Key(number(f"largest {meaning}"), required=False),
     }
     mapping = Record(f"range of the {meaning}", keys, partial(_build_gain, default), "{min: 0.0, max: 10.0}")
-    return Either(Converted(number(f"the {meaning}, fixed"), lambda gain: GainRange(gain, gain)), mapping)
+    return PlainOrMapping(Converted(number(f"the {meaning}, fixed"), lambda gain: GainRange(gain, gain)), mapping)
 
 
 def _build_gain(default: GainRange, values: Values, place: Place) -> GainRange | None:
@@ -80,7 +80,7 @@ def digital_shape() -> Shape:
     prewarps = {"properties": {"prewarp": {"const": "crossover"}}, "required": ["prewarp"]}
     by_tustin = {"properties": {"rule": {"const": "tustin"}, "method": {"enum": [m for m in _METHODS if m != "fit"]}}}
     rules = {"if": prewarps, "then": by_tustin}
-    keys = defaulting_to(DigitalSpec, keys)
+    keys = with_defaults_of(DigitalSpec, keys)
     return Record("how the gains become a filter", keys, _build_digital, "{sample_time_s: 0.2}", rules=rules)
 
 

@@ -11,13 +11,13 @@ from fopi_tune.spec.plants import plant_shape
 from fopi_tune.spec.requirements import (
     PlacedRequirement,
     objective_shape,
-    refuse_bands_beyond,
+    refuse_bands_above_nyquist,
     refuse_contradictions,
     refuse_equalities_over_families,
     requirements_shape,
 )
 from fopi_tune.spec.scenarios import limits_shape, refuse_too_many_samples, refuse_unknown_scenarios, scenarios_shape
-from fopi_tune.spec.validation import PlacedValidation, Reader, resolved, validation_shape
+from fopi_tune.spec.validation import FileReader, PlacedValidation, resolve_validation, validation_shape
 from fopi_tune.spec.yaml.nodes import MappingNode, Place
 from fopi_tune.spec.yaml.records import Key, Record, Values
 from fopi_tune.spec.yaml.shapes import Text, Version
@@ -48,7 +48,7 @@ def spec_shape() -> Record:
     return Record("a design problem for fopi-tune", keys, lambda values, place: values, _START, rules=rules)
 
 
-def read_spec(place: Place, sha256: str, read: Reader) -> DesignSpec | None:
+def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     """The spec a document says, or None after reporting why there is none; `read` gives the files that it names."""
     if not isinstance(place.node, MappingNode):
         place.refuse(f"the file is no spec; {_START}")
@@ -57,13 +57,13 @@ def read_spec(place: Place, sha256: str, read: Reader) -> DesignSpec | None:
         message = "the file describes a system; `fopi simulate` and `fopi validate` take it, the others its two specs"
         place.child("system").refuse(message)
         return None
-    values = spec_shape().readable(place)
+    values = spec_shape().read_partial(place)
     if values is None:
         return None
     placed = [each for each in values.get("requirements") or [] if each is not None]
     _check_between_sections(values, placed, place)
     drawn: PlacedValidation | None = values.get("validation")
-    validation = None if drawn is None else resolved(drawn, values.get("plant"), read)
+    validation = None if drawn is None else resolve_validation(drawn, values.get("plant"), read)
     if place.collector.problems:
         return None
     return DesignSpec(
@@ -92,7 +92,7 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
     _check_scenarios(values, place)
     digital = values.get("digital")
     if digital is not None and digital.designs_sampled:
-        refuse_bands_beyond(placed, math.pi / digital.sample_time_s)
+        refuse_bands_above_nyquist(placed, math.pi / digital.sample_time_s)
     objective, controller = values.get("objective"), values.get("controller")
     if objective is None or controller is None or objective.sense is not Sense.MAXIMIZE:
         return

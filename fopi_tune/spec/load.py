@@ -11,8 +11,8 @@ from importlib.resources import files as package_files
 
 from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.model import DesignSpec, SystemSpec
-from fopi_tune.spec.systems import Loader, is_system, read_system
-from fopi_tune.spec.validation import MAX_SAMPLES_BYTES, Reader, UnreadableError
+from fopi_tune.spec.systems import SpecLoader, is_system, read_system
+from fopi_tune.spec.validation import MAX_SAMPLES_BYTES, FileReader, UnreadableError
 from fopi_tune.spec.yaml.composer import MAX_BYTES, compose, decode, to_bytes
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.problems import Mark, ProblemCollector, quoted
@@ -35,7 +35,7 @@ def load_spec(source: Source) -> DesignSpec:
     if isinstance(source, DesignSpec):
         return source
     collector = ProblemCollector(os.fsdecode(source))
-    return _parse(_read_file(source, collector), collector, reader_beside(source))
+    return _parse(_read_file(source, collector), collector, folder_reader(source))
 
 
 def load_any(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> DesignSpec | SystemSpec:
@@ -52,7 +52,7 @@ def load_any(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> Design
     collector = ProblemCollector(os.fsdecode(source))
     data = _read_file(source, collector)
     folder = os.path.dirname(collector.file)
-    return _parse_any(data, collector, lambda path: load_spec(os.path.join(folder, path)), reader_beside(source))
+    return _parse_any(data, collector, lambda path: load_spec(os.path.join(folder, path)), folder_reader(source))
 
 
 def load_system(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> SystemSpec:
@@ -101,7 +101,7 @@ def parse_spec(text: str | bytes, file: str = "<spec>", files: Mapping[str, byte
         SpecError: not a usable spec; carries every problem found.
     """
     collector = ProblemCollector(file)
-    return _parse(to_bytes(text, collector), collector, reader_among(files or {}))
+    return _parse(to_bytes(text, collector), collector, contents_reader(files or {}))
 
 
 def packaged_spec(package: str, path: str) -> DesignSpec:
@@ -121,14 +121,18 @@ def packaged_system(package: str, path: str) -> SystemSpec:
         return packaged_spec(package, posixpath.normpath(posixpath.join(posixpath.dirname(path), told)))
 
     collector = ProblemCollector(path)
-    return load_system(_parse_any(to_bytes(_packaged(package, path), collector), collector, beside, reader_among({})))
+    return load_system(
+        _parse_any(to_bytes(_packaged(package, path), collector), collector, beside, contents_reader({}))
+    )
 
 
 def _packaged(package: str, path: str) -> bytes:
     return package_files(package).joinpath(*path.split("/")).read_bytes()
 
 
-def _parse_any(data: bytes, collector: ProblemCollector, loader: Loader, read: Reader) -> DesignSpec | SystemSpec:
+def _parse_any(
+    data: bytes, collector: ProblemCollector, loader: SpecLoader, read: FileReader
+) -> DesignSpec | SystemSpec:
     place = Place(compose(decode(data, collector), collector), "", collector)
     if not is_system(place):
         return _parse(data, ProblemCollector(collector.file), read)
@@ -138,7 +142,7 @@ def _parse_any(data: bytes, collector: ProblemCollector, loader: Loader, read: R
     return found
 
 
-def _parse(data: bytes, collector: ProblemCollector, read: Reader) -> DesignSpec:
+def _parse(data: bytes, collector: ProblemCollector, read: FileReader) -> DesignSpec:
     document = compose(decode(data, collector), collector)
     spec = read_spec(Place(document, "", collector), hashlib.sha256(data).hexdigest(), read)
     if spec is None:
@@ -158,7 +162,7 @@ def _read_file(path: str | os.PathLike[str], collector: ProblemCollector) -> byt
     return to_bytes(data, collector)
 
 
-def reader_beside(spec: str | os.PathLike[str]) -> Reader:
+def folder_reader(spec: str | os.PathLike[str]) -> FileReader:
     """Reads files whose paths are relative to a spec's folder."""
     folder = os.path.dirname(os.fsdecode(spec))
 
@@ -174,7 +178,7 @@ def reader_beside(spec: str | os.PathLike[str]) -> Reader:
     return read
 
 
-def reader_among(files: Mapping[str, bytes]) -> Reader:
+def contents_reader(files: Mapping[str, bytes]) -> FileReader:
     """Reads files whose contents are at hand, by the names that a spec gives them."""
 
     def read(name: str) -> bytes:

@@ -8,8 +8,8 @@ from functools import partial
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, PlantModel, Uncertain
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.yaml.nodes import Place
-from fopi_tune.spec.yaml.records import Key, Record, Tagged, Values
-from fopi_tune.spec.yaml.shapes import Constant, Converted, Either, ListOf, Number, Shape
+from fopi_tune.spec.yaml.records import Key, Record, TaggedUnion, Values
+from fopi_tune.spec.yaml.shapes import Constant, Converted, ListOf, Number, PlainOrMapping, Shape
 
 #: more coefficients than this are no model anybody has identified, and polynomials that long cannot be evaluated well
 MAX_COEFFICIENTS = 32
@@ -28,7 +28,7 @@ _EXAMPLE = "{model: lag, static_gain: 1.0, time_constant_s: 2.0}"
 def plant_shape() -> Shape:
     """Reads to a `PlantFamily`."""
     records = {name: _model_record(model) for name, model in PLANT_MODELS.items()}
-    return Tagged("the plant; every number of it may be uncertain", "model", records, _EXAMPLE)
+    return TaggedUnion("the plant; every number of it may be uncertain", "model", records, _EXAMPLE)
 
 
 def uncertain_shape(meaning: str) -> Shape:
@@ -39,7 +39,7 @@ def uncertain_shape(meaning: str) -> Shape:
         "max": Key(Number("the largest possible value")),
     }
     record = Record(f"{meaning}, known to lie in [min, max]", keys, _build_range, "{nominal: 2.0, min: 1.0, max: 3.0}")
-    return Either(Converted(Number(meaning), Uncertain.exactly), record)
+    return PlainOrMapping(Converted(Number(meaning), Uncertain.exactly), record)
 
 
 def _build_range(values: Values, place: Place) -> Uncertain | None:

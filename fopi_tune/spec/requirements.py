@@ -52,7 +52,7 @@ def refuse_equalities_over_families(placed: Sequence[PlacedRequirement], plant: 
             each.limit_place.refuse(message)
 
 
-def refuse_bands_beyond(placed: Sequence[PlacedRequirement], nyquist_rad_s: float) -> None:
+def refuse_bands_above_nyquist(placed: Sequence[PlacedRequirement], nyquist_rad_s: float) -> None:
     """Reports bands that begin at Nyquist's frequency or above, where a loop on samples has no response."""
     for each in placed:
         if each.requirement.from_rad_s >= nyquist_rad_s:

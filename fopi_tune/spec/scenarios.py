@@ -11,7 +11,7 @@ from typing import Any
 
 from fopi_tune.spec.model import MEASURES, Knot, Limit, MeasureKind, Relation, ScenarioSpec
 from fopi_tune.spec.yaml.nodes import Place
-from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, defaulting_to
+from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, with_defaults_of
 from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Text
 
 MAX_SCENARIOS, MAX_KNOTS, MAX_SAMPLES = 100, 10_000, 1_000_000
@@ -59,7 +59,7 @@ def _scenario_shape() -> Record:
         "judged_from_s": Key(Number("from when on it is judged, s", at_least=0), required=False),
     }
     example = "{name: step, duration_s: 60, reference: [{at_s: 0, value: 1}]}"
-    keys = defaulting_to(ScenarioSpec, keys) | {"bumpless": replace(keys["bumpless"], default="no")}
+    keys = with_defaults_of(ScenarioSpec, keys) | {"bumpless": replace(keys["bumpless"], default="no")}
     return Record("one thing to simulate", keys, _build_scenario, example)
 
 
@@ -72,7 +72,10 @@ def _knot_shape() -> Record:
         ),
     }
     return Record(
-        "a value from a time on", defaulting_to(Knot, keys), lambda values, place: Knot(**values), "{at_s: 0, value: 1}"
+        "a value from a time on",
+        with_defaults_of(Knot, keys),
+        lambda values, place: Knot(**values),
+        "{at_s: 0, value: 1}",
     )
 
 

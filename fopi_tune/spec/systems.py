@@ -12,9 +12,9 @@ from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.model import DesignSpec, JointFamily, ModeSpec, SystemSpec
 from fopi_tune.spec.scenarios import limits_shape, refuse_too_many_samples, refuse_unknown_scenarios, scenarios_shape
-from fopi_tune.spec.validation import PlacedValidation, Reader, resolved, validation_shape
+from fopi_tune.spec.validation import FileReader, PlacedValidation, resolve_validation, validation_shape
 from fopi_tune.spec.yaml.nodes import MappingNode, Place
-from fopi_tune.spec.yaml.records import Key, Record, Values, defaulting_to
+from fopi_tune.spec.yaml.records import Key, Record, Values, with_defaults_of
 from fopi_tune.spec.yaml.shapes import Choice, Number, Pair, Shape, Text, Version
 
 #: the key that tells a system from a spec
@@ -24,7 +24,7 @@ _INACTIVE = ("held", "tracking", "reset")
 _EXAMPLE = "{throttle: {spec: throttle.yaml}, brake: {spec: brake.yaml}, hysteresis: 0.5}"
 
 #: path as it is written in the system file -> the spec there
-Loader = Callable[[str], DesignSpec]
+SpecLoader = Callable[[str], DesignSpec]
 
 
 def is_system(place: Place) -> bool:
@@ -46,7 +46,7 @@ def system_shape() -> Record:
     return Record("two loops that share their output and take turns", keys, lambda values, place: values, _EXAMPLE)
 
 
-def read_system(place: Place, sha256: str, loader: Loader, read: Reader) -> SystemSpec | None:
+def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader) -> SystemSpec | None:
     """The system a document says, or None after reporting why there is none.
 
     Args:
@@ -56,7 +56,7 @@ def read_system(place: Place, sha256: str, loader: Loader, read: Reader) -> Syst
         read: gives the file of samples that it names.
     """
     assert isinstance(place.node, MappingNode)
-    values = system_shape().readable(place)
+    values = system_shape().read_partial(place)
     if values is None:
         return None
     refuse_unknown_scenarios(values.get("scenarios") or [], values.get("limits") or [], place)
@@ -69,7 +69,7 @@ def read_system(place: Place, sha256: str, loader: Loader, read: Reader) -> Syst
         return None
     drawn: PlacedValidation | None = values.get("validation")
     family = JointFamily.of({mode.name: mode.spec.plant for mode in (throttle, brake)})
-    validation = None if drawn is None else resolved(drawn, family, read)
+    validation = None if drawn is None else resolve_validation(drawn, family, read)
     if place.collector.problems:
         return None
     plain = {key: value for key, value in told.items() if key not in MODES}
@@ -95,7 +95,7 @@ def _modes_shape() -> Shape:
         "most_switches": Key(Number("more jumps than this within window_s chatter", at_least=1, whole=True), False),
         "window_s": Key(Number("of chattering, s", above=0, at_most=1e9), required=False),
     }
-    keys = defaulting_to(SystemSpec, keys)
+    keys = with_defaults_of(SystemSpec, keys)
     return Record("which loops take turns, and when", keys, lambda values, place: values, _EXAMPLE)
 
 
@@ -118,7 +118,7 @@ def _gains(values: Values, place: Place) -> FoPi | None:
         return None
 
 
-def _mode(name: str, told: dict[str, Any], place: Place, loader: Loader) -> ModeSpec | None:
+def _mode(name: str, told: dict[str, Any], place: Place, loader: SpecLoader) -> ModeSpec | None:
     where = place.child("spec")
     try:
         spec = loader(told["spec"])

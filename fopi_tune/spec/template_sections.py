@@ -11,7 +11,7 @@ from fopi_tune.core.plant import Uncertain
 
 
 @dataclass(frozen=True)
-class Start:
+class TemplateSections:
     """The sections of a spec that depend on the plant, as YAML with comments and without the lines' last break.
 
     Args:
@@ -58,7 +58,7 @@ controller:
   alpha: {min: 0.3, max: 1.5}
 """
 
-_LAG = Start(
+_LAG = TemplateSections(
     model="lag",
     description="Robust fractional PI for a first-order lag whose time constant is uncertain.",
     plant="""\
@@ -87,7 +87,7 @@ requirements:
     drawn="time_constant_s",
 )
 
-_POLE = Start(
+_POLE = TemplateSections(
     model="pole",
     description="Robust fractional PI for a first-order plant whose gain is uncertain, given by its pole.",
     plant="""\
@@ -114,7 +114,7 @@ requirements:
     drawn="gain",
 )
 
-_TRANSFER_FUNCTION = Start(
+_TRANSFER_FUNCTION = TemplateSections(
     model="transfer_function",
     description="Robust fractional PI for a second-order plant whose damping is uncertain.",
     plant="""\
@@ -144,12 +144,12 @@ requirements:
 )
 
 #: model -> what `fopi init --plant MODEL` starts from
-STARTS = {start.model: start for start in (_LAG, _POLE, _TRANSFER_FUNCTION)}
+SECTIONS_BY_MODEL = {start.model: start for start in (_LAG, _POLE, _TRANSFER_FUNCTION)}
 
 
-def fitted_start(
+def sections_for_fitted_lag(
     static_gain: Uncertain, time_constant_s: Uncertain, dead_time_s: Uncertain, about: Sequence[str]
-) -> Start:
+) -> TemplateSections:
     """A start from a family of lags whose requirements suit its times.
 
     The slowest crossover wc asked for is 0.84 over the longest time constant, less where dead time and the spread of
@@ -175,7 +175,7 @@ def fitted_start(
     uncertain = {"static_gain": static_gain, "time_constant_s": time_constant_s, "dead_time_s": dead_time_s}
     wide = [name for name, number in uncertain.items() if "{" in _written(number)]
     comments = "".join(f"# {line}\n" for line in about)
-    return Start(
+    return TemplateSections(
         model="lag",
         description="Robust fractional PI for a lag whose numbers come from recorded step responses.",
         plant=f"""\

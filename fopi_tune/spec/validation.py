@@ -29,7 +29,7 @@ from fopi_tune.spec.yaml import nodes
 from fopi_tune.spec.yaml.hints import closest, one_of
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.problems import key_path, quoted
-from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Tagged, Values, defaulting_to, is_table
+from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, TaggedUnion, Values, expect_mapping, with_defaults_of
 from fopi_tune.spec.yaml.scalars import is_empty
 from fopi_tune.spec.yaml.shapes import Choice, Constant, JsonSchema, Number, Pair, Shape, Text
 
@@ -41,7 +41,7 @@ _EXAMPLE = "{truncated_normal: {mean: 2.0, std: 0.5}}"
 _NOISE_EXAMPLE = "{shape: half_normal, mean: 0.85}"
 
 #: the bytes of a file that a spec names, as many as are allowed and one more where there are more
-Reader = Callable[[str], bytes]
+FileReader = Callable[[str], bytes]
 
 
 class UnreadableError(Exception):
@@ -83,11 +83,11 @@ def validation_shape(members: tuple[str, ...] = ()) -> Record:
     }
     beside = [{"required": [key]} for key in ("distributions", "design")]
     rules = {"not": {"required": ["samples_file"], "anyOf": beside}}
-    keys = defaulting_to(ValidationSpec, keys)
+    keys = with_defaults_of(ValidationSpec, keys)
     return Record("the Monte-Carlo stage", keys, PlacedValidation, "{samples: 10000, seed: 1}", rules=rules)
 
 
-def resolved(placed: PlacedValidation, family: PlantFamily | None, read: Reader) -> ValidationSpec | None:
+def resolve_validation(placed: PlacedValidation, family: PlantFamily | None, read: FileReader) -> ValidationSpec | None:
     """The section with its file read, or None after reporting why there is none.
 
     Args:
@@ -118,12 +118,12 @@ class _ByNumber(Shape):
     members: tuple[str, ...] = ()
 
     def read(self, place: Place) -> dict[str, Distribution] | None:
-        if not is_table(place, "{time_constant_s: " + _EXAMPLE + "}"):
+        if not expect_mapping(place, "{time_constant_s: " + _EXAMPLE + "}"):
             return None
         assert isinstance(place.node, nodes.MappingNode)
         found = {name: _OneDistribution().read(place.child(name)) for name in place.node.entries}
-        readable = {name: distribution for name, distribution in found.items() if distribution is not None}
-        return readable if len(readable) == len(found) else None
+        read_partial = {name: distribution for name, distribution in found.items() if distribution is not None}
+        return read_partial if len(read_partial) == len(found) else None
 
     def json_schema(self) -> JsonSchema:
         scalars = sorted({name for model in PLANT_MODELS.values() for name in model.scalars})
@@ -184,13 +184,15 @@ def _with_numbers() -> OneKeyOf:
     return OneKeyOf("a distribution with its numbers", "distribution", records, _EXAMPLE)
 
 
-def _noise_shape() -> Tagged:
+def _noise_shape() -> TaggedUnion:
     records = {
         "normal": _noise("normal noise with this mean and standard deviation", "normal", "mean std", NormalNoise),
         "half_normal": _noise("one-sided: the size of normal noise about 0", "half_normal", "mean", FoldedNoise),
         "uniform": _noise("one-sided: uniform from 0 to twice its mean", "uniform", "mean", UniformNoise),
     }
-    return Tagged("random noise on top of the nominal value; may leave the range", "shape", records, _NOISE_EXAMPLE)
+    return TaggedUnion(
+        "random noise on top of the nominal value; may leave the range", "shape", records, _NOISE_EXAMPLE
+    )
 
 
 _NUMBERS: dict[str, tuple[Shape, bool]] = {
@@ -249,7 +251,9 @@ def _no_plant(name: str, distribution: Distribution, family: PlantFamily) -> str
 # -- a file of samples ------------------------------------------------------------------------------------------------
 
 
-def _listed(name: str, values: Values, place: Place, family: PlantFamily | None, read: Reader) -> ValidationSpec | None:
+def _listed(
+    name: str, values: Values, place: Place, family: PlantFamily | None, read: FileReader
+) -> ValidationSpec | None:
     for key in ("distributions", "design"):
         if key in values:
             place.child(key).refuse("the plants are those of samples_file; remove this or samples_file")

@@ -15,9 +15,9 @@ from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
     from fopi_tune.study.engine import Runner
-    from fopi_tune.study.ledger import Counts
+    from fopi_tune.study.ledger import CellCounts
     from fopi_tune.study.model import Study
-    from fopi_tune.study.table import Table
+    from fopi_tune.study.table import StudyTable
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ class StudyResult:
     """
 
     study: Study
-    counts: Counts
-    table: Table
+    counts: CellCounts
+    table: StudyTable
     failures: tuple[tuple[int, str, str], ...]
 
 
@@ -57,7 +57,7 @@ def run(
     *,
     retry_failed: bool = False,
     resume: bool = False,
-    told: Callable[[Counts], None] | None = None,
+    told: Callable[[CellCounts], None] | None = None,
     say: Callable[[str], None] = lambda words: None,
 ) -> StudyResult:
     """Run the cells that were not run yet, and make the table.
@@ -79,31 +79,31 @@ def run(
     """
     from fopi_tune.results.stamp import numeric_versions
     from fopi_tune.study.engine import run_study
-    from fopi_tune.study.ledger import LEDGER, opened
-    from fopi_tune.study.table import table_of
+    from fopi_tune.study.ledger import LEDGER, open_ledger
+    from fopi_tune.study.table import collect_table
 
     if machines.workers is not None and machines.workers < 0:
         raise DomainError(f"{machines.workers} workers; give 0 for this process, or how many to start")
     if resume and not (folder / LEDGER).exists():
         raise DomainError(f"there is nothing to resume in {folder}; leave --resume out to begin")
     versions = numeric_versions()
-    with opened(folder) as ledger, contextlib.ExitStack() as stack:
+    with open_ledger(folder) as ledger, contextlib.ExitStack() as stack:
         if retry_failed:
             ledger.forget_failed(study, versions)
         counts = run_study(study, ledger, versions, lambda: _runner(machines, stack, say), told)
-        return StudyResult(study, counts, table_of(study, ledger.results()), tuple(ledger.failures()))
+        return StudyResult(study, counts, collect_table(study, ledger.results()), tuple(ledger.failures()))
 
 
 def _runner(machines: Machines, stack: contextlib.ExitStack, say: Callable[[str], None]) -> Runner:
-    from fopi_tune.study.engine import InProcess
+    from fopi_tune.study.engine import InProcessRunner
 
     if machines.scheduler is None and machines.workers == 0:
-        return InProcess()
+        return InProcessRunner()
     from fopi_tune.study import cluster
 
     if machines.scheduler is not None:
-        return stack.enter_context(cluster.remote(machines.scheduler, say))
-    return stack.enter_context(cluster.local(machines.workers or cluster.cores()))
+        return stack.enter_context(cluster.remote_cluster(machines.scheduler, say))
+    return stack.enter_context(cluster.local_cluster(machines.workers or cluster.available_cores()))
 
 
 __all__ = ["Machines", "StudyResult", "run"]

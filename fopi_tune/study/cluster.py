@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.errors import DomainError, FopiError
-from fopi_tune.study.engine import Ended, Task
-from fopi_tune.study.worker import finish, run_block, run_chunk
+from fopi_tune.study.engine import Task, TaskOutcome
+from fopi_tune.study.worker import combine_blocks, run_block, run_chunk
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -81,7 +81,7 @@ class DaskRunner:
         self._tasks[key] = task
         self._ended.add(future)
 
-    def next_ended(self) -> Ended:
+    def next_outcome(self) -> TaskOutcome:
         """Wait for a task.
 
         Raises:
@@ -94,17 +94,17 @@ class DaskRunner:
         with _told_if_lost():
             if future.status == "finished":
                 if task.draws is not None:
-                    return Ended(task, block=future)
+                    return TaskOutcome(task, block=future)
                 results = future.result()
                 future.release()
-                return Ended(task, results if isinstance(results, list) else [results])
+                return TaskOutcome(task, results if isinstance(results, list) else [results])
             if future.status != "error":
                 raise ClusterLostError(_GONE)
             error = future.exception()
             future.release()
         if isinstance(error, KilledWorker):
-            return Ended(task)
-        return Ended(task, reason=f"the worker could not run it, {type(error).__name__}: {error}")
+            return TaskOutcome(task)
+        return TaskOutcome(task, reason=f"the worker could not run it, {type(error).__name__}: {error}")
 
 
 def _call(task: Task, versions: dict[str, str]) -> tuple[Any, ...]:
@@ -114,7 +114,7 @@ def _call(task: Task, versions: dict[str, str]) -> tuple[Any, ...]:
         return run_block, cell, versions, *task.draws
     if task.blocks:
         ((key, cell),) = task.cells
-        return finish, key, cell, list(task.blocks)
+        return combine_blocks, key, cell, list(task.blocks)
     return run_chunk, list(task.cells), versions
 
 
@@ -127,13 +127,13 @@ def _told_if_lost() -> Iterator[None]:
         raise ClusterLostError(_GONE) from error
 
 
-def cores() -> int:
+def available_cores() -> int:
     """Of this machine, as far as this process may use them."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextlib.contextmanager
-def local(workers: int) -> Iterator[DaskRunner]:
+def local_cluster(workers: int) -> Iterator[DaskRunner]:
     """Processes of this machine, one thread each."""
     with _quiet():
         from distributed import Client, LocalCluster
@@ -170,7 +170,7 @@ def _uninterrupted() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def remote(address: str, say: Callable[[str], None], patience_s: float = _PATIENCE_S) -> Iterator[DaskRunner]:
+def remote_cluster(address: str, say: Callable[[str], None], patience_s: float = _PATIENCE_S) -> Iterator[DaskRunner]:
     """The workers of a scheduler.
 
     Args:

@@ -15,9 +15,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from fopi_tune.study.ledger import Counts, Ledger, keyed
+from fopi_tune.study.ledger import CellCounts, Ledger, cell_keys
 from fopi_tune.study.model import Cell, Study
-from fopi_tune.study.worker import Result, run_chunk
+from fopi_tune.study.worker import CellResult, run_chunk
 
 #: a chunk's aim
 _CHUNK_S = 1.0
@@ -30,11 +30,11 @@ BLOCK = 196 * 512
 #: a mean follows the newest chunk by this much
 _FORGETTING = 0.3
 
-Keyed = tuple[str, Cell]
+KeyedCell = tuple[str, Cell]
 #: told how far the study is, after every chunk
-Told = Callable[[Counts], None]
+ProgressCallback = Callable[[CellCounts], None]
 
-DIED = "its worker died (killed, out of memory or crashed), and again when the cell ran alone"
+WORKER_DIED = "its worker died (killed, out of memory or crashed), and again when the cell ran alone"
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class Task:
         blocks: what such tasks have counted, as their ends told it: all that is left is to put it together.
     """
 
-    cells: Sequence[Keyed]
+    cells: Sequence[KeyedCell]
     draws: tuple[int, int] | None = None
     blocks: Sequence[object] = ()
 
 
 @dataclass(frozen=True)
-class Ended:
+class TaskOutcome:
     """A task that has ended.
 
     Args:
@@ -64,7 +64,7 @@ class Ended:
     """
 
     task: Task
-    results: Sequence[Result] | None = None
+    results: Sequence[CellResult] | None = None
     block: object | None = None
     reason: str = ""
 
@@ -86,13 +86,13 @@ class Runner(Protocol):
         """Begin a task."""
         ...
 
-    def next_ended(self) -> Ended:
+    def next_outcome(self) -> TaskOutcome:
         """Wait for a task that was submitted."""
         ...
 
 
 @dataclass
-class InProcess:
+class InProcessRunner:
     """Runs chunks here and now; one worker, for whom draws are not divided."""
 
     workers: int = 1
@@ -102,15 +102,19 @@ class InProcess:
         """Remember a task."""
         self._waiting.append((task, versions))
 
-    def next_ended(self) -> Ended:
+    def next_outcome(self) -> TaskOutcome:
         """Run the oldest."""
         task, versions = self._waiting.popleft()
-        return Ended(task, run_chunk(task.cells, versions))
+        return TaskOutcome(task, run_chunk(task.cells, versions))
 
 
 def run_study(
-    study: Study, ledger: Ledger, versions: Mapping[str, str], runner: Callable[[], Runner], told: Told | None = None
-) -> Counts:
+    study: Study,
+    ledger: Ledger,
+    versions: Mapping[str, str],
+    runner: Callable[[], Runner],
+    told: ProgressCallback | None = None,
+) -> CellCounts:
     """Run every cell that the ledger does not know.
 
     Args:
@@ -123,7 +127,7 @@ def run_study(
     Returns:
         How it ended; nothing is left unless `runner` raises.
     """
-    keys = keyed(study.cells, versions)
+    keys = cell_keys(study.cells, versions)
     ledger.plan(study, keys, versions)
     known = ledger.known()
     # equal cells are run once
@@ -131,22 +135,22 @@ def run_study(
     if told is not None:
         told(ledger.counts())
     if todo:
-        _Run(runner(), ledger, versions, told, deque(todo.items())).all()
+        _Scheduler(runner(), ledger, versions, told, deque(todo.items())).all()
     return ledger.counts()
 
 
 @dataclass
-class _Run:
+class _Scheduler:
     runner: Runner
     ledger: Ledger
     versions: Mapping[str, str]
-    told: Told | None
-    queue: deque[Keyed]
+    told: ProgressCallback | None
+    queue: deque[KeyedCell]
     #: tasks about the draws of cells that were begun
     ready: deque[Task] = field(default_factory=deque)
     #: blocks of those cells so far, by the cell's key
     blocks: dict[str, list[object]] = field(default_factory=dict)
-    suspects: deque[Keyed] = field(default_factory=deque)
+    suspects: deque[KeyedCell] = field(default_factory=deque)
     in_flight: int = 0
     cell_s: float | None = None
 
@@ -165,7 +169,7 @@ class _Run:
         while self.suspects:
             self._submit(Task([self.suspects.popleft()]))
             ended = self._ended()
-            self._keep(ended, DIED if ended.died else "")
+            self._keep(ended, WORKER_DIED if ended.died else "")
 
     def _next(self) -> Task:
         """The next chunk, or the first block of the next cell when that has many draws."""
@@ -176,21 +180,21 @@ class _Run:
             return Task(chunk)
         key, cell = self.queue.popleft()
         self.blocks[key] = []
-        edges = divided(cell.draws)
+        edges = draw_blocks(cell.draws)
         self.ready += [Task([(key, cell)], edge) for edge in edges]
         return self.ready.popleft()
 
     def _is_divided(self, cell: Cell) -> bool:
         return cell.draws >= 2 * BLOCK and self.runner.workers > 1
 
-    def _gather(self, ended: Ended) -> None:
+    def _gather(self, ended: TaskOutcome) -> None:
         """A block that has ended: the last one of a cell is followed by the task that puts them together."""
         ((key, cell),) = ended.task.cells
         if key not in self.blocks:
             return
         if ended.block is not None:
             self.blocks[key].append(ended.block)
-            if len(self.blocks[key]) == len(divided(cell.draws)):
+            if len(self.blocks[key]) == len(draw_blocks(cell.draws)):
                 self.ready.appendleft(Task([(key, cell)], blocks=self.blocks.pop(key)))
             return
         # there is nothing to put together: whatever the reason is, the cell as a whole has it
@@ -205,15 +209,15 @@ class _Run:
         self.runner.submit(task, self.versions)
         self.in_flight += 1
 
-    def _ended(self) -> Ended:
-        ended = self.runner.next_ended()
+    def _ended(self) -> TaskOutcome:
+        ended = self.runner.next_outcome()
         self.in_flight -= 1
         return ended
 
-    def _keep(self, ended: Ended, reason: str = "") -> None:
+    def _keep(self, ended: TaskOutcome, reason: str = "") -> None:
         results = ended.results
         if results is None:
-            results = [Result(key, "{}", reason or ended.reason, 0.0) for key, _ in ended.task.cells]
+            results = [CellResult(key, "{}", reason or ended.reason, 0.0) for key, _ in ended.task.cells]
         else:
             mean = sum(r.seconds for r in results) / max(1, len(results))
             self.cell_s = mean if self.cell_s is None else (1 - _FORGETTING) * self.cell_s + _FORGETTING * mean
@@ -230,7 +234,7 @@ class _Run:
         return max(1, min(wanted, fair, _MOST_IN_A_CHUNK))
 
 
-def divided(draws: int) -> list[tuple[int, int]]:
+def draw_blocks(draws: int) -> list[tuple[int, int]]:
     """Blocks of at least `BLOCK` draws, but for the rest: (first, end) of each."""
     firsts = range(0, draws - draws % BLOCK, BLOCK) if draws > BLOCK else range(1)
     return list(itertools.pairwise([*firsts, draws]))

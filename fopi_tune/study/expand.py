@@ -9,13 +9,21 @@ from dataclasses import dataclass, field, replace
 
 from fopi_tune.errors import Problem, SpecError
 from fopi_tune.spec.model import DesignSpec, ValidationSpec
-from fopi_tune.spec.validation import Reader
-from fopi_tune.spec.yaml.hints import UNKNOWN_KEY, about_word, closest
+from fopi_tune.spec.validation import FileReader
+from fopi_tune.spec.yaml.hints import UNKNOWN_KEY, closest, unknown_word_message
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from fopi_tune.spec.yaml.problems import Mark, ProblemCollector
-from fopi_tune.study.language import ALL, CHECK, Placed, StudyFile
+from fopi_tune.study.language import ALL, CHECK, PlacedWord, StudyFile
 from fopi_tune.study.model import Cell, Column, Kind, Stage, Starts, Study
-from fopi_tune.study.overrides import NoSuchPlaceError, Override, path_of, replaced, spec_at, text_of, value_of
+from fopi_tune.study.overrides import (
+    NoSuchPathError,
+    Override,
+    apply_override,
+    canonical_text,
+    parse_path,
+    plain_value,
+    spec_from_tree,
+)
 
 #: cells that a message names
 _NAMED = 12
@@ -30,12 +38,12 @@ _DEFAULT = {
 
 
 @dataclass(frozen=True)
-class Base:
+class BaseSpec:
     """A spec that cells are made of: its file, its tree, and what reads the files that it names."""
 
     file: str
     tree: Node
-    read: Reader
+    read: FileReader
 
 
 @dataclass
@@ -68,7 +76,7 @@ def count_cells(study: StudyFile, claims: Collection[str] = (), figures: Collect
 
 def expand(
     study: StudyFile,
-    bases: Sequence[Base],
+    bases: Sequence[BaseSpec],
     registry: str = "",
     claims: Collection[str] = (),
     figures: Collection[str] = (),
@@ -111,9 +119,9 @@ def _combinations(study: StudyFile) -> Iterator[tuple[Override, ...]]:
 
 
 def _cell(
-    study: StudyFile, base: Base, start: str, overrides: tuple[Override, ...], index: int, problems: _Problems
+    study: StudyFile, base: BaseSpec, start: str, overrides: tuple[Override, ...], index: int, problems: _Problems
 ) -> Cell:
-    shown = {each.path: value_of(each.node) for each in overrides}
+    shown = {each.path: plain_value(each.node) for each in overrides}
     cell = Cell(index, Kind.SPEC, _name(base.tree), shown, "", base=start, stages=study.stages)
     design = [each for each in overrides if not each.path.startswith(CHECK)]
     check = [Override(e.path[len(CHECK) :], e.mark, e.node) for e in overrides if e.path.startswith(CHECK)]
@@ -123,13 +131,13 @@ def _cell(
     checked, checked_spec = judge.judged(tree, check, design) if check and spec is not None else (tree, spec)
     if spec is None or checked_spec is None or not judge.fits(study.stages, overrides, spec, checked_spec):
         return cell
-    text, check_text = text_of(tree), text_of(checked) if check else ""
+    text, check_text = canonical_text(tree), canonical_text(checked) if check else ""
     files = _files((spec, checked_spec), base.read)
     drawn = (checked_spec.validation or ValidationSpec()).samples if Stage.VALIDATE in study.stages else 0
     return Cell(index, Kind.SPEC, cell.name, shown, text, check_text, start, study.stages, files, drawn)
 
 
-def _files(specs: Sequence[DesignSpec], read: Reader) -> tuple[tuple[str, bytes], ...]:
+def _files(specs: Sequence[DesignSpec], read: FileReader) -> tuple[tuple[str, bytes], ...]:
     """Files that specs name, with what is in them."""
     listed = (spec.validation.samples_file for spec in specs if spec.validation is not None)
     names = sorted({each.name for each in listed if each is not None})
@@ -140,7 +148,7 @@ def _files(specs: Sequence[DesignSpec], read: Reader) -> tuple[tuple[str, bytes]
 class _Judge:
     """Tells of one cell where it is wrong: in the study file where an override is to blame, else in the base's file."""
 
-    base: Base
+    base: BaseSpec
     problems: _Problems
     cell: Cell
 
@@ -150,12 +158,12 @@ class _Judge:
         """The tree with the overrides, and the spec it is; None after reporting."""
         for override in overrides:
             try:
-                tree = replaced(tree, override)
-            except NoSuchPlaceError as error:
+                tree = apply_override(tree, override)
+            except NoSuchPathError as error:
                 self._blame(override, str(error))
                 return tree, None
         collector = ProblemCollector(self.base.file)
-        spec = spec_at(tree, collector, self.base.read)
+        spec = spec_from_tree(tree, collector, self.base.read)
         for problem in collector.problems:
             self._tell(problem, [*overrides, *before])
         return tree, spec
@@ -193,7 +201,7 @@ class _Judge:
 
     def _hinted(self, problem: Problem) -> str:
         """The message; an unknown key may misspell one that is in the spec, which the spec language does not expect."""
-        *outer, last = path_of(problem.path) or ("",)
+        *outer, last = parse_path(problem.path) or ("",)
         if not problem.message.startswith(UNKNOWN_KEY) or "did you mean" in problem.message:
             return problem.message
         where: Node = self.base.tree
@@ -209,7 +217,7 @@ class _Judge:
 
     def _also_without_overrides(self, problem: Problem) -> bool:
         collector = ProblemCollector(self.base.file)
-        spec_at(self.base.tree, collector, self.base.read)
+        spec_from_tree(self.base.tree, collector, self.base.read)
         return problem in collector.problems
 
     def _blame(self, override: Override, message: str, mark: Mark | None = None) -> None:
@@ -223,7 +231,7 @@ def _within(path: str, outer: str) -> bool:
 
 def _in_common(one: str, other: str) -> int:
     """Steps that two paths begin with."""
-    pairs = zip(path_of(one) or (), path_of(other) or (), strict=False)
+    pairs = zip(parse_path(one) or (), parse_path(other) or (), strict=False)
     return len(list(itertools.takewhile(lambda pair: pair[0] == pair[1], pairs)))
 
 
@@ -241,24 +249,24 @@ def _name(tree: Node) -> str:
     return name.text if isinstance(name, ScalarNode) else "?"
 
 
-def _start(base: Base) -> str:
+def _start(base: BaseSpec) -> str:
     """The base's own text, where it can be used, without what says nothing about its gains."""
-    if spec_at(base.tree, ProblemCollector(""), base.read) is None or not isinstance(base.tree, MappingNode):
+    if spec_from_tree(base.tree, ProblemCollector(""), base.read) is None or not isinstance(base.tree, MappingNode):
         return ""
     entries = {key: entry for key, entry in base.tree.entries.items() if key != "validation"}
-    return text_of(replace(base.tree, entries=entries))
+    return canonical_text(replace(base.tree, entries=entries))
 
 
-def _names(wanted: Sequence[Placed], known: Collection[str]) -> list[str]:
+def _names(wanted: Sequence[PlacedWord], known: Collection[str]) -> list[str]:
     if [each.word for each in wanted] == [ALL]:
         return list(known)
     return [each.word for each in wanted]
 
 
-def _refuse_unknown(study: StudyFile, kind: Kind, wanted: Sequence[Placed], known: Collection[str]) -> None:
+def _refuse_unknown(study: StudyFile, kind: Kind, wanted: Sequence[PlacedWord], known: Collection[str]) -> None:
     unknown = [each for each in wanted if each.word not in known and [w.word for w in wanted] != [ALL]]
     told: Callable[[str], str] = lambda word: (  # noqa: E731
-        about_word(word, known) if known else f"this version of fopi-tune has no {kind}s"
+        unknown_word_message(word, known) if known else f"this version of fopi-tune has no {kind}s"
     )
     if unknown:
         problems = (Problem(study.file, e.mark.line, e.mark.column, e.path, told(e.word)) for e in unknown)

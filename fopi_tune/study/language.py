@@ -10,10 +10,10 @@ from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.yaml.hints import closest
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, RejectedNode, SequenceNode, kind_of
 from fopi_tune.spec.yaml.problems import Mark
-from fopi_tune.spec.yaml.records import Key, Record, Values, is_table
-from fopi_tune.spec.yaml.shapes import Choice, Either, JsonSchema, ListOf, Number, Shape, Text, Version
+from fopi_tune.spec.yaml.records import Key, Record, Values, expect_mapping
+from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, PlainOrMapping, Shape, Text, Version
 from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
-from fopi_tune.study.overrides import PATH_PATTERN, Override, path_of
+from fopi_tune.study.overrides import PATH_PATTERN, Override, parse_path
 
 #: keys that begin with this are for the spec that the gains are checked against
 CHECK = "check."
@@ -39,7 +39,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedWord:
     """A word of the study and where it is."""
 
     word: str
@@ -54,7 +54,7 @@ class StudyFile:
     file: str
     name: str
     description: str
-    specs: tuple[Placed, ...]
+    specs: tuple[PlacedWord, ...]
     cells: tuple[tuple[Axis, ...], ...]
     grid: tuple[Axis, ...]
     zipped: tuple[Axis, ...]
@@ -62,12 +62,12 @@ class StudyFile:
     starts: Starts
     collect: tuple[Column, ...]
     limit_cells: int
-    claims: tuple[Placed, ...]
-    figures: tuple[Placed, ...]
+    claims: tuple[PlacedWord, ...]
+    figures: tuple[PlacedWord, ...]
 
 
 @dataclass(frozen=True)
-class Anything(Shape):
+class AnyValue(Shape):
     """Any value; the spec language judges it where it is put in."""
 
     meaning: str
@@ -80,7 +80,7 @@ class Anything(Shape):
 
 
 @dataclass(frozen=True)
-class Several(Shape):
+class NonEmptyList(Shape):
     """A list of at least one of anything; reads to its nodes."""
 
     meaning: str
@@ -99,19 +99,19 @@ class Several(Shape):
 
 
 @dataclass(frozen=True)
-class ByPath(Shape):
+class PathMapping(Shape):
     """A mapping from paths into the spec to something; reads to axes."""
 
     meaning: str
     shape: Shape
 
     def read(self, place: Place) -> tuple[Axis, ...] | None:
-        if not is_table(place, "{plant.time_constant_s.max: [2.5, 3.1]}"):
+        if not expect_mapping(place, "{plant.time_constant_s.max: [2.5, 3.1]}"):
             return None
         assert isinstance(place.node, MappingNode)
         axes: list[Axis] = []
         for key, (mark, _) in place.node.entries.items():
-            if path_of(key) is None or key == CHECK[:-1]:
+            if parse_path(key) is None or key == CHECK[:-1]:
                 message = "is no path into a spec; write one such as plant.time_constant_s.max or requirements[2].on"
                 place.collector.add(mark, place.child(key).path, message)
                 continue
@@ -130,7 +130,7 @@ class ByPath(Shape):
 
 
 @dataclass(frozen=True)
-class Columns(Shape):
+class ColumnMapping(Shape):
     """A mapping from names of columns to paths into a cell's result."""
 
     meaning: str
@@ -146,29 +146,29 @@ class Columns(Shape):
 
 
 @dataclass(frozen=True)
-class Marked(Shape):
+class WithPlace(Shape):
     """A word that keeps its place."""
 
     shape: Shape
 
-    def read(self, place: Place) -> Placed | None:
+    def read(self, place: Place) -> PlacedWord | None:
         word = self.shape.read(place)
-        return None if word is None else Placed(word, place.mark, place.path)
+        return None if word is None else PlacedWord(word, place.mark, place.path)
 
     def json_schema(self) -> JsonSchema:
         return self.shape.json_schema()
 
 
 @dataclass(frozen=True)
-class WordOr(Shape):
+class AllOrList(Shape):
     """The word `all`, or a list."""
 
     names: ListOf
 
-    def read(self, place: Place) -> list[Placed] | None:
+    def read(self, place: Place) -> list[PlacedWord] | None:
         if isinstance(place.node, SequenceNode):
             return self.names.read(place)
-        word = Marked(Choice(f"`{ALL}`, or a list of names", [ALL])).read(place)
+        word = WithPlace(Choice(f"`{ALL}`, or a list of names", [ALL])).read(place)
         return None if word is None else [word]
 
     def json_schema(self) -> JsonSchema:
@@ -183,16 +183,18 @@ def study_shape() -> Record:
     """The shape of a whole file; reads to the sections' values."""
     path = Text("path from the study's folder")
     result = Text("path into a cell's result, such as tune.gains.kp", PATH_PATTERN, "write one such as tune.gains.kp")
-    values = ByPath("paths into the spec, each with its values", Several("values"))
-    entry = Marked(Text("name of an entry"))
-    columns = Either(ListOf("paths", result), Columns("names of columns, each with its path", result))
+    values = PathMapping("paths into the spec, each with its values", NonEmptyList("values"))
+    entry = WithPlace(Text("name of an entry"))
+    columns = PlainOrMapping(ListOf("paths", result), ColumnMapping("names of columns, each with its path", result))
     limit = Number("more cells than this need --force", at_least=1, at_most=_LARGEST_LIMIT, whole=True)
     keys = {
         "schema": Key(Version("version of the language", SCHEMA_VERSION)),
         "name": Key(Text("name of the study and of its results' folder", NAME_PATTERN, NAME_RULE)),
         "description": Key(Text("one sentence for people"), required=False),
-        "specs": Key(ListOf("the specs that the cells are made of", Marked(path), 1), required=False),
-        "cells": Key(ListOf("overrides, path to value, a cell each", ByPath("a cell", Anything("value")), 1), False),
+        "specs": Key(ListOf("the specs that the cells are made of", WithPlace(path), 1), required=False),
+        "cells": Key(
+            ListOf("overrides, path to value, a cell each", PathMapping("a cell", AnyValue("value")), 1), False
+        ),
         "grid": Key(values, required=False),
         "zip": Key(values, required=False),
         "stages": Key(ListOf("what is run on each cell", Choice("stage", [s.value for s in Stage]), 1), False, _STAGES),
@@ -201,8 +203,8 @@ def study_shape() -> Record:
         ),
         "collect": Key(columns, required=False),
         "limit_cells": Key(limit, False, LIMIT_CELLS),
-        "claims": Key(WordOr(ListOf("claims to recompute", entry, 1)), required=False),
-        "figures": Key(WordOr(ListOf("figures to draw", entry, 1)), required=False),
+        "claims": Key(AllOrList(ListOf("claims to recompute", entry, 1)), required=False),
+        "figures": Key(AllOrList(ListOf("figures to draw", entry, 1)), required=False),
     }
     about = [{"required": [key]} for key in ("specs", "claims", "figures")]
     return Record("many specs", keys, lambda values, place: values, _EXAMPLE, rules={"anyOf": about})
@@ -213,7 +215,7 @@ def read_study(place: Place) -> StudyFile | None:
     if not isinstance(place.node, MappingNode):
         place.refuse(f"the file is no study; write one such as {_EXAMPLE}")
         return None
-    values = study_shape().readable(place)
+    values = study_shape().read_partial(place)
     if values is None:
         return None
     _check_between_sections(values, place)
@@ -317,7 +319,7 @@ def _refuse_taken(values: Values, place: Place) -> None:
             at.refuse("is collected already; remove one of the two")
 
 
-def _collected(values: Values, place: Place) -> list[tuple[str, Placed]]:
+def _collected(values: Values, place: Place) -> list[tuple[str, PlacedWord]]:
     given, where = values.get("collect"), place.child("collect")
     if given is None:
         return []
@@ -325,7 +327,7 @@ def _collected(values: Values, place: Place) -> list[tuple[str, Placed]]:
         places: list[tuple[Place, Any]] = [(where.child(name), path) for name, path in given.items()]
     else:
         places = [(where.item(index), path) for index, path in enumerate(given)]
-    return [(place.path, Placed(path, place.mark, place.path)) for place, path in places]
+    return [(place.path, PlacedWord(path, place.mark, place.path)) for place, path in places]
 
 
 def _shown(place: Place) -> str:

@@ -17,7 +17,7 @@ from typing import Any
 
 from fopi_tune.errors import DomainError
 from fopi_tune.study.model import Cell, Study
-from fopi_tune.study.worker import Result
+from fopi_tune.study.worker import CellResult
 
 #: the file in a study's folder
 LEDGER = "ledger.sqlite"
@@ -38,7 +38,7 @@ class LedgerError(DomainError):
 
 
 @dataclass(frozen=True)
-class Counts:
+class CellCounts:
     """How far a study is.
 
     Args:
@@ -73,7 +73,7 @@ class Ledger:
             connection.executemany("INSERT INTO plan VALUES (?, ?, ?)", rows)
             connection.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", about.items())
 
-    def record(self, results: Iterable[Result]) -> None:
+    def record(self, results: Iterable[CellResult]) -> None:
         """Keep results, all or none; a cell that was there is replaced."""
         rows = [(r.key, int(r.failed), r.document, r.reason, r.seconds) for r in results]
         with self._transaction() as connection:
@@ -82,30 +82,30 @@ class Ledger:
     def forget_failed(self, study: Study, versions: Mapping[str, str]) -> None:
         """Take a study's failed cells out, so that they are run again."""
         with self._transaction() as connection:
-            keys = ((key,) for key in keyed(study.cells, versions))
+            keys = ((key,) for key in cell_keys(study.cells, versions))
             connection.executemany("DELETE FROM results WHERE failed = 1 AND key = ?", keys)
 
     def known(self) -> frozenset[str]:
         """Keys of all results."""
         return frozenset(key for (key,) in self._all("SELECT key FROM results"))
 
-    def counts(self) -> Counts:
+    def counts(self) -> CellCounts:
         """How far the plan is."""
         (total,) = self._all("SELECT COUNT(*) FROM plan")[0]
         told = dict(self._all("SELECT r.failed, COUNT(*) FROM plan p JOIN results r USING (key) GROUP BY r.failed"))
-        return Counts(total, told.get(0, 0), told.get(1, 0))
+        return CellCounts(total, told.get(0, 0), told.get(1, 0))
 
     def failures(self) -> list[tuple[int, str, str]]:
         """Index, label and reason of every failed cell of the plan, in order."""
         asked = "SELECT p.position, p.label, r.reason FROM plan p JOIN results r USING (key) WHERE r.failed = 1"
         return self._all(f"{asked} ORDER BY p.position")
 
-    def results(self) -> Iterator[tuple[int, Result]]:
+    def results(self) -> Iterator[tuple[int, CellResult]]:
         """Index and result of every cell of the plan that was run, in order."""
         asked = "SELECT p.position, r.key, r.document, r.reason, r.seconds FROM plan p JOIN results r USING (key)"
         with self._explained():
             for position, *found in self._connection.execute(f"{asked} ORDER BY p.position"):
-                result = Result(*found)
+                result = CellResult(*found)
                 if not _is_document(result.document):
                     message = f"what {self.path} has of cell {position + 1} is damaged"
                     raise LedgerError(f"{message}; move the file away to begin anew, or choose another --out")
@@ -139,7 +139,7 @@ class Ledger:
 
 
 @contextlib.contextmanager
-def opened(folder: Path) -> Iterator[Ledger]:
+def open_ledger(folder: Path) -> Iterator[Ledger]:
     """The ledger in a study's folder, made where there is none, for one process at a time.
 
     Raises:
@@ -164,7 +164,7 @@ def opened(folder: Path) -> Iterator[Ledger]:
 
 
 @contextlib.contextmanager
-def read(folder: Path) -> Iterator[Ledger]:
+def read_ledger(folder: Path) -> Iterator[Ledger]:
     """The ledger in a study's folder, to look at, also while the study runs.
 
     Raises:
@@ -184,7 +184,7 @@ def read(folder: Path) -> Iterator[Ledger]:
             raise _unusable(path, error) from error
 
 
-def keyed(cells: Sequence[Cell], versions: Mapping[str, str]) -> list[str]:
+def cell_keys(cells: Sequence[Cell], versions: Mapping[str, str]) -> list[str]:
     """The cells' keys."""
     return [cell.key(versions) for cell in cells]
 

@@ -11,11 +11,11 @@ from typing import Any
 from fopi_tune.errors import DomainError, Problem, SpecError
 from fopi_tune.spec import load_document
 from fopi_tune.spec.language import SCHEMA_VERSION
-from fopi_tune.spec.load import reader_beside
-from fopi_tune.study.expand import Base, count_cells, expand
+from fopi_tune.spec.load import folder_reader
+from fopi_tune.study.expand import BaseSpec, count_cells, expand
 from fopi_tune.study.language import StudyFile, read_study, study_shape
 from fopi_tune.study.model import Study
-from fopi_tune.study.registry import REGISTRY, names_of
+from fopi_tune.study.registry import REGISTRY, entry_names
 
 
 class TooManyCellsError(DomainError):
@@ -44,8 +44,8 @@ def load_study(
     study = read_study(place)
     if study is None:
         raise place.collector.error()
-    claims = names_of(registry, "CLAIMS") if study.claims else ()
-    figures = names_of(registry, "FIGURES") if study.figures else ()
+    claims = entry_names(registry, "CLAIMS") if study.claims else ()
+    figures = entry_names(registry, "FIGURES") if study.figures else ()
     count = count_cells(study, claims, figures)
     if told is not None:
         told(count)
@@ -57,9 +57,9 @@ def load_study(
     return expand(study, _bases(study), registry, claims, figures)
 
 
-def _bases(study: StudyFile) -> list[Base]:
+def _bases(study: StudyFile) -> list[BaseSpec]:
     folder = os.path.dirname(study.file)
-    found: list[Base] = []
+    found: list[BaseSpec] = []
     problems: list[Problem] = []
     for placed in study.specs:
         path = os.path.join(folder, placed.word)
@@ -72,7 +72,7 @@ def _bases(study: StudyFile) -> list[Base]:
             continue
         problems += place.collector.problems
         # cells that name the same file share what was read
-        found.append(Base(path, place.node, cache(reader_beside(path))))
+        found.append(BaseSpec(path, place.node, cache(folder_reader(path))))
     if problems:
         raise SpecError(tuple(problems))
     return found

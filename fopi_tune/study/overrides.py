@@ -14,9 +14,9 @@ from typing import Any
 
 from fopi_tune.errors import SpecError
 from fopi_tune.spec.language import read_spec
-from fopi_tune.spec.load import reader_among
+from fopi_tune.spec.load import contents_reader
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.spec.validation import Reader
+from fopi_tune.spec.validation import FileReader
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, RejectedNode, ScalarNode, SequenceNode, kind_of
 from fopi_tune.spec.yaml.problems import Mark, ProblemCollector
 from fopi_tune.spec.yaml.scalars import is_number
@@ -35,7 +35,7 @@ Files = tuple[tuple[str, bytes], ...]
 Path = tuple[str | int, ...]
 
 
-class NoSuchPlaceError(ValueError):
+class NoSuchPathError(ValueError):
     """A path that leads through something that is no mapping or list; the message says where."""
 
 
@@ -54,7 +54,7 @@ class Override:
     node: Node
 
 
-def path_of(text: str) -> Path | None:
+def parse_path(text: str) -> Path | None:
     """`requirements[2].limit` as keys and indices; None if it is no path."""
     if text.count(".") + text.count("[") >= _DEEPEST:
         return None
@@ -68,7 +68,7 @@ def path_of(text: str) -> Path | None:
     return tuple(steps)
 
 
-def written(path: Path) -> str:
+def format_path(path: Path) -> str:
     """The inverse of `path_of`."""
     text = ""
     for step in path:
@@ -76,13 +76,13 @@ def written(path: Path) -> str:
     return text
 
 
-def replaced(tree: Node, override: Override) -> Node:
+def apply_override(tree: Node, override: Override) -> Node:
     """The tree with a value put in; a key that is missing is added, for the spec language to judge.
 
     Raises:
         NoSuchPlaceError: the path leads through a number or a word, or beyond the end of a list.
     """
-    path = path_of(override.path)
+    path = parse_path(override.path)
     assert path is not None, override.path
     return _replaced(tree, path, 0, override)
 
@@ -90,54 +90,54 @@ def replaced(tree: Node, override: Override) -> Node:
 def _replaced(tree: Node, path: Path, depth: int, override: Override) -> Node:
     if depth == len(path):
         return override.node
-    step, where = path[depth], written(path[:depth])
+    step, where = path[depth], format_path(path[:depth])
     if isinstance(step, int):
         if not isinstance(tree, SequenceNode):
-            raise NoSuchPlaceError(f"{where} is {kind_of(tree)} in the spec, not a list; there is no entry [{step}]")
+            raise NoSuchPathError(f"{where} is {kind_of(tree)} in the spec, not a list; there is no entry [{step}]")
         if step >= len(tree.nodes):
-            raise NoSuchPlaceError(f"{where} has {len(tree.nodes)} entries in the spec; they count from [0]")
+            raise NoSuchPathError(f"{where} has {len(tree.nodes)} entries in the spec; they count from [0]")
         nodes = list(tree.nodes)
         nodes[step] = _replaced(nodes[step], path, depth + 1, override)
         return replace(tree, nodes=tuple(nodes))
     if not isinstance(tree, MappingNode):
-        raise NoSuchPlaceError(f"{where} is {kind_of(tree)} in the spec, not a mapping; override {where} as a whole")
+        raise NoSuchPathError(f"{where} is {kind_of(tree)} in the spec, not a mapping; override {where} as a whole")
     mark, inner = tree.entries.get(step, (override.mark, MappingNode(override.mark, {})))
     if isinstance(path[depth + 1] if depth + 1 < len(path) else "", int) and step not in tree.entries:
-        raise NoSuchPlaceError(f"{written(path[: depth + 1])} is not in the spec; give the whole list")
+        raise NoSuchPathError(f"{format_path(path[: depth + 1])} is not in the spec; give the whole list")
     return replace(tree, entries={**tree.entries, step: (mark, _replaced(inner, path, depth + 1, override))})
 
 
-def value_of(node: Node) -> Any:
+def plain_value(node: Node) -> Any:
     """A node as JSON has it; only numbers as the spec language writes them are numbers."""
     if isinstance(node, MappingNode):
-        return {key: value_of(value) for key, (_, value) in node.entries.items()}
+        return {key: plain_value(value) for key, (_, value) in node.entries.items()}
     if isinstance(node, SequenceNode):
-        return [value_of(value) for value in node.nodes]
+        return [plain_value(value) for value in node.nodes]
     assert not isinstance(node, RejectedNode)
     if not node.plain or not is_number(node.text):
         return node.text
     return int(node.text) if _WHOLE.fullmatch(node.text) else float(node.text) + 0.0
 
 
-def text_of(tree: Node) -> str:
+def canonical_text(tree: Node) -> str:
     """The canonical text of a spec's tree."""
-    value = value_of(tree)
+    value = plain_value(tree)
     value.pop("description", None)
     return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
-def node_of(value: Any) -> Node:
+def node_from_json(value: Any) -> Node:
     """JSON as nodes."""
     if isinstance(value, dict):
-        return MappingNode(_NOWHERE, {key: (_NOWHERE, node_of(inner)) for key, inner in value.items()})
+        return MappingNode(_NOWHERE, {key: (_NOWHERE, node_from_json(inner)) for key, inner in value.items()})
     if isinstance(value, list):
-        return SequenceNode(_NOWHERE, tuple(node_of(inner) for inner in value))
+        return SequenceNode(_NOWHERE, tuple(node_from_json(inner) for inner in value))
     if isinstance(value, str):
         return ScalarNode(_NOWHERE, value, plain=False)
     return ScalarNode(_NOWHERE, repr(value), plain=True)
 
 
-def spec_of(text: str, name: str = "<cell>", files: Files = ()) -> DesignSpec:
+def spec_from_text(text: str, name: str = "<cell>", files: Files = ()) -> DesignSpec:
     """The spec of a canonical text: what `parse_spec` says, without its YAML reader's milliseconds.
 
     Args:
@@ -149,13 +149,13 @@ def spec_of(text: str, name: str = "<cell>", files: Files = ()) -> DesignSpec:
         SpecError: not a usable spec.
     """
     collector = ProblemCollector(name)
-    read = reader_among(dict(files))
-    spec = spec_at(node_of(json.loads(text)), collector, read, hashlib.sha256(text.encode()).hexdigest())
+    read = contents_reader(dict(files))
+    spec = spec_from_tree(node_from_json(json.loads(text)), collector, read, hashlib.sha256(text.encode()).hexdigest())
     if spec is None:
         raise SpecError(tuple(collector.problems))
     return spec
 
 
-def spec_at(tree: Node, collector: ProblemCollector, read: Reader, sha256: str = "") -> DesignSpec | None:
+def spec_from_tree(tree: Node, collector: ProblemCollector, read: FileReader, sha256: str = "") -> DesignSpec | None:
     """The spec that a tree says, or None after reporting why there is none; `read` gives the files that it names."""
     return read_spec(Place(tree, "", collector), sha256, read)

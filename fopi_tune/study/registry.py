@@ -25,7 +25,7 @@ def entries(registry: str, what: str) -> Mapping[str, Callable[[], Any]]:
         raise
 
 
-def figure_of(registry: str, name: str) -> dict[str, str | bytes]:
+def render_figure(registry: str, name: str) -> dict[str, str | bytes]:
     """A figure's files: its name with an ending, and what is in it."""
     pictures = entries(registry, "PICTURES")
     if name not in pictures:
@@ -34,6 +34,6 @@ def figure_of(registry: str, name: str) -> dict[str, str | bytes]:
     return {f"{name}.svg": module.svg_of(picture), f"{name}.png": module.png_of(picture)}
 
 
-def names_of(registry: str, what: str) -> tuple[str, ...]:
+def entry_names(registry: str, what: str) -> tuple[str, ...]:
     """The names of all entries, in order."""
     return tuple(entries(registry, what))

@@ -16,14 +16,14 @@ from typing import Any
 
 from fopi_tune.errors import DomainError
 from fopi_tune.study.model import Cell, Kind, Study
-from fopi_tune.study.overrides import path_of
-from fopi_tune.study.worker import Result
+from fopi_tune.study.overrides import parse_path
+from fopi_tune.study.worker import CellResult
 
 Value = float | int | str | bool | None
 
 
 @dataclass(frozen=True)
-class Table:
+class StudyTable:
     """Columns in order, and rows in the order of the cells; what is missing is None.
 
     Args:
@@ -84,7 +84,7 @@ def require_parquet() -> None:
         raise DomainError(message) from None
 
 
-def table_of(study: Study, results: Iterable[tuple[int, Result]]) -> Table:
+def collect_table(study: Study, results: Iterable[tuple[int, CellResult]]) -> StudyTable:
     """What a study collects of its results.
 
     Args:
@@ -107,19 +107,21 @@ def table_of(study: Study, results: Iterable[tuple[int, Result]]) -> Table:
             claims += told
             records += [{**common, **row, **reason} for row in told] or [{**common, **reason}]
             continue
-        collected = {c.name: _plain(found(document, c.path)) for c in study.collect} if cell.kind is Kind.SPEC else {}
+        collected = (
+            {c.name: _plain(value_at(document, c.path)) for c in study.collect} if cell.kind is Kind.SPEC else {}
+        )
         records.append({**common, **collected, **reason})
     columns = _columns(study, records)
     rows = tuple(tuple(record.get(name) for name in columns) for record in records)
     undecided = sum(record["outcome"] == "undecided" for record in records)
     specs = [record for record in records if "spec" in record]
     empty = [c.name for c in study.collect if specs and all(record[c.name] is None for record in specs)]
-    return Table(columns, rows, tuple(claims), files, tuple(empty), undecided)
+    return StudyTable(columns, rows, tuple(claims), files, tuple(empty), undecided)
 
 
-def found(document: Any, path: str) -> Any:
+def value_at(document: Any, path: str) -> Any:
     """What is at a path of a result, None where there is nothing."""
-    for step in path_of(path) or ():
+    for step in parse_path(path) or ():
         if isinstance(step, int):
             document = document[step] if isinstance(document, list) and step < len(document) else None
         else:

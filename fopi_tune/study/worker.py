@@ -27,8 +27,8 @@ from fopi_tune.results.stamp import numeric_versions
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.study.model import Cell, Kind, Stage
-from fopi_tune.study.overrides import Files, spec_of
-from fopi_tune.study.registry import entries, figure_of
+from fopi_tune.study.overrides import Files, spec_from_text
+from fopi_tune.study.registry import entries, render_figure
 
 if TYPE_CHECKING:
     from fopi_tune.design import Neighbour
@@ -38,13 +38,13 @@ if TYPE_CHECKING:
 _BASES = 64
 _DESIGNS = 16
 #: statuses after which a cell goes on to its next stage and ends well
-GOOD = ("solved", "met")
+SUCCESS_STATUSES = ("solved", "met")
 #: one cell at a time in a process: CasADi and the kept problems are not for threads
 _ONE_AT_A_TIME = threading.Lock()
 
 
 @dataclass(frozen=True)
-class Result:
+class CellResult:
     """The end of a cell.
 
     Args:
@@ -65,7 +65,7 @@ class Result:
         return bool(self.reason)
 
 
-def run_chunk(cells: Sequence[tuple[str, Cell]], versions: Mapping[str, str]) -> list[Result]:
+def run_chunk(cells: Sequence[tuple[str, Cell]], versions: Mapping[str, str]) -> list[CellResult]:
     """Run some cells, one after the other.
 
     Args:
@@ -79,7 +79,7 @@ def run_chunk(cells: Sequence[tuple[str, Cell]], versions: Mapping[str, str]) ->
     if here != dict(versions):
         differing = ", ".join(f"{k} {here.get(k)} instead of {v}" for k, v in versions.items() if here.get(k) != v)
         return [
-            Result(key, "{}", f"this worker has {differing}; install the same versions and use --retry-failed", 0.0)
+            CellResult(key, "{}", f"this worker has {differing}; install the same versions and use --retry-failed", 0.0)
             for key, _ in cells
         ]
     with _ONE_AT_A_TIME:
@@ -103,13 +103,13 @@ def run_block(cell: Cell, versions: Mapping[str, str], first: int, end: int) -> 
         return validate_block(_checked(cell), gains, first, end)
 
 
-def finish(key: str, cell: Cell, blocks: Sequence[Block]) -> Result:
+def combine_blocks(key: str, cell: Cell, blocks: Sequence[Block]) -> CellResult:
     """`run_cell` of a cell whose draws were counted before; never raises."""
     with _ONE_AT_A_TIME:
         return run_cell(key, cell, blocks)
 
 
-def run_cell(key: str, cell: Cell, blocks: Sequence[Block] = ()) -> Result:
+def run_cell(key: str, cell: Cell, blocks: Sequence[Block] = ()) -> CellResult:
     """Run one cell; never raises.  `blocks` are all its draws, where they were counted before."""
     start = time.perf_counter()
     document: dict[str, Any] = {}
@@ -120,7 +120,7 @@ def run_cell(key: str, cell: Cell, blocks: Sequence[Block] = ()) -> Result:
         expected = isinstance(error, FopiError)
         reason = str(error) if expected else f"internal error, {type(error).__name__}: {error}"
         text = _as_far_as_it_came(document)
-    return Result(key, text, reason, time.perf_counter() - start)
+    return CellResult(key, text, reason, time.perf_counter() - start)
 
 
 def _as_far_as_it_came(document: dict[str, Any]) -> str:
@@ -154,7 +154,7 @@ def _spec(cell: Cell, document: dict[str, Any], blocks: Sequence[Block]) -> str:
 
 def _checked(cell: Cell) -> DesignSpec:
     """The spec that the gains are checked against."""
-    return spec_of(cell.check or cell.text, cell.name, cell.files)
+    return spec_from_text(cell.check or cell.text, cell.name, cell.files)
 
 
 def _together(cell: Cell) -> bool:
@@ -165,7 +165,7 @@ def _together(cell: Cell) -> bool:
 def _gains(cell: Cell) -> FoPi | None:
     """Those of a cell: tuned or fixed; None where the design is not solved."""
     if Stage.TUNE not in cell.stages:
-        return _fixed(spec_of(cell.text, cell.name, cell.files))
+        return _fixed(spec_from_text(cell.text, cell.name, cell.files))
     design = _designed(cell.text, cell.files, cell.base, _together(cell))
     return design.gains if design.status is Status.SOLVED else None
 
@@ -187,7 +187,7 @@ def _conclude(cell: Cell, document: dict[str, Any]) -> None:
     """The outcome is that of the first stage that did not end well; of the last one when all did."""
     for stage in cell.stages:
         document["outcome"] = document[stage]["status"]
-        if document["outcome"] not in GOOD:
+        if document["outcome"] not in SUCCESS_STATUSES:
             document["reason"] = f"{stage}: {document['outcome']}"
             return
 
@@ -199,7 +199,7 @@ def _claim(cell: Cell, document: dict[str, Any]) -> str:
 
 
 def _figure(cell: Cell, document: dict[str, Any]) -> str:
-    files = figure_of(cell.text, cell.name)
+    files = render_figure(cell.text, cell.name)
     document["files"] = {name: content for name, content in files.items() if isinstance(content, str)}
     document["base64"] = {
         name: base64.b64encode(content).decode() for name, content in files.items() if isinstance(content, bytes)
@@ -234,7 +234,7 @@ def _proved(design: Design) -> dict[str, Any]:
 @lru_cache(_DESIGNS)
 def _designed(text: str, files: Files, base: str, proof: bool) -> Design:
     """The design of a spec; cells that differ in what it is checked against share it."""
-    return tune(spec_of(text, files=files), proof=proof, start=_base(base) if base else None)
+    return tune(spec_from_text(text, files=files), proof=proof, start=_base(base) if base else None)
 
 
 @lru_cache(_BASES)
@@ -242,7 +242,7 @@ def _base(text: str) -> Neighbour | None:
     """A base spec with its gains, where it has a solution that is searched in continuous time."""
     from fopi_tune.design import neighbour
 
-    spec = spec_of(text)
+    spec = spec_from_text(text)
     box = spec.controller
     if loop_name(spec) == "sampled" or all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
         return None

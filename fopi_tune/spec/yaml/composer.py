@@ -191,9 +191,7 @@ class _Composer:
             self.collector.add(node.mark, path, f"a {kind} is used as a key; keys are words such as `plant`")
             return None
         if node.plain and node.text == _MERGE_KEY:
-            self.collector.add(
-                node.mark, key_path(path, node.text), "merge keys are not allowed; write the keys out"
-            )
+            self.collector.add(node.mark, key_path(path, node.text), "merge keys are not allowed; write the keys out")
             return None
         if not node.text:
             self.collector.add(node.mark, path, "a key is missing before the colon; write one or remove the line")

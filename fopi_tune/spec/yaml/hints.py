@@ -54,7 +54,7 @@ def closest(word: str, known: Collection[str]) -> str | None:
     return by_lower[matches[0]] if matches else None
 
 
-def about_word(word: str, known: Collection[str]) -> str:
+def unknown_word_message(word: str, known: Collection[str]) -> str:
     """The reason why a value is not one of `known`."""
     meant = closest(word, known)
     if meant is not None:
@@ -62,7 +62,7 @@ def about_word(word: str, known: Collection[str]) -> str:
     return f"{quoted(word)} is not known here; write {one_of(known)}"
 
 
-def about_key(key: str, known: Collection[str]) -> Hint:
+def unknown_key_hint(key: str, known: Collection[str]) -> Hint:
     """What to say about a key that is not in `known`."""
     if (hint := _about_unit(key, known)) is not None:
         return hint

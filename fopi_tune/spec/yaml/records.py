@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any
 
-from fopi_tune.spec.yaml.hints import about_key, closest, one_of
+from fopi_tune.spec.yaml.hints import closest, one_of, unknown_key_hint
 from fopi_tune.spec.yaml.nodes import MappingNode, Place, ScalarNode, kind_of
 from fopi_tune.spec.yaml.scalars import is_empty
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, Shape
@@ -56,14 +56,14 @@ class Record(Shape):
     rules: JsonSchema = field(default_factory=dict)
 
     def read(self, place: Place) -> Any:
-        values = self.readable(place)
+        values = self.read_partial(place)
         if values is None or None in values.values():
             return None
         return self.build(values, place)
 
-    def readable(self, place: Place) -> Values | None:
+    def read_partial(self, place: Place) -> Values | None:
         """The values, None for each that is required or written but could not be read; None if there is no mapping."""
-        if not is_table(place, self.example):
+        if not expect_mapping(place, self.example):
             return None
         meant = refuse_unknown_keys(place, self.keys, self.elsewhere)
         values: Values = {}
@@ -87,7 +87,7 @@ class Record(Shape):
 
 
 @dataclass(frozen=True)
-class Tagged(Shape):
+class TaggedUnion(Shape):
     """A choice between records by the word at one key."""
 
     meaning: str
@@ -96,7 +96,7 @@ class Tagged(Shape):
     example: str
 
     def read(self, place: Place) -> Any:
-        if not is_table(place, self.example):
+        if not expect_mapping(place, self.example):
             return None
         if not place.has(self.key):
             meant = refuse_unknown_keys(place, _keys_of(self.records))
@@ -110,7 +110,7 @@ class Tagged(Shape):
         # read on as what was probably meant, so that the mistakes in the rest are reported as well
         meant = closest(tag.node.text, self.records) if isinstance(tag.node, ScalarNode) else None
         if meant is not None:
-            self.records[meant].readable(place)
+            self.records[meant].read_partial(place)
         return None
 
     def json_schema(self) -> JsonSchema:
@@ -130,7 +130,7 @@ class OneKeyOf(Shape):
     example: str
 
     def read(self, place: Place) -> Any:
-        if not is_table(place, self.example):
+        if not expect_mapping(place, self.example):
             return None
         assert isinstance(place.node, MappingNode)
         present = [key for key in place.node.entries if key in self.records]
@@ -153,7 +153,7 @@ class OneKeyOf(Shape):
         return f"a second {self.what} beside {first} on line {line}; write one {self.what}, such as {self.example}"
 
 
-def defaulting_to(made: type, keys: Mapping[str, Key]) -> dict[str, Key]:
+def with_defaults_of(made: type, keys: Mapping[str, Key]) -> dict[str, Key]:
     """The keys with the defaults of the dataclass that their values make; the ends of infinite ranges are no values."""
     found = {each.name: each.default for each in fields(made)}
     return {
@@ -171,7 +171,7 @@ def _written(value: object) -> Any:
     return value if isinstance(value, int | str) and not isinstance(value, bool) and value != "" else None
 
 
-def is_table(place: Place, example: str) -> bool:
+def expect_mapping(place: Place, example: str) -> bool:
     """Whether the node is a mapping; reports if it is not."""
     node = place.node
     if isinstance(node, MappingNode):
@@ -201,7 +201,7 @@ def refuse_unknown_keys(place: Place, known: Collection[str], elsewhere: Mapping
             message = "is this the rest of a number with a decimal comma? write it with a decimal point"
             place.collector.add(mark, path, message)
         else:
-            hint = about_key(key, free)
+            hint = unknown_key_hint(key, free)
             meant |= {hint.meant} if hint.meant else set()
             place.collector.add(mark, path, hint.message)
     return meant

@@ -62,7 +62,7 @@ def parse_number(text: str) -> float:
     return value
 
 
-def parse_whole(text: str) -> int:
+def parse_integer(text: str) -> int:
     """A whole number; 1e6 and 7.0 are whole.
 
     Raises:

@@ -11,10 +11,10 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
-from fopi_tune.spec.yaml.hints import about_word
+from fopi_tune.spec.yaml.hints import unknown_word_message
 from fopi_tune.spec.yaml.nodes import MappingNode, Place, SequenceNode, kind_of, scalar_of
 from fopi_tune.spec.yaml.problems import quoted
-from fopi_tune.spec.yaml.scalars import NotANumberError, is_empty, is_number, is_text, parse_number, parse_whole
+from fopi_tune.spec.yaml.scalars import NotANumberError, is_empty, is_number, is_text, parse_integer, parse_number
 
 JsonSchema = dict[str, Any]
 
@@ -51,7 +51,7 @@ class Number(Shape):
             if not scalar.plain:
                 advice = f"write {scalar.text} without quotes" if is_number(scalar.text) else f"write {wanted}"
                 raise NotANumberError(f"{quoted(scalar.text)} in quotes is text where {wanted} belongs; {advice}")
-            value = parse_whole(scalar.text) if self.whole else parse_number(scalar.text)
+            value = parse_integer(scalar.text) if self.whole else parse_number(scalar.text)
         except NotANumberError as reason:
             place.refuse(str(reason))
             return None
@@ -128,7 +128,7 @@ class Choice(Shape):
             return None
         if scalar.text in self.words:
             return scalar.text
-        place.refuse(about_word(scalar.text, self.words))
+        place.refuse(unknown_word_message(scalar.text, self.words))
         return None
 
     def json_schema(self) -> JsonSchema:
@@ -180,10 +180,10 @@ class ListOf(Shape):
     most: int | None = None
 
     def read(self, place: Place) -> list[Any] | None:
-        values = self.readable(place)
+        values = self.read_partial(place)
         return None if values is None or None in values else values
 
-    def readable(self, place: Place) -> list[Any] | None:
+    def read_partial(self, place: Place) -> list[Any] | None:
         """The list with None for each value that could not be read; None if it is no list of the right length."""
         if not isinstance(place.node, SequenceNode):
             place.refuse(f"{kind_of(place.node)} is written where a list belongs; write {self._wanted()}")
@@ -230,7 +230,7 @@ class Pair(Shape):
 
 
 @dataclass(frozen=True)
-class Either(Shape):
+class PlainOrMapping(Shape):
     """One shape for a mapping, another for everything else."""
 
     plain: Shape
