@@ -42,7 +42,7 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 
-#: of --certify-optimum
+#: defaults of --certify-optimum
 _GAP, _TIME_LIMIT_S = 1e-3, 60.0
 
 Specs = Annotated[list[str], typer.Argument(metavar="SPEC", help="Spec files.")]
@@ -102,8 +102,8 @@ def tune(
 
     They meet it for every plant of its family.  The result and the certificate are also written to files.
     """
-    asked = TuneOptions(prices, tradeoff, start, stop, points, solver)
-    problem = asked.problem(len(specs))
+    tune_options = TuneOptions(prices, tradeoff, start, stop, points, solver)
+    problem = tune_options.problem(len(specs))
     if problem is not None:
         raise bad_input(problem)
     if not certify_optimum and (gap != _GAP or time_limit != _TIME_LIMIT_S):
@@ -112,19 +112,19 @@ def tune(
         raise bad_input("--gap and --time-limit must be greater than 0")
     if certify_optimum and tradeoff is not None:
         raise bad_input("--certify-optimum is about one design and --tradeoff about many; give one of them")
-    doing = "tuning" if tradeoff is None else "sweeping"
-    handling = OutputOptions(out, as_json, quiet, debug, len(specs) > 1)
+    activity = "tuning" if tradeoff is None else "sweeping"
+    options = OutputOptions(out, as_json, quiet, debug, len(specs) > 1)
 
-    def make(spec: DesignSpec) -> Design | Tradeoff:
+    def compute(spec: DesignSpec) -> Design | Tradeoff:
         from fopi_tune.cli.tune import with_optimum
         from fopi_tune.results.design import Design
 
-        found = design_or_sweep(spec, asked, not no_proof)
+        found = design_or_sweep(spec, tune_options, not no_proof)
         if certify_optimum and isinstance(found, Design):
-            return with_optimum(found, gap, time_limit, handling)
+            return with_optimum(found, gap, time_limit, options)
         return found
 
-    raise typer.Exit(process_specs(specs, make, handling, doing))
+    raise typer.Exit(process_specs(specs, compute, options, activity))
 
 
 @app.command()
@@ -143,12 +143,14 @@ def run(
     Without a section `digital` that is what `fopi tune` does, and the report.
     """
 
-    def make(spec: DesignSpec) -> Run:
+    def compute(spec: DesignSpec) -> Run:
         from fopi_tune.pipeline.run import run
 
         return run(spec, not no_proof)
 
-    raise typer.Exit(process_specs(specs, make, OutputOptions(out, as_json, quiet, debug, len(specs) > 1), "running"))
+    raise typer.Exit(
+        process_specs(specs, compute, OutputOptions(out, as_json, quiet, debug, len(specs) > 1), "running")
+    )
 
 
 @app.command()
@@ -202,22 +204,22 @@ def prove(
     The gains may come from anywhere; the ranges that the spec gives them are not looked at.  Without --kp, --ki and
     --alpha they are those of DIR/design.json if it is of this spec, and are tuned otherwise.
     """
-    handling = OutputOptions(out, as_json, quiet, debug)
+    options = OutputOptions(out, as_json, quiet, debug)
     if recheck is not None:
         if any(gain is not None for gain in (kp, ki, alpha)):
             raise bad_input("--recheck takes the gains from the certificate; leave --kp, --ki and --alpha out")
-        raise typer.Exit(recheck_file(recheck, spec, handling))
+        raise typer.Exit(recheck_file(recheck, spec, options))
     if spec is None:
         raise bad_input("there is no SPEC to prove; name a spec file, or a certificate with --recheck")
     given = gains_from_options(kp, ki, alpha)
 
-    def make(loaded: DesignSpec) -> Check | Design:
+    def compute(loaded: DesignSpec) -> Check | Design:
         from fopi_tune.pipeline.prove import prove
 
-        gains = given if given is not None else earlier_or_tuned_gains(loaded, handling)
+        gains = given if given is not None else earlier_or_tuned_gains(loaded, options)
         return gains if not isinstance(gains, FoPi) else prove(loaded, gains, tolerance)
 
-    raise typer.Exit(process_specs([spec], make, handling, "proving"))
+    raise typer.Exit(process_specs([spec], compute, options, "proving"))
 
 
 @app.command()
@@ -238,16 +240,16 @@ def discretize(
 
     Gains are taken as `fopi prove` takes them.
     """
-    handling = OutputOptions(out, as_json, quiet, debug)
+    options = OutputOptions(out, as_json, quiet, debug)
     given = gains_from_options(kp, ki, alpha)
 
-    def make(loaded: DesignSpec) -> Discretized | Design:
+    def compute(loaded: DesignSpec) -> Discretized | Design:
         from fopi_tune.pipeline.discretize import discretize
 
-        gains = given if given is not None else earlier_or_tuned_gains(loaded, handling)
+        gains = given if given is not None else earlier_or_tuned_gains(loaded, options)
         return gains if not isinstance(gains, FoPi) else discretize(loaded, gains, not no_proof)
 
-    raise typer.Exit(process_specs([spec], make, handling, "discretizing"))
+    raise typer.Exit(process_specs([spec], compute, options, "discretizing"))
 
 
 @app.command()
@@ -269,8 +271,8 @@ def validate(
 
     Gains are taken as `fopi prove` takes them, those of a system from its file.
     """
-    handling = OutputOptions(out, as_json, quiet, debug)
-    raise typer.Exit(validate_file(spec, gains_from_options(kp, ki, alpha), samples, seed, handling))
+    options = OutputOptions(out, as_json, quiet, debug)
+    raise typer.Exit(validate_file(spec, gains_from_options(kp, ki, alpha), samples, seed, options))
 
 
 @app.command()
@@ -303,14 +305,14 @@ def simulate(
     Gains are taken as `fopi prove` takes them, those of a system from its file.  The signals are written to a CSV file
     and a figure a scenario.
     """
-    handling = OutputOptions(out, as_json, quiet, debug)
+    options = OutputOptions(out, as_json, quiet, debug)
     numbers = parameters_from_options(plant or [])
     if replay is not None and numbers:
         raise bad_input("--replay makes a plant again that was drawn; leave --plant out")
     if replay is None and samples is not None:
         raise bad_input("--samples says of which draws --replay makes one again; give --replay, or leave --samples out")
-    wanted = SimulationOptions(scenario, numbers, replay, samples, seed, exact)
-    raise typer.Exit(simulate_file(spec, gains_from_options(kp, ki, alpha), wanted, handling))
+    selection = SimulationOptions(scenario, numbers, replay, samples, seed, exact)
+    raise typer.Exit(simulate_file(spec, gains_from_options(kp, ki, alpha), selection, options))
 
 
 app.command()(study)

@@ -1,4 +1,4 @@
-"""Gains and numbers of the command line, and where gains come from that are not named there."""
+"""Gains from the command line's options, from an earlier design, or tuned now."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def gains_from_options(kp: float | None, ki: float | None, alpha: float | None) -> FoPi | None:
-    """The gains of the command line; None without any."""
+    """The gains of --kp, --ki and --alpha; None if none of them is given."""
     if kp is None and ki is None and alpha is None:
         return None
     if kp is None or ki is None or alpha is None:
@@ -26,31 +26,31 @@ def gains_from_options(kp: float | None, ki: float | None, alpha: float | None) 
         raise bad_input(str(error)) from None
 
 
-def gains_of_earlier_design(spec: DesignSpec, handling: OutputOptions) -> FoPi | None:
+def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | None:
     """The gains that the spec fixes, or those of a solved design of exactly this spec in the folder of results."""
     box = spec.controller
     if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
         return FoPi(box.kp.min, box.ki.min, box.alpha.min)
-    path = handling.folder(spec) / "design.json"
+    path = options.folder(spec) / "design.json"
     try:
         document = read_json(path)
         solved = document["status"] == "solved" and document["stamp"]["spec_sha256"] == spec.sha256
         gains = document["gains"] if solved else None
         found = FoPi(float(gains["kp"]), float(gains["ki"]), float(gains["alpha"])) if gains else None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None  # there is none that could be used: the caller says so and tunes
+        return None  # no usable design: the caller prints a note and tunes
     if found is not None:
-        handling.note(f"{spec.name}: gains from {path}")
+        options.note(f"{spec.name}: gains from {path}")
     return found
 
 
-def earlier_or_tuned_gains(spec: DesignSpec, handling: OutputOptions) -> FoPi | Design:
-    """Gains of an earlier design or of one made now; the design itself when it is no solution."""
+def earlier_or_tuned_gains(spec: DesignSpec, options: OutputOptions) -> FoPi | Design:
+    """Gains of an earlier design or of a new one; the new design itself if it is not solved."""
     from fopi_tune.pipeline.tune import tune
 
-    gains = gains_of_earlier_design(spec, handling)
+    gains = gains_of_earlier_design(spec, options)
     if gains is not None:
         return gains
-    handling.note(f"{spec.name}: no gains given, and no design of this spec there; tuning first ...")
+    options.note(f"{spec.name}: no gains given, and no design of this spec there; tuning first ...")
     design = tune(spec, proof=False)
     return design if design.gains is None or design.status.value != "solved" else design.gains

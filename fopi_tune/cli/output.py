@@ -1,4 +1,4 @@
-"""Printing and writing:  the one place of the library that does either."""
+"""Printing, reading and writing files:  the only module of the library that prints or writes."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 
-#: seconds
+#: seconds until the first note
 _FIRST_WORD_S = 5.0
-#: characters
+#: characters of a file that is read
 _LARGEST_RESULT = 200_000_000
 
 
@@ -36,13 +36,13 @@ class Exit(IntEnum):
 
 
 def print_out(words: object, write: Callable[..., None] = print) -> Exit:
-    """Print on stdout; a reader that has gone, as in `fopi ... | head`, is no mistake."""
+    """Print on stdout; a closed pipe, as in `fopi ... | head`, is not an error."""
     try:
         write(words)
         if sys.stdout is not None:
             sys.stdout.flush()
     except OSError as error:
-        # What is left in the buffer has nowhere to go: without this the interpreter would complain when it ends.
+        # Discard what is left in the buffer: otherwise the interpreter reports the closed pipe when it ends.
         with contextlib.suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         if not isinstance(error, BrokenPipeError):
@@ -52,7 +52,7 @@ def print_out(words: object, write: Callable[..., None] = print) -> Exit:
 
 
 def print_styled(text: Text) -> Exit:
-    """Print on stdout, in colour where somebody is looking who wants it."""
+    """Print on stdout; in colour on a terminal, unless NO_COLOR is set."""
     plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
     if plain or sys.stdout is None or not sys.stdout.isatty():
         return print_out(text.plain)
@@ -62,20 +62,20 @@ def print_styled(text: Text) -> Exit:
 
 
 def say(words: str) -> None:
-    """One line on stderr; control characters, as in a file's name, are shown, not obeyed."""
+    """Print one line on stderr; control characters, as in a file's name, are escaped."""
     line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in words)
     with contextlib.suppress(OSError):
         print(line, file=sys.stderr, flush=True)
 
 
 def bad_input(words: str) -> typer.Exit:
-    """Says what is wrong with the command line, and ends with the code of bad input when raised."""
+    """Print what is wrong with the command line; returns the exit to raise, with the code of bad input."""
     say(words)
     return typer.Exit(Exit.BAD_INPUT)
 
 
 def report_failure(what: str, error: Exception, debug: bool) -> Exit:
-    """A bug of the tool: one line, and the traceback on demand."""
+    """Report a bug of the tool: one line, and the traceback with --debug."""
     if debug:
         print("".join(traceback.format_exception(error)), file=sys.stderr)
     hint = "please report it together with the spec" + ("" if debug else " and what --debug adds")
@@ -85,7 +85,7 @@ def report_failure(what: str, error: Exception, debug: bool) -> Exit:
 
 @contextlib.contextmanager
 def progress_bar(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """A bar on stderr with rate and time left, where somebody is looking; None elsewhere."""
+    """A progress bar on stderr with rate and time left, if stderr is a terminal; None otherwise."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
@@ -110,7 +110,7 @@ def progress_bar(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] 
 
 @contextlib.contextmanager
 def still_running_notes(words: str, quiet: bool) -> Iterator[Callable[[], None]]:
-    """A line on stderr now and then, ever more seldom, while something takes long; what is given ends it before."""
+    """Print notes on stderr, at growing intervals, while something takes long; the yielded function stops them."""
     done = threading.Event()
 
     def tell() -> None:
@@ -136,16 +136,16 @@ def to_json(document: object) -> str:
 
 
 def reason_of(error: OSError) -> str:
-    """What the operating system said."""
+    """The operating system's message."""
     return error.strerror or str(error)
 
 
 def read_text(path: Path) -> str:
-    """A file of results.
+    """The text of a file.
 
     Raises:
         OSError: it cannot be read.
-        ValueError: it is no text, or larger than any result.
+        ValueError: it is not text, or is larger than any result.
     """
     with open(path, encoding="utf-8") as file:
         text = file.read(_LARGEST_RESULT + 1)
@@ -175,10 +175,10 @@ def read_json(path: str | Path) -> Any:
 
 
 def write_file(path: Path, content: str | bytes) -> None:
-    """Write a file at once or not at all, making its folder.
+    """Write a file atomically, and create its folder.
 
-    Whatever ends the process, the file is the old one or the new one.  Killed while it writes, it leaves a hidden file
-    beside it that nobody reads.
+    Whenever the process ends, the file is the old one or the new one.  A process killed while writing leaves a hidden
+    temporary file beside it.
 
     Args:
         path: the file.
@@ -189,7 +189,7 @@ def write_file(path: Path, content: str | bytes) -> None:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     data = content.encode("utf-8") if isinstance(content, str) else content
-    # not the process's number: in a container that is the same each time, and so would be what a killed run left
+    # a random name: in a container the process id is the same in every run, and a killed run may have left its file
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
         with open(temporary, "xb") as file:

@@ -1,4 +1,4 @@
-"""How far a study is, on stderr:  a bar where somebody is looking, else plain lines or JSON lines."""
+"""Progress of a study on stderr:  a bar on a terminal, otherwise plain lines or JSON lines."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class ProgressStyle(StrEnum):
 
 @contextlib.contextmanager
 def progress_display(wanted: ProgressStyle, quiet: bool) -> Iterator[ProgressCallback | None]:
-    """What is told how far it is."""
+    """The callback that shows progress in the given style; None for no display."""
     if wanted is ProgressStyle.AUTO:
-        looking = sys.stderr is not None and sys.stderr.isatty()
-        wanted = ProgressStyle.NONE if quiet else ProgressStyle.BAR if looking else ProgressStyle.LINES
+        on_terminal = sys.stderr is not None and sys.stderr.isatty()
+        wanted = ProgressStyle.NONE if quiet else ProgressStyle.BAR if on_terminal else ProgressStyle.LINES
     if wanted is ProgressStyle.BAR:
-        with _bar() as told:
-            yield told
+        with _bar() as update:
+            yield update
     elif wanted is ProgressStyle.NONE:
         yield None
     else:
@@ -47,28 +47,28 @@ def progress_display(wanted: ProgressStyle, quiet: bool) -> Iterator[ProgressCal
 
 
 class _Clock:
-    """Rate and time left, of the cells of this run."""
+    """Rate and time left, from the cells of this run."""
 
     def __init__(self) -> None:
         self.start = time.monotonic()
-        self.before: int | None = None
+        self.ran_at_start: int | None = None
 
     def at(self, counts: CellCounts) -> tuple[float, float | None, float | None]:
-        """Seconds since the start, cells a second, seconds left; None while nothing was run."""
+        """Seconds since the start, cells a second, seconds left; None before a cell has run."""
         ran = counts.total - counts.left
-        if self.before is None:
-            self.before = ran
+        if self.ran_at_start is None:
+            self.ran_at_start = ran
         elapsed = time.monotonic() - self.start
-        if ran == self.before or elapsed <= 0.0:
+        if ran == self.ran_at_start or elapsed <= 0.0:
             return elapsed, None, None
-        rate = (ran - self.before) / elapsed
+        rate = (ran - self.ran_at_start) / elapsed
         return elapsed, rate, counts.left / rate
 
 
 def _lines() -> ProgressCallback:
     clock, last = _Clock(), [-_LINE_EVERY_S]
 
-    def told(counts: CellCounts) -> None:
+    def update(counts: CellCounts) -> None:
         elapsed, rate, left = clock.at(counts)
         if elapsed - last[0] < _LINE_EVERY_S and counts.left:
             return
@@ -78,13 +78,13 @@ def _lines() -> ProgressCallback:
         rest = f", {_duration(left)} left" if left is not None and counts.left else ""
         say(f"{counts.done + counts.failed} of {counts.total} cells{failed}{speed}{rest}")
 
-    return told
+    return update
 
 
 def _json_lines() -> ProgressCallback:
     clock = _Clock()
 
-    def told(counts: CellCounts) -> None:
+    def update(counts: CellCounts) -> None:
         elapsed, rate, left = clock.at(counts)
         event = {
             "event": "progress",
@@ -98,7 +98,7 @@ def _json_lines() -> ProgressCallback:
         }
         say(json.dumps(event))
 
-    return told
+    return update
 
 
 @contextlib.contextmanager
@@ -117,7 +117,7 @@ def _bar() -> Iterator[ProgressCallback]:
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("cells", total=None, failed=0, rate="", left="")
 
-        def told(counts: CellCounts) -> None:
+        def update(counts: CellCounts) -> None:
             _, rate, left = clock.at(counts)
             bar.update(
                 task,
@@ -128,7 +128,7 @@ def _bar() -> Iterator[ProgressCallback]:
                 left=f"{_duration(left)} left" if left is not None else "",
             )
 
-        yield told
+        yield update
 
 
 def _duration(seconds: float) -> str:

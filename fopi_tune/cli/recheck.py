@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from fopi_tune.proof import Recheck
 
 
-def recheck_file(file: str, spec_file: str | None, handling: OutputOptions) -> Exit:
-    """Check a certificate, print what was found, and say by the exit code whether everything in it is proved."""
+def recheck_file(file: str, spec_file: str | None, options: OutputOptions) -> Exit:
+    """Check a certificate and print the result; the exit code says whether everything in it is proved."""
     try:
         document = read_json(file)
     except OSError as error:
@@ -25,7 +25,7 @@ def recheck_file(file: str, spec_file: str | None, handling: OutputOptions) -> E
         return Exit.BAD_INPUT
     try:
         if isinstance(document, dict) and document.get("kind") == "fopi_tune optimum":
-            return recheck_optimum_file(document, spec_file, handling)
+            return recheck_optimum_file(document, spec_file, options)
         from fopi_tune.pipeline.prove import recheck
 
         found = recheck(document, spec_file)
@@ -37,9 +37,9 @@ def recheck_file(file: str, spec_file: str | None, handling: OutputOptions) -> E
         say(f"{file}: {error}")
         return Exit.BAD_INPUT
     except Exception as error:
-        return report_failure(file, error, handling.debug)
+        return report_failure(file, error, options.debug)
     code = Exit.MET if found.is_sound and found.certificate.verdict.value == "proved" else Exit.NOT_MET
-    if handling.as_json:
+    if options.as_json:
         return max(code, print_out(to_json(_document(found))))
     from fopi_tune.report import recheck_text
 
@@ -62,8 +62,12 @@ def _document(found: Recheck) -> dict[str, Any]:
     }
 
 
-def recheck_optimum_file(document: Any, spec_file: str | None, handling: OutputOptions) -> Exit:
-    """Check a file of an optimum, print what was found; like any certificate it raises what is wrong with it."""
+def recheck_optimum_file(document: Any, spec_file: str | None, options: OutputOptions) -> Exit:
+    """Check the certificate of an optimum against its spec and print the result.
+
+    Raises:
+        CertificateError: the document is no such certificate.
+        SpecError: the spec cannot be used."""
     from fopi_tune.pipeline.optimum import recheck_optimum
 
     if spec_file is None:
@@ -72,7 +76,7 @@ def recheck_optimum_file(document: Any, spec_file: str | None, handling: OutputO
     found = recheck_optimum(document, spec_file)
     stated = found.status.value in ("certified", "infeasible")
     code = Exit.MET if found.is_sound and stated else Exit.NOT_MET
-    if handling.as_json:
+    if options.as_json:
         return max(code, print_out(to_json(_optimum_document(found))))
     verdict = "sound" if found.is_sound else "refused"
     lines = [f"{verdict}: {found.status.value}, {found.leaves} boxes tested again in ball arithmetic"]

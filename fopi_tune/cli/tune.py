@@ -35,10 +35,10 @@ PointsOption = Annotated[int | None, typer.Option("--points", help="Limits in th
 
 @dataclass(frozen=True)
 class TuneOptions:
-    """What the command line asks about prices.
+    """Options of `fopi tune`: multipliers, the trade-off sweep and the solver.
 
     Args:
-        prices: check the multipliers.
+        prices: whether the multipliers are checked.
         requirement: whose limit is swept; None for none.
         start, stop, points: of the sweep; None where left out.
         solver: of the design.
@@ -52,7 +52,7 @@ class TuneOptions:
     solver: Solver = Solver.IPOPT
 
     def problem(self, specs: int) -> str | None:
-        """What is wrong with the options together, or None."""
+        """Why the options cannot be combined, or None."""
         if self.solver is not Solver.IPOPT and (self.prices or self.requirement is not None):
             return "--prices and --tradeoff are solved by ipopt; leave --solver out"
         if self.requirement is None:
@@ -64,8 +64,8 @@ class TuneOptions:
         return "--tradeoff sweeps the limit of one spec; name one SPEC" if specs != 1 else None
 
 
-def design_or_sweep(spec: DesignSpec, asked: TuneOptions, proof: bool) -> Design | Tradeoff:
-    """The design, with its prices where they are asked for, or the sweep.
+def design_or_sweep(spec: DesignSpec, options: TuneOptions, proof: bool) -> Design | Tradeoff:
+    """The design, with checked multipliers if requested, or the sweep.
 
     Raises:
         DomainError: of the sweep: there is no such requirement, or no design to start from.
@@ -73,19 +73,19 @@ def design_or_sweep(spec: DesignSpec, asked: TuneOptions, proof: bool) -> Design
     from fopi_tune.pipeline.price import NOT_ON_SAMPLES, price, tradeoff
     from fopi_tune.pipeline.tune import tune
 
-    if asked.requirement is not None:
-        points = 50 if asked.points is None else asked.points
-        return tradeoff(spec, asked.requirement, start=asked.start, stop=asked.stop, points=points)
-    if asked.prices and spec.digital is not None and spec.digital.designs_sampled:
+    if options.requirement is not None:
+        points = 50 if options.points is None else options.points
+        return tradeoff(spec, options.requirement, start=options.start, stop=options.stop, points=points)
+    if options.prices and spec.digital is not None and spec.digital.designs_sampled:
         raise DomainError(NOT_ON_SAMPLES)
-    if asked.solver is not Solver.IPOPT:
-        return tune(spec, proof, asked.solver)
+    if options.solver is not Solver.IPOPT:
+        return tune(spec, proof, options.solver)
     design = tune(spec) if proof else tune(spec, proof=False)
-    return price(design) if asked.prices else design
+    return price(design) if options.prices else design
 
 
-def with_optimum(design: Design, gap: float, time_limit_s: float, handling: OutputOptions) -> Design:
-    """The design with what is proved of the best gains; of an infeasible one, whether that is proved.
+def with_optimum(design: Design, gap: float, time_limit_s: float, output_options: OutputOptions) -> Design:
+    """The design with a proved bound of the optimum; of an infeasible design, with the result of proving infeasibility.
 
     Raises:
         DomainError: a gap or a limit that is not positive.
@@ -94,16 +94,16 @@ def with_optimum(design: Design, gap: float, time_limit_s: float, handling: Outp
 
     status = design.status.value
     if status not in ("solved", "infeasible"):
-        handling.note(f"{design.spec.name}: {status}, so there is no optimum to certify")
+        output_options.note(f"{design.spec.name}: {status}, so there is no optimum to certify")
         return design
-    handling.note(f"{design.spec.name}: certifying the optimum ...")
-    with progress_bar("boxes", handling.quiet) as bar:
-        told = None if bar is None else lambda done, left: bar(done, done + left)
+    output_options.note(f"{design.spec.name}: certifying the optimum ...")
+    with progress_bar("boxes", output_options.quiet) as bar:
+        progress_callback = None if bar is None else lambda done, left: bar(done, done + left)
         found = certify_optimum(
             design.spec,
             design.gains if status == "solved" else None,
             gap=gap,
             time_limit_s=time_limit_s,
-            progress=told,
+            progress=progress_callback,
         )
     return replace(design, optimum=found)

@@ -12,7 +12,7 @@ from fopi_tune.spec.yaml.records import Key, Record, Values, with_defaults_of
 from fopi_tune.spec.yaml.shapes import Choice, Converted, Number, Pair, PlainOrMapping, Shape, Text
 
 _FREE = GainRange()
-#: the orders searched when the spec does not say: the ends of (0, 2) themselves are no integrators
+#: orders that are searched by default; the ends 0 and 2 themselves are not allowed
 _ALPHA = GainRange(0.1, 1.9)
 _METHODS = ("oustaloup", "modified_oustaloup", "fit")
 _RULES = ("tustin", "matched")
@@ -62,8 +62,8 @@ def _build_gain(default: GainRange, values: Values, place: Place) -> GainRange |
 
 def digital_shape() -> Shape:
     """Reads to a `DigitalSpec`."""
-    said = "band of the approximation, rad/s: the gain crossover and two decades below it should lie inside"
-    band = Pair(f"{said}; the default suits crossovers from 0.1 to 1000 rad/s", Number("rad/s", above=0))
+    meaning_of_band = "band of the approximation, rad/s: the gain crossover and two decades below it should lie inside"
+    band = Pair(f"{meaning_of_band}; the default suits crossovers from 0.1 to 1000 rad/s", Number("rad/s", above=0))
     keys = {
         "sample_time_s": Key(Number("sampling period, s", above=0)),
         "method": Key(Choice("approximation of s^(1-alpha)", _METHODS), required=False),

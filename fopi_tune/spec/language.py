@@ -1,4 +1,4 @@
-"""The whole language: the shape of a spec file, and the rules between its sections."""
+"""The spec language: the shape of a whole file, the rules between its sections, and the language as JSON Schema."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def spec_shape() -> Record:
 
 
 def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
-    """The spec a document says, or None after reporting why there is none; `read` gives the files that it names."""
+    """The spec that a document describes, or None after reporting its problems; `read` reads files that it names."""
     if not isinstance(place.node, MappingNode):
         place.refuse(f"the file is no spec; {_START}")
         return None
@@ -62,8 +62,8 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
         return None
     placed = [each for each in values.get("requirements") or [] if each is not None]
     _check_between_sections(values, placed, place)
-    drawn: PlacedValidation | None = values.get("validation")
-    validation = None if drawn is None else resolve_validation(drawn, values.get("plant"), read)
+    placed_validation: PlacedValidation | None = values.get("validation")
+    validation = None if placed_validation is None else resolve_validation(placed_validation, values.get("plant"), read)
     if place.collector.problems:
         return None
     return DesignSpec(
@@ -121,7 +121,8 @@ def json_schema() -> dict[str, Any]:
     """The language as JSON Schema, draft 2020-12.
 
     It is generated from the shapes that read a spec and from the registries of plant models, quantities and objectives.
-    What needs two numbers or a plant to see (min > max, contradictions, `equals` over a family) only the tool reports.
+    Rules between several values or about the plant (min > max, contradictions, `equals` over a family) are not in the
+    schema; only the tool checks them.
     """
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -17,7 +17,7 @@ from fopi_tune.spec.yaml.composer import MAX_BYTES, compose, decode, to_bytes
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.problems import Mark, ProblemCollector, quoted
 
-#: what stages take for a spec: a file, or one that was read already
+#: a spec's file, or a spec that was read already
 Source = str | os.PathLike[str] | DesignSpec
 #: the same for a system
 SystemSource = str | os.PathLike[str] | SystemSpec
@@ -42,7 +42,7 @@ def load_any(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> Design
     """The spec or the system in a file.
 
     Args:
-        source: path of a YAML file; what is read already is returned as it is.
+        source: path of a YAML file; an object that was read already is returned as it is.
 
     Raises:
         SpecError: the file, or a spec that a system names, cannot be read or used; carries every problem found.
@@ -73,7 +73,7 @@ def load_system(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> Sys
 
 
 def load_document(source: str | os.PathLike[str]) -> tuple[Place, str]:
-    """A YAML file as a tree of places, for languages that are read with the shapes of this one.
+    """A YAML file as a place, for other languages that are read with the same shapes.
 
     Args:
         source: path of the file.
@@ -117,12 +117,12 @@ def packaged_spec(package: str, path: str) -> DesignSpec:
 def packaged_system(package: str, path: str) -> SystemSpec:
     """The system in a file that comes with a package, its specs beside it; arguments as for `packaged_spec`."""
 
-    def beside(told: str) -> DesignSpec:
-        return packaged_spec(package, posixpath.normpath(posixpath.join(posixpath.dirname(path), told)))
+    def load_beside(name_in_system: str) -> DesignSpec:
+        return packaged_spec(package, posixpath.normpath(posixpath.join(posixpath.dirname(path), name_in_system)))
 
     collector = ProblemCollector(path)
     return load_system(
-        _parse_any(to_bytes(_packaged(package, path), collector), collector, beside, contents_reader({}))
+        _parse_any(to_bytes(_packaged(package, path), collector), collector, load_beside, contents_reader({}))
     )
 
 
@@ -152,7 +152,7 @@ def _parse(data: bytes, collector: ProblemCollector, read: FileReader) -> Design
 
 def _read_file(path: str | os.PathLike[str], collector: ProblemCollector) -> bytes:
     try:
-        data = _contents(path, MAX_BYTES)
+        data = _read_bytes(path, MAX_BYTES)
     except FileNotFoundError:
         collector.stop(Mark(1, 1), "", "there is no such file; check the path, or write one with `fopi init`")
     except IsADirectoryError:
@@ -163,13 +163,13 @@ def _read_file(path: str | os.PathLike[str], collector: ProblemCollector) -> byt
 
 
 def folder_reader(spec: str | os.PathLike[str]) -> FileReader:
-    """Reads files whose paths are relative to a spec's folder."""
+    """A reader of files whose paths are relative to a spec's folder."""
     folder = os.path.dirname(os.fsdecode(spec))
 
     def read(name: str) -> bytes:
         path = os.path.join(folder, name)
         try:
-            return _contents(path, MAX_SAMPLES_BYTES)
+            return _read_bytes(path, MAX_SAMPLES_BYTES)
         except FileNotFoundError:
             raise UnreadableError(f"there is no file {path!r}; write its path as seen from the spec's folder") from None
         except (OSError, ValueError) as error:
@@ -179,7 +179,7 @@ def folder_reader(spec: str | os.PathLike[str]) -> FileReader:
 
 
 def contents_reader(files: Mapping[str, bytes]) -> FileReader:
-    """Reads files whose contents are at hand, by the names that a spec gives them."""
+    """A reader of contents that are given by the names that a spec uses."""
 
     def read(name: str) -> bytes:
         if name in files:
@@ -191,9 +191,9 @@ def contents_reader(files: Mapping[str, bytes]) -> FileReader:
     return read
 
 
-def _contents(path: str | os.PathLike[str], most: int) -> bytes:
+def _read_bytes(path: str | os.PathLike[str], limit: int) -> bytes:
     with open(path, "rb") as file:
-        return file.read(most + 1)  # one more than allowed shows that there is more
+        return file.read(limit + 1)  # one more than allowed shows that there is more
 
 
 def _reason(error: OSError | ValueError) -> str:

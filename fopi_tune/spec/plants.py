@@ -1,4 +1,4 @@
-"""The shape of `plant:`, made from the registry of plant models."""
+"""The shape of `plant:`, generated from the registry of plant models."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, Record, TaggedUnion, Values
 from fopi_tune.spec.yaml.shapes import Constant, Converted, ListOf, Number, PlainOrMapping, Shape
 
-#: more coefficients than this are no model anybody has identified, and polynomials that long cannot be evaluated well
+#: identified models have fewer coefficients, and longer polynomials are badly conditioned
 MAX_COEFFICIENTS = 32
 _DEAD_TIME = "dead_time_s"
-#: what the scalars of the models are, with their units
+#: meaning and unit of the models' scalars
 _MEANINGS = {
     "static_gain": "static gain, output per control unit",
     "time_constant_s": "time constant, s",
@@ -96,7 +96,7 @@ def _parameters(model: PlantModel, values: Values, place: Place) -> Iterator[tup
 
 
 def _check_lengths(values: Values, place: Place) -> None:
-    # what holds for every transfer function N/D that is written as coefficients
+    # rules for every transfer function N/D that is written as coefficients
     numerator, denominator = values.get("numerator"), values.get("denominator")
     if numerator is None or denominator is None:
         return

@@ -1,7 +1,8 @@
 """The shape of `validation:`:  how many plants are drawn, how each uncertain number is distributed, or which file lists
 the plants.
 
-A spec is read without its plant at hand, and a file it names only once everything else was read: `resolved` does both.
+The section is read in two steps.  The shape reads it without the plant; `resolve_validation` then checks it against the
+plant and reads the file of samples.
 """
 
 from __future__ import annotations
@@ -34,13 +35,13 @@ from fopi_tune.spec.yaml.scalars import is_empty
 from fopi_tune.spec.yaml.shapes import Choice, Constant, JsonSchema, Number, Pair, Shape, Text
 
 MAX_SAMPLES_BYTES, MAX_ROWS = 16 * 1024 * 1024, 1_000_000
-#: what a Latin hypercube can tell apart in floats
+#: more cells of a Latin hypercube are not resolved by floats
 MAX_LATIN_HYPERCUBE = 2**26
-_DRAWS = ("random", "latin_hypercube", "sobol")
+_SAMPLING_DESIGNS = ("random", "latin_hypercube", "sobol")
 _EXAMPLE = "{truncated_normal: {mean: 2.0, std: 0.5}}"
 _NOISE_EXAMPLE = "{shape: half_normal, mean: 0.85}"
 
-#: the bytes of a file that a spec names, as many as are allowed and one more where there are more
+#: path as written in a spec -> the file's bytes; of a file that is too large, one byte more than is allowed
 FileReader = Callable[[str], bytes]
 
 
@@ -73,9 +74,9 @@ def validation_shape(members: tuple[str, ...] = ()) -> Record:
             required=False,
         ),
         "seed": Key(Number("seed of the draw", at_least=0, at_most=2**63 - 1, whole=True), required=False),
-        "design": Key(Choice("how the plants are spread", _DRAWS), required=False),
+        "design": Key(Choice("how the plants are spread", _SAMPLING_DESIGNS), required=False),
         "confidence": Key(Number("of the intervals", above=0.5, below=1), required=False),
-        "distributions": Key(_ByNumber(members), required=False),
+        "distributions": Key(_DistributionMapping(members), required=False),
         "samples_file": Key(
             Text("CSV file of plants, one a row, beside the spec", r"\S.*", "write the path of a CSV file"),
             required=False,
@@ -88,17 +89,17 @@ def validation_shape(members: tuple[str, ...] = ()) -> Record:
 
 
 def resolve_validation(placed: PlacedValidation, family: PlantFamily | None, read: FileReader) -> ValidationSpec | None:
-    """The section with its file read, or None after reporting why there is none.
+    """The section, checked against the plant and with its file read; None after reporting problems.
 
     Args:
-        placed: what is written.
+        placed: the section as it is written.
         family: the plants; None where the spec has no readable ones, and nothing is checked against them.
-        read: gives the contents of the file that is named.
+        read: reads the file of samples.
     """
     values, place = dict(placed.values), placed.place
     name = values.pop("samples_file", None)
     if name is not None:
-        return _listed(name, values, place, family, read)
+        return _from_samples_file(name, values, place, family, read)
     before = len(place.collector.problems)
     if family is not None:
         _check_distributions(values.get("distributions", {}), place.child("distributions"), family)
@@ -112,8 +113,8 @@ def resolve_validation(placed: PlacedValidation, family: PlantFamily | None, rea
 
 
 @dataclass(frozen=True)
-class _ByNumber(Shape):
-    """A mapping from uncertain numbers to distributions; whether the plant has these numbers is seen later."""
+class _DistributionMapping(Shape):
+    """A mapping from uncertain numbers to distributions; whether the plant has these numbers is checked later."""
 
     members: tuple[str, ...] = ()
 
@@ -121,7 +122,7 @@ class _ByNumber(Shape):
         if not expect_mapping(place, "{time_constant_s: " + _EXAMPLE + "}"):
             return None
         assert isinstance(place.node, nodes.MappingNode)
-        found = {name: _OneDistribution().read(place.child(name)) for name in place.node.entries}
+        found = {name: _DistributionShape().read(place.child(name)) for name in place.node.entries}
         read_partial = {name: distribution for name, distribution in found.items() if distribution is not None}
         return read_partial if len(read_partial) == len(found) else None
 
@@ -134,17 +135,17 @@ class _ByNumber(Shape):
             "type": "object",
             "description": "how each uncertain number is distributed; uniform where left out",
             "properties": {},
-            "patternProperties": {pattern: _OneDistribution().json_schema()},
+            "patternProperties": {pattern: _DistributionShape().json_schema()},
             "additionalProperties": False,
         }
 
 
 @dataclass(frozen=True)
-class _OneDistribution(Shape):
+class _DistributionShape(Shape):
     """The word uniform, or a word with its numbers."""
 
     def read(self, place: Place) -> Distribution | None:
-        shape, node = _with_numbers(), place.node
+        shape, node = _parametric_shape(), place.node
         if not isinstance(node, nodes.ScalarNode) or (node.plain and is_empty(node.text)):
             return shape.read(place)
         if node.text == "uniform":
@@ -161,10 +162,10 @@ class _OneDistribution(Shape):
 
     def json_schema(self) -> JsonSchema:
         word = {"const": "uniform", "description": "every value of the range alike"}
-        return {"description": "the distribution of one number", "anyOf": [word, _with_numbers().json_schema()]}
+        return {"description": "the distribution of one number", "anyOf": [word, _parametric_shape().json_schema()]}
 
 
-def _with_numbers() -> OneKeyOf:
+def _parametric_shape() -> OneKeyOf:
     inner: dict[str, tuple[Shape, str]] = {
         "truncated_normal": (
             _record("a normal distribution without what lies outside the range", "mean std", TruncatedNormal),
@@ -235,12 +236,12 @@ def _check_distributions(found: dict[str, Distribution], place: Place, family: P
             hint = f"; did you mean {meant!r}?" if meant is not None and name not in family.parameters else ""
             mark = place.node.entries[name][0]
             place.collector.add(mark, key_path(place.path, name), not_uncertain(name, family) + hint)
-        elif problem := distribution.problem(family.parameters[name]) or _no_plant(name, distribution, family):
+        elif problem := distribution.problem(family.parameters[name]) or _impossible_range(name, distribution, family):
             place.child(name).refuse(problem)
 
 
-def _no_plant(name: str, distribution: Distribution, family: PlantFamily) -> str | None:
-    """Why no draw can be a plant: what a model refuses at both ends it refuses between them too."""
+def _impossible_range(name: str, distribution: Distribution, family: PlantFamily) -> str | None:
+    """Why no draw can be a plant; a model that refuses both ends of a range refuses every value between them."""
     low, high = distribution.reach(family.parameters[name])
     at_low, at_high = (family.problem(name, Uncertain.exactly(end)) for end in (low, high))
     if at_low is None or at_high is None:
@@ -251,7 +252,7 @@ def _no_plant(name: str, distribution: Distribution, family: PlantFamily) -> str
 # -- a file of samples ------------------------------------------------------------------------------------------------
 
 
-def _listed(
+def _from_samples_file(
     name: str, values: Values, place: Place, family: PlantFamily | None, read: FileReader
 ) -> ValidationSpec | None:
     for key in ("distributions", "design"):
@@ -260,7 +261,7 @@ def _listed(
     where = place.child("samples_file")
     try:
         data = read(name)
-        table = _table(data, family)
+        table = _read_table(data, family)
     except (UnreadableError, DomainError) as error:
         where.refuse(str(error) if isinstance(error, UnreadableError) else f"{quoted(name)}: {error}")
         return None
@@ -273,7 +274,7 @@ def _listed(
     return ValidationSpec(samples=values.get("samples", rows), samples_file=listed, **plain)
 
 
-def _table(data: bytes, family: PlantFamily | None) -> Table:
+def _read_table(data: bytes, family: PlantFamily | None) -> Table:
     if len(data) > MAX_SAMPLES_BYTES:
         raise DomainError(f"is larger than {MAX_SAMPLES_BYTES // 2**20} MiB; keep fewer rows or digits")
     if max(data.count(b"\n"), data.count(b"\r")) > MAX_ROWS + 1:
@@ -287,9 +288,9 @@ def _table(data: bytes, family: PlantFamily | None) -> Table:
         return table
     if not family.uncertain_names:
         raise DomainError("the plant has no uncertain number that a file could list; remove samples_file")
-    places = table.rows[:, table.columns(family)]
-    refused = impossible(places, family)
+    points = table.rows[:, table.columns(family)]
+    refused = impossible(points, family)
     if refused.any():
         row = int(refused.argmax())
-        raise DomainError(f"line {row + 2} is no plant: {why_impossible(places[row], family)}")
+        raise DomainError(f"line {row + 2} is no plant: {why_impossible(points[row], family)}")
     return table

@@ -1,4 +1,4 @@
-"""Many specs:  a study file -> cells -> a ledger that survives being killed -> a table.
+"""Many specs:  a study file -> cells -> a ledger on the disk, which allows a restart -> a table.
 
 Importing it loads neither Dask nor a solver.
 """
@@ -39,9 +39,9 @@ class StudyResult:
 
     Args:
         study: with its cells.
-        counts: how many of them have an answer.
+        counts: how many of them have a result or failed.
         table: what was collected.
-        failures: index, label and reason of each cell without an answer.
+        failures: index, label and reason of each failed cell.
     """
 
     study: Study
@@ -66,10 +66,10 @@ def run(
         study: from `load_study`.
         folder: of the ledger; made where there is none.
         machines: what runs the cells.
-        retry_failed: run cells without an answer again.
-        resume: refuse to begin anew.
-        told: how far it is, after every chunk.
-        say: told what people should know about the cluster.
+        retry_failed: run failed cells again.
+        resume: refuse to begin a new study.
+        told: called with the progress after every chunk.
+        say: called with messages about the cluster.
 
     Raises:
         LedgerError: the ledger cannot be used, or another process runs this study.

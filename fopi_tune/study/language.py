@@ -1,4 +1,4 @@
-"""The shape of a study file:  which specs, what is put into them, what is run, and what is collected."""
+"""The shape of a study file:  specs, overrides, the stages to run, and the columns to collect."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Plain
 from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
 from fopi_tune.study.overrides import PATH_PATTERN, Override, parse_path
 
-#: keys that begin with this are for the spec that the gains are checked against
+#: paths that begin with this are overrides of the spec that the gains are checked against
 CHECK = "check."
 #: all entries of a registry
 ALL = "all"
@@ -34,13 +34,13 @@ class Axis:
     nodes: tuple[Node, ...]
 
     def override(self, index: int) -> Override:
-        """The value with an index."""
+        """The override with one of the values."""
         return Override(self.path, self.mark, self.nodes[index])
 
 
 @dataclass(frozen=True)
 class PlacedWord:
-    """A word of the study and where it is."""
+    """A word of the study and where it is written."""
 
     word: str
     mark: Mark
@@ -68,7 +68,7 @@ class StudyFile:
 
 @dataclass(frozen=True)
 class AnyValue(Shape):
-    """Any value; the spec language judges it where it is put in."""
+    """Any value; it is checked as part of the spec that it is put into."""
 
     meaning: str
 
@@ -87,7 +87,9 @@ class NonEmptyList(Shape):
 
     def read(self, place: Place) -> tuple[Node, ...] | None:
         if not isinstance(place.node, SequenceNode):
-            place.refuse(f"{kind_of(place.node)} is written where a list of values belongs; write [{_shown(place)}]")
+            place.refuse(
+                f"{kind_of(place.node)} is written where a list of values belongs; write [{_as_list_item(place)}]"
+            )
             return None
         if not place.node.nodes:
             place.refuse("the list is empty; write at least one value, or remove the key")
@@ -100,7 +102,7 @@ class NonEmptyList(Shape):
 
 @dataclass(frozen=True)
 class PathMapping(Shape):
-    """A mapping from paths into the spec to something; reads to axes."""
+    """A mapping from paths into the spec to values of one shape; reads to axes."""
 
     meaning: str
     shape: Shape
@@ -147,7 +149,7 @@ class ColumnMapping(Shape):
 
 @dataclass(frozen=True)
 class WithPlace(Shape):
-    """A word that keeps its place."""
+    """A word, read together with its place."""
 
     shape: Shape
 
@@ -175,7 +177,7 @@ class AllOrList(Shape):
         return {"anyOf": [{"const": ALL}, self.names.json_schema()]}
 
 
-#: when a study does not say
+#: the default of `stages`
 _STAGES = [Stage.TUNE.value, Stage.PROVE.value]
 
 
@@ -211,7 +213,7 @@ def study_shape() -> Record:
 
 
 def read_study(place: Place) -> StudyFile | None:
-    """The study a document says, or None after reporting why there is none."""
+    """The study that a document describes, or None after reporting its problems."""
     if not isinstance(place.node, MappingNode):
         place.refuse(f"the file is no study; write one such as {_EXAMPLE}")
         return None
@@ -255,9 +257,9 @@ def _check_between_sections(values: Values, place: Place) -> None:
     for key in ("cells", "grid", "zip", "stages", "starts", "collect"):
         if place.has(key) and not place.has("specs") and any(place.has(k) for k in ("claims", "figures")):
             place.child(key).refuse("this is about specs, and there are none; add specs: [FILE] or remove it")
-    _refuse_twice(values, place)
-    _refuse_replaced(values, place)
-    _refuse_taken(values, place)
+    _refuse_duplicate_paths(values, place)
+    _refuse_overrides_without_effect(values, place)
+    _refuse_duplicate_columns(values, place)
     zipped: list[Axis] = list(values.get("zip") or ())
     for first, axis in ((zipped[0], other) for other in zipped[1:]):
         if len(axis.nodes) != len(first.nodes):
@@ -272,8 +274,8 @@ def _check_between_sections(values: Values, place: Place) -> None:
             place.collector.add(path.mark, name, f"{path.word} begins with no stage that is run; {hint}")
 
 
-def _refuse_twice(values: Values, place: Place) -> None:
-    """A path belongs to one section."""
+def _refuse_duplicate_paths(values: Values, place: Place) -> None:
+    """Reports paths that have values in two sections."""
     sections: list[tuple[Place, tuple[Axis, ...]]] = [(place.child(k), values.get(k) or ()) for k in ("grid", "zip")]
     if values.get("cells"):
         cells = place.child("cells")
@@ -286,8 +288,8 @@ def _refuse_twice(values: Values, place: Place) -> None:
                 where.collector.add(axis.mark, where.child(axis.path).path, message)
 
 
-def _refuse_replaced(values: Values, place: Place) -> None:
-    """What the table would show though it has no effect: put in first and replaced later, or gains of the check."""
+def _refuse_overrides_without_effect(values: Values, place: Place) -> None:
+    """Reports overrides without effect, which the table would show: replaced by a later one, or gains of the check."""
     after = [(place.child(key), axis) for key in ("zip", "grid") for axis in values.get(key) or ()]
     given: list[tuple[Axis, ...]] = values.get("cells") or []
     cells = [[(place.child("cells").item(i), axis) for axis in axes or ()] for i, axes in enumerate(given)]
@@ -303,17 +305,17 @@ def _refuse_replaced(values: Values, place: Place) -> None:
                 where.collector.add(axis.mark, where.child(axis.path).path, message)
 
 
-def _refuse_taken(values: Values, place: Place) -> None:
-    """Every column of the table has a name of its own."""
+def _refuse_duplicate_columns(values: Values, place: Place) -> None:
+    """Reports columns whose name is used already."""
     groups = [values.get("grid"), values.get("zip"), *(values.get("cells") or ())]
-    taken = {*_COLUMNS, *(axis.path for axes in groups for axis in axes or ())}
+    used_names = {*_COLUMNS, *(axis.path for axes in groups for axis in axes or ())}
     given, where = values.get("collect"), place.child("collect")
     if given is None:
         return
     names = list(given)
     for index, name in enumerate(names):
         at = where.child(name) if isinstance(given, Mapping) else where.item(index)
-        if name in taken:
+        if name in used_names:
             at.refuse(f"every table of this study has a column {name} already; remove this, or give it another name")
         elif name in names[:index]:
             at.refuse("is collected already; remove one of the two")
@@ -330,5 +332,5 @@ def _collected(values: Values, place: Place) -> list[tuple[str, PlacedWord]]:
     return [(place.path, PlacedWord(path, place.mark, place.path)) for place, path in places]
 
 
-def _shown(place: Place) -> str:
+def _as_list_item(place: Place) -> str:
     return kind_of(place.node).strip("'") if not isinstance(place.node, MappingNode) else "{...}"

@@ -1,4 +1,4 @@
-"""A study's file and the files of its specs -> Study; and the language of studies as JSON Schema."""
+"""A study file and its spec files -> Study; the language of studies as JSON Schema."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def load_study(
     registry: str = REGISTRY,
     told: Callable[[int], None] | None = None,
 ) -> Study:
-    """The study in a file, with all its cells made and judged.
+    """The study in a file, with all its cells made and checked.
 
     Args:
         source: path of a YAML file.
         force: make more cells than the study's limit.
         registry: module that has CLAIMS and FIGURES.
-        told: the number of cells, before they are made.
+        told: called with the number of cells before they are made.
 
     Raises:
         SpecError: the file or one of its specs cannot be used, or an override makes a spec that cannot.
@@ -66,12 +66,12 @@ def _bases(study: StudyFile) -> list[BaseSpec]:
         try:
             place, _ = load_document(path)
         except SpecError as error:
-            # where the study names it, and what is wrong there
+            # the position in the study file, with the problem in the spec file
             where = Problem(study.file, placed.mark.line, placed.mark.column, placed.path, "the spec cannot be used:")
             problems += [replace(where, message=f"{where.message} {problem}") for problem in error.problems]
             continue
         problems += place.collector.problems
-        # cells that name the same file share what was read
+        # cells that name the same file read it once
         found.append(BaseSpec(path, place.node, cache(folder_reader(path))))
     if problems:
         raise SpecError(tuple(problems))
@@ -81,7 +81,7 @@ def _bases(study: StudyFile) -> list[BaseSpec]:
 def study_json_schema() -> dict[str, Any]:
     """The language as JSON Schema, draft 2020-12, generated from the shapes that read a study.
 
-    What an override makes of a spec only the tool judges.
+    Overridden specs are not covered by the schema; only the tool checks them.
     """
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

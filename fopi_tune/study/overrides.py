@@ -1,7 +1,7 @@
-"""Trees of a document's nodes:  values put in at paths, and the canonical text in which a spec travels.
+"""Overrides of a spec's tree of nodes:  values put in at paths, and the canonical text that is sent to workers.
 
-The text is JSON, which every YAML 1.2 reader reads: keys sorted, numbers in their shortest form, no description.  Equal
-specs have equal texts, whatever their files look like.
+The text is JSON, which every YAML 1.2 reader accepts: keys sorted, numbers in their shortest form, no description.
+Equal specs have equal texts, whatever their files look like.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, RejectedNode, Sc
 from fopi_tune.spec.yaml.problems import Mark, ProblemCollector
 from fopi_tune.spec.yaml.scalars import is_number
 
-_STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,4}\])*)")
-#: a path as a whole, for the schema
+_STEP_PATTERN = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,4}\])*)")
+#: a whole path, for the schema
 PATH_PATTERN = r"[A-Za-z_][A-Za-z0-9_]*(?:\[[0-9]{1,4}\])*(?:\.[A-Za-z_][A-Za-z0-9_]*(?:\[[0-9]{1,4}\])*)*"
-#: steps of a path; no spec is half as deep
-_DEEPEST = 32
+#: most steps of a path; specs are less than half as deep
+_MAX_STEPS = 32
 _WHOLE = re.compile(r"[+-]?[0-9]+")
-_NOWHERE = Mark(1, 1)
+_NO_MARK = Mark(1, 1)
 
-#: names of files, as a spec writes them, and what is in them
+#: names of files, as a spec writes them, and their contents
 Files = tuple[tuple[str, bytes], ...]
-#: keys and indices
+#: the steps of a path: keys and indices
 Path = tuple[str | int, ...]
 
 
 class NoSuchPathError(ValueError):
-    """A path that leads through something that is no mapping or list; the message says where."""
+    """A path through a node that is not a mapping or list; the message says where."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,11 @@ class Override:
 
 def parse_path(text: str) -> Path | None:
     """`requirements[2].limit` as keys and indices; None if it is no path."""
-    if text.count(".") + text.count("[") >= _DEEPEST:
+    if text.count(".") + text.count("[") >= _MAX_STEPS:
         return None
     steps: list[str | int] = []
     for part in text.split("."):
-        match = _STEP.fullmatch(part)
+        match = _STEP_PATTERN.fullmatch(part)
         if match is None:
             return None
         steps.append(match.group(1))
@@ -69,7 +69,7 @@ def parse_path(text: str) -> Path | None:
 
 
 def format_path(path: Path) -> str:
-    """The inverse of `path_of`."""
+    """A path as text; the inverse of `parse_path`."""
     text = ""
     for step in path:
         text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
@@ -77,17 +77,17 @@ def format_path(path: Path) -> str:
 
 
 def apply_override(tree: Node, override: Override) -> Node:
-    """The tree with a value put in; a key that is missing is added, for the spec language to judge.
+    """The tree with a value put in.  A missing key is added; it is checked with the spec.
 
     Raises:
         NoSuchPlaceError: the path leads through a number or a word, or beyond the end of a list.
     """
     path = parse_path(override.path)
     assert path is not None, override.path
-    return _replaced(tree, path, 0, override)
+    return _apply_at(tree, path, 0, override)
 
 
-def _replaced(tree: Node, path: Path, depth: int, override: Override) -> Node:
+def _apply_at(tree: Node, path: Path, depth: int, override: Override) -> Node:
     if depth == len(path):
         return override.node
     step, where = path[depth], format_path(path[:depth])
@@ -97,18 +97,18 @@ def _replaced(tree: Node, path: Path, depth: int, override: Override) -> Node:
         if step >= len(tree.nodes):
             raise NoSuchPathError(f"{where} has {len(tree.nodes)} entries in the spec; they count from [0]")
         nodes = list(tree.nodes)
-        nodes[step] = _replaced(nodes[step], path, depth + 1, override)
+        nodes[step] = _apply_at(nodes[step], path, depth + 1, override)
         return replace(tree, nodes=tuple(nodes))
     if not isinstance(tree, MappingNode):
         raise NoSuchPathError(f"{where} is {kind_of(tree)} in the spec, not a mapping; override {where} as a whole")
     mark, inner = tree.entries.get(step, (override.mark, MappingNode(override.mark, {})))
     if isinstance(path[depth + 1] if depth + 1 < len(path) else "", int) and step not in tree.entries:
         raise NoSuchPathError(f"{format_path(path[: depth + 1])} is not in the spec; give the whole list")
-    return replace(tree, entries={**tree.entries, step: (mark, _replaced(inner, path, depth + 1, override))})
+    return replace(tree, entries={**tree.entries, step: (mark, _apply_at(inner, path, depth + 1, override))})
 
 
 def plain_value(node: Node) -> Any:
-    """A node as JSON has it; only numbers as the spec language writes them are numbers."""
+    """A node as a JSON value; scalars that the spec language reads as numbers become numbers."""
     if isinstance(node, MappingNode):
         return {key: plain_value(value) for key, (_, value) in node.entries.items()}
     if isinstance(node, SequenceNode):
@@ -127,23 +127,23 @@ def canonical_text(tree: Node) -> str:
 
 
 def node_from_json(value: Any) -> Node:
-    """JSON as nodes."""
+    """A JSON value as a node."""
     if isinstance(value, dict):
-        return MappingNode(_NOWHERE, {key: (_NOWHERE, node_from_json(inner)) for key, inner in value.items()})
+        return MappingNode(_NO_MARK, {key: (_NO_MARK, node_from_json(inner)) for key, inner in value.items()})
     if isinstance(value, list):
-        return SequenceNode(_NOWHERE, tuple(node_from_json(inner) for inner in value))
+        return SequenceNode(_NO_MARK, tuple(node_from_json(inner) for inner in value))
     if isinstance(value, str):
-        return ScalarNode(_NOWHERE, value, plain=False)
-    return ScalarNode(_NOWHERE, repr(value), plain=True)
+        return ScalarNode(_NO_MARK, value, plain=False)
+    return ScalarNode(_NO_MARK, repr(value), plain=True)
 
 
 def spec_from_text(text: str, name: str = "<cell>", files: Files = ()) -> DesignSpec:
-    """The spec of a canonical text: what `parse_spec` says, without its YAML reader's milliseconds.
+    """The spec of a canonical text: the same as `parse_spec`, but faster, without the YAML reader.
 
     Args:
         text: the spec.
         name: what messages call it.
-        files: that it names, with what is in them.
+        files: names and contents of the files that it names.
 
     Raises:
         SpecError: not a usable spec.
@@ -157,5 +157,5 @@ def spec_from_text(text: str, name: str = "<cell>", files: Files = ()) -> Design
 
 
 def spec_from_tree(tree: Node, collector: ProblemCollector, read: FileReader, sha256: str = "") -> DesignSpec | None:
-    """The spec that a tree says, or None after reporting why there is none; `read` gives the files that it names."""
+    """The spec of a tree, or None after reporting its problems; `read` reads the files that it names."""
     return read_spec(Place(tree, "", collector), sha256, read)

@@ -162,8 +162,8 @@ def test_a_result_does_not_depend_on_what_was_run_before() -> None:
         from fopi_tune.study import worker as kept
 
         compiling._kept.clear()
-        kept._designed.cache_clear()
-        kept._base.cache_clear()
+        kept._cached_design.cache_clear()
+        kept._base_neighbour.cache_clear()
         return {i: run_cell("key", cells[i]).document for i in order}
 
     assert gains((0, 1, 2)) == gains((2, 0, 1)) == {**gains((1,)), **gains((2,)), **gains((0,))}

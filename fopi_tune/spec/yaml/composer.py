@@ -47,7 +47,7 @@ def to_bytes(text: str | bytes, collector: ProblemCollector) -> bytes:
             text = text.encode("utf-8")
         except UnicodeEncodeError as error:
             message = f"contains the character U+{ord(text[error.start]):04X}, which is not text; remove it"
-            collector.stop(_place(text[: error.start]), "", message)
+            collector.stop(_mark_after(text[: error.start]), "", message)
     if len(text) > MAX_BYTES:
         message = f"the file is larger than {MAX_BYTES // 1024} KiB; a spec is a few KiB: is this the right file?"
         collector.stop(Mark(1, 1), "", message)
@@ -69,21 +69,21 @@ def decode(data: bytes, collector: ProblemCollector) -> str:
     except UnicodeDecodeError as error:
         before = data[: error.start].decode("utf-8")
         message = f"byte 0x{data[error.start]:02x} is not UTF-8; save the file as UTF-8"
-        collector.stop(_place(before), "", message)
+        collector.stop(_mark_after(before), "", message)
     if bad := _NOT_PRINTABLE.search(text):
         message = f"contains the control character U+{ord(bad.group()):04X}; remove it, or save the file as UTF-8"
-        collector.stop(_place(text[: bad.start()]), "", message)
+        collector.stop(_mark_after(text[: bad.start()]), "", message)
     return text
 
 
-def _place(before: str) -> Mark:
-    """The place right after `before`."""
+def _mark_after(before: str) -> Mark:
+    """The position right after `before`."""
     lines = re.split("\r\n|\r|\n", before)
     return Mark(len(lines), len(lines[-1]) + 1)
 
 
 def compose(text: str, collector: ProblemCollector) -> Node:
-    """The one document in `text`; what may be skipped is reported and skipped.
+    """The one document in `text`; nodes that are not allowed are reported and replaced by a `RejectedNode`.
 
     Raises:
         SpecError: not YAML, over a cap, empty, or more than one document.
@@ -91,14 +91,14 @@ def compose(text: str, collector: ProblemCollector) -> Node:
     return _Composer(text, collector).document()
 
 
-def _mark(mark: Any) -> Mark:
+def _mark_of(mark: Any) -> Mark:
     return Mark(mark.line + 1, mark.column + 1)
 
 
 class _Composer:
     def __init__(self, text: str, collector: ProblemCollector) -> None:
         self.collector = collector
-        # no plug-ins: looking for them reads the disk
+        # no plug-ins: the search for them reads the disk
         self.events: Iterator[Any] = YAML(typ="safe", pure=True, plug_ins=[]).parse(text)
         self.here = Mark(1, 1)
         self.nodes = 0
@@ -108,13 +108,13 @@ class _Composer:
             event = next(self.events)
         except MarkedYAMLError as error:
             place = error.problem_mark or error.context_mark
-            said = ", ".join(str(part) for part in (error.context, error.problem) if part)
-            self.collector.stop(_mark(place) if place else self.here, "", _syntax_message(said))
-        # The reader is pure Python and has been seen to leak other exceptions on malformed text (ValueError for
-        # an escape beyond Unicode); for us all of them mean the same: this text cannot be read.
+            parser_message = ", ".join(str(part) for part in (error.context, error.problem) if part)
+            self.collector.stop(_mark_of(place) if place else self.here, "", _syntax_message(parser_message))
+        # The reader is pure Python and sometimes raises other exceptions on malformed text (ValueError for
+        # an escape beyond Unicode).  All of them mean that the text cannot be read.
         except Exception as error:
             self.collector.stop(self.here, "", _syntax_message(str(error)))
-        self.here = _mark(event.start_mark)
+        self.here = _mark_of(event.start_mark)
         return event
 
     def document(self) -> Node:
@@ -131,7 +131,7 @@ class _Composer:
         return node
 
     def node(self, event: Any, path: str, depth: int) -> Node:
-        mark = _mark(event.start_mark)
+        mark = _mark_of(event.start_mark)
         self.check_caps(mark, path, depth)
         if isinstance(event, AliasEvent):
             self.collector.add(mark, path, "aliases (*name) are not allowed; write the value out")
@@ -153,7 +153,7 @@ class _Composer:
                 mark, "", f"the spec has more than {MAX_NODES} values; split it or use fewer requirements"
             )
         if depth > MAX_DEPTH:
-            # the path would be as deep as the text
+            # the whole path would be as long as the text is deep
             outermost = path.split(".", maxsplit=1)[0].split("[", maxsplit=1)[0]
             self.collector.stop(mark, outermost, f"nested deeper than {MAX_DEPTH} levels; a spec needs at most 6")
 
@@ -167,13 +167,13 @@ class _Composer:
         found: dict[str, tuple[Mark, Node]] = {}
         while not isinstance(event := self.advance(), MappingEndEvent):
             key = self.key(event, path, depth)
-            # an unusable key's value is read all the same, for the mistakes that are in it
+            # the value of an unusable key is read too, so that its own mistakes are reported
             inner = path if key is None else key_path(path, key.text)
             value = self.node(self.advance(), inner, depth + 1)
             if key is None:
                 continue
             if isinstance(value, ScalarNode) and value.plain and not value.text:
-                value = ScalarNode(key.mark, "", plain=True)  # nothing is written: the next line's place would mislead
+                value = ScalarNode(key.mark, "", plain=True)  # an empty value: its own mark may be on the next line
             if key.text in found:
                 first = found[key.text][0].line
                 message = f"the key is on line {first} and again on line {key.mark.line}; keep one"
@@ -199,8 +199,8 @@ class _Composer:
         return node
 
 
-def _syntax_message(said: str) -> str:
-    reason = " ".join(said.split())[:160]
+def _syntax_message(parser_message: str) -> str:
+    reason = " ".join(parser_message.split())[:160]
     if "'\\t'" in reason:
         return f"not valid YAML ({reason}); indent with spaces, not with tabs"
     return f"not valid YAML ({reason}); check the indentation, colons, quotes and brackets here"

@@ -38,7 +38,7 @@ class MappingNode:
 
 @dataclass(frozen=True)
 class RejectedNode:
-    """A node that was reported already; nothing more is said about it."""
+    """A node that is not allowed; its problem was reported already."""
 
     mark: Mark
 
@@ -48,7 +48,7 @@ Node = ScalarNode | SequenceNode | MappingNode | RejectedNode
 
 @dataclass(frozen=True)
 class Place:
-    """A node, where it is in the document, and whom to tell what is wrong with it."""
+    """A node, its path in the document, and the collector of its problems."""
 
     node: Node
     path: str
@@ -60,19 +60,19 @@ class Place:
         return self.node.mark
 
     def refuse(self, message: str) -> None:
-        """Report the node; a node that was reported while composing is not reported again."""
+        """Report a problem of this node; a rejected node has one already."""
         if not isinstance(self.node, RejectedNode):
             self.collector.add(self.mark, self.path, message)
 
     def child(self, key: str) -> Place:
-        """The value of a key; of a key that is not there, the mapping itself."""
+        """The place of a key's value; of a missing key, the mapping with the key added to the path."""
         path = key_path(self.path, key)
         if isinstance(self.node, MappingNode) and key in self.node.entries:
             return Place(self.node.entries[key][1], path, self.collector)
         return Place(self.node, path, self.collector)
 
     def item(self, index: int) -> Place:
-        """An entry of a list."""
+        """The place of a list's entry."""
         assert isinstance(self.node, SequenceNode)
         return Place(self.node.nodes[index], item_path(self.path, index), self.collector)
 
@@ -82,7 +82,7 @@ class Place:
 
 
 def kind_of(node: Node) -> str:
-    """What the user wrote, in words."""
+    """What the user wrote there, in words for a message."""
     if isinstance(node, MappingNode):
         return "a mapping"
     if isinstance(node, SequenceNode):
@@ -92,9 +92,9 @@ def kind_of(node: Node) -> str:
     return quoted(node.text) if isinstance(node, ScalarNode) else "an alias"
 
 
-def scalar_of(place: Place, wanted: str) -> ScalarNode | None:
+def scalar_of(place: Place, expected: str) -> ScalarNode | None:
     """The node as a scalar, or None after reporting."""
     if isinstance(place.node, ScalarNode):
         return place.node
-    place.refuse(f"{kind_of(place.node)} is written where {wanted} belongs; write {wanted}")
+    place.refuse(f"{kind_of(place.node)} is written where {expected} belongs; write {expected}")
     return None

@@ -1,4 +1,4 @@
-"""Collects what is wrong with a spec, so that every mistake is reported at once."""
+"""Collects the problems of a file, each with line and column, so that all mistakes are reported at once."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _EXCERPT_LENGTH = 40
 
 @dataclass(frozen=True, order=True)
 class Mark:
-    """A place in the text; `line` and `column` count from 1."""
+    """A position in the text; `line` and `column` count from 1."""
 
     line: int
     column: int
@@ -37,7 +37,7 @@ class ProblemCollector:
         raise self.error()
 
     def error(self) -> SpecError:
-        """Everything found so far, sorted by place."""
+        """All problems found so far, sorted by position."""
         return SpecError(tuple(sorted(self.problems, key=lambda p: (p.line, p.column))))
 
 

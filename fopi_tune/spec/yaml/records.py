@@ -18,12 +18,12 @@ Values = dict[str, Any]
 
 @dataclass(frozen=True)
 class Key:
-    """One key of a record.
+    """One key of a record, its shape and its default.
 
     Args:
         shape: of its value.
         required: whether it must be there.
-        default: what holds when it is left out, as it would be written; None when nothing does, or no fixed value.
+        default: its value when it is left out, as it would be written in a file; None without a fixed one.
     """
 
     shape: Shape
@@ -31,7 +31,7 @@ class Key:
     default: Any = None
 
     def json_schema(self) -> JsonSchema:
-        """The value's shape, and what holds when the key is left out."""
+        """The value's schema, and the default."""
         return self.shape.json_schema() | ({} if self.default is None else {"default": self.default})
 
 
@@ -42,9 +42,9 @@ class Record(Shape):
     Args:
         meaning: one sentence for people.
         keys: each key's shape, in the order they are listed to the user.
-        build: the values of the keys that are there, and their place, to the result; it may report and return None.
-        example: what a user could write, for the message when there is no mapping.
-        elsewhere: keys that are known in other places: why not here.
+        build: makes the result from the values that are present and their place; may report problems and return None.
+        example: what a user could write; shown when there is no mapping.
+        elsewhere: keys that are allowed in other records, each with the reason why it is not allowed here.
         rules: JSON Schema keywords for what `build` checks beyond the single keys.
     """
 
@@ -107,7 +107,7 @@ class TaggedUnion(Shape):
         word = Choice(self.meaning, self.records).read(tag)
         if word is not None:
             return self.records[word].read(place)
-        # read on as what was probably meant, so that the mistakes in the rest are reported as well
+        # read the rest as the record that was probably meant, so that its mistakes are reported too
         meant = closest(tag.node.text, self.records) if isinstance(tag.node, ScalarNode) else None
         if meant is not None:
             self.records[meant].read_partial(place)
@@ -154,15 +154,15 @@ class OneKeyOf(Shape):
 
 
 def with_defaults_of(made: type, keys: Mapping[str, Key]) -> dict[str, Key]:
-    """The keys with the defaults of the dataclass that their values make; the ends of infinite ranges are no values."""
+    """The keys, with the defaults of the dataclass that is made from their values; infinite defaults are left out."""
     found = {each.name: each.default for each in fields(made)}
     return {
-        name: key if key.required else replace(key, default=_written(found.get(name, MISSING)))
+        name: key if key.required else replace(key, default=_default_as_written(found.get(name, MISSING)))
         for name, key in keys.items()
     }
 
 
-def _written(value: object) -> Any:
+def _default_as_written(value: object) -> Any:
     """A default as it would be written in a file, or None where it cannot be."""
     if isinstance(value, tuple):
         return list(value) or None
@@ -189,7 +189,7 @@ def refuse_unknown_keys(place: Place, known: Collection[str], elsewhere: Mapping
     """Reports every key that is not known; returns the known keys that were probably meant by them."""
     assert isinstance(place.node, MappingNode)
     meant: set[str] = set()
-    # what is there already was not misspelt
+    # a key that is present cannot be the one that was misspelt
     free = [name for name in known if not place.has(name)] or known
     for key, (mark, value) in place.node.entries.items():
         if key in known:

@@ -1,4 +1,4 @@
-"""Shapes of single values: each reads a node strictly and says the same in JSON Schema, so that the two cannot diverge.
+"""Shapes of values: each reads a node strictly and generates the matching JSON Schema, so that the two cannot diverge.
 
 A shape's `read` returns None for what it could not read; it has then reported why.
 """
@@ -43,19 +43,19 @@ class Number(Shape):
     whole: bool = False
 
     def read(self, place: Place) -> float | int | None:
-        wanted = "a whole number" if self.whole else "a number"
-        scalar = scalar_of(place, wanted)
+        expected = "a whole number" if self.whole else "a number"
+        scalar = scalar_of(place, expected)
         if scalar is None:
             return None
         try:
             if not scalar.plain:
-                advice = f"write {scalar.text} without quotes" if is_number(scalar.text) else f"write {wanted}"
-                raise NotANumberError(f"{quoted(scalar.text)} in quotes is text where {wanted} belongs; {advice}")
+                advice = f"write {scalar.text} without quotes" if is_number(scalar.text) else f"write {expected}"
+                raise NotANumberError(f"{quoted(scalar.text)} in quotes is text where {expected} belongs; {advice}")
             value = parse_integer(scalar.text) if self.whole else parse_number(scalar.text)
         except NotANumberError as reason:
             place.refuse(str(reason))
             return None
-        if self._holds(value):
+        if self._in_range(value):
             return value
         place.refuse(f"{scalar.text} is out of range; it must be {self._range()}")
         return None
@@ -70,7 +70,7 @@ class Number(Shape):
         schema: JsonSchema = {"type": "integer" if self.whole else "number", "description": self.meaning}
         return schema | {key: end for key, end in ends.items() if end is not None}
 
-    def _holds(self, value: float) -> bool:
+    def _in_range(self, value: float) -> bool:
         return (
             (self.above is None or value > self.above)
             and (self.below is None or value < self.below)
@@ -137,7 +137,7 @@ class Choice(Shape):
 
 @dataclass(frozen=True)
 class Constant(Shape):
-    """A word that was read already, to find out which shape this is."""
+    """A fixed word; it was read already to select this shape."""
 
     meaning: str
     word: str
@@ -186,11 +186,11 @@ class ListOf(Shape):
     def read_partial(self, place: Place) -> list[Any] | None:
         """The list with None for each value that could not be read; None if it is no list of the right length."""
         if not isinstance(place.node, SequenceNode):
-            place.refuse(f"{kind_of(place.node)} is written where a list belongs; write {self._wanted()}")
+            place.refuse(f"{kind_of(place.node)} is written where a list belongs; write {self._expected_length()}")
             return None
         count = len(place.node.nodes)
         if count < self.least or (self.most is not None and count > self.most):
-            place.refuse(f"the list has {count} entries; write {self._wanted()}")
+            place.refuse(f"the list has {count} entries; write {self._expected_length()}")
             return None
         return [self.shape.read(place.item(index)) for index in range(count)]
 
@@ -198,7 +198,7 @@ class ListOf(Shape):
         schema: JsonSchema = {"type": "array", "description": self.meaning, "items": self.shape.json_schema()}
         return schema | {"minItems": self.least} | ({} if self.most is None else {"maxItems": self.most})
 
-    def _wanted(self) -> str:
+    def _expected_length(self) -> str:
         if self.least == self.most:
             return f"a list of {self.least} entries"
         if self.least == 0:
@@ -231,7 +231,7 @@ class Pair(Shape):
 
 @dataclass(frozen=True)
 class PlainOrMapping(Shape):
-    """One shape for a mapping, another for everything else."""
+    """One shape for a mapping, another for any other node."""
 
     plain: Shape
     mapping: Shape
@@ -245,7 +245,7 @@ class PlainOrMapping(Shape):
 
 @dataclass(frozen=True)
 class Converted(Shape):
-    """A shape whose value becomes something else."""
+    """A shape whose value is converted by a function."""
 
     shape: Shape
     convert: Callable[[Any], Any]
