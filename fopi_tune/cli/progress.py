@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 from fopi_tune.cli.output import say
 
 if TYPE_CHECKING:
-    from fopi_tune.study.ledger import CellCounts
+    from fopi_tune.study.ledger import Counts
 
 #: seconds between two plain lines
 _LINE_EVERY_S = 10.0
 
-ProgressCallback = Callable[["CellCounts"], None]
+ProgressCallback = Callable[["Counts"], None]
 
 
 class ProgressStyle(StrEnum):
@@ -53,7 +53,7 @@ class _Clock:
         self.start = time.monotonic()
         self.ran_at_start: int | None = None
 
-    def at(self, counts: CellCounts) -> tuple[float, float | None, float | None]:
+    def at(self, counts: Counts) -> tuple[float, float | None, float | None]:
         """Seconds since the start, cells a second, seconds left; None before a cell has run."""
         ran = counts.total - counts.left
         if self.ran_at_start is None:
@@ -68,7 +68,7 @@ class _Clock:
 def _lines() -> ProgressCallback:
     clock, last = _Clock(), [-_LINE_EVERY_S]
 
-    def update(counts: CellCounts) -> None:
+    def update(counts: Counts) -> None:
         elapsed, rate, left = clock.at(counts)
         if elapsed - last[0] < _LINE_EVERY_S and counts.left:
             return
@@ -84,7 +84,7 @@ def _lines() -> ProgressCallback:
 def _json_lines() -> ProgressCallback:
     clock = _Clock()
 
-    def update(counts: CellCounts) -> None:
+    def update(counts: Counts) -> None:
         elapsed, rate, left = clock.at(counts)
         event = {
             "event": "progress",
@@ -117,7 +117,7 @@ def _bar() -> Iterator[ProgressCallback]:
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("cells", total=None, failed=0, rate="", left="")
 
-        def update(counts: CellCounts) -> None:
+        def update(counts: Counts) -> None:
             _, rate, left = clock.at(counts)
             bar.update(
                 task,

@@ -67,7 +67,8 @@ def recheck_optimum_file(document: Any, spec_file: str | None, options: OutputOp
 
     Raises:
         CertificateError: the document is no such certificate.
-        SpecError: the spec cannot be used."""
+        SpecError: the spec cannot be used.
+    """
     from fopi_tune.pipeline.optimum import recheck_optimum
 
     if spec_file is None:

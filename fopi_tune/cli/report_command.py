@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from fopi_tune.cli.batch import OutputOptions, load_specs, write_files
 from fopi_tune.cli.output import Exit, print_out, report_failure, say
+from fopi_tune.cli.report_files import comparison_of, report_from_folder
 from fopi_tune.cli.result_files import CHECK, COMPARISON_FOLDER, COMPARISON_PAGE, DESIGN, REPORT, SPEC
 from fopi_tune.errors import DomainError, SpecError
 
 if TYPE_CHECKING:
     from fopi_tune.spec.model import DesignSpec
-from fopi_tune.cli.report_files import comparison_of, report_from_folder
 
 
 def remake_reports(files: Sequence[str], options: OutputOptions) -> Exit:

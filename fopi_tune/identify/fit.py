@@ -82,8 +82,8 @@ def fit_lag(recording: Recording) -> LagFit:
     Each interval is value +- t sqrt(s^2 c).  Here s^2 is the variance of the residuals, c the number's diagonal entry
     of (J'J)^-1 with the Jacobian J at the fit, and t the quantile of Student's distribution with n - 4 degrees of
     freedom for n samples.  The intervals hold for independent noise of constant variance on a plant that is a lag;
-    correlated residuals give a note.  The upper end of the dead time is raised by the gap between the last line with the
-    old input and the first with the new one, because the step may lie anywhere between.  A fitted dead time below 0
+    correlated residuals give a note.  The upper end of the dead time is raised by the gap between the last line with
+    the old input and the first with the new one, because the step may lie anywhere between.  A fitted dead time below 0
     becomes 0.  If it is below 0 by more than the gap, it is fixed at minus the gap and the other numbers are fitted
     again.
 

@@ -15,7 +15,7 @@ from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
     from fopi_tune.study.engine import Runner
-    from fopi_tune.study.ledger import CellCounts
+    from fopi_tune.study.ledger import Counts
     from fopi_tune.study.model import Study
     from fopi_tune.study.table import StudyTable
 
@@ -45,7 +45,7 @@ class StudyResult:
     """
 
     study: Study
-    counts: CellCounts
+    counts: Counts
     table: StudyTable
     failures: tuple[tuple[int, str, str], ...]
 
@@ -57,7 +57,7 @@ def run(
     *,
     retry_failed: bool = False,
     resume: bool = False,
-    told: Callable[[CellCounts], None] | None = None,
+    told: Callable[[Counts], None] | None = None,
     say: Callable[[str], None] = lambda words: None,
 ) -> StudyResult:
     """Run the cells that were not run yet, and make the table.

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from fopi_tune.study.ledger import CellCounts, Ledger, cell_keys
+from fopi_tune.study.ledger import Counts, Ledger, cell_keys
 from fopi_tune.study.model import Cell, Study
 from fopi_tune.study.worker import CellResult, run_chunk
 
@@ -32,7 +32,7 @@ _SMOOTHING = 0.3
 
 KeyedCell = tuple[str, Cell]
 #: called with the progress after every chunk
-ProgressCallback = Callable[[CellCounts], None]
+ProgressCallback = Callable[[Counts], None]
 
 WORKER_DIED = "its worker died (killed, out of memory or crashed), and again when the cell ran alone"
 
@@ -114,7 +114,7 @@ def run_study(
     versions: Mapping[str, str],
     runner: Callable[[], Runner],
     told: ProgressCallback | None = None,
-) -> CellCounts:
+) -> Counts:
     """Run every cell that has no result in the ledger.
 
     Args:

@@ -39,7 +39,7 @@ class LedgerError(DomainError):
 
 
 @dataclass(frozen=True)
-class CellCounts:
+class Counts:
     """The progress of a study.
 
     Args:
@@ -90,13 +90,13 @@ class Ledger:
         """Keys of all results."""
         return frozenset(key for (key,) in self._fetch_all("SELECT key FROM results"))
 
-    def counts(self) -> CellCounts:
+    def counts(self) -> Counts:
         """The progress of the plan."""
         (total,) = self._fetch_all("SELECT COUNT(*) FROM plan")[0]
         rows_found = dict(
             self._fetch_all("SELECT r.failed, COUNT(*) FROM plan p JOIN results r USING (key) GROUP BY r.failed")
         )
-        return CellCounts(total, rows_found.get(0, 0), rows_found.get(1, 0))
+        return Counts(total, rows_found.get(0, 0), rows_found.get(1, 0))
 
     def failures(self) -> list[tuple[int, str, str]]:
         """Index, label and reason of every failed cell of the plan, in order."""

@@ -80,7 +80,7 @@ def apply_override(tree: Node, override: Override) -> Node:
     """The tree with a value put in.  A missing key is added; it is checked with the spec.
 
     Raises:
-        NoSuchPlaceError: the path leads through a number or a word, or beyond the end of a list.
+        NoSuchPathError: the path leads through a number or a word, or beyond the end of a list.
     """
     path = parse_path(override.path)
     assert path is not None, override.path

@@ -38,7 +38,7 @@ from fopi_tune.simulation.sampled.simulate import threads_of_machine
 from fopi_tune.spec import load_spec
 from fopi_tune.study import Machines, StudyResult, run
 from fopi_tune.study.engine import InProcessRunner, Task, TaskOutcome, draw_blocks, run_study
-from fopi_tune.study.ledger import LEDGER, CellCounts, LedgerError, open_ledger, read_ledger
+from fopi_tune.study.ledger import LEDGER, Counts, LedgerError, open_ledger, read_ledger
 from fopi_tune.study.load import load_study
 from fopi_tune.study.model import Cell, Column, Kind, Study
 from fopi_tune.study.overrides import spec_from_text
@@ -204,7 +204,7 @@ def test_equal_cells_are_run_once_and_have_a_row_each(folder: Path) -> None:
         counts = run_study(same, ledger, VERSIONS, Counting)
         rows = collect_table(same, ledger.results()).rows
     assert asked == [1]
-    assert counts == CellCounts(2, 2, 0)
+    assert counts == Counts(2, 2, 0)
     assert [row[0] for row in rows] == [1, 2]
     assert rows[0][1:] == rows[1][1:]
 
@@ -212,24 +212,24 @@ def test_equal_cells_are_run_once_and_have_a_row_each(folder: Path) -> None:
 def test_a_study_is_not_run_twice_and_only_what_changed_is_run_again(folder: Path) -> None:
     one = study("grid: {plant.time_constant_s.max: [3.0, 3.1]}\nstages: [tune]")
     first = run(one, folder / "out", HERE)
-    asked: list[CellCounts] = []
+    asked: list[Counts] = []
     again = run(one, folder / "out", HERE, told=asked.append)
     assert again == first
     # told once, with everything there
-    assert asked == [CellCounts(2, 2, 0)]
+    assert asked == [Counts(2, 2, 0)]
     asked.clear()
     other = study("grid: {plant.time_constant_s.max: [3.0, 3.2]}\nstages: [tune]")
     run(other, folder / "out", HERE, told=asked.append)
-    assert asked == [CellCounts(2, 1, 0), CellCounts(2, 2, 0)]
+    assert asked == [Counts(2, 1, 0), Counts(2, 2, 0)]
 
 
 def test_other_columns_need_no_new_run(folder: Path) -> None:
     one = study("grid: {plant.time_constant_s.max: [3.0]}\nstages: [tune]")
     run(one, folder / "out", HERE)
-    asked: list[CellCounts] = []
+    asked: list[Counts] = []
     other = dataclasses.replace(one, collect=(Column("pm", "tune.nominal.phase_margin_deg"), Column("odd", "tune.od")))
     result = run(other, folder / "out", HERE, told=asked.append)
-    assert asked == [CellCounts(1, 1, 0)]
+    assert asked == [Counts(1, 1, 0)]
     assert float(records(result)[0]["pm"]) > 80.0
     assert result.table.empty == ("odd",)
 
@@ -250,10 +250,10 @@ def test_a_stopped_study_goes_on_and_ends_with_the_same_bytes(folder: Path) -> N
     with open_ledger(folder / "part") as ledger, pytest.raises(KeyboardInterrupt):
         run_study(cells, ledger, VERSIONS, Stopped)
     with read_ledger(folder / "part") as ledger:
-        assert ledger.counts() == CellCounts(5, 2, 0)
-    asked: list[CellCounts] = []
+        assert ledger.counts() == Counts(5, 2, 0)
+    asked: list[Counts] = []
     assert run(cells, folder / "part", HERE, resume=True, told=asked.append).table.to_csv() == whole.table.to_csv()
-    assert asked[0] == CellCounts(5, 2, 0)
+    assert asked[0] == Counts(5, 2, 0)
 
 
 def test_a_chunk_whose_worker_died_is_run_again_cell_by_cell(folder: Path) -> None:
@@ -275,7 +275,7 @@ def test_a_chunk_whose_worker_died_is_run_again_cell_by_cell(folder: Path) -> No
             return super().next_outcome()
 
     with open_ledger(folder / "out") as ledger:
-        assert run_study(cells, ledger, VERSIONS, lambda: Dying(2)) == CellCounts(4, 3, 1)
+        assert run_study(cells, ledger, VERSIONS, lambda: Dying(2)) == Counts(4, 3, 1)
         failures = ledger.failures()
     assert failures == [
         (1, "slow_2", "its worker died (killed, out of memory or crashed), and again when the cell ran alone")
@@ -289,12 +289,12 @@ def test_failed_cells_stay_failed_until_they_are_asked_for(folder: Path) -> None
     cells = claims("[slow_1, raises]")
     first = run(cells, folder / "out", HERE)
     assert first.failures == ((1, "raises", "internal error, ZeroDivisionError: on purpose"),)
-    asked: list[CellCounts] = []
+    asked: list[Counts] = []
     run(cells, folder / "out", HERE, told=asked.append)
-    assert asked == [CellCounts(2, 1, 1)]
+    assert asked == [Counts(2, 1, 1)]
     asked.clear()
     again = run(cells, folder / "out", HERE, retry_failed=True, told=asked.append)
-    assert asked == [CellCounts(2, 1, 0), CellCounts(2, 1, 1)]
+    assert asked == [Counts(2, 1, 0), Counts(2, 1, 1)]
     assert again == first
 
 
@@ -313,7 +313,7 @@ def test_chunks_grow_where_cells_are_short_and_never_starve_a_worker(folder: Pat
 
     with open_ledger(folder / "out") as ledger:
         counts = run_study(Study("q", cells, ()), ledger, VERSIONS, lambda: Quick(2))
-    assert counts == CellCounts(400, 400, 0)
+    assert counts == Counts(400, 400, 0)
     assert sizes[:4] == [1, 1, 1, 1]
     # a second's worth: 20 cells of 50 ms
     assert max(sizes) == 20
@@ -325,7 +325,7 @@ def test_a_ledger_is_for_one_process_at_a_time_and_can_be_looked_at_meanwhile(fo
         with pytest.raises(LedgerError, match="another process runs the study"), open_ledger(folder / "out"):
             pass
         with read_ledger(folder / "out") as other:
-            assert other.counts() == CellCounts(0, 0, 0)
+            assert other.counts() == Counts(0, 0, 0)
     with open_ledger(folder / "out") as ledger:
         assert ledger.known() == frozenset()
 
@@ -416,7 +416,7 @@ def test_the_terminals_table_is_of_80_columns_and_says_what_it_leaves_out(folder
         for i in range(90)
     ]
     table = collect_table(wide, enumerate(told))
-    lines = study_text(StudyResult(wide, CellCounts(90, 90, 0), table, ()), "results/wide/table.csv").plain.splitlines()
+    lines = study_text(StudyResult(wide, Counts(90, 90, 0), table, ()), "results/wide/table.csv").plain.splitlines()
     assert max(len(line) for line in lines) <= 80
     assert lines[2] == "in every row: spec lag, outcome met"
     assert lines[-1].startswith("50 more rows and ")
@@ -570,7 +570,7 @@ def test_draws_that_are_divided_give_the_same_cell(
     runner = Dividing()
     runner.dies, runner.fails = dies, fails
     with open_ledger(folder / "out") as ledger:
-        assert run_study(cells, ledger, VERSIONS, lambda: runner) == CellCounts(1, 1, 0)
+        assert run_study(cells, ledger, VERSIONS, lambda: runner) == Counts(1, 1, 0)
         ((_, result),) = ledger.results()
     assert json.loads(result.document) == document(cells.cells[0])
     assert runner.ran == ran
@@ -590,7 +590,7 @@ def test_a_cell_without_gains_has_no_blocks_and_ends_as_it_would(folder: Path, m
                 return TaskOutcome(task, reason=str(error))
 
     with open_ledger(folder / "out") as ledger:
-        assert run_study(cells, ledger, VERSIONS, Raising) == CellCounts(1, 1, 0)
+        assert run_study(cells, ledger, VERSIONS, Raising) == Counts(1, 1, 0)
         ((_, result),) = ledger.results()
     assert json.loads(result.document) == document(cells.cells[0])
     assert json.loads(result.document)["outcome"] == "infeasible"
@@ -648,7 +648,7 @@ def test_a_finished_study_can_be_looked_at_where_nothing_can_be_written(
     # a superuser can write everywhere
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     with read_ledger(folder / "out") as ledger:
-        assert ledger.counts() == CellCounts(1, 1, 0)
+        assert ledger.counts() == Counts(1, 1, 0)
         with pytest.raises(LedgerError, match="readonly"):
             ledger.record([CellResult("k", "{}", "", 0.0)])
     assert sorted(path.name for path in (folder / "out").iterdir()) == ["ledger.lock", LEDGER]
