@@ -66,10 +66,10 @@ class OutputOptions:
             return Path("results", spec.name)
         return Path(self.out, spec.name) if self.several else Path(self.out)
 
-    def note(self, words: str) -> None:
+    def note(self, message: str) -> None:
         """Print a note on stderr, unless --quiet is given."""
         if not self.quiet:
-            say(words)
+            say(message)
 
 
 def process_specs(

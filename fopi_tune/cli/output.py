@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 #: seconds until the first note
-_FIRST_WORD_S = 5.0
+_FIRST_NOTE_S = 5.0
 #: characters of a file that is read
 _LARGEST_RESULT = 200_000_000
 
@@ -35,10 +35,10 @@ class Exit(IntEnum):
     TOOL_FAILED = 3
 
 
-def print_out(words: object, write: Callable[..., None] = print) -> Exit:
+def print_out(message: object, write: Callable[..., None] = print) -> Exit:
     """Print on stdout; a closed pipe, as in `fopi ... | head`, is not an error."""
     try:
-        write(words)
+        write(message)
         if sys.stdout is not None:
             sys.stdout.flush()
     except OSError as error:
@@ -61,16 +61,16 @@ def print_styled(text: Text) -> Exit:
     return print_out(text, Console(highlight=False, soft_wrap=True).print)
 
 
-def say(words: str) -> None:
+def say(message: str) -> None:
     """Print one line on stderr; control characters, as in a file's name, are escaped."""
-    line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in words)
+    line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in message)
     with contextlib.suppress(OSError):
         print(line, file=sys.stderr, flush=True)
 
 
-def bad_input(words: str) -> typer.Exit:
+def bad_input(message: str) -> typer.Exit:
     """Print what is wrong with the command line; returns the exit to raise, with the code of bad input."""
-    say(words)
+    say(message)
     return typer.Exit(Exit.BAD_INPUT)
 
 
@@ -109,14 +109,14 @@ def progress_bar(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] 
 
 
 @contextlib.contextmanager
-def still_running_notes(words: str, quiet: bool) -> Iterator[Callable[[], None]]:
+def still_running_notes(message: str, quiet: bool) -> Iterator[Callable[[], None]]:
     """Print notes on stderr, at growing intervals, while something takes long; the yielded function stops them."""
     done = threading.Event()
 
     def tell() -> None:
-        wait = after = _FIRST_WORD_S
+        wait = after = _FIRST_NOTE_S
         while not done.wait(wait):
-            say(f"{words} after {after:g} s ...")
+            say(f"{message} after {after:g} s ...")
             wait, after = after, 2 * after
 
     teller = threading.Thread(target=tell, daemon=True)

@@ -57,7 +57,7 @@ def _remake_one(spec: DesignSpec, folder: Path, options: OutputOptions) -> Exit:
 
 
 #: fewest and most designs on a page
-_LEAST, _MOST = 2, 6
+_FEWEST, _MOST = 2, 6
 
 
 def compare_results(sources: Sequence[str], options: OutputOptions) -> Exit:
@@ -67,8 +67,8 @@ def compare_results(sources: Sequence[str], options: OutputOptions) -> Exit:
         sources: folders of results with their specs, files of results in such folders, or specs with results.
         options: where the page goes, and what is printed.
     """
-    if not _LEAST <= len(sources) <= _MOST:
-        say(f"--compare takes {_LEAST} to {_MOST} designs, not {len(sources)}; name their folders of results")
+    if not _FEWEST <= len(sources) <= _MOST:
+        say(f"--compare takes {_FEWEST} to {_MOST} designs, not {len(sources)}; name their folders of results")
         return Exit.BAD_INPUT
     try:
         named = [found for source in sources if (found := _locate_results(source, options)) is not None]

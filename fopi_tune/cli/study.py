@@ -49,10 +49,10 @@ class _StudyOptions:
         """The folder of the ledger and the tables."""
         return Path("results", study.name) if self.out is None else Path(self.out)
 
-    def note(self, words: str) -> None:
+    def note(self, message: str) -> None:
         """Print a note on stderr, unless --quiet is given; with JSON lines there, only progress is printed."""
         if not self.quiet and self.progress is not ProgressStyle.JSONL:
-            say(words)
+            say(message)
 
 
 def study(

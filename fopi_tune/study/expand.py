@@ -70,7 +70,7 @@ def count_cells(study: StudyFile, claims: Collection[str] = (), figures: Collect
     """The number of cells, without making them."""
     grid = math.prod(len(axis.nodes) for axis in study.grid)
     zipped = len(study.zipped[0].nodes) if study.zipped else 1
-    entries = len(_entry_names_wanted(study.claims, claims)) + len(_entry_names_wanted(study.figures, figures))
+    entries = len(_chosen_names(study.claims, claims)) + len(_chosen_names(study.figures, figures))
     return len(study.specs) * len(study.cells) * grid * zipped + entries
 
 
@@ -101,9 +101,7 @@ def expand(
             cells.append(_make_cell(study, base, start, overrides, len(cells), problems))
     for kind, wanted, known in ((Kind.CLAIM, study.claims, claims), (Kind.FIGURE, study.figures, figures)):
         _refuse_unknown(study, kind, wanted, known)
-        cells += [
-            Cell(len(cells) + i, kind, name, {}, registry) for i, name in enumerate(_entry_names_wanted(wanted, known))
-        ]
+        cells += [Cell(len(cells) + i, kind, name, {}, registry) for i, name in enumerate(_chosen_names(wanted, known))]
     if problems.found:
         raise problems.error()
     return Study(study.name, tuple(cells), _collected(study), study.description)
@@ -113,8 +111,8 @@ def _combinations(study: StudyFile) -> Iterator[tuple[Override, ...]]:
     """The product of explicit cells, zipped values and the grid; the last path of the grid changes fastest."""
     steps = range(len(study.zipped[0].nodes)) if study.zipped else range(1)
     grid = [range(len(axis.nodes)) for axis in study.grid]
-    for told, step, places in itertools.product(study.cells, steps, itertools.product(*grid)):
-        explicit = (axis.override(0) for axis in told)
+    for axes, step, places in itertools.product(study.cells, steps, itertools.product(*grid)):
+        explicit = (axis.override(0) for axis in axes)
         in_step = (axis.override(step) for axis in study.zipped)
         crossed = (axis.override(place) for axis, place in zip(study.grid, places, strict=True))
         yield (*explicit, *in_step, *crossed)
@@ -162,7 +160,7 @@ class _CellChecker:
             try:
                 tree = apply_override(tree, override)
             except NoSuchPathError as error:
-                self._blame(override, str(error))
+                self._report_override(override, str(error))
                 return tree, None
         collector = ProblemCollector(self.base.file)
         spec = spec_from_tree(tree, collector, self.base.read)
@@ -184,7 +182,7 @@ class _CellChecker:
             return True
         blamed = [e for e in overrides if _within(e.path, section)]
         if blamed:
-            self._blame(blamed[0], message)
+            self._report_override(blamed[0], message)
         else:
             self.problems.add(self.base.file, Mark(1, 1), "", message, self.cell)
         return False
@@ -194,12 +192,12 @@ class _CellChecker:
         words = f"{problem.path}: {self._with_suggestion(problem)}" if problem.path else problem.message
         if inside:
             # the position is in the study file, inside the override's value
-            self._blame(inside[0], words, Mark(problem.line, problem.column))
+            self._report_override(inside[0], words, Mark(problem.line, problem.column))
         elif not overrides or self._also_without_overrides(problem):
             place = Mark(problem.line, problem.column)
             self.problems.add(self.base.file, place, problem.path, problem.message, self.cell)
         else:
-            self._blame(max(overrides, key=lambda e: _common_steps(e.path, problem.path)), words)
+            self._report_override(max(overrides, key=lambda e: _common_steps(e.path, problem.path)), words)
 
     def _with_suggestion(self, problem: Problem) -> str:
         """The message; for an unknown key, with the key of the base spec that it may misspell."""
@@ -222,7 +220,7 @@ class _CellChecker:
         spec_from_tree(self.base.tree, collector, self.base.read)
         return problem in collector.problems
 
-    def _blame(self, override: Override, message: str, mark: Mark | None = None) -> None:
+    def _report_override(self, override: Override, message: str, mark: Mark | None = None) -> None:
         self.problems.add(self.problems.study.file, mark or override.mark, override.path, message, self.cell)
 
 
@@ -259,7 +257,7 @@ def _base_text(base: BaseSpec) -> str:
     return canonical_text(replace(base.tree, entries=entries))
 
 
-def _entry_names_wanted(wanted: Sequence[PlacedWord], known: Collection[str]) -> list[str]:
+def _chosen_names(wanted: Sequence[PlacedWord], known: Collection[str]) -> list[str]:
     if [each.word for each in wanted] == [ALL]:
         return list(known)
     return [each.word for each in wanted]

@@ -473,7 +473,7 @@ def test_a_full_stdout_is_told_and_the_file_is_written_all_the_same() -> None:
 def test_long_work_is_told_of_ever_more_seldom_and_never_when_it_should_be_quiet(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("fopi_tune.cli.output._FIRST_WORD_S", 0.05)
+    monkeypatch.setattr("fopi_tune.cli.output._FIRST_NOTE_S", 0.05)
     told = threading.Event()
     said: list[str] = []
 
