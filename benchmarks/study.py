@@ -20,11 +20,11 @@ from pathlib import Path
 
 from fopi_tune.results.stamp import numeric_versions
 from fopi_tune.study import cluster, engine
-from fopi_tune.study.cells import run_cell
-from fopi_tune.study.engine import InProcess, run_study
-from fopi_tune.study.ledger import opened
+from fopi_tune.study.engine import InProcessRunner, run_study
+from fopi_tune.study.ledger import open_ledger
 from fopi_tune.study.load import load_study
 from fopi_tune.study.model import Study
+from fopi_tune.study.worker import run_cell
 
 _BRAKE = Path(__file__).parents[1] / "specs" / "brake.yaml"
 _VERSIONS = numeric_versions()
@@ -67,13 +67,13 @@ def cpu_s() -> float:
 def measured(study: Study, workers: int) -> Measured:
     """A run from nothing."""
     before = cpu_s()
-    with tempfile.TemporaryDirectory() as folder, opened(Path(folder)) as ledger:
+    with tempfile.TemporaryDirectory() as folder, open_ledger(Path(folder)) as ledger:
         if workers == 0:
             start = time.perf_counter()
-            run_study(study, ledger, _VERSIONS, InProcess)
+            run_study(study, ledger, _VERSIONS, InProcessRunner)
             run_s = time.perf_counter() - start
         else:
-            with cluster.local(workers) as runner:
+            with cluster.local_cluster(workers) as runner:
                 start = time.perf_counter()
                 run_study(study, ledger, _VERSIONS, lambda: runner)
                 run_s = time.perf_counter() - start

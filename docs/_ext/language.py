@@ -18,7 +18,8 @@ _PLACE = re.compile(r"^<!-- language: (spec|system|study) -->$", re.MULTILINE)
 
 def language(which: str) -> Schema:
     """The JSON Schema that `fopi schema`, `--system` or `--study` prints."""
-    from fopi_tune.spec.schema import json_schema, system_json_schema
+    from fopi_tune.spec.language import json_schema
+    from fopi_tune.spec.systems import system_json_schema
     from fopi_tune.study.load import study_json_schema
 
     makers: dict[str, Callable[[], Schema]] = {

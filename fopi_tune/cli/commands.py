@@ -9,14 +9,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune import __version__
-from fopi_tune.cli.certificates import recheck_file
-from fopi_tune.cli.gains import found_or_tuned, given_gains, named_numbers, refusal
-from fopi_tune.cli.init import NoSchema, PlantOption, Recorded, Wanted, Words, write_spec
-from fopi_tune.cli.output import print_out, report_failure, to_json
-from fopi_tune.cli.process import Handling, process
-from fopi_tune.cli.simulations import Course, simulate_file, validate_file
+from fopi_tune.cli.batch import OutputOptions, process_specs
+from fopi_tune.cli.gains import earlier_or_tuned_gains, gains_from_options
+from fopi_tune.cli.init import InitOptions, NameArgument, NoSchemaOption, PlantOption, StepDataOption, write_spec
+from fopi_tune.cli.output import bad_input, print_out, report_failure, to_json
+from fopi_tune.cli.recheck import recheck_file
+from fopi_tune.cli.simulations import SimulationOptions, parameters_from_options, simulate_file, validate_file
 from fopi_tune.cli.study import study
-from fopi_tune.cli.tune import Asked, From, Points, Prices, Swept, To, designed
+from fopi_tune.cli.tune import (
+    PointsOption,
+    PricesOption,
+    StartOption,
+    StopOption,
+    TradeoffOption,
+    TuneOptions,
+    design_or_sweep,
+)
 from fopi_tune.core.controller import FoPi
 from fopi_tune.results.candidate import Solver
 
@@ -34,7 +42,7 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 
-#: of --certify-optimum
+#: defaults of --certify-optimum
 _GAP, _TIME_LIMIT_S = 1e-3, 60.0
 
 Specs = Annotated[list[str], typer.Argument(metavar="SPEC", help="Spec files.")]
@@ -72,11 +80,11 @@ def _version(wanted: bool) -> None:
 @app.command()
 def tune(
     specs: Specs,
-    prices: Prices = False,
-    tradeoff: Swept = None,
-    start: From = None,
-    stop: To = None,
-    points: Points = None,
+    prices: PricesOption = False,
+    tradeoff: TradeoffOption = None,
+    start: StartOption = None,
+    stop: StopOption = None,
+    points: PointsOption = None,
     out: Out = None,
     as_json: AsJson = False,
     solver: SolverOption = Solver.IPOPT,
@@ -94,29 +102,29 @@ def tune(
 
     They meet it for every plant of its family.  The result and the certificate are also written to files.
     """
-    asked = Asked(prices, tradeoff, start, stop, points, solver)
-    problem = asked.problem(len(specs))
+    tune_options = TuneOptions(prices, tradeoff, start, stop, points, solver)
+    problem = tune_options.problem(len(specs))
     if problem is not None:
-        raise refusal(problem)
+        raise bad_input(problem)
     if not certify_optimum and (gap != _GAP or time_limit != _TIME_LIMIT_S):
-        raise refusal("--gap and --time-limit belong to --certify-optimum")
+        raise bad_input("--gap and --time-limit belong to --certify-optimum")
     if certify_optimum and not (0.0 < gap < math.inf and 0.0 < time_limit < math.inf):
-        raise refusal("--gap and --time-limit must be greater than 0")
+        raise bad_input("--gap and --time-limit must be greater than 0")
     if certify_optimum and tradeoff is not None:
-        raise refusal("--certify-optimum is about one design and --tradeoff about many; give one of them")
-    doing = "tuning" if tradeoff is None else "sweeping"
-    handling = Handling(out, as_json, quiet, debug, len(specs) > 1)
+        raise bad_input("--certify-optimum is about one design and --tradeoff about many; give one of them")
+    activity = "tuning" if tradeoff is None else "sweeping"
+    options = OutputOptions(out, as_json, quiet, debug, len(specs) > 1)
 
-    def make(spec: DesignSpec) -> Design | Tradeoff:
+    def compute(spec: DesignSpec) -> Design | Tradeoff:
         from fopi_tune.cli.tune import with_optimum
         from fopi_tune.results.design import Design
 
-        found = designed(spec, asked, not no_proof)
+        found = design_or_sweep(spec, tune_options, not no_proof)
         if certify_optimum and isinstance(found, Design):
-            return with_optimum(found, gap, time_limit, handling)
+            return with_optimum(found, gap, time_limit, options)
         return found
 
-    raise typer.Exit(process(specs, make, handling, doing))
+    raise typer.Exit(process_specs(specs, compute, options, activity))
 
 
 @app.command()
@@ -135,12 +143,14 @@ def run(
     Without a section `digital` that is what `fopi tune` does, and the report.
     """
 
-    def make(spec: DesignSpec) -> Run:
+    def compute(spec: DesignSpec) -> Run:
         from fopi_tune.pipeline.run import run
 
         return run(spec, not no_proof)
 
-    raise typer.Exit(process(specs, make, Handling(out, as_json, quiet, debug, len(specs) > 1), "running"))
+    raise typer.Exit(
+        process_specs(specs, compute, OutputOptions(out, as_json, quiet, debug, len(specs) > 1), "running")
+    )
 
 
 @app.command()
@@ -161,12 +171,12 @@ def report(
     folders that `fopi tune` or `fopi prove` filled, or the design.json or check.json in them.
     """
     if compare:
-        from fopi_tune.cli.report import compare_results
+        from fopi_tune.cli.report_command import compare_results
 
-        raise typer.Exit(compare_results(specs, Handling(out, False, quiet, debug)))
-    from fopi_tune.cli.report import remake
+        raise typer.Exit(compare_results(specs, OutputOptions(out, False, quiet, debug)))
+    from fopi_tune.cli.report_command import remake_reports
 
-    raise typer.Exit(remake(specs, Handling(out, False, quiet, debug, len(specs) > 1)))
+    raise typer.Exit(remake_reports(specs, OutputOptions(out, False, quiet, debug, len(specs) > 1)))
 
 
 @app.command()
@@ -194,22 +204,22 @@ def prove(
     The gains may come from anywhere; the ranges that the spec gives them are not looked at.  Without --kp, --ki and
     --alpha they are those of DIR/design.json if it is of this spec, and are tuned otherwise.
     """
-    handling = Handling(out, as_json, quiet, debug)
+    options = OutputOptions(out, as_json, quiet, debug)
     if recheck is not None:
         if any(gain is not None for gain in (kp, ki, alpha)):
-            raise refusal("--recheck takes the gains from the certificate; leave --kp, --ki and --alpha out")
-        raise typer.Exit(recheck_file(recheck, spec, handling))
+            raise bad_input("--recheck takes the gains from the certificate; leave --kp, --ki and --alpha out")
+        raise typer.Exit(recheck_file(recheck, spec, options))
     if spec is None:
-        raise refusal("there is no SPEC to prove; name a spec file, or a certificate with --recheck")
-    given = given_gains(kp, ki, alpha)
+        raise bad_input("there is no SPEC to prove; name a spec file, or a certificate with --recheck")
+    given = gains_from_options(kp, ki, alpha)
 
-    def make(loaded: DesignSpec) -> Check | Design:
+    def compute(loaded: DesignSpec) -> Check | Design:
         from fopi_tune.pipeline.prove import prove
 
-        gains = given if given is not None else found_or_tuned(loaded, handling)
+        gains = given if given is not None else earlier_or_tuned_gains(loaded, options)
         return gains if not isinstance(gains, FoPi) else prove(loaded, gains, tolerance)
 
-    raise typer.Exit(process([spec], make, handling, "proving"))
+    raise typer.Exit(process_specs([spec], compute, options, "proving"))
 
 
 @app.command()
@@ -230,16 +240,16 @@ def discretize(
 
     Gains are taken as `fopi prove` takes them.
     """
-    handling = Handling(out, as_json, quiet, debug)
-    given = given_gains(kp, ki, alpha)
+    options = OutputOptions(out, as_json, quiet, debug)
+    given = gains_from_options(kp, ki, alpha)
 
-    def make(loaded: DesignSpec) -> Discretized | Design:
+    def compute(loaded: DesignSpec) -> Discretized | Design:
         from fopi_tune.pipeline.discretize import discretize
 
-        gains = given if given is not None else found_or_tuned(loaded, handling)
+        gains = given if given is not None else earlier_or_tuned_gains(loaded, options)
         return gains if not isinstance(gains, FoPi) else discretize(loaded, gains, not no_proof)
 
-    raise typer.Exit(process([spec], make, handling, "discretizing"))
+    raise typer.Exit(process_specs([spec], compute, options, "discretizing"))
 
 
 @app.command()
@@ -261,8 +271,8 @@ def validate(
 
     Gains are taken as `fopi prove` takes them, those of a system from its file.
     """
-    handling = Handling(out, as_json, quiet, debug)
-    raise typer.Exit(validate_file(spec, given_gains(kp, ki, alpha), samples, seed, handling))
+    options = OutputOptions(out, as_json, quiet, debug)
+    raise typer.Exit(validate_file(spec, gains_from_options(kp, ki, alpha), samples, seed, options))
 
 
 @app.command()
@@ -295,14 +305,14 @@ def simulate(
     Gains are taken as `fopi prove` takes them, those of a system from its file.  The signals are written to a CSV file
     and a figure a scenario.
     """
-    handling = Handling(out, as_json, quiet, debug)
-    numbers = named_numbers(plant or [])
+    options = OutputOptions(out, as_json, quiet, debug)
+    numbers = parameters_from_options(plant or [])
     if replay is not None and numbers:
-        raise refusal("--replay makes a plant again that was drawn; leave --plant out")
+        raise bad_input("--replay makes a plant again that was drawn; leave --plant out")
     if replay is None and samples is not None:
-        raise refusal("--samples says of which draws --replay makes one again; give --replay, or leave --samples out")
-    wanted = Course(scenario, numbers, replay, samples, seed, exact)
-    raise typer.Exit(simulate_file(spec, given_gains(kp, ki, alpha), wanted, handling))
+        raise bad_input("--samples says of which draws --replay makes one again; give --replay, or leave --samples out")
+    selection = SimulationOptions(scenario, numbers, replay, samples, seed, exact)
+    raise typer.Exit(simulate_file(spec, gains_from_options(kp, ki, alpha), selection, options))
 
 
 app.command()(study)
@@ -314,10 +324,11 @@ def schema(
     study: Annotated[bool, typer.Option("--study", help="The language of studies instead.")] = False,
 ) -> None:
     """Print the spec language as JSON Schema."""
-    from fopi_tune.spec.schema import json_schema, system_json_schema
+    from fopi_tune.spec.language import json_schema
+    from fopi_tune.spec.systems import system_json_schema
 
     if system and study:
-        raise refusal("--system and --study are two languages; leave one of them out")
+        raise bad_input("--system and --study are two languages; leave one of them out")
     if study:
         from fopi_tune.study.load import study_json_schema
 
@@ -327,19 +338,19 @@ def schema(
 
 @app.command()
 def init(
-    words: Words = None,
+    words: NameArgument = None,
     plant: PlantOption = None,
-    from_step_data: Recorded = None,
+    from_step_data: StepDataOption = None,
     out: Annotated[str | None, typer.Option("--out", "-o", metavar="FILE", help="File, instead of NAME.yaml.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
-    no_schema: NoSchema = False,
+    no_schema: NoSchemaOption = False,
 ) -> None:
     """Write a commented spec to start from.
 
     Beside it the JSON Schema, with which editors complete and check it.
     """
     recordings = tuple(from_step_data or ())
-    write_spec(Wanted(tuple(words or ()), plant, recordings, out, force, not no_schema))
+    write_spec(InitOptions(tuple(words or ()), plant, recordings, out, force, not no_schema))
 
 
 def main() -> None:

@@ -1,15 +1,11 @@
-"""Gains and numbers of the command line, and where gains come from that are not named there."""
+"""Gains from the command line's options, from an earlier design, or tuned now."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import typer
-
-from fopi_tune.cli.certificates import gains_of_earlier_design
-from fopi_tune.cli.output import Exit, say
-from fopi_tune.cli.process import Handling
+from fopi_tune.cli.batch import OutputOptions
+from fopi_tune.cli.output import bad_input, read_json
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
@@ -18,43 +14,43 @@ if TYPE_CHECKING:
     from fopi_tune.spec.model import DesignSpec
 
 
-def given_gains(kp: float | None, ki: float | None, alpha: float | None) -> FoPi | None:
-    """The gains of the command line; None without any."""
+def gains_from_options(kp: float | None, ki: float | None, alpha: float | None) -> FoPi | None:
+    """The gains of --kp, --ki and --alpha; None if none of them is given."""
     if kp is None and ki is None and alpha is None:
         return None
     if kp is None or ki is None or alpha is None:
-        raise refusal("give --kp, --ki and --alpha all three, or none of them")
+        raise bad_input("give --kp, --ki and --alpha all three, or none of them")
     try:
         return FoPi(kp, ki, alpha)
     except DomainError as error:
-        raise refusal(str(error)) from None
+        raise bad_input(str(error)) from None
 
 
-def named_numbers(pairs: Sequence[str]) -> dict[str, float]:
-    """NAME=VALUE as a mapping."""
-    numbers: dict[str, float] = {}
-    for pair in pairs:
-        name, _, value = pair.partition("=")
-        try:
-            numbers[name] = float(value)
-        except ValueError:
-            raise refusal(f"--plant {pair} is not NAME=VALUE, as in --plant time_constant_s=3.1") from None
-    return numbers
+def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | None:
+    """The gains that the spec fixes, or those of a solved design of exactly this spec in the folder of results."""
+    box = spec.controller
+    if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
+        return FoPi(box.kp.min, box.ki.min, box.alpha.min)
+    path = options.folder(spec) / "design.json"
+    try:
+        document = read_json(path)
+        solved = document["status"] == "solved" and document["stamp"]["spec_sha256"] == spec.sha256
+        gains = document["gains"] if solved else None
+        found = FoPi(float(gains["kp"]), float(gains["ki"]), float(gains["alpha"])) if gains else None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None  # no usable design: the caller prints a note and tunes
+    if found is not None:
+        options.note(f"{spec.name}: gains from {path}")
+    return found
 
 
-def found_or_tuned(spec: DesignSpec, handling: Handling) -> FoPi | Design:
-    """Gains of an earlier design or of one made now; the design itself when it is no solution."""
+def earlier_or_tuned_gains(spec: DesignSpec, options: OutputOptions) -> FoPi | Design:
+    """Gains of an earlier design or of a new one; the new design itself if it is not solved."""
     from fopi_tune.pipeline.tune import tune
 
-    gains = gains_of_earlier_design(spec, handling)
+    gains = gains_of_earlier_design(spec, options)
     if gains is not None:
         return gains
-    handling.note(f"{spec.name}: no gains given, and no design of this spec there; tuning first ...")
+    options.note(f"{spec.name}: no gains given, and no design of this spec there; tuning first ...")
     design = tune(spec, proof=False)
     return design if design.gains is None or design.status.value != "solved" else design.gains
-
-
-def refusal(words: str) -> typer.Exit:
-    """Says what is wrong with the command line, and ends with the code of bad input when raised."""
-    say(words)
-    return typer.Exit(Exit.BAD_INPUT)

@@ -12,27 +12,26 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fopi_tune.cli.gains import refusal
-from fopi_tune.cli.output import read_text, reason_of, say, to_json, write_file
+from fopi_tune.cli.output import bad_input, read_text, reason_of, say, to_json, write_file
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
     from fopi_tune.identify import Interval, LagFit, Recording
-    from fopi_tune.spec.starts import Start
+    from fopi_tune.spec.template_sections import TemplateSections
 
-#: written beside a spec, whose first line names it
+#: file of the JSON Schema beside a spec, which the spec's first line names
 SCHEMA_FILE = "fopi.schema.json"
 
 
 class Model(Enum):
-    """The plants that `--plant` knows; a test compares them with the language's."""
+    """The plant models of `--plant`; a test compares them with those of the spec language."""
 
     LAG = "lag"
     POLE = "pole"
     TRANSFER_FUNCTION = "transfer_function"
 
 
-Words = Annotated[
+NameArgument = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="NAME",
@@ -41,7 +40,7 @@ Words = Annotated[
     ),
 ]
 PlantOption = Annotated[Model | None, typer.Option("--plant", help="Model of the plant; lag when left out.")]
-Recorded = Annotated[
+StepDataOption = Annotated[
     list[str] | None,
     typer.Option(
         "--from-step-data",
@@ -49,12 +48,12 @@ Recorded = Annotated[
         help="Fit a lag with dead time to a step response, columns time_s,input,output; several files: a family.",
     ),
 ]
-NoSchema = Annotated[bool, typer.Option("--no-schema", help="Leave out the JSON Schema that editors read.")]
+NoSchemaOption = Annotated[bool, typer.Option("--no-schema", help="Leave out the JSON Schema that editors read.")]
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What `fopi init` was asked for; see its options."""
+class InitOptions:
+    """Options of `fopi init`."""
 
     words: tuple[str, ...]
     model: Model | None
@@ -64,58 +63,58 @@ class Wanted:
     schema: bool
 
 
-def write_spec(wanted: Wanted) -> None:
-    """Write a spec that can be used as it is, and beside it the JSON Schema that its first line names.
+def write_spec(options: InitOptions) -> None:
+    """Write a valid spec, and beside it the JSON Schema that its first line names.
 
     Raises:
         typer.Exit: a file that is in the way, cannot be written, or cannot be fitted; nothing was written.
     """
     from fopi_tune.spec.template import template
 
-    name, recordings = _sorted_out(wanted)
-    path = Path(wanted.out or f"{name}.yaml")
+    name, recordings = _name_and_recordings(options)
+    path = Path(options.out or f"{name}.yaml")
     if path.is_dir():
-        raise refusal(f"{path} is a folder; give a file's name with --out")
-    if os.path.lexists(path) and not wanted.force:
-        raise refusal(f"{path} exists already; choose another name, or overwrite it with --force")
+        raise bad_input(f"{path} is a folder; give a file's name with --out")
+    if os.path.lexists(path) and not options.force:
+        raise bad_input(f"{path} exists already; choose another name, or overwrite it with --force")
     beside = path.parent / SCHEMA_FILE
-    if wanted.schema:
-        _check_schema_file(beside, wanted.force)
+    if options.schema:
+        _check_schema_file(beside, options.force)
     try:
-        text = template(name, _start(wanted.model, recordings), SCHEMA_FILE if wanted.schema else None)
+        text = template(name, _plant_sections(options.model, recordings), SCHEMA_FILE if options.schema else None)
     except DomainError as error:
-        raise refusal(str(error)) from None
-    if wanted.schema:
-        _write(beside, _schema())
+        raise bad_input(str(error)) from None
+    if options.schema:
+        _write(beside, _schema_text())
     _write(path, text)
     say(f"wrote {path}; next: fopi run {path}")
 
 
-def _sorted_out(wanted: Wanted) -> tuple[str, tuple[str, ...]]:
-    """The design's name, and all recordings: shells turn *.csv into many words, of which the option takes one."""
-    more = tuple(word for word in wanted.words if wanted.recordings and word.lower().endswith(".csv"))
-    names = [word for word in wanted.words if word not in more]
+def _name_and_recordings(options: InitOptions) -> tuple[str, tuple[str, ...]]:
+    """The design's name and all recordings; of *.csv the option takes the first file, the rest arrive as names."""
+    more = tuple(word for word in options.words if options.recordings and word.lower().endswith(".csv"))
+    names = [word for word in options.words if word not in more]
     if len(names) > 1:
-        hint = "" if wanted.recordings else "; recordings go after --from-step-data"
-        raise refusal(f"{len(names)} names are given, {names[0]} and {names[1]}; a spec has one{hint}")
-    if wanted.recordings and wanted.model not in (None, Model.LAG):
-        raise refusal("--from-step-data fits a lag; leave --plant out")
-    name = names[0] if names else Path(wanted.out).stem if wanted.out else "design"
-    return name.removesuffix(".yaml"), wanted.recordings + more
+        hint = "" if options.recordings else "; recordings go after --from-step-data"
+        raise bad_input(f"{len(names)} names are given, {names[0]} and {names[1]}; a spec has one{hint}")
+    if options.recordings and options.model not in (None, Model.LAG):
+        raise bad_input("--from-step-data fits a lag; leave --plant out")
+    name = names[0] if names else Path(options.out).stem if options.out else "design"
+    return name.removesuffix(".yaml"), options.recordings + more
 
 
 # -- from recordings ---------------------------------------------------------------------------------------------------
 
 
-def _start(model: Model | None, recordings: tuple[str, ...]) -> Start:
-    from fopi_tune.spec.starts import STARTS, fitted_start
+def _plant_sections(model: Model | None, recordings: tuple[str, ...]) -> TemplateSections:
+    from fopi_tune.spec.template_sections import SECTIONS_BY_MODEL, sections_for_fitted_lag
 
     if not recordings:
-        return STARTS[(model or Model.LAG).value]
+        return SECTIONS_BY_MODEL[(model or Model.LAG).value]
     from fopi_tune.identify import identify_lag
 
     family = identify_lag([_recording(file) for file in recordings])
-    about = [line for fit in family.fits for line in _told(fit)]
+    about = [line for fit in family.fits for line in _fit_summary(fit)]
     for line in about:
         say(line)
     hull = "Each range holds the 95 % intervals of these fits, y0 + static_gain step (1 - e^(-(t - dead_time_s) / "
@@ -125,8 +124,8 @@ def _start(model: Model | None, recordings: tuple[str, ...]) -> Start:
         "The dead time's upper end is for a step right after the last line with the old input, its fitted value for "
         "one at the first line with the new input: the recording does not show which.",
     ]
-    wrapped = [part for line in lines for part in textwrap.wrap(_shown(line), 116, subsequent_indent="  ")]
-    return fitted_start(family.static_gain, family.time_constant_s, family.dead_time_s, wrapped)
+    wrapped = [part for line in lines for part in textwrap.wrap(_printable(line), 116, subsequent_indent="  ")]
+    return sections_for_fitted_lag(family.static_gain, family.time_constant_s, family.dead_time_s, wrapped)
 
 
 def _recording(file: str) -> Recording:
@@ -135,15 +134,15 @@ def _recording(file: str) -> Recording:
     try:
         text = read_text(Path(file))
     except OSError as error:
-        raise refusal(f"cannot read {file} ({reason_of(error)}); give CSV files with --from-step-data") from None
+        raise bad_input(f"cannot read {file} ({reason_of(error)}); give CSV files with --from-step-data") from None
     except UnicodeDecodeError:
-        raise refusal(f"{file} is not UTF-8; save it as CSV in UTF-8") from None
+        raise bad_input(f"{file} is not UTF-8; save it as CSV in UTF-8") from None
     except ValueError as error:  # too large, or a NUL in the path
-        raise refusal(f"cannot read {file} ({error})") from None
+        raise bad_input(f"cannot read {file} ({error})") from None
     return parse_recording(text, file)
 
 
-def _told(fit: LagFit) -> list[str]:
+def _fit_summary(fit: LagFit) -> list[str]:
     def shown(value: Interval, unit: str = "") -> str:
         return f"{value.value:.5g} ({value.low:.5g} ... {value.high:.5g}){unit}"
 
@@ -154,22 +153,22 @@ def _told(fit: LagFit) -> list[str]:
     return [numbers, *(f"{fit.name}: {note}" for note in fit.notes)]
 
 
-def _shown(line: str) -> str:
-    """A line of a comment, whatever a file's name holds."""
+def _printable(line: str) -> str:
+    """A line with its control characters escaped."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
 
 
 # -- files -------------------------------------------------------------------------------------------------------------
 
 
-def _schema() -> str:
-    from fopi_tune.spec.schema import json_schema
+def _schema_text() -> str:
+    from fopi_tune.spec.language import json_schema
 
     return to_json(json_schema()) + "\n"
 
 
 def _check_schema_file(path: Path, force: bool) -> None:
-    """Refuse to replace what is no schema of this tool; an older one is."""
+    """Refuse to replace a file that is not a schema of this tool; an older schema is replaced."""
     if force or not os.path.lexists(path):
         return
     try:
@@ -178,11 +177,11 @@ def _check_schema_file(path: Path, force: bool) -> None:
     except (OSError, ValueError, RecursionError):
         ours = False
     if not ours:
-        raise refusal(f"{path} exists already and is no schema of fopi; move it, use --force, or add --no-schema")
+        raise bad_input(f"{path} exists already and is no schema of fopi; move it, use --force, or add --no-schema")
 
 
 def _write(path: Path, text: str) -> None:
     try:
         write_file(path, text)
     except OSError as error:
-        raise refusal(f"cannot write {path} ({reason_of(error)}); choose another file with --out") from None
+        raise bad_input(f"cannot write {path} ({reason_of(error)}); choose another file with --out") from None

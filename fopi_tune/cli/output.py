@@ -1,4 +1,4 @@
-"""Printing and writing:  the one place of the library that does either."""
+"""Printing, reading and writing files:  the only module of the library that prints or writes."""
 
 from __future__ import annotations
 
@@ -12,15 +12,17 @@ import traceback
 from collections.abc import Callable, Iterator
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import typer
 
 if TYPE_CHECKING:
     from rich.text import Text
 
 
-#: seconds
-_FIRST_WORD_S = 5.0
-#: characters
+#: seconds until the first note
+_FIRST_NOTE_S = 5.0
+#: characters of a file that is read
 _LARGEST_RESULT = 200_000_000
 
 
@@ -33,14 +35,14 @@ class Exit(IntEnum):
     TOOL_FAILED = 3
 
 
-def print_out(words: object, write: Callable[..., None] = print) -> Exit:
-    """Print on stdout; a reader that has gone, as in `fopi ... | head`, is no mistake."""
+def print_out(message: object, write: Callable[..., None] = print) -> Exit:
+    """Print on stdout; a closed pipe, as in `fopi ... | head`, is not an error."""
     try:
-        write(words)
+        write(message)
         if sys.stdout is not None:
             sys.stdout.flush()
     except OSError as error:
-        # What is left in the buffer has nowhere to go: without this the interpreter would complain when it ends.
+        # Discard what is left in the buffer: otherwise the interpreter reports the closed pipe when it ends.
         with contextlib.suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         if not isinstance(error, BrokenPipeError):
@@ -50,7 +52,7 @@ def print_out(words: object, write: Callable[..., None] = print) -> Exit:
 
 
 def print_styled(text: Text) -> Exit:
-    """Print on stdout, in colour where somebody is looking who wants it."""
+    """Print on stdout; in colour on a terminal, unless NO_COLOR is set."""
     plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
     if plain or sys.stdout is None or not sys.stdout.isatty():
         return print_out(text.plain)
@@ -59,15 +61,21 @@ def print_styled(text: Text) -> Exit:
     return print_out(text, Console(highlight=False, soft_wrap=True).print)
 
 
-def say(words: str) -> None:
-    """One line on stderr; control characters, as in a file's name, are shown, not obeyed."""
-    line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in words)
+def say(message: str) -> None:
+    """Print one line on stderr; control characters, as in a file's name, are escaped."""
+    line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in message)
     with contextlib.suppress(OSError):
         print(line, file=sys.stderr, flush=True)
 
 
+def bad_input(message: str) -> typer.Exit:
+    """Print what is wrong with the command line; returns the exit to raise, with the code of bad input."""
+    say(message)
+    return typer.Exit(Exit.BAD_INPUT)
+
+
 def report_failure(what: str, error: Exception, debug: bool) -> Exit:
-    """A bug of the tool: one line, and the traceback on demand."""
+    """Report a bug of the tool: one line, and the traceback with --debug."""
     if debug:
         print("".join(traceback.format_exception(error)), file=sys.stderr)
     hint = "please report it together with the spec" + ("" if debug else " and what --debug adds")
@@ -77,7 +85,7 @@ def report_failure(what: str, error: Exception, debug: bool) -> Exit:
 
 @contextlib.contextmanager
 def progress_bar(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """A bar on stderr with rate and time left, where somebody is looking; None elsewhere."""
+    """A progress bar on stderr with rate and time left, if stderr is a terminal; None otherwise."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
@@ -101,14 +109,14 @@ def progress_bar(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] 
 
 
 @contextlib.contextmanager
-def patience(words: str, quiet: bool) -> Iterator[Callable[[], None]]:
-    """A line on stderr now and then, ever more seldom, while something takes long; what is given ends it before."""
+def still_running_notes(message: str, quiet: bool) -> Iterator[Callable[[], None]]:
+    """Print notes on stderr, at growing intervals, while something takes long; the yielded function stops them."""
     done = threading.Event()
 
     def tell() -> None:
-        wait = after = _FIRST_WORD_S
+        wait = after = _FIRST_NOTE_S
         while not done.wait(wait):
-            say(f"{words} after {after:g} s ...")
+            say(f"{message} after {after:g} s ...")
             wait, after = after, 2 * after
 
     teller = threading.Thread(target=tell, daemon=True)
@@ -128,16 +136,16 @@ def to_json(document: object) -> str:
 
 
 def reason_of(error: OSError) -> str:
-    """What the operating system said."""
+    """The operating system's message."""
     return error.strerror or str(error)
 
 
 def read_text(path: Path) -> str:
-    """A file of results.
+    """The text of a file.
 
     Raises:
         OSError: it cannot be read.
-        ValueError: it is no text, or larger than any result.
+        ValueError: it is not text, or is larger than any result.
     """
     with open(path, encoding="utf-8") as file:
         text = file.read(_LARGEST_RESULT + 1)
@@ -146,11 +154,31 @@ def read_text(path: Path) -> str:
     return text
 
 
-def write_file(path: Path, content: str | bytes) -> None:
-    """Write a file at once or not at all, making its folder.
+def read_json(path: str | Path) -> Any:
+    """A JSON file; NaN, infinity and duplicate keys are errors.
 
-    Whatever ends the process, the file is the old one or the new one.  Killed while it writes, it leaves a hidden file
-    beside it that nobody reads.
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no such JSON.
+        RecursionError: it is nested too deeply.
+    """
+
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{constant} is no JSON")
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        if len({key for key, _ in pairs}) < len(pairs):
+            raise ValueError("an entry appears twice")
+        return dict(pairs)
+
+    return json.loads(read_text(Path(path)), parse_constant=refuse, object_pairs_hook=once)
+
+
+def write_file(path: Path, content: str | bytes) -> None:
+    """Write a file atomically, and create its folder.
+
+    Whenever the process ends, the file is the old one or the new one.  A process killed while writing leaves a hidden
+    temporary file beside it.
 
     Args:
         path: the file.
@@ -161,7 +189,7 @@ def write_file(path: Path, content: str | bytes) -> None:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     data = content.encode("utf-8") if isinstance(content, str) else content
-    # not the process's number: in a container that is the same each time, and so would be what a killed run left
+    # a random name: in a container the process id is the same in every run, and a killed run may have left its file
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
         with open(temporary, "xb") as file:

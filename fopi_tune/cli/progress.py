@@ -1,4 +1,4 @@
-"""How far a study is, on stderr:  a bar where somebody is looking, else plain lines or JSON lines."""
+"""Progress of a study on stderr:  a bar on a terminal, otherwise plain lines or JSON lines."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 #: seconds between two plain lines
 _LINE_EVERY_S = 10.0
 
-Told = Callable[["Counts"], None]
+ProgressCallback = Callable[["Counts"], None]
 
 
-class Progress(StrEnum):
+class ProgressStyle(StrEnum):
     """What is shown while cells run."""
 
     AUTO = "auto"
@@ -32,43 +32,43 @@ class Progress(StrEnum):
 
 
 @contextlib.contextmanager
-def shown(wanted: Progress, quiet: bool) -> Iterator[Told | None]:
-    """What is told how far it is."""
-    if wanted is Progress.AUTO:
-        looking = sys.stderr is not None and sys.stderr.isatty()
-        wanted = Progress.NONE if quiet else Progress.BAR if looking else Progress.LINES
-    if wanted is Progress.BAR:
-        with _bar() as told:
-            yield told
-    elif wanted is Progress.NONE:
+def progress_display(wanted: ProgressStyle, quiet: bool) -> Iterator[ProgressCallback | None]:
+    """The callback that shows progress in the given style; None for no display."""
+    if wanted is ProgressStyle.AUTO:
+        on_terminal = sys.stderr is not None and sys.stderr.isatty()
+        wanted = ProgressStyle.NONE if quiet else ProgressStyle.BAR if on_terminal else ProgressStyle.LINES
+    if wanted is ProgressStyle.BAR:
+        with _bar() as update:
+            yield update
+    elif wanted is ProgressStyle.NONE:
         yield None
     else:
-        yield _lines() if wanted is Progress.LINES else _json_lines()
+        yield _lines() if wanted is ProgressStyle.LINES else _json_lines()
 
 
 class _Clock:
-    """Rate and time left, of the cells of this run."""
+    """Rate and time left, from the cells of this run."""
 
     def __init__(self) -> None:
         self.start = time.monotonic()
-        self.before: int | None = None
+        self.ran_at_start: int | None = None
 
     def at(self, counts: Counts) -> tuple[float, float | None, float | None]:
-        """Seconds since the start, cells a second, seconds left; None while nothing was run."""
+        """Seconds since the start, cells a second, seconds left; None before a cell has run."""
         ran = counts.total - counts.left
-        if self.before is None:
-            self.before = ran
+        if self.ran_at_start is None:
+            self.ran_at_start = ran
         elapsed = time.monotonic() - self.start
-        if ran == self.before or elapsed <= 0.0:
+        if ran == self.ran_at_start or elapsed <= 0.0:
             return elapsed, None, None
-        rate = (ran - self.before) / elapsed
+        rate = (ran - self.ran_at_start) / elapsed
         return elapsed, rate, counts.left / rate
 
 
-def _lines() -> Told:
+def _lines() -> ProgressCallback:
     clock, last = _Clock(), [-_LINE_EVERY_S]
 
-    def told(counts: Counts) -> None:
+    def update(counts: Counts) -> None:
         elapsed, rate, left = clock.at(counts)
         if elapsed - last[0] < _LINE_EVERY_S and counts.left:
             return
@@ -78,13 +78,13 @@ def _lines() -> Told:
         rest = f", {_duration(left)} left" if left is not None and counts.left else ""
         say(f"{counts.done + counts.failed} of {counts.total} cells{failed}{speed}{rest}")
 
-    return told
+    return update
 
 
-def _json_lines() -> Told:
+def _json_lines() -> ProgressCallback:
     clock = _Clock()
 
-    def told(counts: Counts) -> None:
+    def update(counts: Counts) -> None:
         elapsed, rate, left = clock.at(counts)
         event = {
             "event": "progress",
@@ -98,11 +98,11 @@ def _json_lines() -> Told:
         }
         say(json.dumps(event))
 
-    return told
+    return update
 
 
 @contextlib.contextmanager
-def _bar() -> Iterator[Told]:
+def _bar() -> Iterator[ProgressCallback]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
     from rich.progress import Progress as Bar
@@ -117,7 +117,7 @@ def _bar() -> Iterator[Told]:
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("cells", total=None, failed=0, rate="", left="")
 
-        def told(counts: Counts) -> None:
+        def update(counts: Counts) -> None:
             _, rate, left = clock.at(counts)
             bar.update(
                 task,
@@ -128,7 +128,7 @@ def _bar() -> Iterator[Told]:
                 left=f"{_duration(left)} left" if left is not None else "",
             )
 
-        yield told
+        yield update
 
 
 def _duration(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""Reports:  of a run, or of the results on the disk -> files by name."""
+"""Files of an HTML report:  a run, or results read from a folder -> file name to content."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.files import CERTIFICATE, CHECK, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, EVIDENCE
 from fopi_tune.cli.output import read_text
+from fopi_tune.cli.result_files import CERTIFICATE, CHECK, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, EVIDENCE
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from fopi_tune.spec.model import DesignSpec
 
 
-def report_of(result: object, folder: Path) -> dict[str, str | bytes]:
-    """The report of a run and its figures by name; of what is no run, none.
+def report_of_run(result: object, folder: Path) -> dict[str, str | bytes]:
+    """The report of a run and its figures, by file name; empty for other results.
 
     Args:
         result: of any command.
-        folder: of the results; plants that were drawn for these very gains earlier are part of the report.
+        folder: of the results; an earlier validation of the same gains in it becomes part of the report.
     """
     from fopi_tune.results.design import Run
 
@@ -30,11 +30,11 @@ def report_of(result: object, folder: Path) -> dict[str, str | bytes]:
     from fopi_tune.report.findings import findings_of_run
     from fopi_tune.report.html import report_files
 
-    return report_files(findings_of_run(result, _document(folder / EVIDENCE)))
+    return report_files(findings_of_run(result, _read_document(folder / EVIDENCE)))
 
 
 def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> dict[str, str | bytes]:
-    """Designs side by side.
+    """The page that compares designs, by file name.
 
     Args:
         named: of each design where it was named, its spec, the folder of its results and the file of its gains.
@@ -47,7 +47,7 @@ def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> dict[st
     found = []
     for source, spec, folder, file in named:
         try:
-            found.append((source, _findings(spec, folder, file)))
+            found.append((source, _read_findings(spec, folder, file)))
         except DomainError as error:
             raise DomainError(f"{source}: {error}") from None
     try:
@@ -58,12 +58,12 @@ def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> dict[st
         raise DomainError("some of these results are not as this tool writes them; make them again") from error
 
 
-def report_again(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]:
-    """The same from what a run left.
+def report_from_folder(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]:
+    """The report of a run, made again from the results in a folder.
 
     Args:
         spec: of the results.
-        folder: theirs.
+        folder: of the results.
 
     Raises:
         DomainError: there is no design of this spec.
@@ -71,33 +71,33 @@ def report_again(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]:
     from fopi_tune.report.html import report_files
 
     try:
-        return report_files(_findings(spec, folder, DESIGN))
+        return report_files(_read_findings(spec, folder, DESIGN))
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         if isinstance(error, DomainError):
             raise
         raise DomainError(f"the results in {folder} are not as this tool writes them; run `fopi run` again") from error
 
 
-def _findings(spec: DesignSpec, folder: Path, file: str) -> Findings:
-    """What a folder of results says of a spec, its gains from one of the files there."""
+def _read_findings(spec: DesignSpec, folder: Path, file: str) -> Findings:
+    """Read a folder of results of a spec; the gains are those of `file`."""
     from fopi_tune.report.backing import check_backed
     from fopi_tune.report.findings import findings_of
 
     command = "fopi prove" if file == CHECK else "fopi run"
-    found = _document(folder / file)
+    found = _read_document(folder / file)
     if found is None:
         raise DomainError(f"there is no {file} to read in {folder}; make one with `{command}`, or name its folder")
-    digital, evidence = _document(folder / DIGITAL), _document(folder / EVIDENCE)
+    digital, evidence = _read_document(folder / DIGITAL), _read_document(folder / EVIDENCE)
     findings = findings_of(spec, found, digital, evidence, file=file, command=command)
-    check_backed(found, _document(folder / CERTIFICATE), (file, CERTIFICATE), command)
+    check_backed(found, _read_document(folder / CERTIFICATE), (file, CERTIFICATE), command)
     if findings.digital is not None:
         names = (DIGITAL, DIGITAL_CERTIFICATE)
-        check_backed(findings.digital, _document(folder / DIGITAL_CERTIFICATE), names, command)
+        check_backed(findings.digital, _read_document(folder / DIGITAL_CERTIFICATE), names, command)
     return findings
 
 
-def _document(path: Path) -> Document | None:
-    """A result's JSON; None where there is none, or what is there is none."""
+def _read_document(path: Path) -> Document | None:
+    """The JSON object in a file; None if there is no such file or object."""
     try:
         found: Any = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError):

@@ -1,26 +1,25 @@
-"""`fopi simulate` and `fopi validate`:  a spec or a system, driven."""
+"""`fopi simulate` and `fopi validate`, of a spec or a system."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.certificates import gains_of_earlier_design
-from fopi_tune.cli.gains import found_or_tuned
-from fopi_tune.cli.output import Exit, progress_bar
-from fopi_tune.cli.process import Handling, process_loaded
+from fopi_tune.cli.batch import OutputOptions, process_with_loader
+from fopi_tune.cli.gains import earlier_or_tuned_gains, gains_of_earlier_design
+from fopi_tune.cli.output import Exit, bad_input, progress_bar
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
-    from fopi_tune.cli.files import Result
+    from fopi_tune.cli.result_files import Result
     from fopi_tune.spec.model import DesignSpec, SystemSpec
 
 
 @dataclass(frozen=True)
-class Course:
-    """What of a spec or a system is simulated.
+class SimulationOptions:
+    """Options of `fopi simulate`: what is simulated.
 
     Args:
         scenario: name of the only one; None for all.
@@ -38,49 +37,61 @@ class Course:
     exact: bool
 
 
-def validate_file(file: str, given: FoPi | None, samples: int | None, seed: int | None, handling: Handling) -> Exit:
-    """Draw plants, judge and report."""
+def parameters_from_options(pairs: Sequence[str]) -> dict[str, float]:
+    """Plant parameters of --plant NAME=VALUE as a mapping."""
+    numbers: dict[str, float] = {}
+    for pair in pairs:
+        name, _, value = pair.partition("=")
+        try:
+            numbers[name] = float(value)
+        except ValueError:
+            raise bad_input(f"--plant {pair} is not NAME=VALUE, as in --plant time_constant_s=3.1") from None
+    return numbers
 
-    def make(loaded: DesignSpec | SystemSpec) -> Result:
+
+def validate_file(file: str, given: FoPi | None, samples: int | None, seed: int | None, options: OutputOptions) -> Exit:
+    """Run `fopi validate`: draw plants, simulate and evaluate them, write and print the result."""
+
+    def compute(loaded: DesignSpec | SystemSpec) -> Result:
         from fopi_tune.pipeline.systems import validate_system
         from fopi_tune.pipeline.validate import validate
         from fopi_tune.spec.model import SystemSpec
 
         if isinstance(loaded, SystemSpec):
-            gains = _gains_of_modes(loaded, given, handling)
-            with progress_bar("loops", handling.quiet) as progress:
+            gains = _gains_of_modes(loaded, given, options)
+            with progress_bar("loops", options.quiet) as progress:
                 return validate_system(loaded, gains, samples=samples, seed=seed, progress=progress)
-        found = given if given is not None else found_or_tuned(loaded, handling)
+        found = given if given is not None else earlier_or_tuned_gains(loaded, options)
         if not isinstance(found, FoPi):
             return found
-        with progress_bar("loops", handling.quiet) as progress:
+        with progress_bar("loops", options.quiet) as progress:
             return validate(loaded, found, samples=samples, seed=seed, progress=progress)
 
-    return process_loaded([file], _load, make, handling, "validating")
+    return process_with_loader([file], _load, compute, options, "validating")
 
 
-def simulate_file(file: str, given: FoPi | None, course: Course, handling: Handling) -> Exit:
-    """Drive one plant, or one pair of them, and report."""
+def simulate_file(file: str, given: FoPi | None, selection: SimulationOptions, options: OutputOptions) -> Exit:
+    """Run `fopi simulate`: simulate one plant, or one of each mode, write and print the result."""
 
-    def make(loaded: DesignSpec | SystemSpec) -> Result:
+    def compute(loaded: DesignSpec | SystemSpec) -> Result:
         from fopi_tune.pipeline.simulate import simulate
         from fopi_tune.pipeline.systems import simulate_system
         from fopi_tune.spec.model import SystemSpec
 
-        wanted: dict[str, Any] = {
-            "scenario": course.scenario,
-            "plant": course.plant,
-            "replay": course.replay,
-            "samples": course.samples,
-            "seed": course.seed,
-            "exact": course.exact,
+        arguments: dict[str, Any] = {
+            "scenario": selection.scenario,
+            "plant": selection.plant,
+            "replay": selection.replay,
+            "samples": selection.samples,
+            "seed": selection.seed,
+            "exact": selection.exact,
         }
         if isinstance(loaded, SystemSpec):
-            return simulate_system(loaded, _gains_of_modes(loaded, given, handling), **wanted)
-        found = given if given is not None else found_or_tuned(loaded, handling)
-        return found if not isinstance(found, FoPi) else simulate(loaded, found, **wanted)
+            return simulate_system(loaded, _gains_of_modes(loaded, given, options), **arguments)
+        found = given if given is not None else earlier_or_tuned_gains(loaded, options)
+        return found if not isinstance(found, FoPi) else simulate(loaded, found, **arguments)
 
-    return process_loaded([file], _load, make, handling, "simulating")
+    return process_with_loader([file], _load, compute, options, "simulating")
 
 
 def _load(file: str) -> DesignSpec | SystemSpec:
@@ -89,17 +100,17 @@ def _load(file: str) -> DesignSpec | SystemSpec:
     return load_any(file)
 
 
-def _gains_of_modes(system: SystemSpec, given: FoPi | None, handling: Handling) -> dict[str, FoPi]:
-    """Gains of earlier designs, for modes whose gains the system leaves open; the others are tuned."""
+def _gains_of_modes(system: SystemSpec, given: FoPi | None, options: OutputOptions) -> dict[str, FoPi]:
+    """Gains of earlier designs for modes without gains in the system; modes without such a design are tuned later."""
     if given is not None:
         raise DomainError("this is a system; its modes' gains belong into its file: brake: {spec: ..., gains: ...}")
     found = {}
     for mode in system.modes:
         if mode.gains is None:
-            # where `fopi tune` leaves them when nothing else is said
-            gains = gains_of_earlier_design(mode.spec, replace(handling, out=None, several=False))
+            # the default folder of `fopi tune`
+            gains = gains_of_earlier_design(mode.spec, replace(options, out=None, several=False))
             if gains is not None:
                 found[mode.name] = gains
             else:
-                handling.note(f"{mode.name}: no gains given, and no design of {mode.spec.name} there; tuning ...")
+                options.note(f"{mode.name}: no gains given, and no design of {mode.spec.name} there; tuning ...")
     return found

@@ -8,42 +8,51 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fopi_tune.cli.gains import refusal
-from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json, write_file
-from fopi_tune.cli.progress import Progress, shown
+from fopi_tune.cli.output import (
+    Exit,
+    bad_input,
+    print_out,
+    print_styled,
+    reason_of,
+    report_failure,
+    say,
+    to_json,
+    write_file,
+)
+from fopi_tune.cli.progress import ProgressStyle, progress_display
 from fopi_tune.errors import DomainError, FopiError, SpecError
 
-# Solvers and Dask are imported where they are needed: a mistake must not wait for them.
+# Solvers and Dask are imported where they are needed, so that errors in a study are reported quickly.
 if TYPE_CHECKING:
     from fopi_tune.study import Machines, StudyResult
     from fopi_tune.study.model import Study
 
 TABLE, PARQUET = "table.csv", "table.parquet"
 _MOST_FAILURES = 20
-#: as a shell says it of a process that was interrupted
+#: the shell's exit code of an interrupted process
 _INTERRUPTED = 130
 
 
 @dataclass(frozen=True)
-class _Wish:
-    """What to do with a study, beside running it."""
+class _StudyOptions:
+    """Options of `fopi study` about its results."""
 
     out: str | None
     parquet: bool
     as_json: bool
     quiet: bool
-    progress: Progress
+    progress: ProgressStyle
     resume: bool
     retry_failed: bool
 
     def folder(self, study: Study) -> Path:
-        """Of the ledger and the tables."""
+        """The folder of the ledger and the tables."""
         return Path("results", study.name) if self.out is None else Path(self.out)
 
-    def note(self, words: str) -> None:
-        """Say something on stderr that is no mistake; where a program reads there, it reads progress alone."""
-        if not self.quiet and self.progress is not Progress.JSONL:
-            say(words)
+    def note(self, message: str) -> None:
+        """Print a note on stderr, unless --quiet is given; with JSON lines there, only progress is printed."""
+        if not self.quiet and self.progress is not ProgressStyle.JSONL:
+            say(message)
 
 
 def study(
@@ -64,7 +73,9 @@ def study(
     ] = False,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run cells again that failed.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write the table as Parquet, too; needs pyarrow.")] = False,
-    progress: Annotated[Progress, typer.Option(help="What is shown on stderr while cells run.")] = Progress.AUTO,
+    progress: Annotated[
+        ProgressStyle, typer.Option(help="What is shown on stderr while cells run.")
+    ] = ProgressStyle.AUTO,
     out: Annotated[str | None, typer.Option(metavar="DIR", help="Folder, instead of results/NAME.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")] = False,
@@ -78,25 +89,25 @@ def study(
     have changed.  Ends with 0 when every cell has an answer (infeasible is one), 3 when some failed or are undecided.
     """
     if status is not None:
-        raise typer.Exit(_status(status, as_json))
+        raise typer.Exit(_print_status(status, as_json))
     if file is None:
-        raise refusal("there is no STUDY to run; name a study file, or a folder with --status")
+        raise bad_input("there is no STUDY to run; name a study file, or a folder with --status")
     if workers is not None and scheduler is not None:
-        raise refusal("--workers are of this machine, --scheduler has its own; leave one of them out")
-    wish = _Wish(out, parquet, as_json, quiet, progress, resume, retry_failed)
+        raise bad_input("--workers are of this machine, --scheduler has its own; leave one of them out")
+    options = _StudyOptions(out, parquet, as_json, quiet, progress, resume, retry_failed)
     try:
-        loaded = _load(file, force, wish)
+        loaded = _load_study(file, force, options)
         if dry_run:
-            raise typer.Exit(_list(loaded, wish))
+            raise typer.Exit(_list_cells(loaded, options))
         from fopi_tune.study import Machines
 
-        raise typer.Exit(_run(loaded, Machines(workers, scheduler), wish))
+        raise typer.Exit(_run_study(loaded, Machines(workers, scheduler), options))
     except SpecError as error:
         for problem in error.problems:
             say(str(problem))
         raise typer.Exit(Exit.BAD_INPUT) from None
     except DomainError as error:
-        raise refusal(str(error)) from None
+        raise bad_input(str(error)) from None
     except FopiError as error:
         say(str(error))
         raise typer.Exit(Exit.TOOL_FAILED) from None
@@ -109,34 +120,40 @@ def study(
         raise typer.Exit(report_failure(file, error, debug)) from None
 
 
-def _load(file: str, force: bool, wish: _Wish) -> Study:
+def _load_study(file: str, force: bool, options: _StudyOptions) -> Study:
     from fopi_tune.study.load import load_study
 
-    return load_study(file, force, told=lambda count: wish.note(f"{file}: {count} cells"))
+    return load_study(file, force, told=lambda count: options.note(f"{file}: {count} cells"))
 
 
-def _list(loaded: Study, wish: _Wish) -> Exit:
-    """Every cell on a line."""
-    if wish.as_json:
+def _list_cells(loaded: Study, options: _StudyOptions) -> Exit:
+    """Print every cell on a line."""
+    if options.as_json:
         cells = [{"cell": c.index + 1, c.kind.value: c.name, "overrides": dict(c.overrides)} for c in loaded.cells]
         return print_out(to_json({"schema": 1, "name": loaded.name, "cells": cells}))
     return print_out("\n".join(f"{cell.index + 1}  {cell.label}" for cell in loaded.cells))
 
 
-def _run(loaded: Study, machines: Machines, wish: _Wish) -> Exit:
+def _run_study(loaded: Study, machines: Machines, options: _StudyOptions) -> Exit:
     from fopi_tune.study import run
     from fopi_tune.study.table import require_parquet
 
-    if wish.parquet:
+    if options.parquet:
         require_parquet()
-    folder = wish.folder(loaded)
-    with shown(wish.progress, wish.quiet) as told:
+    folder = options.folder(loaded)
+    with progress_display(options.progress, options.quiet) as told:
         result = run(
-            loaded, folder, machines, retry_failed=wish.retry_failed, resume=wish.resume, told=told, say=wish.note
-        )  # fmt: skip
-    code = _write(result, folder, wish)
-    _tell(result, wish)
-    if wish.as_json:
+            loaded,
+            folder,
+            machines,
+            retry_failed=options.retry_failed,
+            resume=options.resume,
+            told=told,
+            say=options.note,
+        )
+    code = _write_files(result, folder, options)
+    _print_failures(result, options)
+    if options.as_json:
         code = max(code, print_out(to_json(_document(result))))
     else:
         from fopi_tune.report import study_text
@@ -146,11 +163,11 @@ def _run(loaded: Study, machines: Machines, wish: _Wish) -> Exit:
     return max(code, Exit.MET if decided else Exit.TOOL_FAILED)
 
 
-def _write(result: StudyResult, folder: Path, wish: _Wish) -> Exit:
+def _write_files(result: StudyResult, folder: Path, options: _StudyOptions) -> Exit:
     files: dict[str, str | bytes] = {TABLE: result.table.to_csv()}
-    if wish.parquet:
+    if options.parquet:
         files[PARQUET] = result.table.to_parquet()
-    # a registry's names become files' names
+    # names of a registry are used as file names
     files |= {PurePosixPath(name).name: text for name, text in result.table.files.items()}
     for name, content in files.items():
         try:
@@ -158,18 +175,18 @@ def _write(result: StudyResult, folder: Path, wish: _Wish) -> Exit:
         except OSError as error:
             say(f"cannot write {folder / name} ({reason_of(error)}); choose another folder with --out")
             return Exit.BAD_INPUT
-        wish.note(f"{result.study.name}: wrote {folder / name}")
+        options.note(f"{result.study.name}: wrote {folder / name}")
     return Exit.MET
 
 
-def _tell(result: StudyResult, wish: _Wish) -> None:
-    """Failed cells with their reasons, and columns that stayed empty."""
+def _print_failures(result: StudyResult, options: _StudyOptions) -> None:
+    """Print failed cells with their reasons, and columns that are empty."""
     for index, label, reason in result.failures[:_MOST_FAILURES]:
         say(f"cell {index + 1} ({label}) failed: {reason}")
     if len(result.failures) > _MOST_FAILURES:
         say(f"{len(result.failures) - _MOST_FAILURES} more cells failed; the table has their reasons")
     for name in result.table.empty:
-        wish.note(f"column {name} is empty in every row; is its path right?")
+        options.note(f"column {name} is empty in every row; is its path right?")
 
 
 def _document(result: StudyResult) -> dict[str, object]:
@@ -183,15 +200,15 @@ def _document(result: StudyResult) -> dict[str, object]:
     }
 
 
-def _status(folder: str, as_json: bool) -> Exit:
-    """How far a study is, of its ledger alone; 0 when all is done, 1 when cells are left, 3 when some failed."""
-    from fopi_tune.study.ledger import read
+def _print_status(folder: str, as_json: bool) -> Exit:
+    """Print the progress that a ledger holds; returns 0 when all is done, 1 when cells are left, 3 when some failed."""
+    from fopi_tune.study.ledger import read_ledger
 
     try:
-        with read(Path(folder)) as ledger:
+        with read_ledger(Path(folder)) as ledger:
             counts, failures, name, seconds = ledger.counts(), ledger.failures(), ledger.name, ledger.seconds()
     except DomainError as error:
-        raise refusal(str(error)) from None
+        raise bad_input(str(error)) from None
     code = Exit.TOOL_FAILED if counts.failed else Exit.NOT_MET if counts.left else Exit.MET
     if as_json:
         failed = [{"cell": index + 1, "label": label, "reason": reason} for index, label, reason in failures]

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fopi_tune.cli.output import Exit, print_out, progress_bar, say, to_json
+from fopi_tune.cli.output import progress_bar
 from fopi_tune.errors import DomainError
 from fopi_tune.results.candidate import Solver
 
 if TYPE_CHECKING:
-    from fopi_tune.cli.process import Handling
-    from fopi_tune.optimum import OptimumRecheck
+    from fopi_tune.cli.batch import OutputOptions
     from fopi_tune.prices import Tradeoff
     from fopi_tune.results.design import Design
     from fopi_tune.spec.model import DesignSpec
 
-Prices = Annotated[
+PricesOption = Annotated[
     bool, typer.Option("--prices", help="Check each multiplier by solving again with its limit moved both ways.")
 ]
-Swept = Annotated[
+TradeoffOption = Annotated[
     str | None,
     typer.Option(
         "--tradeoff",
@@ -29,17 +28,17 @@ Swept = Annotated[
         help="Sweep this requirement's limit (by its number or quantity) and draw the objective against it.",
     ),
 ]
-From = Annotated[float | None, typer.Option("--from", help="Lowest limit of the sweep, in the limit's unit.")]
-To = Annotated[float | None, typer.Option("--to", help="Highest limit of the sweep.")]
-Points = Annotated[int | None, typer.Option("--points", help="Limits in the sweep; 50 when left out.")]
+StartOption = Annotated[float | None, typer.Option("--from", help="Lowest limit of the sweep, in the limit's unit.")]
+StopOption = Annotated[float | None, typer.Option("--to", help="Highest limit of the sweep.")]
+PointsOption = Annotated[int | None, typer.Option("--points", help="Limits in the sweep; 50 when left out.")]
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What the command line asks about prices.
+class TuneOptions:
+    """Options of `fopi tune`: multipliers, the trade-off sweep and the solver.
 
     Args:
-        prices: check the multipliers.
+        prices: whether the multipliers are checked.
         requirement: whose limit is swept; None for none.
         start, stop, points: of the sweep; None where left out.
         solver: of the design.
@@ -53,7 +52,7 @@ class Asked:
     solver: Solver = Solver.IPOPT
 
     def problem(self, specs: int) -> str | None:
-        """What is wrong with the options together, or None."""
+        """Why the options cannot be combined, or None."""
         if self.solver is not Solver.IPOPT and (self.prices or self.requirement is not None):
             return "--prices and --tradeoff are solved by ipopt; leave --solver out"
         if self.requirement is None:
@@ -65,8 +64,8 @@ class Asked:
         return "--tradeoff sweeps the limit of one spec; name one SPEC" if specs != 1 else None
 
 
-def designed(spec: DesignSpec, asked: Asked, proof: bool) -> Design | Tradeoff:
-    """The design, with its prices where they are asked for, or the sweep.
+def design_or_sweep(spec: DesignSpec, options: TuneOptions, proof: bool) -> Design | Tradeoff:
+    """The design, with checked multipliers if requested, or the sweep.
 
     Raises:
         DomainError: of the sweep: there is no such requirement, or no design to start from.
@@ -74,19 +73,19 @@ def designed(spec: DesignSpec, asked: Asked, proof: bool) -> Design | Tradeoff:
     from fopi_tune.pipeline.price import NOT_ON_SAMPLES, price, tradeoff
     from fopi_tune.pipeline.tune import tune
 
-    if asked.requirement is not None:
-        points = 50 if asked.points is None else asked.points
-        return tradeoff(spec, asked.requirement, start=asked.start, stop=asked.stop, points=points)
-    if asked.prices and spec.digital is not None and spec.digital.designs_sampled:
+    if options.requirement is not None:
+        points = 50 if options.points is None else options.points
+        return tradeoff(spec, options.requirement, start=options.start, stop=options.stop, points=points)
+    if options.prices and spec.digital is not None and spec.digital.designs_sampled:
         raise DomainError(NOT_ON_SAMPLES)
-    if asked.solver is not Solver.IPOPT:
-        return tune(spec, proof, asked.solver)
+    if options.solver is not Solver.IPOPT:
+        return tune(spec, proof, options.solver)
     design = tune(spec) if proof else tune(spec, proof=False)
-    return price(design) if asked.prices else design
+    return price(design) if options.prices else design
 
 
-def with_optimum(design: Design, gap: float, time_limit_s: float, handling: Handling) -> Design:
-    """The design with what is proved of the best gains; of an infeasible one, whether that is proved.
+def with_optimum(design: Design, gap: float, time_limit_s: float, output_options: OutputOptions) -> Design:
+    """The design with a proved bound of the optimum; of an infeasible design, with the result of proving infeasibility.
 
     Raises:
         DomainError: a gap or a limit that is not positive.
@@ -95,43 +94,16 @@ def with_optimum(design: Design, gap: float, time_limit_s: float, handling: Hand
 
     status = design.status.value
     if status not in ("solved", "infeasible"):
-        handling.note(f"{design.spec.name}: {status}, so there is no optimum to certify")
+        output_options.note(f"{design.spec.name}: {status}, so there is no optimum to certify")
         return design
-    handling.note(f"{design.spec.name}: certifying the optimum ...")
-    with progress_bar("boxes", handling.quiet) as bar:
-        told = None if bar is None else lambda done, left: bar(done, done + left)
+    output_options.note(f"{design.spec.name}: certifying the optimum ...")
+    with progress_bar("boxes", output_options.quiet) as bar:
+        progress_callback = None if bar is None else lambda done, left: bar(done, done + left)
         found = certify_optimum(
             design.spec,
             design.gains if status == "solved" else None,
             gap=gap,
             time_limit_s=time_limit_s,
-            progress=told,
+            progress=progress_callback,
         )
     return replace(design, optimum=found)
-
-
-def recheck_optimum_file(document: Any, spec_file: str | None, handling: Handling) -> Exit:
-    """Check a file of an optimum, print what was found; like any certificate it raises what is wrong with it."""
-    from fopi_tune.pipeline.optimum import recheck_optimum
-
-    if spec_file is None:
-        say("a bound of an optimum is checked against its spec; name it: fopi prove --recheck FILE SPEC")
-        return Exit.BAD_INPUT
-    found = recheck_optimum(document, spec_file)
-    stated = found.status.value in ("certified", "infeasible")
-    code = Exit.MET if found.is_sound and stated else Exit.NOT_MET
-    if handling.as_json:
-        return max(code, print_out(to_json(_document(found))))
-    verdict = "sound" if found.is_sound else "refused"
-    lines = [f"{verdict}: {found.status.value}, {found.leaves} boxes tested again in ball arithmetic"]
-    return max(code, print_out("\n".join([*lines, *(f"  {problem}" for problem in found.problems)])))
-
-
-def _document(found: OptimumRecheck) -> dict[str, Any]:
-    return {
-        "schema": 1,
-        "status": "sound" if found.is_sound else "refused",
-        "verdict": found.status.value if found.is_sound else None,
-        "boxes": found.leaves,
-        "problems": list(found.problems),
-    }

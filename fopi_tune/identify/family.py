@@ -1,4 +1,4 @@
-"""Recordings to the family of lags that a spec needs:  the box that holds the intervals of every fit."""
+"""Recordings to a family of lags for a spec:  the smallest box that contains the intervals of all fits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fopi_tune.identify.recording import Recording
 
 @dataclass(frozen=True)
 class LagFamily:
-    """A family of lags from recordings, and the fits that it comes from.
+    """A family of lags identified from recordings, and the fits.
 
     Args:
         fits: one a recording, in their order.
@@ -30,10 +30,10 @@ class LagFamily:
 
 
 def identify_lag(recordings: Sequence[Recording]) -> LagFamily:
-    """The box of lags that holds the intervals of all recordings' fits.
+    """The smallest box of lags that contains the intervals of all recordings' fits.
 
-    Each number's range is the hull of the fits' intervals, and its nominal value the median of the fitted values: a
-    joint fit would be one plant's, which several plants do not share, and one odd recording does not move a median far.
+    Each number's range is the hull of the fits' intervals, and its nominal value is the median of the fitted values.  A
+    joint fit would assume one plant for all recordings.  The median is robust against a single outlier.
 
     Args:
         recordings: at least one, of one plant or of several that one controller shall serve.

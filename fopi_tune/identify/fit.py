@@ -5,11 +5,12 @@ After a step of the input by du at the time t0 the model's output is
     y(t) = y0 + K du (1 - exp(-(t - t0 - L)/tau))   for t > t0 + L,   y0 before
 
 with four unknowns: y0, the static gain K, the time constant tau and the dead time L.  The sum of squares has several
-minima in L: a search over a grid of (tau, L), in which y0 and K follow in closed form, gives the starts.
+local minima in L.  So the initial guesses come from a grid of (tau, L), on which y0 and K follow in closed form.
 
-The recording shows the step only between two lines, the last with the old input and the first with the new one.  The
-fit takes t0 at the latter; a step that came by up to that gap earlier has a dead time longer by as much, and leaves K
-and tau as they are.  So the interval of L reaches further up by the gap, and the fitted L may lie below 0 by the gap.
+The time of the step is known only to lie in the gap between two lines: the last with the old input and the first with
+the new one.  The fit takes t0 at the latter.  If the step came earlier by d, the dead time is longer by d, while K and
+tau are unchanged.  So the upper end of the interval of L is raised by the gap, and a fitted L may be negative by up to
+the gap.
 """
 
 from __future__ import annotations
@@ -22,20 +23,20 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
-from fopi_tune.identify.recording import Recording, counted
+from fopi_tune.identify.recording import Recording, pluralized
 
 #: of the intervals
 CONFIDENCE = 0.95
-#: samples that the search looks at; the fit looks at all
-_SEARCHED = 1500
-#: samples on the curve's bend, up to three time constants after the dead time, without which it cannot be told
-_ON_BEND = 3
-#: correlation of one residual with the next beyond which they are no independent noise
-_CORRELATED = 0.5
-#: residuals below this share of the output's change are rounding, in which any shape may be found
-_ROUNDING = 1e-6
-#: shares of the record's length that are no dead time, but rounding
-_NO_TIME = 1e-9
+#: at most this many samples are used in the grid search; the fit uses all
+_MAX_SEARCH_SAMPLES = 1500
+#: fewest samples within three time constants after the dead time that determine the time constant
+_MIN_RISE_SAMPLES = 3
+#: residuals with a larger lag-one correlation are not independent noise
+_MAX_CORRELATION = 0.5
+#: residuals below this share of the output's change are rounding errors and are not tested for correlation
+_ROUNDING_SHARE = 1e-6
+#: dead times below this share of the record's length are rounding errors
+_ZERO_DEAD_TIME = 1e-9
 
 
 @dataclass(frozen=True)
@@ -63,8 +64,8 @@ class LagFit:
         time_constant_s: s, > 0.
         dead_time_s: s, >= 0; the value is that of a step at the first line with the new input, the upper end that of a
             step at the line before.
-        residual_std: standard deviation of what the curve leaves, in the output's unit.
-        notes: what is to be known before the numbers are trusted, a sentence each.
+        residual_std: standard deviation of the residuals, in the output's unit.
+        notes: warnings about the numbers, a sentence each.
     """
 
     name: str
@@ -78,12 +79,13 @@ class LagFit:
 def fit_lag(recording: Recording) -> LagFit:
     """Static gain, time constant and dead time of a step response.
 
-    The intervals are value +- t s, with s from the covariance s^2 (J'J)^-1 at the fit and t the quantile of Student's
-    distribution with n - 4 degrees of freedom.  They hold for independent noise of equal size on a plant that is a lag;
-    residuals that say otherwise are noted.  The dead time's upper end is further up by the time between the last line
-    with the old input and the first with the new one, as the step may have come anywhere between.  A fitted dead time
-    below 0 becomes 0; where even a step at the last old line does not explain it, that one is taken and the others are
-    fitted again.
+    Each interval is value +- t sqrt(s^2 c).  Here s^2 is the variance of the residuals, c the number's diagonal entry
+    of (J'J)^-1 with the Jacobian J at the fit, and t the quantile of Student's distribution with n - 4 degrees of
+    freedom for n samples.  The intervals hold for independent noise of constant variance on a plant that is a lag;
+    correlated residuals give a note.  The upper end of the dead time is raised by the gap between the last line with
+    the old input and the first with the new one, because the step may lie anywhere between.  A fitted dead time below 0
+    becomes 0.  If it is below 0 by more than the gap, it is fixed at minus the gap and the other numbers are fitted
+    again.
 
     Raises:
         DomainError: the recording cannot tell the numbers; the message says which and what to record instead.
@@ -95,33 +97,37 @@ def fit_lag(recording: Recording) -> LagFit:
 
 
 def _fit(recording: Recording) -> LagFit:
-    scaled = _Scaled.of(recording)
-    free = _refined(scaled, _starts(scaled), None)
-    _check_bend(scaled, free)
-    value, half = _spread(scaled, free, None)
-    # the upper end of the dead time, of a step at the last line with the old input, is what the free fit says
-    reach = float(value[3] + half[3]) + scaled.gap
+    scaled = _ScaledRecording.of(recording)
+    free = _least_squares(scaled, _initial_guesses(scaled), None)
+    _check_rise(scaled, free)
+    value, half = _interval_half_widths(scaled, free, None)
+    # upper end of the dead time: that of the free fit, for a step at the last line with the old input
+    upper = float(value[3] + half[3]) + scaled.gap
     notes: list[str] = []
-    if value[3] < -scaled.gap - _NO_TIME:
-        if value[3] < -scaled.gap - _ROUNDING:
+    if value[3] < -scaled.gap - _ZERO_DEAD_TIME:
+        if value[3] < -scaled.gap - _ROUNDING_SHARE:
             below = f"{scaled.length_s * value[3]:.3g} s, below 0"
             notes.append(f"the fit's dead time is {below} by more than the time between two lines; 0 is taken")
-        if reach < -_ROUNDING:
+        if upper < -_ROUNDING_SHARE:
             notes.append("the output moves before the input does: compare the time of both columns")
-        free = _refined(scaled, [free], -scaled.gap)
-        value, half = _spread(scaled, free, -scaled.gap)
+        free = _least_squares(scaled, [free], -scaled.gap)
+        value, half = _interval_half_widths(scaled, free, -scaled.gap)
     _check_intervals(scaled, value, half)
-    reach = reach if reach > _NO_TIME else 0.0
+    upper = upper if upper > _ZERO_DEAD_TIME else 0.0
     residuals = scaled.output - _response(scaled.time, value)
-    notes += _notes(residuals, float(value[1]))
-    return _result(recording, scaled, (value, half, reach), residuals, notes)
+    notes += _residual_notes(residuals, float(value[1]))
+    return _result(recording, scaled, (value, half, upper), residuals, notes)
 
 
 def _result(
-    recording: Recording, scaled: _Scaled, found: tuple[Array, Array, float], residuals: Array, notes: list[str]
+    recording: Recording,
+    scaled: _ScaledRecording,
+    found: tuple[Array, Array, float],
+    residuals: Array,
+    notes: list[str],
 ) -> LagFit:
-    """The fit in the recording's units; `reach` is the upper end of the dead time."""
-    value, half, reach = found
+    """The fit in the recording's units; `upper` is the upper end of the dead time, scaled."""
+    value, half, upper = found
     gain, tau, dead = (Interval(v, v - h, v + h) for v, h in zip(value[1:].tolist(), half[1:].tolist(), strict=True))
     gain_unit = scaled.height / recording.step
     low, high = sorted((gain.low * gain_unit, gain.high * gain_unit))
@@ -130,28 +136,28 @@ def _result(
         recording.name,
         Interval(gain.value * gain_unit, low, high),
         Interval(tau.value * seconds, tau.low * seconds, tau.high * seconds),
-        Interval(*(max(0.0, end) * seconds for end in (dead.value, dead.low, max(reach, dead.value)))),
+        Interval(*(max(0.0, end) * seconds for end in (dead.value, dead.low, max(upper, dead.value)))),
         float(np.sqrt(residuals @ residuals / (len(residuals) - 4))) * scaled.height,
         tuple(notes),
     )
 
 
-# -- the problem in units of its own -----------------------------------------------------------------------------------
+# -- the problem in scaled units -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
-class _Scaled:
-    """A recording in units of its own: time from the step in lengths of what follows it, output in its range."""
+class _ScaledRecording:
+    """A recording in scaled units: time from the step over the record's length after it, output over its range."""
 
     time: Array
     output: Array
     length_s: float
     height: float
-    #: from the last sample of the old input to the first of the new one, in which the step came
+    #: scaled time between the last sample with the old input and the first with the new one
     gap: float
 
     @staticmethod
-    def of(recording: Recording) -> _Scaled:
+    def of(recording: Recording) -> _ScaledRecording:
         height = float(np.ptp(recording.output))
         if height == 0.0:
             raise DomainError(
@@ -161,27 +167,27 @@ class _Scaled:
         after = len(recording.time_s) - recording.first
         if after < 6:
             raise DomainError(
-                f"has {counted(after, 'sample')} from the step on; record at least 6, and until the output settles"
+                f"has {pluralized(after, 'sample')} from the step on; record at least 6, and until the output settles"
             )
         length_s = float(recording.time_s[-1]) - recording.step_at_s
         time = (recording.time_s - recording.step_at_s) / length_s
-        return _Scaled(
+        return _ScaledRecording(
             time, (recording.output - recording.output[0]) / height, length_s, height, recording.gap_s / length_s
         )
 
 
-def _shape(time: Array, tau: Any, dead: Any) -> Array:
+def _unit_response(time: Array, tau: Any, dead: Any) -> Array:
     # 1 - exp(-(t - L)/tau) for t > L, 0 before
     return -np.expm1(-np.maximum(time - dead, 0.0) / tau)
 
 
 def _response(time: Array, parameters: Array) -> Array:
     y0, gain, tau, dead = parameters
-    return y0 + gain * _shape(time, tau, dead)
+    return y0 + gain * _unit_response(time, tau, dead)
 
 
-def _slopes(time: Array, parameters: Array) -> Array:
-    """Derivatives by (y0, gain, tau, dead), shape (n, 4)."""
+def _jacobian(time: Array, parameters: Array) -> Array:
+    """Derivatives of the response with respect to (y0, gain, tau, dead), shape (n, 4)."""
     _, gain, tau, dead = parameters
     late = np.maximum(time - dead, 0.0)
     left = np.exp(-late / tau)
@@ -193,18 +199,18 @@ def _slopes(time: Array, parameters: Array) -> Array:
 # -- the fit -----------------------------------------------------------------------------------------------------------
 
 
-def _starts(scaled: _Scaled) -> list[Array]:
-    """The best places of a grid of (tau, dead), and those of curves through 28 % and 63 % of the way."""
-    rows = np.unique(np.linspace(0, len(scaled.time) - 1, min(_SEARCHED, len(scaled.time))).astype(int))
+def _initial_guesses(scaled: _ScaledRecording) -> list[Array]:
+    """The best points of a grid of (tau, dead), and the curve through 28 % and 63 % of the output's change."""
+    rows = np.unique(np.linspace(0, len(scaled.time) - 1, min(_MAX_SEARCH_SAMPLES, len(scaled.time))).astype(int))
     time, output = scaled.time[rows], scaled.output[rows]
     finest = float(np.diff(scaled.time).min())
     taus = np.geomspace(max(finest / 3, 1e-5), 10.0, 24)
     found: list[tuple[float, Array]] = []
     for dead in np.linspace(max(float(time[0]), -0.1), 0.95, 48):
-        shape = _shape(time[:, None], taus, dead)
+        shape = _unit_response(time[:, None], taus, dead)
         centred, level = shape - shape.mean(axis=0), output - output.mean()
         power = np.maximum((centred**2).sum(axis=0), 1e-300)
-        # the best gain for a given shape leaves  |y|^2 - (h'y)^2/|h|^2
+        # for centred output y and unit response h the best gain leaves the sum of squares  |y|^2 - (h'y)^2/|h|^2
         gains = (centred * level[:, None]).sum(axis=0) / power
         left = level @ level - gains**2 * power
         best = int(np.argmin(left))
@@ -214,7 +220,7 @@ def _starts(scaled: _Scaled) -> list[Array]:
     return [place for _, place in found[:2]] + _through_two_points(scaled)
 
 
-def _through_two_points(scaled: _Scaled) -> list[Array]:
+def _through_two_points(scaled: _ScaledRecording) -> list[Array]:
     # 1 - e^{-1/3} = 0.283 and 1 - e^{-1} = 0.632:  tau = 1.5 (t63 - t28), L = t63 - tau
     before, after = scaled.output[scaled.time < 0], scaled.output[scaled.time >= 0]
     time = scaled.time[scaled.time >= 0]
@@ -227,25 +233,27 @@ def _through_two_points(scaled: _Scaled) -> list[Array]:
     return [np.array([y0, end - y0, tau, max(t63 - tau, 0.0)])]
 
 
-def _refined(scaled: _Scaled, starts: list[Array], dead: float | None) -> Array:
-    """The least squares from several starts; `dead` fixes the dead time."""
+def _least_squares(scaled: _ScaledRecording, starts: list[Array], dead: float | None) -> Array:
+    """The least-squares solution from several initial guesses; `dead` fixes the dead time."""
     if dead is not None:
-        return min((_solved(scaled, start, (dead, dead)) for start in starts), key=lambda found: found[0])[1]
+        return min((_solve_from(scaled, start, (dead, dead)) for start in starts), key=lambda found: found[0])[1]
     anywhere = (float(scaled.time[0]), 1.0)
-    rough = min((_solved(scaled, start, anywhere, 1e-4) for start in starts), key=lambda found: found[0])
+    rough = min((_solve_from(scaled, start, anywhere, 1e-4) for start in starts), key=lambda found: found[0])
     found = [rough]
-    # Where the dead time passes a sample the sum of squares has a kink, at which a solver may stop: the gaps between
-    # samples around it are searched one by one.  Among many samples one kink is nothing.
-    if len(scaled.time) <= _SEARCHED:
+    # The sum of squares has a kink where the dead time passes a sample, and a solver may stop there.  So the intervals
+    # between neighbouring samples are searched one by one.  With many samples a single kink does not matter.
+    if len(scaled.time) <= _MAX_SEARCH_SAMPLES:
         at = int(np.searchsorted(scaled.time, rough[1][3]))
         edges = scaled.time[max(at - 2, 0) : at + 2].tolist()
-        found += [_solved(scaled, rough[1], gap, 1e-7) for gap in itertools.pairwise(edges)]
+        found += [_solve_from(scaled, rough[1], gap, 1e-7) for gap in itertools.pairwise(edges)]
     best = min(found, key=lambda pair: pair[0])
-    return min(best, _solved(scaled, best[1], anywhere), key=lambda pair: pair[0])[1]
+    return min(best, _solve_from(scaled, best[1], anywhere), key=lambda pair: pair[0])[1]
 
 
-def _solved(scaled: _Scaled, start: Array, dead: tuple[float, float], tolerance: float = 1e-12) -> tuple[float, Array]:
-    """Half the least sum of squares from one start with the dead time in a range, and where it is."""
+def _solve_from(
+    scaled: _ScaledRecording, start: Array, dead: tuple[float, float], tolerance: float = 1e-12
+) -> tuple[float, Array]:
+    """Half the least sum of squares from one guess with the dead time in a range, and the parameters there."""
     from scipy.optimize import least_squares
 
     kept = 4 if dead[0] < dead[1] else 3
@@ -260,7 +268,7 @@ def _solved(scaled: _Scaled, start: Array, dead: tuple[float, float], tolerance:
     solution: Any = least_squares(
         lambda p: _response(scaled.time, full(p)) - scaled.output,
         np.clip(start[:kept], low + inside, high - inside),
-        jac=lambda p: _slopes(scaled.time, full(p))[:, :kept],  # pyright: ignore[reportArgumentType]
+        jac=lambda p: _jacobian(scaled.time, full(p))[:, :kept],  # pyright: ignore[reportArgumentType]
         bounds=(low, high),
         x_scale="jac",
         ftol=tolerance,
@@ -271,50 +279,50 @@ def _solved(scaled: _Scaled, start: Array, dead: tuple[float, float], tolerance:
     return float(solution.cost), full(solution.x)
 
 
-def _spread(scaled: _Scaled, value: Array, dead: float | None) -> tuple[Array, Array]:
-    """The numbers, and half the widths of their intervals; 0 for what was fixed."""
+def _interval_half_widths(scaled: _ScaledRecording, value: Array, dead: float | None) -> tuple[Array, Array]:
+    """The parameters, and half the widths of their intervals; 0 for a fixed dead time."""
     from scipy.stats import t as student
 
     kept = 4 if dead is None else 3
-    slopes = _slopes(scaled.time, value)[:, :kept]
+    jacobian = _jacobian(scaled.time, value)[:, :kept]
     residuals = scaled.output - _response(scaled.time, value)
-    freedom = len(residuals) - kept
-    sizes = np.sqrt((slopes**2).sum(axis=0))
-    if sizes.min() == 0.0 or np.linalg.cond(slopes / sizes) > 1e8:
+    degrees_of_freedom = len(residuals) - kept
+    sizes = np.sqrt((jacobian**2).sum(axis=0))
+    if sizes.min() == 0.0 or np.linalg.cond(jacobian / sizes) > 1e8:
         raise DomainError(
             "cannot tell gain, time constant and dead time apart; record more samples while the output rises, and "
             "until it settles"
         )
     # (J'J)^-1 from the QR factors of J with unit columns
-    inverse = np.linalg.inv(np.linalg.qr(slopes / sizes, mode="r"))
-    variance = (inverse**2).sum(axis=1) / sizes**2 * (residuals @ residuals / freedom)
-    half = float(student.ppf(0.5 + CONFIDENCE / 2, freedom)) * np.sqrt(variance)
+    inverse = np.linalg.inv(np.linalg.qr(jacobian / sizes, mode="r"))
+    variance = (inverse**2).sum(axis=1) / sizes**2 * (residuals @ residuals / degrees_of_freedom)
+    half = float(student.ppf(0.5 + CONFIDENCE / 2, degrees_of_freedom)) * np.sqrt(variance)
     return value, np.concatenate([half, np.zeros(4 - kept)])
 
 
-# -- what a recording cannot tell --------------------------------------------------------------------------------------
+# -- recordings that do not suffice ----------------------------------------------------------------------------------
 
 
-def _check_bend(scaled: _Scaled, value: Array) -> None:
+def _check_rise(scaled: _ScaledRecording, value: Array) -> None:
     _, _, tau, dead = value.tolist()
     seconds = scaled.length_s
     if tau + dead > 1.0:
-        # a ramp or worse: gain and time constant only appear as their ratio
+        # a ramp: the response depends only on the ratio of gain and time constant
         longer = f"about {tau * seconds:.3g} s" if tau < 100 else "far longer"
         raise DomainError(
             f"the time constant ({longer}) with the dead time is longer than the record after the step "
             f"({seconds:.3g} s): record at least three time constants"
         )
-    bend = int(np.count_nonzero((scaled.time > dead) & (scaled.time < dead + 3 * tau)))
-    if bend < _ON_BEND:
+    on_rise = int(np.count_nonzero((scaled.time > dead) & (scaled.time < dead + 3 * tau)))
+    if on_rise < _MIN_RISE_SAMPLES:
         raise DomainError(
-            f"only {counted(bend, 'sample')} {'lies' if bend == 1 else 'lie'} on the rise, which takes about "
+            f"only {pluralized(on_rise, 'sample')} {'lies' if on_rise == 1 else 'lie'} on the rise, which takes about "
             f"{3 * tau * seconds:.3g} s: too few to tell "
             "the time constant; sample faster"
         )
 
 
-def _check_intervals(scaled: _Scaled, value: Array, half: Array) -> None:
+def _check_intervals(scaled: _ScaledRecording, value: Array, half: Array) -> None:
     if half[1] >= abs(value[1]):
         raise DomainError(
             "the output does not move beyond its noise: the static gain may be 0; record a larger step or less noise"
@@ -327,12 +335,12 @@ def _check_intervals(scaled: _Scaled, value: Array, half: Array) -> None:
         )
 
 
-def _notes(residuals: Array, gain: float) -> list[str]:
+def _residual_notes(residuals: Array, gain: float) -> list[str]:
     power = float(residuals @ residuals)
-    if power <= len(residuals) * (_ROUNDING * gain) ** 2:
+    if power <= len(residuals) * (_ROUNDING_SHARE * gain) ** 2:
         return []
     correlation = float(residuals[1:] @ residuals[:-1]) / power
-    if correlation <= _CORRELATED:
+    if correlation <= _MAX_CORRELATION:
         return []
     return [
         f"what the curve leaves is no independent noise (correlation {correlation:.2f} from one sample to the next): "

@@ -1,4 +1,4 @@
-"""A recorded step response:  the text of a CSV file -> Recording, with the one step of its input found."""
+"""A recorded step response:  the text of a CSV file -> Recording, with the single step of its input located."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from fopi_tune.core.parameter_table import parse_table
 from fopi_tune.errors import DomainError
 
 COLUMNS = ("time_s", "input", "output")
-#: of columns; beside the last two numbers may have decimal commas
+#: of columns; with the last two, numbers may have decimal commas
 _SEPARATORS = (",", ";", "\t")
 MAX_CHARACTERS = 32 * 1024 * 1024
-#: rows of the file; four numbers are fitted, and their spread needs some more
+#: rows of the file; four numbers are fitted, and their intervals need degrees of freedom
 MIN_SAMPLES = 10
-#: what the input may move besides its step, relative to the step: it is measured on some plants
+#: allowed deviation of the input from its step, relative to the step; some inputs are measured
 _INPUT_NOISE = 0.02
 
 
@@ -28,8 +28,8 @@ class Recording:
         name: what messages call it, a file's name.
         time_s: shape (n,), strictly increasing.
         output: shape (n,), the plant's output in its unit.
-        first: the row from which the input is the new one, >= 1; the step came between the time before and its.
-        step: how far the input moved, in its unit; not 0.
+        first: the first row with the new input, >= 1; the step came between the row before and this one.
+        step: height of the input's step, in its unit; not 0.
     """
 
     name: str
@@ -40,12 +40,12 @@ class Recording:
 
     @property
     def step_at_s(self) -> float:
-        """When the input had moved at the latest."""
+        """Latest possible time of the step."""
         return float(self.time_s[self.first])
 
     @property
     def gap_s(self) -> float:
-        """From the last sample of the old input to the first of the new one: the step came somewhere between."""
+        """Time between the last sample with the old input and the first with the new one; the step came in it."""
         return float(self.time_s[self.first] - self.time_s[self.first - 1])
 
 
@@ -76,17 +76,17 @@ def _parse(text: str, name: str) -> Recording:
     if not lines:
         raise DomainError(f"has a header and no samples; write at least {MIN_SAMPLES} lines of numbers")
     if separator != ",":
-        # such files leave the comma to the decimals
+        # in such files the comma is the decimal mark
         lines = lines.replace(",", ".").replace(separator, ",")
     table = parse_table(",".join(names) + "\n" + lines)
-    time_s, moved, output = (table.rows[:, table.names.index(column)].copy() for column in COLUMNS)
-    late = np.flatnonzero(np.diff(time_s) <= 0)
-    if late.size:
-        row = int(late[0]) + 1
+    time_s, inputs, output = (table.rows[:, table.names.index(column)].copy() for column in COLUMNS)
+    not_increasing = np.flatnonzero(np.diff(time_s) <= 0)
+    if not_increasing.size:
+        row = int(not_increasing[0]) + 1
         raise DomainError(f"line {row + 2}: time_s = {time_s[row]:g} is not after {time_s[row - 1]:g}; sort by time")
     if len(time_s) < MIN_SAMPLES:
-        raise DomainError(f"has {counted(len(time_s), 'sample')}; a fit with intervals needs at least {MIN_SAMPLES}")
-    first, step = _find_step(moved)
+        raise DomainError(f"has {pluralized(len(time_s), 'sample')}; a fit with intervals needs at least {MIN_SAMPLES}")
+    first, step = _find_step(inputs)
     return Recording(name, time_s, output, first, step)
 
 
@@ -102,26 +102,26 @@ def _header(line: str) -> tuple[list[str], str]:
     )
 
 
-def counted(number: int, word: str) -> str:
+def pluralized(number: int, word: str) -> str:
     """`1 sample`, `2 samples`."""
     return f"{number} {word}" if number == 1 else f"{number} {word}s"
 
 
-def _find_step(moved: Array) -> tuple[int, float]:
-    """The row of the new input, and how far it moved."""
-    reach = float(np.ptp(moved))
+def _find_step(inputs: Array) -> tuple[int, float]:
+    """The first row with the new input, and the height of the step."""
+    reach = float(np.ptp(inputs))
     if reach == 0.0:
         raise DomainError(
-            f"column 'input': there is no step, it is {moved[0]:g} on every line; record from before the step on"
+            f"column 'input': there is no step, it is {inputs[0]:g} on every line; record from before the step on"
         )
-    first = int(np.argmax(np.abs(np.diff(moved)))) + 1
-    before, after = float(np.median(moved[:first])), float(np.median(moved[first:]))
-    level = np.where(np.arange(len(moved)) < first, before, after)
-    off = np.flatnonzero(np.abs(moved - level) > _INPUT_NOISE * abs(after - before))
-    if off.size:
-        row = int(off[0])
+    first = int(np.argmax(np.abs(np.diff(inputs)))) + 1
+    before, after = float(np.median(inputs[:first])), float(np.median(inputs[first:]))
+    level = np.where(np.arange(len(inputs)) < first, before, after)
+    outliers = np.flatnonzero(np.abs(inputs - level) > _INPUT_NOISE * abs(after - before))
+    if outliers.size:
+        row = int(outliers[0])
         raise DomainError(
-            f"line {row + 2}, column 'input': {moved[row]:g} is not one step, which goes from {before:g} to {after:g} "
+            f"line {row + 2}, column 'input': {inputs[row]:g} is not one step, which goes from {before:g} to {after:g} "
             f"on line {first + 2}; keep the lines around one step"
         )
     return first, after - before

@@ -1,34 +1,30 @@
-"""The whole language: the shape of a spec file, and the rules between its sections."""
+"""The spec language: the shape of a whole file, the rules between its sections, and the language as JSON Schema."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
-from fopi_tune.spec.draws import PlacedValidation, Reader, resolved, validation_shape
-from fopi_tune.spec.model import DesignSpec, DigitalSpec, GainRange, Sense
+from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape, digital_shape
+from fopi_tune.spec.model import DesignSpec, GainRange, Sense
 from fopi_tune.spec.plants import plant_shape
 from fopi_tune.spec.requirements import (
     PlacedRequirement,
     objective_shape,
-    refuse_bands_beyond,
+    refuse_bands_above_nyquist,
     refuse_contradictions,
     refuse_equalities_over_families,
     requirements_shape,
 )
 from fopi_tune.spec.scenarios import limits_shape, refuse_too_many_samples, refuse_unknown_scenarios, scenarios_shape
-from fopi_tune.spec.yaml.nodes import Table
-from fopi_tune.spec.yaml.places import Place
-from fopi_tune.spec.yaml.records import Key, Record, Values, defaulting_to
-from fopi_tune.spec.yaml.shapes import Choice, Number, Pair, Shape, Text, Version
+from fopi_tune.spec.validation import FileReader, PlacedValidation, resolve_validation, validation_shape
+from fopi_tune.spec.yaml.nodes import MappingNode, Place
+from fopi_tune.spec.yaml.records import Key, Record, Values
+from fopi_tune.spec.yaml.shapes import Text, Version
 
 SCHEMA_VERSION = 1
 NAME_PATTERN = "[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 NAME_RULE = "a name becomes a folder's: write 1 to 64 letters, digits, '.', '_' or '-', the first a letter or digit"
-_METHODS = ("oustaloup", "modified_oustaloup", "fit")
-_RULES = ("tustin", "matched")
-_PREWARPS = ("none", "crossover")
-_DESIGNS = ("continuous", "sampled")
 _START = "`fopi init` writes one to start from"
 
 
@@ -42,7 +38,7 @@ def spec_shape() -> Record:
         "controller": Key(controller_shape(), required=False),
         "requirements": Key(requirements_shape(), required=False),
         "objective": Key(objective_shape(), required=False),
-        "digital": Key(_digital_shape(), required=False),
+        "digital": Key(digital_shape(), required=False),
         "validation": Key(validation_shape(), required=False),
         "scenarios": Key(scenarios_shape(), required=False),
         "limits": Key(limits_shape(), required=False),
@@ -52,23 +48,23 @@ def spec_shape() -> Record:
     return Record("a design problem for fopi-tune", keys, lambda values, place: values, _START, rules=rules)
 
 
-def read_spec(place: Place, sha256: str, read: Reader) -> DesignSpec | None:
-    """The spec a document says, or None after reporting why there is none; `read` gives the files that it names."""
-    if not isinstance(place.node, Table):
+def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
+    """The spec that a document describes, or None after reporting its problems; `read` reads files that it names."""
+    if not isinstance(place.node, MappingNode):
         place.refuse(f"the file is no spec; {_START}")
         return None
     if place.has("system"):
         message = "the file describes a system; `fopi simulate` and `fopi validate` take it, the others its two specs"
         place.child("system").refuse(message)
         return None
-    values = spec_shape().readable(place)
+    values = spec_shape().read_partial(place)
     if values is None:
         return None
     placed = [each for each in values.get("requirements") or [] if each is not None]
     _check_between_sections(values, placed, place)
-    drawn: PlacedValidation | None = values.get("validation")
-    validation = None if drawn is None else resolved(drawn, values.get("plant"), read)
-    if place.report.problems:
+    placed_validation: PlacedValidation | None = values.get("validation")
+    validation = None if placed_validation is None else resolve_validation(placed_validation, values.get("plant"), read)
+    if place.collector.problems:
         return None
     return DesignSpec(
         name=values["name"],
@@ -96,7 +92,7 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
     _check_scenarios(values, place)
     digital = values.get("digital")
     if digital is not None and digital.designs_sampled:
-        refuse_bands_beyond(placed, math.pi / digital.sample_time_s)
+        refuse_bands_above_nyquist(placed, math.pi / digital.sample_time_s)
     objective, controller = values.get("objective"), values.get("controller")
     if objective is None or controller is None or objective.sense is not Sense.MAXIMIZE:
         return
@@ -121,33 +117,14 @@ def _check_scenarios(values: Values, place: Place) -> None:
         refuse_too_many_samples(scenarios, digital.sample_time_s, place)
 
 
-def _digital_shape() -> Shape:
-    said = "band of the approximation, rad/s: the gain crossover and two decades below it should lie inside"
-    band = Pair(f"{said}; the default suits crossovers from 0.1 to 1000 rad/s", Number("rad/s", above=0))
-    keys = {
-        "sample_time_s": Key(Number("sampling period, s", above=0)),
-        "method": Key(Choice("approximation of s^(1-alpha)", _METHODS), required=False),
-        "poles": Key(Number("number of its poles", at_least=1, at_most=50, whole=True), required=False),
-        "band_rad_s": Key(band, required=False),
-        "rule": Key(Choice("from s to z", _RULES), required=False),
-        "delay_samples": Key(Number("computing delay in samples", at_least=0), required=False),
-        "prewarp": Key(Choice("where Tustin's rule is exact", _PREWARPS), required=False),
-        "design": Key(Choice("which loop the requirements are about", _DESIGNS), required=False),
-        "output_limits": Key(Pair("limits of the control, in its unit", Number("limit")), required=False),
-        "measurement_unit": Key(Text("unit of setpoint and measurement, for people"), required=False),
-        "output_unit": Key(Text("unit of the control, for people"), required=False),
-    }
-    prewarps = {"properties": {"prewarp": {"const": "crossover"}}, "required": ["prewarp"]}
-    by_tustin = {"properties": {"rule": {"const": "tustin"}, "method": {"enum": [m for m in _METHODS if m != "fit"]}}}
-    rules = {"if": prewarps, "then": by_tustin}
-    keys = defaulting_to(DigitalSpec, keys)
-    return Record("how the gains become a filter", keys, _build_digital, "{sample_time_s: 0.2}", rules=rules)
+def json_schema() -> dict[str, Any]:
+    """The language as JSON Schema, draft 2020-12.
 
-
-def _build_digital(values: Values, place: Place) -> DigitalSpec | None:
-    found = DigitalSpec(**values)
-    if found.prewarp != "none" and (found.rule != "tustin" or found.method == "fit"):
-        used = f"method {found.method}" if found.method == "fit" else f"rule {found.rule}"
-        place.child("prewarp").refuse(f"prewarping belongs to rule tustin, and {used} does not use it; leave it out")
-        return None
-    return found
+    It is generated from the shapes that read a spec and from the registries of plant models, quantities and objectives.
+    Rules between several values or about the plant (min > max, contradictions, `equals` over a family) are not in the
+    schema; only the tool checks them.
+    """
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"fopi-tune spec, schema {SCHEMA_VERSION}",
+    } | spec_shape().json_schema()

@@ -9,16 +9,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from importlib.resources import files as package_files
 
-from fopi_tune.spec.draws import MAX_SAMPLES_BYTES, Reader, UnreadableError
 from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.model import DesignSpec, SystemSpec
-from fopi_tune.spec.systems import Loader, is_system, read_system
-from fopi_tune.spec.yaml.encoding import MAX_BYTES, decode, to_bytes
-from fopi_tune.spec.yaml.nodes import compose
-from fopi_tune.spec.yaml.places import Place
-from fopi_tune.spec.yaml.report import Mark, Report, quoted
+from fopi_tune.spec.systems import SpecLoader, is_system, read_system
+from fopi_tune.spec.validation import MAX_SAMPLES_BYTES, FileReader, UnreadableError
+from fopi_tune.spec.yaml.composer import MAX_BYTES, compose, decode, to_bytes
+from fopi_tune.spec.yaml.nodes import Place
+from fopi_tune.spec.yaml.problems import Mark, ProblemCollector, quoted
 
-#: what stages take for a spec: a file, or one that was read already
+#: a spec's file, or a spec that was read already
 Source = str | os.PathLike[str] | DesignSpec
 #: the same for a system
 SystemSource = str | os.PathLike[str] | SystemSpec
@@ -35,25 +34,25 @@ def load_spec(source: Source) -> DesignSpec:
     """
     if isinstance(source, DesignSpec):
         return source
-    report = Report(os.fsdecode(source))
-    return _parse(_read_file(source, report), report, reader_beside(source))
+    collector = ProblemCollector(os.fsdecode(source))
+    return _parse(_read_file(source, collector), collector, folder_reader(source))
 
 
 def load_any(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> DesignSpec | SystemSpec:
     """The spec or the system in a file.
 
     Args:
-        source: path of a YAML file; what is read already is returned as it is.
+        source: path of a YAML file; an object that was read already is returned as it is.
 
     Raises:
         SpecError: the file, or a spec that a system names, cannot be read or used; carries every problem found.
     """
     if isinstance(source, DesignSpec | SystemSpec):
         return source
-    report = Report(os.fsdecode(source))
-    data = _read_file(source, report)
-    folder = os.path.dirname(report.file)
-    return _parse_any(data, report, lambda path: load_spec(os.path.join(folder, path)), reader_beside(source))
+    collector = ProblemCollector(os.fsdecode(source))
+    data = _read_file(source, collector)
+    folder = os.path.dirname(collector.file)
+    return _parse_any(data, collector, lambda path: load_spec(os.path.join(folder, path)), folder_reader(source))
 
 
 def load_system(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> SystemSpec:
@@ -68,13 +67,13 @@ def load_system(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> Sys
     found = source if isinstance(source, SystemSpec) else load_any(source)
     if isinstance(found, SystemSpec):
         return found
-    report = Report(found.name if isinstance(source, SystemSpec | DesignSpec) else os.fsdecode(source))
-    report.refuse(Mark(1, 1), "", "this is a spec, no system; a system has a section `system`")
-    raise report.error()
+    collector = ProblemCollector(found.name if isinstance(source, SystemSpec | DesignSpec) else os.fsdecode(source))
+    collector.add(Mark(1, 1), "", "this is a spec, no system; a system has a section `system`")
+    raise collector.error()
 
 
 def load_document(source: str | os.PathLike[str]) -> tuple[Place, str]:
-    """A YAML file as a tree of places, for languages that are read with the shapes of this one.
+    """A YAML file as a place, for other languages that are read with the same shapes.
 
     Args:
         source: path of the file.
@@ -85,9 +84,9 @@ def load_document(source: str | os.PathLike[str]) -> tuple[Place, str]:
     Raises:
         SpecError: the file cannot be read, or is not YAML as it is allowed here.
     """
-    report = Report(os.fsdecode(source))
-    data = _read_file(source, report)
-    return Place(compose(decode(data, report), report), "", report), hashlib.sha256(data).hexdigest()
+    collector = ProblemCollector(os.fsdecode(source))
+    data = _read_file(source, collector)
+    return Place(compose(decode(data, collector), collector), "", collector), hashlib.sha256(data).hexdigest()
 
 
 def parse_spec(text: str | bytes, file: str = "<spec>", files: Mapping[str, bytes] | None = None) -> DesignSpec:
@@ -101,8 +100,8 @@ def parse_spec(text: str | bytes, file: str = "<spec>", files: Mapping[str, byte
     Raises:
         SpecError: not a usable spec; carries every problem found.
     """
-    report = Report(file)
-    return _parse(to_bytes(text, report), report, reader_among(files or {}))
+    collector = ProblemCollector(file)
+    return _parse(to_bytes(text, collector), collector, contents_reader(files or {}))
 
 
 def packaged_spec(package: str, path: str) -> DesignSpec:
@@ -118,55 +117,59 @@ def packaged_spec(package: str, path: str) -> DesignSpec:
 def packaged_system(package: str, path: str) -> SystemSpec:
     """The system in a file that comes with a package, its specs beside it; arguments as for `packaged_spec`."""
 
-    def beside(told: str) -> DesignSpec:
-        return packaged_spec(package, posixpath.normpath(posixpath.join(posixpath.dirname(path), told)))
+    def load_beside(name_in_system: str) -> DesignSpec:
+        return packaged_spec(package, posixpath.normpath(posixpath.join(posixpath.dirname(path), name_in_system)))
 
-    report = Report(path)
-    return load_system(_parse_any(to_bytes(_packaged(package, path), report), report, beside, reader_among({})))
+    collector = ProblemCollector(path)
+    return load_system(
+        _parse_any(to_bytes(_packaged(package, path), collector), collector, load_beside, contents_reader({}))
+    )
 
 
 def _packaged(package: str, path: str) -> bytes:
     return package_files(package).joinpath(*path.split("/")).read_bytes()
 
 
-def _parse_any(data: bytes, report: Report, loader: Loader, read: Reader) -> DesignSpec | SystemSpec:
-    place = Place(compose(decode(data, report), report), "", report)
+def _parse_any(
+    data: bytes, collector: ProblemCollector, loader: SpecLoader, read: FileReader
+) -> DesignSpec | SystemSpec:
+    place = Place(compose(decode(data, collector), collector), "", collector)
     if not is_system(place):
-        return _parse(data, Report(report.file), read)
+        return _parse(data, ProblemCollector(collector.file), read)
     found = read_system(place, hashlib.sha256(data).hexdigest(), loader, read)
     if found is None:
-        raise report.error()
+        raise collector.error()
     return found
 
 
-def _parse(data: bytes, report: Report, read: Reader) -> DesignSpec:
-    document = compose(decode(data, report), report)
-    spec = read_spec(Place(document, "", report), hashlib.sha256(data).hexdigest(), read)
+def _parse(data: bytes, collector: ProblemCollector, read: FileReader) -> DesignSpec:
+    document = compose(decode(data, collector), collector)
+    spec = read_spec(Place(document, "", collector), hashlib.sha256(data).hexdigest(), read)
     if spec is None:
-        raise report.error()
+        raise collector.error()
     return replace(spec, source=data)
 
 
-def _read_file(path: str | os.PathLike[str], report: Report) -> bytes:
+def _read_file(path: str | os.PathLike[str], collector: ProblemCollector) -> bytes:
     try:
-        data = _contents(path, MAX_BYTES)
+        data = _read_bytes(path, MAX_BYTES)
     except FileNotFoundError:
-        report.stop(Mark(1, 1), "", "there is no such file; check the path, or write one with `fopi init`")
+        collector.stop(Mark(1, 1), "", "there is no such file; check the path, or write one with `fopi init`")
     except IsADirectoryError:
-        report.stop(Mark(1, 1), "", "is a directory; give the spec file in it")
+        collector.stop(Mark(1, 1), "", "is a directory; give the spec file in it")
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        report.stop(Mark(1, 1), "", f"cannot be read ({_reason(error)}); check the path and its permissions")
-    return to_bytes(data, report)
+        collector.stop(Mark(1, 1), "", f"cannot be read ({_reason(error)}); check the path and its permissions")
+    return to_bytes(data, collector)
 
 
-def reader_beside(spec: str | os.PathLike[str]) -> Reader:
-    """Reads files whose paths are relative to a spec's folder."""
+def folder_reader(spec: str | os.PathLike[str]) -> FileReader:
+    """A reader of files whose paths are relative to a spec's folder."""
     folder = os.path.dirname(os.fsdecode(spec))
 
     def read(name: str) -> bytes:
         path = os.path.join(folder, name)
         try:
-            return _contents(path, MAX_SAMPLES_BYTES)
+            return _read_bytes(path, MAX_SAMPLES_BYTES)
         except FileNotFoundError:
             raise UnreadableError(f"there is no file {path!r}; write its path as seen from the spec's folder") from None
         except (OSError, ValueError) as error:
@@ -175,8 +178,8 @@ def reader_beside(spec: str | os.PathLike[str]) -> Reader:
     return read
 
 
-def reader_among(files: Mapping[str, bytes]) -> Reader:
-    """Reads files whose contents are at hand, by the names that a spec gives them."""
+def contents_reader(files: Mapping[str, bytes]) -> FileReader:
+    """A reader of contents that are given by the names that a spec uses."""
 
     def read(name: str) -> bytes:
         if name in files:
@@ -188,9 +191,9 @@ def reader_among(files: Mapping[str, bytes]) -> Reader:
     return read
 
 
-def _contents(path: str | os.PathLike[str], most: int) -> bytes:
+def _read_bytes(path: str | os.PathLike[str], limit: int) -> bytes:
     with open(path, "rb") as file:
-        return file.read(most + 1)  # one more than allowed shows that there is more
+        return file.read(limit + 1)  # one more than allowed shows that there is more
 
 
 def _reason(error: OSError | ValueError) -> str:

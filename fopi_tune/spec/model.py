@@ -1,4 +1,4 @@
-"""What a spec file says, as frozen data: the hand-over from `spec/` to every later stage."""
+"""A spec as frozen data: the result of `spec/` and the input of every later stage."""
 
 from __future__ import annotations
 
@@ -316,7 +316,7 @@ class DesignSpec:
 
 @dataclass(frozen=True)
 class JointFamily(PlantFamily):
-    """Several families at once: one box, each number after its family's name and a dot; no plant.
+    """Several families as one box of uncertain numbers, each named FAMILY.NUMBER.  The box itself is no plant.
 
     Args:
         members: the families by name.
@@ -388,5 +388,5 @@ class SystemSpec:
 
     @property
     def family(self) -> JointFamily:
-        """The uncertain numbers of both plants, each after its mode's name and a dot: a box, not a plant."""
+        """The uncertain numbers of both plants as one box, each named MODE.NUMBER."""
         return JointFamily.of({mode.name: mode.spec.plant for mode in self.modes})

@@ -1,4 +1,4 @@
-"""The shape of `plant:`, made from the registry of plant models."""
+"""The shape of `plant:`, generated from the registry of plant models."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from functools import partial
 
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, PlantModel, Uncertain
 from fopi_tune.errors import DomainError
-from fopi_tune.spec.yaml.places import Place
-from fopi_tune.spec.yaml.records import Key, Record, Tagged, Values
-from fopi_tune.spec.yaml.shapes import Constant, Converted, Either, ListOf, Number, Shape
+from fopi_tune.spec.yaml.nodes import Place
+from fopi_tune.spec.yaml.records import Key, Record, TaggedUnion, Values
+from fopi_tune.spec.yaml.shapes import Constant, Converted, ListOf, Number, PlainOrMapping, Shape
 
-#: more coefficients than this are no model anybody has identified, and polynomials that long cannot be evaluated well
+#: identified models have fewer coefficients, and longer polynomials are badly conditioned
 MAX_COEFFICIENTS = 32
 _DEAD_TIME = "dead_time_s"
-#: what the scalars of the models are, with their units
+#: meaning and unit of the models' scalars
 _MEANINGS = {
     "static_gain": "static gain, output per control unit",
     "time_constant_s": "time constant, s",
@@ -28,7 +28,7 @@ _EXAMPLE = "{model: lag, static_gain: 1.0, time_constant_s: 2.0}"
 def plant_shape() -> Shape:
     """Reads to a `PlantFamily`."""
     records = {name: _model_record(model) for name, model in PLANT_MODELS.items()}
-    return Tagged("the plant; every number of it may be uncertain", "model", records, _EXAMPLE)
+    return TaggedUnion("the plant; every number of it may be uncertain", "model", records, _EXAMPLE)
 
 
 def uncertain_shape(meaning: str) -> Shape:
@@ -39,7 +39,7 @@ def uncertain_shape(meaning: str) -> Shape:
         "max": Key(Number("the largest possible value")),
     }
     record = Record(f"{meaning}, known to lie in [min, max]", keys, _build_range, "{nominal: 2.0, min: 1.0, max: 3.0}")
-    return Either(Converted(Number(meaning), Uncertain.exactly), record)
+    return PlainOrMapping(Converted(Number(meaning), Uncertain.exactly), record)
 
 
 def _build_range(values: Values, place: Place) -> Uncertain | None:
@@ -71,12 +71,12 @@ def _model_record(model: PlantModel) -> Record:
 
 def _build_family(model: PlantModel, values: Values, place: Place) -> PlantFamily | None:
     placed = list(_parameters(model, values, place))
-    before = len(place.report.problems)
+    before = len(place.collector.problems)
     for name, number, where in placed:
         if (wrong := model.check(name, number)) is not None:
             where.refuse(wrong)
     _check_lengths(values, place)
-    if len(place.report.problems) > before:
+    if len(place.collector.problems) > before:
         return None
     family = PlantFamily(model.name, {name: number for name, number, _ in placed})
     try:
@@ -96,7 +96,7 @@ def _parameters(model: PlantModel, values: Values, place: Place) -> Iterator[tup
 
 
 def _check_lengths(values: Values, place: Place) -> None:
-    # what holds for every transfer function N/D that is written as coefficients
+    # rules for every transfer function N/D that is written as coefficients
     numerator, denominator = values.get("numerator"), values.get("denominator")
     if numerator is None or denominator is None:
         return

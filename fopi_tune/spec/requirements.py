@@ -1,4 +1,4 @@
-"""The shapes of `requirements:` and `objective:`, from the registries, and contradictions seen without solving."""
+"""The shapes of `requirements:` and `objective:`, and the contradictions that are found without solving."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.quantities import QUANTITIES, Quantity
 from fopi_tune.quantities.objectives import OBJECTIVES
 from fopi_tune.spec.model import Objective, Relation, Requirement, Scope, Sense
-from fopi_tune.spec.yaml.places import Place
+from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, Shape
 
-#: contradictions are looked for between every two of them
+#: every pair is checked for contradictions
 MAX_REQUIREMENTS = 500
 _BAND_KEYS: tuple[str, ...] = ("from_rad_s", "to_rad_s", "at_rad_s")
 _RELATION_EXAMPLE = "{at_least: 60} or {between: [60, 70]}"
@@ -43,7 +43,7 @@ def requirements_shape() -> ListOf:
 
 
 def refuse_equalities_over_families(placed: Sequence[PlacedRequirement], plant: PlantFamily) -> None:
-    """Reports `equals` where no controller can meet it: over plants that differ."""
+    """Reports `equals` over an uncertain family, which no controller can meet."""
     if not plant.uncertain_names:
         return
     for each in placed:
@@ -52,7 +52,7 @@ def refuse_equalities_over_families(placed: Sequence[PlacedRequirement], plant: 
             each.limit_place.refuse(message)
 
 
-def refuse_bands_beyond(placed: Sequence[PlacedRequirement], nyquist_rad_s: float) -> None:
+def refuse_bands_above_nyquist(placed: Sequence[PlacedRequirement], nyquist_rad_s: float) -> None:
     """Reports bands that begin at Nyquist's frequency or above, where a loop on samples has no response."""
     for each in placed:
         if each.requirement.from_rad_s >= nyquist_rad_s:
@@ -64,24 +64,24 @@ def refuse_bands_beyond(placed: Sequence[PlacedRequirement], nyquist_rad_s: floa
 def refuse_contradictions(placed: Sequence[PlacedRequirement]) -> None:
     """Reports every requirement that contradicts an earlier one, once.
 
-    The nominal plant is a member of the family, so that two limits of the same quantity always meet in it.
+    The nominal plant is a member of the family, so two limits of the same quantity always share that plant.
     """
     for number, later in enumerate(placed):
         earlier = next((each for each in placed[:number] if _contradict(each.requirement, later.requirement)), None)
         if earlier is not None:
             line, here = earlier.limit_place.mark.line, later.limit_place.mark.line
-            message = f"{_said(later)} on line {here} contradicts {_said(earlier)} on line {line}; relax one"
+            message = f"{_in_words(later)} on line {here} contradicts {_in_words(earlier)} on line {line}; relax one"
             later.limit_place.refuse(message)
 
 
 def _contradict(a: Requirement, b: Requirement) -> bool:
     if a.quantity != b.quantity or (a.lower <= b.upper and b.lower <= a.upper):
         return False
-    # one number a loop has the default band, all frequencies; bands that touch share that frequency
+    # a quantity without a band has the default one, all frequencies; touching bands share one frequency
     return max(a.from_rad_s, b.from_rad_s) <= min(a.to_rad_s, b.to_rad_s)
 
 
-def _said(placed: PlacedRequirement) -> str:
+def _in_words(placed: PlacedRequirement) -> str:
     requirement = placed.requirement
     limits = ", ".join(f"{limit:g}" for limit in requirement.limits)
     return f"{requirement.relation.value} {limits if len(requirement.limits) == 1 else f'[{limits}]'}"

@@ -1,4 +1,4 @@
-"""The shapes of `scenarios:` and `limits:`:  what is driven in simulations, and what is judged there."""
+"""The shapes of `scenarios:` and `limits:`:  what is simulated, and limits on measures of the simulations."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from functools import partial
 from typing import Any
 
 from fopi_tune.spec.model import MEASURES, Knot, Limit, MeasureKind, Relation, ScenarioSpec
-from fopi_tune.spec.yaml.places import Place
-from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, defaulting_to
+from fopi_tune.spec.yaml.nodes import Place
+from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, with_defaults_of
 from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Text
 
 MAX_SCENARIOS, MAX_KNOTS, MAX_SAMPLES = 100, 10_000, 1_000_000
@@ -59,7 +59,7 @@ def _scenario_shape() -> Record:
         "judged_from_s": Key(Number("from when on it is judged, s", at_least=0), required=False),
     }
     example = "{name: step, duration_s: 60, reference: [{at_s: 0, value: 1}]}"
-    keys = defaulting_to(ScenarioSpec, keys) | {"bumpless": replace(keys["bumpless"], default="no")}
+    keys = with_defaults_of(ScenarioSpec, keys) | {"bumpless": replace(keys["bumpless"], default="no")}
     return Record("one thing to simulate", keys, _build_scenario, example)
 
 
@@ -72,7 +72,10 @@ def _knot_shape() -> Record:
         ),
     }
     return Record(
-        "a value from a time on", defaulting_to(Knot, keys), lambda values, place: Knot(**values), "{at_s: 0, value: 1}"
+        "a value from a time on",
+        with_defaults_of(Knot, keys),
+        lambda values, place: Knot(**values),
+        "{at_s: 0, value: 1}",
     )
 
 
@@ -82,22 +85,22 @@ def _build_scenario(values: Values, place: Place) -> ScenarioSpec | None:
     }
     reference, load = tuple(values["reference"]), tuple(values.get("load", ()))
     found = ScenarioSpec(**plain, reference=reference, load=load, bumpless=values.get("bumpless", "no") == "yes")
-    fine = True
+    valid = True
     for name, knots in (("reference", found.reference), ("load", found.load)):
         for index, (before, after) in enumerate(itertools.pairwise(knots), 1):
             if after.at_s < before.at_s + before.ramp_s or after.at_s == before.at_s:
                 where = place.child(name).item(index).child("at_s")
                 where.refuse(f"{after.at_s} is not after {before.at_s + before.ramp_s}, where the entry before ends")
-                fine = False
+                valid = False
         for index, knot in enumerate(knots):
             if knot.at_s >= found.duration_s:
                 where = place.child(name).item(index).child("at_s")
                 where.refuse(f"{knot.at_s} is not before the end at {found.duration_s}")
-                fine = False
+                valid = False
     if found.judged_from_s >= found.duration_s:
         place.child("judged_from_s").refuse(f"{found.judged_from_s} is not before the end at {found.duration_s}")
-        fine = False
-    return found if fine else None
+        valid = False
+    return found if valid else None
 
 
 def _limit_record(kind: MeasureKind) -> Record:
@@ -127,14 +130,14 @@ def _build_limit(kind: MeasureKind, values: Values, place: Place) -> PlacedLimit
 
 
 def refuse_unknown_scenarios(scenarios: list[ScenarioSpec], limits: list[PlacedLimit], place: Place) -> None:
-    """Reports limits about scenarios that are not there, limits without any scenario, and names given twice."""
+    """Reports limits on unknown scenarios, limits without any scenario, and duplicate names."""
     names = [scenario.name for scenario in scenarios]
     for index, name in enumerate(names):
         if name in names[:index]:
             place.child("scenarios").item(index).child("name").refuse(f"{name} is the name of an earlier scenario too")
     for each in limits:
-        wanted = each.limit.scenario
-        if wanted is not None and wanted not in names:
+        scenario_name = each.limit.scenario
+        if scenario_name is not None and scenario_name not in names:
             known = f"; there is {', '.join(names[:20])}" if names else "; there is none"
             each.place.child("scenario").refuse(f"no scenario has this name{known}")
         elif not names:
@@ -142,7 +145,7 @@ def refuse_unknown_scenarios(scenarios: list[ScenarioSpec], limits: list[PlacedL
 
 
 def refuse_too_many_samples(scenarios: list[ScenarioSpec], sample_time_s: float, place: Place) -> None:
-    """Reports scenarios longer than memory is worth."""
+    """Reports scenarios of more than `MAX_SAMPLES` samples."""
     for index, scenario in enumerate(scenarios):
         if scenario.duration_s / sample_time_s > MAX_SAMPLES:
             where = place.child("scenarios").item(index).child("duration_s")

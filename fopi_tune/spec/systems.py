@@ -1,4 +1,4 @@
-"""The shape of a system file:  two specs that take turns, and what is driven with them."""
+"""The shape of a system file:  two specs whose loops take turns, and their scenarios; the same as JSON Schema."""
 
 from __future__ import annotations
 
@@ -9,23 +9,22 @@ from typing import Any
 
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
 from fopi_tune.errors import DomainError, SpecError
-from fopi_tune.spec.draws import PlacedValidation, Reader, resolved, validation_shape
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.model import DesignSpec, JointFamily, ModeSpec, SystemSpec
 from fopi_tune.spec.scenarios import limits_shape, refuse_too_many_samples, refuse_unknown_scenarios, scenarios_shape
-from fopi_tune.spec.yaml.nodes import Table
-from fopi_tune.spec.yaml.places import Place
-from fopi_tune.spec.yaml.records import Key, Record, Values, defaulting_to
+from fopi_tune.spec.validation import FileReader, PlacedValidation, resolve_validation, validation_shape
+from fopi_tune.spec.yaml.nodes import MappingNode, Place
+from fopi_tune.spec.yaml.records import Key, Record, Values, with_defaults_of
 from fopi_tune.spec.yaml.shapes import Choice, Number, Pair, Shape, Text, Version
 
-#: the key that tells a system from a spec
+#: the key that distinguishes a system from a spec
 SYSTEM = "system"
 MODES = ("throttle", "brake")
 _INACTIVE = ("held", "tracking", "reset")
 _EXAMPLE = "{throttle: {spec: throttle.yaml}, brake: {spec: brake.yaml}, hysteresis: 0.5}"
 
 #: path as it is written in the system file -> the spec there
-Loader = Callable[[str], DesignSpec]
+SpecLoader = Callable[[str], DesignSpec]
 
 
 def is_system(place: Place) -> bool:
@@ -47,33 +46,33 @@ def system_shape() -> Record:
     return Record("two loops that share their output and take turns", keys, lambda values, place: values, _EXAMPLE)
 
 
-def read_system(place: Place, sha256: str, loader: Loader, read: Reader) -> SystemSpec | None:
-    """The system a document says, or None after reporting why there is none.
+def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader) -> SystemSpec | None:
+    """The system that a document describes, or None after reporting its problems.
 
     Args:
         place: the document.
         sha256: of its bytes.
         loader: reads the specs that it names.
-        read: gives the file of samples that it names.
+        read: reads the file of samples that it names.
     """
-    assert isinstance(place.node, Table)
-    values = system_shape().readable(place)
+    assert isinstance(place.node, MappingNode)
+    values = system_shape().read_partial(place)
     if values is None:
         return None
     refuse_unknown_scenarios(values.get("scenarios") or [], values.get("limits") or [], place)
-    told = values.get(SYSTEM)
-    if told is None or place.report.problems:
+    modes_section = values.get(SYSTEM)
+    if modes_section is None or place.collector.problems:
         return None
-    modes = [_mode(name, told[name], place.child(SYSTEM).child(name), loader) for name in MODES]
+    modes = [_read_mode(name, modes_section[name], place.child(SYSTEM).child(name), loader) for name in MODES]
     throttle, brake = modes
-    if throttle is None or brake is None or not _fit(throttle, brake, values, place):
+    if throttle is None or brake is None or not _check_same_timing(throttle, brake, values, place):
         return None
-    drawn: PlacedValidation | None = values.get("validation")
+    placed: PlacedValidation | None = values.get("validation")
     family = JointFamily.of({mode.name: mode.spec.plant for mode in (throttle, brake)})
-    validation = None if drawn is None else resolved(drawn, family, read)
-    if place.report.problems:
+    validation = None if placed is None else resolve_validation(placed, family, read)
+    if place.collector.problems:
         return None
-    plain = {key: value for key, value in told.items() if key not in MODES}
+    plain = {key: value for key, value in modes_section.items() if key not in MODES}
     return SystemSpec(
         name=values["name"],
         modes=(throttle, brake),
@@ -96,7 +95,7 @@ def _modes_shape() -> Shape:
         "most_switches": Key(Number("more jumps than this within window_s chatter", at_least=1, whole=True), False),
         "window_s": Key(Number("of chattering, s", above=0, at_most=1e9), required=False),
     }
-    keys = defaulting_to(SystemSpec, keys)
+    keys = with_defaults_of(SystemSpec, keys)
     return Record("which loops take turns, and when", keys, lambda values, place: values, _EXAMPLE)
 
 
@@ -105,13 +104,15 @@ def _mode_shape(name: str) -> Record:
     gains = {"kp": Key(Number("proportional gain")), "ki": Key(Number("integral gain")), "alpha": Key(order)}
     keys = {
         "spec": Key(Text(f"path of the {name}'s spec, from this file's folder")),
-        "gains": Key(Record("its gains; tuned when left out", gains, _gains, "{kp: 0.1, ki: 0.1, alpha: 0.8}"), False),
+        "gains": Key(
+            Record("its gains; tuned when left out", gains, _build_gains, "{kp: 0.1, ki: 0.1, alpha: 0.8}"), False
+        ),
     }
     keys["output_limits"] = Key(Pair("limits of its control, in place of its spec's", Number("limit")), required=False)
     return Record(f"the {name}", keys, lambda values, place: values, f"{{spec: {name}.yaml}}")
 
 
-def _gains(values: Values, place: Place) -> FoPi | None:
+def _build_gains(values: Values, place: Place) -> FoPi | None:
     try:
         return FoPi(float(values["kp"]), float(values["ki"]), float(values["alpha"]))
     except DomainError as error:
@@ -119,10 +120,10 @@ def _gains(values: Values, place: Place) -> FoPi | None:
         return None
 
 
-def _mode(name: str, told: dict[str, Any], place: Place, loader: Loader) -> ModeSpec | None:
+def _read_mode(name: str, modes_section: dict[str, Any], place: Place, loader: SpecLoader) -> ModeSpec | None:
     where = place.child("spec")
     try:
-        spec = loader(told["spec"])
+        spec = loader(modes_section["spec"])
     except SpecError as error:
         where.refuse(f"the spec cannot be used: {error.problems[0]}")
         return None
@@ -134,13 +135,13 @@ def _mode(name: str, told: dict[str, Any], place: Place, loader: Loader) -> Mode
         message = "a mode's plant is of first order, without direct path or dead time; give the time as delay_samples"
         where.refuse(message)
         return None
-    if "output_limits" in told:
-        spec = replace(spec, digital=replace(spec.digital, output_limits=told["output_limits"]))
-    return ModeSpec(name, spec, told.get("gains"))
+    if "output_limits" in modes_section:
+        spec = replace(spec, digital=replace(spec.digital, output_limits=modes_section["output_limits"]))
+    return ModeSpec(name, spec, modes_section.get("gains"))
 
 
-def _fit(throttle: ModeSpec, brake: ModeSpec, values: Values, place: Place) -> bool:
-    """Whether the two loops can run on one computer; reports if not."""
+def _check_same_timing(throttle: ModeSpec, brake: ModeSpec, values: Values, place: Place) -> bool:
+    """Whether both loops have the same timing, so that they can run on one computer; reports if not."""
     one, other = throttle.spec.digital, brake.spec.digital
     assert one is not None
     assert other is not None
@@ -150,9 +151,17 @@ def _fit(throttle: ModeSpec, brake: ModeSpec, values: Values, place: Place) -> b
             where.refuse(f"its {key} is {getattr(other, key)}, the throttle's {getattr(one, key)}; make them equal")
             return False
     refuse_too_many_samples(values["scenarios"], one.sample_time_s, place)
-    return not place.report.problems
+    return not place.collector.problems
 
 
 def _digest(sha256: str, *modes: ModeSpec) -> str:
-    """Of everything that was read."""
+    """SHA-256 of the system file and its specs."""
     return hashlib.sha256("\n".join([sha256, *(mode.spec.sha256 for mode in modes)]).encode()).hexdigest()
+
+
+def system_json_schema() -> dict[str, Any]:
+    """The language of systems, generated like `json_schema`."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"fopi-tune system, schema {SCHEMA_VERSION}",
+    } | system_shape().json_schema()

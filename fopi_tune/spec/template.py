@@ -8,8 +8,8 @@ from fopi_tune.errors import DomainError
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.objectives import OBJECTIVES
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
-from fopi_tune.spec.starts import STARTS, Start
-from fopi_tune.spec.yaml.report import quoted
+from fopi_tune.spec.template_sections import SECTIONS_BY_MODEL, TemplateSections
+from fopi_tune.spec.yaml.problems import quoted
 
 _TEMPLATE = """\
 {modeline}\
@@ -50,13 +50,13 @@ validation:
   seed: 1
   # design: random            # or latin_hypercube, sobol
   # distributions:            # of the uncertain numbers, uniform on their ranges when left out; one of:
-  #   {drawn}: {{truncated_normal: {{mean: 2.25, std: 0.4}}}}                   # without what lies outside
-  #   {drawn}: {{beta: {{a: 2, b: 3}}}}                                         # on the range
-  #   {drawn}: {{normal: {{mean: 2.25, std: 0.4}}}}                             # may leave the range
-  #   {drawn}: {{nominal_plus_noise: {{shape: half_normal, mean: 0.85}}}}       # may; or normal, uniform
+  #   {uncertain_name}: {{truncated_normal: {{mean: 2.25, std: 0.4}}}}                   # without what lies outside
+  #   {uncertain_name}: {{beta: {{a: 2, b: 3}}}}                                         # on the range
+  #   {uncertain_name}: {{normal: {{mean: 2.25, std: 0.4}}}}                             # may leave the range
+  #   {uncertain_name}: {{nominal_plus_noise: {{shape: half_normal, mean: 0.85}}}}       # may; or normal, uniform
   # samples_file: draws.csv   # instead: a CSV file beside this one, a header of uncertain numbers, a plant a row
 """
-#: a line for each model, shown as the other ones
+#: a line for each model; the template lists those that it does not use
 _MODELS = {
     "lag": "{model: lag, static_gain: 1.0, time_constant_s: 2.25}             is static_gain / (time_constant_s s + 1)",
     "pole": "{model: pole, gain: 4.39, pole_rad_s: 0.1746}                           is gain / (s + pole_rad_s)",
@@ -65,12 +65,12 @@ _MODELS = {
 }
 
 
-def template(name: str, start: Start = STARTS["lag"], schema_file: str | None = None) -> str:
+def template(name: str, sections: TemplateSections = SECTIONS_BY_MODEL["lag"], schema_file: str | None = None) -> str:
     """A spec with every section explained, which can be used as it is.
 
     Args:
         name: name of the design.
-        start: the plant, and what is asked of it.
+        sections: those that depend on the plant.
         schema_file: the language's JSON Schema, as seen from the spec's folder; editors read it from the first line.
 
     Raises:
@@ -82,8 +82,8 @@ def template(name: str, start: Start = STARTS["lag"], schema_file: str | None = 
         modeline="" if schema_file is None else f"# yaml-language-server: $schema=./{schema_file}\n",
         version=SCHEMA_VERSION,
         name=f'"{name}"',
-        others="\n".join(f"#   {line}" for model, line in _MODELS.items() if model != start.model),
+        others="\n".join(f"#   {line}" for model, line in _MODELS.items() if model != sections.model),
         quantities="\n".join(f"#   {q.name:<30}{q.meaning}" for q in QUANTITIES.values()),
         objectives="\n".join(f"#   {sense}: {word}" for sense, words in OBJECTIVES.items() for word in words),
-        **start.sections(),
+        **sections.texts(),
     )

@@ -1,4 +1,4 @@
-"""Many specs:  a study file -> cells -> a ledger that survives being killed -> a table.
+"""Many specs:  a study file -> cells -> a ledger on the disk, which allows a restart -> a table.
 
 Importing it loads neither Dask nor a solver.
 """
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fopi_tune.study.engine import Runner
     from fopi_tune.study.ledger import Counts
     from fopi_tune.study.model import Study
-    from fopi_tune.study.table import Table
+    from fopi_tune.study.table import StudyTable
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,14 @@ class StudyResult:
 
     Args:
         study: with its cells.
-        counts: how many of them have an answer.
+        counts: how many of them have a result or failed.
         table: what was collected.
-        failures: index, label and reason of each cell without an answer.
+        failures: index, label and reason of each failed cell.
     """
 
     study: Study
     counts: Counts
-    table: Table
+    table: StudyTable
     failures: tuple[tuple[int, str, str], ...]
 
 
@@ -66,10 +66,10 @@ def run(
         study: from `load_study`.
         folder: of the ledger; made where there is none.
         machines: what runs the cells.
-        retry_failed: run cells without an answer again.
-        resume: refuse to begin anew.
-        told: how far it is, after every chunk.
-        say: told what people should know about the cluster.
+        retry_failed: run failed cells again.
+        resume: refuse to begin a new study.
+        told: called with the progress after every chunk.
+        say: called with messages about the cluster.
 
     Raises:
         LedgerError: the ledger cannot be used, or another process runs this study.
@@ -79,31 +79,31 @@ def run(
     """
     from fopi_tune.results.stamp import numeric_versions
     from fopi_tune.study.engine import run_study
-    from fopi_tune.study.ledger import LEDGER, opened
-    from fopi_tune.study.table import table_of
+    from fopi_tune.study.ledger import LEDGER, open_ledger
+    from fopi_tune.study.table import collect_table
 
     if machines.workers is not None and machines.workers < 0:
         raise DomainError(f"{machines.workers} workers; give 0 for this process, or how many to start")
     if resume and not (folder / LEDGER).exists():
         raise DomainError(f"there is nothing to resume in {folder}; leave --resume out to begin")
     versions = numeric_versions()
-    with opened(folder) as ledger, contextlib.ExitStack() as stack:
+    with open_ledger(folder) as ledger, contextlib.ExitStack() as stack:
         if retry_failed:
             ledger.forget_failed(study, versions)
         counts = run_study(study, ledger, versions, lambda: _runner(machines, stack, say), told)
-        return StudyResult(study, counts, table_of(study, ledger.results()), tuple(ledger.failures()))
+        return StudyResult(study, counts, collect_table(study, ledger.results()), tuple(ledger.failures()))
 
 
 def _runner(machines: Machines, stack: contextlib.ExitStack, say: Callable[[str], None]) -> Runner:
-    from fopi_tune.study.engine import InProcess
+    from fopi_tune.study.engine import InProcessRunner
 
     if machines.scheduler is None and machines.workers == 0:
-        return InProcess()
+        return InProcessRunner()
     from fopi_tune.study import cluster
 
     if machines.scheduler is not None:
-        return stack.enter_context(cluster.remote(machines.scheduler, say))
-    return stack.enter_context(cluster.local(machines.workers or cluster.cores()))
+        return stack.enter_context(cluster.remote_cluster(machines.scheduler, say))
+    return stack.enter_context(cluster.local_cluster(machines.workers or cluster.available_cores()))
 
 
 __all__ = ["Machines", "StudyResult", "run"]

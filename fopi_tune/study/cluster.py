@@ -1,4 +1,4 @@
-"""Dask as what runs tasks:  processes of this machine, or a scheduler's address.  Importing it loads no Dask."""
+"""Tasks run by Dask, on processes of this machine or on a scheduler's workers.  Importing this module loads no Dask."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.errors import DomainError, FopiError
-from fopi_tune.study.cells import finish, run_block, run_chunk
-from fopi_tune.study.engine import Ended, Task
+from fopi_tune.study.engine import Task, TaskOutcome
+from fopi_tune.study.worker import combine_blocks, run_block, run_chunk
 
 if TYPE_CHECKING:
     from distributed import Client
 
-#: seconds until a scheduler must have answered
-_PATIENCE_S = 20.0
-#: threads of numerical libraries in a worker: the cells themselves are what runs in parallel
+#: timeout of the first connection to a scheduler, seconds
+_CONNECT_TIMEOUT_S = 20.0
+#: threads of numerical libraries in a worker: one, because the cells run in parallel
 _THREADS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "FOPI_THREADS"), "1")
-#: others that say what Dask's connections do
-_LOGS = ("tornado.application", "asyncio")
+#: other loggers that report Dask's connections
+_OTHER_LOGGERS = ("tornado.application", "asyncio")
 _CONFIG: Mapping[str, Any] = {
-    # a task whose worker died comes back at once: the engine runs its cells again, alone
+    # no retries by Dask: the engine runs the cells of a dead worker again, alone
     "distributed.scheduler.allowed-failures": 0,
     "distributed.nanny.pre-spawn-environ": _THREADS,
-    # a cell is long in C++ code, which is no reason for Dask to worry
+    # a cell may spend long in C++ code; Dask shall not warn about it
     "distributed.admin.tick.limit": "1h",
     # a file of samples may be 16 MB, and travels with its cell
     "distributed.admin.large-graph-warning-threshold": "1GB",
 }
 
 
-_GONE = "the scheduler is gone; what was done is kept: run the same command again"
+_SCHEDULER_GONE = "the scheduler is gone; what was done is kept: run the same command again"
 
 
 class ClusterError(DomainError):
@@ -49,39 +49,39 @@ class ClusterLostError(FopiError):
 
 
 class DaskRunner:
-    """Tasks of a Dask client."""
+    """Runs tasks with a Dask client."""
 
     def __init__(self, client: Client) -> None:
         from distributed import as_completed
 
         self._client = client
-        self._ended = as_completed(raise_errors=False)
+        self._completed = as_completed(raise_errors=False)
         self._tasks: dict[str, Task] = {}
         self._count = 0
         self._workers = 1
-        self._looked = -1e9
+        self._workers_checked_at = -1e9
 
     @property
     def workers(self) -> int:
-        """Processes that are there, looked up now and then: workers come and go."""
+        """Number of worker processes, updated at most once a second: workers come and go."""
         now = time.monotonic()
-        if now - self._looked > 1.0:
-            self._looked = now
-            with _told_if_lost():
+        if now - self._workers_checked_at > 1.0:
+            self._workers_checked_at = now
+            with _translate_lost_connection():
                 self._workers = max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
         return self._workers
 
     def submit(self, task: Task, versions: Mapping[str, str]) -> None:
-        """Hand a task to the scheduler; blocks stay on the workers that counted them until they are put together."""
+        """Submit a task; counted blocks stay on their workers until they are combined."""
         self._count += 1
         key = f"task-{id(self):x}-{self._count}"
         run, *words = _call(task, dict(versions))
-        with _told_if_lost():
+        with _translate_lost_connection():
             future = self._client.submit(run, *words, key=key, pure=False)
         self._tasks[key] = task
-        self._ended.add(future)
+        self._completed.add(future)
 
-    def next_ended(self) -> Ended:
+    def next_outcome(self) -> TaskOutcome:
         """Wait for a task.
 
         Raises:
@@ -89,22 +89,22 @@ class DaskRunner:
         """
         from distributed.scheduler import KilledWorker
 
-        future: Any = next(self._ended)
+        future: Any = next(self._completed)
         task = self._tasks.pop(str(future.key))
-        with _told_if_lost():
+        with _translate_lost_connection():
             if future.status == "finished":
                 if task.draws is not None:
-                    return Ended(task, block=future)
+                    return TaskOutcome(task, block=future)
                 results = future.result()
                 future.release()
-                return Ended(task, results if isinstance(results, list) else [results])
+                return TaskOutcome(task, results if isinstance(results, list) else [results])
             if future.status != "error":
-                raise ClusterLostError(_GONE)
+                raise ClusterLostError(_SCHEDULER_GONE)
             error = future.exception()
             future.release()
         if isinstance(error, KilledWorker):
-            return Ended(task)
-        return Ended(task, reason=f"the worker could not run it, {type(error).__name__}: {error}")
+            return TaskOutcome(task)
+        return TaskOutcome(task, reason=f"the worker could not run it, {type(error).__name__}: {error}")
 
 
 def _call(task: Task, versions: dict[str, str]) -> tuple[Any, ...]:
@@ -114,31 +114,31 @@ def _call(task: Task, versions: dict[str, str]) -> tuple[Any, ...]:
         return run_block, cell, versions, *task.draws
     if task.blocks:
         ((key, cell),) = task.cells
-        return finish, key, cell, list(task.blocks)
+        return combine_blocks, key, cell, list(task.blocks)
     return run_chunk, list(task.cells), versions
 
 
 @contextlib.contextmanager
-def _told_if_lost() -> Iterator[None]:
-    """A connection that breaks is the scheduler's end, wherever it is noticed."""
+def _translate_lost_connection() -> Iterator[None]:
+    """Turn a broken connection into `ClusterLostError`, wherever it is noticed."""
     try:
         yield
     except (OSError, TimeoutError, asyncio.CancelledError, concurrent.futures.CancelledError) as error:
-        raise ClusterLostError(_GONE) from error
+        raise ClusterLostError(_SCHEDULER_GONE) from error
 
 
-def cores() -> int:
-    """Of this machine, as far as this process may use them."""
+def available_cores() -> int:
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextlib.contextmanager
-def local(workers: int) -> Iterator[DaskRunner]:
+def local_cluster(workers: int) -> Iterator[DaskRunner]:
     """Processes of this machine, one thread each."""
-    with _quiet():
+    with _dask_settings():
         from distributed import Client, LocalCluster
 
-        with _uninterrupted():
+        with _sigint_blocked():
             # the scheduler opens an HTTP server in any case: on a port that is free, for this machine alone
             http = {"dashboard": False, "dashboard_address": f"{_loopback()}:0"}
             settings: dict[str, Any] = {"scheduler_kwargs": http, "silence_logs": logging.CRITICAL}
@@ -153,14 +153,14 @@ def _loopback() -> str:
 
 
 @contextlib.contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Ctrl-C is for this process alone: threads that begin here, and the workers they start, never see it."""
+def _sigint_blocked() -> Iterator[None]:
+    """Ctrl-C reaches this process alone: threads started inside, and their worker processes, block the signal."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     from multiprocessing import resource_tracker
 
-    # it unblocks the signal in the thread that starts it, which would else be the one that starts the workers
+    # its start unblocks the signal in the calling thread, so it is started before the signal is blocked
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -170,22 +170,24 @@ def _uninterrupted() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def remote(address: str, say: Callable[[str], None], patience_s: float = _PATIENCE_S) -> Iterator[DaskRunner]:
+def remote_cluster(
+    address: str, say: Callable[[str], None], timeout_s: float = _CONNECT_TIMEOUT_S
+) -> Iterator[DaskRunner]:
     """The workers of a scheduler.
 
     Args:
         address: as tcp://host:8786.
-        say: told when it has no workers.
-        patience_s: until it must have answered.
+        say: called with a message when it has no workers.
+        timeout_s: until it must have answered, seconds.
 
     Raises:
         ClusterError: nothing answers there.
     """
-    with _quiet():
+    with _dask_settings():
         from distributed import Client
 
         try:
-            client = Client(address, timeout=patience_s)
+            client = Client(address, timeout=timeout_s)
         except (OSError, ValueError, TimeoutError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise ClusterError(
@@ -193,20 +195,24 @@ def remote(address: str, say: Callable[[str], None], patience_s: float = _PATIEN
             ) from None
         with client:
             runner = DaskRunner(client)
-            told = client.scheduler_info(n_workers=-1)["workers"]
-            if not told:
+            worker_infos = client.scheduler_info(n_workers=-1)["workers"]
+            if not worker_infos:
                 say(f"{address} has no workers yet; start some with `dask worker {address} --nthreads 1`")
             yield runner
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Dask's settings for the time of a study; what it logs about workers that come and go is not for the user."""
+def _dask_settings() -> Iterator[None]:
+    """Dask's settings during a study; its log messages about workers that come and go are suppressed."""
     import dask.config
-    import distributed  # noqa: F401 - its own defaults must be there before they are changed for a while
+    import distributed  # noqa: F401 - loads the defaults that are changed below
 
-    # parts of Dask have levels of their own
-    names = ["distributed", *(n for n in logging.root.manager.loggerDict if n.startswith("distributed.")), *_LOGS]
+    # some loggers of Dask have levels of their own
+    names = [
+        "distributed",
+        *(n for n in logging.root.manager.loggerDict if n.startswith("distributed.")),
+        *_OTHER_LOGGERS,
+    ]
     levels = {name: logging.getLogger(name).level for name in names}
     with dask.config.set(_CONFIG):
         for name in levels:

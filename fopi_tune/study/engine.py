@@ -1,10 +1,10 @@
-"""Cells -> results in the ledger:  in this process, or in tasks on whatever runs them; one code path.
+"""Cells -> results in the ledger:  tasks in this process or on a cluster, by the same code.
 
-A chunk is a task of about a second, so that what a task costs (some milliseconds) is nothing beside it; how long cells
-take is learnt on the way.  A task that took its worker down is a suspect: its cells are run again one at a time, each
-alone on the cluster, so that the one that kills its worker is found, marked and passed over.
+A chunk of cells is a task of about a second, so that the overhead of a task (some milliseconds) is negligible.  The
+time of a cell is estimated from the tasks that have ended.  When a worker dies, the cells of its task are suspects.
+They are run again one at a time, alone on the cluster; a cell whose worker dies again is recorded as failed.
 
-The draws of a cell that has many are counted in blocks by all workers; their sum has the same bits however divided.
+A cell with many draws is divided into blocks that all workers count; the sum has the same bits for every division.
 """
 
 from __future__ import annotations
@@ -15,62 +15,62 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from fopi_tune.study.cells import Result, run_chunk
-from fopi_tune.study.ledger import Counts, Ledger, keyed
+from fopi_tune.study.ledger import Counts, Ledger, cell_keys
 from fopi_tune.study.model import Cell, Study
+from fopi_tune.study.worker import CellResult, run_chunk
 
-#: a chunk's aim
+#: intended duration of a chunk, seconds
 _CHUNK_S = 1.0
 _MOST_IN_A_CHUNK = 64
-#: tasks in flight a worker: one at work, one waiting
-_AHEAD = 2
-#: fewest draws of a task; what a task costs, and making its filter again, is nothing
-#: beside them (a multiple of what is scanned at once)
+#: tasks in flight for each worker: one running, one waiting
+_TASKS_PER_WORKER = 2
+#: fewest draws of a block, so many that the overhead of a task, and of making its filter again, is negligible
+#: (a multiple of what is scanned at once)
 BLOCK = 196 * 512
-#: a mean follows the newest chunk by this much
-_FORGETTING = 0.3
+#: weight of the newest chunk in the exponentially smoothed time of a cell
+_SMOOTHING = 0.3
 
-Keyed = tuple[str, Cell]
-#: told how far the study is, after every chunk
-Told = Callable[[Counts], None]
+KeyedCell = tuple[str, Cell]
+#: called with the progress after every chunk
+ProgressCallback = Callable[[Counts], None]
 
-DIED = "its worker died (killed, out of memory or crashed), and again when the cell ran alone"
+WORKER_DIED = "its worker died (killed, out of memory or crashed), and again when the cell ran alone"
 
 
 @dataclass(frozen=True)
 class Task:
-    """What one process does at a time.
+    """The work of one process at a time.
 
     Args:
-        cells: a chunk of them; one, of a task that is about its draws.
-        draws: count these draws of the cell's stage `validate`, (first, end), for a later task.
-        blocks: what such tasks have counted, as their ends told it: all that is left is to put it together.
+        cells: a chunk; a task about draws has one cell.
+        draws: (first, end) of the draws of stage `validate` that the task counts; None for a task that runs cells.
+        blocks: counts of all blocks of the cell, from the outcomes of earlier tasks, which this task combines.
     """
 
-    cells: Sequence[Keyed]
+    cells: Sequence[KeyedCell]
     draws: tuple[int, int] | None = None
     blocks: Sequence[object] = ()
 
 
 @dataclass(frozen=True)
-class Ended:
-    """A task that has ended.
+class TaskOutcome:
+    """The outcome of a task.
 
     Args:
-        task: that has.
-        results: of its cells; None when its worker died, or it was about draws.
-        block: what it counted, for another task's `blocks`.
-        reason: why there is nothing though no worker died.
+        task: the one that has ended.
+        results: of its cells; None when its worker died, or the task was about draws.
+        block: the counts of its draws, for another task's `blocks`.
+        reason: why there is no result although the worker is alive.
     """
 
     task: Task
-    results: Sequence[Result] | None = None
+    results: Sequence[CellResult] | None = None
     block: object | None = None
     reason: str = ""
 
     @property
     def died(self) -> bool:
-        """Whether its worker did."""
+        """Whether the worker died."""
         return self.results is None and self.block is None and not self.reason
 
 
@@ -83,47 +83,51 @@ class Runner(Protocol):
         ...
 
     def submit(self, task: Task, versions: Mapping[str, str]) -> None:
-        """Begin a task."""
+        """Start a task."""
         ...
 
-    def next_ended(self) -> Ended:
+    def next_outcome(self) -> TaskOutcome:
         """Wait for a task that was submitted."""
         ...
 
 
 @dataclass
-class InProcess:
-    """Runs chunks here and now; one worker, for whom draws are not divided."""
+class InProcessRunner:
+    """Runs tasks in this process, one at a time; draws are not divided."""
 
     workers: int = 1
     _waiting: deque[tuple[Task, Mapping[str, str]]] = field(default_factory=deque)
 
     def submit(self, task: Task, versions: Mapping[str, str]) -> None:
-        """Remember a task."""
+        """Queue a task."""
         self._waiting.append((task, versions))
 
-    def next_ended(self) -> Ended:
-        """Run the oldest."""
+    def next_outcome(self) -> TaskOutcome:
+        """Run the oldest task."""
         task, versions = self._waiting.popleft()
-        return Ended(task, run_chunk(task.cells, versions))
+        return TaskOutcome(task, run_chunk(task.cells, versions))
 
 
 def run_study(
-    study: Study, ledger: Ledger, versions: Mapping[str, str], runner: Callable[[], Runner], told: Told | None = None
+    study: Study,
+    ledger: Ledger,
+    versions: Mapping[str, str],
+    runner: Callable[[], Runner],
+    told: ProgressCallback | None = None,
 ) -> Counts:
-    """Run every cell that the ledger does not know.
+    """Run every cell that has no result in the ledger.
 
     Args:
         study: with its cells.
         ledger: open for writing.
-        versions: what the cells are computed with.
-        runner: makes what runs them; not asked for when there is nothing to run.
-        told: how far it is.
+        versions: of the packages that compute the cells.
+        runner: makes the runner; not called when there is nothing to run.
+        told: called with the progress after every chunk.
 
     Returns:
-        How it ended; nothing is left unless `runner` raises.
+        The final counts; no cell is left unless `runner` raises.
     """
-    keys = keyed(study.cells, versions)
+    keys = cell_keys(study.cells, versions)
     ledger.plan(study, keys, versions)
     known = ledger.known()
     # equal cells are run once
@@ -131,69 +135,69 @@ def run_study(
     if told is not None:
         told(ledger.counts())
     if todo:
-        _Run(runner(), ledger, versions, told, deque(todo.items())).all()
+        _Scheduler(runner(), ledger, versions, told, deque(todo.items())).run_all()
     return ledger.counts()
 
 
 @dataclass
-class _Run:
+class _Scheduler:
     runner: Runner
     ledger: Ledger
     versions: Mapping[str, str]
-    told: Told | None
-    queue: deque[Keyed]
-    #: tasks about the draws of cells that were begun
+    told: ProgressCallback | None
+    queue: deque[KeyedCell]
+    #: waiting tasks about the draws of started cells
     ready: deque[Task] = field(default_factory=deque)
-    #: blocks of those cells so far, by the cell's key
+    #: counted blocks of those cells, by the cell's key
     blocks: dict[str, list[object]] = field(default_factory=dict)
-    suspects: deque[Keyed] = field(default_factory=deque)
+    suspects: deque[KeyedCell] = field(default_factory=deque)
     in_flight: int = 0
     cell_s: float | None = None
 
-    def all(self) -> None:
-        """The queue, then the suspects one by one."""
+    def run_all(self) -> None:
+        """Run the queue, then the suspects one by one."""
         while self.queue or self.ready or self.in_flight:
-            while (self.queue or self.ready) and self.in_flight < _AHEAD * self.runner.workers:
-                self._submit(self.ready.popleft() if self.ready else self._next())
-            ended = self._ended()
+            while (self.queue or self.ready) and self.in_flight < _TASKS_PER_WORKER * self.runner.workers:
+                self._submit(self.ready.popleft() if self.ready else self._next_task())
+            ended = self._wait_for_outcome()
             if ended.task.draws is not None:
-                self._gather(ended)
+                self._keep_block(ended)
             elif ended.died:
                 self.suspects.extend(ended.task.cells)
             else:
-                self._keep(ended)
+                self._record(ended)
         while self.suspects:
             self._submit(Task([self.suspects.popleft()]))
-            ended = self._ended()
-            self._keep(ended, DIED if ended.died else "")
+            ended = self._wait_for_outcome()
+            self._record(ended, WORKER_DIED if ended.died else "")
 
-    def _next(self) -> Task:
-        """The next chunk, or the first block of the next cell when that has many draws."""
+    def _next_task(self) -> Task:
+        """The next chunk, or the first block of the next cell when it has many draws."""
         if not self._is_divided(self.queue[0][1]):
             chunk = [self.queue.popleft()]
-            while self.queue and len(chunk) < self._chunk() and not self._is_divided(self.queue[0][1]):
+            while self.queue and len(chunk) < self._chunk_size() and not self._is_divided(self.queue[0][1]):
                 chunk.append(self.queue.popleft())
             return Task(chunk)
         key, cell = self.queue.popleft()
         self.blocks[key] = []
-        edges = divided(cell.draws)
+        edges = draw_blocks(cell.draws)
         self.ready += [Task([(key, cell)], edge) for edge in edges]
         return self.ready.popleft()
 
     def _is_divided(self, cell: Cell) -> bool:
         return cell.draws >= 2 * BLOCK and self.runner.workers > 1
 
-    def _gather(self, ended: Ended) -> None:
-        """A block that has ended: the last one of a cell is followed by the task that puts them together."""
+    def _keep_block(self, ended: TaskOutcome) -> None:
+        """Keep a counted block; after the last one of a cell, queue the task that combines them."""
         ((key, cell),) = ended.task.cells
         if key not in self.blocks:
             return
         if ended.block is not None:
             self.blocks[key].append(ended.block)
-            if len(self.blocks[key]) == len(divided(cell.draws)):
+            if len(self.blocks[key]) == len(draw_blocks(cell.draws)):
                 self.ready.appendleft(Task([(key, cell)], blocks=self.blocks.pop(key)))
             return
-        # there is nothing to put together: whatever the reason is, the cell as a whole has it
+        # the block failed: run the cell as a whole, which gives the reason
         del self.blocks[key]
         self.ready = deque(task for task in self.ready if task.cells[0][0] != key)
         if ended.died:
@@ -205,32 +209,32 @@ class _Run:
         self.runner.submit(task, self.versions)
         self.in_flight += 1
 
-    def _ended(self) -> Ended:
-        ended = self.runner.next_ended()
+    def _wait_for_outcome(self) -> TaskOutcome:
+        ended = self.runner.next_outcome()
         self.in_flight -= 1
         return ended
 
-    def _keep(self, ended: Ended, reason: str = "") -> None:
+    def _record(self, ended: TaskOutcome, reason: str = "") -> None:
         results = ended.results
         if results is None:
-            results = [Result(key, "{}", reason or ended.reason, 0.0) for key, _ in ended.task.cells]
+            results = [CellResult(key, "{}", reason or ended.reason, 0.0) for key, _ in ended.task.cells]
         else:
             mean = sum(r.seconds for r in results) / max(1, len(results))
-            self.cell_s = mean if self.cell_s is None else (1 - _FORGETTING) * self.cell_s + _FORGETTING * mean
+            self.cell_s = mean if self.cell_s is None else (1 - _SMOOTHING) * self.cell_s + _SMOOTHING * mean
         self.ledger.record(results)
         if self.told is not None:
             self.told(self.ledger.counts())
 
-    def _chunk(self) -> int:
-        """Cells of the next chunk: about a second's, and towards the end so few that all workers end together."""
+    def _chunk_size(self) -> int:
+        """Cells of the next chunk: about a second's work, and fewer near the end so that all workers end together."""
         if self.cell_s is None:
             return 1
-        wanted = int(_CHUNK_S / max(self.cell_s, 1e-6))
-        fair = (len(self.queue) + 1) // (_AHEAD * self.runner.workers)
-        return max(1, min(wanted, fair, _MOST_IN_A_CHUNK))
+        in_time = int(_CHUNK_S / max(self.cell_s, 1e-6))
+        fair = (len(self.queue) + 1) // (_TASKS_PER_WORKER * self.runner.workers)
+        return max(1, min(in_time, fair, _MOST_IN_A_CHUNK))
 
 
-def divided(draws: int) -> list[tuple[int, int]]:
-    """Blocks of at least `BLOCK` draws, but for the rest: (first, end) of each."""
+def draw_blocks(draws: int) -> list[tuple[int, int]]:
+    """(first, end) of each block: `BLOCK` draws, and the remainder in the last one."""
     firsts = range(0, draws - draws % BLOCK, BLOCK) if draws > BLOCK else range(1)
     return list(itertools.pairwise([*firsts, draws]))

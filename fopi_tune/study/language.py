@@ -1,4 +1,4 @@
-"""The shape of a study file:  which specs, what is put into them, what is run, and what is collected."""
+"""The shape of a study file:  specs, overrides, the stages to run, and the columns to collect."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from typing import Any
 
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.yaml.hints import closest
-from fopi_tune.spec.yaml.nodes import Items, Node, Refused, Table
-from fopi_tune.spec.yaml.places import Place, kind_of
-from fopi_tune.spec.yaml.records import Key, Record, Values, is_table
-from fopi_tune.spec.yaml.report import Mark
-from fopi_tune.spec.yaml.shapes import Choice, Either, JsonSchema, ListOf, Number, Shape, Text, Version
+from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, RejectedNode, SequenceNode, kind_of
+from fopi_tune.spec.yaml.problems import Mark
+from fopi_tune.spec.yaml.records import Key, Record, Values, expect_mapping
+from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, PlainOrMapping, Shape, Text, Version
 from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
-from fopi_tune.study.trees import PATH_PATTERN, Override, path_of
+from fopi_tune.study.overrides import PATH_PATTERN, Override, parse_path
 
-#: keys that begin with this are for the spec that the gains are checked against
+#: paths that begin with this are overrides of the spec that the gains are checked against
 CHECK = "check."
 #: all entries of a registry
 ALL = "all"
@@ -35,13 +34,13 @@ class Axis:
     nodes: tuple[Node, ...]
 
     def override(self, index: int) -> Override:
-        """The value with an index."""
+        """The override with one of the values."""
         return Override(self.path, self.mark, self.nodes[index])
 
 
 @dataclass(frozen=True)
-class Placed:
-    """A word of the study and where it is."""
+class PlacedWord:
+    """A word of the study and where it is written."""
 
     word: str
     mark: Mark
@@ -55,7 +54,7 @@ class StudyFile:
     file: str
     name: str
     description: str
-    specs: tuple[Placed, ...]
+    specs: tuple[PlacedWord, ...]
     cells: tuple[tuple[Axis, ...], ...]
     grid: tuple[Axis, ...]
     zipped: tuple[Axis, ...]
@@ -63,58 +62,60 @@ class StudyFile:
     starts: Starts
     collect: tuple[Column, ...]
     limit_cells: int
-    claims: tuple[Placed, ...]
-    figures: tuple[Placed, ...]
+    claims: tuple[PlacedWord, ...]
+    figures: tuple[PlacedWord, ...]
 
 
 @dataclass(frozen=True)
-class Anything(Shape):
-    """Any value; the spec language judges it where it is put in."""
+class AnyValue(Shape):
+    """Any value; it is checked as part of the spec that it is put into."""
 
     meaning: str
 
     def read(self, place: Place) -> Node | None:
-        return None if isinstance(place.node, Refused) else place.node
+        return None if isinstance(place.node, RejectedNode) else place.node
 
     def json_schema(self) -> JsonSchema:
         return {"description": self.meaning}
 
 
 @dataclass(frozen=True)
-class Several(Shape):
+class NonEmptyList(Shape):
     """A list of at least one of anything; reads to its nodes."""
 
     meaning: str
 
     def read(self, place: Place) -> tuple[Node, ...] | None:
-        if not isinstance(place.node, Items):
-            place.refuse(f"{kind_of(place.node)} is written where a list of values belongs; write [{_shown(place)}]")
+        if not isinstance(place.node, SequenceNode):
+            place.refuse(
+                f"{kind_of(place.node)} is written where a list of values belongs; write [{_as_list_item(place)}]"
+            )
             return None
         if not place.node.nodes:
             place.refuse("the list is empty; write at least one value, or remove the key")
             return None
-        return None if any(isinstance(node, Refused) for node in place.node.nodes) else place.node.nodes
+        return None if any(isinstance(node, RejectedNode) for node in place.node.nodes) else place.node.nodes
 
     def json_schema(self) -> JsonSchema:
         return {"type": "array", "description": self.meaning, "minItems": 1}
 
 
 @dataclass(frozen=True)
-class ByPath(Shape):
-    """A mapping from paths into the spec to something; reads to axes."""
+class PathMapping(Shape):
+    """A mapping from paths into the spec to values of one shape; reads to axes."""
 
     meaning: str
     shape: Shape
 
     def read(self, place: Place) -> tuple[Axis, ...] | None:
-        if not is_table(place, "{plant.time_constant_s.max: [2.5, 3.1]}"):
+        if not expect_mapping(place, "{plant.time_constant_s.max: [2.5, 3.1]}"):
             return None
-        assert isinstance(place.node, Table)
+        assert isinstance(place.node, MappingNode)
         axes: list[Axis] = []
         for key, (mark, _) in place.node.entries.items():
-            if path_of(key) is None or key == CHECK[:-1]:
+            if parse_path(key) is None or key == CHECK[:-1]:
                 message = "is no path into a spec; write one such as plant.time_constant_s.max or requirements[2].on"
-                place.report.refuse(mark, place.child(key).path, message)
+                place.collector.add(mark, place.child(key).path, message)
                 continue
             found = self.shape.read(place.child(key))
             if found is not None:
@@ -131,14 +132,14 @@ class ByPath(Shape):
 
 
 @dataclass(frozen=True)
-class Columns(Shape):
+class ColumnMapping(Shape):
     """A mapping from names of columns to paths into a cell's result."""
 
     meaning: str
     path: Shape
 
     def read(self, place: Place) -> dict[str, str] | None:
-        assert isinstance(place.node, Table)
+        assert isinstance(place.node, MappingNode)
         found = {key: self.path.read(place.child(key)) for key in place.node.entries}
         return None if None in found.values() else found
 
@@ -147,36 +148,36 @@ class Columns(Shape):
 
 
 @dataclass(frozen=True)
-class Marked(Shape):
-    """A word that keeps its place."""
+class WithPlace(Shape):
+    """A word, read together with its place."""
 
     shape: Shape
 
-    def read(self, place: Place) -> Placed | None:
+    def read(self, place: Place) -> PlacedWord | None:
         word = self.shape.read(place)
-        return None if word is None else Placed(word, place.mark, place.path)
+        return None if word is None else PlacedWord(word, place.mark, place.path)
 
     def json_schema(self) -> JsonSchema:
         return self.shape.json_schema()
 
 
 @dataclass(frozen=True)
-class WordOr(Shape):
+class AllOrList(Shape):
     """The word `all`, or a list."""
 
     names: ListOf
 
-    def read(self, place: Place) -> list[Placed] | None:
-        if isinstance(place.node, Items):
+    def read(self, place: Place) -> list[PlacedWord] | None:
+        if isinstance(place.node, SequenceNode):
             return self.names.read(place)
-        word = Marked(Choice(f"`{ALL}`, or a list of names", [ALL])).read(place)
+        word = WithPlace(Choice(f"`{ALL}`, or a list of names", [ALL])).read(place)
         return None if word is None else [word]
 
     def json_schema(self) -> JsonSchema:
         return {"anyOf": [{"const": ALL}, self.names.json_schema()]}
 
 
-#: when a study does not say
+#: the default of `stages`
 _STAGES = [Stage.TUNE.value, Stage.PROVE.value]
 
 
@@ -184,16 +185,18 @@ def study_shape() -> Record:
     """The shape of a whole file; reads to the sections' values."""
     path = Text("path from the study's folder")
     result = Text("path into a cell's result, such as tune.gains.kp", PATH_PATTERN, "write one such as tune.gains.kp")
-    values = ByPath("paths into the spec, each with its values", Several("values"))
-    entry = Marked(Text("name of an entry"))
-    columns = Either(ListOf("paths", result), Columns("names of columns, each with its path", result))
+    values = PathMapping("paths into the spec, each with its values", NonEmptyList("values"))
+    entry = WithPlace(Text("name of an entry"))
+    columns = PlainOrMapping(ListOf("paths", result), ColumnMapping("names of columns, each with its path", result))
     limit = Number("more cells than this need --force", at_least=1, at_most=_LARGEST_LIMIT, whole=True)
     keys = {
         "schema": Key(Version("version of the language", SCHEMA_VERSION)),
         "name": Key(Text("name of the study and of its results' folder", NAME_PATTERN, NAME_RULE)),
         "description": Key(Text("one sentence for people"), required=False),
-        "specs": Key(ListOf("the specs that the cells are made of", Marked(path), 1), required=False),
-        "cells": Key(ListOf("overrides, path to value, a cell each", ByPath("a cell", Anything("value")), 1), False),
+        "specs": Key(ListOf("the specs that the cells are made of", WithPlace(path), 1), required=False),
+        "cells": Key(
+            ListOf("overrides, path to value, a cell each", PathMapping("a cell", AnyValue("value")), 1), False
+        ),
         "grid": Key(values, required=False),
         "zip": Key(values, required=False),
         "stages": Key(ListOf("what is run on each cell", Choice("stage", [s.value for s in Stage]), 1), False, _STAGES),
@@ -202,26 +205,26 @@ def study_shape() -> Record:
         ),
         "collect": Key(columns, required=False),
         "limit_cells": Key(limit, False, LIMIT_CELLS),
-        "claims": Key(WordOr(ListOf("claims to recompute", entry, 1)), required=False),
-        "figures": Key(WordOr(ListOf("figures to draw", entry, 1)), required=False),
+        "claims": Key(AllOrList(ListOf("claims to recompute", entry, 1)), required=False),
+        "figures": Key(AllOrList(ListOf("figures to draw", entry, 1)), required=False),
     }
     about = [{"required": [key]} for key in ("specs", "claims", "figures")]
     return Record("many specs", keys, lambda values, place: values, _EXAMPLE, rules={"anyOf": about})
 
 
 def read_study(place: Place) -> StudyFile | None:
-    """The study a document says, or None after reporting why there is none."""
-    if not isinstance(place.node, Table):
+    """The study that a document describes, or None after reporting its problems."""
+    if not isinstance(place.node, MappingNode):
         place.refuse(f"the file is no study; write one such as {_EXAMPLE}")
         return None
-    values = study_shape().readable(place)
+    values = study_shape().read_partial(place)
     if values is None:
         return None
     _check_between_sections(values, place)
-    if place.report.problems:
+    if place.collector.problems:
         return None
     return StudyFile(
-        file=place.report.file,
+        file=place.collector.file,
         name=values["name"],
         description=values.get("description", ""),
         specs=tuple(values.get("specs", ())),
@@ -254,9 +257,9 @@ def _check_between_sections(values: Values, place: Place) -> None:
     for key in ("cells", "grid", "zip", "stages", "starts", "collect"):
         if place.has(key) and not place.has("specs") and any(place.has(k) for k in ("claims", "figures")):
             place.child(key).refuse("this is about specs, and there are none; add specs: [FILE] or remove it")
-    _refuse_twice(values, place)
-    _refuse_replaced(values, place)
-    _refuse_taken(values, place)
+    _refuse_duplicate_paths(values, place)
+    _refuse_overrides_without_effect(values, place)
+    _refuse_duplicate_columns(values, place)
     zipped: list[Axis] = list(values.get("zip") or ())
     for first, axis in ((zipped[0], other) for other in zipped[1:]):
         if len(axis.nodes) != len(first.nodes):
@@ -268,11 +271,11 @@ def _check_between_sections(values: Values, place: Place) -> None:
         if stages and first not in (*stages, "outcome", "reason"):
             meant = closest(first, [str(stage) for stage in stages])
             hint = f"did you mean {meant!r}?" if meant else f"the stages of this study are {', '.join(stages)}"
-            place.report.refuse(path.mark, name, f"{path.word} begins with no stage that is run; {hint}")
+            place.collector.add(path.mark, name, f"{path.word} begins with no stage that is run; {hint}")
 
 
-def _refuse_twice(values: Values, place: Place) -> None:
-    """A path belongs to one section."""
+def _refuse_duplicate_paths(values: Values, place: Place) -> None:
+    """Reports paths that have values in two sections."""
     sections: list[tuple[Place, tuple[Axis, ...]]] = [(place.child(k), values.get(k) or ()) for k in ("grid", "zip")]
     if values.get("cells"):
         cells = place.child("cells")
@@ -282,11 +285,11 @@ def _refuse_twice(values: Values, place: Place) -> None:
         for axis in axes:
             if axis.path in others:
                 message = f"the path has values on line {others[axis.path]} already; keep one of the two"
-                where.report.refuse(axis.mark, where.child(axis.path).path, message)
+                where.collector.add(axis.mark, where.child(axis.path).path, message)
 
 
-def _refuse_replaced(values: Values, place: Place) -> None:
-    """What the table would show though it has no effect: put in first and replaced later, or gains of the check."""
+def _refuse_overrides_without_effect(values: Values, place: Place) -> None:
+    """Reports overrides without effect, which the table would show: replaced by a later one, or gains of the check."""
     after = [(place.child(key), axis) for key in ("zip", "grid") for axis in values.get(key) or ()]
     given: list[tuple[Axis, ...]] = values.get("cells") or []
     cells = [[(place.child("cells").item(i), axis) for axis in axes or ()] for i, axes in enumerate(given)]
@@ -296,29 +299,29 @@ def _refuse_replaced(values: Values, place: Place) -> None:
             outer = next((o for _, o in ordered[n + 1 :] if axis.path.startswith((f"{o.path}.", f"{o.path}["))), None)
             if outer is not None:
                 message = f"{outer.path}, which is put in later, replaces this; put it before, or into its value"
-                where.report.refuse(axis.mark, where.child(axis.path).path, message)
+                where.collector.add(axis.mark, where.child(axis.path).path, message)
             if axis.path.startswith(f"{CHECK}controller"):
                 message = "the gains that are checked are those of the design; give values to controller itself"
-                where.report.refuse(axis.mark, where.child(axis.path).path, message)
+                where.collector.add(axis.mark, where.child(axis.path).path, message)
 
 
-def _refuse_taken(values: Values, place: Place) -> None:
-    """Every column of the table has a name of its own."""
+def _refuse_duplicate_columns(values: Values, place: Place) -> None:
+    """Reports columns whose name is used already."""
     groups = [values.get("grid"), values.get("zip"), *(values.get("cells") or ())]
-    taken = {*_COLUMNS, *(axis.path for axes in groups for axis in axes or ())}
+    used_names = {*_COLUMNS, *(axis.path for axes in groups for axis in axes or ())}
     given, where = values.get("collect"), place.child("collect")
     if given is None:
         return
     names = list(given)
     for index, name in enumerate(names):
         at = where.child(name) if isinstance(given, Mapping) else where.item(index)
-        if name in taken:
+        if name in used_names:
             at.refuse(f"every table of this study has a column {name} already; remove this, or give it another name")
         elif name in names[:index]:
             at.refuse("is collected already; remove one of the two")
 
 
-def _collected(values: Values, place: Place) -> list[tuple[str, Placed]]:
+def _collected(values: Values, place: Place) -> list[tuple[str, PlacedWord]]:
     given, where = values.get("collect"), place.child("collect")
     if given is None:
         return []
@@ -326,8 +329,8 @@ def _collected(values: Values, place: Place) -> list[tuple[str, Placed]]:
         places: list[tuple[Place, Any]] = [(where.child(name), path) for name, path in given.items()]
     else:
         places = [(where.item(index), path) for index, path in enumerate(given)]
-    return [(place.path, Placed(path, place.mark, place.path)) for place, path in places]
+    return [(place.path, PlacedWord(path, place.mark, place.path)) for place, path in places]
 
 
-def _shown(place: Place) -> str:
-    return kind_of(place.node).strip("'") if not isinstance(place.node, Table) else "{...}"
+def _as_list_item(place: Place) -> str:
+    return kind_of(place.node).strip("'") if not isinstance(place.node, MappingNode) else "{...}"

@@ -1,7 +1,8 @@
-"""What is known of a study's cells, in a file that survives being killed:  SQLite in WAL mode, keyed by content.
+"""Results of a study's cells on the disk:  SQLite in WAL mode, keyed by the hash of each cell's content.
 
-A cell is in the ledger with its result or not at all, so that nothing is ever left "running".  The plan says which
-cells the study has now; results of cells that it had once stay, for when it has them again.  One process writes.
+A killed process leaves a valid file.  A cell is in the ledger with its result or not at all; there is no state
+"running".  The plan lists the cells that the study has now.  Results of cells that were in an earlier plan are kept and
+used when the study has them again.  One process writes.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from fopi_tune.errors import DomainError
-from fopi_tune.study.cells import Result
 from fopi_tune.study.model import Cell, Study
+from fopi_tune.study.worker import CellResult
 
 #: the file in a study's folder
 LEDGER = "ledger.sqlite"
@@ -39,12 +40,12 @@ class LedgerError(DomainError):
 
 @dataclass(frozen=True)
 class Counts:
-    """How far a study is.
+    """The progress of a study.
 
     Args:
         total: cells of the plan.
-        done: with an answer.
-        failed: without one.
+        done: cells with a result.
+        failed: cells that failed.
     """
 
     total: int
@@ -58,14 +59,14 @@ class Counts:
 
 
 class Ledger:
-    """An open ledger; made by `opened` and `read`."""
+    """An open ledger; made by `open_ledger` and `read_ledger`."""
 
     def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
         self._connection = connection
         self.path = path
 
     def plan(self, study: Study, keys: Sequence[str], versions: Mapping[str, str]) -> None:
-        """Say which cells the study has now."""
+        """Store which cells the study has now."""
         about = {"name": study.name, "versions": json.dumps(dict(versions), sort_keys=True)}
         with self._transaction() as connection:
             connection.execute("DELETE FROM plan")
@@ -73,74 +74,76 @@ class Ledger:
             connection.executemany("INSERT INTO plan VALUES (?, ?, ?)", rows)
             connection.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", about.items())
 
-    def record(self, results: Iterable[Result]) -> None:
-        """Keep results, all or none; a cell that was there is replaced."""
+    def record(self, results: Iterable[CellResult]) -> None:
+        """Store results in one transaction; earlier results of the same cells are replaced."""
         rows = [(r.key, int(r.failed), r.document, r.reason, r.seconds) for r in results]
         with self._transaction() as connection:
             connection.executemany("INSERT OR REPLACE INTO results VALUES (?, ?, ?, ?, ?)", rows)
 
     def forget_failed(self, study: Study, versions: Mapping[str, str]) -> None:
-        """Take a study's failed cells out, so that they are run again."""
+        """Delete the results of a study's failed cells, so that they are run again."""
         with self._transaction() as connection:
-            keys = ((key,) for key in keyed(study.cells, versions))
+            keys = ((key,) for key in cell_keys(study.cells, versions))
             connection.executemany("DELETE FROM results WHERE failed = 1 AND key = ?", keys)
 
     def known(self) -> frozenset[str]:
         """Keys of all results."""
-        return frozenset(key for (key,) in self._all("SELECT key FROM results"))
+        return frozenset(key for (key,) in self._fetch_all("SELECT key FROM results"))
 
     def counts(self) -> Counts:
-        """How far the plan is."""
-        (total,) = self._all("SELECT COUNT(*) FROM plan")[0]
-        told = dict(self._all("SELECT r.failed, COUNT(*) FROM plan p JOIN results r USING (key) GROUP BY r.failed"))
-        return Counts(total, told.get(0, 0), told.get(1, 0))
+        """The progress of the plan."""
+        (total,) = self._fetch_all("SELECT COUNT(*) FROM plan")[0]
+        rows_found = dict(
+            self._fetch_all("SELECT r.failed, COUNT(*) FROM plan p JOIN results r USING (key) GROUP BY r.failed")
+        )
+        return Counts(total, rows_found.get(0, 0), rows_found.get(1, 0))
 
     def failures(self) -> list[tuple[int, str, str]]:
         """Index, label and reason of every failed cell of the plan, in order."""
-        asked = "SELECT p.position, p.label, r.reason FROM plan p JOIN results r USING (key) WHERE r.failed = 1"
-        return self._all(f"{asked} ORDER BY p.position")
+        query = "SELECT p.position, p.label, r.reason FROM plan p JOIN results r USING (key) WHERE r.failed = 1"
+        return self._fetch_all(f"{query} ORDER BY p.position")
 
-    def results(self) -> Iterator[tuple[int, Result]]:
+    def results(self) -> Iterator[tuple[int, CellResult]]:
         """Index and result of every cell of the plan that was run, in order."""
-        asked = "SELECT p.position, r.key, r.document, r.reason, r.seconds FROM plan p JOIN results r USING (key)"
-        with self._explained():
-            for position, *found in self._connection.execute(f"{asked} ORDER BY p.position"):
-                result = Result(*found)
+        query = "SELECT p.position, r.key, r.document, r.reason, r.seconds FROM plan p JOIN results r USING (key)"
+        with self._errors_translated():
+            for position, *found in self._connection.execute(f"{query} ORDER BY p.position"):
+                result = CellResult(*found)
                 if not _is_document(result.document):
                     message = f"what {self.path} has of cell {position + 1} is damaged"
                     raise LedgerError(f"{message}; move the file away to begin anew, or choose another --out")
                 yield position, result
 
     def seconds(self) -> float:
-        """What the plan's results took, in sum."""
-        return float(self._all("SELECT TOTAL(r.seconds) FROM plan p JOIN results r USING (key)")[0][0])
+        """Total computing time of the plan's results, seconds."""
+        return float(self._fetch_all("SELECT TOTAL(r.seconds) FROM plan p JOIN results r USING (key)")[0][0])
 
     @property
     def name(self) -> str:
-        """Of the study."""
-        told = self._all("SELECT value FROM about WHERE name = 'name'")
-        return told[0][0] if told else "?"
+        """Name of the study."""
+        rows_found = self._fetch_all("SELECT value FROM about WHERE name = 'name'")
+        return rows_found[0][0] if rows_found else "?"
 
-    def _all(self, asked: str) -> list[Any]:
-        with self._explained():
-            return self._connection.execute(asked).fetchall()
+    def _fetch_all(self, query: str) -> list[Any]:
+        with self._errors_translated():
+            return self._connection.execute(query).fetchall()
 
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
-        with self._explained(), self._connection:
+        with self._errors_translated(), self._connection:
             yield self._connection
 
     @contextlib.contextmanager
-    def _explained(self) -> Iterator[None]:
+    def _errors_translated(self) -> Iterator[None]:
         try:
             yield
         except sqlite3.Error as error:
-            raise _unusable(self.path, error) from error
+            raise _unusable_error(self.path, error) from error
 
 
 @contextlib.contextmanager
-def opened(folder: Path) -> Iterator[Ledger]:
-    """The ledger in a study's folder, made where there is none, for one process at a time.
+def open_ledger(folder: Path) -> Iterator[Ledger]:
+    """Open the ledger in a study's folder for writing, and create it where there is none; one process at a time.
 
     Raises:
         LedgerError: it cannot be read or written, or another process runs this study.
@@ -153,19 +156,19 @@ def opened(folder: Path) -> Iterator[Ledger]:
     with _locked(folder), contextlib.closing(_connect(path, path.as_posix(), uri=False)) as connection:
         try:
             connection.execute("PRAGMA journal_mode = WAL")
-            # a commit survives this process's death; a power cut may take the last ones, never the file
+            # commits survive the end of this process; a power failure may lose the last ones but leaves a valid file
             connection.execute("PRAGMA synchronous = NORMAL")
             _check_format(connection, path)
-            # at once: tables without a format would be somebody else's
+            # in one transaction: a file with tables but without a format counts as another program's
             connection.executescript(f"BEGIN; {_TABLES} PRAGMA user_version = {_FORMAT}; COMMIT;")
         except sqlite3.Error as error:
-            raise _unusable(path, error) from error
+            raise _unusable_error(path, error) from error
         yield Ledger(connection, path)
 
 
 @contextlib.contextmanager
-def read(folder: Path) -> Iterator[Ledger]:
-    """The ledger in a study's folder, to look at, also while the study runs.
+def read_ledger(folder: Path) -> Iterator[Ledger]:
+    """Open the ledger in a study's folder for reading, also while the study runs.
 
     Raises:
         LedgerError: there is none, or it cannot be read.
@@ -173,7 +176,7 @@ def read(folder: Path) -> Iterator[Ledger]:
     path = folder / LEDGER
     if not path.is_file():
         raise LedgerError(f"there is no {LEDGER} in {folder}; name the folder of a study's results")
-    # where nothing can be written nobody else writes either, and SQLite needs to be told so
+    # in a read-only folder nobody else writes either; SQLite needs to know that
     mode = "mode=rw" if os.access(folder, os.W_OK) and os.access(path, os.W_OK) else "immutable=1"
     with contextlib.closing(_connect(path, f"{path.absolute().as_uri()}?{mode}", uri=True)) as connection:
         try:
@@ -181,11 +184,11 @@ def read(folder: Path) -> Iterator[Ledger]:
                 raise LedgerError(f"{path} has no study yet; it has only just begun, or never did")
             yield Ledger(connection, path)
         except sqlite3.Error as error:
-            raise _unusable(path, error) from error
+            raise _unusable_error(path, error) from error
 
 
-def keyed(cells: Sequence[Cell], versions: Mapping[str, str]) -> list[str]:
-    """The cells' keys."""
+def cell_keys(cells: Sequence[Cell], versions: Mapping[str, str]) -> list[str]:
+    """The keys of cells: hashes of all that their results depend on."""
     return [cell.key(versions) for cell in cells]
 
 
@@ -200,11 +203,11 @@ def _connect(path: Path, target: str, uri: bool) -> sqlite3.Connection:
     try:
         return sqlite3.connect(target, timeout=30.0, uri=uri)
     except sqlite3.Error as error:
-        raise _unusable(path, error) from error
+        raise _unusable_error(path, error) from error
 
 
 def _check_format(connection: sqlite3.Connection, path: Path) -> int:
-    """Of the file: 0 of a new one."""
+    """The format of the file; 0 for a new one."""
     (found,) = connection.execute("PRAGMA user_version").fetchone()
     if found > _FORMAT:
         raise LedgerError(f"{path} was made by a newer fopi-tune (format {found}); update, or choose another --out")
@@ -213,16 +216,16 @@ def _check_format(connection: sqlite3.Connection, path: Path) -> int:
     return int(found)
 
 
-def _unusable(path: Path, error: sqlite3.Error) -> LedgerError:
+def _unusable_error(path: Path, error: sqlite3.Error) -> LedgerError:
     return LedgerError(f"{path} cannot be used ({error}); move it away to begin anew, or choose another --out")
 
 
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """A lock that ends with the process, however it ends."""
+    """Hold a file lock, which the system releases when the process ends in any way."""
     try:
         import fcntl
-    except ImportError:  # where there are no such locks, SQLite's own keep the file whole
+    except ImportError:  # without such locks, SQLite's own locks keep the file consistent
         yield
         return
     try:

@@ -1,4 +1,4 @@
-"""A study's file and the files of its specs -> Study; and the language of studies as JSON Schema."""
+"""A study file and its spec files -> Study; the language of studies as JSON Schema."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any
 from fopi_tune.errors import DomainError, Problem, SpecError
 from fopi_tune.spec import load_document
 from fopi_tune.spec.language import SCHEMA_VERSION
-from fopi_tune.spec.load import reader_beside
-from fopi_tune.study.expand import Base, count_cells, expand
+from fopi_tune.spec.load import folder_reader
+from fopi_tune.study.expand import BaseSpec, count_cells, expand
 from fopi_tune.study.language import StudyFile, read_study, study_shape
 from fopi_tune.study.model import Study
-from fopi_tune.study.registry import REGISTRY, names_of
+from fopi_tune.study.registry import REGISTRY, entry_names
 
 
 class TooManyCellsError(DomainError):
@@ -28,13 +28,13 @@ def load_study(
     registry: str = REGISTRY,
     told: Callable[[int], None] | None = None,
 ) -> Study:
-    """The study in a file, with all its cells made and judged.
+    """The study in a file, with all its cells made and checked.
 
     Args:
         source: path of a YAML file.
         force: make more cells than the study's limit.
         registry: module that has CLAIMS and FIGURES.
-        told: the number of cells, before they are made.
+        told: called with the number of cells before they are made.
 
     Raises:
         SpecError: the file or one of its specs cannot be used, or an override makes a spec that cannot.
@@ -43,9 +43,9 @@ def load_study(
     place, _ = load_document(source)
     study = read_study(place)
     if study is None:
-        raise place.report.error()
-    claims = names_of(registry, "CLAIMS") if study.claims else ()
-    figures = names_of(registry, "FIGURES") if study.figures else ()
+        raise place.collector.error()
+    claims = entry_names(registry, "CLAIMS") if study.claims else ()
+    figures = entry_names(registry, "FIGURES") if study.figures else ()
     count = count_cells(study, claims, figures)
     if told is not None:
         told(count)
@@ -57,22 +57,22 @@ def load_study(
     return expand(study, _bases(study), registry, claims, figures)
 
 
-def _bases(study: StudyFile) -> list[Base]:
+def _bases(study: StudyFile) -> list[BaseSpec]:
     folder = os.path.dirname(study.file)
-    found: list[Base] = []
+    found: list[BaseSpec] = []
     problems: list[Problem] = []
     for placed in study.specs:
         path = os.path.join(folder, placed.word)
         try:
             place, _ = load_document(path)
         except SpecError as error:
-            # where the study names it, and what is wrong there
+            # the position in the study file, with the problem in the spec file
             where = Problem(study.file, placed.mark.line, placed.mark.column, placed.path, "the spec cannot be used:")
             problems += [replace(where, message=f"{where.message} {problem}") for problem in error.problems]
             continue
-        problems += place.report.problems
-        # cells that name the same file share what was read
-        found.append(Base(path, place.node, cache(reader_beside(path))))
+        problems += place.collector.problems
+        # cells that name the same file read it once
+        found.append(BaseSpec(path, place.node, cache(folder_reader(path))))
     if problems:
         raise SpecError(tuple(problems))
     return found
@@ -81,7 +81,7 @@ def _bases(study: StudyFile) -> list[Base]:
 def study_json_schema() -> dict[str, Any]:
     """The language as JSON Schema, draft 2020-12, generated from the shapes that read a study.
 
-    What an override makes of a spec only the tool judges.
+    Overridden specs are not covered by the schema; only the tool checks them.
     """
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

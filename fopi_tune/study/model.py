@@ -1,4 +1,4 @@
-"""What a study file says, as frozen data:  cells, the stages to run on each, and what to collect of them."""
+"""A study as frozen data:  cells, the stages to run on each, and the columns to collect."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-#: more cells than this need a word
+#: more cells than this need --force
 LIMIT_CELLS = 10_000
 #: characters of a value in a cell's label
 _LONGEST_SHOWN = 200
@@ -28,7 +28,7 @@ class Starts(StrEnum):
 
     #: every start, as `fopi tune`
     ALL = "all"
-    #: the gains of the spec without overrides; every start where that leads nowhere
+    #: the gains of the spec without overrides; every start where no solution is found from them
     BASE = "base"
 
 
@@ -42,7 +42,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Column:
-    """One collected number or word.
+    """One column of collected values.
 
     Args:
         name: of the column.
@@ -55,18 +55,18 @@ class Column:
 
 @dataclass(frozen=True)
 class Cell:
-    """One thing to compute; everything a worker needs is text.
+    """One unit of computation; all that a worker needs is text.
 
     Args:
         index: its place in the study, from 0.
         kind: a spec, or an entry of a registry.
         name: of the base spec, or of the entry.
-        overrides: path to value, as in the study file; what distinguishes the cell.
+        overrides: path to value, as in the study file; they distinguish the cell.
         text: the spec as canonical JSON (which is YAML); of an entry, its registry.
         check: the spec that the gains are proved, discretised and validated against; empty: `text` itself.
         base: the spec whose gains the search starts from; empty: every start.
         stages: what is run, in order.
-        files: that the specs name, as they write it, and what is in them.
+        files: names and contents of the files that the specs name.
         draws: plants that the stage `validate` draws.
     """
 

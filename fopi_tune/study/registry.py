@@ -1,8 +1,8 @@
-"""Registries of claims and figures:  module and name -> what to call.
+"""Registries of claims and figures:  module and name -> function.
 
 A registry is a module with CLAIMS (name to a function that gives rows) and FIGURES (name to a function that gives SVG);
 where it has PICTURES too (name to a function that gives a picture), with svg_of and png_of, a figure is both.  It is
-named by text, which is what travels to a worker.
+named by text, which is sent to a worker.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
-#: the paper's
+#: the registry of the paper
 REGISTRY = "fopi_tune.paper"
 
 
@@ -25,8 +25,8 @@ def entries(registry: str, what: str) -> Mapping[str, Callable[[], Any]]:
         raise
 
 
-def figure_of(registry: str, name: str) -> dict[str, str | bytes]:
-    """A figure's files: its name with an ending, and what is in it."""
+def render_figure(registry: str, name: str) -> dict[str, str | bytes]:
+    """Draw a figure: file name to content."""
     pictures = entries(registry, "PICTURES")
     if name not in pictures:
         return {f"{name}.svg": entries(registry, "FIGURES")[name]()}
@@ -34,6 +34,6 @@ def figure_of(registry: str, name: str) -> dict[str, str | bytes]:
     return {f"{name}.svg": module.svg_of(picture), f"{name}.png": module.png_of(picture)}
 
 
-def names_of(registry: str, what: str) -> tuple[str, ...]:
+def entry_names(registry: str, what: str) -> tuple[str, ...]:
     """The names of all entries, in order."""
     return tuple(entries(registry, what))

@@ -1,6 +1,7 @@
 """The table of a study:  cells and their results -> columns and rows, and these as CSV and Parquet.
 
-It holds no times and nothing of the order in which cells were run: a study that was interrupted gives the same bytes.
+It holds no times and does not depend on the order in which cells were run, so an interrupted study gives the same
+bytes.
 """
 
 from __future__ import annotations
@@ -15,16 +16,16 @@ from importlib import import_module
 from typing import Any
 
 from fopi_tune.errors import DomainError
-from fopi_tune.study.cells import Result
 from fopi_tune.study.model import Cell, Kind, Study
-from fopi_tune.study.trees import path_of
+from fopi_tune.study.overrides import parse_path
+from fopi_tune.study.worker import CellResult
 
 Value = float | int | str | bool | None
 
 
 @dataclass(frozen=True)
-class Table:
-    """Columns in order, and rows in the order of the cells; what is missing is None.
+class StudyTable:
+    """Columns in order, and rows in the order of the cells; missing values are None.
 
     Args:
         columns: their names.
@@ -47,11 +48,11 @@ class Table:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.columns)
-        writer.writerows([_csv(value) for value in row] for row in self.rows)
+        writer.writerows([_csv_field(value) for value in row] for row in self.rows)
         return text.getvalue()
 
     def to_parquet(self) -> bytes:
-        """The same; a column with words and numbers is of words.
+        """The table as Parquet; a column with text and numbers is text.
 
         Raises:
             DomainError: pyarrow is not installed.
@@ -59,7 +60,7 @@ class Table:
         require_parquet()
         pa, pq = import_module("pyarrow"), import_module("pyarrow.parquet")
 
-        columns = [_typed([row[i] for row in self.rows]) for i in range(len(self.columns))]
+        columns = [_single_type([row[i] for row in self.rows]) for i in range(len(self.columns))]
         types = [_arrow_type(pa, column) for column in columns]
         arrays = [pa.array(column, type=kind) for column, kind in zip(columns, types, strict=True)]
         sink = pa.BufferOutputStream()
@@ -72,7 +73,7 @@ class Table:
 
 
 def require_parquet() -> None:
-    """Say so where Parquet cannot be written, before anything is computed.
+    """Check that Parquet can be written, before anything is computed.
 
     Raises:
         DomainError: pyarrow is not installed.
@@ -84,8 +85,8 @@ def require_parquet() -> None:
         raise DomainError(message) from None
 
 
-def table_of(study: Study, results: Iterable[tuple[int, Result]]) -> Table:
-    """What a study collects of its results.
+def collect_table(study: Study, results: Iterable[tuple[int, CellResult]]) -> StudyTable:
+    """Collect a study's table from its results.
 
     Args:
         study: with its cells.
@@ -98,28 +99,30 @@ def table_of(study: Study, results: Iterable[tuple[int, Result]]) -> Table:
         cell, document = study.cells[index], json.loads(result.document)
         files |= document.get("files", {})
         files |= {name: base64.b64decode(text) for name, text in document.get("base64", {}).items()}
-        common: dict[str, Value] = {"cell": index + 1, _named(cell): cell.name}
-        common |= {path: _plain(value) for path, value in cell.overrides.items()}
+        common: dict[str, Value] = {"cell": index + 1, _name_column(cell): cell.name}
+        common |= {path: _table_value(value) for path, value in cell.overrides.items()}
         common["outcome"] = "failed" if result.failed else document.get("outcome", "failed")
         reason: dict[str, Value] = {"reason": result.reason or document.get("reason") or None}
         if cell.kind is Kind.CLAIM:
-            told = [{key: _plain(value) for key, value in row.items()} for row in document.get("rows", [])]
-            claims += told
-            records += [{**common, **row, **reason} for row in told] or [{**common, **reason}]
+            claim_rows = [{key: _table_value(value) for key, value in row.items()} for row in document.get("rows", [])]
+            claims += claim_rows
+            records += [{**common, **row, **reason} for row in claim_rows] or [{**common, **reason}]
             continue
-        collected = {c.name: _plain(found(document, c.path)) for c in study.collect} if cell.kind is Kind.SPEC else {}
+        collected = (
+            {c.name: _table_value(value_at(document, c.path)) for c in study.collect} if cell.kind is Kind.SPEC else {}
+        )
         records.append({**common, **collected, **reason})
     columns = _columns(study, records)
     rows = tuple(tuple(record.get(name) for name in columns) for record in records)
     undecided = sum(record["outcome"] == "undecided" for record in records)
     specs = [record for record in records if "spec" in record]
     empty = [c.name for c in study.collect if specs and all(record[c.name] is None for record in specs)]
-    return Table(columns, rows, tuple(claims), files, tuple(empty), undecided)
+    return StudyTable(columns, rows, tuple(claims), files, tuple(empty), undecided)
 
 
-def found(document: Any, path: str) -> Any:
-    """What is at a path of a result, None where there is nothing."""
-    for step in path_of(path) or ():
+def value_at(document: Any, path: str) -> Any:
+    """The value at a path of a result, or None."""
+    for step in parse_path(path) or ():
         if isinstance(step, int):
             document = document[step] if isinstance(document, list) and step < len(document) else None
         else:
@@ -128,28 +131,28 @@ def found(document: Any, path: str) -> Any:
 
 
 def _columns(study: Study, records: Sequence[Mapping[str, Value]]) -> tuple[str, ...]:
-    """Cell, names, overrides, outcome, what was collected, reason."""
+    """Names of the columns: cell, spec or entry, overrides, outcome, collected values, reason."""
     cells: Sequence[Cell] = study.cells
-    names = dict.fromkeys(["cell", *(_named(cell) for cell in cells)])
+    names = dict.fromkeys(["cell", *(_name_column(cell) for cell in cells)])
     names |= dict.fromkeys(path for cell in cells for path in cell.overrides)
     names |= dict.fromkeys(["outcome", *(c.name for c in study.collect)])
     names |= dict.fromkeys(name for record in records for name in record if name != "reason")
     return (*names, "reason")
 
 
-def _named(cell: Cell) -> str:
+def _name_column(cell: Cell) -> str:
     """The column of a cell's name."""
     return "spec" if cell.kind is Kind.SPEC else "entry"
 
 
-def _plain(value: Any) -> Value:
-    """A value for one field of a table: what is no single value is JSON."""
+def _table_value(value: Any) -> Value:
+    """A value as one field of a table; lists and mappings become JSON."""
     if value is None or isinstance(value, str | int | float | bool):
         return value
     return json.dumps(value, sort_keys=True)
 
 
-def _csv(value: Value) -> str:
+def _csv_field(value: Value) -> str:
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -157,21 +160,21 @@ def _csv(value: Value) -> str:
     return repr(value) if isinstance(value, float) else str(value)
 
 
-def _typed(column: Sequence[Value]) -> list[Any]:
-    """A column of one type."""
-    there = [value for value in column if value is not None]
-    if all(isinstance(value, bool) for value in there):
+def _single_type(column: Sequence[Value]) -> list[Any]:
+    """The column converted to a single type."""
+    present = [value for value in column if value is not None]
+    if all(isinstance(value, bool) for value in present):
         return list(column)
-    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in there)
-    if numbers and all(isinstance(value, int) for value in there):
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in present)
+    if numbers and all(isinstance(value, int) for value in present):
         return list(column)
     if numbers:
         return [None if value is None else float(value) for value in column]
-    return [None if value is None else _csv(value) for value in column]
+    return [None if value is None else _csv_field(value) for value in column]
 
 
 def _arrow_type(pa: Any, column: Sequence[Any]) -> Any:
-    """Of the column's values; words where it is empty, whoever made it."""
+    """The Arrow type of a column; text for an empty one."""
     first = next((value for value in column if value is not None), "")
     kinds = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
     return kinds[type(first)]

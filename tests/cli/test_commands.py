@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 
 from fopi_tune import __version__
 from fopi_tune.cli import app
-from fopi_tune.cli.output import patience
+from fopi_tune.cli.output import still_running_notes
 from fopi_tune.errors import DomainError
 from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec
@@ -473,7 +473,7 @@ def test_a_full_stdout_is_told_and_the_file_is_written_all_the_same() -> None:
 def test_long_work_is_told_of_ever_more_seldom_and_never_when_it_should_be_quiet(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("fopi_tune.cli.output._FIRST_WORD_S", 0.05)
+    monkeypatch.setattr("fopi_tune.cli.output._FIRST_NOTE_S", 0.05)
     told = threading.Event()
     said: list[str] = []
 
@@ -483,14 +483,14 @@ def test_long_work_is_told_of_ever_more_seldom_and_never_when_it_should_be_quiet
             told.set()
 
     monkeypatch.setattr("fopi_tune.cli.output.say", say)
-    with patience("s: still tuning", quiet=False) as enough:
+    with still_running_notes("s: still tuning", quiet=False) as enough:
         assert told.wait(30.0)
         enough()
     assert said[:3] == [f"s: still tuning after {seconds} s ..." for seconds in ("0.05", "0.1", "0.2")]
     said.clear()
-    with patience("s: still tuning", quiet=True):
+    with still_running_notes("s: still tuning", quiet=True):
         time.sleep(0.15)
-    with patience("s: still tuning", quiet=False):
+    with still_running_notes("s: still tuning", quiet=False):
         pass
     assert said == []
     assert capsys.readouterr().err == ""

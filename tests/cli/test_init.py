@@ -23,9 +23,9 @@ from fopi_tune.pipeline.tune import tune
 from fopi_tune.results.status import Status
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
 from fopi_tune.spec import load_spec, parse_spec
-from fopi_tune.spec.schema import json_schema
-from fopi_tune.spec.starts import STARTS, fitted_start
+from fopi_tune.spec.language import json_schema
 from fopi_tune.spec.template import template
+from fopi_tune.spec.template_sections import SECTIONS_BY_MODEL, sections_for_fitted_lag
 
 
 @pytest.fixture(autouse=True)
@@ -63,7 +63,7 @@ def named_schema(path: str) -> Any:
     return json.loads((Path(path).parent / found.group(1)).read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("model", list(STARTS))
+@pytest.mark.parametrize("model", list(SECTIONS_BY_MODEL))
 def test_the_spec_names_a_schema_that_it_matches(model: str) -> None:
     assert fopi("init", "x", "--plant", model).exit_code == 0
     schema, document = named_schema("x.yaml"), plain("x.yaml")
@@ -78,12 +78,12 @@ def test_the_spec_names_a_schema_that_it_matches(model: str) -> None:
 
 
 def test_every_model_of_plants_has_a_start() -> None:
-    assert set(STARTS) == set(PLANT_MODELS) == {model.value for model in Model}
-    assert all(model == start.model for model, start in STARTS.items())
+    assert set(SECTIONS_BY_MODEL) == set(PLANT_MODELS) == {model.value for model in Model}
+    assert all(model == start.model for model, start in SECTIONS_BY_MODEL.items())
 
 
 def test_every_distribution_in_a_start_can_be_used_for_its_plant() -> None:
-    for start in STARTS.values():
+    for start in SECTIONS_BY_MODEL.values():
         beta = next(line for line in template("a", start).splitlines() if "{beta:" in line)
         drawn = beta.removeprefix("  #").partition("    #")[0]
         text = template("a", start) + f"  distributions:\n  {drawn}\n"
@@ -160,7 +160,7 @@ def test_ranges_are_rounded_outwards() -> None:
         middle = 10.0 ** rng.uniform(-5, 5)
         low, high = middle * (1 - 10.0 ** rng.uniform(-9, -1)), middle * (1 + 10.0 ** rng.uniform(-9, -1))
         number = Uncertain(middle, low, high)
-        start = fitted_start(number, number, Uncertain(0.0, 0.0, high), [])
+        start = sections_for_fitted_lag(number, number, Uncertain(0.0, 0.0, high), [])
         family = parse_spec(template("a", start)).plant
         for name in ("static_gain", "time_constant_s"):
             found = family.parameters[name]
@@ -234,7 +234,7 @@ def settled_s(gains: FoPi, plant: Plant, longest_s: float) -> tuple[float, float
 def test_the_design_of_a_fitted_family_settles_in_a_few_times_of_its_plant(
     gain: Uncertain, tau: Uncertain, dead: Uncertain, most: float
 ) -> None:
-    design = tune(parse_spec(template("a", fitted_start(gain, tau, dead, []))), proof=False)
+    design = tune(parse_spec(template("a", sections_for_fitted_lag(gain, tau, dead, []))), proof=False)
     assert design.gains is not None
     assert design.status is Status.SOLVED
     # what an engineer expects of a PI: 2 % within 8 to 10 times of time constant and dead time.  Without bounds on slow
@@ -253,7 +253,7 @@ def test_a_spec_from_a_model_is_solved(model: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("model", list(STARTS))
+@pytest.mark.parametrize("model", list(SECTIONS_BY_MODEL))
 def test_every_stage_succeeds_on_a_spec_from_a_model(model: str) -> None:
     assert fopi("init", "x", "--plant", model).exit_code == 0
     result = fopi("run", "x.yaml", "-q")

@@ -30,7 +30,7 @@ from fopi_tune.simulation.sampled.plants import discretize_plants
 from fopi_tune.simulation.sampled.reference import simulate_reference
 from fopi_tune.spec import load_any, load_spec, load_system
 from fopi_tune.spec.model import DesignSpec, SystemSpec
-from fopi_tune.spec.schema import system_json_schema
+from fopi_tune.spec.systems import system_json_schema
 
 CAR = ROOT / "systems" / "car.yaml"
 SWITCHING = ROOT / "systems" / "switching.yaml"

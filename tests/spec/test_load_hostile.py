@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 
 from fopi_tune.errors import Problem, SpecError
 from fopi_tune.spec import load_spec, parse_spec
-from fopi_tune.spec.yaml.encoding import MAX_BYTES
-from fopi_tune.spec.yaml.nodes import MAX_NODES
+from fopi_tune.spec.yaml.composer import MAX_BYTES, MAX_NODES
 from fopi_tune.spec.yaml.scalars import parse_number
 
 BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")

@@ -267,7 +267,7 @@ def test_an_address_where_nothing_answers_is_bad_input(tmp_path: Path) -> None:
 
     with (
         pytest.raises(cluster.ClusterError, match="no scheduler answers at tcp://nonsense:1 "),
-        cluster.remote("tcp://nonsense:1", print, patience_s=0.3),
+        cluster.remote_cluster("tcp://nonsense:1", print, timeout_s=0.3),
     ):
         pass
 

@@ -37,13 +37,13 @@ from fopi_tune.results.stamp import numeric_versions
 from fopi_tune.simulation.sampled.simulate import available_threads
 from fopi_tune.spec import load_spec
 from fopi_tune.study import Machines, StudyResult, run
-from fopi_tune.study.cells import Result, finish, run_block, run_cell, run_chunk
-from fopi_tune.study.engine import Ended, InProcess, Task, divided, run_study
-from fopi_tune.study.ledger import LEDGER, Counts, LedgerError, opened, read
+from fopi_tune.study.engine import InProcessRunner, Task, TaskOutcome, draw_blocks, run_study
+from fopi_tune.study.ledger import LEDGER, Counts, LedgerError, open_ledger, read_ledger
 from fopi_tune.study.load import load_study
 from fopi_tune.study.model import Cell, Column, Kind, Study
-from fopi_tune.study.table import found, table_of
-from fopi_tune.study.trees import spec_of
+from fopi_tune.study.overrides import spec_from_text
+from fopi_tune.study.table import collect_table, value_at
+from fopi_tune.study.worker import CellResult, combine_blocks, run_block, run_cell, run_chunk
 
 HERE = Machines(0)
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -91,21 +91,21 @@ def records(result: StudyResult) -> list[dict[str, str]]:
 
 def test_a_cells_numbers_are_those_of_the_single_commands() -> None:
     cell = study("grid: {check.plant.time_constant_s.max: [2.9]}\nstages: [tune, prove, discretize, validate]").cells[0]
-    found = document(cell)
+    results = document(cell)
     gains = FoPi(0.385, 0.388, 0.82)
-    checked = spec_of(cell.check)
-    assert found["tune"] == tune(spec_of(cell.text), proof=False).to_dict()
-    assert found["prove"] == prove(checked, gains).to_dict()
-    assert found["discretize"] == discretize(checked, gains).to_dict()
-    assert found["validate"] == validate(checked, gains).to_dict()
-    assert found["outcome"] == "met"
+    checked = spec_from_text(cell.check)
+    assert results["tune"] == tune(spec_from_text(cell.text), proof=False).to_dict()
+    assert results["prove"] == prove(checked, gains).to_dict()
+    assert results["discretize"] == discretize(checked, gains).to_dict()
+    assert results["validate"] == validate(checked, gains).to_dict()
+    assert results["outcome"] == "met"
 
 
 def test_a_proof_against_the_same_spec_is_the_designs_own() -> None:
-    found = document(study("stages: [tune, prove]").cells[0])
+    results = document(study("stages: [tune, prove]").cells[0])
     design = tune(load_spec("lag.yaml")).to_dict()
     proved = prove(load_spec("lag.yaml"), FoPi(0.385, 0.388, 0.82)).to_dict()
-    mine = found["prove"]
+    mine = results["prove"]
     assert isinstance(mine, dict)
     assert mine["status"] == proved["status"] == "met"
     assert mine["proof"]["verdict"] == design["proof"]["verdict"] == "proved"
@@ -125,10 +125,10 @@ def test_an_infeasible_cell_is_an_answer_and_its_later_stages_are_left_out() -> 
 
 
 def test_the_first_stage_that_does_not_end_well_is_the_outcome() -> None:
-    found = document(study("grid: {check.plant.time_constant_s.max: [9]}\nstages: [prove, validate]").cells[0])
-    assert found["outcome"] == "violated"
-    assert found["reason"] == "prove: violated"
-    assert isinstance(found["validate"], dict)
+    results = document(study("grid: {check.plant.time_constant_s.max: [9]}\nstages: [prove, validate]").cells[0])
+    assert results["outcome"] == "violated"
+    assert results["reason"] == "prove: violated"
+    assert isinstance(results["validate"], dict)
 
 
 def test_what_a_cell_raises_is_its_reason_and_what_it_did_before_is_kept() -> None:
@@ -159,11 +159,11 @@ def test_a_result_does_not_depend_on_what_was_run_before() -> None:
 
     def gains(order: tuple[int, ...]) -> dict[int, str]:
         from fopi_tune.design.nlp import compile as compiling
-        from fopi_tune.study import cells as kept
+        from fopi_tune.study import worker as kept
 
         compiling._kept.clear()
-        kept._designed.cache_clear()
-        kept._base.cache_clear()
+        kept._cached_design.cache_clear()
+        kept._base_neighbour.cache_clear()
         return {i: run_cell("key", cells[i]).document for i in order}
 
     assert gains((0, 1, 2)) == gains((2, 0, 1)) == {**gains((1,)), **gains((2,)), **gains((0,))}
@@ -173,8 +173,8 @@ def test_starting_from_the_base_finds_what_every_start_finds() -> None:
     head = "schema: 1\nname: s\nspecs: [brake.yaml]\n"
     Path("brake.yaml").write_bytes((ROOT / "specs" / "brake.yaml").read_bytes())
     grid = "grid:\n  requirements[4].sensitivity_db.at_most: [-20.5, -19.4]\nstages: [tune]\n"
-    near = [found(document(c), "tune.objective") for c in load_study(write(grid + "starts: base\n", head)).cells]
-    everywhere = [found(document(c), "tune.objective") for c in load_study(write(grid, head)).cells]
+    near = [value_at(document(c), "tune.objective") for c in load_study(write(grid + "starts: base\n", head)).cells]
+    everywhere = [value_at(document(c), "tune.objective") for c in load_study(write(grid, head)).cells]
     # the objective is flat at its optimum: the solver's 1e-9 leaves it alone to far more digits than this
     assert near == pytest.approx(everywhere, rel=1e-7)
 
@@ -195,14 +195,14 @@ def test_equal_cells_are_run_once_and_have_a_row_each(folder: Path) -> None:
     same = study("grid: {plant.static_gain: [1, 1], digital.delay_samples: [0]}\nstages: [tune]")
     asked: list[int] = []
 
-    class Counting(InProcess):
+    class Counting(InProcessRunner):
         def submit(self, task: Task, versions: Mapping[str, str]) -> None:
             asked.append(len(task.cells))
             super().submit(task, versions)
 
-    with opened(folder / "out") as ledger:
+    with open_ledger(folder / "out") as ledger:
         counts = run_study(same, ledger, VERSIONS, Counting)
-        rows = table_of(same, ledger.results()).rows
+        rows = collect_table(same, ledger.results()).rows
     assert asked == [1]
     assert counts == Counts(2, 2, 0)
     assert [row[0] for row in rows] == [1, 2]
@@ -238,18 +238,18 @@ def test_a_stopped_study_goes_on_and_ends_with_the_same_bytes(folder: Path) -> N
     cells = claims("[slow_1, slow_2, slow_3, slow_4, slow_5]")
     whole = run(cells, folder / "whole", HERE)
 
-    class Stopped(InProcess):
+    class Stopped(InProcessRunner):
         ran = 0
 
-        def next_ended(self) -> Ended:
+        def next_outcome(self) -> TaskOutcome:
             if self.ran == 2:
                 raise KeyboardInterrupt
             self.ran += 1
-            return super().next_ended()
+            return super().next_outcome()
 
-    with opened(folder / "part") as ledger, pytest.raises(KeyboardInterrupt):
+    with open_ledger(folder / "part") as ledger, pytest.raises(KeyboardInterrupt):
         run_study(cells, ledger, VERSIONS, Stopped)
-    with read(folder / "part") as ledger:
+    with read_ledger(folder / "part") as ledger:
         assert ledger.counts() == Counts(5, 2, 0)
     asked: list[Counts] = []
     assert run(cells, folder / "part", HERE, resume=True, told=asked.append).table.to_csv() == whole.table.to_csv()
@@ -261,20 +261,20 @@ def test_a_chunk_whose_worker_died_is_run_again_cell_by_cell(folder: Path) -> No
     keys = {cell.name: cell.key(VERSIONS) for cell in cells.cells}
     tried: list[list[str]] = []
 
-    class Dying(InProcess):
+    class Dying(InProcessRunner):
         """Dies whenever slow_2 is in the chunk, and the first time that slow_3 is."""
 
-        def next_ended(self) -> Ended:
+        def next_outcome(self) -> TaskOutcome:
             task, _ = self._waiting[0]
             names = [cell.name for _, cell in task.cells]
             tried.append(names)
             dies = "slow_2" in names or ("slow_3" in names and sum("slow_3" in t for t in tried) == 1)
             if dies:
                 self._waiting.popleft()
-                return Ended(task)
-            return super().next_ended()
+                return TaskOutcome(task)
+            return super().next_outcome()
 
-    with opened(folder / "out") as ledger:
+    with open_ledger(folder / "out") as ledger:
         assert run_study(cells, ledger, VERSIONS, lambda: Dying(2)) == Counts(4, 3, 1)
         failures = ledger.failures()
     assert failures == [
@@ -302,16 +302,16 @@ def test_chunks_grow_where_cells_are_short_and_never_starve_a_worker(folder: Pat
     cells = tuple(Cell(i, Kind.CLAIM, f"slow_{i % 12}", {"n": i}, f"registry {i}") for i in range(400))
     sizes: list[int] = []
 
-    class Quick(InProcess):
+    class Quick(InProcessRunner):
         def submit(self, task: Task, versions: Mapping[str, str]) -> None:
             sizes.append(len(task.cells))
             super().submit(task, versions)
 
-        def next_ended(self) -> Ended:
+        def next_outcome(self) -> TaskOutcome:
             task, _ = self._waiting.popleft()
-            return Ended(task, [Result(key, "{}", "", 0.05) for key, _ in task.cells])
+            return TaskOutcome(task, [CellResult(key, "{}", "", 0.05) for key, _ in task.cells])
 
-    with opened(folder / "out") as ledger:
+    with open_ledger(folder / "out") as ledger:
         counts = run_study(Study("q", cells, ()), ledger, VERSIONS, lambda: Quick(2))
     assert counts == Counts(400, 400, 0)
     assert sizes[:4] == [1, 1, 1, 1]
@@ -321,12 +321,12 @@ def test_chunks_grow_where_cells_are_short_and_never_starve_a_worker(folder: Pat
 
 
 def test_a_ledger_is_for_one_process_at_a_time_and_can_be_looked_at_meanwhile(folder: Path) -> None:
-    with opened(folder / "out"):
-        with pytest.raises(LedgerError, match="another process runs the study"), opened(folder / "out"):
+    with open_ledger(folder / "out"):
+        with pytest.raises(LedgerError, match="another process runs the study"), open_ledger(folder / "out"):
             pass
-        with read(folder / "out") as other:
+        with read_ledger(folder / "out") as other:
             assert other.counts() == Counts(0, 0, 0)
-    with opened(folder / "out") as ledger:
+    with open_ledger(folder / "out") as ledger:
         assert ledger.known() == frozenset()
 
 
@@ -335,16 +335,16 @@ def test_a_ledger_that_cannot_be_used_says_so(folder: Path) -> None:
     (folder / "out" / LEDGER).write_text(
         "this is no database, but long enough to be taken for one" * 40, encoding="utf-8"
     )
-    with pytest.raises(LedgerError, match=r"cannot be used .* move it away to begin anew"), opened(folder / "out"):
+    with pytest.raises(LedgerError, match=r"cannot be used .* move it away to begin anew"), open_ledger(folder / "out"):
         pass
-    with pytest.raises(LedgerError, match="there is no ledger"), read(folder / "nowhere"):
+    with pytest.raises(LedgerError, match="there is no ledger"), read_ledger(folder / "nowhere"):
         pass
-    with opened(folder / "new"):
+    with open_ledger(folder / "new"):
         pass
     connection = sqlite3.connect(folder / "new" / LEDGER)
     connection.execute("PRAGMA user_version = 99")
     connection.close()
-    with pytest.raises(LedgerError, match="made by a newer fopi-tune"), opened(folder / "new"):
+    with pytest.raises(LedgerError, match="made by a newer fopi-tune"), open_ledger(folder / "new"):
         pass
 
 
@@ -412,10 +412,10 @@ def test_the_terminals_table_is_of_80_columns_and_says_what_it_leaves_out(folder
     names = [f"a_long_name_of_a_column_{i}" for i in range(12)]
     wide = Study("wide", cells, tuple(Column(name, f"tune.{name}") for name in names))
     told = [
-        Result("k", json.dumps({"outcome": "met", "tune": {n: i / 7 + k for k, n in enumerate(names)}}), "", 1.0)
+        CellResult("k", json.dumps({"outcome": "met", "tune": {n: i / 7 + k for k, n in enumerate(names)}}), "", 1.0)
         for i in range(90)
     ]
-    table = table_of(wide, enumerate(told))
+    table = collect_table(wide, enumerate(told))
     lines = study_text(StudyResult(wide, Counts(90, 90, 0), table, ()), "results/wide/table.csv").plain.splitlines()
     assert max(len(line) for line in lines) <= 80
     assert lines[2] == "in every row: spec lag, outcome met"
@@ -524,7 +524,7 @@ def test_what_runs_no_cell_loads_neither_dask_nor_a_solver(arguments: list[str])
 # -- many draws -------------------------------------------------------------------------------------------------------
 
 
-class Dividing(InProcess):
+class Dividing(InProcessRunner):
     """Two workers in this process; `dies` and `fails` are the draws of tasks that end so."""
 
     dies: tuple[int, int] | None = None
@@ -534,20 +534,20 @@ class Dividing(InProcess):
         super().__init__(2)
         self.ran: list[str] = []
 
-    def next_ended(self) -> Ended:
+    def next_outcome(self) -> TaskOutcome:
         task, versions = self._waiting[0]
         if task.draws is None and not task.blocks:
             self.ran.append("cells")
-            return super().next_ended()
+            return super().next_outcome()
         self._waiting.popleft()
         ((key, cell),) = task.cells
         if task.draws is None:
             self.ran.append("finish")
-            return Ended(task, [finish(key, cell, task.blocks)])  # type: ignore[arg-type]
+            return TaskOutcome(task, [combine_blocks(key, cell, task.blocks)])  # type: ignore[arg-type]
         self.ran.append("block")
         if task.draws in (self.dies, self.fails):
-            return Ended(task) if task.draws == self.dies else Ended(task, reason="no")
-        return Ended(task, block=run_block(cell, versions, *task.draws))
+            return TaskOutcome(task) if task.draws == self.dies else TaskOutcome(task, reason="no")
+        return TaskOutcome(task, block=run_block(cell, versions, *task.draws))
 
 
 @pytest.mark.parametrize(
@@ -569,7 +569,7 @@ def test_draws_that_are_divided_give_the_same_cell(
     monkeypatch.setattr("fopi_tune.study.engine.BLOCK", 512)
     runner = Dividing()
     runner.dies, runner.fails = dies, fails
-    with opened(folder / "out") as ledger:
+    with open_ledger(folder / "out") as ledger:
         assert run_study(cells, ledger, VERSIONS, lambda: runner) == Counts(1, 1, 0)
         ((_, result),) = ledger.results()
     assert json.loads(result.document) == document(cells.cells[0])
@@ -582,14 +582,14 @@ def test_a_cell_without_gains_has_no_blocks_and_ends_as_it_would(folder: Path, m
     monkeypatch.setattr("fopi_tune.study.engine.BLOCK", 512)
 
     class Raising(Dividing):
-        def next_ended(self) -> Ended:
+        def next_outcome(self) -> TaskOutcome:
             task, _ = self._waiting[0]
             try:
-                return super().next_ended()
+                return super().next_outcome()
             except FopiError as error:
-                return Ended(task, reason=str(error))
+                return TaskOutcome(task, reason=str(error))
 
-    with opened(folder / "out") as ledger:
+    with open_ledger(folder / "out") as ledger:
         assert run_study(cells, ledger, VERSIONS, Raising) == Counts(1, 1, 0)
         ((_, result),) = ledger.results()
     assert json.loads(result.document) == document(cells.cells[0])
@@ -598,7 +598,7 @@ def test_a_cell_without_gains_has_no_blocks_and_ends_as_it_would(folder: Path, m
 
 def test_blocks_are_of_at_least_so_many_draws_and_leave_none_out() -> None:
     for draws in (200_000, 299_999, 1_234_567, 10_000_000):
-        edges = divided(draws)
+        edges = draw_blocks(draws)
         assert [first for first, _ in edges] == [0, *(end for _, end in edges[:-1])]
         assert edges[-1][1] == draws
         assert min(end - first for first, end in edges) >= 100_000
@@ -615,12 +615,12 @@ def test_a_file_of_samples_travels_with_its_cells(folder: Path) -> None:
     ]
     for name in ("few.csv", "more.csv"):
         (folder / name).unlink()
-    found: list[Any] = [document(cell)["validate"] for cell in cells]
-    assert [each["stable"]["total"] for each in found] == [2, 3]
+    results: list[Any] = [document(cell)["validate"] for cell in cells]
+    assert [each["stable"]["total"] for each in results] == [2, 3]
     whole = load_spec("lag.yaml")
-    listed = dataclasses.replace(whole, validation=spec_of(cells[1].text, files=cells[1].files).validation)
+    listed = dataclasses.replace(whole, validation=spec_from_text(cells[1].text, files=cells[1].files).validation)
     alone = validate(listed, FoPi(0.385, 0.388, 0.82)).to_dict()
-    assert alone["requirements"] == found[1]["requirements"]
+    assert alone["requirements"] == results[1]["requirements"]
 
 
 def test_a_file_of_samples_that_changes_changes_its_cell(folder: Path) -> None:
@@ -647,10 +647,10 @@ def test_a_finished_study_can_be_looked_at_where_nothing_can_be_written(
     run(study("stages: [prove]"), folder / "out", HERE)
     # a superuser can write everywhere
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    with read(folder / "out") as ledger:
+    with read_ledger(folder / "out") as ledger:
         assert ledger.counts() == Counts(1, 1, 0)
         with pytest.raises(LedgerError, match="readonly"):
-            ledger.record([Result("k", "{}", "", 0.0)])
+            ledger.record([CellResult("k", "{}", "", 0.0)])
     assert sorted(path.name for path in (folder / "out").iterdir()) == ["ledger.lock", LEDGER]
 
 

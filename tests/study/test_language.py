@@ -17,7 +17,14 @@ from fopi_tune.errors import SpecError
 from fopi_tune.spec import load_document, load_spec, parse_spec
 from fopi_tune.study.load import TooManyCellsError, load_study, study_json_schema
 from fopi_tune.study.model import Kind, Stage, Study
-from fopi_tune.study.trees import node_of, path_of, spec_of, text_of, value_of, written
+from fopi_tune.study.overrides import (
+    canonical_text,
+    format_path,
+    node_from_json,
+    parse_path,
+    plain_value,
+    spec_from_text,
+)
 
 SPECS = sorted((ROOT / "specs").glob("*.yaml"))
 STUDIES = sorted((ROOT / "studies").glob("*.yaml"))
@@ -55,11 +62,11 @@ def mistakes(text: str) -> list[str]:
 @pytest.mark.parametrize("path", SPECS, ids=lambda p: p.stem)
 def test_a_spec_survives_its_canonical_text(path: Path) -> None:
     place, _ = load_document(path)
-    text = text_of(place.node)
+    text = canonical_text(place.node)
     # the canonical text is YAML, and reading it as JSON gives the same spec
-    assert spec_of(text) == parse_spec(text)
-    assert text_of(node_of(json.loads(text))) == text
-    loaded, again = load_spec(path), spec_of(text)
+    assert spec_from_text(text) == parse_spec(text)
+    assert canonical_text(node_from_json(json.loads(text))) == text
+    loaded, again = load_spec(path), spec_from_text(text)
     assert again.plant == loaded.plant
     assert again.controller == loaded.controller
     assert again.digital == loaded.digital
@@ -69,20 +76,20 @@ def test_a_spec_survives_its_canonical_text(path: Path) -> None:
 def test_the_canonical_text_does_not_depend_on_how_numbers_and_keys_are_written(folder: Path) -> None:
     other = LAG.replace("{min: 1, max: 3}", "{max: 3.0e+0, min: 1.}").replace("name: lag", "description: x\nname: lag")
     Path("other.yaml").write_text(other.replace("max: 3.0e+0, min: 1.", "max: 3, min: 1"), encoding="utf-8")
-    one, same = (text_of(load_document(p)[0].node) for p in ("lag.yaml", "other.yaml"))
+    one, same = (canonical_text(load_document(p)[0].node) for p in ("lag.yaml", "other.yaml"))
     assert one == same
 
 
 @pytest.mark.parametrize("path", ["plant.time_constant_s.max", "requirements[2].on", "a[0][12].b", "name"])
 def test_a_path_can_be_written_and_read(path: str) -> None:
-    steps = path_of(path)
+    steps = parse_path(path)
     assert steps is not None
-    assert written(steps) == path
+    assert format_path(steps) == path
 
 
 @pytest.mark.parametrize("path", ["", ".", "a..b", "a.[0]", "[0]", "a[-1]", "a b", "a.", "a[0"])
 def test_what_is_no_path_is_none(path: str) -> None:
-    assert path_of(path) is None
+    assert parse_path(path) is None
 
 
 def test_a_grid_is_crossed_and_its_last_path_changes_fastest(folder: Path) -> None:
@@ -90,7 +97,7 @@ def test_a_grid_is_crossed_and_its_last_path_changes_fastest(folder: Path) -> No
     cells = study(grid).cells
     wanted = list(itertools.product([2, 3, 4], [50, 60]))
     assert [tuple(cell.overrides.values()) for cell in cells] == wanted
-    specs = [spec_of(cell.text) for cell in cells]
+    specs = [spec_from_text(cell.text) for cell in cells]
     assert [(s.plant.parameters["time_constant_s"].max, s.requirements[0].limits[0]) for s in specs] == wanted
     assert [cell.index for cell in cells] == list(range(6))
 
@@ -103,7 +110,7 @@ def test_zip_goes_in_step_and_is_crossed_with_the_grid_and_the_cells(folder: Pat
     )
     cells = study(text).cells
     assert len(cells) == 2 * 2 * 2
-    specs = [spec_of(cell.text) for cell in cells]
+    specs = [spec_from_text(cell.text) for cell in cells]
     boxes = {(s.plant.parameters["time_constant_s"].min, s.plant.parameters["time_constant_s"].max) for s in specs}
     assert boxes == {(0.5, 5.0), (0.6, 6.0)}
     assert [s.digital.delay_samples for s in specs if s.digital] == [0] * 4 + [1] * 4
@@ -117,8 +124,8 @@ def test_zip_goes_in_step_and_is_crossed_with_the_grid_and_the_cells(folder: Pat
 
 def test_check_overrides_are_for_the_spec_that_the_gains_are_checked_against(folder: Path) -> None:
     cells = study("grid: {plant.time_constant_s.max: [2], check.plant.time_constant_s.max: [2, 9]}").cells
-    assert [spec_of(cell.text).plant.parameters["time_constant_s"].max for cell in cells] == [2, 2]
-    assert [spec_of(cell.check).plant.parameters["time_constant_s"].max for cell in cells] == [2, 9]
+    assert [spec_from_text(cell.text).plant.parameters["time_constant_s"].max for cell in cells] == [2, 2]
+    assert [spec_from_text(cell.check).plant.parameters["time_constant_s"].max for cell in cells] == [2, 9]
     assert study("grid: {plant.time_constant_s.max: [2]}").cells[0].check == ""
 
 
@@ -273,7 +280,7 @@ def test_the_schema_is_a_valid_schema_of_its_draft() -> None:
 @pytest.mark.parametrize("path", STUDIES, ids=lambda p: p.stem)
 def test_the_schema_takes_the_studies_that_are_shipped(path: Path) -> None:
     place, _ = load_document(path)
-    jsonschema.Draft202012Validator(SCHEMA).validate(value_of(place.node))
+    jsonschema.Draft202012Validator(SCHEMA).validate(plain_value(place.node))
 
 
 _VALUES: st.SearchStrategy[Any] = st.one_of(
@@ -292,13 +299,13 @@ _VALUES: st.SearchStrategy[Any] = st.one_of(
     )
 )
 def test_what_the_schema_refuses_the_reader_refuses(document: dict[str, Any]) -> None:
-    from fopi_tune.spec.yaml.nodes import compose
-    from fopi_tune.spec.yaml.places import Place
-    from fopi_tune.spec.yaml.report import Report
+    from fopi_tune.spec.yaml.composer import compose
+    from fopi_tune.spec.yaml.nodes import Place
+    from fopi_tune.spec.yaml.problems import ProblemCollector
     from fopi_tune.study.language import read_study
 
     document = {"schema": 1, "name": "s", "specs": ["lag.yaml"], **document}
-    report = Report("s.yaml")
-    taken = read_study(Place(compose(json.dumps(document), report), "", report)) is not None
+    collector = ProblemCollector("s.yaml")
+    taken = read_study(Place(compose(json.dumps(document), collector), "", collector)) is not None
     # the reader sees more: which sections fit together
     assert not taken or jsonschema.Draft202012Validator(SCHEMA).is_valid(document)

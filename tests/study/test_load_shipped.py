@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from cases.project import ROOT
 
-from fopi_tune.study.cells import run_cell
 from fopi_tune.study.load import load_study
 from fopi_tune.study.model import Kind, Study
-from fopi_tune.study.table import found
+from fopi_tune.study.table import value_at
+from fopi_tune.study.worker import run_cell
 
 STUDIES = {path.stem: path for path in sorted((ROOT / "studies").glob("*.yaml"))}
 
@@ -31,7 +31,7 @@ def row_of(study: Study, **wanted: Any) -> dict[str, Any]:
             result = run_cell("key", cell)
             assert not result.reason, result.reason
             document = json.loads(result.document)
-            return {"outcome": document["outcome"], **{c.name: found(document, c.path) for c in study.collect}}
+            return {"outcome": document["outcome"], **{c.name: value_at(document, c.path) for c in study.collect}}
     raise AssertionError(f"{study.name} has no cell with {wanted}")
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from rich.text import Text
 
 from fopi_tune.study import StudyResult
-from fopi_tune.study.table import Table, Value
+from fopi_tune.study.table import StudyTable, Value
 
 _WIDTH = 80
 _GAP = 2
@@ -75,7 +75,7 @@ def _indented(words: str) -> list[str]:
     return textwrap.wrap(words, _WIDTH, initial_indent="    ", subsequent_indent="    ")
 
 
-def _table(table: Table, file: str) -> list[str]:
+def _table(table: StudyTable, file: str) -> list[str]:
     # claims have their own paragraphs, failures their own lines
     left_out = {"entry", "reason", *(key for row in table.claims for key in row)}
     names = [name for name in table.columns if name not in left_out]

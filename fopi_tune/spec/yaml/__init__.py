@@ -1,4 +1,4 @@
-"""YAML with the place of everything in it:  text -> nodes -> values by shapes, and every mistake with line and column.
+"""YAML with positions:  text -> nodes -> values, read by shapes; every mistake is reported with line and column.
 
-Nothing here knows what a word of the spec language means.
+Nothing here depends on the words of the spec language.
 """

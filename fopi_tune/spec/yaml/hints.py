@@ -1,4 +1,4 @@
-"""What the user may have meant by a word that is not known: a misspelling, or a known name with another unit."""
+"""Suggestions for unknown words: the known word that was misspelt, or the known name with the right unit."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from fopi_tune.spec.yaml.report import quoted
+from fopi_tune.spec.yaml.problems import quoted
 
 #: names longer than this are not misspellings, and comparing them takes long
 _LONGEST_NAME = 60
-_ALMOST = 0.72
-#: how every word about an unknown key begins
+_SIMILARITY = 0.72
+#: every message about an unknown key begins with this
 UNKNOWN_KEY = "the key is not known here"
 
 #: the units of the language: ending of a name, the unit in words
@@ -39,7 +39,7 @@ _WRONG_UNITS: dict[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Hint:
-    """What to say about an unknown word, and which known word was meant, if any."""
+    """A message about an unknown key, and the known key that was probably meant, if any."""
 
     message: str
     meant: str | None
@@ -50,21 +50,21 @@ def closest(word: str, known: Collection[str]) -> str | None:
     if len(word) > _LONGEST_NAME:
         return None
     by_lower = {name.lower(): name for name in known}
-    matches = difflib.get_close_matches(word.lower().replace("-", "_"), by_lower, n=1, cutoff=_ALMOST)
+    matches = difflib.get_close_matches(word.lower().replace("-", "_"), by_lower, n=1, cutoff=_SIMILARITY)
     return by_lower[matches[0]] if matches else None
 
 
-def about_word(word: str, known: Collection[str]) -> str:
-    """The reason why a value is not one of `known`."""
+def unknown_word_message(word: str, known: Collection[str]) -> str:
+    """The message for a value that is not one of `known`."""
     meant = closest(word, known)
     if meant is not None:
         return f"{quoted(word)} is not known here; did you mean {meant!r}?"
     return f"{quoted(word)} is not known here; write {one_of(known)}"
 
 
-def about_key(key: str, known: Collection[str]) -> Hint:
-    """What to say about a key that is not in `known`."""
-    if (hint := _about_unit(key, known)) is not None:
+def unknown_key_hint(key: str, known: Collection[str]) -> Hint:
+    """The message for a key that is not in `known`, with a suggestion."""
+    if (hint := _unit_hint(key, known)) is not None:
         return hint
     meant = closest(key, known)
     if meant is not None:
@@ -78,7 +78,7 @@ def one_of(words: Collection[str]) -> str:
     return f"{', '.join(first)} or {last}" if first else last
 
 
-def _about_unit(key: str, known: Collection[str]) -> Hint | None:
+def _unit_hint(key: str, known: Collection[str]) -> Hint | None:
     lower = key.lower()
     stems = {_without_unit(name): name for name in known if _unit(name) is not None}
     if lower in stems:

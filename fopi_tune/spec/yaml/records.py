@@ -8,9 +8,8 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any
 
-from fopi_tune.spec.yaml.hints import about_key, closest, one_of
-from fopi_tune.spec.yaml.nodes import Scalar, Table
-from fopi_tune.spec.yaml.places import Place, kind_of
+from fopi_tune.spec.yaml.hints import closest, one_of, unknown_key_hint
+from fopi_tune.spec.yaml.nodes import MappingNode, Place, ScalarNode, kind_of
 from fopi_tune.spec.yaml.scalars import is_empty
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, Shape
 
@@ -19,12 +18,12 @@ Values = dict[str, Any]
 
 @dataclass(frozen=True)
 class Key:
-    """One key of a record.
+    """One key of a record, its shape and its default.
 
     Args:
         shape: of its value.
         required: whether it must be there.
-        default: what holds when it is left out, as it would be written; None when nothing does, or no fixed value.
+        default: its value when it is left out, as it would be written in a file; None without a fixed one.
     """
 
     shape: Shape
@@ -32,7 +31,7 @@ class Key:
     default: Any = None
 
     def json_schema(self) -> JsonSchema:
-        """The value's shape, and what holds when the key is left out."""
+        """The value's schema, and the default."""
         return self.shape.json_schema() | ({} if self.default is None else {"default": self.default})
 
 
@@ -43,9 +42,9 @@ class Record(Shape):
     Args:
         meaning: one sentence for people.
         keys: each key's shape, in the order they are listed to the user.
-        build: the values of the keys that are there, and their place, to the result; it may report and return None.
-        example: what a user could write, for the message when there is no mapping.
-        elsewhere: keys that are known in other places: why not here.
+        build: makes the result from the values that are present and their place; may report problems and return None.
+        example: what a user could write; shown when there is no mapping.
+        elsewhere: keys that are allowed in other records, each with the reason why it is not allowed here.
         rules: JSON Schema keywords for what `build` checks beyond the single keys.
     """
 
@@ -57,14 +56,14 @@ class Record(Shape):
     rules: JsonSchema = field(default_factory=dict)
 
     def read(self, place: Place) -> Any:
-        values = self.readable(place)
+        values = self.read_partial(place)
         if values is None or None in values.values():
             return None
         return self.build(values, place)
 
-    def readable(self, place: Place) -> Values | None:
+    def read_partial(self, place: Place) -> Values | None:
         """The values, None for each that is required or written but could not be read; None if there is no mapping."""
-        if not is_table(place, self.example):
+        if not expect_mapping(place, self.example):
             return None
         meant = refuse_unknown_keys(place, self.keys, self.elsewhere)
         values: Values = {}
@@ -88,7 +87,7 @@ class Record(Shape):
 
 
 @dataclass(frozen=True)
-class Tagged(Shape):
+class TaggedUnion(Shape):
     """A choice between records by the word at one key."""
 
     meaning: str
@@ -97,7 +96,7 @@ class Tagged(Shape):
     example: str
 
     def read(self, place: Place) -> Any:
-        if not is_table(place, self.example):
+        if not expect_mapping(place, self.example):
             return None
         if not place.has(self.key):
             meant = refuse_unknown_keys(place, _keys_of(self.records))
@@ -108,10 +107,10 @@ class Tagged(Shape):
         word = Choice(self.meaning, self.records).read(tag)
         if word is not None:
             return self.records[word].read(place)
-        # read on as what was probably meant, so that the mistakes in the rest are reported as well
-        meant = closest(tag.node.text, self.records) if isinstance(tag.node, Scalar) else None
+        # read the rest as the record that was probably meant, so that its mistakes are reported too
+        meant = closest(tag.node.text, self.records) if isinstance(tag.node, ScalarNode) else None
         if meant is not None:
-            self.records[meant].readable(place)
+            self.records[meant].read_partial(place)
         return None
 
     def json_schema(self) -> JsonSchema:
@@ -131,9 +130,9 @@ class OneKeyOf(Shape):
     example: str
 
     def read(self, place: Place) -> Any:
-        if not is_table(place, self.example):
+        if not expect_mapping(place, self.example):
             return None
-        assert isinstance(place.node, Table)
+        assert isinstance(place.node, MappingNode)
         present = [key for key in place.node.entries if key in self.records]
         if not present:
             meant = refuse_unknown_keys(place, _keys_of(self.records))
@@ -143,7 +142,7 @@ class OneKeyOf(Shape):
         if len(present) > 1:
             line = place.node.entries[present[0]][0].line
             mark = place.node.entries[present[1]][0]
-            place.report.refuse(mark, place.child(present[1]).path, self._too_many(present[0], line))
+            place.collector.add(mark, place.child(present[1]).path, self._too_many(present[0], line))
             return None
         return self.records[present[0]].read(place)
 
@@ -154,16 +153,16 @@ class OneKeyOf(Shape):
         return f"a second {self.what} beside {first} on line {line}; write one {self.what}, such as {self.example}"
 
 
-def defaulting_to(made: type, keys: Mapping[str, Key]) -> dict[str, Key]:
-    """The keys with the defaults of the dataclass that their values make; the ends of infinite ranges are no values."""
+def with_defaults_of(made: type, keys: Mapping[str, Key]) -> dict[str, Key]:
+    """The keys, with the defaults of the dataclass that is made from their values; infinite defaults are left out."""
     found = {each.name: each.default for each in fields(made)}
     return {
-        name: key if key.required else replace(key, default=_written(found.get(name, MISSING)))
+        name: key if key.required else replace(key, default=_default_as_written(found.get(name, MISSING)))
         for name, key in keys.items()
     }
 
 
-def _written(value: object) -> Any:
+def _default_as_written(value: object) -> Any:
     """A default as it would be written in a file, or None where it cannot be."""
     if isinstance(value, tuple):
         return list(value) or None
@@ -172,14 +171,14 @@ def _written(value: object) -> Any:
     return value if isinstance(value, int | str) and not isinstance(value, bool) and value != "" else None
 
 
-def is_table(place: Place, example: str) -> bool:
+def expect_mapping(place: Place, example: str) -> bool:
     """Whether the node is a mapping; reports if it is not."""
     node = place.node
-    if isinstance(node, Table):
+    if isinstance(node, MappingNode):
         return True
-    if isinstance(node, Scalar) and node.plain and is_empty(node.text):
+    if isinstance(node, ScalarNode) and node.plain and is_empty(node.text):
         place.refuse(f"nothing is written here; remove the key or write a mapping such as {example}")
-    elif isinstance(node, Scalar) and node.plain and re.search(r"\w:\S", node.text):
+    elif isinstance(node, ScalarNode) and node.plain and re.search(r"\w:\S", node.text):
         place.refuse(f"{kind_of(node)} is not a mapping; a space is missing after the colon")
     else:
         place.refuse(f"{kind_of(node)} is written where a mapping belongs; write one such as {example}")
@@ -188,23 +187,23 @@ def is_table(place: Place, example: str) -> bool:
 
 def refuse_unknown_keys(place: Place, known: Collection[str], elsewhere: Mapping[str, str] | None = None) -> set[str]:
     """Reports every key that is not known; returns the known keys that were probably meant by them."""
-    assert isinstance(place.node, Table)
+    assert isinstance(place.node, MappingNode)
     meant: set[str] = set()
-    # what is there already was not misspelt
+    # a key that is present cannot be the one that was misspelt
     free = [name for name in known if not place.has(name)] or known
     for key, (mark, value) in place.node.entries.items():
         if key in known:
             continue
         path = place.child(key).path
         if elsewhere and key in elsewhere:
-            place.report.refuse(mark, path, elsewhere[key])
-        elif key.isdigit() and isinstance(value, Scalar) and is_empty(value.text):
+            place.collector.add(mark, path, elsewhere[key])
+        elif key.isdigit() and isinstance(value, ScalarNode) and is_empty(value.text):
             message = "is this the rest of a number with a decimal comma? write it with a decimal point"
-            place.report.refuse(mark, path, message)
+            place.collector.add(mark, path, message)
         else:
-            hint = about_key(key, free)
+            hint = unknown_key_hint(key, free)
             meant |= {hint.meant} if hint.meant else set()
-            place.report.refuse(mark, path, hint.message)
+            place.collector.add(mark, path, hint.message)
     return meant
 
 

@@ -1,4 +1,4 @@
-"""Text to numbers, strictly: one way to write a number, and for each other way the reason and what to write instead."""
+"""Text to numbers, strictly: only decimal notation is a number; for any other a message says what to write."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 import unicodedata
 from collections.abc import Callable
 
-from fopi_tune.spec.yaml.report import quoted
+from fopi_tune.spec.yaml.problems import quoted
 
 MAX_LENGTH = 100
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -51,7 +51,7 @@ def parse_number(text: str) -> float:
     if len(text) > MAX_LENGTH:
         raise NotANumberError(f"{quoted(text)} is {len(text)} characters long; write at most {MAX_LENGTH} characters")
     if _NUMBER.fullmatch(text) is None:
-        raise NotANumberError(_reason(text))
+        raise NotANumberError(_explanation(text))
     if _LEADING_ZERO.match(text):
         raise NotANumberError(f"{text} begins with 0 and could be octal; write it without the leading 0")
     value = float(text)
@@ -62,7 +62,7 @@ def parse_number(text: str) -> float:
     return value
 
 
-def parse_whole(text: str) -> int:
+def parse_integer(text: str) -> int:
     """A whole number; 1e6 and 7.0 are whole.
 
     Raises:
@@ -71,22 +71,22 @@ def parse_whole(text: str) -> int:
     value = parse_number(text)
     if _INTEGER.fullmatch(text):
         return int(text)
-    # beyond 2^53 the digits after rounding would not be the user's
+    # above 2^53 a float no longer has the digits that were written
     if not value.is_integer() or abs(value) > 2**53:
         raise NotANumberError(f"{text} is not a whole number; write digits only, such as 10000")
     return int(value)
 
 
 def is_number(text: str) -> bool:
-    """Whether the text is written as a number: what advice may tell the user to write."""
+    """Whether the text is a valid number; only such text may be suggested to the user."""
     return _NUMBER.fullmatch(text) is not None and _LEADING_ZERO.match(text) is None and math.isfinite(float(text))
 
 
-def _reason(text: str) -> str:
-    return next(reason for kind in _KINDS if (reason := kind(text)) is not None)
+def _explanation(text: str) -> str:
+    return next(reason for explain in _EXPLANATIONS if (reason := explain(text)) is not None)
 
 
-def _word(text: str) -> str | None:
+def _explain_word(text: str) -> str | None:
     if is_empty(text):
         return "the value is missing; write a number"
     if text.lower() in _BOOLEANS:
@@ -96,7 +96,7 @@ def _word(text: str) -> str | None:
     return None
 
 
-def _comma(text: str) -> str | None:
+def _explain_comma(text: str) -> str | None:
     if _SEPARATED.fullmatch(text):
         decimal = text.replace(",", ".", 1)
         return f"{quoted(text)} has a comma; write {text.replace(',', '')}, or {decimal} if the comma is decimal"
@@ -105,7 +105,7 @@ def _comma(text: str) -> str | None:
     return None
 
 
-def _not_ascii(text: str) -> str | None:
+def _explain_not_ascii(text: str) -> str | None:
     strange = next((c for c in text if ord(c) > 127 and c not in "°µμΩ²"), None)
     if strange is None:
         return None
@@ -115,7 +115,7 @@ def _not_ascii(text: str) -> str | None:
     return f"{quoted(text)} contains {name} (U+{ord(strange):04X}); {advice}"
 
 
-def _base(text: str) -> str | None:
+def _explain_base(text: str) -> str | None:
     if _BASES.fullmatch(text) is None:
         return None
     try:
@@ -124,42 +124,42 @@ def _base(text: str) -> str | None:
         return f"{text} is not decimal; write a decimal number"
 
 
-def _underscore(text: str) -> str | None:
+def _explain_underscore(text: str) -> str | None:
     if is_number(text.replace("_", "")):
         return f"{text} has underscores; write {text.replace('_', '')}"
     return None
 
 
-def _sexagesimal(text: str) -> str | None:
+def _explain_sexagesimal(text: str) -> str | None:
     if re.fullmatch(r"[+-]?[0-9]+(?::[0-9]+)+(?:\.[0-9]*)?", text):
         return f"{quoted(text)} is written in base 60; write a decimal number"
     return None
 
 
-def _unit(text: str) -> str | None:
+def _explain_unit(text: str) -> str | None:
     if match := _WITH_UNIT.fullmatch(text):
         return f"{quoted(text)} has a unit; write {match.group(1)} alone, in the unit of the key's name"
     return None
 
 
-def _formula(text: str) -> str | None:
+def _explain_formula(text: str) -> str | None:
     if _FORMULA.fullmatch(text):
         return f"{quoted(text)} is a formula; write its value"
     return None
 
 
-def _other(text: str) -> str:
+def _explain_other(text: str) -> str:
     return f"{quoted(text)} is not a number; write one such as 0.5 or 1e-3"
 
 
-_KINDS: tuple[Callable[[str], str | None], ...] = (
-    _word,
-    _comma,
-    _not_ascii,
-    _base,
-    _underscore,
-    _sexagesimal,
-    _unit,
-    _formula,
-    _other,
+_EXPLANATIONS: tuple[Callable[[str], str | None], ...] = (
+    _explain_word,
+    _explain_comma,
+    _explain_not_ascii,
+    _explain_base,
+    _explain_underscore,
+    _explain_sexagesimal,
+    _explain_unit,
+    _explain_formula,
+    _explain_other,
 )

@@ -1,4 +1,4 @@
-"""Shapes of single values: each reads a node strictly and says the same in JSON Schema, so that the two cannot diverge.
+"""Shapes of values: each reads a node strictly and generates the matching JSON Schema, so that the two cannot diverge.
 
 A shape's `read` returns None for what it could not read; it has then reported why.
 """
@@ -11,11 +11,10 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
-from fopi_tune.spec.yaml.hints import about_word
-from fopi_tune.spec.yaml.nodes import Items, Table
-from fopi_tune.spec.yaml.places import Place, kind_of, scalar_of
-from fopi_tune.spec.yaml.report import quoted
-from fopi_tune.spec.yaml.scalars import NotANumberError, is_empty, is_number, is_text, parse_number, parse_whole
+from fopi_tune.spec.yaml.hints import unknown_word_message
+from fopi_tune.spec.yaml.nodes import MappingNode, Place, SequenceNode, kind_of, scalar_of
+from fopi_tune.spec.yaml.problems import quoted
+from fopi_tune.spec.yaml.scalars import NotANumberError, is_empty, is_number, is_text, parse_integer, parse_number
 
 JsonSchema = dict[str, Any]
 
@@ -44,19 +43,19 @@ class Number(Shape):
     whole: bool = False
 
     def read(self, place: Place) -> float | int | None:
-        wanted = "a whole number" if self.whole else "a number"
-        scalar = scalar_of(place, wanted)
+        expected = "a whole number" if self.whole else "a number"
+        scalar = scalar_of(place, expected)
         if scalar is None:
             return None
         try:
             if not scalar.plain:
-                advice = f"write {scalar.text} without quotes" if is_number(scalar.text) else f"write {wanted}"
-                raise NotANumberError(f"{quoted(scalar.text)} in quotes is text where {wanted} belongs; {advice}")
-            value = parse_whole(scalar.text) if self.whole else parse_number(scalar.text)
+                advice = f"write {scalar.text} without quotes" if is_number(scalar.text) else f"write {expected}"
+                raise NotANumberError(f"{quoted(scalar.text)} in quotes is text where {expected} belongs; {advice}")
+            value = parse_integer(scalar.text) if self.whole else parse_number(scalar.text)
         except NotANumberError as reason:
             place.refuse(str(reason))
             return None
-        if self._holds(value):
+        if self._in_range(value):
             return value
         place.refuse(f"{scalar.text} is out of range; it must be {self._range()}")
         return None
@@ -71,7 +70,7 @@ class Number(Shape):
         schema: JsonSchema = {"type": "integer" if self.whole else "number", "description": self.meaning}
         return schema | {key: end for key, end in ends.items() if end is not None}
 
-    def _holds(self, value: float) -> bool:
+    def _in_range(self, value: float) -> bool:
         return (
             (self.above is None or value > self.above)
             and (self.below is None or value < self.below)
@@ -129,7 +128,7 @@ class Choice(Shape):
             return None
         if scalar.text in self.words:
             return scalar.text
-        place.refuse(about_word(scalar.text, self.words))
+        place.refuse(unknown_word_message(scalar.text, self.words))
         return None
 
     def json_schema(self) -> JsonSchema:
@@ -138,7 +137,7 @@ class Choice(Shape):
 
 @dataclass(frozen=True)
 class Constant(Shape):
-    """A word that was read already, to find out which shape this is."""
+    """A fixed word; it was read already to select this shape."""
 
     meaning: str
     word: str
@@ -181,17 +180,17 @@ class ListOf(Shape):
     most: int | None = None
 
     def read(self, place: Place) -> list[Any] | None:
-        values = self.readable(place)
+        values = self.read_partial(place)
         return None if values is None or None in values else values
 
-    def readable(self, place: Place) -> list[Any] | None:
+    def read_partial(self, place: Place) -> list[Any] | None:
         """The list with None for each value that could not be read; None if it is no list of the right length."""
-        if not isinstance(place.node, Items):
-            place.refuse(f"{kind_of(place.node)} is written where a list belongs; write {self._wanted()}")
+        if not isinstance(place.node, SequenceNode):
+            place.refuse(f"{kind_of(place.node)} is written where a list belongs; write {self._expected_length()}")
             return None
         count = len(place.node.nodes)
         if count < self.least or (self.most is not None and count > self.most):
-            place.refuse(f"the list has {count} entries; write {self._wanted()}")
+            place.refuse(f"the list has {count} entries; write {self._expected_length()}")
             return None
         return [self.shape.read(place.item(index)) for index in range(count)]
 
@@ -199,7 +198,7 @@ class ListOf(Shape):
         schema: JsonSchema = {"type": "array", "description": self.meaning, "items": self.shape.json_schema()}
         return schema | {"minItems": self.least} | ({} if self.most is None else {"maxItems": self.most})
 
-    def _wanted(self) -> str:
+    def _expected_length(self) -> str:
         if self.least == self.most:
             return f"a list of {self.least} entries"
         if self.least == 0:
@@ -231,14 +230,14 @@ class Pair(Shape):
 
 
 @dataclass(frozen=True)
-class Either(Shape):
-    """One shape for a mapping, another for everything else."""
+class PlainOrMapping(Shape):
+    """One shape for a mapping, another for any other node."""
 
     plain: Shape
     mapping: Shape
 
     def read(self, place: Place) -> Any:
-        return (self.mapping if isinstance(place.node, Table) else self.plain).read(place)
+        return (self.mapping if isinstance(place.node, MappingNode) else self.plain).read(place)
 
     def json_schema(self) -> JsonSchema:
         return {"anyOf": [self.plain.json_schema(), self.mapping.json_schema()]}
@@ -246,7 +245,7 @@ class Either(Shape):
 
 @dataclass(frozen=True)
 class Converted(Shape):
-    """A shape whose value becomes something else."""
+    """A shape whose value is converted by a function."""
 
     shape: Shape
     convert: Callable[[Any], Any]

@@ -1,7 +1,8 @@
 """The shape of `validation:`:  how many plants are drawn, how each uncertain number is distributed, or which file lists
 the plants.
 
-A spec is read without its plant at hand, and a file it names only once everything else was read: `resolved` does both.
+The section is read in two steps.  The shape reads it without the plant; `resolve_validation` then checks it against the
+plant and reads the file of samples.
 """
 
 from __future__ import annotations
@@ -27,21 +28,21 @@ from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import SamplesFile, ValidationSpec
 from fopi_tune.spec.yaml import nodes
 from fopi_tune.spec.yaml.hints import closest, one_of
-from fopi_tune.spec.yaml.places import Place
-from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Tagged, Values, defaulting_to, is_table
-from fopi_tune.spec.yaml.report import key_path, quoted
+from fopi_tune.spec.yaml.nodes import Place
+from fopi_tune.spec.yaml.problems import key_path, quoted
+from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, TaggedUnion, Values, expect_mapping, with_defaults_of
 from fopi_tune.spec.yaml.scalars import is_empty
 from fopi_tune.spec.yaml.shapes import Choice, Constant, JsonSchema, Number, Pair, Shape, Text
 
 MAX_SAMPLES_BYTES, MAX_ROWS = 16 * 1024 * 1024, 1_000_000
-#: what a Latin hypercube can tell apart in floats
+#: more cells of a Latin hypercube are not resolved by floats
 MAX_LATIN_HYPERCUBE = 2**26
-_DRAWS = ("random", "latin_hypercube", "sobol")
+_SAMPLING_DESIGNS = ("random", "latin_hypercube", "sobol")
 _EXAMPLE = "{truncated_normal: {mean: 2.0, std: 0.5}}"
 _NOISE_EXAMPLE = "{shape: half_normal, mean: 0.85}"
 
-#: the bytes of a file that a spec names, as many as are allowed and one more where there are more
-Reader = Callable[[str], bytes]
+#: path as written in a spec -> the file's bytes; of a file that is too large, one byte more than is allowed
+FileReader = Callable[[str], bytes]
 
 
 class UnreadableError(Exception):
@@ -73,9 +74,9 @@ def validation_shape(members: tuple[str, ...] = ()) -> Record:
             required=False,
         ),
         "seed": Key(Number("seed of the draw", at_least=0, at_most=2**63 - 1, whole=True), required=False),
-        "design": Key(Choice("how the plants are spread", _DRAWS), required=False),
+        "design": Key(Choice("how the plants are spread", _SAMPLING_DESIGNS), required=False),
         "confidence": Key(Number("of the intervals", above=0.5, below=1), required=False),
-        "distributions": Key(_ByNumber(members), required=False),
+        "distributions": Key(_DistributionMapping(members), required=False),
         "samples_file": Key(
             Text("CSV file of plants, one a row, beside the spec", r"\S.*", "write the path of a CSV file"),
             required=False,
@@ -83,47 +84,47 @@ def validation_shape(members: tuple[str, ...] = ()) -> Record:
     }
     beside = [{"required": [key]} for key in ("distributions", "design")]
     rules = {"not": {"required": ["samples_file"], "anyOf": beside}}
-    keys = defaulting_to(ValidationSpec, keys)
+    keys = with_defaults_of(ValidationSpec, keys)
     return Record("the Monte-Carlo stage", keys, PlacedValidation, "{samples: 10000, seed: 1}", rules=rules)
 
 
-def resolved(placed: PlacedValidation, family: PlantFamily | None, read: Reader) -> ValidationSpec | None:
-    """The section with its file read, or None after reporting why there is none.
+def resolve_validation(placed: PlacedValidation, family: PlantFamily | None, read: FileReader) -> ValidationSpec | None:
+    """The section, checked against the plant and with its file read; None after reporting problems.
 
     Args:
-        placed: what is written.
+        placed: the section as it is written.
         family: the plants; None where the spec has no readable ones, and nothing is checked against them.
-        read: gives the contents of the file that is named.
+        read: reads the file of samples.
     """
     values, place = dict(placed.values), placed.place
     name = values.pop("samples_file", None)
     if name is not None:
-        return _listed(name, values, place, family, read)
-    before = len(place.report.problems)
+        return _from_samples_file(name, values, place, family, read)
+    before = len(place.collector.problems)
     if family is not None:
         _check_distributions(values.get("distributions", {}), place.child("distributions"), family)
     if values.get("design") == "latin_hypercube" and values.get("samples", 0) > MAX_LATIN_HYPERCUBE:
         message = f"a Latin hypercube has at most {MAX_LATIN_HYPERCUBE} cells; write fewer samples or another design"
         place.child("samples").refuse(message)
-    return ValidationSpec(**values) if len(place.report.problems) == before else None
+    return ValidationSpec(**values) if len(place.collector.problems) == before else None
 
 
 # -- distributions ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class _ByNumber(Shape):
-    """A mapping from uncertain numbers to distributions; whether the plant has these numbers is seen later."""
+class _DistributionMapping(Shape):
+    """A mapping from uncertain numbers to distributions; whether the plant has these numbers is checked later."""
 
     members: tuple[str, ...] = ()
 
     def read(self, place: Place) -> dict[str, Distribution] | None:
-        if not is_table(place, "{time_constant_s: " + _EXAMPLE + "}"):
+        if not expect_mapping(place, "{time_constant_s: " + _EXAMPLE + "}"):
             return None
-        assert isinstance(place.node, nodes.Table)
-        found = {name: _OneDistribution().read(place.child(name)) for name in place.node.entries}
-        readable = {name: distribution for name, distribution in found.items() if distribution is not None}
-        return readable if len(readable) == len(found) else None
+        assert isinstance(place.node, nodes.MappingNode)
+        found = {name: _DistributionShape().read(place.child(name)) for name in place.node.entries}
+        read_partial = {name: distribution for name, distribution in found.items() if distribution is not None}
+        return read_partial if len(read_partial) == len(found) else None
 
     def json_schema(self) -> JsonSchema:
         scalars = sorted({name for model in PLANT_MODELS.values() for name in model.scalars})
@@ -134,18 +135,18 @@ class _ByNumber(Shape):
             "type": "object",
             "description": "how each uncertain number is distributed; uniform where left out",
             "properties": {},
-            "patternProperties": {pattern: _OneDistribution().json_schema()},
+            "patternProperties": {pattern: _DistributionShape().json_schema()},
             "additionalProperties": False,
         }
 
 
 @dataclass(frozen=True)
-class _OneDistribution(Shape):
+class _DistributionShape(Shape):
     """The word uniform, or a word with its numbers."""
 
     def read(self, place: Place) -> Distribution | None:
-        shape, node = _with_numbers(), place.node
-        if not isinstance(node, nodes.Scalar) or (node.plain and is_empty(node.text)):
+        shape, node = _parametric_shape(), place.node
+        if not isinstance(node, nodes.ScalarNode) or (node.plain and is_empty(node.text)):
             return shape.read(place)
         if node.text == "uniform":
             return Uniform()
@@ -161,10 +162,10 @@ class _OneDistribution(Shape):
 
     def json_schema(self) -> JsonSchema:
         word = {"const": "uniform", "description": "every value of the range alike"}
-        return {"description": "the distribution of one number", "anyOf": [word, _with_numbers().json_schema()]}
+        return {"description": "the distribution of one number", "anyOf": [word, _parametric_shape().json_schema()]}
 
 
-def _with_numbers() -> OneKeyOf:
+def _parametric_shape() -> OneKeyOf:
     inner: dict[str, tuple[Shape, str]] = {
         "truncated_normal": (
             _record("a normal distribution without what lies outside the range", "mean std", TruncatedNormal),
@@ -184,13 +185,15 @@ def _with_numbers() -> OneKeyOf:
     return OneKeyOf("a distribution with its numbers", "distribution", records, _EXAMPLE)
 
 
-def _noise_shape() -> Tagged:
+def _noise_shape() -> TaggedUnion:
     records = {
         "normal": _noise("normal noise with this mean and standard deviation", "normal", "mean std", NormalNoise),
         "half_normal": _noise("one-sided: the size of normal noise about 0", "half_normal", "mean", FoldedNoise),
         "uniform": _noise("one-sided: uniform from 0 to twice its mean", "uniform", "mean", UniformNoise),
     }
-    return Tagged("random noise on top of the nominal value; may leave the range", "shape", records, _NOISE_EXAMPLE)
+    return TaggedUnion(
+        "random noise on top of the nominal value; may leave the range", "shape", records, _NOISE_EXAMPLE
+    )
 
 
 _NUMBERS: dict[str, tuple[Shape, bool]] = {
@@ -228,17 +231,17 @@ def _noise(meaning: str, word: str, names: str, make: Callable[..., Distribution
 def _check_distributions(found: dict[str, Distribution], place: Place, family: PlantFamily) -> None:
     for name, distribution in found.items():
         if name not in family.uncertain_names:
-            assert isinstance(place.node, nodes.Table)
+            assert isinstance(place.node, nodes.MappingNode)
             meant = closest(name, family.uncertain_names)
             hint = f"; did you mean {meant!r}?" if meant is not None and name not in family.parameters else ""
             mark = place.node.entries[name][0]
-            place.report.refuse(mark, key_path(place.path, name), not_uncertain(name, family) + hint)
-        elif problem := distribution.problem(family.parameters[name]) or _no_plant(name, distribution, family):
+            place.collector.add(mark, key_path(place.path, name), not_uncertain(name, family) + hint)
+        elif problem := distribution.problem(family.parameters[name]) or _impossible_range(name, distribution, family):
             place.child(name).refuse(problem)
 
 
-def _no_plant(name: str, distribution: Distribution, family: PlantFamily) -> str | None:
-    """Why no draw can be a plant: what a model refuses at both ends it refuses between them too."""
+def _impossible_range(name: str, distribution: Distribution, family: PlantFamily) -> str | None:
+    """Why no draw can be a plant; a model that refuses both ends of a range refuses every value between them."""
     low, high = distribution.reach(family.parameters[name])
     at_low, at_high = (family.problem(name, Uncertain.exactly(end)) for end in (low, high))
     if at_low is None or at_high is None:
@@ -249,14 +252,16 @@ def _no_plant(name: str, distribution: Distribution, family: PlantFamily) -> str
 # -- a file of samples ------------------------------------------------------------------------------------------------
 
 
-def _listed(name: str, values: Values, place: Place, family: PlantFamily | None, read: Reader) -> ValidationSpec | None:
+def _from_samples_file(
+    name: str, values: Values, place: Place, family: PlantFamily | None, read: FileReader
+) -> ValidationSpec | None:
     for key in ("distributions", "design"):
         if key in values:
             place.child(key).refuse("the plants are those of samples_file; remove this or samples_file")
     where = place.child("samples_file")
     try:
         data = read(name)
-        table = _table(data, family)
+        table = _read_table(data, family)
     except (UnreadableError, DomainError) as error:
         where.refuse(str(error) if isinstance(error, UnreadableError) else f"{quoted(name)}: {error}")
         return None
@@ -269,7 +274,7 @@ def _listed(name: str, values: Values, place: Place, family: PlantFamily | None,
     return ValidationSpec(samples=values.get("samples", rows), samples_file=listed, **plain)
 
 
-def _table(data: bytes, family: PlantFamily | None) -> ParameterTable:
+def _read_table(data: bytes, family: PlantFamily | None) -> ParameterTable:
     if len(data) > MAX_SAMPLES_BYTES:
         raise DomainError(f"is larger than {MAX_SAMPLES_BYTES // 2**20} MiB; keep fewer rows or digits")
     if max(data.count(b"\n"), data.count(b"\r")) > MAX_ROWS + 1:
@@ -283,9 +288,9 @@ def _table(data: bytes, family: PlantFamily | None) -> ParameterTable:
         return table
     if not family.uncertain_names:
         raise DomainError("the plant has no uncertain number that a file could list; remove samples_file")
-    places = table.rows[:, table.columns(family)]
-    refused = impossible(places, family)
+    points = table.rows[:, table.columns(family)]
+    refused = impossible(points, family)
     if refused.any():
         row = int(refused.argmax())
-        raise DomainError(f"line {row + 2} is no plant: {why_impossible(places[row], family)}")
+        raise DomainError(f"line {row + 2} is no plant: {why_impossible(points[row], family)}")
     return table

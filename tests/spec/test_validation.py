@@ -48,7 +48,8 @@ from fopi_tune.pipeline.simulate import simulate
 from fopi_tune.pipeline.validate import validate
 from fopi_tune.results.design import Validated
 from fopi_tune.simulation.measures import MEASURE_VALUES
-from fopi_tune.spec import draws, load_spec, parse_spec
+from fopi_tune.spec import load_spec, parse_spec
+from fopi_tune.spec import validation as validation_section
 from fopi_tune.spec.model import MEASURES, DesignSpec
 from fopi_tune.spec.template import template
 
@@ -224,7 +225,7 @@ def test_a_spec_refuses_just_the_truncated_normals_that_cannot_be_drawn(mean: fl
 
 
 def test_a_latin_hypercube_of_too_many_cells_is_refused() -> None:
-    assert SamplingDesign.LATIN_HYPERCUBE.most == draws.MAX_LATIN_HYPERCUBE
+    assert SamplingDesign.LATIN_HYPERCUBE.most == validation_section.MAX_LATIN_HYPERCUBE
     (found,) = complaints("{samples: 100000000, design: latin_hypercube}")
     assert found.startswith("s.yaml:24:23: validation.samples: a Latin hypercube has at most 67108864 cells")
 
@@ -510,11 +511,11 @@ def test_what_is_wrong_with_a_file_of_samples_is_said(validation: str, content: 
 
 
 def test_a_file_beyond_the_cap_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(draws, "MAX_SAMPLES_BYTES", len(FILE))
+    monkeypatch.setattr(validation_section, "MAX_SAMPLES_BYTES", len(FILE))
     assert brake("{samples_file: f.csv}", files={"f.csv": FILE}).validation is not None
     (found,) = complaints("{samples_file: f.csv}", {"f.csv": FILE + b"1"})
     assert "is larger than" in found
-    monkeypatch.setattr(draws, "MAX_ROWS", 3)
+    monkeypatch.setattr(validation_section, "MAX_ROWS", 3)
     (found,) = complaints("{samples_file: f.csv}", {"f.csv": FILE})
     assert "'f.csv': has more than 3 rows; keep fewer" in found
 

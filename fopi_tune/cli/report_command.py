@@ -1,4 +1,4 @@
-"""`fopi report`:  the reports of specs made again from what `fopi run` left, or several designs on one page."""
+"""The command `fopi report`:  reports made again from results in folders, or a page that compares several designs."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fopi_tune.cli.files import CHECK, COMPARED, COMPARISON, DESIGN, REPORT, SPEC
+from fopi_tune.cli.batch import OutputOptions, load_specs, write_files
 from fopi_tune.cli.output import Exit, print_out, report_failure, say
-from fopi_tune.cli.process import Handling, load_each, write_each
+from fopi_tune.cli.report_files import comparison_of, report_from_folder
+from fopi_tune.cli.result_files import CHECK, COMPARISON_FOLDER, COMPARISON_PAGE, DESIGN, REPORT, SPEC
 from fopi_tune.errors import DomainError, SpecError
 
 if TYPE_CHECKING:
     from fopi_tune.spec.model import DesignSpec
-from fopi_tune.cli.report_files import comparison_of, report_again
 
 
-def remake(files: Sequence[str], handling: Handling) -> Exit:
-    """Make the report of every spec again, print where it is, and end with the worst of the exit codes.
+def remake_reports(files: Sequence[str], options: OutputOptions) -> Exit:
+    """Make the report of every spec again and print its path; returns the worst exit code.
 
     Args:
         files: specs, or folders of results with the specs they are of.
-        handling: where results are, and what to say.
+        options: where results are, and what is printed.
     """
 
     folders: dict[str, Path] = {}
@@ -36,57 +36,57 @@ def remake(files: Sequence[str], handling: Handling) -> Exit:
         folders[spec.name] = Path(file)
         return spec
 
-    specs, code = load_each(files, load, handling)
+    specs, code = load_specs(files, load, options)
     for spec in specs:
-        handling.note(f"{spec.name}: reporting ...")
-        folder = folders.get(spec.name) if handling.out is None else None
-        code = max(code, _one(spec, folder or handling.folder(spec), handling))
+        options.note(f"{spec.name}: reporting ...")
+        folder = folders.get(spec.name) if options.out is None else None
+        code = max(code, _remake_one(spec, folder or options.folder(spec), options))
     return code
 
 
-def _one(spec: DesignSpec, folder: Path, handling: Handling) -> Exit:
+def _remake_one(spec: DesignSpec, folder: Path, options: OutputOptions) -> Exit:
     try:
-        made = report_again(spec, folder)
+        made = report_from_folder(spec, folder)
     except DomainError as error:
         say(f"{spec.name}: {error}")
         return Exit.BAD_INPUT
     except Exception as error:
-        return report_failure(spec.name, error, handling.debug)
-    code = write_each(folder, list(made.items()), spec.name, handling)
+        return report_failure(spec.name, error, options.debug)
+    code = write_files(folder, list(made.items()), spec.name, options)
     return code if code is not Exit.MET else print_out(folder / REPORT)
 
 
-#: designs on a page
-_LEAST, _MOST = 2, 6
+#: fewest and most designs on a page
+_FEWEST, _MOST = 2, 6
 
 
-def compare_results(sources: Sequence[str], handling: Handling) -> Exit:
-    """Put designs side by side on one page and print where it is.
+def compare_results(sources: Sequence[str], options: OutputOptions) -> Exit:
+    """Compare designs on one page and print its path.
 
     Args:
         sources: folders of results with their specs, files of results in such folders, or specs with results.
-        handling: where the page goes, and what to say.
+        options: where the page goes, and what is printed.
     """
-    if not _LEAST <= len(sources) <= _MOST:
-        say(f"--compare takes {_LEAST} to {_MOST} designs, not {len(sources)}; name their folders of results")
+    if not _FEWEST <= len(sources) <= _MOST:
+        say(f"--compare takes {_FEWEST} to {_MOST} designs, not {len(sources)}; name their folders of results")
         return Exit.BAD_INPUT
     try:
-        named = [found for source in sources if (found := _located(source, handling)) is not None]
+        named = [found for source in sources if (found := _locate_results(source, options)) is not None]
         if len(named) < len(sources):
             return Exit.BAD_INPUT
-        handling.note(f"comparing {len(named)} designs ...")
+        options.note(f"comparing {len(named)} designs ...")
         made = comparison_of(named)
     except DomainError as error:
         say(str(error))
         return Exit.BAD_INPUT
     except Exception as error:
-        return report_failure("compare", error, handling.debug)
-    folder = Path("results", COMPARED) if handling.out is None else Path(handling.out)
-    code = write_each(folder, list(made.items()), COMPARED, handling)
-    return code if code is not Exit.MET else print_out(folder / COMPARISON)
+        return report_failure("compare", error, options.debug)
+    folder = Path("results", COMPARISON_FOLDER) if options.out is None else Path(options.out)
+    code = write_files(folder, list(made.items()), COMPARISON_FOLDER, options)
+    return code if code is not Exit.MET else print_out(folder / COMPARISON_PAGE)
 
 
-def _located(source: str, handling: Handling) -> tuple[str, DesignSpec, Path, str] | None:
+def _locate_results(source: str, options: OutputOptions) -> tuple[str, DesignSpec, Path, str] | None:
     """The name as given, the spec, the folder of its results and the file of its gains; None after saying why not."""
     from fopi_tune.spec import load_spec
 
@@ -107,5 +107,5 @@ def _located(source: str, handling: Handling) -> tuple[str, DesignSpec, Path, st
         return source, spec, folder, path.name
     both = (folder / DESIGN).exists() and (folder / CHECK).exists()
     if both:
-        handling.note(f"{source}: of the design; {folder / CHECK} is there too, name it to compare its gains")
+        options.note(f"{source}: of the design; {folder / CHECK} is there too, name it to compare its gains")
     return source, spec, folder, CHECK if (folder / CHECK).exists() and not both else DESIGN

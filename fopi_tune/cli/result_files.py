@@ -1,4 +1,4 @@
-"""Results to files:  result -> (name in the folder of results, text), in the order they are written."""
+"""Files of a result:  result -> (file name in the folder of results, content), in the order of writing."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ if TYPE_CHECKING:
 
 DESIGN, CHECK, DIGITAL = "design.json", "check.json", "digital.json"
 CERTIFICATE, DIGITAL_CERTIFICATE = "certificate.json", "digital_certificate.json"
-#: of the best gains there can be
+#: the certificate of an optimum
 OPTIMUM = "optimum.json"
-#: the folder of the exported code, and the figure of the controller
-CODE, FIGURE = "c", "controller.svg"
+#: the folder of the exported C code, and the figure of the controller
+CODE_FOLDER, CONTROLLER_FIGURE = "c", "controller.svg"
 EVIDENCE = "evidence.json"
-#: beginnings of the names of simulations on samples and in continuous time
+#: prefixes of the files of simulations: of the sampled loop, and in continuous time
 SIMULATION, EXACT = "simulation", "exact"
-#: the spec of a result, as it was
+#: a copy of the spec of a result
 SPEC = "spec.yaml"
-#: what a run says to people, and the folder of its figures
-REPORT, FIGURES = "report.html", "figures"
-#: what a report may draw; not every one draws all
-DRAWN = ("bode", "nyquist", "sensitivities", "responses", "margins", "digital", "plants")
-#: designs side by side, and the folder of that page
-COMPARISON, COMPARED = "compare.html", "compare"
-#: a sweep: .json, .csv and .svg
+#: the report of a run, and the folder of its figures
+REPORT, FIGURES_FOLDER = "report.html", "figures"
+#: names of a report's figures; a report may have fewer
+REPORT_FIGURES = ("bode", "nyquist", "sensitivities", "responses", "margins", "digital", "plants")
+#: the page that compares designs, and its folder
+COMPARISON_PAGE, COMPARISON_FOLDER = "compare.html", "compare"
+#: prefix of the files of a sweep: .json, .csv and .svg
 TRADEOFF = "tradeoff"
 
 
 def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
-    """What a result leaves on the disk.
+    """The files of a result.
 
     Raises:
         DomainError: the controller cannot be exported as code.
@@ -49,7 +49,7 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
     from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
 
     if isinstance(result, Tradeoff):
-        yield from _tradeoff(result)
+        yield from _tradeoff_files(result)
         return
     if isinstance(result, Validated | ValidatedSystem):
         yield EVIDENCE, to_json(result.to_dict()) + "\n"
@@ -58,7 +58,7 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
         kind = EXACT if result.exact else SIMULATION
         yield f"{kind}.json", to_json(result.to_dict()) + "\n"
         for driven in result.driven:
-            yield f"{kind}_{driven.scenario.name}.csv", _table(driven)
+            yield f"{kind}_{driven.scenario.name}.csv", _simulation_csv(driven)
             yield f"{kind}_{driven.scenario.name}.svg", _simulation_figure(result, driven)
         return
     if isinstance(result, Run):
@@ -68,25 +68,25 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
         return
     if isinstance(result, Discretized):
         yield DIGITAL, to_json(result.to_dict()) + "\n"
-        yield from _certificate(result, DIGITAL_CERTIFICATE)
-        yield from _code(result)
-        yield FIGURE, _figure(result)
+        yield from _certificate_file(result, DIGITAL_CERTIFICATE)
+        yield from _code_files(result)
+        yield CONTROLLER_FIGURE, _controller_figure(result)
         return
     yield CHECK if isinstance(result, Check) else DESIGN, to_json(result.to_dict()) + "\n"
     if result.spec.source:
         yield SPEC, result.spec.source
-    yield from _certificate(result, CERTIFICATE)
+    yield from _certificate_file(result, CERTIFICATE)
     if not isinstance(result, Check) and (optimum := result.optimum_document()) is not None:
         yield OPTIMUM, to_json(optimum) + "\n"
 
 
-def _certificate(result: Design | Check | Discretized, name: str) -> Iterator[tuple[str, str]]:
+def _certificate_file(result: Design | Check | Discretized, name: str) -> Iterator[tuple[str, str]]:
     document = result.certificate_document()
     if document is not None:
         yield name, to_json(document) + "\n"
 
 
-def _code(result: Discretized) -> Iterator[tuple[str, str]]:
+def _code_files(result: Discretized) -> Iterator[tuple[str, str]]:
     from fopi_tune.digital import Export, Units, export_c
 
     spec, digital = result.spec, result.controller.digital
@@ -99,18 +99,18 @@ def _code(result: Discretized) -> Iterator[tuple[str, str]]:
         units=Units(digital.measurement_unit, digital.output_unit),
         limits=digital.output_limits,
     )
-    yield from ((f"{CODE}/{name}", text) for name, text in export_c(export).items())
+    yield from ((f"{CODE_FOLDER}/{name}", text) for name, text in export_c(export).items())
 
 
-def _table(driven: Driven) -> str:
-    """CSV; numbers as they are, so that they can be read back to the last bit."""
+def _simulation_csv(driven: Driven) -> str:
+    """CSV; numbers with all digits, so that they can be read back exactly."""
     from fopi_tune.results.simulation import COLUMNS
 
     lines = (",".join(repr(value) for value in row) for row in driven.rows())
     return "\n".join([",".join(COLUMNS), *lines]) + "\n"
 
 
-def _tradeoff(result: Tradeoff) -> Iterator[tuple[str, str]]:
+def _tradeoff_files(result: Tradeoff) -> Iterator[tuple[str, str]]:
     from fopi_tune.prices.result import COLUMNS
     from fopi_tune.report import tradeoff_svg
 
@@ -126,7 +126,7 @@ def _simulation_figure(result: Simulated | SimulatedSystem, driven: Driven) -> s
     return simulation_svg(result, driven)
 
 
-def _figure(result: Discretized) -> str:
+def _controller_figure(result: Discretized) -> str:
     from fopi_tune.report import controller_bode_svg
 
     return controller_bode_svg(result)

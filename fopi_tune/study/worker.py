@@ -1,7 +1,7 @@
-"""What a worker does:  a chunk of cells -> a result each.  Everything that comes and goes is text and numbers.
+"""The worker's part of a study:  a chunk of cells -> a result each, both as text and numbers.
 
-A result depends on its cell alone, not on what the worker has done before: compiled problems and the base specs' gains
-are kept between cells, and are the same bits whoever makes them.
+A result depends on its cell alone, not on what the worker has done before.  Compiled problems and the base specs' gains
+are cached between cells; every worker computes them with the same bits.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ from fopi_tune.results.stamp import numeric_versions
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.study.model import Cell, Kind, Stage
-from fopi_tune.study.registry import entries, figure_of
-from fopi_tune.study.trees import Files, spec_of
+from fopi_tune.study.overrides import Files, spec_from_text
+from fopi_tune.study.registry import entries, render_figure
 
 if TYPE_CHECKING:
     from fopi_tune.design import Neighbour
     from fopi_tune.montecarlo.montecarlo import Block
 
-#: base specs whose gains, and designs that a worker keeps
-_BASES = 64
-_DESIGNS = 16
-#: statuses after which a cell goes on to its next stage and ends well
-GOOD = ("solved", "met")
-#: one cell at a time in a process: CasADi and the kept problems are not for threads
-_ONE_AT_A_TIME = threading.Lock()
+#: sizes of a worker's caches: gains of base specs, and designs
+_MAX_BASES = 64
+_MAX_DESIGNS = 16
+#: statuses with which a cell goes on to its next stage
+SUCCESS_STATUSES = ("solved", "met")
+#: one cell at a time in a process: CasADi and the cached problems are not thread-safe
+_CELL_LOCK = threading.Lock()
 
 
 @dataclass(frozen=True)
-class Result:
-    """The end of a cell.
+class CellResult:
+    """The result of a cell.
 
     Args:
         key: of the cell.
-        document: JSON of its stages, its rows, or its figure; of a failed cell, as far as it came.
+        document: JSON of its stages, its rows, or its figure; of a failed cell, the part before the failure.
         reason: why it failed; empty otherwise.
-        seconds: it took; belongs to no table.
+        seconds: computing time; not part of the table.
     """
 
     key: str
@@ -65,113 +65,117 @@ class Result:
         return bool(self.reason)
 
 
-def run_chunk(cells: Sequence[tuple[str, Cell]], versions: Mapping[str, str]) -> list[Result]:
+def run_chunk(cells: Sequence[tuple[str, Cell]], versions: Mapping[str, str]) -> list[CellResult]:
     """Run some cells, one after the other.
 
     Args:
         cells: with their keys.
-        versions: those that the keys stand for.
+        versions: of the packages, as they are part of the keys.
 
     Returns:
-        A result each; what a cell raises is its reason.
+        A result each; an exception becomes the result's reason.
     """
     here = numeric_versions()
     if here != dict(versions):
         differing = ", ".join(f"{k} {here.get(k)} instead of {v}" for k, v in versions.items() if here.get(k) != v)
         return [
-            Result(key, "{}", f"this worker has {differing}; install the same versions and use --retry-failed", 0.0)
+            CellResult(key, "{}", f"this worker has {differing}; install the same versions and use --retry-failed", 0.0)
             for key, _ in cells
         ]
-    with _ONE_AT_A_TIME:
+    with _CELL_LOCK:
         return [run_cell(key, cell) for key, cell in cells]
 
 
 class NoBlockError(FopiError):
-    """A cell that has no draws: no gains, no filter, other versions; running it says why."""
+    """A cell whose draws cannot be counted (no gains, no filter, other versions); `run_cell` gives the reason."""
 
 
 def run_block(cell: Cell, versions: Mapping[str, str], first: int, end: int) -> Block:
-    """What a cell's stage `validate` counts of the draws first to end - 1.
+    """The counts of a cell's stage `validate` over the draws first to end - 1.
 
     Raises:
-        NoBlockError: there are none.
+        NoBlockError: the draws cannot be counted.
     """
-    with _ONE_AT_A_TIME:
-        gains = _gains(cell) if numeric_versions() == dict(versions) else None
+    with _CELL_LOCK:
+        gains = _gains_of_cell(cell) if numeric_versions() == dict(versions) else None
         if gains is None:
             raise NoBlockError(cell.label)
-        return validate_block(_checked(cell), gains, first, end)
+        return validate_block(_spec_of_check(cell), gains, first, end)
 
 
-def finish(key: str, cell: Cell, blocks: Sequence[Block]) -> Result:
-    """`run_cell` of a cell whose draws were counted before; never raises."""
-    with _ONE_AT_A_TIME:
+def combine_blocks(key: str, cell: Cell, blocks: Sequence[Block]) -> CellResult:
+    """Run a cell whose draws were counted in blocks before; never raises."""
+    with _CELL_LOCK:
         return run_cell(key, cell, blocks)
 
 
-def run_cell(key: str, cell: Cell, blocks: Sequence[Block] = ()) -> Result:
-    """Run one cell; never raises.  `blocks` are all its draws, where they were counted before."""
+def run_cell(key: str, cell: Cell, blocks: Sequence[Block] = ()) -> CellResult:
+    """Run one cell; never raises.  `blocks` hold the counts of all its draws where they were counted before."""
     start = time.perf_counter()
     document: dict[str, Any] = {}
     try:
-        reason = _spec(cell, document, blocks) if cell.kind is Kind.SPEC else _RUN[cell.kind](cell, document)
+        reason = (
+            _run_spec(cell, document, blocks) if cell.kind is Kind.SPEC else _RUN_BY_KIND[cell.kind](cell, document)
+        )
         text = json.dumps(document, allow_nan=False)
     except Exception as error:
         expected = isinstance(error, FopiError)
         reason = str(error) if expected else f"internal error, {type(error).__name__}: {error}"
-        text = _as_far_as_it_came(document)
-    return Result(key, text, reason, time.perf_counter() - start)
+        text = _partial_document(document)
+    return CellResult(key, text, reason, time.perf_counter() - start)
 
 
-def _as_far_as_it_came(document: dict[str, Any]) -> str:
+def _partial_document(document: dict[str, Any]) -> str:
     try:
         return json.dumps(document, allow_nan=False)
-    except (TypeError, ValueError):  # this may be what went wrong
+    except (TypeError, ValueError):  # this may be the failure itself
         return "{}"
 
 
-def _spec(cell: Cell, document: dict[str, Any], blocks: Sequence[Block]) -> str:
-    """Run a spec's stages; returns why there is no answer."""
-    checked = _checked(cell)
+def _run_spec(cell: Cell, document: dict[str, Any], blocks: Sequence[Block]) -> str:
+    """Run a spec's stages; returns the reason of a failure, or an empty text."""
+    checked = _spec_of_check(cell)
     if Stage.TUNE in cell.stages:
-        together = _together(cell)
-        design = _designed(cell.text, cell.files, cell.base, together)
+        proof_in_design = _proof_in_design(cell)
+        design = _cached_design(cell.text, cell.files, cell.base, proof_in_design)
         document[Stage.TUNE] = design.to_dict()
         document["outcome"] = design.status.value
-        if together and design.certificate is not None:
-            document[Stage.PROVE] = _proved(design)
+        if proof_in_design and design.certificate is not None:
+            document[Stage.PROVE] = _proof_document(design)
         if design.status is not Status.SOLVED:
             document["reason"] = design.message
             return design.message if design.status is Status.FAILED else ""
-    gains = _gains(cell)
+    gains = _gains_of_cell(cell)
     assert gains is not None, "gains that are not tuned are fixed"
     if Stage.PROVE in cell.stages and Stage.PROVE not in document:
         document[Stage.PROVE] = prove(checked, gains).to_dict()
-    contradictions = _sampled(cell, checked, gains, blocks, document)
-    _conclude(cell, document)
+    contradictions = _run_sampled_stages(cell, checked, gains, blocks, document)
+    _set_outcome(cell, document)
     return contradictions
 
 
-def _checked(cell: Cell) -> DesignSpec:
+def _spec_of_check(cell: Cell) -> DesignSpec:
     """The spec that the gains are checked against."""
-    return spec_of(cell.check or cell.text, cell.name, cell.files)
+    return spec_from_text(cell.check or cell.text, cell.name, cell.files)
 
 
-def _together(cell: Cell) -> bool:
-    """Whether the proof is the design's own, which goes on searching where it is refuted."""
+def _proof_in_design(cell: Cell) -> bool:
+    """Whether the design proves its own gains, and searches on when the proof fails."""
     return Stage.PROVE in cell.stages and not cell.check
 
 
-def _gains(cell: Cell) -> FoPi | None:
-    """Those of a cell: tuned or fixed; None where the design is not solved."""
+def _gains_of_cell(cell: Cell) -> FoPi | None:
+    """The gains of a cell, tuned or fixed; None where the design is not solved."""
     if Stage.TUNE not in cell.stages:
-        return _fixed(spec_of(cell.text, cell.name, cell.files))
-    design = _designed(cell.text, cell.files, cell.base, _together(cell))
+        return _fixed_gains(spec_from_text(cell.text, cell.name, cell.files))
+    design = _cached_design(cell.text, cell.files, cell.base, _proof_in_design(cell))
     return design.gains if design.status is Status.SOLVED else None
 
 
-def _sampled(cell: Cell, spec: DesignSpec, gains: FoPi, blocks: Sequence[Block], document: dict[str, Any]) -> str:
-    """The stages about the loop on samples; returns what sampling shows although a proof excludes it."""
+def _run_sampled_stages(
+    cell: Cell, spec: DesignSpec, gains: FoPi, blocks: Sequence[Block], document: dict[str, Any]
+) -> str:
+    """Run the stages about the sampled loop; returns draws that contradict a proof, in words."""
     if Stage.VALIDATE in cell.stages:
         validated = validate(spec, gains, blocks=blocks)
         if Stage.DISCRETIZE in cell.stages:
@@ -183,23 +187,23 @@ def _sampled(cell: Cell, spec: DesignSpec, gains: FoPi, blocks: Sequence[Block],
     return ""
 
 
-def _conclude(cell: Cell, document: dict[str, Any]) -> None:
-    """The outcome is that of the first stage that did not end well; of the last one when all did."""
+def _set_outcome(cell: Cell, document: dict[str, Any]) -> None:
+    """Set the outcome: the status of the first stage that was not successful, else that of the last stage."""
     for stage in cell.stages:
         document["outcome"] = document[stage]["status"]
-        if document["outcome"] not in GOOD:
+        if document["outcome"] not in SUCCESS_STATUSES:
             document["reason"] = f"{stage}: {document['outcome']}"
             return
 
 
-def _claim(cell: Cell, document: dict[str, Any]) -> str:
+def _run_claim(cell: Cell, document: dict[str, Any]) -> str:
     document["rows"] = [asdict(row) for row in entries(cell.text, "CLAIMS")[cell.name]()]
     document["outcome"] = "computed"
     return ""
 
 
-def _figure(cell: Cell, document: dict[str, Any]) -> str:
-    files = figure_of(cell.text, cell.name)
+def _run_figure(cell: Cell, document: dict[str, Any]) -> str:
+    files = render_figure(cell.text, cell.name)
     document["files"] = {name: content for name, content in files.items() if isinstance(content, str)}
     document["base64"] = {
         name: base64.b64encode(content).decode() for name, content in files.items() if isinstance(content, bytes)
@@ -208,21 +212,21 @@ def _figure(cell: Cell, document: dict[str, Any]) -> str:
     return ""
 
 
-_RUN: Mapping[Kind, Callable[[Cell, dict[str, Any]], str]] = {
-    Kind.CLAIM: _claim,
-    Kind.FIGURE: _figure,
+_RUN_BY_KIND: Mapping[Kind, Callable[[Cell, dict[str, Any]], str]] = {
+    Kind.CLAIM: _run_claim,
+    Kind.FIGURE: _run_figure,
 }
 
 
-def _fixed(spec: DesignSpec) -> FoPi | None:
+def _fixed_gains(spec: DesignSpec) -> FoPi | None:
     box = spec.controller
     if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
         return FoPi(box.kp.min, box.ki.min, box.alpha.min)
     return None
 
 
-def _proved(design: Design) -> dict[str, Any]:
-    """What a check of the design's gains says, shaped as `fopi prove` shapes it."""
+def _proof_document(design: Design) -> dict[str, Any]:
+    """The proof of the design's gains, in the form of `fopi prove`."""
     assert design.certificate is not None
     verdict = design.certificate.verdict
     status = {Verdict.PROVED: "met", Verdict.REFUTED: "violated"}.get(verdict, "undecided")
@@ -231,18 +235,18 @@ def _proved(design: Design) -> dict[str, Any]:
     return {"status": status, **{key: document[key] for key in kept}}
 
 
-@lru_cache(_DESIGNS)
-def _designed(text: str, files: Files, base: str, proof: bool) -> Design:
-    """The design of a spec; cells that differ in what it is checked against share it."""
-    return tune(spec_of(text, files=files), proof=proof, start=_base(base) if base else None)
+@lru_cache(_MAX_DESIGNS)
+def _cached_design(text: str, files: Files, base: str, proof: bool) -> Design:
+    """The design of a spec; cells that differ only in the spec of the check share it."""
+    return tune(spec_from_text(text, files=files), proof=proof, start=_base_neighbour(base) if base else None)
 
 
-@lru_cache(_BASES)
-def _base(text: str) -> Neighbour | None:
+@lru_cache(_MAX_BASES)
+def _base_neighbour(text: str) -> Neighbour | None:
     """A base spec with its gains, where it has a solution that is searched in continuous time."""
     from fopi_tune.design import neighbour
 
-    spec = spec_of(text)
+    spec = spec_from_text(text)
     box = spec.controller
     if loop_name(spec) == "sampled" or all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
         return None

@@ -1,4 +1,4 @@
-"""Collects what is wrong with a spec, so that every mistake is reported at once."""
+"""Collects the problems of a file, each with line and column, so that all mistakes are reported at once."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ _EXCERPT_LENGTH = 40
 
 @dataclass(frozen=True, order=True)
 class Mark:
-    """A place in the text; `line` and `column` count from 1."""
+    """A position in the text; `line` and `column` count from 1."""
 
     line: int
     column: int
 
 
 @dataclass
-class Report:
+class ProblemCollector:
     """The problems found so far in one file."""
 
     file: str
     problems: list[Problem] = field(default_factory=list)
 
-    def refuse(self, mark: Mark, path: str, message: str) -> None:
+    def add(self, mark: Mark, path: str, message: str) -> None:
         """Add one problem and go on."""
         self.problems.append(Problem(self.file, mark.line, mark.column, path, message))
 
     def stop(self, mark: Mark, path: str, message: str) -> NoReturn:
         """Add one problem after which nothing more can be read."""
-        self.refuse(mark, path, message)
+        self.add(mark, path, message)
         raise self.error()
 
     def error(self) -> SpecError:
-        """Everything found so far, sorted by place."""
+        """All problems found so far, sorted by position."""
         return SpecError(tuple(sorted(self.problems, key=lambda p: (p.line, p.column))))
 
 

@@ -1,4 +1,4 @@
-"""Specs to results:  load, make, write and print each, and end with the worst exit code."""
+"""Specs to results:  load each spec, compute, write and print its result, and end with the worst exit code."""
 
 from __future__ import annotations
 
@@ -8,41 +8,41 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fopi_tune.cli.files import (
-    CERTIFICATE,
-    CHECK,
-    CODE,
-    DESIGN,
-    DIGITAL,
-    DIGITAL_CERTIFICATE,
-    DRAWN,
-    EXACT,
-    FIGURE,
-    FIGURES,
-    OPTIMUM,
-    REPORT,
-    SIMULATION,
-    files_of,
-)
 from fopi_tune.cli.output import (
     Exit,
-    patience,
     print_out,
     print_styled,
     reason_of,
     report_failure,
     say,
+    still_running_notes,
     to_json,
     write_file,
 )
-from fopi_tune.cli.report_files import report_of
+from fopi_tune.cli.report_files import report_of_run
+from fopi_tune.cli.result_files import (
+    CERTIFICATE,
+    CHECK,
+    CODE_FOLDER,
+    CONTROLLER_FIGURE,
+    DESIGN,
+    DIGITAL,
+    DIGITAL_CERTIFICATE,
+    EXACT,
+    FIGURES_FOLDER,
+    OPTIMUM,
+    REPORT,
+    REPORT_FIGURES,
+    SIMULATION,
+    files_of,
+)
 from fopi_tune.errors import DomainError, SpecError
 
-# Solver, NumPy and Rich are imported where they are needed: a mistake must not wait for them.
+# Solver, NumPy and Rich are imported where they are needed, so that errors in a spec are reported quickly.
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from fopi_tune.cli.files import Result
+    from fopi_tune.cli.result_files import Result
     from fopi_tune.spec.model import DesignSpec, SystemSpec
 
 
@@ -51,8 +51,8 @@ Loaded = TypeVar("Loaded", "DesignSpec", "DesignSpec | SystemSpec")
 
 
 @dataclass(frozen=True)
-class Handling:
-    """What to do with results and failures."""
+class OutputOptions:
+    """Where results go, and what is printed."""
 
     out: str | None
     as_json: bool
@@ -61,49 +61,53 @@ class Handling:
     several: bool = False
 
     def folder(self, spec: DesignSpec | SystemSpec) -> Path:
-        """Where a spec's results go."""
+        """The folder of a spec's results."""
         if self.out is None:
             return Path("results", spec.name)
         return Path(self.out, spec.name) if self.several else Path(self.out)
 
-    def note(self, words: str) -> None:
-        """Say something on stderr that is no mistake."""
+    def note(self, message: str) -> None:
+        """Print a note on stderr, unless --quiet is given."""
         if not self.quiet:
-            say(words)
+            say(message)
 
 
-def process(files: Sequence[str], make: Callable[[DesignSpec], Result], handling: Handling, doing: str) -> Exit:
-    """Load every spec, then make, write and print one result each; ends with the worst of the exit codes."""
+def process_specs(
+    files: Sequence[str], compute: Callable[[DesignSpec], Result], options: OutputOptions, activity: str
+) -> Exit:
+    """Load every spec, then compute, write and print a result of each; returns the worst exit code."""
 
     def load(file: str) -> DesignSpec:
         from fopi_tune.spec import load_spec
 
         return load_spec(file)
 
-    return process_loaded(files, load, make, handling, doing)
+    return process_with_loader(files, load, compute, options, activity)
 
 
-def process_loaded(
+def process_with_loader(
     files: Sequence[str],
     load: Callable[[str], Loaded],
-    make: Callable[[Loaded], Result],
-    handling: Handling,
-    doing: str,
+    compute: Callable[[Loaded], Result],
+    options: OutputOptions,
+    activity: str,
 ) -> Exit:
-    """The same with a loader of one's own, which raises SpecError."""
-    specs, code = load_each(files, load, handling)
+    """As `process_specs`, with another loader, which may raise SpecError."""
+    specs, code = load_specs(files, load, options)
     documents: list[dict[str, Any]] = []
     for spec in specs:
-        handling.note(f"{spec.name}: {doing} ...")
-        with patience(f"{spec.name}: still {doing}", handling.quiet) as enough:
-            code = max(code, _one(spec, make, handling, documents, enough))
-    if handling.as_json and (documents or handling.several):
-        code = max(code, print_out(to_json(documents if handling.several else documents[0])))
+        options.note(f"{spec.name}: {activity} ...")
+        with still_running_notes(f"{spec.name}: still {activity}", options.quiet) as stop_notes:
+            code = max(code, _process_one(spec, compute, options, documents, stop_notes))
+    if options.as_json and (documents or options.several):
+        code = max(code, print_out(to_json(documents if options.several else documents[0])))
     return code
 
 
-def load_each(files: Sequence[str], load: Callable[[str], Loaded], handling: Handling) -> tuple[list[Loaded], Exit]:
-    """The usable specs; every mistake in the others is reported."""
+def load_specs(
+    files: Sequence[str], load: Callable[[str], Loaded], options: OutputOptions
+) -> tuple[list[Loaded], Exit]:
+    """The valid specs; the problems of the others are printed."""
     code, specs = Exit.MET, dict[str, tuple[str, Loaded]]()
     for file in files:
         try:
@@ -114,9 +118,9 @@ def load_each(files: Sequence[str], load: Callable[[str], Loaded], handling: Han
             code = max(code, Exit.BAD_INPUT)
             continue
         except Exception as error:
-            code = max(code, report_failure(file, error, handling.debug))
+            code = max(code, report_failure(file, error, options.debug))
             continue
-        # Folders are named after specs, and some file systems do not tell upper from lower case.
+        # Folders are named after specs, and some file systems do not distinguish upper and lower case.
         other, _ = specs.setdefault(spec.name.casefold(), (file, spec))
         if specs[spec.name.casefold()][1] is not spec:
             say(f"{file}: {other} has the same name, {spec.name}; their results would overwrite each other")
@@ -124,38 +128,38 @@ def load_each(files: Sequence[str], load: Callable[[str], Loaded], handling: Han
     return [spec for _, spec in specs.values()], code
 
 
-def _one(
+def _process_one(
     spec: Loaded,
-    make: Callable[[Loaded], Result],
-    handling: Handling,
+    compute: Callable[[Loaded], Result],
+    options: OutputOptions,
     documents: list[dict[str, Any]],
-    enough: Callable[[], None],
+    stop_notes: Callable[[], None],
 ) -> Exit:
-    """Make one result, write it, print it or add it to the documents."""
+    """Compute one result, write its files, and print it or add it to the documents."""
     start = time.perf_counter()
     try:
-        result = make(spec)
+        result = compute(spec)
         document = result.to_dict()
         files: list[tuple[str, str | bytes]] = list(files_of(result))
-        table = None if handling.as_json else _table(result)
+        table = None if options.as_json else _result_text(result)
     except DomainError as error:
         say(f"{spec.name}: {error}")
         return Exit.BAD_INPUT
     except Exception as error:
-        return report_failure(spec.name, error, handling.debug)
+        return report_failure(spec.name, error, options.debug)
     seconds, failed = time.perf_counter() - start, Exit.MET
     try:
-        files += report_of(result, handling.folder(spec)).items()
-    except Exception as error:  # what was found is worth more than what is said about it
-        failed = report_failure(f"{spec.name}: report", error, handling.debug)
-    enough()
-    handling.note(f"{spec.name}: {result.status} after {seconds:.1f} s")
-    # The files come before the table, so that a closed stdout costs nothing.
+        files += report_of_run(result, options.folder(spec)).items()
+    except Exception as error:  # the result is kept even if its report fails
+        failed = report_failure(f"{spec.name}: report", error, options.debug)
+    stop_notes()
+    options.note(f"{spec.name}: {result.status} after {seconds:.1f} s")
+    # The files are written before the table is printed, so that a closed stdout loses no result.
     problem = getattr(result, "problem", "")
     if problem:
         say(f"{spec.name}: {problem}")
     code = max(_exit_code(result), failed, Exit.BAD_INPUT if problem else Exit.MET)
-    code = max(code, write_each(handling.folder(spec), files, spec.name, handling))
+    code = max(code, write_files(options.folder(spec), files, spec.name, options))
     if table is not None:
         if documents:
             print_out("")
@@ -164,8 +168,8 @@ def _one(
     return code
 
 
-def write_each(folder: Path, files: Sequence[tuple[str, str | bytes]], name: str, handling: Handling) -> Exit:
-    """Each file at once or not at all, and a word about those there that belong to an earlier result."""
+def write_files(folder: Path, files: Sequence[tuple[str, str | bytes]], name: str, options: OutputOptions) -> Exit:
+    """Write each file atomically, and note files in the folder that belong to an earlier result."""
     for file, content in files:
         path = folder / file
         try:
@@ -174,14 +178,14 @@ def write_each(folder: Path, files: Sequence[tuple[str, str | bytes]], name: str
             say(f"{name}: cannot write {path} ({reason_of(error)}); choose another folder with --out")
             return Exit.BAD_INPUT
         if path.parent == folder:
-            handling.note(f"{name}: wrote {path}")
+            options.note(f"{name}: wrote {path}")
     written = {file for file, _ in files}
-    for inner in (CODE, FIGURES):
+    for inner in (CODE_FOLDER, FIGURES_FOLDER):
         if any(file.startswith(f"{inner}/") for file in written):
-            handling.note(f"{name}: wrote {folder / inner}")
-    stale = [file for file in _made_obsolete(written) if (folder / file).exists()]
+            options.note(f"{name}: wrote {folder / inner}")
+    stale = [file for file in _obsolete_files(written) if (folder / file).exists()]
     for kind in (SIMULATION, EXACT):
-        if f"{kind}.json" in written:  # of scenarios that were left out now, or that the spec had once
+        if f"{kind}.json" in written:  # of scenarios that are not simulated now
             stale += sorted({path.name for path in folder.glob(f"{kind}_*.[cs][sv][vg]")} - written)
     if stale:
         are = "is" if len(stale) == 1 else "are"
@@ -189,10 +193,14 @@ def write_each(folder: Path, files: Sequence[tuple[str, str | bytes]], name: str
     return Exit.MET
 
 
-def _made_obsolete(written: set[str]) -> list[str]:
-    """Files that belong to another result of the kind that was written now."""
-    digital = [DIGITAL, DIGITAL_CERTIFICATE, FIGURE, CODE]
-    figures = [f"{FIGURES}/{name}.{kind}" for name in DRAWN for kind in ("svg", "png")] if REPORT in written else []
+def _obsolete_files(written: set[str]) -> list[str]:
+    """Files that an earlier result of the same kind may have left and that were not written now."""
+    digital = [DIGITAL, DIGITAL_CERTIFICATE, CONTROLLER_FIGURE, CODE_FOLDER]
+    figures = (
+        [f"{FIGURES_FOLDER}/{name}.{kind}" for name in REPORT_FIGURES for kind in ("svg", "png")]
+        if REPORT in written
+        else []
+    )
     undrawn = [file for file in figures if file not in written]
     if DIGITAL in written:
         return undrawn + ([] if DIGITAL_CERTIFICATE in written else [DIGITAL_CERTIFICATE])
@@ -208,7 +216,7 @@ def _exit_code(result: Result) -> Exit:
     return Exit.TOOL_FAILED if result.status in ("failed", "undecided", "contradiction") else Exit.NOT_MET
 
 
-def _table(result: Result) -> Text:
+def _result_text(result: Result) -> Text:
     from fopi_tune.prices.result import Tradeoff
     from fopi_tune.report import (
         check_text,

@@ -1,4 +1,4 @@
-"""Plants that a commented spec can start from, and what is asked of them, as the text of its sections."""
+"""Sections of the commented spec that depend on the plant: an example for each model, or a fitted lag."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from fopi_tune.core.plant import Uncertain
 
 
 @dataclass(frozen=True)
-class Start:
-    """The sections of a spec that depend on the plant, as YAML with comments and without the lines' last break.
+class TemplateSections:
+    """The plant-dependent sections of a spec, as YAML with comments and without the last line break.
 
     Args:
         model: the word after `model:`.
         description: one sentence.
         plant: the section, as are `controller`, `requirements`, `objective` (which may be a comment) and `digital`.
-        drawn: one of its uncertain numbers, for the examples of distributions; with its quotes where YAML needs them.
+        uncertain_name: one of its uncertain numbers, for the examples of distributions; quoted where YAML needs it.
     """
 
     model: str
@@ -28,14 +28,14 @@ class Start:
     requirements: str
     objective: str
     digital: str
-    drawn: str
+    uncertain_name: str
 
-    def sections(self) -> dict[str, str]:
+    def texts(self) -> dict[str, str]:
         """The texts by their names, without the model."""
         return {name: text.rstrip() for name, text in vars(self).items() if name != "model"}
 
 
-def _digital(sample_time_s: str, band_rad_s: str, design: str) -> str:
+def _digital_section(sample_time_s: str, band_rad_s: str, design: str) -> str:
     about = "the requirements are about the loop on samples; or continuous"
     if design == "continuous":
         about = "the requirements are about the loop without samples; or sampled"
@@ -58,7 +58,7 @@ controller:
   alpha: {min: 0.3, max: 1.5}
 """
 
-_LAG = Start(
+_LAG = TemplateSections(
     model="lag",
     description="Robust fractional PI for a first-order lag whose time constant is uncertain.",
     plant="""\
@@ -83,11 +83,11 @@ requirements:
     to_rad_s: 0.0025
 """,
     objective="objective: {minimize: phase_margin_spread_deg}",
-    digital=_digital("0.2", "[1.0e-3, 1.0e3]", "sampled"),
-    drawn="time_constant_s",
+    digital=_digital_section("0.2", "[1.0e-3, 1.0e3]", "sampled"),
+    uncertain_name="time_constant_s",
 )
 
-_POLE = Start(
+_POLE = TemplateSections(
     model="pole",
     description="Robust fractional PI for a first-order plant whose gain is uncertain, given by its pole.",
     plant="""\
@@ -110,11 +110,11 @@ requirements:
     to_rad_s: 0.003
 """,
     objective="objective: {maximize: ki}",
-    digital=_digital("0.1", "[1.0e-3, 1.0e3]", "sampled"),
-    drawn="gain",
+    digital=_digital_section("0.1", "[1.0e-3, 1.0e3]", "sampled"),
+    uncertain_name="gain",
 )
 
-_TRANSFER_FUNCTION = Start(
+_TRANSFER_FUNCTION = TemplateSections(
     model="transfer_function",
     description="Robust fractional PI for a second-order plant whose damping is uncertain.",
     plant="""\
@@ -124,7 +124,7 @@ plant:
   denominator: [1.0, {nominal: 1.2, min: 0.9, max: 1.5}, 1.0]   # s^2 + (0.9 ... 1.5) s + 1
   dead_time_s: 0.05           # 0 when left out
 """,
-    # a larger alpha leaves "deepest inside" a loop whose phase margin is paid with a slow end
+    # with a larger alpha the search for the gains deepest inside trades a slow final approach for phase margin
     controller=_GAINS.replace("{min: 0.3, max: 1.5}", "{min: 0.7, max: 1.05}"),
     requirements="""\
 requirements:
@@ -139,51 +139,55 @@ requirements:
 """,
     objective="""\
 # objective: {minimize: iae_disturbance}     # without it there is room left, which the loop on samples needs""",
-    digital=_digital("0.05", "[1.0e-3, 1.0e3]", "continuous"),
-    drawn='"denominator[1]"',
+    digital=_digital_section("0.05", "[1.0e-3, 1.0e3]", "continuous"),
+    uncertain_name='"denominator[1]"',
 )
 
-#: model -> what `fopi init --plant MODEL` starts from
-STARTS = {start.model: start for start in (_LAG, _POLE, _TRANSFER_FUNCTION)}
+#: model -> sections that `fopi init --plant MODEL` writes
+SECTIONS_BY_MODEL = {start.model: start for start in (_LAG, _POLE, _TRANSFER_FUNCTION)}
 
 
-def fitted_start(
+def sections_for_fitted_lag(
     static_gain: Uncertain, time_constant_s: Uncertain, dead_time_s: Uncertain, about: Sequence[str]
-) -> Start:
-    """A start from a family of lags whose requirements suit its times.
+) -> TemplateSections:
+    """Sections for a fitted family of lags; the requirements suit its time constants and dead times.
 
-    The slowest crossover wc asked for is 0.84 over the longest time constant, less where dead time and the spread of
-    the plants' speeds would otherwise cost more than 0.4 rad of phase; the fastest is three times what the slowest
-    makes of the fastest plant, which also keeps the search near these speeds.  A loop with alpha = 1 has about
-    |S(jw)| = w/wc far below wc, one with a smaller alpha (w/wc)^alpha and a response that creeps to its end like
-    t^-alpha: |S| is at most -20 dB up to wc/12 and -40 dB up to wc/100, which a small alpha cannot meet deeply.  The
-    sampling time is about a fiftieth of time constant and dead time, or a twelfth of 1 / the middle crossover where
-    that is longer: a dead time of many samples makes the loop on samples hard to prove.
+    Crossover: the lower limit wc, in rad/s, is 0.84 over the longest time constant.  It is lower where dead time and
+    the spread of the plants' speeds would cost more than 0.4 rad of phase.  The upper limit is three times the
+    crossover of the fastest plant under a controller that gives the slowest one wc; it keeps the search near these
+    speeds.
+
+    Sensitivity: far below wc a loop with alpha = 1 has about |S(jw)| = w/wc.  With a smaller alpha it has (w/wc)^alpha,
+    and the step response approaches its final value as slowly as t^-alpha.  So |S| is limited to -20 dB up to wc/12 and
+    to -40 dB up to wc/100, which a loop with a small alpha can hardly meet.
+
+    Sample time: about 1/50 of time constant plus dead time, or 1/12 of 1 / (geometric mean of the crossover limits)
+    where that is longer, because a dead time of many samples makes the sampled loop hard to prove.
 
     Args:
         static_gain: output unit per input unit; its range does not hold 0.
         time_constant_s: s, > 0.
         dead_time_s: s, >= 0.
-        about: where the numbers come from, lines of a comment.
+        about: the origin of the numbers, as lines of a comment.
     """
-    slowest, fastest = _speeds(static_gain, time_constant_s, dead_time_s)
+    slowest, fastest = _crossover_limits(static_gain, time_constant_s, dead_time_s)
     middle, low = _rounded(slowest / 12, 2, ROUND_FLOOR), _rounded(slowest / 100, 2, ROUND_FLOOR)
     scale = time_constant_s.nominal + dead_time_s.nominal
     band = [10.0 ** math.floor(math.log10(1e-3 / scale)), 10.0 ** math.ceil(math.log10(1e3 / scale))]
     sample_time_s = _sample_time(max(scale / 50, 0.08 / math.sqrt(slowest * fastest)))
     side = "min: 0.0" if static_gain.nominal > 0 else "max: 0.0"
     uncertain = {"static_gain": static_gain, "time_constant_s": time_constant_s, "dead_time_s": dead_time_s}
-    wide = [name for name, number in uncertain.items() if "{" in _written(number)]
+    wide = [name for name, number in uncertain.items() if "{" in _yaml_number(number)]
     comments = "".join(f"# {line}\n" for line in about)
-    return Start(
+    return TemplateSections(
         model="lag",
         description="Robust fractional PI for a lag whose numbers come from recorded step responses.",
         plant=f"""\
 {comments}plant:
   model: lag                  # static_gain e^(-dead_time_s s) / (time_constant_s s + 1)
-  static_gain: {_written(static_gain)}
-  time_constant_s: {_written(time_constant_s)}
-  dead_time_s: {_written(dead_time_s)}
+  static_gain: {_yaml_number(static_gain)}
+  time_constant_s: {_yaml_number(time_constant_s)}
+  dead_time_s: {_yaml_number(dead_time_s)}
 """,
         controller=f"""\
 controller:
@@ -204,15 +208,17 @@ requirements:
 """,
         objective="""\
 # objective: {minimize: iae_disturbance}     # without it there is room left, which the loop on samples needs""",
-        digital=_digital(repr(sample_time_s), f"[{band[0]:.1e}, {band[1]:.1e}]", "continuous"),
-        drawn=wide[0] if wide else "time_constant_s",
+        digital=_digital_section(repr(sample_time_s), f"[{band[0]:.1e}, {band[1]:.1e}]", "continuous"),
+        uncertain_name=wide[0] if wide else "time_constant_s",
     )
 
 
-def _speeds(static_gain: Uncertain, time_constant_s: Uncertain, dead_time_s: Uncertain) -> tuple[float, float]:
-    """The slowest and the fastest crossover to ask for, rad/s."""
+def _crossover_limits(
+    static_gain: Uncertain, time_constant_s: Uncertain, dead_time_s: Uncertain
+) -> tuple[float, float]:
+    """The lower and the upper limit of the crossover, rad/s."""
     gains = sorted((abs(static_gain.min), abs(static_gain.max)))
-    # the ratio of the fastest plant's speed to the slowest one's, at a given controller; dead time levels them
+    # ratio of the fastest plant's speed to the slowest one's under the same controller; dead time reduces it
     dead = dead_time_s.nominal
     spread = gains[1] / gains[0] * (time_constant_s.max + dead) / (time_constant_s.min + dead)
     crossover = 0.84 / time_constant_s.max
@@ -221,7 +227,7 @@ def _speeds(static_gain: Uncertain, time_constant_s: Uncertain, dead_time_s: Unc
     return _rounded(crossover, 2, ROUND_FLOOR), _rounded(3 * spread * crossover, 2, ROUND_CEILING)
 
 
-def _written(number: Uncertain) -> str:
+def _yaml_number(number: Uncertain) -> str:
     """Six significant digits, the ends rounded outwards; one number where that leaves no range."""
     nominal = _rounded(number.nominal, 6, ROUND_HALF_EVEN)
     low, high = _rounded(number.min, 6, ROUND_HALF_EVEN), _rounded(number.max, 6, ROUND_HALF_EVEN)

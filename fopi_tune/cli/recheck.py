@@ -1,0 +1,94 @@
+"""`fopi prove --recheck`:  a certificate of gains or of an optimum is read, checked again and printed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from fopi_tune.cli.batch import OutputOptions
+from fopi_tune.cli.output import Exit, print_out, print_styled, read_json, reason_of, report_failure, say, to_json
+from fopi_tune.errors import CertificateError, SpecError
+
+if TYPE_CHECKING:
+    from fopi_tune.optimum import OptimumRecheck
+    from fopi_tune.proof import Recheck
+
+
+def recheck_file(file: str, spec_file: str | None, options: OutputOptions) -> Exit:
+    """Check a certificate and print the result; the exit code says whether everything in it is proved."""
+    try:
+        document = read_json(file)
+    except OSError as error:
+        say(f"{file}: cannot be read ({reason_of(error)}); check the path")
+        return Exit.BAD_INPUT
+    except (ValueError, RecursionError):
+        say(f"{file}: is no JSON, or names an entry twice; give the certificate.json (or optimum.json) of a result")
+        return Exit.BAD_INPUT
+    try:
+        if isinstance(document, dict) and document.get("kind") == "fopi_tune optimum":
+            return recheck_optimum_file(document, spec_file, options)
+        from fopi_tune.pipeline.prove import recheck
+
+        found = recheck(document, spec_file)
+    except SpecError as error:
+        for problem in error.problems:
+            say(str(problem))
+        return Exit.BAD_INPUT
+    except CertificateError as error:
+        say(f"{file}: {error}")
+        return Exit.BAD_INPUT
+    except Exception as error:
+        return report_failure(file, error, options.debug)
+    code = Exit.MET if found.is_sound and found.certificate.verdict.value == "proved" else Exit.NOT_MET
+    if options.as_json:
+        return max(code, print_out(to_json(_document(found))))
+    from fopi_tune.report import recheck_text
+
+    return max(code, print_styled(recheck_text(found)))
+
+
+def _document(found: Recheck) -> dict[str, Any]:
+    certificate = found.certificate
+    gains = certificate.case.gains
+    return {
+        "schema": 1,
+        "status": "sound" if found.is_sound else "refused",
+        "verdict": certificate.verdict.value if found.is_sound else None,
+        "name": certificate.name,
+        "spec_sha256": certificate.spec_sha256,
+        "gains": {"kp": gains.kp, "ki": gains.ki, "alpha": gains.alpha},
+        "tolerance": certificate.tolerance,
+        "boxes": found.boxes,
+        "problems": list(found.problems),
+    }
+
+
+def recheck_optimum_file(document: Any, spec_file: str | None, options: OutputOptions) -> Exit:
+    """Check the certificate of an optimum against its spec and print the result.
+
+    Raises:
+        CertificateError: the document is no such certificate.
+        SpecError: the spec cannot be used.
+    """
+    from fopi_tune.pipeline.optimum import recheck_optimum
+
+    if spec_file is None:
+        say("a bound of an optimum is checked against its spec; name it: fopi prove --recheck FILE SPEC")
+        return Exit.BAD_INPUT
+    found = recheck_optimum(document, spec_file)
+    stated = found.status.value in ("certified", "infeasible")
+    code = Exit.MET if found.is_sound and stated else Exit.NOT_MET
+    if options.as_json:
+        return max(code, print_out(to_json(_optimum_document(found))))
+    verdict = "sound" if found.is_sound else "refused"
+    lines = [f"{verdict}: {found.status.value}, {found.leaves} boxes tested again in ball arithmetic"]
+    return max(code, print_out("\n".join([*lines, *(f"  {problem}" for problem in found.problems)])))
+
+
+def _optimum_document(found: OptimumRecheck) -> dict[str, Any]:
+    return {
+        "schema": 1,
+        "status": "sound" if found.is_sound else "refused",
+        "verdict": found.status.value if found.is_sound else None,
+        "boxes": found.leaves,
+        "problems": list(found.problems),
+    }
