@@ -16,12 +16,12 @@ from flint import ctx
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
+from fopi_tune.optimum.branch_and_bound import BranchAndBound, Limits, Progress, Termination
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Conditions, conditions_of, is_maximized, kind_of, nominal_equality
 from fopi_tune.optimum.pruning.screen import gains_at
 from fopi_tune.optimum.results import SMALLEST_OBJECTIVE, Optimum, OptimumProof, OptimumStatus, relative_gap
-from fopi_tune.optimum.search import Ended, Limits, Progress, Search
-from fopi_tune.optimum.tree import Reasons, written
+from fopi_tune.optimum.tree import Reasons, to_cover
 from fopi_tune.proof import verify
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.results import Verification
@@ -128,17 +128,17 @@ class _Run:
     def infeasible(self) -> Optimum:
         """Whether the requirements can be discarded everywhere."""
         problem = Problem.of(self.spec, None)
-        search = Search.of(problem, self.limits, [], self.progress)
-        ended = search.show(problem)
-        if ended is Ended.SHOWN:
+        search = BranchAndBound.of(problem, self.limits, [], self.progress)
+        termination = search.show(problem)
+        if termination is Termination.SHOWN:
             return self._result(OptimumStatus.INFEASIBLE, search, proof=_proof(search, None))
-        if ended is Ended.BETTER and search.better is not None:
+        if termination is Termination.BETTER and search.better is not None:
             gains = _gains(search)
             words = (
                 f"kp = {gains.kp:.6g}, ki = {gains.ki:.6g}, alpha = {gains.alpha:.6g} seem to meet every requirement"
             )
             return self._result(OptimumStatus.LIMIT_REACHED, search, reason=words)
-        return self._result(OptimumStatus.LIMIT_REACHED, search, reason=ended.words)
+        return self._result(OptimumStatus.LIMIT_REACHED, search, reason=termination.words)
 
     def bounded(self, found: Verification) -> Optimum:
         """The closest level that could be shown."""
@@ -149,22 +149,22 @@ class _Run:
         worst.append((found.stability.worst.omega_rad_s, found.stability.worst.point))
         if found.objective_worst is not None:
             worst.append((found.objective_worst.omega_rad_s, found.objective_worst.point))
-        search = Search.of(problem, self.limits, worst, self.progress)
-        shown, failed, ended = math.inf, 0.0, Ended.SHOWN
+        search = BranchAndBound.of(problem, self.limits, worst, self.progress)
+        shown, failed, termination = math.inf, 0.0, Termination.SHOWN
         proof: OptimumProof | None = None
         aim = self.wanted * _AIM
         # with both equalities little is left to search: the level that is asked for comes first
-        gap = aim if problem.sheet_is_covered else max(_COARSE, aim)
+        gap = aim if problem.margin_is_fixed else max(_COARSE, aim)
         while True:
             level = self._level(objective, gap)
-            ended = search.show(problem.beating(level))
-            if ended is Ended.SHOWN:
+            termination = search.show(problem.beating(level))
+            if termination is Termination.SHOWN:
                 shown, proof = gap, _proof(search, level)
                 if gap <= aim:
                     break
             else:
                 failed = gap
-            if ended is Ended.LIMIT:
+            if termination is Termination.LIMIT:
                 break
             if failed == 0.0:
                 gap = aim
@@ -176,18 +176,20 @@ class _Run:
                 break
             else:
                 gap = math.sqrt(shown * failed)
-        return self._bounded_result(found, search, proof, ended)
+        return self._bounded_result(found, search, proof, termination)
 
-    def _bounded_result(self, found: Verification, search: Search, proof: OptimumProof | None, ended: Ended) -> Optimum:
+    def _bounded_result(
+        self, found: Verification, search: BranchAndBound, proof: OptimumProof | None, termination: Termination
+    ) -> Optimum:
         better, better_objective = self._better(search, found)
         if proof is None or proof.beat is None:
-            reason = ended.words or "no level could be shown"
+            reason = termination.words or "no level could be shown"
             return self._result(OptimumStatus.LIMIT_REACHED, search, found, None, reason, better, better_objective)
         assert found.objective is not None
         reached = relative_gap(found.objective, proof.beat)
         if reached <= self.wanted:
             return self._result(OptimumStatus.CERTIFIED, search, found, proof)
-        reason = ended.words
+        reason = termination.words
         if better_objective is not None:
             reason = f"there are better gains: their objective is {better_objective:.8g}"
         return self._result(OptimumStatus.LIMIT_REACHED, search, found, proof, reason, better, better_objective)
@@ -197,7 +199,7 @@ class _Run:
         scale = gap * max(abs(objective), SMALLEST_OBJECTIVE)
         return objective + scale if is_maximized(self.spec) else objective - scale
 
-    def _better(self, search: Search, found: Verification) -> tuple[FoPi | None, float | None]:
+    def _better(self, search: BranchAndBound, found: Verification) -> tuple[FoPi | None, float | None]:
         """Gains that were met with, if the verification agrees that they are better."""
         if search.better is None:
             return None, None
@@ -213,7 +215,7 @@ class _Run:
     def _result(
         self,
         status: OptimumStatus,
-        search: Search | None = None,
+        search: BranchAndBound | None = None,
         found: Verification | None = None,
         proof: OptimumProof | None = None,
         reason: str = "",
@@ -234,7 +236,7 @@ class _Run:
             wanted_gap=self.wanted,
             better=better,
             better_objective=better_objective,
-            boxes=0 if search is None else search.looked_at,
+            boxes=0 if search is None else search.boxes_examined,
             seconds=time.monotonic() - self.start,
             proof=proof,
             left_out=conditions.left_out,
@@ -242,14 +244,14 @@ class _Run:
         )
 
 
-def _gains(search: Search) -> FoPi:
+def _gains(search: BranchAndBound) -> FoPi:
     """The gains that were met with."""
     assert search.better is not None
-    kp, ki, alpha = gains_at(search.problem.chart, np.array([search.better]))
+    kp, ki, alpha = gains_at(search.problem.parametrization, np.array([search.better]))
     return FoPi(float(kp[0]), float(ki[0]), float(alpha[0]))
 
 
-def _proof(search: Search, beat: float | None) -> OptimumProof:
+def _proof(search: BranchAndBound, beat: float | None) -> OptimumProof:
     reasons = Reasons()
-    covers = tuple(written(root, reasons) for root in search.roots)
-    return OptimumProof(beat, covers, tuple(reasons.places))
+    covers = tuple(to_cover(root, reasons) for root in search.roots)
+    return OptimumProof(beat, covers, tuple(reasons.indices))

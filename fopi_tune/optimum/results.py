@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.optimum.pruning.refute import Reason
+from fopi_tune.optimum.pruning.exclusion import Reason
 from fopi_tune.optimum.tree import Cover
 
 #: an objective smaller than this counts as this in a relative gap

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from fopi_tune.optimum.pruning.refute import Reason
+from fopi_tune.optimum.pruning.exclusion import Reason
 from fopi_tune.proof.balls.box import Box, split
 
 
@@ -70,14 +70,14 @@ class Cover:
 class Reasons:
     """Reasons in the order of their first use."""
 
-    places: dict[Reason, int] = field(default_factory=dict)
+    indices: dict[Reason, int] = field(default_factory=dict)
 
-    def place(self, reason: Reason) -> int:
+    def index(self, reason: Reason) -> int:
         """Its number."""
-        return self.places.setdefault(reason, len(self.places))
+        return self.indices.setdefault(reason, len(self.indices))
 
 
-def written(root: Node, reasons: Reasons) -> Cover:
+def to_cover(root: Node, reasons: Reasons) -> Cover:
     """A finished tree as tokens."""
     tokens: list[str] = []
     pending = [root]
@@ -88,7 +88,7 @@ def written(root: Node, reasons: Reasons) -> Cover:
             pending += reversed(node.pieces)
         else:
             assert node.reason is not None, "an open box cannot be written down"
-            tokens.append(f"#{reasons.place(node.reason)}")
+            tokens.append(f"#{reasons.index(node.reason)}")
     return Cover(root.box, tuple(tokens))
 
 

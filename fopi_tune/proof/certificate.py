@@ -49,7 +49,7 @@ class Record:
     """How one claim was shown.
 
     Args:
-        tokens: the tree of boxes, as `fopi_tune.proof.claims.search` describes it, one token a box that was looked at.
+        tokens: the tree of boxes, as `fopi_tune.proof.claims.branch_and_bound` describes it, one token a box that was looked at.
     """
 
     tokens: tuple[str, ...]
@@ -137,18 +137,18 @@ class RequirementProof:
         if self.requirement.relation is Relation.EQUALS:
             levels = [side.level if side.records else None for side in self.sides]
             low, high = levels if len(levels) == 2 else (None, None)
-            return None if low is None or high is None else (high - low) / scale_of(self.requirement, high)
+            return None if low is None or high is None else (high - low) / gap_scale(self.requirement, high)
         gaps = [
             None
             if side.level is None or side.witness is None or not side.records
-            else abs(side.level - side.witness) / scale_of(self.requirement, side.witness)
+            else abs(side.level - side.witness) / gap_scale(self.requirement, side.witness)
             for side in self.sides
         ]
         known = [gap for gap in gaps if gap is not None]
         return max(known) if len(known) == len(gaps) and known else None
 
 
-def scale_of(requirement: Requirement, natural: float) -> float:
+def gap_scale(requirement: Requirement, natural: float) -> float:
     """What a difference in natural units is relative to."""
     relative = requirement.quantity in ("phase_margin_deg", "delay_margin_s", "phase_slope_deg_per_decade")
     return max(abs(natural), 1e-3) if relative else 1.0

@@ -14,7 +14,7 @@ from flint import arb, ctx
 
 from fopi_tune.core.logform import Array
 from fopi_tune.core.sections import Implementation
-from fopi_tune.proof.balls.box import points
+from fopi_tune.proof.balls.box import point_box
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.certificate import (
     Certificate,
@@ -23,17 +23,17 @@ from fopi_tune.proof.certificate import (
     SideProof,
     StabilityProof,
     Verdict,
+    gap_scale,
     relaxed_limit,
-    scale_of,
 )
-from fopi_tune.proof.claims.bound import value_of
+from fopi_tune.proof.claims.bound import response_of
+from fopi_tune.proof.claims.branch_and_bound import SearchResult, search
 from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.crossing_quantities import CrossingQuantity
 from fopi_tune.proof.claims.crossings import EveryCrossover
 from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
-from fopi_tune.proof.claims.poles import NoAxisRoot, count_unstable_poles, is_unstable_by_structure
-from fopi_tune.proof.claims.reading import Reading
-from fopi_tune.proof.claims.search import Search, search
-from fopi_tune.proof.obligations import Case, breaks, never_crosses, stable_throughout, stays
+from fopi_tune.proof.claims.poles import NoAxisRoot, count_unstable_poles, is_structurally_unstable
+from fopi_tune.proof.obligations import Case, level_claims, no_crossover_claims, stability_claims, violation_claims
 from fopi_tune.proof.results import Extreme, Outcome, Place, RequirementResult, Verification
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB
@@ -67,7 +67,7 @@ def certify(
         implementation: the digital controller that the verification was about; None in continuous time.
     """
     case = Case(found.gains, spec.plant, 0.0, None, implementation)
-    crossings = tuple(case.loop.place(math.log(omega)) for omega in found.nominal.gain_crossovers_rad_s)
+    crossings = tuple(case.loop.u_of(math.log(omega)) for omega in found.nominal.gain_crossovers_rad_s)
     case = replace(case, origin=_origin(case, crossings), nominal_crossings=crossings)
     with ctx.workprec(PRECISION):
         searches = _Searches()
@@ -88,7 +88,7 @@ def _stability(case: Case, found: Verification, searches: _Searches) -> Stabilit
     if not found.stability.stable:
         worst = found.stability.worst.point
         poles = count_unstable_poles(case.loop, worst, case.origin)
-        if poles or (poles is None and is_unstable_by_structure(case.loop, worst)):
+        if poles or (poles is None and is_structurally_unstable(case.loop, worst)):
             return StabilityProof(Verdict.REFUTED, None, worst, poles, ())
     poles = count_unstable_poles(case.loop, case.nominal, case.origin)
     if poles:
@@ -96,7 +96,7 @@ def _stability(case: Case, found: Verification, searches: _Searches) -> Stabilit
     if poles == 0:
         for margin in _STABILITY_MARGINS:
             level = found.stability.peak_sensitivity_db * NEPER_PER_DB + margin
-            records = searches.shown(stable_throughout(case, level))
+            records = searches.shown(stability_claims(case, level))
             if records is not None:
                 return StabilityProof(Verdict.PROVED, level, case.nominal, 0, records)
     return StabilityProof(Verdict.UNDECIDED, None, case.nominal, poles, ())
@@ -169,7 +169,7 @@ class _Side:
 
     def _broken(self, level: float) -> tuple[float, ...]:
         """A place (u, then the plant) beyond a level; empty when the search for a proof meets none."""
-        for claim in stays(self.case, self.requirement, self.upper, level):
+        for claim in level_claims(self.case, self.requirement, self.upper, level):
             found = self.searches.run(claim)
             if found.counterexample is not None:
                 return found.counterexample if len(found.counterexample) > 1 else self._with_plant(claim)
@@ -187,7 +187,7 @@ class _Side:
         return SideProof(self.upper, verdict, level, witness, place, records, witness_records)
 
     def _without_crossover(self, place: Place) -> SideProof:
-        records = self.searches.shown(never_crosses(self.case, place.point))
+        records = self.searches.shown(no_crossover_claims(self.case, place.point))
         verdict = Verdict.UNDECIDED if records is None else Verdict.REFUTED
         return self._result(verdict, None, None, place, (), records or ())
 
@@ -195,7 +195,7 @@ class _Side:
         """A gain margin without end: what is asked is shown, and no more; a response without end breaks any limit."""
         natural = QUANTITIES[self.requirement.quantity].to_natural(self.limit)
         if (achieved > 0) is not self.upper:
-            records = self.searches.shown(stays(self.case, self.requirement, self.upper, natural))
+            records = self.searches.shown(level_claims(self.case, self.requirement, self.upper, natural))
             if records is not None:
                 return self._result(Verdict.PROVED, natural, None, place, records, ())
             return self._result(Verdict.UNDECIDED, None, None, place, (), ())
@@ -204,8 +204,8 @@ class _Side:
     def _witness(self, worst: float, place: Place) -> tuple[float, tuple[Record, ...]] | None:
         """A level just short of the worst value that the plant there breaks."""
         for amount in (_WITNESS, 1e-7):
-            level = self.beyond(worst, -amount * scale_of(self.requirement, worst))
-            claims = breaks(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
+            level = self.beyond(worst, -amount * gap_scale(self.requirement, worst))
+            claims = violation_claims(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
             records = self.searches.shown(claims)
             if records is not None:
                 return level, records
@@ -215,8 +215,8 @@ class _Side:
         # half-way to the limit when there is no room for more
         room = abs(worst - self.relaxed)
         for amount in (1e-10, 1e-7, 1e-3):
-            level = self.beyond(worst, -min(amount * scale_of(self.requirement, worst), 0.5 * room))
-            claims = breaks(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
+            level = self.beyond(worst, -min(amount * gap_scale(self.requirement, worst), 0.5 * room))
+            claims = violation_claims(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
             records = self.searches.shown(claims)
             if records is not None:
                 return self._result(Verdict.REFUTED, None, level, place, (), records)
@@ -235,7 +235,7 @@ class _Side:
         for level in levels:
             # full effort for the sharpest level and for the last; what lies between is a courtesy
             most = BUDGET if level in (levels[0], levels[-1]) else LAST_BUDGET
-            claims = stays(self.case, self.requirement, self.upper, level)
+            claims = level_claims(self.case, self.requirement, self.upper, level)
             records: list[Record] = []
             for claim in claims:
                 found = self.searches.run(claim, most)
@@ -252,9 +252,9 @@ class _Side:
         """What to show, the sharpest first; never beyond the limit."""
         equal = self.requirement.relation is Relation.EQUALS
         gaps = (*_ENCLOSURES, *_GAPS) if equal else _GAPS
-        levels = [self.beyond(worst, gap * scale_of(self.requirement, worst)) for gap in gaps]
+        levels = [self.beyond(worst, gap * gap_scale(self.requirement, worst)) for gap in gaps]
         strict = relaxed_limit(self.requirement, self.upper, 0.0)
-        room = _LEAST_ROOM * scale_of(self.requirement, worst)
+        room = _LEAST_ROOM * gap_scale(self.requirement, worst)
         if not equal and self.is_beyond(strict, self.beyond(worst, room)):  # a level beyond the limit gains nothing
             levels = [strict if self.is_beyond(level, strict) else level for level in levels]
         inside = [level for level in levels if not self.is_beyond(level, self.relaxed)]
@@ -265,8 +265,8 @@ class _Side:
     ) -> SideProof:
         """The tightest of a few wider levels that can be shown says how large the gap is."""
         for width in (0.0, 0.01, 0.1, 1.0):
-            level = self.beyond(self.relaxed, width * scale_of(self.requirement, worst))
-            records = self.searches.shown(stays(self.case, self.requirement, self.upper, level), LAST_BUDGET)
+            level = self.beyond(self.relaxed, width * gap_scale(self.requirement, worst))
+            records = self.searches.shown(level_claims(self.case, self.requirement, self.upper, level), LAST_BUDGET)
             if records is not None and width == 0.0:
                 return self._result(Verdict.PROVED, level, reached, place, records, witness_records)
             if records is not None:
@@ -279,7 +279,7 @@ class _Side:
         if not isinstance(quantity, FrequencyFunction) or len(where) != self.case.loop.axes:
             return None
         point = where[1:]
-        value = abs(value_of(self.case.loop.at_centre(points((where[0], *point))), quantity.response)).log()
+        value = abs(response_of(self.case.loop.at_centre(point_box((where[0], *point))), quantity.response)).log()
         omega = float(self.case.loop.frequency(arb(where[0]).exp()).mid())
         place = Place(omega, self.case.family.describe(_array(point)), point)
         return float(arb(value).mid()), place
@@ -295,9 +295,9 @@ class _Searches:
     """Runs searches within their budgets; what does not depend on a level is searched for once."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[object, ...], Search] = {}
+        self._known: dict[tuple[object, ...], SearchResult] = {}
 
-    def run(self, claim: Claim, most: int = BUDGET) -> Search:
+    def run(self, claim: Claim, most: int = BUDGET) -> SearchResult:
         """The search for one claim."""
         listing = isinstance(claim, SomeCrossover | SomePhaseCrossover) or _lists_crossings(claim)
         budget = min(CROSSING_BUDGET if listing else BUDGET, most)
@@ -324,6 +324,6 @@ class _Searches:
 
 def _lists_crossings(claim: Claim) -> bool:
     """Whether a box costs a list of all crossings: which of several is the highest decides."""
-    if not isinstance(claim, EveryCrossover) or claim.reading is not Reading.PHASE_SLOPE:
+    if not isinstance(claim, EveryCrossover) or claim.quantity is not CrossingQuantity.PHASE_SLOPE:
         return False
-    return claim.reader.may_cross_often
+    return claim.evaluator.may_cross_often

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.logform import Array, Complex, LogForm, Rows
 from fopi_tune.core.loops import Loops
-from fopi_tune.proof.sample import Badness, Sample, evaluate
-from fopi_tune.proof.search import find_worst
+from fopi_tune.proof.sample import LoopFunction, Sample, evaluate
+from fopi_tune.proof.worst_case import find_worst_case
 
 #: np.real or np.imag
 Part = Callable[[Complex], Array]
@@ -43,18 +43,18 @@ _NEARLY = 1e-4
 
 
 @dataclass(frozen=True)
-class Samples:
+class SamplePair:
     """A family's sample for what is continuous over the box, and a denser one for what jumps with the crossings."""
 
-    smooth: Sample
+    base: Sample
 
     @cached_property
-    def jumping(self) -> Sample:
+    def refined(self) -> Sample:
         """The sample with places on both sides of every change."""
-        return with_changes(self.smooth)
+        return refine_at_crossing_changes(self.base)
 
 
-def with_changes(sample: Sample) -> Sample:
+def refine_at_crossing_changes(sample: Sample) -> Sample:
     """The sample and, on both sides of every change of the number of crossings it can find, one more place."""
     if sample.x.shape[1] == 0:
         return sample
@@ -62,8 +62,8 @@ def with_changes(sample: Sample) -> Sample:
     if not np.isfinite(distances).any():
         return sample  # no turning point near a line anywhere: nothing can change
     more = _both_sides(sample, sample.x, signatures, *sample.edges)
-    badness: Badness = lambda loops: (-_signatures(loops)[1], np.zeros(len(loops)))  # noqa: E731
-    nearest = find_worst(sample, badness, ceiling=-_TOUCHES, floor=-10.0 * _NEARLY)
+    criterion: LoopFunction = lambda loops: (-_signatures(loops)[1], np.zeros(len(loops)))  # noqa: E731
+    nearest = find_worst_case(sample, criterion, ceiling=-_TOUCHES, floor=-10.0 * _NEARLY)
     touching = nearest.candidates
     if nearest.value > -_NEARLY and len(touching):
         more = np.concatenate([more, *(_around(sample, x) for x in touching)])

@@ -14,11 +14,17 @@ from flint import ctx
 from fopi_tune.errors import CertificateError
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.certificate import Certificate, Record, RequirementProof, SideProof, Verdict, relaxed_limit
+from fopi_tune.proof.claims.branch_and_bound import check_record
 from fopi_tune.proof.claims.claim import Claim
-from fopi_tune.proof.claims.poles import count_unstable_poles, is_unstable_by_structure
-from fopi_tune.proof.claims.search import check
+from fopi_tune.proof.claims.poles import count_unstable_poles, is_structurally_unstable
 from fopi_tune.proof.documents import digest, from_document, to_document
-from fopi_tune.proof.obligations import READINGS, breaks, never_crosses, stable_throughout, stays
+from fopi_tune.proof.obligations import (
+    CROSSING_QUANTITIES,
+    level_claims,
+    no_crossover_claims,
+    stability_claims,
+    violation_claims,
+)
 from fopi_tune.spec.model import DesignSpec, Requirement, Scope
 
 
@@ -59,7 +65,7 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
     except (OverflowError, RecursionError) as error:
         raise CertificateError("a number or the nesting is beyond what a certificate of this tool holds") from error
     if spec is not None:
-        problems += _about(certificate, spec)
+        problems += _spec_mismatches(certificate, spec)
     with ctx.workprec(PRECISION):
         problems += _stability(certificate)
         for index, proof in enumerate(certificate.requirements):
@@ -104,7 +110,7 @@ def _difference(stated: object, derived: object, place: str) -> str | None:
     return None if stated == derived else place
 
 
-def _about(certificate: Certificate, spec: DesignSpec) -> list[str]:
+def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
     """That the certificate is about this spec."""
     problems = []
     case = certificate.case
@@ -133,13 +139,13 @@ def _stability(certificate: Certificate) -> list[str]:
     if proof.verdict is Verdict.UNDECIDED:
         return [] if not poles else ["stability: the plant stated refutes it"]
     if proof.verdict is Verdict.REFUTED:
-        structural = poles is None and is_unstable_by_structure(case.loop, proof.point)
+        structural = poles is None and is_structurally_unstable(case.loop, proof.point)
         return [] if poles or structural else ["stability: the plant stated does not refute it"]
     if poles != 0:
         return ["stability: the plant stated is not stable"]
     if proof.level is None:
         return ["stability: no bound of |S| is stated"]
-    claims = stable_throughout(case, proof.level)
+    claims = stability_claims(case, proof.level)
     return [f"stability: {problem}" for problem in _records(claims, proof.records)]
 
 
@@ -167,16 +173,18 @@ def _side(certificate: Certificate, requirement: Requirement, side: SideProof) -
     if side.verdict is Verdict.PROVED and (side.level is None or _is_beyond(side, side.level, limit)):
         return ["the level that is stated does not meet the limit"]
     if side.level is not None and (side.records or side.verdict is Verdict.PROVED):
-        problems += _records(stays(case, requirement, side.upper, side.level), side.records)
+        problems += _records(level_claims(case, requirement, side.upper, side.level), side.records)
     if side.verdict is Verdict.REFUTED:
         if side.witness is None:
-            if requirement.quantity not in READINGS:
+            if requirement.quantity not in CROSSING_QUANTITIES:
                 return [*problems, "no witness is stated"]
-            return problems + _records(never_crosses(case, point), side.witness_records)
+            return problems + _records(no_crossover_claims(case, point), side.witness_records)
         if not _is_beyond(side, side.witness, limit):
             return [*problems, "the witness does not break the limit"]
     if side.witness is not None:
-        problems += _records(breaks(case, requirement, side.upper, side.witness, point, omega), side.witness_records)
+        problems += _records(
+            violation_claims(case, requirement, side.upper, side.witness, point, omega), side.witness_records
+        )
     return problems
 
 
@@ -190,7 +198,7 @@ def _records(claims: list[Claim], records: tuple[Record, ...]) -> list[str]:
         return [f"{len(records)} records are stated where {len(claims)} claims have to be shown"]
     problems = []
     for claim, record in zip(claims, records, strict=True):
-        problem = check(claim, record.tokens)
+        problem = check_record(claim, record.tokens)
         if problem is not None:
             problems.append(f"{claim.to_dict()['kind']}: {problem}")
     return problems

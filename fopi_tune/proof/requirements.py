@@ -8,9 +8,9 @@ import numpy as np
 
 from fopi_tune.core.logform import Array
 from fopi_tune.core.loops import Loops
-from fopi_tune.proof.crossing_changes import Samples
+from fopi_tune.proof.crossing_changes import SamplePair
 from fopi_tune.proof.results import Extreme, Outcome, Place, RequirementResult
-from fopi_tune.proof.search import find_worst, place_of
+from fopi_tune.proof.worst_case import find_worst_case, place_of
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
@@ -18,7 +18,7 @@ from fopi_tune.spec.model import Relation, Requirement, Scope
 _LARGEST_EXPONENT = 700.0
 
 
-def check_requirement(requirement: Requirement, samples: Samples, tolerance: float) -> RequirementResult:
+def check_requirement(requirement: Requirement, samples: SamplePair, tolerance: float) -> RequirementResult:
     """Measure the requirement's quantity where it is worst, and score it.
 
     Args:
@@ -26,9 +26,9 @@ def check_requirement(requirement: Requirement, samples: Samples, tolerance: flo
         samples: the family with the controller.
         tolerance: by how much it may be missed, in natural units.
     """
-    implementation = samples.smooth.implementation
+    implementation = samples.base.implementation
     if implementation is not None and implementation.is_beyond_nyquist(requirement.from_rad_s):
-        place = place_of(samples.smooth, samples.smooth.nominal_x, requirement.from_rad_s)
+        place = place_of(samples.base, samples.base.nominal_x, requirement.from_rad_s)
         return RequirementResult(requirement, None, Outcome.BEYOND_NYQUIST, None, None, place)
     sides = [largest for largest in (False, True) if _has_side(requirement, largest)]
     results = [_one_side(requirement, samples, largest) for largest in sides]
@@ -36,10 +36,10 @@ def check_requirement(requirement: Requirement, samples: Samples, tolerance: flo
         Extreme(largest, None if math.isnan(achieved) else achieved, place)
         for largest, (achieved, place) in zip(sides, results, strict=True)
     )
-    return judged(requirement, extremes, tolerance)
+    return assess_requirement(requirement, extremes, tolerance)
 
 
-def judged(requirement: Requirement, extremes: tuple[Extreme, ...], tolerance: float) -> RequirementResult:
+def assess_requirement(requirement: Requirement, extremes: tuple[Extreme, ...], tolerance: float) -> RequirementResult:
     """What the measured ends of a quantity's range mean for a requirement: only here do its limits count."""
     slacks = []
     for extreme in extremes:
@@ -58,21 +58,21 @@ def _has_side(requirement: Requirement, largest: bool) -> bool:
     return math.isfinite(requirement.upper if largest else requirement.lower)
 
 
-def _one_side(requirement: Requirement, samples: Samples, largest: bool) -> tuple[float, Place]:
+def _one_side(requirement: Requirement, samples: SamplePair, largest: bool) -> tuple[float, Place]:
     """The largest or the smallest value over the scope and the band; nan where a member has none."""
     quantity, sign = QUANTITIES[requirement.quantity], 1.0 if largest else -1.0
 
-    def badness(loops: Loops) -> tuple[Array, Array]:
+    def criterion(loops: Loops) -> tuple[Array, Array]:
         found = quantity.measure(loops, largest, requirement.from_rad_s, requirement.to_rad_s)
         return sign * found.value, found.omega_rad_s
 
     # Functions of frequency are continuous over the box; what is read at a crossing jumps with the number of crossings.
     nominal = requirement.scope is Scope.NOMINAL
-    sample = samples.smooth if nominal or quantity.takes_band else samples.jumping
+    sample = samples.base if nominal or quantity.takes_band else samples.refined
     if nominal:
-        value, omega = badness(sample.nominal_loop)
+        value, omega = criterion(sample.nominal_loop)
         return sign * float(value[0]), place_of(sample, sample.nominal_x, float(omega[0]))
-    worst = find_worst(sample, badness)
+    worst = find_worst_case(sample, criterion)
     return sign * worst.value, worst.place(sample)
 
 

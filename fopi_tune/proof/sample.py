@@ -22,7 +22,7 @@ from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
 
 #: m loops -> (how bad (m,), the frequency that decides (m,)); nan where a loop has no such thing
-Badness = Callable[[Loops], tuple[Array, Array]]
+LoopFunction = Callable[[Loops], tuple[Array, Array]]
 
 #: grid points an axis, for one, two and three uncertain numbers
 _GRID = {1: 65, 2: 17, 3: 9}
@@ -123,22 +123,22 @@ class Sample:
         return replace(self, x=np.concatenate([self.x, x])) if len(x) else self
 
 
-def evaluate(loops: Loops, badness: Badness) -> tuple[Array, Array]:
+def evaluate(loops: Loops, criterion: LoopFunction) -> tuple[Array, Array]:
     """Badness of every loop, in portions; a portion with too many crossings to list together is halved."""
     if len(loops) > _CHUNK:
-        return _halves(loops, badness)
+        return _halves(loops, criterion)
     try:
-        return badness(loops)
+        return criterion(loops)
     except DomainError:
         if len(loops) <= 1:
             raise
-        return _halves(loops, badness)
+        return _halves(loops, criterion)
 
 
-def _halves(loops: Loops, badness: Badness) -> tuple[Array, Array]:
+def _halves(loops: Loops, criterion: LoopFunction) -> tuple[Array, Array]:
     rows, middle = np.arange(len(loops)), len(loops) // 2
-    first = evaluate(loops.take(rows[:middle]), badness)
-    second = evaluate(loops.take(rows[middle:]), badness)
+    first = evaluate(loops.take(rows[:middle]), criterion)
+    second = evaluate(loops.take(rows[middle:]), criterion)
     return np.concatenate([first[0], second[0]]), np.concatenate([first[1], second[1]])
 
 

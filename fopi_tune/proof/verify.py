@@ -11,9 +11,9 @@ from dataclasses import replace
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins_of
 from fopi_tune.core.sections import Implementation
-from fopi_tune.proof.crossing_changes import Samples
-from fopi_tune.proof.objectives import depth_of, evaluate_objective
-from fopi_tune.proof.requirements import check_requirement, judged
+from fopi_tune.proof.crossing_changes import SamplePair
+from fopi_tune.proof.objectives import evaluate_objective, smallest_slack
+from fopi_tune.proof.requirements import assess_requirement, check_requirement
 from fopi_tune.proof.results import Verification
 from fopi_tune.proof.sample import Sample
 from fopi_tune.proof.stability import check_stability
@@ -35,8 +35,8 @@ def verify(
     Raises:
         DomainError: kp = ki = 0, or a dead time so long that the loop's crossings cannot be listed.
     """
-    samples = Samples(Sample.of(spec.plant, gains, implementation))
-    stability = check_stability(samples.smooth)
+    samples = SamplePair(Sample.of(spec.plant, gains, implementation))
+    stability = check_stability(samples.base)
     requirements = tuple(check_requirement(requirement, samples, tolerance) for requirement in spec.requirements)
     objective, objective_worst = evaluate_objective(spec.objective, samples, requirements)
     return Verification(
@@ -45,12 +45,12 @@ def verify(
         requirements=requirements,
         objective=objective,
         objective_worst=objective_worst,
-        nominal=margins_of(samples.smooth.nominal_loop),
+        nominal=margins_of(samples.base.nominal_loop),
         tolerance=tolerance,
     )
 
 
-def with_limits_of(spec: DesignSpec, found: Verification) -> Verification:
+def reassess(spec: DesignSpec, found: Verification) -> Verification:
     """What `verify` says of the same gains against a spec that differs in its requirements' limits alone.
 
     What was measured does not depend on the limits, so nothing is measured again.
@@ -60,7 +60,7 @@ def with_limits_of(spec: DesignSpec, found: Verification) -> Verification:
         found: of the gains, in continuous time.
     """
     pairs = zip(spec.requirements, found.requirements, strict=True)
-    requirements = tuple(judged(requirement, old.extremes, found.tolerance) for requirement, old in pairs)
-    depth = depth_of(requirements) if spec.objective is None else None
+    requirements = tuple(assess_requirement(requirement, old.extremes, found.tolerance) for requirement, old in pairs)
+    depth = smallest_slack(requirements) if spec.objective is None else None
     objective, place = (found.objective, found.objective_worst) if depth is None else depth
     return replace(found, requirements=requirements, objective=objective, objective_worst=place)

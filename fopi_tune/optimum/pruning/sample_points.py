@@ -12,14 +12,14 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.errors import DomainError
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.pruning.brackets import suggestions
 from fopi_tune.optimum.pruning.conditions import Condition, Test
-from fopi_tune.optimum.pruning.refute import Reason, fails
+from fopi_tune.optimum.pruning.crossover_suggestions import suggestions
+from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.pruning.screen import Boxes, gains_at
 from fopi_tune.proof.balls.box import Box
 
 #: (frequency or None, plant) that a verification names
-Place = tuple[float | None, tuple[float, ...]]
+WorstCasePoint = tuple[float | None, tuple[float, ...]]
 
 _FREQUENCIES = 36
 #: how far beyond the plants' own frequencies the first ones reach
@@ -32,13 +32,13 @@ _MOST_INSIDE = 81
 _NEAR = 0.05
 
 
-def plants_to_try(problem: Problem, places: list[Place]) -> list[tuple[float, ...]]:
+def plants_to_try(problem: Problem, places: list[WorstCasePoint]) -> list[tuple[float, ...]]:
     """The nominal plant, the corners, and those that a verification names."""
     corners = [tuple(point) for point in problem.family.corners(_MOST_CORNERS).tolist()]
     return list(dict.fromkeys([problem.nominal, *corners, *(point for _, point in places)]))
 
 
-def first_reasons(problem: Problem, points: list[tuple[float, ...]], places: list[Place]) -> list[Reason]:
+def first_reasons(problem: Problem, points: list[tuple[float, ...]], places: list[WorstCasePoint]) -> list[Reason]:
     """A grid of frequencies with every plant, for each condition that is read at one frequency."""
     found: list[Reason] = []
     for k, condition in enumerate(problem.conditions.every):
@@ -68,7 +68,7 @@ def constant_reasons(problem: Problem, points: list[tuple[float, ...]]) -> list[
 
 def meets_conditions(problem: Problem, centre: Array, points: list[tuple[float, ...]]) -> bool:
     """Whether one controller, shape (1, k), meets every condition, as far as floating point and these plants tell."""
-    gains = gains_at(problem.chart, centre)
+    gains = gains_at(problem.parametrization, centre)
     if gains[0][0] == 0.0 and gains[1][0] == 0.0:
         return False
     for condition in problem.conditions.every:
@@ -76,19 +76,22 @@ def meets_conditions(problem: Problem, centre: Array, points: list[tuple[float, 
             value, level = gains[("kp", "ki").index(condition.name)][0], float(condition.level.mid())
             if value > level if condition.upper else value < level:
                 return False
-    if any(fails(problem, problem.chart.patch(_point(centre)), r) for r in constant_reasons(problem, points)):
+    if any(
+        is_excluded(problem, problem.parametrization.controllers(_point(centre)), r)
+        for r in constant_reasons(problem, points)
+    ):
         return False
     loops, plants = _loops(problem, centre, points)
     for k, condition in enumerate(problem.conditions.every):
         if condition.test is Test.DISTURBANCE:
-            patch = problem.chart.patch(_point(centre))
-            if any(fails(problem, patch, Reason(k, point)) for point in points):
+            controllers = problem.parametrization.controllers(_point(centre))
+            if any(is_excluded(problem, controllers, Reason(k, point)) for point in points):
                 return False
         if condition.test is Test.RESPONSE:
             excess, _ = _excesses(condition, loops, plants, 1)
             if excess is None or np.nanmax(excess) > 0.0:
                 return False
-    fixed = problem.sheet_is_covered  # a nominal margin that is fixed is met by the coordinates themselves
+    fixed = problem.margin_is_fixed  # a nominal margin that is fixed is met by the coordinates themselves
     return not any(
         suggestion.excess > 0.0
         for suggestion in suggestions(problem, Boxes(centre, centre), points)
@@ -120,7 +123,7 @@ def _grid(problem: Problem, low: float, high: float) -> list[float]:
 
 def further_reasons(problem: Problem, centres: Array, points: list[tuple[float, ...]]) -> list[Reason]:
     """The worst frequency and plant of every condition on a response, for controllers that were not discarded."""
-    kp, ki, _ = gains_at(problem.chart, centres)
+    kp, ki, _ = gains_at(problem.parametrization, centres)
     centres = centres[(kp != 0.0) | (ki != 0.0)]
     if not len(centres):
         return []
@@ -136,7 +139,7 @@ def _loops(problem: Problem, centres: Array, points: list[tuple[float, ...]]) ->
     """Every controller with every plant, those of a coarse grid too."""
     inside = _inside(problem)
     plants = np.array([*points, *inside], dtype=float).reshape(len(points) + len(inside), -1)
-    kp, ki, alpha = (np.repeat(gain, len(plants)) for gain in gains_at(problem.chart, centres))
+    kp, ki, alpha = (np.repeat(gain, len(plants)) for gain in gains_at(problem.parametrization, centres))
     rows = np.tile(np.arange(len(plants)), len(centres))
     return Loops(kp, ki, alpha, Plants.members(problem.family, plants).take(rows)), plants
 

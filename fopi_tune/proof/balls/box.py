@@ -20,7 +20,7 @@ Box = tuple[Interval, ...]
 _TAIL_STEP = 3.0
 
 
-def middle_of(interval: Interval, origin: float = 0.0) -> float:
+def split_point(interval: Interval, origin: float = 0.0) -> float:
     """Where an interval is cut: half-way, a step inside the end of a tail, at the origin when it has no end at all."""
     low, high = interval
     if math.isinf(low):
@@ -31,7 +31,7 @@ def middle_of(interval: Interval, origin: float = 0.0) -> float:
 def split(box: Box, axis: int, origin: float = 0.0) -> tuple[Box, Box] | None:
     """The two pieces of a box; None when the axis is too short for another double between its ends."""
     low, high = box[axis]
-    middle = middle_of(box[axis], origin)
+    middle = split_point(box[axis], origin)
     if not low < middle < high:
         return None
     return with_interval(box, axis, (low, middle)), with_interval(box, axis, (middle, high))
@@ -58,7 +58,7 @@ def centre_of(box: Box) -> tuple[float, ...]:
     return tuple(low if low == high else low + 0.5 * (high - low) for low, high in box)
 
 
-def outward(low: float, high: float) -> Interval:
+def log_interval(low: float, high: float) -> Interval:
     """[ln low, ln high], a few units in the last place wider than the logarithms of two positive numbers."""
     ends = math.log(low) if low > 0.0 else -math.inf, math.log(high) if math.isfinite(high) else math.inf
     steps = [max(abs(end), 1.0) * 1e-15 if math.isfinite(end) else 0.0 for end in ends]
@@ -70,6 +70,6 @@ def outward(low: float, high: float) -> Interval:
     return first, last
 
 
-def points(values: Sequence[float]) -> Box:
+def point_box(values: Sequence[float]) -> Box:
     """The box of a single place."""
     return tuple((value, value) for value in values)

@@ -78,7 +78,7 @@ _ZERO = arb(0)
 
 
 @dataclass(frozen=True)
-class PlantBalls:
+class PlantEnclosure:
     """A plant's coefficients over a box of its uncertain numbers; gradients' axes count from 1.
 
     Args:
@@ -96,7 +96,7 @@ class PlantBalls:
     gain: Dual = field(default_factory=lambda: Dual.of(1))
 
 
-def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantBalls:
+def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantEnclosure:
     """The plants whose uncertain numbers lie in these balls.
 
     Raises:
@@ -116,7 +116,7 @@ def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantBalls:
     # the tail omega -> inf divides by the denominator's power
     if len(top) > len(bottom):
         raise DomainError("the numerator's degree may exceed the denominator's; a plant must be proper")
-    return PlantBalls(top, bottom, Dual.of(dead_time))
+    return PlantEnclosure(top, bottom, Dual.of(dead_time))
 
 
 def _without_leading_zeros(coefficients: Sequence[Any]) -> tuple[Dual, ...]:

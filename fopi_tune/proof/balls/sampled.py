@@ -6,7 +6,7 @@ in w, and what was written for continuous loops holds as it stands with w in the
     C(w) = d + sum_k rho_k/(w + sigma_k),   sigma_k = (1 - p_k)/(1 + p_k),  rho_k = 2 r_k/(1 + p_k)^2,
                                             d = direct - sum_k r_k/(1 + p_k) .                                      (1)
 
-The plant behind the hold is made in `fopi_tune.proof.balls.hold`; z^-1 = (1 - w)/(1 + w) = e^{-2j atan nu}.
+The plant behind the hold is made in `fopi_tune.proof.balls.zero_order_hold`; z^-1 = (1 - w)/(1 + w) = e^{-2j atan nu}.
 
 Source: derived; C(z) with z = (1 + w)/(1 - w), section by section.
 """
@@ -25,13 +25,13 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.sampled import MOST_DELAY_SAMPLES, WHOLE, SampledLoops
 from fopi_tune.core.sections import Implementation
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.balls.argument import Argument
+from fopi_tune.proof.balls.argument_principle import count_right_half_plane_zeros
 from fopi_tune.proof.balls.box import Box, Interval
-from fopi_tune.proof.balls.hold import behind_hold
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.plant import Dual, PlantBalls, own_derivative, polynomial
-from fopi_tune.proof.balls.values import LoopBalls
-from fopi_tune.proof.balls.winding import count_by_argument
+from fopi_tune.proof.balls.plant import Dual, PlantEnclosure, own_derivative, polynomial
+from fopi_tune.proof.balls.responses import LoopEnclosure
+from fopi_tune.proof.balls.unwrapped_phase import PolynomialPhase
+from fopi_tune.proof.balls.zero_order_hold import hold_equivalent
 
 #: bits for places next to Nyquist's frequency, where the tangent has no end
 _PLACE_PRECISION = 192
@@ -121,8 +121,8 @@ class SampledBallLoop(BallLoop):
 
     def controller_phase(self, u: arb) -> arb:
         """arg C without the sign of `controller_is_negative`."""
-        nu, top = u.exp(), self.numerator_track
-        if top.right is None:
+        nu, top = u.exp(), self.numerator_phase
+        if top.right_half_plane_roots is None:
             return arb.nan()
         phase = top.change(float(u.mid()), nu)
         for sigma, _ in self.sections[1]:
@@ -132,10 +132,10 @@ class SampledBallLoop(BallLoop):
     @property
     def controller_is_negative(self) -> bool:
         """Whether C < 0 as w -> 0, up to its integral's turn."""
-        top = self.numerator_track
-        return (not top.leading_sign) != ((top.right or 0) % 2 == 1)
+        top = self.numerator_phase
+        return (not top.leading_is_positive) != ((top.right_half_plane_roots or 0) % 2 == 1)
 
-    def delay_phase(self, at: LoopBalls) -> arb:
+    def delay_phase(self, at: LoopEnclosure) -> arb:
         """-2 late atan nu."""
         return -2 * at.plant.late * at.omega.atan()
 
@@ -145,24 +145,24 @@ class SampledBallLoop(BallLoop):
         return tuple(reversed(_coefficients(_numerator(self.sections))))
 
     @cached_property
-    def numerator_track(self) -> Argument:
+    def numerator_phase(self) -> PolynomialPhase:
         """How the controller's numerator turns along the axis."""
-        return Argument.of(self.numerator)
+        return PolynomialPhase.of(self.numerator)
 
-    def plant(self, theta: Sequence[arb]) -> PlantBalls:
+    def plant(self, theta: Sequence[arb]) -> PlantEnclosure:
         """The plants behind the hold, as polynomials in w without the whole samples of delay.
 
         Raises:
             DomainError: not proper.
         """
         plant = super().plant(theta)
-        return behind_hold(plant, self.sample_time, self.samples(plant.dead_time), self.axes)
+        return hold_equivalent(plant, self.sample_time, self.samples(plant.dead_time), self.axes)
 
     def loops_at(self, points: Array) -> Loops:
         """The same loops in floating point, for plants at these places of the box, shape (m, p): where to look."""
         return SampledLoops.implemented(self.gains, self.implementation, Plants.members(self.family, points))
 
-    def plants(self, box: Box) -> PlantBalls:
+    def plants(self, box: Box) -> PlantEnclosure:
         """The plants whose uncertain numbers lie in a box; known boxes come back, as cuts along u leave them alone."""
         key = (ctx.prec, box)
         if key not in self._known:
@@ -172,21 +172,21 @@ class SampledBallLoop(BallLoop):
         return self._known[key]
 
     @cached_property
-    def _known(self) -> dict[tuple[int, Box], PlantBalls]:
+    def _known(self) -> dict[tuple[int, Box], PlantEnclosure]:
         return {}
 
-    def balls(self, u: Interval, plant: PlantBalls) -> LoopBalls:
+    def enclosure(self, u: Interval, plant: PlantEnclosure) -> LoopEnclosure:
         """The loop with these plants over an interval of u."""
-        return SampledLoopBalls(self, u, plant)
+        return SampledLoopEnclosure(self, u, plant)
 
     # -- the frequency axis -----------------------------------------------------------------------------------------
 
-    def place(self, log_omega: float) -> float:
+    def u_of(self, log_omega: float) -> float:
         """u at a frequency given by its logarithm; inf from Nyquist's frequency on."""
         half = 0.5 * math.exp(min(log_omega, 700.0)) * self.implementation.sample_time_s
         return math.log(math.tan(half)) if 0.0 < half < 0.5 * math.pi else math.copysign(math.inf, half - 1.0)
 
-    def inner_place(self, log_omega: float, upper: bool) -> float:
+    def inner_u_of(self, log_omega: float, upper: bool) -> float:
         """The same, rounded down for an upper limit and up for a lower one: what holds there holds at the limit.
 
         inf from Nyquist's frequency on.
@@ -218,7 +218,7 @@ class SampledBallLoop(BallLoop):
         """d ln omega/du = (nu/(1 + nu^2))/atan nu."""
         return 1 / ((omega + 1 / omega) * omega.atan())
 
-    def has_upper_limit(self, over: LoopBalls) -> bool:
+    def has_upper_limit(self, over: LoopEnclosure) -> bool:
         """At z = -1."""
         return True
 
@@ -227,7 +227,7 @@ class SampledBallLoop(BallLoop):
         return omega_rad_s >= self.implementation.nyquist_rad_s * (1.0 - 1e-15)
 
 
-class SampledLoopBalls(LoopBalls):
+class SampledLoopEnclosure(LoopEnclosure):
     """The loop on samples over one box; `omega` and `s` are nu and w."""
 
     loop: SampledBallLoop
@@ -354,10 +354,10 @@ def count_unstable_roots(loop: SampledBallLoop, theta: Sequence[float]) -> int |
             count = _count_by_roots(loop, plant)
             if count is not None:
                 return count
-    return count_by_argument(loop, loop.plant([arb(value) for value in theta]), loop.has_integrator)
+    return count_right_half_plane_zeros(loop, loop.plant([arb(value) for value in theta]), loop.has_integrator)
 
 
-def _count_by_roots(loop: SampledBallLoop, plant: PlantBalls) -> int | None:
+def _count_by_roots(loop: SampledBallLoop, plant: PlantEnclosure) -> int | None:
     sections = _sections_of(loop.implementation)
     bottom = arb_poly([c.value for c in reversed(plant.denominator)])
     for sigma, _ in sections[1]:
@@ -379,5 +379,5 @@ def _right_roots(coefficients: list[arb]) -> int | None:
         roots = acb_poly([acb(c) for c in coefficients]).roots()
     except ValueError:
         # roots that fall together, as those of a fast filter at z = 0, cannot be told apart; they can be counted
-        return Argument.of(list(reversed(coefficients))).right
+        return PolynomialPhase.of(list(reversed(coefficients))).right_half_plane_roots
     return None if any(root.real.contains(0) for root in roots) else sum(bool(root.real > 0) for root in roots)

@@ -30,7 +30,7 @@ PLAIN = "."
 
 
 @dataclass(frozen=True)
-class Finding:
+class BoxVerdict:
     """What a claim says of one box.
 
     Args:
@@ -42,11 +42,11 @@ class Finding:
 
     leaf: str | None
     axis: int = 0
-    pins: tuple[tuple[int, bool], ...] = ()
+    monotone_ends: tuple[tuple[int, bool], ...] = ()
     counterexample: bool = False
 
 
-HOLDS = Finding(PLAIN)
+HOLDS = BoxVerdict(PLAIN)
 
 
 class Claim(ABC):
@@ -61,7 +61,7 @@ class Claim(ABC):
     origin: float
 
     @abstractmethod
-    def examine(self, box: Box) -> Finding:
+    def examine(self, box: Box) -> BoxVerdict:
         """Try to show the claim on a box, or say how to go on."""
 
     def holds(self, box: Box, leaf: str) -> bool:
@@ -87,19 +87,19 @@ def deviations(box: Box) -> list[arb]:
     return found
 
 
-def size_of(ball: arb) -> float:
+def magnitude(ball: arb) -> float:
     """The largest absolute value in a ball; inf when it has none."""
     return float(ball.abs_upper()) if ball.is_finite() else float("inf")
 
 
-def widest(box: Box, slopes: Sequence[arb]) -> int:
+def max_smear_axis(box: Box, slopes: Sequence[arb]) -> int:
     """The axis along which h varies most; -1 when none has a width."""
     best, where = -1.0, -1
     for axis, (side, slope) in enumerate(zip(box, slopes, strict=True)):
         width = side[1] - side[0]
         if width == 0.0:
             continue
-        variation = size_of(slope) * width
+        variation = magnitude(slope) * width
         if variation != variation:
             variation = float("inf")
         if variation > best:
@@ -107,7 +107,7 @@ def widest(box: Box, slopes: Sequence[arb]) -> int:
     return where
 
 
-def longest(box: Box, domain: Box) -> int:
+def longest_axis(box: Box, domain: Box) -> int:
     """The axis to cut when nothing is known: a tail, else the longest; -1 when none has a width.
 
     The width of an uncertain number counts as a part of the family's own, which is comparable with a width of u and
@@ -123,9 +123,9 @@ def longest(box: Box, domain: Box) -> int:
     return where
 
 
-def longest_number(box: Box, domain: Box) -> int:
+def longest_parameter_axis(box: Box, domain: Box) -> int:
     """The same among the uncertain numbers alone: u is not for this claim to cut."""
-    return longest(((0.0, 0.0), *box[1:]), domain)
+    return longest_axis(((0.0, 0.0), *box[1:]), domain)
 
 
 def tail_axis(box: Box, domain: Box, is_settled: Callable[[Box], bool]) -> int:
@@ -140,4 +140,4 @@ def tail_axis(box: Box, domain: Box, is_settled: Callable[[Box], bool]) -> int:
     far = (low, high - _FAR) if low == -math.inf else (low + _FAR, high)
     if all(a == b for a, b in box[1:]) or is_settled((far, *box[1:])):
         return 0
-    return longest_number(box, domain)
+    return longest_parameter_axis(box, domain)

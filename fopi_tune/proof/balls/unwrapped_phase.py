@@ -26,7 +26,7 @@ from itertools import pairwise
 from flint import acb, arb
 
 from fopi_tune.proof.balls.box import ball_of
-from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
+from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
 from fopi_tune.proof.balls.plant import own_derivative, polynomial
 
 _NARROWEST = 1e-7
@@ -34,7 +34,7 @@ _TAIL_STEP = 1.0
 _FARTHEST = 700.0
 
 
-def unwrapped_phase(loop: BallLoop, at: LoopBalls, tracks: tuple[Argument, Argument]) -> arb:
+def unwrapped_phase(loop: BallLoop, at: LoopEnclosure, phases: tuple[PolynomialPhase, PolynomialPhase]) -> arb:
     """arg L by (1), rad; nan where a root on the imaginary axis leaves the sheet open.
 
     Args:
@@ -42,28 +42,30 @@ def unwrapped_phase(loop: BallLoop, at: LoopBalls, tracks: tuple[Argument, Argum
         at: it at one frequency, omega > 0, and one plant.
         tracks: the plant's numerator and denominator.
     """
-    numerator, denominator = tracks
+    numerator, denominator = phases
     omega = at.omega
-    if numerator.right is None or denominator.right is None:
+    if numerator.right_half_plane_roots is None or denominator.right_half_plane_roots is None:
         return arb.nan()
     phase = loop.controller_phase(ball_of(at.u)) + numerator.change(at.u[0], omega) - denominator.change(at.u[0], omega)
-    negative = (numerator.leading_sign != denominator.leading_sign) ^ (numerator.right % 2 == 1)
+    negative = (numerator.leading_is_positive != denominator.leading_is_positive) ^ (
+        numerator.right_half_plane_roots % 2 == 1
+    )
     # two minus signs cancel
-    half_turns = -int(negative != loop.controller_is_negative) - denominator.right
-    quarter_turns = 2 * half_turns + numerator.at_origin - denominator.at_origin
+    half_turns = -int(negative != loop.controller_is_negative) - denominator.right_half_plane_roots
+    quarter_turns = 2 * half_turns + numerator.roots_at_origin - denominator.roots_at_origin
     return phase + quarter_turns * arb.pi() / 2 + loop.delay_phase(at)
 
 
-def tracks_of(loop: BallLoop, theta: Sequence[float]) -> tuple[Argument, Argument]:
+def plant_phases(loop: BallLoop, theta: Sequence[float]) -> tuple[PolynomialPhase, PolynomialPhase]:
     """Numerator and denominator of one plant."""
     plant = loop.plant([arb(value) for value in theta])
-    return Argument.of([plant.gain.value * c.value for c in plant.numerator]), Argument.of(
+    return PolynomialPhase.of([plant.gain.value * c.value for c in plant.numerator]), PolynomialPhase.of(
         [c.value for c in plant.denominator]
     )
 
 
 @dataclass(frozen=True)
-class Argument:
+class PolynomialPhase:
     """arg X(j omega) of one real polynomial along the axis.
 
     Args:
@@ -72,27 +74,27 @@ class Argument:
     """
 
     coefficients: tuple[arb, ...]
-    at_origin: int
+    roots_at_origin: int
 
     @classmethod
-    def of(cls, coefficients: Sequence[arb]) -> Argument:
+    def of(cls, coefficients: Sequence[arb]) -> PolynomialPhase:
         """Take out exact zeros at both ends."""
         inner = list(coefficients)
         while inner and inner[0].is_zero():
             inner.pop(0)
-        at_origin = 0
+        roots_at_origin = 0
         while inner and inner[-1].is_zero():
             inner.pop()
-            at_origin += 1
-        return cls(tuple(inner), at_origin)
+            roots_at_origin += 1
+        return cls(tuple(inner), roots_at_origin)
 
     @property
-    def leading_sign(self) -> bool:
+    def leading_is_positive(self) -> bool:
         """Whether the first coefficient is positive."""
         return bool(self.coefficients[0] > 0)
 
     @cached_property
-    def right(self) -> int | None:
+    def right_half_plane_roots(self) -> int | None:
         """Roots in the open right half-plane; None when that could not be settled (roots on the axis)."""
         c = self.coefficients
         if not c or not all(end.is_finite() and not end.contains(0) for end in (c[0], c[-1])):
@@ -108,7 +110,7 @@ class Argument:
             if c[1].is_zero():  # undamped: counted as left, like everywhere in this package
                 return 0
             return None if second.contains(0) else 0 if second > 0 else 2
-        return self._path.right if self._path is not None else None
+        return self._path.right_half_plane_roots if self._path is not None else None
 
     def change(self, u: float, omega: arb) -> arb:
         """Delta arg X up to omega = e^u, rad."""
@@ -167,7 +169,7 @@ class _Path:
         return self.changes[k] + (value / _value(self.coefficients, self.places[k])).arg()
 
     @property
-    def right(self) -> int | None:
+    def right_half_plane_roots(self) -> int | None:
         """By (2)."""
         degree = len(self.coefficients) - 1
         end = self.places[-1]

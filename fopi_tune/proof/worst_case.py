@@ -19,7 +19,7 @@ import numpy as np
 
 from fopi_tune.core.logform import Array, Rows
 from fopi_tune.proof.results import Place
-from fopi_tune.proof.sample import Badness, Sample, evaluate
+from fopi_tune.proof.sample import LoopFunction, Sample, evaluate
 
 _MOST_CANDIDATES = 6
 _MOST_ROUNDS = 80
@@ -29,7 +29,7 @@ _NARROWEST = 1e-11
 
 
 @dataclass(frozen=True)
-class Worst:
+class WorstCase:
     """The worst member.
 
     Args:
@@ -62,7 +62,9 @@ class _Candidate:
     done: bool = False
 
 
-def find_worst(sample: Sample, badness: Badness, ceiling: float = np.inf, floor: float = -np.inf) -> Worst:
+def find_worst_case(
+    sample: Sample, criterion: LoopFunction, ceiling: float = np.inf, floor: float = -np.inf
+) -> WorstCase:
     """The largest badness over the box.
 
     Args:
@@ -71,10 +73,10 @@ def find_worst(sample: Sample, badness: Badness, ceiling: float = np.inf, floor:
         ceiling: a badness beyond this is bad enough to stop.
         floor: windows that do not come near this are given up: the answer then lies below it, and is not exact.
     """
-    values, omegas = evaluate(sample.loops, badness)
+    values, omegas = evaluate(sample.loops, criterion)
     missing = np.isnan(values)
     k = sample.nominal if missing[sample.nominal] else int(np.argmax(np.where(missing, np.inf, values)))
-    first = Worst(float(values[k]), float(omegas[k]), sample.x[k], sample.x[k][None, :])
+    first = WorstCase(float(values[k]), float(omegas[k]), sample.x[k], sample.x[k][None, :])
     if sample.x.shape[1] == 0 or not np.isfinite(first.value) or first.value > ceiling:
         return first
     finite = values[np.isfinite(values)]
@@ -85,11 +87,11 @@ def find_worst(sample: Sample, badness: Badness, ceiling: float = np.inf, floor:
     finished: list[_Candidate] = []
     for count in range(_MOST_ROUNDS):
         trial = [_unique(c.x + c.width * _pattern(len(c.x), count)) for c in active]
-        new_values, new_omegas = evaluate(sample.loops_at(np.concatenate(trial)), badness)
+        new_values, new_omegas = evaluate(sample.loops_at(np.concatenate(trial)), criterion)
         if np.isnan(new_values).any():
             row = int(np.argmax(np.isnan(new_values)))
             x = np.concatenate(trial)[row]
-            return Worst(np.nan, np.nan, x, x[None, :])
+            return WorstCase(np.nan, np.nan, x, x[None, :])
         ends = np.cumsum([len(t) for t in trial])[:-1]
         parts = zip(active, trial, np.split(new_values, ends), np.split(new_omegas, ends), strict=True)
         moved = [_step(c, t, v, w, sample.spacing, scale) for c, t, v, w in parts]
@@ -110,9 +112,9 @@ def place_of(sample: Sample, x: Array, omega_rad_s: float) -> Place:
     return Place(omega, sample.family.describe(point), tuple(point.tolist()))
 
 
-def _result(candidates: list[_Candidate]) -> Worst:
+def _result(candidates: list[_Candidate]) -> WorstCase:
     best = max(candidates, key=lambda c: c.value)
-    return Worst(best.value, best.omega, best.x, np.array([c.x for c in candidates]))
+    return WorstCase(best.value, best.omega, best.x, np.array([c.x for c in candidates]))
 
 
 def _start(sample: Sample, values: Array, omegas: Array, row: int) -> _Candidate:

@@ -21,7 +21,7 @@ from functools import cache
 from flint import arb, arb_mat
 
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.balls.plant import Dual, PlantBalls
+from fopi_tune.proof.balls.plant import Dual, PlantEnclosure
 
 _ONE, _ZERO = arb(1), arb(0)
 #: an argument below which a difference of reciprocals is a series
@@ -30,7 +30,7 @@ _SMALL = arb(1e-4)
 _MOST_SPAN = 12
 
 
-def behind_hold(plant: PlantBalls, sample_time: arb, samples: Dual, axes: int) -> PlantBalls:
+def hold_equivalent(plant: PlantEnclosure, sample_time: arb, samples: Dual, axes: int) -> PlantEnclosure:
     """Numerator and denominator of (1) in w, over a box.
 
     Args:
@@ -52,11 +52,11 @@ def behind_hold(plant: PlantBalls, sample_time: arb, samples: Dual, axes: int) -
         direct = None
     if span > _MOST_SPAN or (direct is not None and span > 1):
         # cut the dead time first; the direct path jumps by whole samples and is not even continuous in it
-        return PlantBalls((Dual(arb.nan()),), (Dual.of(1),), Dual.of(0), first + 1)
+        return PlantEnclosure((Dual(arb.nan()),), (Dual.of(1),), Dual.of(0), first + 1)
     if degree == 1 and direct is None and not plant.denominator[1].value.contains(0):
         return _first_order(plant, sample_time, times, first)
     weights, characteristic = _any_order(plant, direct, sample_time, times, axes)
-    return _in_w(weights, characteristic, direct, first)
+    return _bilinear(weights, characteristic, direct, first)
 
 
 def _clip(x: Dual) -> Dual:
@@ -73,7 +73,7 @@ def _clip(x: Dual) -> Dual:
     return Dual(ends[0].union(ends[1]), {axis: slope * between for axis, slope in x.gradient.items()})
 
 
-def _first_order(plant: PlantBalls, ts: arb, times: list[Dual], first: int) -> PlantBalls:
+def _first_order(plant: PlantEnclosure, ts: arb, times: list[Dual], first: int) -> PlantEnclosure:
     """(1) for n1/(d0 s + d1), x = Ts d1/d0, with everything in it as seldom as can be:
 
     P = (n1/d1) z^-(m+1) z^(1-K) (1 - w) (1 + sum_j phi_j z^(k_j - 1) (z - 1))/(1 + w coth(x/2)),
@@ -86,12 +86,12 @@ def _first_order(plant: PlantBalls, ts: arb, times: list[Dual], first: int) -> P
     span = len(times)
     top = [Dual.of(c) for c in _monomial(0, 0, span)]
     for j, t in enumerate(times):
-        _add(top, _share(x, t), _monomial(span - 1 - j, 1, span))
+        _add(top, _step_ratio(x, t), _monomial(span - 1 - j, 1, span))
     gain = plant.numerator[-1] / plant.denominator[1]
-    return PlantBalls(tuple(top), tuple(_with_poles(span, [lag, Dual.of(1)])), Dual.of(0), first + 1, gain)
+    return PlantEnclosure(tuple(top), tuple(_times_one_plus_w(span, [lag, Dual.of(1)])), Dual.of(0), first + 1, gain)
 
 
-def _share(x: Dual, t: Dual) -> Dual:
+def _step_ratio(x: Dual, t: Dual) -> Dual:
     """phi = (1 - e^{-xt})/(1 - e^{-x}), 0 <= t <= 1, x != 0:  it rises with x and with t, so that its ends enclose it.
 
     d phi/dt = e^{-xt}/g(x),  d phi/dx = phi (t h(xt) - h(x)),  g(y) = (1 - e^{-y})/y falls, h = g'/g rises.
@@ -101,9 +101,9 @@ def _share(x: Dual, t: Dual) -> Dual:
     low, high = _ends(x.value), _ends(t.value)
     values = [(-a * b).expm1() / (-a).expm1() for a, b in zip(low, high, strict=True)]
     phi = values[0].union(values[1])
-    g = _between(x.value, lambda y: -(-y).expm1() / y)
+    g = _monotone_range(x.value, lambda y: -(-y).expm1() / y)
     along_t = (-x.value * t.value).exp() / g
-    along_x = phi * (t.value * _between(x.value * t.value, _bend) - _between(x.value, _bend))
+    along_x = phi * (t.value * _monotone_range(x.value * t.value, _log_slope) - _monotone_range(x.value, _log_slope))
     gradient = {axis: along_x * slope for axis, slope in x.gradient.items()}
     for axis, slope in t.gradient.items():
         gradient[axis] = gradient.get(axis, _ZERO) + along_t * slope
@@ -114,13 +114,13 @@ def _ends(ball: arb) -> tuple[arb, arb]:
     return arb(ball.lower()), arb(ball.upper())
 
 
-def _between(ball: arb, monotone: Callable[[arb], arb]) -> arb:
+def _monotone_range(ball: arb, monotone: Callable[[arb], arb]) -> arb:
     """The range of a monotone function over a ball."""
     low, high = _ends(ball)
     return monotone(low) if low == high else monotone(low).union(monotone(high))
 
 
-def _bend(y: arb) -> arb:
+def _log_slope(y: arb) -> arb:
     """h(y) = 1/(e^y - 1) - 1/y; -1/2 at 0."""
     if abs(y) < _SMALL:
         # |h(y) + 1/2 - y/12| <= |y|^3/720
@@ -132,7 +132,7 @@ def _bend(y: arb) -> arb:
 _Weights = tuple[list[list[Dual]], list[Dual]]
 
 
-def _any_order(plant: PlantBalls, direct: Dual | None, ts: arb, times: list[Dual], axes: int) -> _Weights:
+def _any_order(plant: PlantEnclosure, direct: Dual | None, ts: arb, times: list[Dual], axes: int) -> _Weights:
     """By the exponential of the companion form, the derivatives by that of [[A, dA], [0, A]].
 
     The last weight, of t = 1, is that of every earlier control together.
@@ -185,7 +185,7 @@ def _hold(a: list[Dual], t: Dual, axes: int) -> tuple[list[list[Dual]], list[Dua
     for axis in range(1, axes):
         slopes = [x.gradient.get(axis) for x in a]
         if any(slope is not None for slope in slopes):
-            moved = _derivative(a, [s if s is not None else _ZERO for s in slopes], t.value)
+            moved = _exponential_derivative(a, [s if s is not None else _ZERO for s in slopes], t.value)
             for i in range(n):
                 for j in range(n + 1):
                     gradients[i][j][axis] = moved[i, n + 1 + j]
@@ -208,7 +208,7 @@ def _block(a: list[arb]) -> list[list[arb]]:
     return rows
 
 
-def _derivative(a: list[Dual], slopes: list[arb], t: arb) -> arb_mat:
+def _exponential_derivative(a: list[Dual], slopes: list[arb], t: arb) -> arb_mat:
     """exp of [[M, dM], [0, M]]: its upper right block is the derivative of exp M."""
     block = _block([x.value for x in a])
     zeros = [_ZERO] * len(block)
@@ -217,7 +217,7 @@ def _derivative(a: list[Dual], slopes: list[arb], t: arb) -> arb_mat:
     return (arb_mat([*top, *([*zeros, *row] for row in block)]) * t).exp()
 
 
-def _in_w(weights: list[list[Dual]], characteristic: list[Dual], direct: Dual | None, first: int) -> PlantBalls:
+def _bilinear(weights: list[list[Dual]], characteristic: list[Dual], direct: Dual | None, first: int) -> PlantEnclosure:
     """(1) with delta = 2w/(1 - w), both polynomials times (1 - w)^degree.
 
     sum_j g_j z^(K - j) with g_j = W_j - W_(j-1) is W_K + sum_(j<K) W_j z^(K - j - 1) (z - 1).  The numerator has degree
@@ -239,10 +239,10 @@ def _in_w(weights: list[list[Dual]], characteristic: list[Dual], direct: Dual | 
     if direct is not None:
         # z^-late direct R: there is no other power of z
         top = [x + direct * y for x, y in zip(top, bottom, strict=True)]
-    return PlantBalls(tuple(top), tuple(_with_poles(span, bottom)), Dual.of(0), first + 1)
+    return PlantEnclosure(tuple(top), tuple(_times_one_plus_w(span, bottom)), Dual.of(0), first + 1)
 
 
-def _with_poles(span: int, bottom: list[Dual]) -> list[Dual]:
+def _times_one_plus_w(span: int, bottom: list[Dual]) -> list[Dual]:
     """The denominator times (1 + w)^(K - 1)."""
     for _ in range(span - 1):
         bottom = [x + y for x, y in zip([*bottom, Dual.of(0)], [Dual.of(0), *bottom], strict=True)]

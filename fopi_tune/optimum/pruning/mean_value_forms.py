@@ -11,16 +11,16 @@ from dataclasses import dataclass
 
 from flint import acb, arb
 
-from fopi_tune.optimum.charts import Patch
-from fopi_tune.optimum.problem import Problem, Sign
-from fopi_tune.proof.balls.box import Interval, ball_of, centre_of, outward
+from fopi_tune.optimum.parametrization import ControllerBox
+from fopi_tune.optimum.problem import IntegralSign, Problem
+from fopi_tune.proof.balls.box import Interval, ball_of, centre_of, log_interval
 
-_LARGEST_FACTOR = 1e6
+_LARGEST_MULTIPLIER = 1e6
 _J = acb(0, 1)
 
 
 @dataclass(frozen=True)
-class Read:
+class MeanValueForm:
     """A value over a box:  middle + sum slopes t + rest,  |t| <= half.
 
     Args:
@@ -33,7 +33,7 @@ class Read:
     middle: arb
     slopes: tuple[arb, ...]
     half: tuple[arb, ...]
-    rest: arb
+    remainder: arb
 
     @property
     def _reach(self) -> arb:
@@ -42,17 +42,17 @@ class Read:
     @property
     def upper(self) -> arb:
         """No value is larger."""
-        return arb((self.middle + self.rest + self._reach).upper())
+        return arb((self.middle + self.remainder + self._reach).upper())
 
     @property
     def lower(self) -> arb:
         """No value is smaller."""
-        return arb((self.middle + self.rest - self._reach).lower())
+        return arb((self.middle + self.remainder - self._reach).lower())
 
-    def minus(self, other: Read) -> Read:
+    def minus(self, other: MeanValueForm) -> MeanValueForm:
         """The difference, at the same controller."""
         slopes = tuple(a - b for a, b in zip(self.slopes, other.slopes, strict=True))
-        return Read(self.middle - other.middle, slopes, self.half, self.rest - other.rest)
+        return MeanValueForm(self.middle - other.middle, slopes, self.half, self.remainder - other.remainder)
 
 
 @dataclass(frozen=True)
@@ -68,64 +68,68 @@ class _Bracket:
     along_controller: acb
 
     @classmethod
-    def of(cls, problem: Problem, patch: Patch, point: tuple[float, ...], bracket: Interval) -> _Bracket | None:
+    def of(
+        cls, problem: Problem, controllers: ControllerBox, point: tuple[float, ...], bracket: Interval
+    ) -> _Bracket | None:
         if not bracket[0] < bracket[1]:
             return None
         (u,) = centre_of((bracket,))
-        at, over = problem.cell(point, (u, u)), problem.cell(point, bracket)
-        controller = patch.plane(acb(arb(u), arb.pi() / 2)).middle
-        sheet = patch.sheet(bracket)
-        if not sheet.value.is_finite() or sheet.value.contains(0):
+        at, over = problem.plant_enclosure(point, (u, u)), problem.plant_enclosure(point, bracket)
+        controller = controllers.taylor_model(acb(arb(u), arb.pi() / 2)).middle
+        enclosure = controllers.enclosure(bracket)
+        if not enclosure.value.is_finite() or enclosure.value.contains(0):
             return None
-        slopes = tuple(slope / sheet.value for slope in sheet.slopes)
-        own = sheet.along / sheet.value
+        slopes = tuple(slope / enclosure.value for slope in enclosure.slopes)
+        own = enclosure.along / enclosure.value
         along = own + over.log_slope
         if not along.is_finite() or not at.gain.is_finite() or not all(slope.is_finite() for slope in slopes):
             return None
         return cls(u, ball_of(bracket) - arb(u), controller, controller * at.gain, slopes, along, own)
 
 
-def log_gain(problem: Problem, patch: Patch, point: tuple[float, ...], bracket: Interval) -> Read | None:
+def log_gain(
+    problem: Problem, controllers: ControllerBox, point: tuple[float, ...], bracket: Interval
+) -> MeanValueForm | None:
     """ln|L| over the box and an interval of u; None where that is not enclosed."""
-    at = _Bracket.of(problem, patch, point, bracket)
+    at = _Bracket.of(problem, controllers, point, bracket)
     if at is None:
         return None
     slopes = tuple(slope.real for slope in at.slopes)
-    return Read(abs(at.gain).log(), slopes, patch.half, at.along.real * at.shift)
+    return MeanValueForm(abs(at.gain).log(), slopes, controllers.half, at.along.real * at.shift)
 
 
-def _factor(value: arb, zero: arb) -> float:
+def _multiplier(value: arb, zero: arb) -> float:
     """lambda."""
     steep = float(zero.mid())
-    factor = -float(value.mid()) / steep if steep != 0.0 else 0.0
-    return factor if abs(factor) < _LARGEST_FACTOR else 0.0
+    multiplier = -float(value.mid()) / steep if steep != 0.0 else 0.0
+    return multiplier if abs(multiplier) < _LARGEST_MULTIPLIER else 0.0
 
 
 def crossing_angle(
-    problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float], rate: arb | None
-) -> Read | None:
+    problem: Problem, controllers: ControllerBox, point: tuple[float, ...], ends: tuple[float, float], rate: arb | None
+) -> MeanValueForm | None:
     """pi + arg L (less rate omega) wherever |L| = 1 in a bracket; None where that is not enclosed."""
-    bracket = outward(*ends)
-    at = _Bracket.of(problem, patch, point, bracket)
+    bracket = log_interval(*ends)
+    at = _Bracket.of(problem, controllers, point, bracket)
     if at is None:
         return None
-    phase = _phase(problem, patch, point, at)
+    phase = _phase(problem, controllers, point, at)
     if phase is None:
         return None
     value, along = phase + arb.pi(), at.along.imag
     if rate is not None:
         omega = ball_of(bracket).exp()
         value, along = value - rate * arb(at.u).exp(), along - rate * omega
-    factor = _factor(along, at.along.real)
-    return Read(
-        value + factor * abs(at.gain).log(),
-        tuple(slope.imag + factor * slope.real for slope in at.slopes),
-        patch.half,
-        (along + factor * at.along.real) * at.shift,
+    multiplier = _multiplier(along, at.along.real)
+    return MeanValueForm(
+        value + multiplier * abs(at.gain).log(),
+        tuple(slope.imag + multiplier * slope.real for slope in at.slopes),
+        controllers.half,
+        (along + multiplier * at.along.real) * at.shift,
     )
 
 
-def _phase(problem: Problem, patch: Patch, point: tuple[float, ...], at: _Bracket) -> arb | None:
+def _phase(problem: Problem, controllers: ControllerBox, point: tuple[float, ...], at: _Bracket) -> arb | None:
     """arg L, unwrapped, at the centre; None where the box may hold controllers on different sheets.
 
     With ki > 0 (or ki = 0, kp < 0 as its limit) C stays in the lower half-plane at every frequency, whatever kp; its
@@ -136,41 +140,47 @@ def _phase(problem: Problem, patch: Patch, point: tuple[float, ...], at: _Bracke
     if negative is None:
         return None
     sign = problem.sign
-    if sign is Sign.EITHER:
-        sign = Sign.POSITIVE if patch.ki >= 0 else Sign.NEGATIVE
-        if sign is Sign.NEGATIVE and not patch.ki < 0:
+    if sign is IntegralSign.EITHER:
+        sign = IntegralSign.POSITIVE if controllers.ki >= 0 else IntegralSign.NEGATIVE
+        if sign is IntegralSign.NEGATIVE and not controllers.ki < 0:
             return None
-    if sign is Sign.POSITIVE and negative and not (patch.ki > 0 or patch.kp > 0 or problem.spec.controller.ki.min > 0):
+    if (
+        sign is IntegralSign.POSITIVE
+        and negative
+        and not (controllers.ki > 0 or controllers.kp > 0 or problem.spec.controller.ki.min > 0)
+    ):
         return None  # ki = 0 and kp < 0 on a negative plant: another sheet
-    c = at.controller if sign is Sign.POSITIVE else -at.controller
+    c = at.controller if sign is IntegralSign.POSITIVE else -at.controller
     if c.contains(0):
         return None
     own = (_J * c).arg()
     # A box about the border of what is allowed may reach beyond it: the sheet is right for the controllers that are
     # allowed if none of the others is so far that the argument could have gone round.
-    reach = sum((abs(s.imag) * h for s, h in zip(at.slopes, patch.half, strict=True)), arb(0))
+    reach = sum((abs(s.imag) * h for s, h in zip(at.slopes, controllers.half, strict=True)), arb(0))
     reach = reach + abs(at.along_controller.imag * at.shift)
     if not abs(own) + reach < 3 * arb.pi() / 2:
         return None
-    half_turn = arb(0) if sign is Sign.POSITIVE else arb.pi() if negative else -arb.pi()
-    plant = problem.reader.phase(problem.cell(point, (at.u, at.u)), point)
+    half_turn = arb(0) if sign is IntegralSign.POSITIVE else arb.pi() if negative else -arb.pi()
+    plant = problem.evaluator.phase(problem.plant_enclosure(point, (at.u, at.u)), point)
     phase = plant + own - arb.pi() / 2 + half_turn
     return phase if phase.is_finite() else None
 
 
-def crossing_gain(problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float]) -> Read | None:
+def crossing_gain(
+    problem: Problem, controllers: ControllerBox, point: tuple[float, ...], ends: tuple[float, float]
+) -> MeanValueForm | None:
     """ln|L| wherever L is negative in a bracket over all of which Re L < 0; None where that is not so."""
-    at = _Bracket.of(problem, patch, point, outward(*ends))
+    at = _Bracket.of(problem, controllers, point, log_interval(*ends))
     if at is None:
         return None
     turn = (-at.gain).arg()
-    reach = sum((abs(s.imag) * h for s, h in zip(at.slopes, patch.half, strict=True)), arb(0))
+    reach = sum((abs(s.imag) * h for s, h in zip(at.slopes, controllers.half, strict=True)), arb(0))
     if not abs(turn) + reach + abs(at.along.imag * at.shift) < arb.pi() / 2:
         return None
-    factor = _factor(at.along.real, at.along.imag)
-    return Read(
-        abs(at.gain).log() + factor * turn,
-        tuple(slope.real + factor * slope.imag for slope in at.slopes),
-        patch.half,
-        (at.along.real + factor * at.along.imag) * at.shift,
+    multiplier = _multiplier(at.along.real, at.along.imag)
+    return MeanValueForm(
+        abs(at.gain).log() + multiplier * turn,
+        tuple(slope.real + multiplier * slope.imag for slope in at.slopes),
+        controllers.half,
+        (at.along.real + multiplier * at.along.imag) * at.shift,
     )

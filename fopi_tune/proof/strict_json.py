@@ -13,7 +13,7 @@ _LARGEST_INTEGER = 2**1000
 Word = TypeVar("Word", bound=StrEnum)
 
 
-class Entry:
+class JsonObject:
     """One object of the document; every mistake names its place."""
 
     def __init__(self, value: object, place: str) -> None:
@@ -73,18 +73,18 @@ class Entry:
             raise CertificateError(f"{self._at(key)} is neither true nor false")
         return found
 
-    def child(self, key: str) -> Entry:
+    def child(self, key: str) -> JsonObject:
         """An object."""
-        return Entry(self.get(key), self._at(key))
+        return JsonObject(self.get(key), self._at(key))
 
-    def children(self, key: str) -> list[Entry]:
+    def children(self, key: str) -> list[JsonObject]:
         """A list of objects."""
-        return [Entry(item, f"{self._at(key)}[{k}]") for k, item in enumerate(self._list(key))]
+        return [JsonObject(item, f"{self._at(key)}[{k}]") for k, item in enumerate(self._list(key))]
 
     def numbers(self, key: str) -> tuple[float, ...]:
         """A list of finite numbers."""
         items = self._list(key)
-        return tuple(Entry({key: item}, f"{self.place}[{k}]").number(key) for k, item in enumerate(items))
+        return tuple(JsonObject({key: item}, f"{self.place}[{k}]").number(key) for k, item in enumerate(items))
 
     def _list(self, key: str) -> list[Any]:
         found = self.get(key)

@@ -10,7 +10,7 @@ a line:
     |C S| <= M    (1 - M^2 |P|^2) |C|^2 - 2 M^2 Re(P C) - M^2
     |L|   <= M    |P|^2 |C|^2 - M^2                                                                                (1)
 
-and the opposite for >=.  With the plane of `fopi_tune.optimum.charts` and w = a conj(C_c) + b,
+and the opposite for >=.  With the plane of `fopi_tune.optimum.parametrization` and w = a conj(C_c) + b,
 
     q >= q(C_c) - 2 sum |Re(w C_i)| h_i - 2 |w| rest - max(-a, 0) (sum |C_i| h_i + rest)^2 .                       (2)
 
@@ -28,15 +28,15 @@ from dataclasses import dataclass
 from flint import acb, arb
 
 from fopi_tune.core.peaks import Response
-from fopi_tune.optimum.charts import BoxLoop, Patch, Plane
+from fopi_tune.optimum.parametrization import BoxLoop, ControllerBox, TaylorModel
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Condition, Test, rolls_off
-from fopi_tune.optimum.pruning.cover import Cells
-from fopi_tune.optimum.pruning.reading import crossing_angle, crossing_gain
-from fopi_tune.proof.balls.box import outward, points
+from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds
+from fopi_tune.optimum.pruning.mean_value_forms import crossing_angle, crossing_gain
+from fopi_tune.proof.balls.box import log_interval, point_box
 from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.branch_and_bound import search
 from fopi_tune.proof.claims.poles import NoPoleAtTheEnds, count_unstable_poles
-from fopi_tune.proof.claims.search import search
 
 _ZERO = arb(0)
 #: |S| of an unstable box must stay below this, neper, to tell that all its loops are unstable; and boxes for that
@@ -64,7 +64,7 @@ class Reason:
     above: bool = False
 
 
-def fails(problem: Problem, patch: Patch, reason: Reason) -> bool:
+def is_excluded(problem: Problem, controllers: ControllerBox, reason: Reason) -> bool:
     """Whether every controller of a patch fails a condition, for this reason."""
     condition = problem.conditions.every[reason.condition]
     no_plant = condition.test in (Test.GAIN, Test.LOWER_CROSSOVER)
@@ -74,7 +74,7 @@ def fails(problem: Problem, patch: Patch, reason: Reason) -> bool:
         return False
     if not all(math.isfinite(omega) and omega > 0.0 for omega in reason.omega):
         return False
-    return _TESTS[condition.test](problem, patch, condition, reason)
+    return _TESTS[condition.test](problem, controllers, condition, reason)
 
 
 def quadratic(response: Response, p: acb, limit: arb, upper: bool) -> tuple[arb, acb, arb]:
@@ -90,45 +90,47 @@ def quadratic(response: Response, p: acb, limit: arb, upper: bool) -> tuple[arb,
     return found if upper else (-found[0], -found[1], -found[2])
 
 
-def smallest(q: tuple[arb, acb, arb], plane: Plane, half: tuple[arb, ...]) -> arb:
+def lower_bound(q: tuple[arb, acb, arb], taylor_model: TaylorModel, half: tuple[arb, ...]) -> arb:
     """The bound (2)."""
     a, b, c = q
-    middle = plane.middle
+    middle = taylor_model.middle
     w = a * middle.conjugate() + b
     value = a * abs(middle) ** 2 + 2 * (b * middle).real + c
-    pairs = list(zip(plane.slopes, half, strict=True))
-    value = value - 2 * sum((abs((w * slope).real) * h for slope, h in pairs), abs(w) * plane.rest)
+    pairs = list(zip(taylor_model.slopes, half, strict=True))
+    value = value - 2 * sum((abs((w * slope).real) * h for slope, h in pairs), abs(w) * taylor_model.remainder)
     if not a >= 0:
-        reach = sum((abs(slope) * h for slope, h in pairs), plane.rest)
+        reach = sum((abs(slope) * h for slope, h in pairs), taylor_model.remainder)
         value = value - abs(a) * reach**2
     return value
 
 
-def _response(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
+def _response(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     low, high = condition.band_rad_s
     if not reason.omega:  # |S| -> 1 as omega -> inf, whatever the gains
-        falls = condition.response is Response.SENSITIVITY and condition.upper and rolls_off(problem.family)
-        return falls and math.isinf(high) and bool(condition.level < 0)
+        is_decreasing = condition.response is Response.SENSITIVITY and condition.upper and rolls_off(problem.family)
+        return is_decreasing and math.isinf(high) and bool(condition.level < 0)
     (omega,) = reason.omega
     if not low <= omega <= high or condition.response is None:
         return False
     log_s, p = problem.response(reason.point, omega)
     q = quadratic(condition.response, p, (2 * condition.level).exp(), condition.upper)
-    return bool(smallest(q, patch.plane(log_s), patch.half) > 0)
+    return bool(lower_bound(q, controllers.taylor_model(log_s), controllers.half) > 0)
 
 
-def _disturbance(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
+def _disturbance(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """T |P/(1 + C P)| >= level:  |S| with 1/M = T |P|/level, at s = 1/T."""
     log_s, p = problem.real_response(reason.point, condition.horizon_s)
     limit = (condition.level / (condition.horizon_s * abs(p))) ** 2
     q = quadratic(Response.SENSITIVITY, p, limit, True)
-    return bool(condition.level > 0 and smallest(q, patch.plane(log_s), patch.half) > 0)
+    return bool(condition.level > 0 and lower_bound(q, controllers.taylor_model(log_s), controllers.half) > 0)
 
 
-def _gain(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
-    plane = patch.gain_plane(condition.name)
-    reach = sum((abs(s.real) * h for s, h in zip(plane.slopes, patch.half, strict=True)), plane.rest)
-    middle = plane.middle.real
+def _gain(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
+    taylor_model = controllers.gain_taylor_model(condition.name)
+    reach = sum(
+        (abs(s.real) * h for s, h in zip(taylor_model.slopes, controllers.half, strict=True)), taylor_model.remainder
+    )
+    middle = taylor_model.middle.real
     if condition.upper:
         return bool(middle - reach > condition.level)
     # better than a level is strictly better
@@ -136,43 +138,55 @@ def _gain(problem: Problem, patch: Patch, condition: Condition, reason: Reason) 
     return bool(low <= condition.level if condition.of_objective else low < condition.level)
 
 
-def _sides(problem: Problem, patch: Patch, point: tuple[float, ...], omega: float) -> int:
+def _sign_of_log_gain(problem: Problem, controllers: ControllerBox, point: tuple[float, ...], omega: float) -> int:
     """1 where |L| > 1 for every controller, -1 where |L| < 1, else 0."""
     log_s, p = problem.response(point, omega)
-    plane = patch.plane(log_s)
-    if smallest(quadratic(Response.LOOP_GAIN, p, arb(1), True), plane, patch.half) > 0:
+    taylor_model = controllers.taylor_model(log_s)
+    if lower_bound(quadratic(Response.LOOP_GAIN, p, arb(1), True), taylor_model, controllers.half) > 0:
         return 1
-    return -1 if smallest(quadratic(Response.LOOP_GAIN, p, arb(1), False), plane, patch.half) > 0 else 0
+    return -1 if lower_bound(quadratic(Response.LOOP_GAIN, p, arb(1), False), taylor_model, controllers.half) > 0 else 0
 
 
-def _some_crossing(problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float]) -> bool:
+def _some_crossing(
+    problem: Problem, controllers: ControllerBox, point: tuple[float, ...], ends: tuple[float, float]
+) -> bool:
     """Whether every controller has a gain crossover between two frequencies."""
     known = problem.crossover_rad_s
     if known is not None and point == problem.nominal and ends[0] <= known <= ends[1]:
         return True
-    return ends[0] < ends[1] and _sides(problem, patch, point, ends[0]) * _sides(problem, patch, point, ends[1]) < 0
+    return (
+        ends[0] < ends[1]
+        and _sign_of_log_gain(problem, controllers, point, ends[0])
+        * _sign_of_log_gain(problem, controllers, point, ends[1])
+        < 0
+    )
 
 
 def _no_other_crossing(
-    problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float] | None
+    problem: Problem, controllers: ControllerBox, point: tuple[float, ...], ends: tuple[float, float] | None
 ) -> bool:
     """Whether no controller has a gain crossover outside two frequencies; without them, whether none has any."""
-    cells = Cells.of(problem, patch, point)
+    bounds = LoopGainBounds.of(problem, controllers, point)
     if ends is None:
-        return cells.crosses_nowhere(-math.inf, math.inf)
+        return bounds.has_no_crossover(-math.inf, math.inf)
     low, high = math.log(ends[0]) + 1e-12, math.log(ends[1]) - 1e-12
     if not low < high:
         return False
     # where |L| falls it cannot come back to 1: the cells next to the bracket, which no value settles
-    if _side_of_end(problem, patch, point, ends, cells, 0) > 0:
-        low -= next((step for step in _STEPS if cells.falls((low - step, low + 2e-12))), 0.0)
-    if _side_of_end(problem, patch, point, ends, cells, 1) < 0:
-        high += next((step for step in _STEPS if cells.falls((high - 2e-12, high + step))), 0.0)
-    return cells.crosses_nowhere(-math.inf, low) and cells.crosses_nowhere(high, math.inf)
+    if _sign_at_end(problem, controllers, point, ends, bounds, 0) > 0:
+        low -= next((step for step in _STEPS if bounds.is_decreasing((low - step, low + 2e-12))), 0.0)
+    if _sign_at_end(problem, controllers, point, ends, bounds, 1) < 0:
+        high += next((step for step in _STEPS if bounds.is_decreasing((high - 2e-12, high + step))), 0.0)
+    return bounds.has_no_crossover(-math.inf, low) and bounds.has_no_crossover(high, math.inf)
 
 
-def _side_of_end(
-    problem: Problem, patch: Patch, point: tuple[float, ...], ends: tuple[float, float], cells: Cells, end: int
+def _sign_at_end(
+    problem: Problem,
+    controllers: ControllerBox,
+    point: tuple[float, ...],
+    ends: tuple[float, float],
+    bounds: LoopGainBounds,
+    end: int,
 ) -> int:
     """The sign of ln|L| at an end of a bracket, for every controller; 0 where it is not known."""
     known = problem.crossover_rad_s
@@ -180,45 +194,49 @@ def _side_of_end(
         # |L| = 1 at the crossover that is fixed, and from there it falls
         u, far = math.log(known), math.log(ends[end])
         span = (far - 1e-12, u + 1e-12) if end == 0 else (u - 1e-12, far + 1e-12)
-        if cells.falls(span):
+        if bounds.is_decreasing(span):
             return -1 if end else 1
-    return _sides(problem, patch, point, ends[end])
+    return _sign_of_log_gain(problem, controllers, point, ends[end])
 
 
-def _margin(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
+def _margin(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """Some crossover has too little margin; or every one has too much, or there is none."""
     if not reason.omega:
-        return _no_other_crossing(problem, patch, reason.point, None)
+        return _no_other_crossing(problem, controllers, reason.point, None)
     ends = reason.omega[0], reason.omega[1]
-    found = crossing_angle(problem, patch, reason.point, ends, condition.rate)
+    found = crossing_angle(problem, controllers, reason.point, ends, condition.rate)
     if found is None:
         return False
     if condition.upper:
-        return bool(found.lower > condition.level) and _no_other_crossing(problem, patch, reason.point, ends)
-    return bool(found.upper < condition.level) and _some_crossing(problem, patch, reason.point, ends)
+        return bool(found.lower > condition.level) and _no_other_crossing(problem, controllers, reason.point, ends)
+    return bool(found.upper < condition.level) and _some_crossing(problem, controllers, reason.point, ends)
 
 
-def _spread(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
+def _spread(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """The difference of two margins, each read at crossovers; one where there is some, one where there is no other."""
     if not reason.omega:
         return bool(condition.level <= 0)
     ends, others = (reason.omega[0], reason.omega[1]), (reason.omega[2], reason.omega[3])
     nominal = problem.nominal
-    own = crossing_angle(problem, patch, reason.point, ends, None)
-    other = crossing_angle(problem, patch, nominal, others, None)
+    own = crossing_angle(problem, controllers, reason.point, ends, None)
+    other = crossing_angle(problem, controllers, nominal, others, None)
     if own is None or other is None:
         return False
     # the smallest margin is at most one that is there, and at least what all of them are
     if reason.above:
         apart = own.minus(other)
-        exist = _some_crossing(problem, patch, nominal, others)
-        return exist and bool(apart.lower >= condition.level) and _no_other_crossing(problem, patch, reason.point, ends)
+        exist = _some_crossing(problem, controllers, nominal, others)
+        return (
+            exist
+            and bool(apart.lower >= condition.level)
+            and _no_other_crossing(problem, controllers, reason.point, ends)
+        )
     apart = other.minus(own)
-    exist = _some_crossing(problem, patch, reason.point, ends)
-    return exist and bool(apart.lower >= condition.level) and _no_other_crossing(problem, patch, nominal, others)
+    exist = _some_crossing(problem, controllers, reason.point, ends)
+    return exist and bool(apart.lower >= condition.level) and _no_other_crossing(problem, controllers, nominal, others)
 
 
-def _gain_margin(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
+def _gain_margin(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """Im L changes its sign in the bracket, Re L < 0 there, and  -level < ln|L| < 0  where Im L = 0."""
     ends = reason.omega[0], reason.omega[1]
     if not ends[0] < ends[1]:
@@ -226,23 +244,23 @@ def _gain_margin(problem: Problem, patch: Patch, condition: Condition, reason: R
     signs = []
     for omega in ends:
         log_s, p = problem.response(reason.point, omega)
-        plane = patch.plane(log_s)
-        reach = sum((abs((p * s).imag) * h for s, h in zip(plane.slopes, patch.half, strict=True)), _ZERO)
-        value, reach = (p * plane.middle).imag, reach + abs(p) * plane.rest
+        taylor_model = controllers.taylor_model(log_s)
+        reach = sum((abs((p * s).imag) * h for s, h in zip(taylor_model.slopes, controllers.half, strict=True)), _ZERO)
+        value, reach = (p * taylor_model.middle).imag, reach + abs(p) * taylor_model.remainder
         signs.append(1 if value > reach else -1 if value < -reach else 0)
     if signs[0] * signs[1] >= 0:
         return False
-    found = crossing_gain(problem, patch, reason.point, ends)
+    found = crossing_gain(problem, controllers, reason.point, ends)
     return found is not None and bool(found.upper < 0) and bool(found.lower > -condition.level)
 
 
-def _crossover(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
+def _crossover(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """|L| < 1 at and above the lowest crossover that is allowed."""
     low = math.nextafter(float(condition.level.lower()), -math.inf)
-    return Cells.of(problem, patch, reason.point).crosses_nowhere(low, math.inf, only_below=True)
+    return LoopGainBounds.of(problem, controllers, reason.point).has_no_crossover(low, math.inf, only_below=True)
 
 
-def _gain_spread(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
+def _gain_spread(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """|L| = 1 of the nominal plant at the crossover leaves |L| = |P/P0| of another."""
     if not reason.omega:
         return bool(condition.level <= 0)
@@ -253,29 +271,29 @@ def _gain_spread(problem: Problem, patch: Patch, condition: Condition, reason: R
     return bool(abs(abs(ratio).log()) >= condition.level)
 
 
-def _stability(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
+def _stability(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """One loop is unstable, and no pole passes the axis on the way to any other: 1 + L has no zero on it."""
-    loop, centre = BoxLoop.of(patch, problem.family), BoxLoop.of(patch, problem.family, whole=False)
+    loop, centre = BoxLoop.of(controllers, problem.family), BoxLoop.of(controllers, problem.family, whole=False)
     if loop is None or centre is None:
         return False
     if not count_unstable_poles(centre, reason.point, 0.0):
         return False
-    domain = ((-math.inf, math.inf), *points(reason.point))
+    domain = ((-math.inf, math.inf), *point_box(reason.point))
     if NoPoleAtTheEnds(loop, domain, 0.0).examine(domain).leaf is None:
         return False
     return search(Bound(loop, Response.SENSITIVITY, _LARGEST_SENSITIVITY, True, domain, 0.0), _STABILITY_BUDGET).shown
 
 
-def _lower_crossover(problem: Problem, patch: Patch, condition: Condition, reason: Reason) -> bool:
+def _lower_crossover(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """No crossover of the nominal plant below the one that is fixed has the phase margin that is asked for.
 
     Then the fixed one must have it: psi is that margin (modulo a whole turn), and the other root of the search says
     what is true.
     """
-    if problem.crossover_rad_s is None or not problem.sheet_is_covered:
+    if problem.crossover_rad_s is None or not problem.margin_is_fixed:
         return False
-    u = outward(problem.crossover_rad_s, problem.crossover_rad_s)[1]
-    return Cells.of(problem, patch, problem.nominal).has_no_margin_below(u, condition.level)
+    u = log_interval(problem.crossover_rad_s, problem.crossover_rad_s)[1]
+    return LoopGainBounds.of(problem, controllers, problem.nominal).has_no_margin_below(u, condition.level)
 
 
 #: how many frequencies a reason names

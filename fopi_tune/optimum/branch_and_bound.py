@@ -13,11 +13,11 @@ from enum import StrEnum
 
 import numpy as np
 
-from fopi_tune.optimum.charts import GainChart
+from fopi_tune.optimum.parametrization import GainParametrization
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.pruning.brackets import Suggestion, suggestions
 from fopi_tune.optimum.pruning.conditions import Test
-from fopi_tune.optimum.pruning.refute import Reason, fails
+from fopi_tune.optimum.pruning.crossover_suggestions import Suggestion, suggestions
+from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.pruning.sample_points import (
     constant_reasons,
     first_reasons,
@@ -25,7 +25,7 @@ from fopi_tune.optimum.pruning.sample_points import (
     meets_conditions,
     plants_to_try,
 )
-from fopi_tune.optimum.pruning.screen import Boxes, Samples
+from fopi_tune.optimum.pruning.screen import Boxes, ScreeningSamples
 from fopi_tune.optimum.tree import Node
 from fopi_tune.proof.balls.box import centre_of
 
@@ -47,7 +47,7 @@ _NARROWEST = 2.0**-26
 _ASPECT = 0.1
 
 
-class Ended(StrEnum):
+class Termination(StrEnum):
     """How a search for one level ended; the value says why it was not shown."""
 
     SHOWN = ""
@@ -80,7 +80,7 @@ class Limits:
 
 
 @dataclass
-class Search:
+class BranchAndBound:
     """A tree that grows from level to level.
 
     Args:
@@ -96,14 +96,14 @@ class Search:
     reasons: list[Reason]
     points: list[tuple[float, ...]]
     progress: Progress | None = None
-    looked_at: int = 0
+    boxes_examined: int = 0
     better: tuple[float, ...] | None = None
     _open: list[Node] = field(default_factory=list)
-    _samples: Samples | None = None
+    _samples: ScreeningSamples | None = None
     _hits: dict[int, int] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, problem: Problem, limits: Limits, places: list, progress: Progress | None = None) -> Search:
+    def of(cls, problem: Problem, limits: Limits, places: list, progress: Progress | None = None) -> BranchAndBound:
         """With samples to start from.
 
         Args:
@@ -116,13 +116,13 @@ class Search:
         reasons = first_reasons(problem, points, places)
         return cls(problem, tuple(Node(box) for box in problem.roots), limits, reasons, points, progress)
 
-    def show(self, problem: Problem) -> Ended:
+    def show(self, problem: Problem) -> Termination:
         """Discard every box at the level of this problem.
 
         Boxes that were discarded for an earlier level stay so, unless their reason depends on it and no longer holds.
         """
         self.problem = problem
-        self._samples = Samples.of(problem, tuple(self.reasons))
+        self._samples = ScreeningSamples.of(problem, tuple(self.reasons))
         self._open = []
         for root in self.roots:
             for leaf in root.leaves():
@@ -132,25 +132,25 @@ class Search:
                 self._open.append(leaf)
         rounds = 0
         while self._open:
-            if self.limits.is_over or self.looked_at >= self.limits.boxes:
-                return Ended.LIMIT
+            if self.limits.is_over or self.boxes_examined >= self.limits.boxes:
+                return Termination.LIMIT
             batch, self._open = self._open[-_BATCH:], self._open[:-_BATCH]
-            self.looked_at += len(batch)
+            self.boxes_examined += len(batch)
             left = self._examined(batch)
             rounds += 1
             if left is None:
-                return Ended.NARROW
+                return Termination.NARROW
             if self.progress is not None:
-                self.progress(self.looked_at, len(self._open))
+                self.progress(self.boxes_examined, len(self._open))
             if rounds % _REFINE_EVERY == 0 and left:
                 self._refine([node for node, _ in left])
-                if self._meets_a_controller(left):
-                    return Ended.BETTER
-        return Ended.SHOWN
+                if self._finds_better_controller(left):
+                    return Termination.BETTER
+        return Termination.SHOWN
 
-    def _meets_a_controller(self, left: list[tuple[Node, float]]) -> bool:
+    def _finds_better_controller(self, left: list[tuple[Node, float]]) -> bool:
         """Whether the centre of a box that no sample speaks against meets every condition."""
-        line = self.problem.sheet_is_covered
+        line = self.problem.margin_is_fixed
         good = sorted((ratio, k) for k, (node, ratio) in enumerate(left) if ratio < 0.0 and self._is_line(node) == line)
         for _, k in good[:_MOST_TRIED]:
             centre = centre_of(left[k][0].box)
@@ -163,7 +163,7 @@ class Search:
         assert leaf.reason is not None
         if not self.problem.conditions.every[leaf.reason.condition].of_objective:
             return True
-        return fails(self.problem, self.problem.chart.patch(leaf.box), leaf.reason)
+        return is_excluded(self.problem, self.problem.parametrization.controllers(leaf.box), leaf.reason)
 
     def _examined(self, batch: list[Node]) -> list[tuple[Node, float]] | None:
         """Discard what can be discarded and cut the rest.
@@ -173,14 +173,14 @@ class Search:
         """
         assert self._samples is not None
         boxes = _boxes(batch)
-        found = self._samples.screen(self.problem.chart, boxes)
+        found = self._samples.screen(self.problem.parametrization, boxes)
         axes, ratios = found.axis.copy(), found.ratio.copy()
         rows: list[int] = []
         for row, node in enumerate(batch):
             if found.ratio[row] > _SURE and self._discard(node, self._samples.reasons[int(found.reason[row])]):
                 continue
             rows.append(row)
-        rows = self._on_sheet(batch, self._simple(batch, rows))
+        rows = self._by_fixed_margin(batch, self._simple(batch, rows))
         if rows:
             rows = self._from_crossovers(batch, boxes, rows, axes, ratios)
         left = []
@@ -196,14 +196,14 @@ class Search:
         return left
 
     def _discard(self, node: Node, reason: Reason) -> bool:
-        if not fails(self.problem, self.problem.chart.patch(node.box), reason):
+        if not is_excluded(self.problem, self.problem.parametrization.controllers(node.box), reason):
             return False
         node.reason = reason
         return True
 
     def _simple(self, batch: list[Node], rows: list[int]) -> list[int]:
         """By conditions on the gains themselves."""
-        in_range = isinstance(self.problem.chart, GainChart)
+        in_range = isinstance(self.problem.parametrization, GainParametrization)
         simple = [
             Reason(k)
             for k, condition in enumerate(self.problem.conditions.every)
@@ -222,7 +222,7 @@ class Search:
         for k, row in enumerate(rows):
             node = batch[row]
             own = sorted(by_row.get(k, []), key=lambda s: -s.ratio)
-            if self.problem.sheet_is_covered and not self._is_line(node):
+            if self.problem.margin_is_fixed and not self._is_line(node):
                 own = [s for s in own if not self._is_cover(s)]
             if any(s.ratio > _WORTH and self._discard(node, s.reason) for s in own):
                 continue
@@ -233,9 +233,9 @@ class Search:
             left.append(row)
         return left
 
-    def _on_sheet(self, batch: list[Node], rows: list[int]) -> list[int]:
+    def _by_fixed_margin(self, batch: list[Node], rows: list[int]) -> list[int]:
         """By what tells that the nominal phase margin can only be read at the crossover that is fixed."""
-        if not self.problem.sheet_is_covered:
+        if not self.problem.margin_is_fixed:
             return rows
         place = next(k for k, c in enumerate(self.problem.conditions.every) if c.test is Test.LOWER_CROSSOVER)
         return [row for row in rows if self._is_line(batch[row]) or not self._discard(batch[row], Reason(place))]
@@ -282,7 +282,7 @@ class Search:
         new = [reason for reason in new if reason not in known]
         if new:
             self.reasons += new
-            self._samples = Samples.of(self.problem, tuple(self.reasons))
+            self._samples = ScreeningSamples.of(self.problem, tuple(self.reasons))
 
 
 def _boxes(nodes: list[Node]) -> Boxes:

@@ -18,7 +18,7 @@ _PIN = re.compile(r"(\d+)([+-])")
 
 
 @dataclass(frozen=True)
-class Search:
+class SearchResult:
     """How a search ended.
 
     Args:
@@ -39,7 +39,7 @@ class Search:
         return bool(self.record)
 
 
-def search(claim: Claim, budget: int) -> Search:
+def search(claim: Claim, budget: int) -> SearchResult:
     """Show a claim on its whole domain, or find a point where it is false.
 
     Args:
@@ -51,7 +51,7 @@ def search(claim: Claim, budget: int) -> Search:
     boxes = 0
     while pending:
         if boxes >= budget:
-            return Search((), boxes, open_boxes=tuple(pending))
+            return SearchResult((), boxes, open_boxes=tuple(pending))
         box = pending.pop()
         boxes += 1
         found = claim.examine(box)
@@ -59,20 +59,20 @@ def search(claim: Claim, budget: int) -> Search:
             record.append(found.leaf)
             continue
         if found.counterexample:
-            return Search((), boxes, counterexample=centre_of(box))
-        if found.pins:
-            record.append("p" + "".join(f"{axis}{'+' if upper else '-'}" for axis, upper in found.pins))
-            pending.append(_face(box, found.pins))
+            return SearchResult((), boxes, counterexample=centre_of(box))
+        if found.monotone_ends:
+            record.append("p" + "".join(f"{axis}{'+' if upper else '-'}" for axis, upper in found.monotone_ends))
+            pending.append(_face(box, found.monotone_ends))
             continue
         pieces = split(box, found.axis, claim.origin) if found.axis >= 0 else None
         if pieces is None:
-            return Search((), boxes, open_boxes=(box, *pending))
+            return SearchResult((), boxes, open_boxes=(box, *pending))
         record.append(f"s{found.axis}")
         pending += [pieces[1], pieces[0]]
-    return Search(tuple(record), boxes)
+    return SearchResult(tuple(record), boxes)
 
 
-def check(claim: Claim, record: tuple[str, ...]) -> str | None:
+def check_record(claim: Claim, record: tuple[str, ...]) -> str | None:
     """Walk a record and test every leaf and face again.
 
     Returns:
@@ -94,10 +94,10 @@ def check(claim: Claim, record: tuple[str, ...]) -> str | None:
             pending += [pieces[1], pieces[0]]
             position += 1
         elif kind == "p":
-            pins = [(_axis(digits, box), sign == "+") for digits, sign in _PIN.findall(token)]
-            if not pins or not set(pins) <= set(claim.examine(box).pins):
+            monotone_ends = [(_axis(digits, box), sign == "+") for digits, sign in _PIN.findall(token)]
+            if not monotone_ends or not set(monotone_ends) <= set(claim.examine(box).monotone_ends):
                 return f"token {position}, {token[:20]!r}, takes a face that need not be the worst"
-            pending.append(_face(box, pins))
+            pending.append(_face(box, monotone_ends))
             position += 1
         else:
             if not claim.holds(box, token):
@@ -106,8 +106,8 @@ def check(claim: Claim, record: tuple[str, ...]) -> str | None:
     return None if position == len(record) else "the record goes on after the domain is covered"
 
 
-def _face(box: Box, pins: Sequence[tuple[int, bool]]) -> Box:
-    for axis, upper in pins:
+def _face(box: Box, monotone_ends: Sequence[tuple[int, bool]]) -> Box:
+    for axis, upper in monotone_ends:
         end = box[axis][1] if upper else box[axis][0]
         box = with_interval(box, axis, (end, end))
     return box

@@ -23,8 +23,8 @@ from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.errors import DomainError
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Condition, Test
-from fopi_tune.optimum.pruning.refute import Reason
-from fopi_tune.optimum.pruning.screen import Boxes, controllers, gains_at
+from fopi_tune.optimum.pruning.exclusion import Reason
+from fopi_tune.optimum.pruning.screen import Boxes, gains_at, taylor_models
 
 #: how much wider than the crossover's way a bracket is, where one crossover is enough and where no other may be
 _NARROW, _WIDE = 1.3, 4.0
@@ -33,7 +33,7 @@ _TINY = 1e-300
 #: relative change of C over a box from which no claim about stability is tried
 _LARGEST_CHANGE = 0.4
 #: of crossings: slopes, d ln L/du, box and plant
-Read = tuple[list[Complex], Complex, Rows, Rows]
+CrossingDerivatives = tuple[list[Complex], Complex, Rows, Rows]
 
 
 @dataclass(frozen=True)
@@ -67,15 +67,15 @@ class _Loops:
     @classmethod
     def of(cls, problem: Problem, boxes: Boxes, points: list[tuple[float, ...]]) -> _Loops:
         n, m = len(boxes), len(points)
-        kp, ki, alpha = (np.repeat(gain, m) for gain in gains_at(problem.chart, boxes.middle))
+        kp, ki, alpha = (np.repeat(gain, m) for gain in gains_at(problem.parametrization, boxes.middle))
         places = np.array(points, dtype=float).reshape(m, -1)
         plants = Plants.members(problem.family, places).take(np.tile(np.arange(m), n))
         return cls(boxes, points, Loops(kp, ki, alpha, plants), problem)
 
-    def slopes(self, found: Crossings) -> Read:
+    def slopes(self, found: Crossings) -> CrossingDerivatives:
         """C_g/C times the half-widths at crossings, complex; d ln L/du; and the box and plant of each."""
         box, plant = np.divmod(found.row, len(self.points))
-        at = controllers(self.problem.chart, self.boxes.take(box), _log_s(found.u))
+        at = taylor_models(self.problem.parametrization, self.boxes.take(box), _log_s(found.u))
         half = self.boxes.half[box]
         slopes = [s[:, 0] / at.value[:, 0] * half[:, k] for k, s in enumerate(at.slopes)]
         return slopes, self.loops.log_response_and_slope(found.row, found.u)[1], box, plant
@@ -129,7 +129,7 @@ def _unstable(problem: Problem, at: _Loops, found: Crossings, slopes: list[Compl
 
 
 def _at_crossovers(
-    at: _Loops, found: Crossings, read: Read, wanted: list[tuple[int, Condition]]
+    at: _Loops, found: Crossings, read: CrossingDerivatives, wanted: list[tuple[int, Condition]]
 ) -> Iterator[Suggestion]:
     slopes, along, box, plant = read
     m = len(at.points)

@@ -18,13 +18,65 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 from flint import acb, arb
 
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Interval, ball_of
-from fopi_tune.proof.balls.parameters import LoopParameters
-from fopi_tune.proof.balls.plant import Dual, PlantBalls, own_derivative, polynomial
+from fopi_tune.proof.balls.plant import Dual, PlantEnclosure, own_derivative, polynomial
+
+
+@dataclass(frozen=True)
+class LoopParameters:
+    """One controller and a family of plants.
+
+    Args:
+        gains: the controller.
+        family: the plants.
+    """
+
+    gains: FoPi
+    family: PlantFamily
+
+    @cached_property
+    def axes(self) -> int:
+        """Axes of a box: u and the uncertain numbers."""
+        return 1 + len(self.family.uncertain_names)
+
+    @property
+    def family_box(self) -> tuple[Interval, ...]:
+        """The box of the uncertain numbers."""
+        return tuple(zip(self.family.low.tolist(), self.family.high.tolist(), strict=True))
+
+    @cached_property
+    def kp(self) -> arb:
+        """Proportional gain."""
+        return arb(self.gains.kp)
+
+    @cached_property
+    def ki(self) -> arb:
+        """Integral gain."""
+        return arb(self.gains.ki)
+
+    @cached_property
+    def alpha(self) -> arb:
+        """Order of the integral."""
+        return arb(self.gains.alpha)
+
+    @cached_property
+    def turn(self) -> acb:
+        """j^alpha."""
+        angle = self.alpha * arb.pi() / 2
+        return acb(angle.cos(), angle.sin())
+
+    @cached_property
+    def integral(self) -> acb:
+        """ki j^-alpha."""
+        return self.ki / self.turn
+
 
 #: below this size S (or T) is not computed as 1 - T (1 - S)
 _TINY = arb(1e-3)
@@ -32,7 +84,7 @@ _ZERO = arb(0)
 _UNIT_DISC = acb(arb(0, 1), arb(0, 1))
 
 
-class LoopBalls:
+class LoopEnclosure:
     """The loop over one box:  L, S, T, C S and the derivatives of ln L.
 
     Everything is computed when it is first asked for.
@@ -43,7 +95,7 @@ class LoopBalls:
         plant: coefficients over the box.
     """
 
-    def __init__(self, loop: LoopParameters, u: Interval, plant: PlantBalls) -> None:
+    def __init__(self, loop: LoopParameters, u: Interval, plant: PlantEnclosure) -> None:
         self.loop, self.u, self.plant = loop, u, plant
         self.low_tail, self.high_tail = math.isinf(u[0]), math.isinf(u[1])
         if self.low_tail and self.high_tail:
