@@ -1,6 +1,6 @@
 """Loops on samples: never a wrong proof, never a wrong refutation, and no certificate that was changed.
 
-The true worst value comes from `sampled_oracle`: state space, dense scans of the frequencies and of the box, and local
+The true worst value comes from `oracles.sampled_loops`: state space, dense scans of the frequencies and of the box, and local
 refinement.  A limit 1e-5 beyond it (in natural units, or relative) must be proved, one 1e-5 short of it refuted.
 """
 
@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import sampled_oracle as oracle
 from cases.plants import brake, lag, pole, spec_of, transfer_function
+from oracles import sampled_loops as oracle
 from scipy.optimize import minimize
 
 import fopi_tune as ft

@@ -1,6 +1,6 @@
 """The loop on samples in ball arithmetic: what the balls say of a box holds at every point of it.
 
-The points' values come from `sampled_oracle` (state space in floating point) and its difference quotients.
+The points' values come from `oracles.sampled_loops` (state space in floating point) and its difference quotients.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-import sampled_oracle as oracle
 from cases.plants import lag, pole, spec_of, transfer_function
 from flint import acb, arb, ctx
+from oracles import sampled_loops as oracle
 
 import fopi_tune as ft
 from fopi_tune.core.peaks import Response
