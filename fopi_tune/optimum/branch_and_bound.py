@@ -1,7 +1,7 @@
-"""Branch and bound over the gains:  shows that no gains meet a spec with an objective better than a level.
+"""Branch and bound over the gains:  proves that no gains meet a spec with an objective better than a level.
 
-Boxes are screened in floating point by the hundred; what that suggests is tested in ball arithmetic, box by box, and
-only then a box is discarded.  What is left is cut along the axis that matters most.
+Batches of boxes are screened in floating point.  A box is discarded only when the suggested reason is confirmed in ball
+arithmetic.  The remaining boxes are split along the axis with the largest variation.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ from fopi_tune.optimum.pruning.screen import Boxes, ScreeningSamples
 from fopi_tune.optimum.tree import Node
 from fopi_tune.proof.balls.box import centre_of
 
-#: (boxes looked at, boxes open) while a search runs
+#: called with (boxes examined, boxes open) while a search runs
 Progress = Callable[[int, int], None]
 
 _BATCH = 256
-#: a ratio from which a suggestion is worth a test in balls, of a plane and of what is bounded more roughly
+#: ratios from which a suggestion is tested in ball arithmetic: of a Taylor model, and of rougher bounds
 _SURE, _WORTH = 1.0 + 1e-9, 1.02
-#: rounds between looks for new samples, and boxes that are looked at for them
+#: rounds between searches for new samples, and boxes used for them
 _REFINE_EVERY, _REFINE_BOXES = 4, 24
-#: centres that are tried as controllers at each of these looks
+#: box centres tried as controllers each time
 _MOST_TRIED = 3
-#: cuts between attempts at claims that cost milliseconds
+#: splits between attempts at claims that cost milliseconds
 _COSTLY_EVERY = 3
-#: a box this much narrower than its root (along its widest side) is not worth cutting any more
+#: a box whose widest side is this fraction of its root's is not split further
 _NARROWEST = 2.0**-26
-#: how much narrower than its widest side a side may be cut, as parts of the root
+#: a side is split only if it is wider than this fraction of the widest side, both relative to the root
 _ASPECT = 0.1
 
 
 class Termination(StrEnum):
-    """How a search for one level ended; the value says why it was not shown."""
+    """How the search for one level ended; the value says why the level was not proved."""
 
     SHOWN = ""
     LIMIT = "the limit of time or boxes was reached"
@@ -75,18 +75,18 @@ class Limits:
 
     @property
     def is_over(self) -> bool:
-        """Whether the time is up."""
+        """Whether the time limit is reached."""
         return time.monotonic() >= self.until
 
 
 @dataclass
 class BranchAndBound:
-    """A tree that grows from level to level.
+    """A search whose tree is kept from level to level.
 
     Args:
-        problem: with the level that is being shown.
+        problem: with the current level.
         roots: of the trees.
-        looked_at: boxes so far.
+        boxes_examined: so far.
         better: coordinates of a controller that seems to meet every condition.
     """
 
@@ -104,13 +104,13 @@ class BranchAndBound:
 
     @classmethod
     def of(cls, problem: Problem, limits: Limits, places: list, progress: Progress | None = None) -> BranchAndBound:
-        """With samples to start from.
+        """A search with its first samples.
 
         Args:
-            problem: what to show.
-            limits: when to stop.
-            places: (frequency or None, plant) that are worth a look, from a verification.
-            progress: told how far it is.
+            problem: with the first level.
+            limits: of time and boxes.
+            places: (frequency or None, plant) of the worst cases of a verification.
+            progress: called while the search runs.
         """
         points = plants_to_try(problem, places)
         reasons = first_reasons(problem, points, places)
@@ -119,7 +119,7 @@ class BranchAndBound:
     def show(self, problem: Problem) -> Termination:
         """Discard every box at the level of this problem.
 
-        Boxes that were discarded for an earlier level stay so, unless their reason depends on it and no longer holds.
+        Boxes discarded for an earlier level stay discarded, unless their reason depends on the level and fails now.
         """
         self.problem = problem
         self._samples = ScreeningSamples.of(problem, tuple(self.reasons))
@@ -149,7 +149,7 @@ class BranchAndBound:
         return Termination.SHOWN
 
     def _finds_better_controller(self, left: list[tuple[Node, float]]) -> bool:
-        """Whether the centre of a box that no sample speaks against meets every condition."""
+        """Whether the centre of a box that violates no sample meets every condition."""
         line = self.problem.margin_is_fixed
         good = sorted((ratio, k) for k, (node, ratio) in enumerate(left) if ratio < 0.0 and self._is_line(node) == line)
         for _, k in good[:_MOST_TRIED]:
@@ -166,10 +166,10 @@ class BranchAndBound:
         return is_excluded(self.problem, self.problem.parametrization.controllers(leaf.box), leaf.reason)
 
     def _examined(self, batch: list[Node]) -> list[tuple[Node, float]] | None:
-        """Discard what can be discarded and cut the rest.
+        """Discard what can be discarded and split the rest.
 
         Returns:
-            What was cut with its largest ratio; None when a box is too narrow to be cut.
+            The split boxes with their largest ratios; None when a box is too narrow to be split.
         """
         assert self._samples is not None
         boxes = _boxes(batch)
@@ -234,14 +234,14 @@ class BranchAndBound:
         return left
 
     def _by_fixed_margin(self, batch: list[Node], rows: list[int]) -> list[int]:
-        """By what tells that the nominal phase margin can only be read at the crossover that is fixed."""
+        """Discard boxes in which no lower crossover can have the fixed nominal phase margin."""
         if not self.problem.margin_is_fixed:
             return rows
         place = next(k for k, c in enumerate(self.problem.conditions.every) if c.test is Test.LOWER_CROSSOVER)
         return [row for row in rows if self._is_line(batch[row]) or not self._discard(batch[row], Reason(place))]
 
     def _is_cover(self, suggestion: Suggestion) -> bool:
-        """Whether a claim is about the whole axis: too dear off the line, where another one does the work."""
+        """Whether a claim covers the whole frequency axis: too expensive off the line of the fixed margin."""
         condition = self.problem.conditions.every[suggestion.reason.condition]
         return condition.test is Test.CROSSOVER or (condition.test is Test.MARGIN and condition.upper)
 
@@ -254,7 +254,7 @@ class BranchAndBound:
         return node.box[-1] == self.roots[-1].box[-1]
 
     def _depth(self, node: Node) -> int:
-        """Cuts since the root, told from the size."""
+        """Number of splits since the root, from the box's size."""
         root = next(root for root in self.roots if _is_inside(node.box, root.box))
         volume = 0.0
         for (a, b), (first, last) in zip(node.box, root.box, strict=True):
@@ -268,7 +268,7 @@ class BranchAndBound:
         return [(b - a) / (last - first) if last > first else 0.0 for (a, b), (first, last) in sides]
 
     def _axis(self, node: Node, wanted: int) -> int:
-        """The axis that is wanted, or the widest where that one is much narrower; -1 when all are too narrow."""
+        """The requested axis, or the widest where that one is much narrower; -1 when all are too narrow."""
         widths = self._widths(node)
         widest = int(np.argmax(widths))
         if widths[widest] <= _NARROWEST:
@@ -276,7 +276,7 @@ class BranchAndBound:
         return wanted if wanted >= 0 and widths[wanted] > _ASPECT * widths[widest] else widest
 
     def _refine(self, left: list[Node]) -> None:
-        """New samples where the centres of boxes that are left break a condition most."""
+        """Add samples where the centres of remaining boxes violate a condition most."""
         new = further_reasons(self.problem, _boxes(left[-_REFINE_BOXES:]).middle, self.points)
         known = set(self.reasons)
         new = [reason for reason in new if reason not in known]

@@ -1,8 +1,8 @@
-"""How far gains can be from the best possible ones; and the proof that a spec has none.
+"""Optimality gap of given gains, or a proof that a spec is infeasible.
 
-A level of the objective is taken, and every box of gains is discarded: because some frequency of some plant violates a
-requirement for all of its gains, or because their objective is not better than the level.  Levels come closer to the
-gains' own objective until the gap is what was asked for, or gains are met with that are better.
+For a level of the objective every box of gains is discarded, either because some plant at some frequency violates a
+requirement for all of its gains, or because their objective is not better than the level.  Levels approach the
+incumbent's objective until the requested gap is reached, or better gains are found.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from fopi_tune.proof.results import Verification
 from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.spec.model import DesignSpec
 
-#: what is tried on the way to the gap that is asked for
+#: a first gap, tried before the requested one
 _COARSE = 0.1
-#: the loosest gap that is of any use, and the ratio of gaps at which a search between two of them ends
+#: the largest useful gap, and the ratio of a proved to a failed gap at which bisection ends
 _LOOSEST, _CLOSE = 1.0, 1.15
-#: of the gap that is asked for, so that rounding does not miss it
+#: factor of the requested gap, as a margin for rounding
 _AIM = 1.0 - 1e-6
 _RANGE_ROOM = 1e-9
 
@@ -49,12 +49,12 @@ def certify_optimum(
     """Prove a bound of the objective that no gains in the spec's box can beat, or that no gains meet the spec.
 
     Args:
-        spec: what is asked, of the loop in continuous time.
-        gains: a design of it, the incumbent; None where there is none: then all is about whether the spec has one.
-        gap: relative distance of the bound from the incumbent's objective that is enough.
-        time_limit_s: when it is up, the gap that was reached is returned.
-        most_boxes: the same for boxes.
-        progress: told (boxes looked at, boxes open).
+        spec: plant family, requirements and objective, of the loop in continuous time.
+        gains: the incumbent; None to prove that the spec is infeasible.
+        gap: requested relative distance of the bound from the incumbent's objective.
+        time_limit_s: the gap reached by then is returned.
+        most_boxes: the same limit in boxes.
+        progress: called with (boxes examined, boxes open).
 
     Raises:
         DomainError: a gap or a limit that is not positive.
@@ -78,7 +78,7 @@ def certify_optimum(
 
 
 def why_no_bound(spec: DesignSpec) -> str:
-    """Why nothing can be shown of a spec; empty when something can."""
+    """Why no bound can be proved for a spec; empty when one can."""
     if spec.digital is not None and spec.digital.designs_sampled:
         return "there is no bound for the loop on samples (design: sampled)"
     if nominal_equality(spec, "crossover_rad_s") is not None:
@@ -94,7 +94,7 @@ def why_no_bound(spec: DesignSpec) -> str:
 
 
 def incumbent_refusal(spec: DesignSpec, gains: FoPi, found: Verification) -> str:
-    """Why these gains are no design of the spec; empty when they are."""
+    """Why these gains do not meet the spec; empty when they do."""
     if not found.stability.stable:
         return f"the gains are no design of this spec: {found.stability.reason}"
     for result in found.requirements:
@@ -122,11 +122,11 @@ class _Run:
     progress: Progress | None
 
     def without_bound(self, reason: str) -> Optimum:
-        """Nothing was shown."""
+        """Result without a proof."""
         return self._result(OptimumStatus.NO_BOUND, reason=reason)
 
     def infeasible(self) -> Optimum:
-        """Whether the requirements can be discarded everywhere."""
+        """Try to prove that the spec is infeasible."""
         problem = Problem.of(self.spec, None)
         search = BranchAndBound.of(problem, self.limits, [], self.progress)
         termination = search.show(problem)
@@ -141,7 +141,7 @@ class _Run:
         return self._result(OptimumStatus.LIMIT_REACHED, search, reason=termination.words)
 
     def bounded(self, found: Verification) -> Optimum:
-        """The closest level that could be shown."""
+        """The level closest to the incumbent's objective that can be proved."""
         assert found.objective is not None
         objective = found.objective
         problem = Problem.of(self.spec, self._level(objective, _COARSE))
@@ -153,7 +153,7 @@ class _Run:
         shown, failed, termination = math.inf, 0.0, Termination.SHOWN
         proof: OptimumProof | None = None
         aim = self.wanted * _AIM
-        # with both equalities little is left to search: the level that is asked for comes first
+        # with both equalities the search space is small: try the requested gap first
         gap = aim if problem.margin_is_fixed else max(_COARSE, aim)
         while True:
             level = self._level(objective, gap)
@@ -195,12 +195,12 @@ class _Run:
         return self._result(OptimumStatus.LIMIT_REACHED, search, found, proof, reason, better, better_objective)
 
     def _level(self, objective: float, gap: float) -> float:
-        """The objective that is worse than nothing feasible if the gap is right."""
+        """The objective that is better than the incumbent's by the relative gap."""
         scale = gap * max(abs(objective), SMALLEST_OBJECTIVE)
         return objective + scale if is_maximized(self.spec) else objective - scale
 
     def _better(self, search: BranchAndBound, found: Verification) -> tuple[FoPi | None, float | None]:
-        """Gains that were met with, if the verification agrees that they are better."""
+        """Better gains found by the search, if the verification confirms them."""
         if search.better is None:
             return None, None
         gains = _gains(search)
@@ -245,7 +245,7 @@ class _Run:
 
 
 def _gains(search: BranchAndBound) -> FoPi:
-    """The gains that were met with."""
+    """The better gains found by the search."""
     assert search.better is not None
     kp, ki, alpha = gains_at(search.problem.parametrization, np.array([search.better]))
     return FoPi(float(kp[0]), float(ki[0]), float(alpha[0]))

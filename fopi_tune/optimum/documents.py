@@ -1,4 +1,4 @@
-"""The bound as JSON, and back:  everything that it takes to test it again."""
+"""The bound and its proof as JSON, and strict reading of them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ KIND = "fopi_tune optimum"
 
 
 def to_dict(optimum: Optimum) -> dict[str, Any]:
-    """What a result says of it, short of the proof's boxes."""
+    """The summary in a design's results, without the proof."""
     return {
         "status": optimum.status.value,
         "statement": optimum.statement,
@@ -43,14 +43,14 @@ def gains_dict(gains: FoPi | None) -> dict[str, float] | None:
 
 
 def to_document(optimum: Optimum, versions: dict[str, str]) -> dict[str, Any]:
-    """The whole of it, with the proof.
+    """The whole document, with the proof.
 
     Args:
-        optimum: what to write.
-        versions: what computed it.
+        optimum: to be written.
+        versions: installed distribution -> version.
     """
     found = to_dict(optimum)
-    del found["seconds"]  # equal inputs give equal files, as far as no limit of time was reached
+    del found["seconds"]  # equal inputs give equal files, unless the time limit was reached
     return {
         "kind": KIND,
         "schema": OPTIMUM_SCHEMA,
@@ -81,10 +81,10 @@ def _proof_dict(proof: OptimumProof) -> dict[str, Any]:
 
 
 class OptimumDocument:
-    """What a document says, read strictly.
+    """The entries of a document, with their types checked.
 
     Raises:
-        CertificateError: it is none, or an entry is missing or of the wrong kind.
+        CertificateError: not such a document, or an entry is missing or has the wrong type.
     """
 
     def __init__(self, document: object) -> None:
@@ -107,7 +107,7 @@ class OptimumDocument:
         self.left_out = tuple(left_out) if isinstance(left_out, list) else ()
 
     def to_optimum(self) -> Optimum:
-        """The numbers, which know their own words."""
+        """The numbers as an Optimum, from which the sentences can be derived again."""
         return Optimum(
             name=self.name,
             spec_sha256=self.spec_sha256,

@@ -1,16 +1,16 @@
-"""Charts of the gains:  the coordinates that are searched, and C(s) over a box of them in ball arithmetic.
+"""Parametrizations of the controller:  the coordinates of the search, and C(s) over a box of them in ball arithmetic.
 
-Over a box with centre c and half-widths h the controller at one s is a plane and a rest,
+Over a box with centre c and half-widths h the controller at one s has a first-order Taylor model,
 
-    C(s)  =  C_c + sum_i C_i t_i + e ,     |t_i| <= h_i ,   |e| <= rest ,                                          (1)
+    C(s)  =  C_c + sum_i C_i t_i + e ,     |t_i| <= h_i ,   |e| <= r ,                                          (1)
 
-C_i the derivatives at the centre, the rest of second order in the box's size.  `GainChart` has the gains themselves as
-coordinates, and with rho = s^-alpha, sigma = ln s
+where C_i are the derivatives at the centre, and the remainder e is of second order in the box's size.
+`GainParametrization` has the gains themselves as coordinates, and with rho = s^-alpha, sigma = ln s
 
     C = kp + ki rho ,   e = t_ki (rho - rho_c) + ki_c (rho - rho_c + sigma rho_c t_alpha) .                        (2)
 
-`CrossoverChart` holds every controller with |C(j wc) P0(j wc)| = 1, by alpha and psi = pi + arg L0(j wc) (modulo 2 pi):
-with x = e^{j(psi - pi)}/P0(j wc) and a = alpha pi/2
+`CrossoverParametrization` describes every controller with |C(j wc) P0(j wc)| = 1 by alpha and psi = pi + arg L0(j wc)
+(modulo 2 pi).  With x = e^{j(psi - pi)}/P0(j wc) and a = alpha pi/2
 
     ki = -Im x wc^alpha/sin a ,   kp = Re x + Im x cot a ,   C = Re x + Im x h ,
     h = (cos a - e^{-alpha tau})/sin a ,   tau = ln(s/wc) .                                                        (3)
@@ -40,12 +40,12 @@ _ZERO = arb(0)
 
 @dataclass(frozen=True)
 class TaylorModel:
-    """A function over a box of coordinates, by (1); of a gain instead of the controller it is real.
+    """First-order Taylor model (1) of a function over a box of coordinates; of a gain it is real.
 
     Args:
         middle: at the centre.
         slopes: derivatives there.
-        rest: an upper bound of |e|.
+        remainder: r, an upper bound of |e|.
     """
 
     middle: acb
@@ -60,7 +60,7 @@ class ControllerEnclosure:
     Args:
         value: C.
         slopes: its derivatives along the coordinates.
-        along: its derivative along u.
+        along: its derivative in u.
     """
 
     value: acb
@@ -93,15 +93,15 @@ class ControllerBox(ABC):
 
     @abstractmethod
     def taylor_model(self, log_s: acb) -> TaylorModel:
-        """C(s) by (1), at one s given by its logarithm."""
+        """Taylor model (1) of C(s), at one s given by ln s."""
 
     @abstractmethod
     def gain_taylor_model(self, name: str) -> TaylorModel:
-        """The gain `kp` or `ki` by (1)."""
+        """Taylor model (1) of the gain `kp` or `ki`."""
 
     @abstractmethod
     def enclosure(self, u: Interval) -> ControllerEnclosure:
-        """C(j omega) over an interval of u."""
+        """Enclosure of C(j omega) over an interval of u."""
 
 
 class Parametrization(ABC):
@@ -254,7 +254,7 @@ class CrossoverBox(ControllerBox):
             return self._taylor_model(x, acb(f), acb(first), acb(over_first), acb(over_second))
         f, first, _ = power(self._alpha_c)
         _, over_first, over_second = power(self.alpha)
-        # ki = -Im x f:  the same without Re x, and its bound holds a fortiori
+        # ki = -Im x f:  the same without Re x; the remainder of the sum bounds that of this term
         found = self._taylor_model(x, acb(f), acb(first), acb(over_first), acb(over_second))
         return TaylorModel(acb(-x.imag * f), (acb(-x.imag * first), acb(-x.real * f)), found.remainder)
 
@@ -269,13 +269,13 @@ class CrossoverBox(ControllerBox):
 class BoxLoop(BallLoop):
     """Controllers with gains in balls, and a family of plants.
 
-    `gains` are some floating-point gains of the box: they say only which gains are exactly 0.  ki may not be 0 or not:
-    without it there is no integral, and the number of poles is another.
+    `gains` are some floating-point gains of the box: they only tell which gains are exactly 0.  The box must not contain
+    both ki = 0 and ki != 0: without integral action the number of poles differs.
     """
 
     @classmethod
     def of(cls, controllers: ControllerBox, family: PlantFamily, whole: bool = True) -> BoxLoop | None:
-        """The loop of a patch, or of its centre; None where ki may be 0 or not."""
+        """The loop of a box of controllers, or of its centre; None where it contains both ki = 0 and ki != 0."""
         balls = (controllers.kp, controllers.ki, controllers.alpha) if whole else controllers.centre
         kp, ki, alpha = (float(ball.mid()) for ball in balls)
         if (ki == 0.0 and not balls[1].is_zero()) or (balls[1].contains(0) and ki != 0.0) or kp == ki == 0.0:

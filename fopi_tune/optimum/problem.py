@@ -1,4 +1,4 @@
-"""What a search is about:  a spec, what is to be beaten, and the coordinates; with plants' responses remembered."""
+"""Problem of one search:  spec, level of the objective, conditions and coordinates; plant responses are cached."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ class IntegralSign(StrEnum):
 
 @dataclass(frozen=True)
 class Problem:
-    """One search.
+    """Problem of one search.
 
     Args:
-        spec: what is asked.
-        beat: the objective that is to be beaten, in its public unit; None for the requirements alone.
-        conditions: of both.
-        chart: the coordinates.
-        roots: boxes of them that together hold every gain that can be the answer.
-        sheet_is_covered: whether the last root holds everything with the nominal phase margin that is asked for.
+        spec: plant family, requirements and objective.
+        beat: level of the objective to be improved upon, in its public unit; None for the requirements alone.
+        conditions: necessary conditions of both.
+        parametrization: the coordinates.
+        roots: boxes that together contain every candidate.
+        margin_is_fixed: whether the last root contains every controller with the required nominal phase margin.
     """
 
     spec: DesignSpec
@@ -54,11 +54,12 @@ class Problem:
 
     @classmethod
     def of(cls, spec: DesignSpec, beat: float | None) -> Problem:
-        """A crossover of the nominal plant that is fixed takes one dimension away, a phase margin there a second.
+        """A fixed nominal crossover removes one dimension of the search, a fixed nominal phase margin a second one.
 
-        Necessary is no more than |L0(j wc)| = 1.  The phase margin is the smallest over all crossovers, so it is that
-        of wc only if no lower crossover has it: the first root holds all of psi and is searched like any other, with
-        that as one more way to discard a box; the second holds psi as it is asked for.
+        The fixed crossover only implies |L0(j wc)| = 1.  The phase margin is the smallest over all crossovers, so it
+        is attained at wc unless a lower crossover has it.  Hence there are two roots: the first contains all psi, and
+        its boxes can also be discarded because no lower crossover has the margin; the second contains the required
+        psi only.
         """
         conditions = conditions_of(spec, beat)
         crossover = nominal_equality(spec, "crossover_rad_s")
@@ -83,7 +84,7 @@ class Problem:
         return cls(spec, beat, conditions, parametrization, roots, margin is not None)
 
     def beating(self, beat: float | None) -> Problem:
-        """The same with another level."""
+        """The same problem with another level."""
         return replace(self, beat=beat, conditions=conditions_of(self.spec, beat))
 
     @property
@@ -93,7 +94,7 @@ class Problem:
 
     @cached_property
     def nominal(self) -> tuple[float, ...]:
-        """The nominal plant's place."""
+        """The nominal plant's uncertain numbers."""
         return tuple(self.family.nominal_point.tolist())
 
     @property
@@ -110,7 +111,7 @@ class Problem:
         )
 
     def has_member(self, point: tuple[float, ...], nominal: bool) -> bool:
-        """Whether a place is a plant of the family; the nominal one, where only that is meant."""
+        """Whether a point is a plant of the family; with `nominal`, whether it is the nominal plant."""
         if nominal:
             return point == self.nominal
         low, high = self.family.low.tolist(), self.family.high.tolist()
@@ -118,7 +119,7 @@ class Problem:
 
     @cached_property
     def unit_loop(self) -> BallLoop:
-        """The plants alone: the loop of the controller 1."""
+        """The loop with C = 1, so that L = P."""
         return BallLoop(FoPi(1.0, 0.0, 1.0), self.family)
 
     @cached_property
@@ -144,7 +145,7 @@ class Problem:
         return {}
 
     def plant_enclosure(self, point: tuple[float, ...], u: Interval) -> LoopEnclosure:
-        """One plant over an interval of u; remembered, since many boxes ask for the same."""
+        """One plant over an interval of u; cached, since many boxes use the same."""
         if len(self._plant_enclosures) > _MOST_CELLS:
             self._plant_enclosures.clear()
             self.plant_gain_bounds.clear()
@@ -164,7 +165,7 @@ class Problem:
         return self._plants[point]
 
     def is_negative(self, point: tuple[float, ...]) -> bool | None:
-        """Whether a plant's sign turns its phase by half a turn; None where that is not known."""
+        """Whether a plant's sign adds 180 deg to its phase; None where that is not known."""
         if point not in self._phases:
             self._phases[point] = plant_phases(self.unit_loop, point)
         numerator, denominator = self._phases[point]

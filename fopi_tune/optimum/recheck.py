@@ -1,7 +1,6 @@
-"""Test a bound again without searching:  every box of it in ball arithmetic, and the incumbent by the verification.
+"""Check a bound without searching:  every box again in ball arithmetic, and the incumbent by the verification.
 
-Nothing is believed but the spec: the conditions, the boxes that must be covered and the incumbent's objective are made
-from it again.
+Only the spec is trusted.  The conditions, the root boxes and the incumbent's objective are derived from it again.
 """
 
 from __future__ import annotations
@@ -28,12 +27,12 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class OptimumRecheck:
-    """What a recheck found.
+    """Result of checking a bound.
 
     Args:
         status: as the file states it.
-        leaves: boxes that were tested.
-        problems: everything that is wrong; empty when the file is sound.
+        leaves: number of boxes tested.
+        problems: errors found; empty when the file is sound.
     """
 
     status: OptimumStatus
@@ -42,19 +41,19 @@ class OptimumRecheck:
 
     @property
     def is_sound(self) -> bool:
-        """Whether everything that is stated follows."""
+        """Whether every statement was confirmed."""
         return not self.problems
 
 
 def recheck_optimum(document: object, spec: DesignSpec) -> OptimumRecheck:
-    """Whether what a file says of the best gains follows for a spec.
+    """Check a document about the best gains against a spec.
 
     Args:
         document: the file's JSON, as `json.load` gives it.
-        spec: what it is about.
+        spec: of the document.
 
     Raises:
-        CertificateError: it is no such file.
+        CertificateError: not such a document.
     """
     stated = OptimumDocument(document)
     problems = list(_inconsistencies(stated, spec))
@@ -71,7 +70,7 @@ def recheck_optimum(document: object, spec: DesignSpec) -> OptimumRecheck:
 
 
 def _inconsistencies(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
-    """Where the file's statements do not go together."""
+    """Contradictions between the file's statements."""
     found = []
     if (stated.name, stated.spec_sha256) != (spec.name, spec.sha256):
         found.append("the file is about another spec")
@@ -97,7 +96,7 @@ def _inconsistencies(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
 
 
 def _check_proof(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]:
-    """Leaves that were tested, and what is wrong with the first that does not hold."""
+    """Number of tested leaves, and the first error."""
     problem = Problem.of(spec, proof.beat)
     if tuple(cover.root for cover in proof.covers) != problem.roots:
         return 0, ["the boxes that are covered are not those of the spec"]
@@ -105,7 +104,7 @@ def _check_proof(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]
         return 0, ["a reason names a condition that the spec does not have"]
     leaves = 0
     for place, cover in enumerate(proof.covers):
-        # that no lower crossover has the margin discards what lies off the line, for the line is covered after it
+        # LOWER_CROSSOVER may discard only boxes of the first root: the second root holds the required margin
         on_line = problem.margin_is_fixed and place == len(proof.covers) - 1
         try:
             for box, reason in walk(cover, proof.reasons):
@@ -121,7 +120,7 @@ def _check_proof(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]
 
 
 def _check_incumbent(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
-    """What is wrong with the gains and their objective."""
+    """Errors in the gains and their objective."""
     assert stated.gains is not None
     assert stated.objective is not None
     found = verify(spec, stated.gains)
@@ -141,7 +140,7 @@ def _check_incumbent(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
 
 
 def _check_wording(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
-    """Where the sentences and numbers for people are not those that follow."""
+    """Sentences and summary numbers that do not follow from the proof."""
     found = []
     if stated.statement != stated.to_optimum().statement or stated.advice != stated.status.advice:
         found.append("the statement in words is not that of the numbers")

@@ -1,4 +1,4 @@
-"""The second opinion:  spec and gains -> Verification and Certificate, never looking at how the gains were found."""
+"""Verification and certification:  spec and gains -> Verification and Certificate, whatever method found the gains."""
 
 from fopi_tune.proof.certificate import Certificate, Verdict
 from fopi_tune.proof.certify import certify

@@ -1,8 +1,8 @@
-"""Prove, refute or leave undecided what a spec asks of gains, for every plant and every frequency.
+"""Prove or refute every requirement of a spec for given gains, over all plants and all frequencies.
 
-The verification in floating point says where each quantity is worst and how bad it is there.  That place is confirmed
-in ball arithmetic (the witness), a level just beyond it is shown for the whole family (the bound), and the distance of
-the two is the gap.  Floats choose what to show; only balls show it.
+The verification in floating point finds the worst value of each quantity and where it occurs.  That value is confirmed
+in ball arithmetic (the witness).  A level just beyond it is proved for the whole family (the bound).  The distance
+between the two is the gap.  Floating point only selects what to prove; every proof is in ball arithmetic.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 
-#: the most boxes a claim may take; of one about the presence of crossings, whose boxes cost more; of a last attempt
+#: most boxes for a claim; for a claim that a crossing exists, whose boxes cost more; for a last attempt
 BUDGET, CROSSING_BUDGET, LAST_BUDGET = 40_000, 8_000, 4_000
-#: relative distance from the worst value to the level that is shown; wider ones are tried in turn
+#: relative distances from the worst value to the level to be proved, tried in turn
 _GAPS = (5e-7, 5e-5, 5e-4, 1e-2)
 #: the same for `equals`, which is about one plant: its bounds are the enclosure of the value
 _ENCLOSURES = (4e-12, 1e-10, 1e-8)
-#: relative distance to the limit below which a claim at the limit itself would take too many boxes
+#: a worst value relatively closer to the limit than this: proving the limit itself would take too many boxes
 _LEAST_ROOM = 1e-8
-#: how far short of its value in floating point a witness is asked to reach
+#: relative distance of the witness from the value in floating point
 _WITNESS = 1e-10
 _MOST_ROUNDS = 6
-#: neper beyond the peak of |S|; for stability any bound will do
+#: neper above the peak of |S|; for stability any finite bound suffices
 _STABILITY_MARGINS = (0.7, 2.0, 6.0)
 
 
@@ -61,9 +61,9 @@ def certify(
     """Turn a verification into a certificate.
 
     Args:
-        spec: what is asked.
-        found: what the verification of the gains said.
-        versions: what the certificate says computed it.
+        spec: the requirements and the plant family.
+        found: the verification of the gains.
+        versions: installed distribution -> version, for the certificate.
         implementation: the digital controller that the verification was about; None in continuous time.
     """
     case = Case(found.gains, spec.plant, 0.0, None, implementation)
@@ -77,7 +77,7 @@ def certify(
 
 
 def _origin(case: Case, crossings: tuple[float, ...]) -> float:
-    """u of the nominal crossover, or the middle of the nominal loop's corners."""
+    """u = ln omega of the nominal crossover; without one, the middle of the nominal loop's corner frequencies."""
     if crossings and math.isfinite(crossings[-1]):
         return crossings[-1]
     low, high = (end[0] for end in case.loop.loops_at(case.family.nominal_point[None, :]).log.corners())
@@ -114,7 +114,7 @@ def _requirement(case: Case, result: RequirementResult, tolerance: float, search
 
 @dataclass(frozen=True)
 class _Side:
-    """One limit of one requirement, and where it is worst."""
+    """One limit of one requirement, and the worst value that the verification found for it."""
 
     case: Case
     requirement: Requirement
@@ -135,11 +135,11 @@ class _Side:
         return relaxed_limit(self.requirement, self.upper, self.tolerance)
 
     def beyond(self, natural: float, amount: float) -> float:
-        """Further out by this amount: up for an upper limit, down for a lower one."""
+        """The value moved by this amount in the direction of violation: up for an upper limit, down for a lower one."""
         return natural + amount if self.upper else natural - amount
 
     def is_beyond(self, natural: float, other: float) -> bool:
-        """Whether one value is further out than another."""
+        """Whether one value is worse than another: larger for an upper limit, smaller for a lower one."""
         return natural > other if self.upper else natural < other
 
     def proof(self) -> SideProof:
@@ -157,7 +157,7 @@ class _Side:
             outcome = self._proved(worst, place)
             if isinstance(outcome, SideProof):
                 return outcome
-            # A plant worse than the verification had seen: is there one that breaks the limit itself?
+            # A plant is worse than the verification found: does one violate the limit itself?
             breaking = self._at(self._broken(self.relaxed))
             if breaking is not None:
                 return self._refuted(*breaking)
@@ -168,7 +168,7 @@ class _Side:
         return self._undecided(worst, place, None, ())
 
     def _broken(self, level: float) -> tuple[float, ...]:
-        """A place (u, then the plant) beyond a level; empty when the search for a proof meets none."""
+        """A point (u, then the plant) that violates a level; empty when the search finds none."""
         for claim in level_claims(self.case, self.requirement, self.upper, level):
             found = self.searches.run(claim)
             if found.counterexample is not None:
@@ -192,7 +192,7 @@ class _Side:
         return self._result(verdict, None, None, place, (), records or ())
 
     def _infinite(self, achieved: float, place: Place) -> SideProof:
-        """A gain margin without end: what is asked is shown, and no more; a response without end breaks any limit."""
+        """An infinite gain margin: only the limit itself is proved.  An infinite response violates every limit."""
         natural = QUANTITIES[self.requirement.quantity].to_natural(self.limit)
         if (achieved > 0) is not self.upper:
             records = self.searches.shown(level_claims(self.case, self.requirement, self.upper, natural))
@@ -202,7 +202,7 @@ class _Side:
         return self._refuted(self.beyond(self.relaxed, 1.0), place)
 
     def _witness(self, worst: float, place: Place) -> tuple[float, tuple[Record, ...]] | None:
-        """A level just short of the worst value that the plant there breaks."""
+        """A level just short of the worst value, and the proof that the worst plant violates it."""
         for amount in (_WITNESS, 1e-7):
             level = self.beyond(worst, -amount * gap_scale(self.requirement, worst))
             claims = violation_claims(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
@@ -212,7 +212,7 @@ class _Side:
         return None
 
     def _refuted(self, worst: float, place: Place) -> SideProof:
-        # half-way to the limit when there is no room for more
+        # at most half-way to the limit
         room = abs(worst - self.relaxed)
         for amount in (1e-10, 1e-7, 1e-3):
             level = self.beyond(worst, -min(amount * gap_scale(self.requirement, worst), 0.5 * room))
@@ -223,17 +223,17 @@ class _Side:
         return self._result(Verdict.UNDECIDED, None, None, place, (), ())
 
     def _with_plant(self, claim: Claim) -> tuple[float, ...]:
-        """Where a closed form, which knows of no plants, is false; empty when the general claim does not tell."""
+        """A counterexample of the general claim, with its plant: a closed form has no plant axes; empty if none."""
         general = getattr(claim, "general", None)
         return () if general is None else self.searches.run(general).counterexample or ()
 
     def _proved(self, worst: float, place: Place) -> SideProof | tuple[float, ...]:
-        """A proof, an undecided end, or a place (u, then the plant) beyond a level just outside the worst."""
+        """A proof, an undecided result, or a point (u, then the plant) beyond a level close to the worst value."""
         witness = self._witness(worst, place)
         reached, witness_records = witness if witness is not None else (None, ())
         levels = self._levels(worst)
         for level in levels:
-            # full effort for the sharpest level and for the last; what lies between is a courtesy
+            # full budget for the tightest and for the last level only
             most = BUDGET if level in (levels[0], levels[-1]) else LAST_BUDGET
             claims = level_claims(self.case, self.requirement, self.upper, level)
             records: list[Record] = []
@@ -249,7 +249,7 @@ class _Side:
         return self._undecided(worst, place, reached, witness_records)
 
     def _levels(self, worst: float) -> list[float]:
-        """What to show, the sharpest first; never beyond the limit."""
+        """Levels to prove, the tightest first; none beyond the relaxed limit."""
         equal = self.requirement.relation is Relation.EQUALS
         gaps = (*_ENCLOSURES, *_GAPS) if equal else _GAPS
         levels = [self.beyond(worst, gap * gap_scale(self.requirement, worst)) for gap in gaps]
@@ -263,7 +263,7 @@ class _Side:
     def _undecided(
         self, worst: float, place: Place, reached: float | None, witness_records: tuple[Record, ...]
     ) -> SideProof:
-        """The tightest of a few wider levels that can be shown says how large the gap is."""
+        """Undecided, with the tightest of a few wider levels that can be proved: it bounds the gap."""
         for width in (0.0, 0.01, 0.1, 1.0):
             level = self.beyond(self.relaxed, width * gap_scale(self.requirement, worst))
             records = self.searches.shown(level_claims(self.case, self.requirement, self.upper, level), LAST_BUDGET)
@@ -274,7 +274,7 @@ class _Side:
         return self._result(Verdict.UNDECIDED, None, reached, place, (), witness_records)
 
     def _at(self, where: tuple[float, ...]) -> tuple[float, Place] | None:
-        """The value at a place where a claim of ours turned out false."""
+        """Value and place of a counterexample to a claim."""
         quantity = QUANTITIES[self.requirement.quantity]
         if not isinstance(quantity, FrequencyFunction) or len(where) != self.case.loop.axes:
             return None
@@ -292,13 +292,13 @@ def _array(point: tuple[float, ...]) -> Array:
 
 
 class _Searches:
-    """Runs searches within their budgets; what does not depend on a level is searched for once."""
+    """Runs searches within their budgets; results that do not depend on a level are cached."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[object, ...], SearchResult] = {}
 
     def run(self, claim: Claim, most: int = BUDGET) -> SearchResult:
-        """The search for one claim."""
+        """Search result for one claim."""
         listing = isinstance(claim, SomeCrossover | SomePhaseCrossover) or _lists_crossings(claim)
         budget = min(CROSSING_BUDGET if listing else BUDGET, most)
         if isinstance(claim, NoAxisRoot):
@@ -312,7 +312,7 @@ class _Searches:
         return self._known[key]
 
     def shown(self, claims: list[Claim], most: int = BUDGET) -> tuple[Record, ...] | None:
-        """Records of all claims; None when there is none, or one of them was not shown."""
+        """Records of all claims; None when there are no claims or one was not proved."""
         records: list[Record] = []
         for claim in claims:
             found = self.run(claim, most)
@@ -323,7 +323,7 @@ class _Searches:
 
 
 def _lists_crossings(claim: Claim) -> bool:
-    """Whether a box costs a list of all crossings: which of several is the highest decides."""
+    """Whether examining a box lists all crossings, because the highest of several decides."""
     if not isinstance(claim, EveryCrossover) or claim.quantity is not CrossingQuantity.PHASE_SLOPE:
         return False
     return claim.evaluator.may_cross_often

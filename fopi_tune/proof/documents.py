@@ -1,6 +1,6 @@
 """Certificates as JSON:  Certificate <-> dictionary, with a digest of the content.
 
-Whatever is read is checked for kind and range here; whether it is true is for `fopi_tune.proof.recheck` to say.
+Reading checks types and ranges only; `fopi_tune.proof.recheck` checks whether the statements are true.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from fopi_tune.spec.model import Relation, Requirement, Scope
 #: version of the file; it may only grow
 CERTIFICATE_SCHEMA = 1
 KIND = "fopi_tune certificate"
-#: of a digital controller; its polynomials' cost grows with the third power
+#: of a digital controller; the cost of its polynomials grows with the third power
 _MOST_SECTIONS = 200
 
 
@@ -146,7 +146,7 @@ def from_document(document: object) -> Certificate:
     """Read a certificate's JSON.
 
     Raises:
-        CertificateError: it is none, or an entry is missing or of the wrong kind.
+        CertificateError: not a certificate, or an entry is missing or has the wrong type.
     """
     top = JsonObject(document, "")
     if top.get("kind") != KIND:

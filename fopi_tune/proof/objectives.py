@@ -27,12 +27,12 @@ Value = tuple[float | None, Place | None]
 def evaluate_objective(
     objective: Objective | None, samples: SamplePair, results: tuple[RequirementResult, ...]
 ) -> Value:
-    """The objective's value and where it is worst.
+    """The objective's value and the place where it is worst.
 
     Args:
-        objective: the spec's; None asks for depth.
+        objective: the spec's; None stands for the smallest slack.
         samples: the family with the controller.
-        results: of the requirements, for depth.
+        results: of the requirements, for the smallest slack.
     """
     if objective is None:
         return _depth(samples, results)
@@ -40,7 +40,7 @@ def evaluate_objective(
 
 
 def _depth(samples: SamplePair, results: tuple[RequirementResult, ...]) -> Value:
-    """The smallest slack of the inequalities; without any, minus ln of the largest |S|."""
+    """The smallest slack of the inequalities; without inequalities, -ln of the largest |S|."""
     found = smallest_slack(results)
     if found is not None:
         return found
@@ -49,7 +49,7 @@ def _depth(samples: SamplePair, results: tuple[RequirementResult, ...]) -> Value
 
 
 def smallest_slack(results: tuple[RequirementResult, ...]) -> Value | None:
-    """The smallest slack of the inequalities and where; None without any."""
+    """The smallest slack of the inequalities and its place; None without inequalities."""
     inequalities = [result for result in results if result.requirement.relation is not Relation.EQUALS]
     if not inequalities:
         return None

@@ -1,6 +1,7 @@
-"""Check a certificate without searching:  every claim is built again, every box of its record tested again.
+"""Check a certificate without searching:  every claim is rebuilt, and every box of its record is tested again.
 
-What a file says counts for nothing here but the gains, the plants, the requirements, and levels with their records.
+Only the gains, the plants, the requirements, and the levels with their records are read from the file.  Everything else
+is derived from them again and compared.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ from fopi_tune.spec.model import DesignSpec, Requirement, Scope
 
 @dataclass(frozen=True)
 class Recheck:
-    """What the check of a certificate found.
+    """Result of checking a certificate.
 
     Args:
         certificate: as read.
-        problems: what is wrong with it, each with its place; none when it is sound.
-        boxes: boxes that were tested.
+        problems: errors found, each with its place; empty when the certificate is sound.
+        boxes: number of boxes tested.
     """
 
     certificate: Certificate
@@ -44,7 +45,7 @@ class Recheck:
 
     @property
     def is_sound(self) -> bool:
-        """Whether everything the certificate says has been shown again."""
+        """Whether every statement of the certificate was confirmed."""
         return not self.problems
 
 
@@ -53,10 +54,10 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
 
     Args:
         document: as `json.load` gives it.
-        spec: when given, the certificate must be about this spec's plant and requirements.
+        spec: if given, the certificate must belong to this spec's plant and requirements.
 
     Raises:
-        CertificateError: it is no certificate, or an entry has the wrong kind.
+        CertificateError: not a certificate, or an entry has the wrong type.
     """
     try:
         certificate = from_document(document)
@@ -74,7 +75,7 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
 
 
 def _integrity(certificate: Certificate, document: dict[str, Any]) -> list[str]:
-    """That the file is as it was written, and says nothing that does not follow from its levels and records."""
+    """Check the digest, and that every entry follows from the levels and records."""
     problems: list[str] = []
     if document.get("digest") != digest(document):
         problems.append("the content does not have the digest that it states: it was changed after it was made")
@@ -90,7 +91,7 @@ def _integrity(certificate: Certificate, document: dict[str, Any]) -> list[str]:
 
 
 def _difference(stated: object, derived: object, place: str) -> str | None:
-    """Where two documents differ by more than the rounding of a conversion."""
+    """Path of the first difference of two documents beyond rounding; None when they agree."""
     if isinstance(stated, dict) and isinstance(derived, dict):
         for key in stated.keys() | derived.keys():
             if key not in stated or key not in derived:
@@ -111,7 +112,7 @@ def _difference(stated: object, derived: object, place: str) -> str | None:
 
 
 def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
-    """That the certificate is about this spec."""
+    """Differences between the certificate's plant and requirements and the spec's."""
     problems = []
     case = certificate.case
     if (certificate.name, certificate.spec_sha256) != (spec.name, spec.sha256):
@@ -193,7 +194,7 @@ def _is_beyond(side: SideProof, value: float, limit: float) -> bool:
 
 
 def _records(claims: list[Claim], records: tuple[Record, ...]) -> list[str]:
-    """What is wrong with the records of these claims."""
+    """Errors in the records of these claims."""
     if not claims or len(claims) != len(records):
         return [f"{len(records)} records are stated where {len(claims)} claims have to be shown"]
     problems = []

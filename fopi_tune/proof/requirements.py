@@ -1,4 +1,4 @@
-"""One requirement against one controller:  the worst value over its scope and band, and what that means."""
+"""Evaluate one requirement for one controller:  worst value over scope and band, slack, score and outcome."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from fopi_tune.proof.worst_case import find_worst_case, place_of
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
-#: exp of more than this would not be a number any more
+#: exp overflows beyond this
 _LARGEST_EXPONENT = 700.0
 
 
 def check_requirement(requirement: Requirement, samples: SamplePair, tolerance: float) -> RequirementResult:
-    """Measure the requirement's quantity where it is worst, and score it.
+    """Find the worst value of the requirement's quantity and score it.
 
     Args:
-        requirement: what to check.
+        requirement: to be checked.
         samples: the family with the controller.
-        tolerance: by how much it may be missed, in natural units.
+        tolerance: allowed violation, in natural units.
     """
     implementation = samples.base.implementation
     if implementation is not None and implementation.is_beyond_nyquist(requirement.from_rad_s):
@@ -40,7 +40,7 @@ def check_requirement(requirement: Requirement, samples: SamplePair, tolerance: 
 
 
 def assess_requirement(requirement: Requirement, extremes: tuple[Extreme, ...], tolerance: float) -> RequirementResult:
-    """What the measured ends of a quantity's range mean for a requirement: only here do its limits count."""
+    """Slack, score and outcome of a requirement from the extremes of its quantity; only this step uses the limits."""
     slacks = []
     for extreme in extremes:
         if extreme.achieved is None:
@@ -48,7 +48,7 @@ def assess_requirement(requirement: Requirement, extremes: tuple[Extreme, ...], 
         slacks.append(_slack(requirement, extreme.achieved))
     k = int(np.argmin(slacks))
     achieved, slack = extremes[k].achieved, slacks[k]
-    assert achieved is not None  # or the loop above had ended this
+    assert achieved is not None  # the loop above returns otherwise
     score = _score(requirement, slack, tolerance)
     outcome = _outcome(requirement, achieved, score)
     return RequirementResult(requirement, achieved, outcome, slack, score, extremes[k].worst, extremes)
@@ -66,7 +66,7 @@ def _one_side(requirement: Requirement, samples: SamplePair, largest: bool) -> t
         found = quantity.measure(loops, largest, requirement.from_rad_s, requirement.to_rad_s)
         return sign * found.value, found.omega_rad_s
 
-    # Functions of frequency are continuous over the box; what is read at a crossing jumps with the number of crossings.
+    # Frequency functions are continuous over the box; values at crossings jump where the number of crossings changes.
     nominal = requirement.scope is Scope.NOMINAL
     sample = samples.base if nominal or quantity.takes_band else samples.refined
     if nominal:

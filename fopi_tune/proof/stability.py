@@ -1,6 +1,6 @@
 """Closed-loop stability of a family:  a count of poles at every sampled member, and |S| bounded between them.
 
-Poles move continuously over the box; to cross the imaginary axis they would have to pass a member with |S| = inf.
+Poles move continuously over the box.  A pole on the imaginary axis would mean a member with |S| = inf.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from fopi_tune.proof.sample import Sample, evaluate
 from fopi_tune.proof.worst_case import find_worst_case, place_of
 from fopi_tune.quantities.base import NEPER_PER_DB
 
-#: a loop whose |S| exceeds this is not told from one through -1
+#: a loop with a larger |S| counts as one through -1
 _LARGEST_SENSITIVITY = 1e6
 
 

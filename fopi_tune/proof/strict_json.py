@@ -1,4 +1,4 @@
-"""Entries of a certificate's JSON, read strictly:  every mistake names its place."""
+"""Strict reading of a certificate's JSON:  types and ranges are checked, and every error names the entry."""
 
 from __future__ import annotations
 
@@ -14,7 +14,12 @@ Word = TypeVar("Word", bound=StrEnum)
 
 
 class JsonObject:
-    """One object of the document; every mistake names its place."""
+    """One object of the document.
+
+    Args:
+        value: the parsed JSON.
+        place: its path in the document, for error messages.
+    """
 
     def __init__(self, value: object, place: str) -> None:
         if not isinstance(value, dict):
@@ -23,7 +28,7 @@ class JsonObject:
         self.place = place
 
     def get(self, key: str) -> Any:
-        """What is written there, whatever it is."""
+        """The raw value."""
         if key not in self.value:
             raise CertificateError(f"{self._at(key)} is missing")
         return self.value[key]
@@ -55,7 +60,7 @@ class JsonObject:
         found = self.get(key)
         if not isinstance(found, str):
             raise CertificateError(f"{self._at(key)} is no text")
-        if not found.isprintable():  # what could be obeyed by a terminal is never printed
+        if not found.isprintable():  # control sequences must not reach a terminal
             raise CertificateError(f"{self._at(key)} holds characters that cannot be printed")
         return found
 

@@ -1,7 +1,7 @@
-"""Verify gains against a spec, from these two alone.
+"""Verify gains against a spec in floating point.
 
-Every number comes from the exact crossings and peaks of `core/`, plant by plant, and from a search of the whole box of
-uncertain numbers, its interior included.
+Crossings and peaks of each plant are computed exactly by `core/`.  The worst plant is searched for in the whole box of
+uncertain numbers, including its interior.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ def verify(
     """Check stability, every requirement and the objective.
 
     Args:
-        spec: what is asked; its box of gains is not looked at.
-        gains: the controller, from anywhere.
-        tolerance: by how much a requirement may be missed, in neper or radian (a delay margin: relative).
+        spec: plant family, requirements and objective; its box of gains is not used.
+        gains: the controller.
+        tolerance: allowed violation of a requirement, in neper or radian (of a delay margin: relative).
         implementation: the digital controller that approximates the gains; the loop is then the one on its samples,
             up to Nyquist's frequency.  None checks the ideal controller in continuous time.
 
@@ -51,13 +51,13 @@ def verify(
 
 
 def reassess(spec: DesignSpec, found: Verification) -> Verification:
-    """What `verify` says of the same gains against a spec that differs in its requirements' limits alone.
+    """Verification of the same gains against a spec that differs only in its requirements' limits.
 
-    What was measured does not depend on the limits, so nothing is measured again.
+    The measured extremes do not depend on the limits and are reused.
 
     Args:
-        spec: with other limits than the one that was verified; the same quantities and relations, in the same order.
-        found: of the gains, in continuous time.
+        spec: the same quantities and relations in the same order, with other limits.
+        found: verification of the gains, in continuous time.
     """
     pairs = zip(spec.requirements, found.requirements, strict=True)
     requirements = tuple(assess_requirement(requirement, old.extremes, found.tolerance) for requirement, old in pairs)

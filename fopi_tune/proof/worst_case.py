@@ -1,13 +1,13 @@
-"""The worst member of a family:  a dense sample, then zooming in on its several worst places.
+"""Worst-case search over a family:  a dense sample, then pattern search from its several largest values.
 
-A candidate is a place x with a window of half-width h around it.  Every round looks at a pattern of places in all
-windows together.  A window moves to a better place at its rim, and shrinks around one inside.  It has converged when
+A candidate is a point x with a window of half-width h around it.  Every round evaluates a pattern of points in all
+windows together.  A window moves to a larger value on its rim and shrinks around one inside.  It has converged when
+along every axis one of these holds:
 
-    - along every axis the box ends at x and the badness falls inwards, on two scales (a corner, a trend that points
-      outward), or
-    - along the other axes the badness varies by less than 1e-10 of its size within the window.
+    - x lies on the boundary of the box and the criterion decreases inwards, on two scales, or
+    - the criterion varies by less than 1e-10 of its size within the window.
 
-Jumps do not converge that way; around them a window shrinks until its width is that of rounding.
+Discontinuities do not satisfy this; there the window shrinks until its width is that of rounding.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class WorstCase:
     """The worst member.
 
     Args:
-        value: its badness; nan when it has none (no gain crossover), and then it is not the only thing to know.
-        omega_rad_s: the frequency that decides.
-        x: shape (p,), its place.
-        candidates: shape (k, p), every place the search ended at.
+        value: of the criterion; nan when a member has no value (no gain crossover).
+        omega_rad_s: the frequency at which it is attained.
+        x: shape (p,), the member's normalised point.
+        candidates: shape (k, p), final points of all windows.
     """
 
     value: float
@@ -55,9 +55,9 @@ class _Candidate:
     value: float
     omega: float
     width: float
-    #: axes along which the box ends here and the badness falls inwards
+    #: axes along which x is on the boundary and the criterion decreases inwards
     pinned: Array
-    #: how much the badness varies in the window, the pinned axes apart
+    #: variation of the criterion in the window, pinned axes excluded
     spread: float
     done: bool = False
 
@@ -65,13 +65,13 @@ class _Candidate:
 def find_worst_case(
     sample: Sample, criterion: LoopFunction, ceiling: float = np.inf, floor: float = -np.inf
 ) -> WorstCase:
-    """The largest badness over the box.
+    """Maximise a criterion over the box.
 
     Args:
-        sample: where to start from.
-        badness: to be maximised.
-        ceiling: a badness beyond this is bad enough to stop.
-        floor: windows that do not come near this are given up: the answer then lies below it, and is not exact.
+        sample: starting points.
+        criterion: to be maximised.
+        ceiling: stop as soon as a value exceeds this.
+        floor: discard windows that stay clearly below this; a result below it is not exact.
     """
     values, omegas = evaluate(sample.loops, criterion)
     missing = np.isnan(values)
@@ -125,7 +125,7 @@ def _start(sample: Sample, values: Array, omegas: Array, row: int) -> _Candidate
 
 
 def _distinct_peaks(sample: Sample, values: Array) -> Rows:
-    """Rows no neighbour of which is worse, the worst first, none twice."""
+    """Rows of local maxima, the largest first; of close ones only the largest."""
     n, p = sample.per_axis, sample.x.shape[1]
     peak = np.ones(len(values), dtype=bool)
     if n:
@@ -151,7 +151,7 @@ def _distinct_peaks(sample: Sample, values: Array) -> Rows:
 
 
 def _pattern(p: int, count: int) -> Array:
-    """Where to look in a window, in half-widths."""
+    """Points to evaluate in a window, in half-widths."""
     if p <= 3:
         steps = np.linspace(-1.0, 1.0, {1: 9, 2: 5, 3: 3}[p])
         pattern = np.array(list(itertools.product(steps, repeat=p)))

@@ -64,12 +64,12 @@ def with_limit(spec: DesignSpec, place: int, limit: float) -> DesignSpec:
 # -- the formulas --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("chart", ["gains", "crossover"])
+@pytest.mark.parametrize("parametrization", ["gains", "crossover"])
 @settings(max_examples=40, deadline=None)
 @given(
     corner=st.tuples(SIDE, SIDE, SIDE), size=st.floats(-6, -0.5), inside=st.tuples(SIDE, SIDE, SIDE), u=st.floats(-6, 6)
 )
-def test_planes_and_sheets_hold_every_controller_of_a_box(
+def test_taylor_models_and_enclosures_hold_every_controller_of_a_box(
     parametrization: str, corner: tuple[float, ...], size: float, inside: tuple[float, ...], u: float
 ) -> None:
     which: Parametrization = (

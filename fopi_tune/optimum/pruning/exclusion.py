@@ -1,4 +1,4 @@
-"""Why no controller of a box is the answer:  a reason, and its test in ball arithmetic.
+"""Exclusion tests:  a reason why every controller of a box fails a condition, and its test in ball arithmetic.
 
 A condition on a response at one frequency of one plant says that C stays outside a disc, or inside, or on one side of
 a line:
@@ -10,14 +10,14 @@ a line:
     |C S| <= M    (1 - M^2 |P|^2) |C|^2 - 2 M^2 Re(P C) - M^2
     |L|   <= M    |P|^2 |C|^2 - M^2                                                                                (1)
 
-and the opposite for >=.  With the plane of `fopi_tune.optimum.parametrization` and w = a conj(C_c) + b,
+and the opposite for >=.  With the Taylor model of `fopi_tune.optimum.parametrization` and w = a conj(C_c) + b,
 
-    q >= q(C_c) - 2 sum |Re(w C_i)| h_i - 2 |w| rest - max(-a, 0) (sum |C_i| h_i + rest)^2 .                       (2)
+    q >= q(C_c) - 2 sum |Re(w C_i)| h_i - 2 |w| r - max(-a, 0) (sum |C_i| h_i + r)^2 .                       (2)
 
-What is read off a crossover is bounded where |L| = 1 by a multiple of ln|L| that costs nothing there, as in
+Values at a crossover are bounded where |L| = 1 after adding a multiple of ln|L|, which is 0 there, as in
 `fopi_tune.proof.claims.crossings`.
 
-Source: derived; (1) is each response's limit squared and written out, (2) its least value over the plane.
+Source: derived; (1) is each response's limit squared and written out, (2) a lower bound over the Taylor model.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _ZERO = arb(0)
 #: |S| of an unstable box must stay below this, neper, to tell that all its loops are unstable; and boxes for that
 _LARGEST_SENSITIVITY = 6.0
 _STABILITY_BUDGET = 300
-#: u by which a bracket grows where |L| falls
+#: steps in u by which a bracket is widened where |L| decreases
 _STEPS = (0.3, 0.1, 0.03, 0.01, 0.003)
 
 
@@ -65,7 +65,7 @@ class Reason:
 
 
 def is_excluded(problem: Problem, controllers: ControllerBox, reason: Reason) -> bool:
-    """Whether every controller of a patch fails a condition, for this reason."""
+    """Whether every controller of a box fails a condition, for this reason."""
     condition = problem.conditions.every[reason.condition]
     no_plant = condition.test in (Test.GAIN, Test.LOWER_CROSSOVER)
     if not no_plant and not problem.has_member(reason.point, condition.nominal):
@@ -172,7 +172,7 @@ def _no_other_crossing(
     low, high = math.log(ends[0]) + 1e-12, math.log(ends[1]) - 1e-12
     if not low < high:
         return False
-    # where |L| falls it cannot come back to 1: the cells next to the bracket, which no value settles
+    # next to the bracket values do not settle the cells, but where |L| decreases it cannot return to 1
     if _sign_at_end(problem, controllers, point, ends, bounds, 0) > 0:
         low -= next((step for step in _STEPS if bounds.is_decreasing((low - step, low + 2e-12))), 0.0)
     if _sign_at_end(problem, controllers, point, ends, bounds, 1) < 0:
@@ -191,7 +191,7 @@ def _sign_at_end(
     """The sign of ln|L| at an end of a bracket, for every controller; 0 where it is not known."""
     known = problem.crossover_rad_s
     if known is not None and point == problem.nominal and ends[0] < known < ends[1]:
-        # |L| = 1 at the crossover that is fixed, and from there it falls
+        # |L| = 1 at the fixed crossover, and |L| decreases from there
         u, far = math.log(known), math.log(ends[end])
         span = (far - 1e-12, u + 1e-12) if end == 0 else (u - 1e-12, far + 1e-12)
         if bounds.is_decreasing(span):
@@ -200,7 +200,7 @@ def _sign_at_end(
 
 
 def _margin(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    """Some crossover has too little margin; or every one has too much, or there is none."""
+    """A crossover has too small a margin; or every crossover has too large a margin, or there is none."""
     if not reason.omega:
         return _no_other_crossing(problem, controllers, reason.point, None)
     ends = reason.omega[0], reason.omega[1]
@@ -213,7 +213,7 @@ def _margin(problem: Problem, controllers: ControllerBox, condition: Condition, 
 
 
 def _spread(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    """The difference of two margins, each read at crossovers; one where there is some, one where there is no other."""
+    """The difference of two margins: of one a crossover must exist, of the other no second one may exist."""
     if not reason.omega:
         return bool(condition.level <= 0)
     ends, others = (reason.omega[0], reason.omega[1]), (reason.omega[2], reason.omega[3])
@@ -222,7 +222,7 @@ def _spread(problem: Problem, controllers: ControllerBox, condition: Condition, 
     other = crossing_angle(problem, controllers, nominal, others, None)
     if own is None or other is None:
         return False
-    # the smallest margin is at most one that is there, and at least what all of them are
+    # a margin is at most the value at any crossover, and at least a lower bound over all of them
     if reason.above:
         apart = own.minus(other)
         exist = _some_crossing(problem, controllers, nominal, others)
@@ -261,7 +261,7 @@ def _crossover(problem: Problem, controllers: ControllerBox, condition: Conditio
 
 
 def _gain_spread(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    """|L| = 1 of the nominal plant at the crossover leaves |L| = |P/P0| of another."""
+    """At the fixed nominal crossover |L0| = 1, so that |L| = |P/P0| for another plant."""
     if not reason.omega:
         return bool(condition.level <= 0)
     (omega,) = reason.omega
@@ -272,7 +272,7 @@ def _gain_spread(problem: Problem, controllers: ControllerBox, condition: Condit
 
 
 def _stability(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    """One loop is unstable, and no pole passes the axis on the way to any other: 1 + L has no zero on it."""
+    """One loop is unstable, and over the box 1 + L has no zero on the axis, so that no pole crosses it."""
     loop, centre = BoxLoop.of(controllers, problem.family), BoxLoop.of(controllers, problem.family, whole=False)
     if loop is None or centre is None:
         return False
@@ -285,10 +285,10 @@ def _stability(problem: Problem, controllers: ControllerBox, condition: Conditio
 
 
 def _lower_crossover(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    """No crossover of the nominal plant below the one that is fixed has the phase margin that is asked for.
+    """No crossover of the nominal plant below the fixed one has the required phase margin.
 
-    Then the fixed one must have it: psi is that margin (modulo a whole turn), and the other root of the search says
-    what is true.
+    Then the fixed crossover must have it: psi equals that margin (modulo 360 deg), and such controllers are contained
+    in the other root of the search.
     """
     if problem.crossover_rad_s is None or not problem.margin_is_fixed:
         return False

@@ -1,11 +1,11 @@
-"""No gain crossover over a whole interval of frequencies, for every controller of a box and one plant.
+"""Bounds of |L| on intervals of frequency, for every controller of a box and one plant:  where no crossover can be.
 
 With z = ki omega^-alpha and kp, ki >= 0, whatever they are,
 
     |kp + z e^{-ja}| >= max(kp, z) sin a  (a > 90 deg),  sqrt(kp^2 + z^2) (else) ,     a = alpha pi/2 ,            (1)
     d ln|C|/du <= 0  (a <= 90 deg),   alpha (1 - sin a)/(2 sin a)  (else) ,                                        (2)
 
-also where ki may be 0 and z has no end.  (2): -d ln C/du/alpha = 1 - 1/(1 + z e^{-ja}/kp), and 1/(1 + .) runs along a
+also where ki may be 0 and z is unbounded.  (2): -d ln C/du/alpha = 1 - 1/(1 + z e^{-ja}/kp), and 1/(1 + .) runs along a
 circle through 0 whose real part is at most (1 + sin a)/(2 sin a).
 
 Source: derived; (1) from the angle a between the two terms, (2) as said.
@@ -39,12 +39,12 @@ class LoopGainBounds:
 
     Args:
         problem: gives the plants' responses and the ranges.
-        patch: the box.
+        controllers: the box.
         kp: their gains.
         ki: the same.
         alpha: the same.
         point: the plant.
-        sign: of the controller that the gains are of.
+        sign: -1 where the signs of both gains were changed.
     """
 
     problem: Problem
@@ -57,7 +57,7 @@ class LoopGainBounds:
 
     @classmethod
     def of(cls, problem: Problem, controllers: ControllerBox, point: tuple[float, ...]) -> LoopGainBounds:
-        """Where no gain is positive both signs are turned, and the ray with them: |L| does not mind."""
+        """Where no gain is positive both signs are changed; |L| is the same, and the ray of a margin is changed too."""
         box = problem.spec.controller
         kp, ki = _allowed(controllers.kp, box.kp), _allowed(controllers.ki, box.ki)
         if kp <= 0 and ki <= 0:
@@ -107,7 +107,7 @@ class LoopGainBounds:
         return arb(found.lower()), kp_high + high
 
     def plant_size(self, u: Interval) -> tuple[arb, arb]:
-        """Bounds of |P| over an interval; its dead time does not matter."""
+        """Bounds of |P| over an interval; the dead time has no effect."""
         known = self.problem.plant_gain_bounds
         key = (self.point, u)
         if key not in known:
@@ -126,7 +126,7 @@ class LoopGainBounds:
         return not only_below and bool(c[0] * p[0] > 1)
 
     def is_decreasing(self, u: Interval) -> bool:
-        """Whether |L| falls with the frequency all over an interval that is no tail."""
+        """Whether |L| decreases with the frequency all over an interval that is not a tail."""
         slope = self.problem.plant_enclosure(self.point, u).log_slope.real
         own = acb(-self.alpha) if self.kp.is_zero() else acb(0)
         if not self.kp.is_zero() and not self.ki.is_zero():
@@ -140,7 +140,7 @@ class LoopGainBounds:
         return bool(slope + most < 0)
 
     def has_no_crossover(self, low: float, high: float, only_below: bool = False) -> bool:
-        """Whether |L| = 1 nowhere in an interval of u, which may be a tail or the whole axis; or |L| < 1 all over."""
+        """Whether |L| != 1 (with `only_below`: |L| < 1) all over an interval of u, which may be a tail or the axis."""
 
         def settled(u: Interval) -> bool:
             return self.misses_unity(u, only_below) or self._misses_unity_centred(u, only_below)
@@ -148,17 +148,17 @@ class LoopGainBounds:
         return _covered(settled, low, high)
 
     def _misses_unity_centred(self, u: Interval, only_below: bool) -> bool:
-        """The same by the mean-value form, which knows how the gains go together: on short cells next to a crossing."""
+        """The same by the mean-value form, which is tighter on short intervals next to a crossing."""
         if not u[1] - u[0] < _SHORT:
             return False
         found = log_gain(self.problem, self.controllers, self.point, u)
         return found is not None and bool(found.upper < 0 or (not only_below and found.lower > 0))
 
     def has_no_margin_below(self, u: float, margin: arb) -> bool:
-        """Whether no gain crossover below a place, which is one, has this phase margin (modulo a whole turn).
+        """Whether no gain crossover below the crossover u has this phase margin (modulo 360 deg).
 
-        On cells that follow each other downwards from the place |L| falls strictly, so that it is larger than 1 on
-        them; the other cells each keep |L| away from 1 or L away from the ray of that margin.
+        On consecutive intervals downwards from u, |L| decreases strictly with frequency and is therefore larger than 1.
+        On each of the other intervals |L| differs from 1, or L does not meet the ray of that margin.
         """
         ray = -acb(margin.cos(), margin.sin())
 
@@ -188,7 +188,7 @@ class LoopGainBounds:
 
 
 def _covered(settled: Callable[[Interval], bool], low: float, high: float, narrowest: float = _NARROWEST) -> bool:
-    """Whether an interval can be cut into cells, not too narrow ones, each of which is settled."""
+    """Whether an interval can be split into cells, none too narrow, each of which is settled."""
     pending: list[Interval] = [(low, high)]
     cells = 0
     while pending:

@@ -1,8 +1,8 @@
-"""What is read where |L| = 1 (the angle), or where L is negative (the gain), over a box of controllers.
+"""Mean-value forms of the angle of L where |L| = 1, and of ln|L| where L is negative, over a box of controllers.
 
-Over the box and a bracket of u the value and lambda times what vanishes there are expanded around the centre with the
-mean-value theorem; lambda is such that the derivative along u vanishes at the centre.  What is left is of second order
-in the box and the bracket.
+Lambda times a function that is 0 at the crossing (ln|L|, or arg(-L)) is added to the value.  The sum is expanded around
+the centre of the box and of a bracket of u by the mean-value theorem.  The multiplier lambda is chosen so that the
+derivative along u vanishes at the centre.  The contribution of the bracket is then of second order.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ _J = acb(0, 1)
 
 @dataclass(frozen=True)
 class MeanValueForm:
-    """A value over a box:  middle + sum slopes t + rest,  |t| <= half.
+    """A value over a box:  middle + sum_i slopes_i t_i + remainder,  |t_i| <= half_i.
 
     Args:
         middle: at the centre.
         slopes: along the coordinates, enclosed over box and bracket.
         half: half-widths.
-        rest: what the bracket adds.
+        remainder: contribution of the bracket.
     """
 
     middle: arb
@@ -57,7 +57,7 @@ class MeanValueForm:
 
 @dataclass(frozen=True)
 class _Bracket:
-    """ln L around the centre of a patch and a bracket: the value there, and derivatives over all of it."""
+    """ln L on a box of controllers and a bracket of u: the value at the centre, and derivatives over the whole box."""
 
     u: float
     shift: arb
@@ -130,10 +130,10 @@ def crossing_angle(
 
 
 def _phase(problem: Problem, controllers: ControllerBox, point: tuple[float, ...], at: _Bracket) -> arb | None:
-    """arg L, unwrapped, at the centre; None where the box may hold controllers on different sheets.
+    """arg L, unwrapped, at the centre; None where it may differ by 360 deg between controllers of the box.
 
     With ki > 0 (or ki = 0, kp < 0 as its limit) C stays in the lower half-plane at every frequency, whatever kp; its
-    unwrapped argument is the principal one there.  With ki < 0 that is true of -C, and half a turn is taken off (added,
+    unwrapped argument is the principal one there.  With ki < 0 that is true of -C, and 180 deg are subtracted (added,
     when the plant's own sign is negative: two minus signs cancel).
     """
     negative = problem.is_negative(point)
@@ -149,13 +149,13 @@ def _phase(problem: Problem, controllers: ControllerBox, point: tuple[float, ...
         and negative
         and not (controllers.ki > 0 or controllers.kp > 0 or problem.spec.controller.ki.min > 0)
     ):
-        return None  # ki = 0 and kp < 0 on a negative plant: another sheet
+        return None  # ki = 0 and kp < 0 with a negative plant: the unwrapped phase differs by 360 deg
     c = at.controller if sign is IntegralSign.POSITIVE else -at.controller
     if c.contains(0):
         return None
     own = (_J * c).arg()
-    # A box about the border of what is allowed may reach beyond it: the sheet is right for the controllers that are
-    # allowed if none of the others is so far that the argument could have gone round.
+    # A box at the border of the allowed range may reach beyond it: the phase is right for the allowed controllers
+    # if the argument cannot have gone round for any of the others.
     reach = sum((abs(s.imag) * h for s, h in zip(at.slopes, controllers.half, strict=True)), arb(0))
     reach = reach + abs(at.along_controller.imag * at.shift)
     if not abs(own) + reach < 3 * arb.pi() / 2:

@@ -1,4 +1,4 @@
-"""Where to look:  frequencies and plants at which a condition may be broken."""
+"""Sample points:  frequencies and plants at which a condition may be violated."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.pruning.screen import Boxes, gains_at
 from fopi_tune.proof.balls.box import Box
 
-#: (frequency or None, plant) that a verification names
+#: (frequency or None, plant) of a worst case of a verification
 WorstCasePoint = tuple[float | None, tuple[float, ...]]
 
 _FREQUENCIES = 36
-#: how far beyond the plants' own frequencies the first ones reach
+#: factor by which the first grid exceeds the range of the plants' corner frequencies
 _BEYOND = 30.0
-#: frequencies closer than this (relative) are one
+#: frequencies closer than this (relative) are merged
 _GRAIN = 2e-3
 _MOST_CORNERS = 16
 _MOST_INSIDE = 81
-#: neper from its limit at which a condition is worth a new sample
+#: a condition within this distance of its limit, neper, gets a new sample
 _NEAR = 0.05
 
 
@@ -54,7 +54,7 @@ def first_reasons(problem: Problem, points: list[tuple[float, ...]], places: lis
 
 
 def constant_reasons(problem: Problem, points: list[tuple[float, ...]]) -> list[Reason]:
-    """What does not depend on the controller: |S| -> 1, no spread is negative, and a spread of |L| that is known."""
+    """Reasons independent of the controller: |S| -> 1, a spread is not negative, and a known spread of |L|."""
     found: list[Reason] = []
     for k, condition in enumerate(problem.conditions.every):
         spread = condition.test in (Test.SPREAD, Test.GAIN_SPREAD)
@@ -67,7 +67,7 @@ def constant_reasons(problem: Problem, points: list[tuple[float, ...]]) -> list[
 
 
 def meets_conditions(problem: Problem, centre: Array, points: list[tuple[float, ...]]) -> bool:
-    """Whether one controller, shape (1, k), meets every condition, as far as floating point and these plants tell."""
+    """Whether one controller, shape (1, k), meets every condition, in floating point and for these plants."""
     gains = gains_at(problem.parametrization, centre)
     if gains[0][0] == 0.0 and gains[1][0] == 0.0:
         return False
@@ -91,7 +91,7 @@ def meets_conditions(problem: Problem, centre: Array, points: list[tuple[float, 
             excess, _ = _excesses(condition, loops, plants, 1)
             if excess is None or np.nanmax(excess) > 0.0:
                 return False
-    fixed = problem.margin_is_fixed  # a nominal margin that is fixed is met by the coordinates themselves
+    fixed = problem.margin_is_fixed  # the coordinates already satisfy a fixed nominal margin
     return not any(
         suggestion.excess > 0.0
         for suggestion in suggestions(problem, Boxes(centre, centre), points)
@@ -155,7 +155,7 @@ def _inside(problem: Problem) -> list[tuple[float, ...]]:
 
 
 def _excesses(condition: Condition, loops: Loops, plants: Array, count: int) -> tuple[Array | None, Array]:
-    """By how much each controller (rows) breaks a condition with each plant (columns), neper, and where."""
+    """Violation of a condition by each controller (rows) and plant (columns), neper, and its frequency."""
     assert condition.response is not None
     try:
         at = extremes(loops, condition.response, *condition.band_rad_s, condition.upper)

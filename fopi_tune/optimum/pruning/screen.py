@@ -1,10 +1,10 @@
-"""Which box can be discarded, and why:  many boxes against many samples at once, in floating point.
+"""Screening of boxes:  which can be discarded by which sample, many at once, in floating point.
 
-The formulas are those of `optimum.charts` and `optimum.pruning.refute`, written again for arrays.  Nothing here is a
-proof: what it suggests is tested in ball arithmetic, and a box that fails there is cut like any other.
+The formulas are those of `optimum.parametrization` and `optimum.pruning.exclusion` for arrays.  The results are
+suggestions, not proofs: each is tested in ball arithmetic, and a box that fails the test is split.
 
-A sample's ratio is how far its condition is broken at a box's centre over how much it varies in the box: above 1 the
-box can be discarded; the largest one says along which axis to cut.
+A sample's ratio is the violation of its condition at a box's centre over its variation in the box.  Above 1 the box can
+be discarded.  The sample with the largest ratio also gives the axis to split.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Boxes:
 
 @dataclass(frozen=True)
 class TaylorModels:
-    """The controller over n boxes at m places: values (n, m), slopes k of (n, m), rest (n, m)."""
+    """Taylor models of C over n boxes at m frequencies: value (n, m), k slopes (n, m), remainder (n, m)."""
 
     value: Complex
     slopes: list[Complex]
@@ -67,7 +67,7 @@ class TaylorModels:
 
 
 def taylor_models(parametrization: Parametrization, boxes: Boxes, log_s: Complex) -> TaylorModels:
-    """C over boxes, at places log_s of shape (m,) for all of them, or (n, m)."""
+    """Taylor models of C over n boxes at ln s, of shape (m,) for all boxes or (n, m)."""
     log_s = np.atleast_2d(log_s)
     if isinstance(parametrization, CrossoverParametrization):
         return _on_circle(parametrization, boxes, log_s)
@@ -97,7 +97,7 @@ def _on_circle(parametrization: CrossoverParametrization, boxes: Boxes, log_s: C
 
 
 def gains_at(parametrization: Parametrization, coordinates: Array) -> tuple[Array, Array, Array]:
-    """kp, ki and alpha at n places of the chart."""
+    """kp, ki and alpha at n points of the coordinates."""
     if not isinstance(parametrization, CrossoverParametrization):
         return coordinates[:, 0], coordinates[:, 1], coordinates[:, 2]
     alpha, psi = coordinates.T
@@ -108,11 +108,11 @@ def gains_at(parametrization: Parametrization, coordinates: Array) -> tuple[Arra
 
 @dataclass(frozen=True)
 class ScreeningResult:
-    """What was found of n boxes.
+    """Result of screening n boxes.
 
     Args:
-        ratio: the largest.
-        reason: which sample it belongs to, as an index.
+        ratio: the largest ratio of each box.
+        reason: index of its sample.
         axis: along which its condition varies most.
     """
 

@@ -33,7 +33,7 @@ def count_right_half_plane_zeros(loop: BallLoop, plant: PlantEnclosure, has_inte
         has_integrator: whether the controller has a pole at w = 0.
 
     Returns:
-        The number; None when F comes too close to 0 on the axis to be told from it.
+        The number; None when F comes too close to 0 on the axis to be separated from it.
     """
     low, high = _end(loop, plant, has_integrator, -1.0), _end(loop, plant, has_integrator, 1.0)
     if low is None or high is None:
@@ -50,7 +50,7 @@ def count_right_half_plane_zeros(loop: BallLoop, plant: PlantEnclosure, has_inte
 
 
 def _end(loop: BallLoop, plant: PlantEnclosure, has_integrator: bool, direction: float) -> tuple[float, arb] | None:
-    """A place beyond which F, but for its power of w, keeps away from the imaginary axis; and its argument there."""
+    """A point u beyond which F over its power of w keeps away from the imaginary axis, and its argument there."""
     u = direction
     while abs(u) < _FARTHEST:
         tail: Interval = (-float("inf"), u) if direction < 0 else (u, float("inf"))
@@ -70,7 +70,7 @@ def _end(loop: BallLoop, plant: PlantEnclosure, has_integrator: bool, direction:
 
 
 def argument_change(loop: BallLoop, plant: PlantEnclosure, low: float, high: float) -> arb | None:
-    """Change of arg F from one place to another, over pieces on each of which F stays in a rectangle without 0.
+    """Change of arg F between two points of the axis, over pieces on each of which F stays in a rectangle without 0.
 
     Args:
         loop: in continuous time, F = D + C N e^{-Ls}, or on samples.
@@ -79,7 +79,7 @@ def argument_change(loop: BallLoop, plant: PlantEnclosure, low: float, high: flo
         high: u to end at.
 
     Returns:
-        rad; None when F comes too close to 0 to be told from it.
+        rad; None when F comes too close to 0 to be separated from it.
     """
     total, pieces = arb(0), 0
     before = loop.enclosure((low, low), plant).characteristic

@@ -1,6 +1,6 @@
 """L = C P over boxes of frequencies and plants, in ball arithmetic:  what holds for the balls holds for every member.
 
-`BallLoop` says which loop; what it is over one box is computed in `fopi_tune.proof.balls.responses`.
+`BallLoop` is the controller with its family; the responses over one box are in `fopi_tune.proof.balls.responses`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class BallLoop(LoopParameters):
 
     @property
     def controller_is_negative(self) -> bool:
-        """Whether C < 0 as omega -> 0, up to its integral's turn."""
+        """Whether C < 0 as omega -> 0, without the phase of the integral."""
         return (self.gains.ki if self.gains.ki != 0.0 else self.gains.kp) < 0.0
 
     def controller_phase(self, u: arb) -> arb:
@@ -50,21 +50,21 @@ class BallLoop(LoopParameters):
         return -self.alpha * arb.pi() / 2 + (1 + w).arg()
 
     def delay_phase(self, at: LoopEnclosure) -> arb:
-        """arg of what is late, rad."""
+        """arg of the delay factor, rad."""
         return -at.omega * at.plant.dead_time.value
 
     # -- the frequency axis -------------------------------------------------------------------------------------------
 
     def u_of(self, log_omega: float) -> float:
-        """u at a frequency given by its logarithm."""
+        """u at a frequency given by ln omega."""
         return log_omega
 
     def inner_u_of(self, log_omega: float, upper: bool) -> float:
-        """The same, rounded down for an upper limit and up for a lower one: what holds there holds at the limit."""
+        """u_of, rounded down for an upper limit and up for a lower one: the strict side of the limit."""
         return log_omega
 
     def band(self, from_rad_s: float, to_rad_s: float) -> Interval:
-        """Places of all frequencies of a band."""
+        """Interval of u that contains a band of frequencies."""
         return log_interval(from_rad_s, to_rad_s)
 
     def frequency(self, omega: arb) -> arb:
@@ -92,7 +92,7 @@ class BallLoop(LoopParameters):
         return assemble(self.family, theta)
 
     def loops_at(self, points: Array) -> Loops:
-        """The same loops in floating point, for plants at these places of the box, shape (m, p): where to look."""
+        """The same loops in floating point for these plants, shape (m, p); used only to choose what to examine."""
         return Loops.of(self.gains, Plants.members(self.family, points))
 
     def plants(self, box: Box) -> PlantEnclosure:

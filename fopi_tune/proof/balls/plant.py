@@ -1,7 +1,7 @@
-"""A plant's coefficients over a box of its uncertain numbers, with their derivatives, and its polynomials' values.
+"""A plant's coefficients over a box of its uncertain numbers, with derivatives by automatic differentiation.
 
-Plant models make their coefficients from their numbers with ordinary arithmetic (`PlantModel.assemble`); given duals,
-balls with their gradients that are carried through + - * /, instead of floats, the same code yields enclosures of the
+Plant models compute their coefficients with ordinary arithmetic (`PlantModel.assemble`).  Called with dual numbers
+(balls with gradients, propagated through + - * /) instead of floats, the same code yields enclosures of the
 coefficients and of their derivatives.
 """
 
@@ -19,7 +19,7 @@ from fopi_tune.errors import DomainError
 
 @dataclass(frozen=True)
 class Dual:
-    """A real ball and the balls of its partial derivatives.
+    """Dual number: a real ball and the balls of its partial derivatives.
 
     Args:
         value: the number.
@@ -86,7 +86,7 @@ class PlantEnclosure:
         denominator: descending powers.
         dead_time: s.
         late: of a plant behind a hold, the factor z^-late.
-        gain: a factor of the numerator that is kept apart, so that its derivative costs nothing.
+        gain: a separate factor of the numerator, whose derivative is cheap.
     """
 
     numerator: tuple[Dual, ...]
@@ -104,7 +104,7 @@ def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantEnclosure:
     """
     uncertain = iter(enumerate(theta, 1))
     values: dict[str, Any] = {}
-    # in the model's own order: lists of coefficients are read off by it
+    # in the model's own order, which defines the lists of coefficients
     for name, number in family.parameters.items():
         if number.is_exact:
             values[name] = arb(number.nominal)

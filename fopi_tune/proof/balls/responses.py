@@ -1,6 +1,6 @@
 """L, S, T, C S over one box of frequencies and plants, in ball arithmetic, with the derivatives of ln L.
 
-On every piece of the frequency axis, with s = j omega, the loop is written with finite pieces,
+On every piece of the frequency axis, with s = j omega, the loop is written with finite factors,
 
     L = c n/(x d),    S = x d/F,    T = c n/F,    C S = c d/F,    F = x d + c n,
 
@@ -8,7 +8,7 @@ between            c = kp + ki s^-alpha    x = 1          n = N(s) e^{-Ls}      
 omega -> 0         c = kp s^alpha + ki     x = s^alpha    n = N(s) e^{-Ls}          d = D(s)
 omega -> inf       c = kp + ki s^-alpha    x = 1          n = N(s)/s^k e^{-Ls}      d = D(s)/s^k ,
 
-k the degree of D.  In the tails s (or 1/s) runs through a ball that holds 0, and e^{-j omega L} through the unit disc:
+k the degree of D.  In the tails s (or 1/s) is enclosed by a ball that holds 0, and e^{-j omega L} by the unit disc, so
 no frequency is left out.  In u = ln omega the derivatives of ln L are
 
     d ln C/du = -alpha/(1 + (kp/ki) s^alpha),    d ln N/du = s N'/N,    d(-j omega L)/du = -j omega L.
@@ -78,7 +78,7 @@ class LoopParameters:
         return self.ki / self.turn
 
 
-#: below this size S (or T) is not computed as 1 - T (1 - S)
+#: below this size S (or T) is computed as a product, since 1 - T (1 - S) would cancel
 _TINY = arb(1e-3)
 _ZERO = arb(0)
 _UNIT_DISC = acb(arb(0, 1), arb(0, 1))
@@ -87,7 +87,7 @@ _UNIT_DISC = acb(arb(0, 1), arb(0, 1))
 class LoopEnclosure:
     """The loop over one box:  L, S, T, C S and the derivatives of ln L.
 
-    Everything is computed when it is first asked for.
+    Every value is computed on first use and cached.
 
     Args:
         loop: the controller and the family.
@@ -127,7 +127,7 @@ class LoopEnclosure:
 
     @cached_property
     def c(self) -> acb:
-        """The controller's piece."""
+        """The factor c of the controller."""
         loop = self.loop
         if loop.gains.ki == 0.0:
             return acb(loop.kp)
@@ -199,7 +199,7 @@ class LoopEnclosure:
 
     @cached_property
     def _closed(self) -> tuple[acb, acb]:
-        """S and T, by whichever of L and 1/L is the smaller; a tiny one as a product, which does not cancel."""
+        """S and T from the smaller of L and 1/L; a tiny one is computed as a product to avoid cancellation."""
         gain = self.gain
         if gain.is_finite() and not gain.abs_lower() > 1:
             s = 1 / (1 + gain)
@@ -220,7 +220,7 @@ class LoopEnclosure:
 
     @cached_property
     def control_sensitivity(self) -> acb:
-        """C S = T/P; the latter where L is large, and C may have no end."""
+        """C S = T/P; the second form where L is large and C may be unbounded."""
         if self.x is None and not self.gain.abs_lower() > 1:
             return self.c * self.sensitivity
         return self.d / self.n * self.complementary

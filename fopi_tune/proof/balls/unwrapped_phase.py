@@ -1,13 +1,14 @@
-"""The unwrapped phase of a loop at one frequency and one plant, in ball arithmetic, sheet included.
+"""The unwrapped phase of a loop at one frequency and one plant, in ball arithmetic.
 
 With phases counted from omega -> 0 as `fopi_tune.core.loops` does,
 
     arg L = arg C + phase0 + Delta arg N - Delta arg D - omega L ,                                                 (1)
 
-where Delta arg X is the continuous change of arg X(j omega) from 0 on, and phase0 holds -180 deg for a negative sign
-and for every pole in the right half-plane, and 90 deg for every root at the origin.  Up to degree 2 the change is an
-arc tangent, since one part of X(j omega)/X(0) keeps its sign; beyond, it is followed over pieces of the axis on each of
-which X stays in a ball without 0.  The total change tells how many roots lie on the right,
+where Delta arg X is the continuous change of arg X(j omega) from 0 on.  phase0 is -180 deg for a negative sign and for
+every pole in the right half-plane, and +90 deg (-90 deg) for every zero (pole) at the origin.  Up to degree 2 the
+change is an arc tangent, since one part of X(j omega)/X(0) keeps its sign.  For higher degrees the phase is followed over
+pieces of the axis; on each of them X stays in a ball without 0.  The total change gives the number of right half-plane
+roots,
 
     Delta arg X (0 -> inf) = (n - 2 right) pi/2 .                                                                  (2)
 
@@ -35,12 +36,12 @@ _FARTHEST = 700.0
 
 
 def unwrapped_phase(loop: BallLoop, at: LoopEnclosure, phases: tuple[PolynomialPhase, PolynomialPhase]) -> arb:
-    """arg L by (1), rad; nan where a root on the imaginary axis leaves the sheet open.
+    """arg L by (1), rad; nan where a root on the imaginary axis makes it ambiguous.
 
     Args:
         loop: the loop.
-        at: it at one frequency, omega > 0, and one plant.
-        tracks: the plant's numerator and denominator.
+        at: the loop at one frequency, omega > 0, and one plant.
+        phases: of the plant's numerator and denominator.
     """
     numerator, denominator = phases
     omega = at.omega
@@ -57,7 +58,7 @@ def unwrapped_phase(loop: BallLoop, at: LoopEnclosure, phases: tuple[PolynomialP
 
 
 def plant_phases(loop: BallLoop, theta: Sequence[float]) -> tuple[PolynomialPhase, PolynomialPhase]:
-    """Numerator and denominator of one plant."""
+    """Phases of the numerator and denominator of one plant."""
     plant = loop.plant([arb(value) for value in theta])
     return PolynomialPhase.of([plant.gain.value * c.value for c in plant.numerator]), PolynomialPhase.of(
         [c.value for c in plant.denominator]
@@ -70,7 +71,7 @@ class PolynomialPhase:
 
     Args:
         coefficients: descending powers, first and last not 0.
-        at_origin: roots at s = 0 that were taken out.
+        roots_at_origin: number of roots at s = 0; they are not in the coefficients.
     """
 
     coefficients: tuple[arb, ...]
@@ -78,7 +79,7 @@ class PolynomialPhase:
 
     @classmethod
     def of(cls, coefficients: Sequence[arb]) -> PolynomialPhase:
-        """Take out exact zeros at both ends."""
+        """Remove coefficients that are exactly 0 at both ends."""
         inner = list(coefficients)
         while inner and inner[0].is_zero():
             inner.pop(0)
@@ -131,7 +132,7 @@ class PolynomialPhase:
 
 @dataclass(frozen=True)
 class _Path:
-    """Arguments at places along the axis, between neighbours of which X stays in a ball without 0."""
+    """Arguments at points along the axis; between neighbouring points X stays in a ball without 0."""
 
     coefficients: tuple[arb, ...]
     places: tuple[float, ...]
@@ -193,7 +194,7 @@ def _range(coefficients: Sequence[arb], a: float, b: float) -> acb:
 
 
 def _reach(coefficients: Sequence[arb], direction: int) -> float | None:
-    """u beyond which (in this direction) one end's term outweighs all others twice."""
+    """u beyond which, in this direction, the dominant term is more than twice the sum of all others."""
     ordered = list(coefficients) if direction > 0 else list(reversed(coefficients))
     leading, others = ordered[0].abs_lower(), [c.abs_upper() for c in ordered[1:]]
     largest = max((float(c / leading) for c in others), default=1.0)

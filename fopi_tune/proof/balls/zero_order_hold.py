@@ -1,4 +1,4 @@
-"""A plant behind a zero-order hold, seen at the samples, in ball arithmetic, with its derivatives.
+"""Zero-order-hold equivalent of a plant with dead time, in ball arithmetic, with its derivatives.
 
     P(z) = sum_j z^-j c adj(zI - Phi) g_j / det(zI - Phi),    j = m, ..., m + K .                                   (1)
 
@@ -6,9 +6,9 @@ The control of j samples ago acts with the weight
 
     g_j = W(1 - clip(l - j)) - W(1 - clip(l - j + 1)),    W(t) = int_0^t e^{As} b ds ,                              (2)
 
-l the delay in samples, t in samples and clip to [0, 1]: one formula for a delay that is uncertain across several
-samples; clip has kinks, where its derivative is enclosed by [0, 1].  Both polynomials are given in
-w = (z - 1)/(z + 1), the factor z^-(m + 1) apart.
+l is the delay and t the time, both in samples; clip limits to [0, 1].  The formula also holds for a delay that is
+uncertain across several samples.  At the kinks of clip its derivative is enclosed by [0, 1].  Both polynomials are
+given in w = (z - 1)/(z + 1), without the factor z^-(m + 1).
 
 Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997; (2) is derived for any delay.
 """
@@ -24,9 +24,9 @@ from fopi_tune.errors import DomainError
 from fopi_tune.proof.balls.plant import Dual, PlantEnclosure
 
 _ONE, _ZERO = arb(1), arb(0)
-#: an argument below which a difference of reciprocals is a series
+#: arguments below this use a series instead of a difference of reciprocals
 _SMALL = arb(1e-4)
-#: samples across which a delay may be uncertain before it is cut
+#: most samples across which a delay may be uncertain; a wider box must be split
 _MOST_SPAN = 12
 
 
@@ -51,7 +51,7 @@ def hold_equivalent(plant: PlantEnclosure, sample_time: arb, samples: Dual, axes
     if direct is not None and direct.value.is_zero() and not direct.gradient:
         direct = None
     if span > _MOST_SPAN or (direct is not None and span > 1):
-        # cut the dead time first; the direct path jumps by whole samples and is not even continuous in it
+        # split the dead time first; with a direct path the response is not continuous in it
         return PlantEnclosure((Dual(arb.nan()),), (Dual.of(1),), Dual.of(0), first + 1)
     if degree == 1 and direct is None and not plant.denominator[1].value.contains(0):
         return _first_order(plant, sample_time, times, first)
@@ -60,7 +60,7 @@ def hold_equivalent(plant: PlantEnclosure, sample_time: arb, samples: Dual, axes
 
 
 def _clip(x: Dual) -> Dual:
-    """x cut to [0, 1]."""
+    """x limited to [0, 1]."""
     low, high = x.value.lower(), x.value.upper()
     if low >= 0 and high <= 1:
         return x
@@ -74,7 +74,7 @@ def _clip(x: Dual) -> Dual:
 
 
 def _first_order(plant: PlantEnclosure, ts: arb, times: list[Dual], first: int) -> PlantEnclosure:
-    """(1) for n1/(d0 s + d1), x = Ts d1/d0, with everything in it as seldom as can be:
+    """(1) for n1/(d0 s + d1), x = Ts d1/d0, each uncertain number as rarely as possible:
 
     P = (n1/d1) z^-(m+1) z^(1-K) (1 - w) (1 + sum_j phi_j z^(k_j - 1) (z - 1))/(1 + w coth(x/2)),
     phi_j = (1 - e^{-x t_j})/(1 - e^{-x}),   k_j = K - j,   j = 0 ... K - 1 .
@@ -92,9 +92,9 @@ def _first_order(plant: PlantEnclosure, ts: arb, times: list[Dual], first: int) 
 
 
 def _step_ratio(x: Dual, t: Dual) -> Dual:
-    """phi = (1 - e^{-xt})/(1 - e^{-x}), 0 <= t <= 1, x != 0:  it rises with x and with t, so that its ends enclose it.
+    """phi = (1 - e^{-xt})/(1 - e^{-x}), 0 <= t <= 1, x != 0:  increasing in x and t, so the ends enclose it.
 
-    d phi/dt = e^{-xt}/g(x),  d phi/dx = phi (t h(xt) - h(x)),  g(y) = (1 - e^{-y})/y falls, h = g'/g rises.
+    d phi/dt = e^{-xt}/g(x),  d phi/dx = phi (t h(xt) - h(x)),  g(y) = (1 - e^{-y})/y decreases, h = g'/g increases.
     """
     if t.value == 1 and not t.gradient:
         return Dual.of(1)
@@ -135,13 +135,13 @@ _Weights = tuple[list[list[Dual]], list[Dual]]
 def _any_order(plant: PlantEnclosure, direct: Dual | None, ts: arb, times: list[Dual], axes: int) -> _Weights:
     """By the exponential of the companion form, the derivatives by that of [[A, dA], [0, A]].
 
-    The last weight, of t = 1, is that of every earlier control together.
+    The last weight, of t = 1, is that of all earlier controls together.
     """
     leading = plant.denominator[0]
     n = len(plant.denominator) - 1
     if n == 0:
         return [[] for _ in range(len(times) + 1)], [Dual.of(1)]
-    # in samples, s Ts: coefficients of falling powers take Ts^0, Ts^1, ...
+    # time in samples, s Ts: coefficients of descending powers are multiplied by Ts^0, Ts^1, ...
     missing = n + 1 - len(plant.numerator)
     scaled = [c / leading * ts**k for k, c in enumerate(plant.denominator)]
     c = [Dual.of(0)] * (missing - 1) + [
@@ -237,7 +237,7 @@ def _bilinear(weights: list[list[Dual]], characteristic: list[Dual], direct: Dua
     for i, coefficient in enumerate(characteristic):
         _add(bottom, coefficient, _monomial(0, n - i, n))
     if direct is not None:
-        # z^-late direct R: there is no other power of z
+        # z^-late direct R: the only power of z
         top = [x + direct * y for x, y in zip(top, bottom, strict=True)]
     return PlantEnclosure(tuple(top), tuple(_times_one_plus_w(span, bottom)), Dual.of(0), first + 1)
 

@@ -25,8 +25,8 @@ class Bound(Claim):
         response: R.
         level: in neper.
         upper: True for at most (sign = 1), False for at least (sign = -1).
-        domain: where.
-        origin: u at which an axis without ends is cut first.
+        domain: frequencies and plants.
+        origin: u at which the whole frequency axis is split first.
     """
 
     loop: BallLoop
@@ -67,7 +67,7 @@ class Bound(Claim):
         return BoxVerdict(None, max_smear_axis(box, known), monotone_ends)
 
     def _holds_by_values(self, over: LoopEnclosure) -> bool:
-        """Whether the range of R over the box, without any derivative, is on the right side."""
+        """Whether the range of R over the box satisfies the bound, without derivatives."""
         value, limit = response_of(over, self.response), arb(self.level).exp()
         if value.is_finite() and (value.abs_upper() <= limit if self.upper else value.abs_lower() >= limit):
             return True
@@ -77,7 +77,7 @@ class Bound(Claim):
         return over.high_tail and over.delay is not None and self._holds_by_size(over, limit)
 
     def _holds_by_size(self, over: LoopEnclosure, limit: arb) -> bool:
-        """By 1 - |L| <= |1 + L| <= 1 + |L|, where a dead time turns L through a whole disc."""
+        """By 1 - |L| <= |1 + L| <= 1 + |L|, where the phase of L is unknown because of a dead time."""
         size = over.size
         if not size < 1:
             return False
@@ -117,7 +117,7 @@ class Bound(Claim):
         return max_smear_axis(box, [abs(g) for g in gradient])
 
     def _tail_axis(self, box: Box, slopes: list[arb | None], middle: arb) -> int:
-        """Move the tail's end outwards, unless the plants are what keeps it from being settled."""
+        """Split the tail along u, unless the spread of the plants prevents the proof."""
         plants = sum((s * d for s, d in zip(slopes, deviations(box), strict=True) if s is not None), arb(0))
         if not plants.is_finite() or not middle.is_finite() or plants.rad() <= middle.rad():
             return 0

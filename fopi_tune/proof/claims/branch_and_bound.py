@@ -1,8 +1,8 @@
-"""Branch and bound for a claim, the record of it, and the walk that checks a record.
+"""Branch and bound for a claim, its record, and the check of a record.
 
-A record is the search's tree in preorder: `s2` cuts a box along axis 2 in the middle, `p1+2-` replaces it by its face
-at the upper end of axis 1 and the lower end of axis 2, everything else is a leaf on which the claim holds.  Cuts are
-made by one rule, so that the leaves cover the domain by construction.
+A record is the search tree in preorder: `s2` splits a box in the middle of axis 2, `p1+2-` replaces it by its face at
+the upper end of axis 1 and the lower end of axis 2, every other token is a leaf on which the claim holds.  Boxes are
+always split by the same rule, so the leaves cover the domain by construction.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ _PIN = re.compile(r"(\d+)([+-])")
 
 @dataclass(frozen=True)
 class SearchResult:
-    """How a search ended.
+    """Result of a search.
 
     Args:
-        record: tokens of the tree; empty unless the claim was shown.
-        boxes: boxes looked at.
-        counterexample: a place at which the claim is false.
-        open_boxes: of a search that gave up, boxes that were not settled.
+        record: tokens of the tree; empty unless the claim was proved.
+        boxes: number of examined boxes.
+        counterexample: a point at which the claim is false.
+        open_boxes: undecided boxes of a search that ran out of budget or could not split further.
     """
 
     record: tuple[str, ...]
@@ -40,11 +40,11 @@ class SearchResult:
 
 
 def search(claim: Claim, budget: int) -> SearchResult:
-    """Show a claim on its whole domain, or find a point where it is false.
+    """Prove a claim on its whole domain, or find a counterexample.
 
     Args:
-        claim: what to show.
-        budget: the most boxes to look at.
+        claim: to be proved.
+        budget: most boxes to examine.
     """
     record: list[str] = []
     pending = [claim.domain]
@@ -73,10 +73,10 @@ def search(claim: Claim, budget: int) -> SearchResult:
 
 
 def check_record(claim: Claim, record: tuple[str, ...]) -> str | None:
-    """Walk a record and test every leaf and face again.
+    """Walk through a record and test every leaf and face again.
 
     Returns:
-        What is wrong with it, or None.
+        The first error, or None.
     """
     pending = [claim.domain]
     position = 0

@@ -1,4 +1,4 @@
-"""What is read off a gain crossover:  a value psi(u, theta) with its derivatives, in ball arithmetic.
+"""Quantities at a gain crossover:  a value psi(u, theta) with its derivatives, in ball arithmetic.
 
 phase margin    pi + arg L                  rad
 delay margin    (pi + arg L)/omega          s
@@ -26,7 +26,7 @@ _FLAT = 1e-6
 
 
 class CrossingQuantity(StrEnum):
-    """What is read off; the value is its name in a certificate."""
+    """Quantity at a crossing; the value is its name in a certificate."""
 
     PHASE_MARGIN = "phase_margin_rad"
     DELAY_MARGIN = "delay_margin_s"
@@ -35,7 +35,7 @@ class CrossingQuantity(StrEnum):
 
 
 class CrossingEvaluator:
-    """Evaluates readings of one loop; it remembers how plants' phases run along the axis.
+    """Evaluates quantities at crossings of one loop; the phases of plants along the axis are cached.
 
     Args:
         loop: gains and family.
@@ -62,7 +62,7 @@ class CrossingEvaluator:
         return self.all_crossings(tuple(self.loop.family.nominal_point.tolist()))
 
     def all_crossings(self, theta: tuple[float, ...]) -> list[float]:
-        """u of one plant's gain crossovers, ascending, in floating point: where to look, no more."""
+        """u of one plant's gain crossovers, ascending, in floating point; used only to choose brackets."""
         return gain_crossovers(self.loop.loops_at(np.array([theta], dtype=float))).u.tolist()
 
     @cached_property
@@ -74,7 +74,7 @@ class CrossingEvaluator:
         return bool(np.bincount(gain_crossovers(loops).row, minlength=1).max() > 1)
 
     def followed_crossing(self, theta: tuple[float, ...]) -> list[float]:
-        """The crossover that the nominal plant's only one becomes; none where it has several or is lost."""
+        """The continuation of the nominal plant's only crossover; empty if it has several or Newton's method fails."""
         if len(self._nominal_crossings) != 1:
             return []
         found = self._follow(self._nominal_crossings[0], theta)
@@ -110,8 +110,8 @@ def derivatives_of(
 
     Args:
         loop: the loop.
-        reading: what psi is.
-        over: it over the box.
+        quantity: psi.
+        over: the loop over the box.
         centre: psi at the centre.
         shifts: X_i - c_i.
         omega: e^u at the centre.

@@ -1,7 +1,8 @@
 """Claims about every gain crossover:  wherever |L| = 1, a value psi stays on its side of a level.
 
-On |L| = 1 the value may be replaced by psi + lambda ln|L|.  With lambda such that the derivative along u vanishes at a
-box's centre, what is left varies as psi does along the curve |L| = 1, to second order in the size of the box.
+On |L| = 1 the value psi equals the Lagrangian psi + lambda ln|L|.  The multiplier lambda is chosen so that the
+derivative along u vanishes at the box's centre.  The rest varies as psi does along the curve |L| = 1, to second order in the size
+of the box.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
 from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim, deviations, longest_axis, max_smear_axis, tail_axis
 from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity, derivatives_of
 
-#: a larger factor of ln|L| would amplify rounding; a crossover this flat is cut further instead
+#: a larger multiplier of ln|L| would amplify rounding; the box is split instead
 _LARGEST_MULTIPLIER = 1e6
 
 
@@ -27,7 +28,7 @@ class EveryCrossover(Claim):
 
     Args:
         loop: gains and family.
-        reading: psi.
+        quantity: psi.
         level: in psi's unit.
         upper: True for <=.
         domain: where.
@@ -84,7 +85,7 @@ class EveryCrossover(Claim):
         return changes_sign(self.loop, bracket, box[1:])
 
     def _not_the_highest(self, box: Box) -> str | None:
-        """A change of sign of ln|L| at higher frequencies, for every plant of the box."""
+        """A leaf with a change of sign of ln|L| at higher frequencies for every plant of the box; None if not found."""
         higher = [u for u in self.evaluator.all_crossings(centre_of(box[1:])) if u > box[0][1]]
         if not higher:
             return None
@@ -111,7 +112,7 @@ def has_no_gain_crossover(over: LoopEnclosure) -> bool:
 
 
 def with_multiplier(slopes: list[arb], gains: list[arb]) -> tuple[list[arb], float]:
-    """Derivatives of psi + lambda ln|L| and the lambda that makes the first vanish at the middle."""
+    """Derivatives of psi + lambda ln|L|, and the multiplier lambda for which the first vanishes at the centre."""
     steep = float(gains[0].mid())
     multiplier = -float(slopes[0].mid()) / steep if steep != 0.0 else 0.0
     if not abs(multiplier) < _LARGEST_MULTIPLIER:
@@ -214,7 +215,7 @@ class EveryPhaseCrossover(Claim):
         return bool(self.loop.at_centre(face).size.log() + variation < -arb(self.level))
 
     def _is_apart(self, over: LoopEnclosure) -> bool:
-        """Whether L keeps away from [-1, -e^-level]."""
+        """Whether L does not meet [-1, -e^-level]."""
         gain = over.gain
         if not gain.is_finite():
             inverse = over.inverse_gain

@@ -1,7 +1,7 @@
-"""Claims that every plant has a crossing of some kind:  a change of sign between two frequencies, shown with each box.
+"""Claims that every plant has a crossing:  each box comes with a bracket of two frequencies with a change of sign.
 
-A leaf `x-1.25:-1.2` says: for every plant of the box there is a crossing between these values of u, and wherever it
-lies there, its value keeps to the level.
+A leaf `x-1.25:-1.2` states: every plant of the box has a crossing between these values of u, and at every crossing
+there the value meets the level.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from fopi_tune.proof.claims.claim import (
 from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity, derivatives_of
 from fopi_tune.proof.claims.crossings import changes_sign, parse_bracket, with_multiplier
 
-#: widths in u of the zones tried for a crossing of which only its presence counts
+#: widths in u of the brackets tried for a crossing whose value does not matter
 _WIDTHS = (1.0, 4.0, 16.0)
 _LEAST_HALF_WIDTH = 1e-10
-#: added to a zone in turn: where the crossing is flat its sign cannot be told so close to it
+#: added to a bracket in turn: close to a flat crossing the sign cannot be determined
 _MORE = (0.0, 1e-7, 1e-4)
 _FARTHEST = 16.0
-#: tokens of the ends of the frequency axis, and u beyond which nothing but the limit is left
+#: tokens of the ends of the frequency axis, and u beyond which only the limit remains
 _LOW_END, _HIGH_END = "e-", "e+"
 _FAR_OUT = 1e12
 
@@ -45,7 +45,7 @@ class SomeCrossover(Claim):
 
     Args:
         loop: gains and family.
-        reading: psi.
+        quantity: psi.
         level: in psi's unit; None for a crossover anywhere.
         upper: True for <=.
         domain: the plants; axis 0 is not cut.
@@ -75,11 +75,11 @@ class SomeCrossover(Claim):
 
     @property
     def _only_its_place(self) -> bool:
-        """Whether nothing but the crossing's frequency matters, and so |L| alone."""
+        """Whether only the crossing's frequency matters, so that |L| alone decides."""
         return self.level is None or self.quantity is CrossingQuantity.CROSSOVER
 
     def _brackets(self, u: float, reach: float) -> list[Interval]:
-        """Where to look for the crossing at u: close by where its value counts, else as far as it takes."""
+        """Brackets to try for the crossing at u: narrow where its value matters, else up to wide ones."""
         near = [(u - reach - more, u + reach + more) for more in _MORE]
         if self.level is None:
             return [near[0], *((u - width, u + width) for width in _WIDTHS)]
@@ -88,7 +88,7 @@ class SomeCrossover(Claim):
         return [near[0], *((self.level, max(u, self.level) + width) for width in _WIDTHS)]
 
     def _candidates(self, theta: tuple[float, ...]) -> Iterator[float]:
-        """Where the central plant crosses |L| = 1: what the nominal crossover becomes, then the most favourable."""
+        """Gain crossovers of the central plant: first the continuation of the nominal one, then the most favourable."""
         followed = self.evaluator.followed_crossing(theta)
         yield from followed
         if followed and not self.evaluator.may_cross_often:
@@ -111,7 +111,7 @@ class SomeCrossover(Claim):
         if self.level is None:
             return changes_sign(self.loop, bracket, box[1:])
         if self.quantity is CrossingQuantity.CROSSOVER:
-            # a crossing in the part of the zone that counts
+            # a crossing in the part of the bracket beyond the level
             low, high = (low, min(high, self.level)) if self.upper else (max(low, self.level), high)
             return low < high and changes_sign(self.loop, (low, high), box[1:])
         return changes_sign(self.loop, bracket, box[1:]) and self._meets_level(self.level, (bracket, *box[1:]))
@@ -171,7 +171,7 @@ class SomePhaseCrossover(Claim):
         return BoxVerdict(leaf) if leaf is not None else BoxVerdict(None, axis_of(gradient, box, self.domain))
 
     def _leaf(self, u: float, box: Box) -> str | None:
-        """The zone around a crossing of the central plant, or the end of the axis, where the claim holds with it."""
+        """The leaf for a crossing of the central plant or an end of the axis; None if the claim does not hold."""
         if math.isinf(u):
             end = _LOW_END if u < 0.0 else _HIGH_END
             return end if self.holds(box, end) else None
@@ -197,7 +197,7 @@ class SomePhaseCrossover(Claim):
         """Whether L tends to a number from -1 to -e^-level as omega -> 0, or at the axis' upper end."""
         u = (_FAR_OUT, math.inf) if high else (-math.inf, -_FAR_OUT)
         over = self.loop.over((u, *box[1:]))
-        # a dead time in continuous time turns L for ever: there is no limit; else L is real there
+        # with a dead time in continuous time L has no limit; else the limit is real
         if high and not self.loop.has_upper_limit(over):
             return False
         gain = over.gain.real
@@ -219,14 +219,14 @@ class SomePhaseCrossover(Claim):
 
 
 def crossing_reach(slope: arb, gradient: list[arb], box: Box) -> float:
-    """How far a crossing moves from the central plant's, with a little to spare."""
+    """How far a crossing moves from that of the central plant over the box, with a safety factor."""
     moved = [abs(g / slope) for g in gradient]
     reach = sum(magnitude(m) * 0.5 * (b - a) for m, (a, b) in zip(moved, box[1:], strict=True) if a < b)
     return 1.25 * reach + _LEAST_HALF_WIDTH if reach < _FARTHEST else _FARTHEST
 
 
 def axis_of(gradient: Sequence[arb | acb], box: Box, domain: Box) -> int:
-    """The uncertain number along which what is described by this gradient changes most."""
+    """The uncertain number along which the function with this gradient varies most."""
     sizes = [abs(g) for g in gradient]
     if not sizes or not all(size.is_finite() for size in sizes):
         return longest_parameter_axis(box, domain)

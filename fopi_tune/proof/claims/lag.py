@@ -15,8 +15,8 @@ Responses.  |S|^2 = (1 + x^2)/(A^2 + (x + b)^2), |T|^2 = |G|^2/(...), |C S|^2 = 
 
 and all signs change for >=.  Its least value is at x1 or x2, or at the vertex -qb/qa, where it is (qa qc - qb^2)/qa.
 
-On samples x = nu t and |h| = |1 - w| grow without end towards z = -1, where the responses hardly change.  Everything is
-divided by |1 - w|: with theta = omega Ts/2, k = cos theta and y = t sin theta,
+On samples x = nu t and |h| = |1 - w| grow without bound towards z = -1, where the responses hardly change.  All terms
+are divided by |1 - w|: with theta = omega Ts/2, k = cos theta and y = t sin theta,
 
     k + jy in the place of 1 + jx,    G/|1 - w| = K C e^{-j (2l + 1) theta} in that of G .                          (1a)
 
@@ -58,9 +58,9 @@ from fopi_tune.proof.claims.lag_response import (
 _CUT = BoxVerdict(None, 0)
 _FLAT_AT_LARGE_GAIN = (Response.COMPLEMENTARY_SENSITIVITY, Response.CONTROL_SENSITIVITY)
 _LARGE_GAIN = 4.0
-#: rad; a box over which the dead time turns L by more is better judged by the size of L
+#: rad; where the dead time changes the phase of L by more over a box, |L| alone may prove the claim
 _MUCH_OF_A_TURN = 0.3
-#: in u; a box that is still not settled at this width may be for want of digits
+#: in u; a box that is still not proved at this width may lack digits
 _NARROW = 1e-5
 
 
@@ -72,10 +72,10 @@ def has_lag_form(loop: BallLoop) -> bool:
 
 @dataclass(frozen=True)
 class _LagClaim(Claim):
-    """What the closed forms share; boxes have the axis u alone.
+    """Base of the closed forms; their boxes have only the axis u.
 
     Args:
-        general: the same claim for any plant; it settles the tails.
+        general: the same claim for any plant; it is used in the tails.
     """
 
     general: Any
@@ -114,7 +114,7 @@ class _LagClaim(Claim):
         found = self._examine(
             u, LagResponse(loop, ball, plant, tau), LagResponse(loop, middle, plant, tau), ball - middle
         )
-        # omega tau far from 1 costs the closed forms their digits; the general claim keeps its own
+        # the closed forms lose digits where omega tau is far from 1; the general claim does not
         if found.leaf is None and not found.counterexample and u[1] - u[0] < _NARROW:
             return self._by_the_general_claim(u)
         return found
@@ -160,7 +160,7 @@ class LagBound(_LagClaim):
 
     @staticmethod
     def _least_at_an_end(q: tuple[ValueAndSlope, ValueAndSlope, ValueAndSlope], scaled: ScaledTerms) -> bool:
-        """Not convex, or rising already at x1, or still falling at x2: whatever the sign of qa, an end is the least."""
+        """Whether the least value is at an end: q is concave, or increasing at x1, or decreasing at x2."""
         (qa, _), (qb, _), _ = q
         return bool(qa <= 0 or qb + qa * scaled.ends[0] >= 0 or qb + qa * scaled.ends[1] <= 0)
 
@@ -210,7 +210,7 @@ class LagBound(_LagClaim):
         return HOLDS if qa > 0 and discriminant >= 0 else _CUT
 
     def _where_the_phase_does_not_matter(self, u: Interval, over: LagResponse) -> BoxVerdict:
-        """A long dead time turns L often where it is small already: there its size settles the claim."""
+        """With a long dead time the phase of L varies much where |L| is small: there |L| alone proves the claim."""
         turns = over.omega.rad() * over.dead_time > _MUCH_OF_A_TURN
         return self._by_the_general_claim(u) if turns and over.g.abs_upper() < over.x(False).abs_lower() else _CUT
 

@@ -1,6 +1,6 @@
-"""What the closed forms of the lag are made of:  G and what 1 + jx + G consists of, over an interval of u.
+"""Terms of the closed forms of the lag:  G, and the summands of 1 + jx + G, over an interval of u.
 
-On samples by (1a) of `fopi_tune.proof.claims.lag`.
+Symbols and formula (1a), which is used on samples, are those of `fopi_tune.proof.claims.lag`.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class LagResponse:
 
     @cached_property
     def scaled(self) -> ScaledTerms:
-        """What the bounds are made of, by (1a) on samples."""
+        """The summands of the bounds; by (1a) on samples."""
         if not isinstance(self._loop, SampledBallLoop):
             return ScaledTerms((arb(1), arb(0)), arb(1), self.g, self.g_slope, (self.x(False), self.x(True)))
         theta = self.omega.atan()
@@ -148,7 +148,7 @@ class LagResponse:
 
 
 class LagNyquistTail:
-    """What a bound needs of all frequencies from a place to Nyquist's, z = -1 included; without derivatives."""
+    """Terms of a bound over all frequencies from u to Nyquist's, z = -1 included; without derivatives."""
 
     def __init__(self, loop: SampledBallLoop, from_u: float, gain: arb, tau: tuple[arb, arb]) -> None:
         inverse = arb(0).union((-arb(from_u)).exp())

@@ -1,4 +1,4 @@
-"""Closed-loop poles in the right half-plane:  counted for one plant, kept out of the half-plane's ends for all.
+"""Closed-loop poles in the right half-plane:  counted for one plant, excluded near 0 and infinity for all plants.
 
 The closed-loop poles are the roots of  F(s) = s^alpha D(s) + (kp s^alpha + ki) N(s) e^{-Ls}  (without ki: of
 D + kp N e^{-Ls}), analytic for Re s > 0.  Along +0 -> j0 -> j inf -> +inf the argument of F changes by
@@ -48,7 +48,7 @@ def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float
         origin: a value of u near the crossover.
 
     Returns:
-        The number; None when F comes too close to 0 on the imaginary axis to be told from it.
+        The number; None when F comes too close to 0 on the imaginary axis to be separated from it.
     """
     if isinstance(loop, SampledBallLoop):
         return count_unstable_roots(loop, theta)
@@ -162,7 +162,7 @@ def _sum(sizes: list[arb], e: arb) -> arb:
 class NoPoleAtTheEnds(Claim):
     """No plant has a closed-loop pole with Re s >= 0 near 0 or near infinity.
 
-    Together with a bounded |S| on the axis no pole can pass from one half-plane to the other within the box.
+    Together with a bound of |S| on the axis this implies that no pole crosses the axis within the box.
 
     Args:
         loop: gains and family.
@@ -211,7 +211,7 @@ class NoAxisRoot(Claim):
 
     def _is_not_0(self, over: LoopEnclosure) -> bool:
         coefficients = [c.value for c in (over.plant.denominator if self.denominator else over.plant.numerator)]
-        while len(coefficients) > 1 and coefficients[-1].is_zero():  # a root at 0 that stays there
+        while len(coefficients) > 1 and coefficients[-1].is_zero():  # roots fixed at 0
             coefficients.pop()
         if over.high_tail:
             # X(s)/s^k in 1/s, k its own degree; a leading 0 that stays there is no root
