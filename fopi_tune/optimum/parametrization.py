@@ -269,8 +269,8 @@ class CrossoverBox(ControllerBox):
 class BoxLoop(BallLoop):
     """Controllers with gains in balls, and a family of plants.
 
-    `gains` are some floating-point gains of the box: they only tell which gains are exactly 0.  The box must not contain
-    both ki = 0 and ki != 0: without integral action the number of poles differs.
+    `gains` are some floating-point gains of the box: they only tell which gains are exactly 0.  The box must not
+    contain both ki = 0 and ki != 0: without integral action the number of poles differs.
     """
 
     @classmethod

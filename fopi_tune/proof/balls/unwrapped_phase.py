@@ -6,9 +6,9 @@ With phases counted from omega -> 0 as `fopi_tune.core.loops` does,
 
 where Delta arg X is the continuous change of arg X(j omega) from 0 on.  phase0 is -180 deg for a negative sign and for
 every pole in the right half-plane, and +90 deg (-90 deg) for every zero (pole) at the origin.  Up to degree 2 the
-change is an arc tangent, since one part of X(j omega)/X(0) keeps its sign.  For higher degrees the phase is followed over
-pieces of the axis; on each of them X stays in a ball without 0.  The total change gives the number of right half-plane
-roots,
+change is an arc tangent, since one part of X(j omega)/X(0) keeps its sign.  For higher degrees the phase is followed
+over pieces of the axis; on each of them X stays in a ball without 0.  The total change gives the number of right
+half-plane roots,
 
     Delta arg X (0 -> inf) = (n - 2 right) pi/2 .                                                                  (2)
 

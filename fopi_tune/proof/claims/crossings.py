@@ -1,8 +1,8 @@
 """Claims about every gain crossover:  wherever |L| = 1, a value psi stays on its side of a level.
 
 On |L| = 1 the value psi equals the Lagrangian psi + lambda ln|L|.  The multiplier lambda is chosen so that the
-derivative along u vanishes at the box's centre.  The rest varies as psi does along the curve |L| = 1, to second order in the size
-of the box.
+derivative along u vanishes at the box's centre.  The rest varies as psi does along the curve |L| = 1, to second order
+in the size of the box.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class EveryCrossover(Claim):
         quantity: psi.
         level: in psi's unit.
         upper: True for <=.
-        domain: where.
-        origin: u at which an axis without ends is cut first.
+        domain: frequencies and plants.
+        origin: u at which the whole frequency axis is split first.
     """
 
     loop: BallLoop
@@ -160,8 +160,8 @@ class EveryPhaseCrossover(Claim):
     Args:
         loop: gains and family.
         level: in neper, >= 0.
-        domain: where.
-        origin: u at which an axis without ends is cut first.
+        domain: frequencies and plants.
+        origin: u at which the whole frequency axis is split first.
     """
 
     loop: BallLoop

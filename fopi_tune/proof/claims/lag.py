@@ -87,7 +87,7 @@ class _LagClaim(Claim):
 
     @property
     def origin(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """u at which an axis without ends is cut first."""
+        """u at which the whole frequency axis is split first."""
         return self.general.origin
 
     @cached_property

@@ -190,8 +190,8 @@ class NoAxisRoot(Claim):
     Args:
         loop: gains and family.
         denominator: which polynomial.
-        domain: where.
-        origin: u at which an axis without ends is cut first.
+        domain: frequencies and plants.
+        origin: u at which the whole frequency axis is split first.
     """
 
     loop: BallLoop

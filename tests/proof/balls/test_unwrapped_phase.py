@@ -190,8 +190,8 @@ def test_an_uncertain_plant_is_read_at_its_own_place() -> None:
         expected = float(core_phase(loop, [u], theta)[0])
         assert float(evaluator.phase(at, theta).mid()) == pytest.approx(expected, abs=PHASE)
         margin, delay = (
-            evaluator.value(reading, at, theta)
-            for reading in (CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN)
+            evaluator.value(quantity, at, theta)
+            for quantity in (CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN)
         )
         assert float(margin.mid()) == pytest.approx(math.pi + expected, abs=PHASE)
         assert float(delay.mid()) == pytest.approx((math.pi + expected) / math.exp(u), abs=PHASE / math.exp(u))

@@ -106,8 +106,8 @@ class Design:
             low, high = np.where(same, middle, low), np.where(same, high, middle)
         return row, 0.5 * (low + high)
 
-    def at_crossovers(self, reading: CrossingQuantity, largest: bool, theta: Array) -> Array:
-        """The largest or smallest reading over the gain crossovers of each plant."""
+    def at_crossovers(self, quantity: CrossingQuantity, largest: bool, theta: Array) -> Array:
+        """The largest or smallest value over the gain crossovers of each plant."""
         row, u = self.crossings(lambda u, t: self.log_response(Response.LOOP_GAIN, u, t), theta)
         margin = math.pi + self.phase(u, theta[row])
         values = {
@@ -115,7 +115,7 @@ class Design:
             CrossingQuantity.DELAY_MARGIN: margin / np.exp(u),
             CrossingQuantity.CROSSOVER: u,
         }
-        value = values[reading] if reading in values else self.slope(u, theta[row])
+        value = values[quantity] if quantity in values else self.slope(u, theta[row])
         return extreme_by_row(row, value, len(theta), largest)
 
     def gain_margin(self, theta: Array) -> Array:
@@ -168,9 +168,9 @@ def worst_response(design: Design, response: Response, upper: bool, band: Interv
     return sign * max(found)
 
 
-def worst_reading(design: Design, reading: CrossingQuantity, of_largest: bool, upper: bool) -> float:
+def worst_at_crossovers(design: Design, quantity: CrossingQuantity, of_largest: bool, upper: bool) -> float:
     sign = 1.0 if upper else -1.0
-    return sign * maximum(lambda x: sign * design.at_crossovers(reading, of_largest, x), plants_grid(design, 5))
+    return sign * maximum(lambda x: sign * design.at_crossovers(quantity, of_largest, x), plants_grid(design, 5))
 
 
 # --- random designs ------------------------------------------------------------------------------------------------
@@ -257,36 +257,36 @@ def test_a_bound_of_a_response_is_shown_exactly_from_its_worst_value_on(name: st
 
 @pytest.mark.parametrize("name", ["lag", "pole", "second order", "gain, lag and delay"])
 @pytest.mark.parametrize(
-    "reading", [CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN, CrossingQuantity.PHASE_SLOPE]
+    "quantity", [CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN, CrossingQuantity.PHASE_SLOPE]
 )
 def test_a_reading_at_every_crossover_is_shown_exactly_from_its_worst_value_on(
-    name: str, reading: CrossingQuantity
+    name: str, quantity: CrossingQuantity
 ) -> None:
     design = random_design(name, 2)
     domain: Box = (EVERYWHERE, *design.loop.family_box)
     for upper in (False, True):
-        worst = worst_reading(design, reading, upper, upper)
+        worst = worst_at_crossovers(design, quantity, upper, upper)
 
         def claim(level: float, upper: bool = upper) -> Claim:
-            return EveryCrossover(design.loop, reading, level, upper, domain, -0.3, CrossingEvaluator(design.loop))
+            return EveryCrossover(design.loop, quantity, level, upper, domain, -0.3, CrossingEvaluator(design.loop))
 
         assert_sharp(claim, worst, upper, GAP * abs(worst))
 
 
 @pytest.mark.parametrize("name", ["lag", "pole", "second order", "gain, lag and delay"])
 @pytest.mark.parametrize(
-    "reading", [CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN, CrossingQuantity.CROSSOVER]
+    "quantity", [CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN, CrossingQuantity.CROSSOVER]
 )
 def test_a_reading_at_some_crossover_is_shown_exactly_from_its_worst_value_on(
-    name: str, reading: CrossingQuantity
+    name: str, quantity: CrossingQuantity
 ) -> None:
     design = random_design(name, 3)
     domain: Box = (EVERYWHERE, *design.loop.family_box)
     for upper in (False, True):
-        worst = worst_reading(design, reading, not upper, upper)
+        worst = worst_at_crossovers(design, quantity, not upper, upper)
 
         def claim(level: float, upper: bool = upper) -> Claim:
-            return SomeCrossover(design.loop, reading, level, upper, domain, -0.3, CrossingEvaluator(design.loop))
+            return SomeCrossover(design.loop, quantity, level, upper, domain, -0.3, CrossingEvaluator(design.loop))
 
         assert_sharp(claim, worst, upper, GAP * abs(worst))
 

@@ -44,11 +44,11 @@ class Case:
         self.evaluator = CrossingEvaluator(self.loop)
         self.domain: Box = (EVERYWHERE, *self.loop.family_box)
 
-    def every(self, reading: CrossingQuantity, upper: bool) -> Callable[[float], Claim]:
-        return lambda level: EveryCrossover(self.loop, reading, level, upper, self.domain, 0.1, self.evaluator)
+    def every(self, quantity: CrossingQuantity, upper: bool) -> Callable[[float], Claim]:
+        return lambda level: EveryCrossover(self.loop, quantity, level, upper, self.domain, 0.1, self.evaluator)
 
-    def some(self, reading: CrossingQuantity, upper: bool) -> Callable[[float | None], Claim]:
-        return lambda level: SomeCrossover(self.loop, reading, level, upper, self.domain, 0.1, self.evaluator)
+    def some(self, quantity: CrossingQuantity, upper: bool) -> Callable[[float | None], Claim]:
+        return lambda level: SomeCrossover(self.loop, quantity, level, upper, self.domain, 0.1, self.evaluator)
 
     def bound(self, response: Response, upper: bool, band: Interval = EVERYWHERE) -> Callable[[float], Claim]:
         return lambda level: Bound(self.loop, response, level, upper, (band, *self.domain[1:]), 0.1)
@@ -77,13 +77,13 @@ def test_an_uncertain_integrator_with_dead_time_has_its_textbook_margins() -> No
     # L = k e^{-Ls}/s: crossover k, PM = pi/2 - kL, delay margin pi/2k - L, slope -kL, GM = pi/(2kL)
     case = Case(P, pole((0.5, 0.8), 0.0, (0.8, 1.0)))
     least, most = 0.5 * 0.8, 0.8 * 1.0
-    for reading, low, high in (
+    for quantity, low, high in (
         (CrossingQuantity.PHASE_MARGIN, 0.5 * math.pi - most, 0.5 * math.pi - least),
         (CrossingQuantity.DELAY_MARGIN, 0.5 * math.pi / 0.8 - 1.0, 0.5 * math.pi / 0.5 - 0.8),
         (CrossingQuantity.PHASE_SLOPE, -most, -least),
     ):
-        assert_sharp(case.every(reading, upper=False), low, upper=False)
-        assert_sharp(case.every(reading, upper=True), high, upper=True)
+        assert_sharp(case.every(quantity, upper=False), low, upper=False)
+        assert_sharp(case.every(quantity, upper=True), high, upper=True)
     assert_sharp(case.gain_margin(upper=False), math.log(0.5 * math.pi / most), upper=False)
     for some, worst, upper in (
         (case.some(CrossingQuantity.CROSSOVER, upper=False), math.log(0.5), False),

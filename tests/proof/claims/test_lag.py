@@ -155,8 +155,8 @@ def test_only_a_lag_with_nothing_but_its_time_constant_uncertain_has_a_closed_fo
         assert closed_form(claim) is claim
     loop = BallLoop(gains, lag(1.0, (1.0, 2.0)))
     evaluator, domain = CrossingEvaluator(loop), (EVERYWHERE, (1.0, 2.0))
-    for reading in (CrossingQuantity.PHASE_SLOPE, CrossingQuantity.CROSSOVER):
-        claim = EveryCrossover(loop, reading, 0.0, True, domain, 0.0, evaluator)
+    for quantity in (CrossingQuantity.PHASE_SLOPE, CrossingQuantity.CROSSOVER):
+        claim = EveryCrossover(loop, quantity, 0.0, True, domain, 0.0, evaluator)
         assert closed_form(claim) is claim
     one = Bound(loop, Response.SENSITIVITY, 1.0, True, (EVERYWHERE, (1.5, 1.5)), 0.0)
     some = SomeCrossover(loop, CrossingQuantity.PHASE_MARGIN, 1.0, True, domain, 0.0, evaluator)

@@ -135,20 +135,22 @@ def highest_over_tau(loop: BallLoop, values: Callable[[Loops], tuple[Rows, Array
 def questions_about_crossings() -> Iterator[Question]:
     for loop in (PLAIN, TWICE_NEGATIVE, WIDE, NEGATIVE):
         domain, evaluator = (EVERYWHERE, *loop.family_box), CrossingEvaluator(loop)
-        for reading in (CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN):
+        for quantity in (CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN):
             for upper, sign in ((True, 1.0), (False, -1.0)):
 
-                def values(loops: Loops, reading: CrossingQuantity = reading, sign: float = sign) -> tuple[Rows, Array]:
+                def values(
+                    loops: Loops, quantity: CrossingQuantity = quantity, sign: float = sign
+                ) -> tuple[Rows, Array]:
                     found = gain_crossovers(loops)
                     phase = np.radians(found.phase_margin_deg)
                     return found.row, sign * (
-                        phase if reading is CrossingQuantity.PHASE_MARGIN else found.delay_margin_s
+                        phase if quantity is CrossingQuantity.PHASE_MARGIN else found.delay_margin_s
                     )
 
                 def claim(
-                    level: float, loop=loop, reading=reading, up=upper, domain=domain, evaluator=evaluator
+                    level: float, loop=loop, quantity=quantity, up=upper, domain=domain, evaluator=evaluator
                 ) -> Claim:
-                    return EveryCrossover(loop, reading, level, up, domain, -0.3, evaluator)
+                    return EveryCrossover(loop, quantity, level, up, domain, -0.3, evaluator)
 
                 yield from around(claim, sign * highest_over_tau(loop, values), upper)
     for loop in (PLAIN, TWICE_NEGATIVE, WIDE):
