@@ -26,9 +26,9 @@ from fopi_tune.proof import certify, recheck, verify
 from fopi_tune.proof.balls.box import Box, ball_of, is_tail
 from fopi_tune.proof.balls.loop import PRECISION, BallLoop
 from fopi_tune.proof.claims.bound import Bound
-from fopi_tune.proof.claims.claim import HOLDS, Claim, Finding
+from fopi_tune.proof.claims.branch_and_bound import search
+from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim
 from fopi_tune.proof.claims.lag import LagBound, closed_form
-from fopi_tune.proof.claims.search import search
 from fopi_tune.proof.documents import to_document
 from fopi_tune.report.text.phrases import requirement_phrase
 from fopi_tune.spec import load_spec
@@ -56,10 +56,10 @@ class Naive(Claim):
         """As the claim's."""
         return self.claim.origin
 
-    def examine(self, box: Box) -> Finding:
+    def examine(self, box: Box) -> BoxVerdict:
         """By the enclosures of A, b and x."""
         if is_tail(box[0]):
-            return HOLDS if self.claim.general.examine(box).leaf else Finding(None, 0)
+            return HOLDS if self.claim.general.examine(box).leaf else BoxVerdict(None, 0)
         loop, square = self.claim.general.loop, math.exp(2 * self.claim.general.level)
         u, tau = ball_of(box[0]), ball_of(box[1])
         c, x = loop.controller(u)[0], u.exp() * tau
@@ -67,7 +67,7 @@ class Naive(Claim):
         if square * (a * a + (x + b) * (x + b)) >= 1 + x * x:
             return HOLDS
         wide = (box[0][1] - box[0][0], (box[1][1] - box[1][0]) / box[1][1])
-        return Finding(None, 0 if wide[0] >= wide[1] else 1)
+        return BoxVerdict(None, 0 if wide[0] >= wide[1] else 1)
 
 
 def milliseconds(run: Callable[[], object]) -> float:

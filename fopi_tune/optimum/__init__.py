@@ -1,6 +1,6 @@
-"""The best gains there can be:  a bound that none can beat, or the proof that a spec has none.
+"""Global optimality:  a proved bound of the objective over all gains, or a proof that a spec is infeasible.
 
-One public entry, `certify_optimum`; `recheck_optimum` tests what it wrote without searching.
+`certify_optimum` searches by branch and bound; `recheck_optimum` tests its document without searching.
 """
 
 from fopi_tune.optimum.certify import certify_optimum

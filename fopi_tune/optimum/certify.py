@@ -1,8 +1,8 @@
-"""How far gains can be from the best possible ones; and the proof that a spec has none.
+"""Optimality gap of given gains, or a proof that a spec is infeasible.
 
-A level of the objective is taken, and every box of gains is discarded: because some frequency of some plant violates a
-requirement for all of its gains, or because their objective is not better than the level.  Levels come closer to the
-gains' own objective until the gap is what was asked for, or gains are met with that are better.
+For a level of the objective every box of gains is discarded, either because some plant at some frequency violates a
+requirement for all of its gains, or because their objective is not better than the level.  Levels approach the
+incumbent's objective until the requested gap is reached, or better gains are found.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from flint import ctx
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
+from fopi_tune.optimum.branch_and_bound import BranchAndBound, Limits, Progress, Termination
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Conditions, conditions_of, is_maximized, kind_of, nominal_equality
 from fopi_tune.optimum.pruning.screen import gains_at
 from fopi_tune.optimum.results import SMALLEST_OBJECTIVE, Optimum, OptimumProof, OptimumStatus, relative_gap
-from fopi_tune.optimum.search import Ended, Limits, Progress, Search
-from fopi_tune.optimum.tree import Reasons, written
+from fopi_tune.optimum.tree import Reasons, to_cover
 from fopi_tune.proof import verify
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.results import Verification
 from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.spec.model import DesignSpec
 
-#: what is tried on the way to the gap that is asked for
+#: a first gap, tried before the requested one
 _COARSE = 0.1
-#: the loosest gap that is of any use, and the ratio of gaps at which a search between two of them ends
+#: the largest useful gap, and the ratio of a proved to a failed gap at which bisection ends
 _LOOSEST, _CLOSE = 1.0, 1.15
-#: of the gap that is asked for, so that rounding does not miss it
+#: factor of the requested gap, as a margin for rounding
 _AIM = 1.0 - 1e-6
 _RANGE_ROOM = 1e-9
 
@@ -49,12 +49,12 @@ def certify_optimum(
     """Prove a bound of the objective that no gains in the spec's box can beat, or that no gains meet the spec.
 
     Args:
-        spec: what is asked, of the loop in continuous time.
-        gains: a design of it, the incumbent; None where there is none: then all is about whether the spec has one.
-        gap: relative distance of the bound from the incumbent's objective that is enough.
-        time_limit_s: when it is up, the gap that was reached is returned.
-        most_boxes: the same for boxes.
-        progress: told (boxes looked at, boxes open).
+        spec: plant family, requirements and objective, of the loop in continuous time.
+        gains: the incumbent; None to prove that the spec is infeasible.
+        gap: requested relative distance of the bound from the incumbent's objective.
+        time_limit_s: the gap reached by then is returned.
+        most_boxes: the same limit in boxes.
+        progress: called with (boxes examined, boxes open).
 
     Raises:
         DomainError: a gap or a limit that is not positive.
@@ -78,7 +78,7 @@ def certify_optimum(
 
 
 def why_no_bound(spec: DesignSpec) -> str:
-    """Why nothing can be shown of a spec; empty when something can."""
+    """Why no bound can be proved for a spec; empty when one can."""
     if spec.digital is not None and spec.digital.designs_sampled:
         return "there is no bound for the loop on samples (design: sampled)"
     if nominal_equality(spec, "crossover_rad_s") is not None:
@@ -94,7 +94,7 @@ def why_no_bound(spec: DesignSpec) -> str:
 
 
 def incumbent_refusal(spec: DesignSpec, gains: FoPi, found: Verification) -> str:
-    """Why these gains are no design of the spec; empty when they are."""
+    """Why these gains do not meet the spec; empty when they do."""
     if not found.stability.stable:
         return f"the gains are no design of this spec: {found.stability.reason}"
     for result in found.requirements:
@@ -122,26 +122,26 @@ class _Run:
     progress: Progress | None
 
     def without_bound(self, reason: str) -> Optimum:
-        """Nothing was shown."""
+        """Result without a proof."""
         return self._result(OptimumStatus.NO_BOUND, reason=reason)
 
     def infeasible(self) -> Optimum:
-        """Whether the requirements can be discarded everywhere."""
+        """Try to prove that the spec is infeasible."""
         problem = Problem.of(self.spec, None)
-        search = Search.of(problem, self.limits, [], self.progress)
-        ended = search.show(problem)
-        if ended is Ended.SHOWN:
+        search = BranchAndBound.of(problem, self.limits, [], self.progress)
+        termination = search.show(problem)
+        if termination is Termination.SHOWN:
             return self._result(OptimumStatus.INFEASIBLE, search, proof=_proof(search, None))
-        if ended is Ended.BETTER and search.better is not None:
+        if termination is Termination.BETTER and search.better is not None:
             gains = _gains(search)
             words = (
                 f"kp = {gains.kp:.6g}, ki = {gains.ki:.6g}, alpha = {gains.alpha:.6g} seem to meet every requirement"
             )
             return self._result(OptimumStatus.LIMIT_REACHED, search, reason=words)
-        return self._result(OptimumStatus.LIMIT_REACHED, search, reason=ended.words)
+        return self._result(OptimumStatus.LIMIT_REACHED, search, reason=termination.words)
 
     def bounded(self, found: Verification) -> Optimum:
-        """The closest level that could be shown."""
+        """The level closest to the incumbent's objective that can be proved."""
         assert found.objective is not None
         objective = found.objective
         problem = Problem.of(self.spec, self._level(objective, _COARSE))
@@ -149,22 +149,22 @@ class _Run:
         worst.append((found.stability.worst.omega_rad_s, found.stability.worst.point))
         if found.objective_worst is not None:
             worst.append((found.objective_worst.omega_rad_s, found.objective_worst.point))
-        search = Search.of(problem, self.limits, worst, self.progress)
-        shown, failed, ended = math.inf, 0.0, Ended.SHOWN
+        search = BranchAndBound.of(problem, self.limits, worst, self.progress)
+        shown, failed, termination = math.inf, 0.0, Termination.SHOWN
         proof: OptimumProof | None = None
         aim = self.wanted * _AIM
-        # with both equalities little is left to search: the level that is asked for comes first
-        gap = aim if problem.sheet_is_covered else max(_COARSE, aim)
+        # with both equalities the search space is small: try the requested gap first
+        gap = aim if problem.margin_is_fixed else max(_COARSE, aim)
         while True:
             level = self._level(objective, gap)
-            ended = search.show(problem.beating(level))
-            if ended is Ended.SHOWN:
+            termination = search.show(problem.beating(level))
+            if termination is Termination.SHOWN:
                 shown, proof = gap, _proof(search, level)
                 if gap <= aim:
                     break
             else:
                 failed = gap
-            if ended is Ended.LIMIT:
+            if termination is Termination.LIMIT:
                 break
             if failed == 0.0:
                 gap = aim
@@ -176,29 +176,31 @@ class _Run:
                 break
             else:
                 gap = math.sqrt(shown * failed)
-        return self._bounded_result(found, search, proof, ended)
+        return self._bounded_result(found, search, proof, termination)
 
-    def _bounded_result(self, found: Verification, search: Search, proof: OptimumProof | None, ended: Ended) -> Optimum:
+    def _bounded_result(
+        self, found: Verification, search: BranchAndBound, proof: OptimumProof | None, termination: Termination
+    ) -> Optimum:
         better, better_objective = self._better(search, found)
         if proof is None or proof.beat is None:
-            reason = ended.words or "no level could be shown"
+            reason = termination.words or "no level could be shown"
             return self._result(OptimumStatus.LIMIT_REACHED, search, found, None, reason, better, better_objective)
         assert found.objective is not None
         reached = relative_gap(found.objective, proof.beat)
         if reached <= self.wanted:
             return self._result(OptimumStatus.CERTIFIED, search, found, proof)
-        reason = ended.words
+        reason = termination.words
         if better_objective is not None:
             reason = f"there are better gains: their objective is {better_objective:.8g}"
         return self._result(OptimumStatus.LIMIT_REACHED, search, found, proof, reason, better, better_objective)
 
     def _level(self, objective: float, gap: float) -> float:
-        """The objective that is worse than nothing feasible if the gap is right."""
+        """The objective that is better than the incumbent's by the relative gap."""
         scale = gap * max(abs(objective), SMALLEST_OBJECTIVE)
         return objective + scale if is_maximized(self.spec) else objective - scale
 
-    def _better(self, search: Search, found: Verification) -> tuple[FoPi | None, float | None]:
-        """Gains that were met with, if the verification agrees that they are better."""
+    def _better(self, search: BranchAndBound, found: Verification) -> tuple[FoPi | None, float | None]:
+        """Better gains found by the search, if the verification confirms them."""
         if search.better is None:
             return None, None
         gains = _gains(search)
@@ -213,7 +215,7 @@ class _Run:
     def _result(
         self,
         status: OptimumStatus,
-        search: Search | None = None,
+        search: BranchAndBound | None = None,
         found: Verification | None = None,
         proof: OptimumProof | None = None,
         reason: str = "",
@@ -234,7 +236,7 @@ class _Run:
             wanted_gap=self.wanted,
             better=better,
             better_objective=better_objective,
-            boxes=0 if search is None else search.looked_at,
+            boxes=0 if search is None else search.boxes_examined,
             seconds=time.monotonic() - self.start,
             proof=proof,
             left_out=conditions.left_out,
@@ -242,14 +244,14 @@ class _Run:
         )
 
 
-def _gains(search: Search) -> FoPi:
-    """The gains that were met with."""
+def _gains(search: BranchAndBound) -> FoPi:
+    """The better gains found by the search."""
     assert search.better is not None
-    kp, ki, alpha = gains_at(search.problem.chart, np.array([search.better]))
+    kp, ki, alpha = gains_at(search.problem.parametrization, np.array([search.better]))
     return FoPi(float(kp[0]), float(ki[0]), float(alpha[0]))
 
 
-def _proof(search: Search, beat: float | None) -> OptimumProof:
+def _proof(search: BranchAndBound, beat: float | None) -> OptimumProof:
     reasons = Reasons()
-    covers = tuple(written(root, reasons) for root in search.roots)
-    return OptimumProof(beat, covers, tuple(reasons.places))
+    covers = tuple(to_cover(root, reasons) for root in search.roots)
+    return OptimumProof(beat, covers, tuple(reasons.indices))

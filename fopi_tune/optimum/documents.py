@@ -1,4 +1,4 @@
-"""The bound as JSON, and back:  everything that it takes to test it again."""
+"""The bound and its proof as JSON, and strict reading of them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Any
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import CertificateError, DomainError
-from fopi_tune.optimum.pruning.refute import Reason
+from fopi_tune.optimum.pruning.exclusion import Reason
 from fopi_tune.optimum.results import Optimum, OptimumProof, OptimumStatus
 from fopi_tune.optimum.tree import Cover
-from fopi_tune.proof.entries import Entry
+from fopi_tune.proof.strict_json import JsonObject
 
 #: version of the file; it may only grow
 OPTIMUM_SCHEMA = 1
@@ -17,7 +17,7 @@ KIND = "fopi_tune optimum"
 
 
 def to_dict(optimum: Optimum) -> dict[str, Any]:
-    """What a result says of it, short of the proof's boxes."""
+    """The summary in a design's results, without the proof."""
     return {
         "status": optimum.status.value,
         "statement": optimum.statement,
@@ -43,14 +43,14 @@ def gains_dict(gains: FoPi | None) -> dict[str, float] | None:
 
 
 def to_document(optimum: Optimum, versions: dict[str, str]) -> dict[str, Any]:
-    """The whole of it, with the proof.
+    """The whole document, with the proof.
 
     Args:
-        optimum: what to write.
-        versions: what computed it.
+        optimum: to be written.
+        versions: installed distribution -> version.
     """
     found = to_dict(optimum)
-    del found["seconds"]  # equal inputs give equal files, as far as no limit of time was reached
+    del found["seconds"]  # equal inputs give equal files, unless the time limit was reached
     return {
         "kind": KIND,
         "schema": OPTIMUM_SCHEMA,
@@ -80,15 +80,15 @@ def _proof_dict(proof: OptimumProof) -> dict[str, Any]:
     }
 
 
-class Stated:
-    """What a document says, read strictly.
+class OptimumDocument:
+    """The entries of a document, with their types checked.
 
     Raises:
-        CertificateError: it is none, or an entry is missing or of the wrong kind.
+        CertificateError: not such a document, or an entry is missing or has the wrong type.
     """
 
     def __init__(self, document: object) -> None:
-        top = Entry(document, "")
+        top = JsonObject(document, "")
         if top.get("kind") != KIND:
             raise CertificateError("this is no bound of an optimum: its kind is another")
         if top.number("schema") != OPTIMUM_SCHEMA:
@@ -106,8 +106,8 @@ class Stated:
         left_out = top.get("left_out")
         self.left_out = tuple(left_out) if isinstance(left_out, list) else ()
 
-    def worded(self) -> Optimum:
-        """The numbers, which know their own words."""
+    def to_optimum(self) -> Optimum:
+        """The numbers as an Optimum, from which the sentences can be derived again."""
         return Optimum(
             name=self.name,
             spec_sha256=self.spec_sha256,
@@ -127,28 +127,28 @@ class Stated:
         )
 
 
-def _read_gains(entry: Entry) -> FoPi:
+def _read_gains(entry: JsonObject) -> FoPi:
     try:
         return FoPi(entry.number("kp"), entry.number("ki"), entry.number("alpha"))
     except DomainError as error:
         raise CertificateError(str(error)) from None
 
 
-def _read_proof(entry: Entry) -> OptimumProof:
+def _read_proof(entry: JsonObject) -> OptimumProof:
     covers = tuple(_read_cover(child) for child in entry.children("covers"))
     reasons = tuple(_read_reason(child) for child in entry.children("reasons"))
     return OptimumProof(entry.number_or_none("beat"), covers, reasons)
 
 
-def _read_cover(entry: Entry) -> Cover:
+def _read_cover(entry: JsonObject) -> Cover:
     sides = entry.get("root")
     if not isinstance(sides, list) or not all(isinstance(side, list) and len(side) == 2 for side in sides):
         raise CertificateError(f"{entry.place}.root is no box")
-    ends = [Entry({"side": side}, f"{entry.place}.root[{k}]").numbers("side") for k, side in enumerate(sides)]
+    ends = [JsonObject({"side": side}, f"{entry.place}.root[{k}]").numbers("side") for k, side in enumerate(sides)]
     return Cover(tuple((low, high) for low, high in ends), tuple(entry.text("tokens").split()))
 
 
-def _read_reason(entry: Entry) -> Reason:
+def _read_reason(entry: JsonObject) -> Reason:
     condition = entry.count_or_none("condition")
     if condition is None or condition < 0:
         raise CertificateError(f"{entry.place}.condition is no place in a list")

@@ -1,4 +1,4 @@
-"""What a search is about:  a spec, what is to be beaten, and the coordinates; with plants' responses remembered."""
+"""Problem of one search:  spec, level of the objective, conditions and coordinates; plant responses are cached."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from flint import acb, arb
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.optimum.charts import Chart, CrossoverChart, GainChart
+from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
 from fopi_tune.optimum.pruning.conditions import Conditions, conditions_of, degrees, nominal_equality
-from fopi_tune.proof.balls.argument import Argument, tracks_of
 from fopi_tune.proof.balls.box import Box, Interval
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.plant import PlantBalls, polynomial
-from fopi_tune.proof.balls.values import LoopBalls
-from fopi_tune.proof.claims.reading import Reader
+from fopi_tune.proof.balls.plant import PlantEnclosure, polynomial
+from fopi_tune.proof.balls.responses import LoopEnclosure
+from fopi_tune.proof.balls.unwrapped_phase import PolynomialPhase, plant_phases
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator
 from fopi_tune.spec.model import DesignSpec, GainRange
 
 _MOST_CELLS = 50_000
 
 
-class Sign(StrEnum):
+class IntegralSign(StrEnum):
     """Which sign of ki a spec allows."""
 
     POSITIVE = "ki >= 0"
@@ -34,54 +34,57 @@ class Sign(StrEnum):
 
 @dataclass(frozen=True)
 class Problem:
-    """One search.
+    """Problem of one search.
 
     Args:
-        spec: what is asked.
-        beat: the objective that is to be beaten, in its public unit; None for the requirements alone.
-        conditions: of both.
-        chart: the coordinates.
-        roots: boxes of them that together hold every gain that can be the answer.
-        sheet_is_covered: whether the last root holds everything with the nominal phase margin that is asked for.
+        spec: plant family, requirements and objective.
+        beat: level of the objective to be improved upon, in its public unit; None for the requirements alone.
+        conditions: necessary conditions of both.
+        parametrization: the coordinates.
+        roots: boxes that together contain every candidate.
+        margin_is_fixed: whether the last root contains every controller with the required nominal phase margin.
     """
 
     spec: DesignSpec
     beat: float | None
     conditions: Conditions
-    chart: Chart
+    parametrization: Parametrization
     roots: tuple[Box, ...]
-    sheet_is_covered: bool
+    margin_is_fixed: bool
 
     @classmethod
     def of(cls, spec: DesignSpec, beat: float | None) -> Problem:
-        """A crossover of the nominal plant that is fixed takes one dimension away, a phase margin there a second.
+        """A fixed nominal crossover removes one dimension of the search, a fixed nominal phase margin a second one.
 
-        Necessary is no more than |L0(j wc)| = 1.  The phase margin is the smallest over all crossovers, so it is that
-        of wc only if no lower crossover has it: the first root holds all of psi and is searched like any other, with
-        that as one more way to discard a box; the second holds psi as it is asked for.
+        The fixed crossover only implies |L0(j wc)| = 1.  The phase margin is the smallest over all crossovers, so it
+        is attained at wc unless a lower crossover has it.  Hence there are two roots: the first contains all psi, and
+        its boxes can also be discarded because no lower crossover has the margin; the second contains the required
+        psi only.
         """
         conditions = conditions_of(spec, beat)
         crossover = nominal_equality(spec, "crossover_rad_s")
         nominal = tuple(spec.plant.nominal_point.tolist())
-        plain = BallLoop(FoPi(1.0, 0.0, 1.0), spec.plant)
-        at = None if crossover is None else _response(plain, nominal, crossover.limits[0])[1]
+        unit_loop = BallLoop(FoPi(1.0, 0.0, 1.0), spec.plant)
+        at = None if crossover is None else _response(unit_loop, nominal, crossover.limits[0])[1]
         if crossover is None or at is None or not at.is_finite() or at.contains(0):
-            return cls(spec, beat, conditions, GainChart(), (GainChart.root(spec.controller),), False)
-        chart = CrossoverChart(crossover.limits[0], at)
+            return cls(
+                spec, beat, conditions, GainParametrization(), (GainParametrization.root(spec.controller),), False
+            )
+        parametrization = CrossoverParametrization(crossover.limits[0], at)
         margin = nominal_equality(spec, "phase_margin_deg")
         if margin is None:
-            roots: tuple[Box, ...] = (CrossoverChart.circle(spec.controller.alpha, -math.pi),)
+            roots: tuple[Box, ...] = (CrossoverParametrization.circle(spec.controller.alpha, -math.pi),)
         else:
             exact = degrees(margin.limits[0])
             line = tuple(math.nextafter(float(exact.mid()), end) for end in (-math.inf, math.inf))
             if not (arb(line[0]) < exact < arb(line[1])):
                 raise ArithmeticError(f"{margin.limits[0]!r} degrees are not enclosed")
             alpha = (spec.controller.alpha.min, spec.controller.alpha.max)
-            roots = (CrossoverChart.circle(spec.controller.alpha, line[0]), (alpha, (line[0], line[1])))
-        return cls(spec, beat, conditions, chart, roots, margin is not None)
+            roots = (CrossoverParametrization.circle(spec.controller.alpha, line[0]), (alpha, (line[0], line[1])))
+        return cls(spec, beat, conditions, parametrization, roots, margin is not None)
 
     def beating(self, beat: float | None) -> Problem:
-        """The same with another level."""
+        """The same problem with another level."""
         return replace(self, beat=beat, conditions=conditions_of(self.spec, beat))
 
     @property
@@ -91,39 +94,41 @@ class Problem:
 
     @cached_property
     def nominal(self) -> tuple[float, ...]:
-        """The nominal plant's place."""
+        """The nominal plant's uncertain numbers."""
         return tuple(self.family.nominal_point.tolist())
 
     @property
     def crossover_rad_s(self) -> float | None:
         """The nominal crossover, where it is fixed."""
-        return self.chart.omega_rad_s if isinstance(self.chart, CrossoverChart) else None
+        return self.parametrization.omega_rad_s if isinstance(self.parametrization, CrossoverParametrization) else None
 
     @cached_property
-    def sign(self) -> Sign:
+    def sign(self) -> IntegralSign:
         """Which sign ki may have."""
         ki: GainRange = self.spec.controller.ki
-        return Sign.POSITIVE if ki.min >= 0.0 else Sign.NEGATIVE if ki.max < 0.0 else Sign.EITHER
+        return (
+            IntegralSign.POSITIVE if ki.min >= 0.0 else IntegralSign.NEGATIVE if ki.max < 0.0 else IntegralSign.EITHER
+        )
 
     def has_member(self, point: tuple[float, ...], nominal: bool) -> bool:
-        """Whether a place is a plant of the family; the nominal one, where only that is meant."""
+        """Whether a point is a plant of the family; with `nominal`, whether it is the nominal plant."""
         if nominal:
             return point == self.nominal
         low, high = self.family.low.tolist(), self.family.high.tolist()
         return len(point) == len(low) and all(a <= x <= b for a, x, b in zip(low, point, high, strict=True))
 
     @cached_property
-    def plain(self) -> BallLoop:
-        """The plants alone: the loop of the controller 1."""
+    def unit_loop(self) -> BallLoop:
+        """The loop with C = 1, so that L = P."""
         return BallLoop(FoPi(1.0, 0.0, 1.0), self.family)
 
     @cached_property
-    def reader(self) -> Reader:
+    def evaluator(self) -> CrossingEvaluator:
         """Unwrapped phases of the plants."""
-        return Reader(self.plain)
+        return CrossingEvaluator(self.unit_loop)
 
     @cached_property
-    def _plants(self) -> dict[tuple[float, ...], PlantBalls]:
+    def _plants(self) -> dict[tuple[float, ...], PlantEnclosure]:
         return {}
 
     @cached_property
@@ -131,48 +136,51 @@ class Problem:
         return {}
 
     @cached_property
-    def _cells(self) -> dict[tuple[tuple[float, ...], Interval], LoopBalls]:
+    def _plant_enclosures(self) -> dict[tuple[tuple[float, ...], Interval], LoopEnclosure]:
         return {}
 
     @cached_property
-    def sizes(self) -> dict[tuple[tuple[float, ...], Interval], tuple[arb, arb]]:
+    def plant_gain_bounds(self) -> dict[tuple[tuple[float, ...], Interval], tuple[arb, arb]]:
         """Bounds of |P| over the same intervals."""
         return {}
 
-    def cell(self, point: tuple[float, ...], u: Interval) -> LoopBalls:
-        """One plant over an interval of u; remembered, since many boxes ask for the same."""
-        if len(self._cells) > _MOST_CELLS:
-            self._cells.clear()
-            self.sizes.clear()
+    def plant_enclosure(self, point: tuple[float, ...], u: Interval) -> LoopEnclosure:
+        """One plant over an interval of u; cached, since many boxes use the same."""
+        if len(self._plant_enclosures) > _MOST_CELLS:
+            self._plant_enclosures.clear()
+            self.plant_gain_bounds.clear()
         key = (point, u)
-        if key not in self._cells:
-            self._cells[key] = self.plain.balls(u, self.plant(point))
-        return self._cells[key]
+        if key not in self._plant_enclosures:
+            self._plant_enclosures[key] = self.unit_loop.enclosure(u, self.plant(point))
+        return self._plant_enclosures[key]
 
     @cached_property
-    def _tracks(self) -> dict[tuple[float, ...], tuple[Argument, Argument]]:
+    def _phases(self) -> dict[tuple[float, ...], tuple[PolynomialPhase, PolynomialPhase]]:
         return {}
 
-    def plant(self, point: tuple[float, ...]) -> PlantBalls:
+    def plant(self, point: tuple[float, ...]) -> PlantEnclosure:
         """One plant."""
         if point not in self._plants:
-            self._plants[point] = self.plain.plant([arb(value) for value in point])
+            self._plants[point] = self.unit_loop.plant([arb(value) for value in point])
         return self._plants[point]
 
     def is_negative(self, point: tuple[float, ...]) -> bool | None:
-        """Whether a plant's sign turns its phase by half a turn; None where that is not known."""
-        if point not in self._tracks:
-            self._tracks[point] = tracks_of(self.plain, point)
-        numerator, denominator = self._tracks[point]
-        if numerator.right is None or denominator.right is None:
+        """Whether a plant's sign adds 180 deg to its phase; None where that is not known."""
+        if point not in self._phases:
+            self._phases[point] = plant_phases(self.unit_loop, point)
+        numerator, denominator = self._phases[point]
+        if numerator.right_half_plane_roots is None or denominator.right_half_plane_roots is None:
             return None
-        return bool((numerator.leading_sign != denominator.leading_sign) ^ (numerator.right % 2 == 1))
+        return bool(
+            (numerator.leading_is_positive != denominator.leading_is_positive)
+            ^ (numerator.right_half_plane_roots % 2 == 1)
+        )
 
     def response(self, point: tuple[float, ...], omega: float) -> tuple[acb, acb]:
         """ln(j omega), and P there."""
         key = (point, omega)
         if key not in self._responses:
-            self._responses[key] = _response(self.plain, point, omega)
+            self._responses[key] = _response(self.unit_loop, point, omega)
         return self._responses[key]
 
     def real_response(self, point: tuple[float, ...], horizon_s: float) -> tuple[acb, acb]:
@@ -186,8 +194,8 @@ class Problem:
         return self._responses[key]
 
 
-def _response(plain: BallLoop, point: tuple[float, ...], omega: float) -> tuple[acb, acb]:
-    plant, s = plain.plant([arb(value) for value in point]), acb(0, arb(omega))
+def _response(unit_loop: BallLoop, point: tuple[float, ...], omega: float) -> tuple[acb, acb]:
+    plant, s = unit_loop.plant([arb(value) for value in point]), acb(0, arb(omega))
     late = (-s * plant.dead_time.value).exp()
     top, bottom = (polynomial([c.value for c in side], s) for side in (plant.numerator, plant.denominator))
     return acb(arb(omega).log(), arb.pi() / 2), top * late / bottom

@@ -1,7 +1,6 @@
-"""Test a bound again without searching:  every box of it in ball arithmetic, and the incumbent by the verification.
+"""Check a bound without searching:  every box again in ball arithmetic, and the incumbent by the verification.
 
-Nothing is believed but the spec: the conditions, the boxes that must be covered and the incumbent's objective are made
-from it again.
+Only the spec is trusted.  The conditions, the root boxes and the incumbent's objective are derived from it again.
 """
 
 from __future__ import annotations
@@ -12,10 +11,10 @@ from dataclasses import dataclass
 from flint import ctx
 
 from fopi_tune.optimum.certify import incumbent_refusal, why_no_bound
-from fopi_tune.optimum.documents import Stated
+from fopi_tune.optimum.documents import OptimumDocument
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Test, conditions_of
-from fopi_tune.optimum.pruning.refute import fails
+from fopi_tune.optimum.pruning.exclusion import is_excluded
 from fopi_tune.optimum.results import OptimumProof, OptimumStatus, relative_gap
 from fopi_tune.optimum.tree import walk
 from fopi_tune.proof import verify
@@ -28,12 +27,12 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class OptimumRecheck:
-    """What a recheck found.
+    """Result of checking a bound.
 
     Args:
         status: as the file states it.
-        leaves: boxes that were tested.
-        problems: everything that is wrong; empty when the file is sound.
+        leaves: number of boxes tested.
+        problems: errors found; empty when the file is sound.
     """
 
     status: OptimumStatus
@@ -42,36 +41,36 @@ class OptimumRecheck:
 
     @property
     def is_sound(self) -> bool:
-        """Whether everything that is stated follows."""
+        """Whether every statement was confirmed."""
         return not self.problems
 
 
 def recheck_optimum(document: object, spec: DesignSpec) -> OptimumRecheck:
-    """Whether what a file says of the best gains follows for a spec.
+    """Check a document about the best gains against a spec.
 
     Args:
         document: the file's JSON, as `json.load` gives it.
-        spec: what it is about.
+        spec: of the document.
 
     Raises:
-        CertificateError: it is no such file.
+        CertificateError: not such a document.
     """
-    stated = Stated(document)
-    problems = list(_disagreements(stated, spec))
+    stated = OptimumDocument(document)
+    problems = list(_inconsistencies(stated, spec))
     leaves = 0
     if stated.proof is not None and not problems:
         with ctx.workprec(PRECISION):
-            leaves, found = _untrue(stated.proof, spec)
+            leaves, found = _check_proof(stated.proof, spec)
         problems += found
     if not problems and stated.gains is not None and stated.objective is not None:
-        problems += _about_incumbent(stated, spec)
+        problems += _check_incumbent(stated, spec)
     if not problems:
-        problems += _misworded(stated, spec)
+        problems += _check_wording(stated, spec)
     return OptimumRecheck(stated.status, leaves, tuple(problems))
 
 
-def _disagreements(stated: Stated, spec: DesignSpec) -> list[str]:
-    """Where the file's statements do not go together."""
+def _inconsistencies(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
+    """Contradictions between the file's statements."""
     found = []
     if (stated.name, stated.spec_sha256) != (spec.name, spec.sha256):
         found.append("the file is about another spec")
@@ -96,8 +95,8 @@ def _disagreements(stated: Stated, spec: DesignSpec) -> list[str]:
     return found
 
 
-def _untrue(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]:
-    """Leaves that were tested, and what is wrong with the first that does not hold."""
+def _check_proof(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]:
+    """Number of tested leaves, and the first error."""
     problem = Problem.of(spec, proof.beat)
     if tuple(cover.root for cover in proof.covers) != problem.roots:
         return 0, ["the boxes that are covered are not those of the spec"]
@@ -105,23 +104,23 @@ def _untrue(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]:
         return 0, ["a reason names a condition that the spec does not have"]
     leaves = 0
     for place, cover in enumerate(proof.covers):
-        # that no lower crossover has the margin discards what lies off the line, for the line is covered after it
-        on_line = problem.sheet_is_covered and place == len(proof.covers) - 1
+        # LOWER_CROSSOVER may discard only boxes of the first root: the second root holds the required margin
+        on_line = problem.margin_is_fixed and place == len(proof.covers) - 1
         try:
             for box, reason in walk(cover, proof.reasons):
                 leaves += 1
                 test = problem.conditions.every[reason.condition].test
                 if on_line and test is Test.LOWER_CROSSOVER:
                     return leaves, [f"box {leaves} lies on the line of the fixed margin, where its reason says nothing"]
-                if not fails(problem, problem.chart.patch(box), reason):
+                if not is_excluded(problem, problem.parametrization.controllers(box), reason):
                     return leaves, [f"box {leaves} is not discarded by the reason that is given"]
         except ValueError as error:
             return leaves, [str(error)]
     return leaves, []
 
 
-def _about_incumbent(stated: Stated, spec: DesignSpec) -> list[str]:
-    """What is wrong with the gains and their objective."""
+def _check_incumbent(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
+    """Errors in the gains and their objective."""
     assert stated.gains is not None
     assert stated.objective is not None
     found = verify(spec, stated.gains)
@@ -140,10 +139,10 @@ def _about_incumbent(stated: Stated, spec: DesignSpec) -> list[str]:
     return []
 
 
-def _misworded(stated: Stated, spec: DesignSpec) -> list[str]:
-    """Where the sentences and numbers for people are not those that follow."""
+def _check_wording(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
+    """Sentences and summary numbers that do not follow from the proof."""
     found = []
-    if stated.statement != stated.worded().statement or stated.advice != stated.status.advice:
+    if stated.statement != stated.to_optimum().statement or stated.advice != stated.status.advice:
         found.append("the statement in words is not that of the numbers")
     if stated.proof is not None and stated.discarded_boxes != stated.proof.leaves:
         found.append("the number of discarded boxes is not that of the proof")

@@ -1,4 +1,4 @@
-"""What is known of the best gains there can be, as frozen data."""
+"""Results about the best possible gains, as frozen data."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.optimum.pruning.refute import Reason
+from fopi_tune.optimum.pruning.exclusion import Reason
 from fopi_tune.optimum.tree import Cover
 
 #: an objective smaller than this counts as this in a relative gap
@@ -14,7 +14,7 @@ SMALLEST_OBJECTIVE = 1e-6
 
 
 class OptimumStatus(StrEnum):
-    """How it ended; `advice` says what that means."""
+    """Outcome of the search; `advice` says what it means."""
 
     CERTIFIED = "certified"
     INFEASIBLE = "infeasible"
@@ -34,12 +34,12 @@ class OptimumStatus(StrEnum):
 
 @dataclass(frozen=True)
 class OptimumProof:
-    """Boxes that together hold every gain that could be the answer, each with the reason why it is not.
+    """Boxes that together contain all gains, each with the reason why it contains no better ones.
 
     Args:
-        beat: the objective that nothing beats, in its public unit; None when no gains meet the requirements at all.
+        beat: the proved bound of the objective, in its public unit; None when no gains meet the requirements at all.
         covers: trees of boxes.
-        reasons: what their leaves refer to.
+        reasons: to which the leaves refer by index.
     """
 
     beat: float | None
@@ -54,7 +54,7 @@ class OptimumProof:
 
 @dataclass(frozen=True)
 class Optimum:
-    """How far given gains can be from the best ones; or that there are none.
+    """Optimality gap of given gains, or infeasibility of the spec.
 
     Args:
         name: of the spec.
@@ -65,14 +65,14 @@ class Optimum:
         bound: no gains in the box that meet every requirement exactly have a better objective, in its public unit; None
             when not shown.
         gap: |objective - bound| relative to the objective; None when there is no bound.
-        wanted_gap: what was asked for, relative.
-        better: gains that meet the spec and have a better objective, as far as floating point tells; None when none
-            were met with.
-        better_objective: theirs, in the public unit.
-        boxes: boxes looked at.
-        seconds: how long it took, in s.
-        proof: what shows it; None where nothing was shown.
-        left_out: parts of the spec that were not used: the bound holds, and could be closer.
+        wanted_gap: the requested gap, relative.
+        better: gains that meet the spec and have a better objective, checked in floating point; None when none were
+            found.
+        better_objective: their objective, in the public unit.
+        boxes: number of examined boxes.
+        seconds: run time, s.
+        proof: of the bound or of infeasibility; None without one.
+        left_out: requirements that were not used: the bound is valid but could be tighter.
         reason: why there is no bound, or what stopped the search; empty otherwise.
     """
 

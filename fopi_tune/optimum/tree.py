@@ -1,7 +1,7 @@
-"""The tree of boxes:  a root is cut and cut again, each leaf with the reason why nothing in it is the answer.
+"""The branch-and-bound tree:  a root box is bisected repeatedly; each leaf has the reason why it is discarded.
 
-Cuts are made by one rule, half-way along one axis, so that the leaves cover the root by construction.  Written down it
-is a list of tokens in preorder: `1` cuts along axis 1, `#7` is a leaf with reason 7.
+Boxes are always split half-way along one axis, so the leaves cover the root by construction.  The serialised tree is a
+list of tokens in preorder: `1` splits along axis 1, `#7` is a leaf with reason 7.
 """
 
 from __future__ import annotations
@@ -9,19 +9,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from fopi_tune.optimum.pruning.refute import Reason
+from fopi_tune.optimum.pruning.exclusion import Reason
 from fopi_tune.proof.balls.box import Box, split
 
 
 @dataclass
 class Node:
-    """A box of the tree while it grows; with `axis` it was cut, with `reason` it is a leaf, with neither it is open.
+    """A box of the growing tree; with `axis` it was split, with `reason` it was discarded, with neither it is open.
 
     Args:
         box: its coordinates.
         axis: along which it was cut; -1 when it was not.
         pieces: of the cut.
-        reason: why nothing in it is the answer.
+        reason: why it was discarded.
     """
 
     box: Box
@@ -70,15 +70,15 @@ class Cover:
 class Reasons:
     """Reasons in the order of their first use."""
 
-    places: dict[Reason, int] = field(default_factory=dict)
+    indices: dict[Reason, int] = field(default_factory=dict)
 
-    def place(self, reason: Reason) -> int:
+    def index(self, reason: Reason) -> int:
         """Its number."""
-        return self.places.setdefault(reason, len(self.places))
+        return self.indices.setdefault(reason, len(self.indices))
 
 
-def written(root: Node, reasons: Reasons) -> Cover:
-    """A finished tree as tokens."""
+def to_cover(root: Node, reasons: Reasons) -> Cover:
+    """Serialise a finished tree."""
     tokens: list[str] = []
     pending = [root]
     while pending:
@@ -88,7 +88,7 @@ def written(root: Node, reasons: Reasons) -> Cover:
             pending += reversed(node.pieces)
         else:
             assert node.reason is not None, "an open box cannot be written down"
-            tokens.append(f"#{reasons.place(node.reason)}")
+            tokens.append(f"#{reasons.index(node.reason)}")
     return Cover(root.box, tuple(tokens))
 
 

@@ -15,7 +15,7 @@ from fopi_tune.design import Seen, Solution, Warm
 from fopi_tune.errors import DomainError
 from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.prices.result import PointStatus, TradeoffPoint
-from fopi_tune.proof import Verification, verify, with_limits_of
+from fopi_tune.proof import Verification, reassess, verify
 from fopi_tune.spec.model import DesignSpec, Objective, Sense
 
 #: a limit that the gains keep by more than this (neper or radian) holds nothing back
@@ -104,13 +104,13 @@ class Prober:
         """The neighbour itself where the limit binds neither there nor here: its optimum is also this one's."""
         if near.found is None or not near.is_met:
             return None
-        found = with_limits_of(self.knob.at(limit), near.found)
+        found = reassess(self.knob.at(limit), near.found)
         return None if self._binds(found) or self._binds(near.found) else Probe(limit, PointStatus.MET, found)
 
     def kept(self, limit: float, near: Probe) -> Probe:
         """The neighbour's gains with the limit there, met or not: no other are looked for."""
         assert near.found is not None
-        return _judged(limit, with_limits_of(self.knob.at(limit), near.found))
+        return _judged(limit, reassess(self.knob.at(limit), near.found))
 
     def from_neighbour(self, limit: float, near: Probe) -> Probe | None:
         """Solve from the neighbour's gains, quickly and else thoroughly; None when that leads nowhere."""

@@ -1,10 +1,10 @@
-"""The second opinion:  spec and gains -> Verification and Certificate, never looking at how the gains were found."""
+"""Verification and certification:  spec and gains -> Verification and Certificate, whatever method found the gains."""
 
 from fopi_tune.proof.certificate import Certificate, Verdict
 from fopi_tune.proof.certify import certify
 from fopi_tune.proof.recheck import Recheck, recheck
 from fopi_tune.proof.results import Outcome, Place, RequirementResult, Stability, Verification
-from fopi_tune.proof.verify import verify, with_limits_of
+from fopi_tune.proof.verify import reassess, verify
 
 __all__ = [
     "Certificate",
@@ -16,7 +16,7 @@ __all__ = [
     "Verdict",
     "Verification",
     "certify",
+    "reassess",
     "recheck",
     "verify",
-    "with_limits_of",
 ]

@@ -1,7 +1,7 @@
-"""The certificate:  what is proved of gains, and the records with which anybody can check it.
+"""The certificate:  what is proved of gains, and the branch-and-bound records with which it can be checked.
 
-A certificate holds no trust: `recheck` rebuilds every claim from the plant, the gains and the requirements it is about,
-tests every box of its record in ball arithmetic, and compares the verdict with the levels that were shown.
+Nothing in a certificate is taken on trust.  `recheck` rebuilds every claim from the plant, the gains and the
+requirements, tests every box of its record in ball arithmetic, and compares the verdict with the proved levels.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.spec.model import Relation, Requirement
 
-#: a requirement that may be missed by more has not been proved in any sense of the word; natural units
+#: the largest tolerance of a certificate, natural units: a proof with a larger one would say nothing useful
 LARGEST_TOLERANCE = 1e-2
 
 
 class Verdict(StrEnum):
-    """What became of a statement; `advice` says what that means."""
+    """Result of trying to prove a statement; `advice` says what it means."""
 
     PROVED = "proved"
     REFUTED = "refuted"
@@ -38,7 +38,7 @@ class Verdict(StrEnum):
 
 
 def overall(verdicts: tuple[Verdict, ...]) -> Verdict:
-    """Of several statements together: refuted if one is, proved if all are."""
+    """Verdict of a conjunction: refuted if any statement is refuted, proved if all are proved."""
     if Verdict.REFUTED in verdicts:
         return Verdict.REFUTED
     return Verdict.PROVED if all(v is Verdict.PROVED for v in verdicts) else Verdict.UNDECIDED
@@ -46,34 +46,34 @@ def overall(verdicts: tuple[Verdict, ...]) -> Verdict:
 
 @dataclass(frozen=True)
 class Record:
-    """How one claim was shown.
+    """The branch-and-bound tree that proves one claim.
 
     Args:
-        tokens: the tree of boxes, as `fopi_tune.proof.claims.search` describes it, one token a box that was looked at.
+        tokens: the tree in preorder, one token per examined box; see `fopi_tune.proof.claims.branch_and_bound`.
     """
 
     tokens: tuple[str, ...]
 
     @property
     def boxes(self) -> int:
-        """Boxes looked at."""
+        """Number of examined boxes."""
         return len(self.tokens)
 
 
 @dataclass(frozen=True)
 class SideProof:
-    """One limit of a requirement.
+    """Proof of one limit of a requirement.
 
     Args:
-        upper: the limit is an upper one.
-        verdict: what became of it.
-        level: natural unit; when proved every plant stays on this side of it, when undecided none is known to break it.
-            None when nothing was shown.
-        witness: natural unit; the plant `worst` reaches at least (at most, for a lower limit) this; None when that was
-            not shown.
+        upper: whether the limit is an upper one.
+        verdict: of this limit.
+        level: the bound, natural unit; None when none was proved.  If proved, every plant stays on this side of it; if
+            undecided, no plant is known to violate it.
+        witness: natural unit; the plant `worst` reaches at least this value (at most, for a lower limit).  None when
+            that was not proved.
         worst: the plant and frequency of the witness.
-        records: of the claims that show the level, in the order of `obligations.stays`.
-        witness_records: of those that show the witness, in the order of `obligations.breaks`.
+        records: of the claims that prove the level, in the order of `obligations.level_claims`.
+        witness_records: of the claims that prove the witness, in the order of `obligations.violation_claims`.
     """
 
     upper: bool
@@ -86,13 +86,13 @@ class SideProof:
 
     @property
     def boxes(self) -> int:
-        """Boxes looked at for the level."""
+        """Number of boxes examined to prove the level."""
         return sum(record.boxes for record in self.records)
 
 
 @dataclass(frozen=True)
 class RequirementProof:
-    """One requirement, both of its limits where it has two."""
+    """Proof of one requirement: one side for each of its limits."""
 
     requirement: Requirement
     sides: tuple[SideProof, ...]
@@ -104,7 +104,7 @@ class RequirementProof:
 
     @property
     def reason(self) -> str:
-        """Why it is not proved; empty when it is."""
+        """Why the requirement is not proved; empty when it is proved."""
         from_natural = QUANTITIES[self.requirement.quantity].from_natural
         parts = []
         for side in self.sides:
@@ -119,7 +119,7 @@ class RequirementProof:
 
     @property
     def bounds(self) -> tuple[float | None, float | None]:
-        """What is proved of the value over the whole scope: it lies from the first to the second; public unit."""
+        """Proved lower and upper bound of the value over the whole scope, public unit; None where not proved."""
         from_natural = QUANTITIES[self.requirement.quantity].from_natural
         found: dict[bool, float | None] = {False: None, True: None}
         for side in self.sides:
@@ -129,27 +129,27 @@ class RequirementProof:
 
     @property
     def gap(self) -> float | None:
-        """The largest distance from a proved bound to a value that is reached, relative; None where one is missing.
+        """The largest relative distance between a proved bound and a proved witness; None where one of them is missing.
 
-        Of a gain or a frequency the difference of logarithms; of an angle or a time relative to its size.  Of a
-        requirement `equals`, which is about one plant, the width between its two bounds.
+        For a gain or a frequency it is the difference of the logarithms; for an angle or a time it is relative to the
+        value.  For a requirement `equals`, which is about one plant, it is the distance between the two bounds.
         """
         if self.requirement.relation is Relation.EQUALS:
             levels = [side.level if side.records else None for side in self.sides]
             low, high = levels if len(levels) == 2 else (None, None)
-            return None if low is None or high is None else (high - low) / scale_of(self.requirement, high)
+            return None if low is None or high is None else (high - low) / gap_scale(self.requirement, high)
         gaps = [
             None
             if side.level is None or side.witness is None or not side.records
-            else abs(side.level - side.witness) / scale_of(self.requirement, side.witness)
+            else abs(side.level - side.witness) / gap_scale(self.requirement, side.witness)
             for side in self.sides
         ]
         known = [gap for gap in gaps if gap is not None]
         return max(known) if len(known) == len(gaps) and known else None
 
 
-def scale_of(requirement: Requirement, natural: float) -> float:
-    """What a difference in natural units is relative to."""
+def gap_scale(requirement: Requirement, natural: float) -> float:
+    """The scale by which a difference in natural units is divided: the value for angles and times, else 1."""
     relative = requirement.quantity in ("phase_margin_deg", "delay_margin_s", "phase_slope_deg_per_decade")
     return max(abs(natural), 1e-3) if relative else 1.0
 
@@ -159,11 +159,11 @@ class StabilityProof:
     """Closed-loop stability of the whole family.
 
     Args:
-        verdict: what became of it.
-        level: neper; |S| <= e^level for every plant and frequency, so that no pole passes the axis; None if not shown.
+        verdict: of the family.
+        level: neper; |S| <= e^level for every plant and frequency, so no pole crosses the axis; None if not proved.
         point: the plant whose poles were counted.
         poles: its closed-loop poles in the right half-plane; None when they could not be counted.
-        records: of the claims of `obligations.stable_throughout`.
+        records: of the claims of `obligations.stability_claims`.
     """
 
     verdict: Verdict
@@ -189,16 +189,16 @@ class StabilityProof:
 
 @dataclass(frozen=True)
 class Certificate:
-    """What is proved, refuted or left undecided of gains against a spec.
+    """What is proved, refuted or undecided about gains and a spec.
 
     Args:
         name: of the spec.
         spec_sha256: of its file.
         case: gains and family.
-        tolerance: by how much a requirement may be missed, natural units (a delay margin: relative).
+        tolerance: allowed violation of a requirement, natural units (of a delay margin: relative).
         stability: of the whole family.
         requirements: in the order of the spec.
-        versions: distribution to version, of what computed it.
+        versions: installed distribution -> version.
     """
 
     name: str
@@ -211,18 +211,18 @@ class Certificate:
 
     @property
     def verdict(self) -> Verdict:
-        """Of everything together."""
+        """Verdict of stability and all requirements together."""
         return overall((self.stability.verdict, *(proof.verdict for proof in self.requirements)))
 
     @property
     def boxes(self) -> int:
-        """Boxes looked at."""
+        """Number of examined boxes."""
         records = [record for proof in self.requirements for side in proof.sides for record in side.records]
         return sum(record.boxes for record in (*self.stability.records, *records))
 
 
 def relaxed_limit(requirement: Requirement, upper: bool, tolerance: float) -> float:
-    """A limit and what it may be missed by, in natural units."""
+    """The limit relaxed by the tolerance, in natural units."""
     quantity = QUANTITIES[requirement.quantity]
     limit = requirement.upper if upper else requirement.lower
     natural = quantity.to_natural(limit)

@@ -1,8 +1,8 @@
-"""Prove, refute or leave undecided what a spec asks of gains, for every plant and every frequency.
+"""Prove or refute every requirement of a spec for given gains, over all plants and all frequencies.
 
-The verification in floating point says where each quantity is worst and how bad it is there.  That place is confirmed
-in ball arithmetic (the witness), a level just beyond it is shown for the whole family (the bound), and the distance of
-the two is the gap.  Floats choose what to show; only balls show it.
+The verification in floating point finds the worst value of each quantity and where it occurs.  That value is confirmed
+in ball arithmetic (the witness).  A level just beyond it is proved for the whole family (the bound).  The distance
+between the two is the gap.  Floating point only selects what to prove; every proof is in ball arithmetic.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from flint import arb, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.parallel_form import Implementation
-from fopi_tune.proof.balls.box import points
+from fopi_tune.proof.balls.box import point_box
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.certificate import (
     Certificate,
@@ -23,35 +23,35 @@ from fopi_tune.proof.certificate import (
     SideProof,
     StabilityProof,
     Verdict,
+    gap_scale,
     relaxed_limit,
-    scale_of,
 )
-from fopi_tune.proof.claims.bound import value_of
+from fopi_tune.proof.claims.bound import response_of
+from fopi_tune.proof.claims.branch_and_bound import SearchResult, search
 from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.crossing_quantities import CrossingQuantity
 from fopi_tune.proof.claims.crossings import EveryCrossover
 from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
-from fopi_tune.proof.claims.poles import NoAxisRoot, count_unstable_poles, is_unstable_by_structure
-from fopi_tune.proof.claims.reading import Reading
-from fopi_tune.proof.claims.search import Search, search
-from fopi_tune.proof.obligations import Case, breaks, never_crosses, stable_throughout, stays
+from fopi_tune.proof.claims.poles import NoAxisRoot, count_unstable_poles, is_structurally_unstable
+from fopi_tune.proof.obligations import Case, level_claims, no_crossover_claims, stability_claims, violation_claims
 from fopi_tune.proof.results import Extreme, Outcome, Place, RequirementResult, Verification
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 
-#: the most boxes a claim may take; of one about the presence of crossings, whose boxes cost more; of a last attempt
+#: most boxes for a claim; for a claim that a crossing exists, whose boxes cost more; for a last attempt
 BUDGET, CROSSING_BUDGET, LAST_BUDGET = 40_000, 8_000, 4_000
-#: relative distance from the worst value to the level that is shown; wider ones are tried in turn
+#: relative distances from the worst value to the level to be proved, tried in turn
 _GAPS = (5e-7, 5e-5, 5e-4, 1e-2)
 #: the same for `equals`, which is about one plant: its bounds are the enclosure of the value
 _ENCLOSURES = (4e-12, 1e-10, 1e-8)
-#: relative distance to the limit below which a claim at the limit itself would take too many boxes
+#: a worst value relatively closer to the limit than this: proving the limit itself would take too many boxes
 _LEAST_ROOM = 1e-8
-#: how far short of its value in floating point a witness is asked to reach
+#: relative distance of the witness from the value in floating point
 _WITNESS = 1e-10
 _MOST_ROUNDS = 6
-#: neper beyond the peak of |S|; for stability any bound will do
+#: neper above the peak of |S|; for stability any finite bound suffices
 _STABILITY_MARGINS = (0.7, 2.0, 6.0)
 
 
@@ -61,13 +61,13 @@ def certify(
     """Turn a verification into a certificate.
 
     Args:
-        spec: what is asked.
-        found: what the verification of the gains said.
-        versions: what the certificate says computed it.
+        spec: the requirements and the plant family.
+        found: the verification of the gains.
+        versions: installed distribution -> version, for the certificate.
         implementation: the digital controller that the verification was about; None in continuous time.
     """
     case = Case(found.gains, spec.plant, 0.0, None, implementation)
-    crossings = tuple(case.loop.place(math.log(omega)) for omega in found.nominal.gain_crossovers_rad_s)
+    crossings = tuple(case.loop.u_of(math.log(omega)) for omega in found.nominal.gain_crossovers_rad_s)
     case = replace(case, origin=_origin(case, crossings), nominal_crossings=crossings)
     with ctx.workprec(PRECISION):
         searches = _Searches()
@@ -77,7 +77,7 @@ def certify(
 
 
 def _origin(case: Case, crossings: tuple[float, ...]) -> float:
-    """u of the nominal crossover, or the middle of the nominal loop's corners."""
+    """u = ln omega of the nominal crossover; without one, the middle of the nominal loop's corner frequencies."""
     if crossings and math.isfinite(crossings[-1]):
         return crossings[-1]
     low, high = (end[0] for end in case.loop.loops_at(case.family.nominal_point[None, :]).log.corners())
@@ -88,7 +88,7 @@ def _stability(case: Case, found: Verification, searches: _Searches) -> Stabilit
     if not found.stability.stable:
         worst = found.stability.worst.point
         poles = count_unstable_poles(case.loop, worst, case.origin)
-        if poles or (poles is None and is_unstable_by_structure(case.loop, worst)):
+        if poles or (poles is None and is_structurally_unstable(case.loop, worst)):
             return StabilityProof(Verdict.REFUTED, None, worst, poles, ())
     poles = count_unstable_poles(case.loop, case.nominal, case.origin)
     if poles:
@@ -96,7 +96,7 @@ def _stability(case: Case, found: Verification, searches: _Searches) -> Stabilit
     if poles == 0:
         for margin in _STABILITY_MARGINS:
             level = found.stability.peak_sensitivity_db * NEPER_PER_DB + margin
-            records = searches.shown(stable_throughout(case, level))
+            records = searches.shown(stability_claims(case, level))
             if records is not None:
                 return StabilityProof(Verdict.PROVED, level, case.nominal, 0, records)
     return StabilityProof(Verdict.UNDECIDED, None, case.nominal, poles, ())
@@ -114,7 +114,7 @@ def _requirement(case: Case, result: RequirementResult, tolerance: float, search
 
 @dataclass(frozen=True)
 class _Side:
-    """One limit of one requirement, and where it is worst."""
+    """One limit of one requirement, and the worst value that the verification found for it."""
 
     case: Case
     requirement: Requirement
@@ -135,11 +135,11 @@ class _Side:
         return relaxed_limit(self.requirement, self.upper, self.tolerance)
 
     def beyond(self, natural: float, amount: float) -> float:
-        """Further out by this amount: up for an upper limit, down for a lower one."""
+        """The value moved by this amount in the direction of violation: up for an upper limit, down for a lower one."""
         return natural + amount if self.upper else natural - amount
 
     def is_beyond(self, natural: float, other: float) -> bool:
-        """Whether one value is further out than another."""
+        """Whether one value is worse than another: larger for an upper limit, smaller for a lower one."""
         return natural > other if self.upper else natural < other
 
     def proof(self) -> SideProof:
@@ -157,7 +157,7 @@ class _Side:
             outcome = self._proved(worst, place)
             if isinstance(outcome, SideProof):
                 return outcome
-            # A plant worse than the verification had seen: is there one that breaks the limit itself?
+            # A plant is worse than the verification found: does one violate the limit itself?
             breaking = self._at(self._broken(self.relaxed))
             if breaking is not None:
                 return self._refuted(*breaking)
@@ -168,8 +168,8 @@ class _Side:
         return self._undecided(worst, place, None, ())
 
     def _broken(self, level: float) -> tuple[float, ...]:
-        """A place (u, then the plant) beyond a level; empty when the search for a proof meets none."""
-        for claim in stays(self.case, self.requirement, self.upper, level):
+        """A point (u, then the plant) that violates a level; empty when the search finds none."""
+        for claim in level_claims(self.case, self.requirement, self.upper, level):
             found = self.searches.run(claim)
             if found.counterexample is not None:
                 return found.counterexample if len(found.counterexample) > 1 else self._with_plant(claim)
@@ -187,55 +187,55 @@ class _Side:
         return SideProof(self.upper, verdict, level, witness, place, records, witness_records)
 
     def _without_crossover(self, place: Place) -> SideProof:
-        records = self.searches.shown(never_crosses(self.case, place.point))
+        records = self.searches.shown(no_crossover_claims(self.case, place.point))
         verdict = Verdict.UNDECIDED if records is None else Verdict.REFUTED
         return self._result(verdict, None, None, place, (), records or ())
 
     def _infinite(self, achieved: float, place: Place) -> SideProof:
-        """A gain margin without end: what is asked is shown, and no more; a response without end breaks any limit."""
+        """An infinite gain margin: only the limit itself is proved.  An infinite response violates every limit."""
         natural = QUANTITIES[self.requirement.quantity].to_natural(self.limit)
         if (achieved > 0) is not self.upper:
-            records = self.searches.shown(stays(self.case, self.requirement, self.upper, natural))
+            records = self.searches.shown(level_claims(self.case, self.requirement, self.upper, natural))
             if records is not None:
                 return self._result(Verdict.PROVED, natural, None, place, records, ())
             return self._result(Verdict.UNDECIDED, None, None, place, (), ())
         return self._refuted(self.beyond(self.relaxed, 1.0), place)
 
     def _witness(self, worst: float, place: Place) -> tuple[float, tuple[Record, ...]] | None:
-        """A level just short of the worst value that the plant there breaks."""
+        """A level just short of the worst value, and the proof that the worst plant violates it."""
         for amount in (_WITNESS, 1e-7):
-            level = self.beyond(worst, -amount * scale_of(self.requirement, worst))
-            claims = breaks(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
+            level = self.beyond(worst, -amount * gap_scale(self.requirement, worst))
+            claims = violation_claims(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
             records = self.searches.shown(claims)
             if records is not None:
                 return level, records
         return None
 
     def _refuted(self, worst: float, place: Place) -> SideProof:
-        # half-way to the limit when there is no room for more
+        # at most half-way to the limit
         room = abs(worst - self.relaxed)
         for amount in (1e-10, 1e-7, 1e-3):
-            level = self.beyond(worst, -min(amount * scale_of(self.requirement, worst), 0.5 * room))
-            claims = breaks(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
+            level = self.beyond(worst, -min(amount * gap_scale(self.requirement, worst), 0.5 * room))
+            claims = violation_claims(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
             records = self.searches.shown(claims)
             if records is not None:
                 return self._result(Verdict.REFUTED, None, level, place, (), records)
         return self._result(Verdict.UNDECIDED, None, None, place, (), ())
 
     def _with_plant(self, claim: Claim) -> tuple[float, ...]:
-        """Where a closed form, which knows of no plants, is false; empty when the general claim does not tell."""
+        """A counterexample of the general claim, with its plant: a closed form has no plant axes; empty if none."""
         general = getattr(claim, "general", None)
         return () if general is None else self.searches.run(general).counterexample or ()
 
     def _proved(self, worst: float, place: Place) -> SideProof | tuple[float, ...]:
-        """A proof, an undecided end, or a place (u, then the plant) beyond a level just outside the worst."""
+        """A proof, an undecided result, or a point (u, then the plant) beyond a level close to the worst value."""
         witness = self._witness(worst, place)
         reached, witness_records = witness if witness is not None else (None, ())
         levels = self._levels(worst)
         for level in levels:
-            # full effort for the sharpest level and for the last; what lies between is a courtesy
+            # full budget for the tightest and for the last level only
             most = BUDGET if level in (levels[0], levels[-1]) else LAST_BUDGET
-            claims = stays(self.case, self.requirement, self.upper, level)
+            claims = level_claims(self.case, self.requirement, self.upper, level)
             records: list[Record] = []
             for claim in claims:
                 found = self.searches.run(claim, most)
@@ -249,12 +249,12 @@ class _Side:
         return self._undecided(worst, place, reached, witness_records)
 
     def _levels(self, worst: float) -> list[float]:
-        """What to show, the sharpest first; never beyond the limit."""
+        """Levels to prove, the tightest first; none beyond the relaxed limit."""
         equal = self.requirement.relation is Relation.EQUALS
         gaps = (*_ENCLOSURES, *_GAPS) if equal else _GAPS
-        levels = [self.beyond(worst, gap * scale_of(self.requirement, worst)) for gap in gaps]
+        levels = [self.beyond(worst, gap * gap_scale(self.requirement, worst)) for gap in gaps]
         strict = relaxed_limit(self.requirement, self.upper, 0.0)
-        room = _LEAST_ROOM * scale_of(self.requirement, worst)
+        room = _LEAST_ROOM * gap_scale(self.requirement, worst)
         if not equal and self.is_beyond(strict, self.beyond(worst, room)):  # a level beyond the limit gains nothing
             levels = [strict if self.is_beyond(level, strict) else level for level in levels]
         inside = [level for level in levels if not self.is_beyond(level, self.relaxed)]
@@ -263,10 +263,10 @@ class _Side:
     def _undecided(
         self, worst: float, place: Place, reached: float | None, witness_records: tuple[Record, ...]
     ) -> SideProof:
-        """The tightest of a few wider levels that can be shown says how large the gap is."""
+        """Undecided, with the tightest of a few wider levels that can be proved: it bounds the gap."""
         for width in (0.0, 0.01, 0.1, 1.0):
-            level = self.beyond(self.relaxed, width * scale_of(self.requirement, worst))
-            records = self.searches.shown(stays(self.case, self.requirement, self.upper, level), LAST_BUDGET)
+            level = self.beyond(self.relaxed, width * gap_scale(self.requirement, worst))
+            records = self.searches.shown(level_claims(self.case, self.requirement, self.upper, level), LAST_BUDGET)
             if records is not None and width == 0.0:
                 return self._result(Verdict.PROVED, level, reached, place, records, witness_records)
             if records is not None:
@@ -274,12 +274,12 @@ class _Side:
         return self._result(Verdict.UNDECIDED, None, reached, place, (), witness_records)
 
     def _at(self, where: tuple[float, ...]) -> tuple[float, Place] | None:
-        """The value at a place where a claim of ours turned out false."""
+        """Value and place of a counterexample to a claim."""
         quantity = QUANTITIES[self.requirement.quantity]
         if not isinstance(quantity, FrequencyFunction) or len(where) != self.case.loop.axes:
             return None
         point = where[1:]
-        value = abs(value_of(self.case.loop.at_centre(points((where[0], *point))), quantity.response)).log()
+        value = abs(response_of(self.case.loop.at_centre(point_box((where[0], *point))), quantity.response)).log()
         omega = float(self.case.loop.frequency(arb(where[0]).exp()).mid())
         place = Place(omega, self.case.family.describe(_array(point)), point)
         return float(arb(value).mid()), place
@@ -292,13 +292,13 @@ def _array(point: tuple[float, ...]) -> Array:
 
 
 class _Searches:
-    """Runs searches within their budgets; what does not depend on a level is searched for once."""
+    """Runs searches within their budgets; results that do not depend on a level are cached."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[object, ...], Search] = {}
+        self._known: dict[tuple[object, ...], SearchResult] = {}
 
-    def run(self, claim: Claim, most: int = BUDGET) -> Search:
-        """The search for one claim."""
+    def run(self, claim: Claim, most: int = BUDGET) -> SearchResult:
+        """Search result for one claim."""
         listing = isinstance(claim, SomeCrossover | SomePhaseCrossover) or _lists_crossings(claim)
         budget = min(CROSSING_BUDGET if listing else BUDGET, most)
         if isinstance(claim, NoAxisRoot):
@@ -312,7 +312,7 @@ class _Searches:
         return self._known[key]
 
     def shown(self, claims: list[Claim], most: int = BUDGET) -> tuple[Record, ...] | None:
-        """Records of all claims; None when there is none, or one of them was not shown."""
+        """Records of all claims; None when there are no claims or one was not proved."""
         records: list[Record] = []
         for claim in claims:
             found = self.run(claim, most)
@@ -323,7 +323,7 @@ class _Searches:
 
 
 def _lists_crossings(claim: Claim) -> bool:
-    """Whether a box costs a list of all crossings: which of several is the highest decides."""
-    if not isinstance(claim, EveryCrossover) or claim.reading is not Reading.PHASE_SLOPE:
+    """Whether examining a box lists all crossings, because the highest of several decides."""
+    if not isinstance(claim, EveryCrossover) or claim.quantity is not CrossingQuantity.PHASE_SLOPE:
         return False
-    return claim.reader.may_cross_often
+    return claim.evaluator.may_cross_often

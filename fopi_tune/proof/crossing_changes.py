@@ -1,14 +1,14 @@
-"""Where in a family the number of crossings changes:  margins jump there, and a sample can miss what lies between.
+"""Where in a family the number of crossings changes.  Margins are discontinuous there, and a sample can miss it.
 
 ln|L| and arg L have turning points over u = ln omega; the number of gain (phase) crossovers changes where a turning
 point's ln|L| passes 0 (its phase passes -180 deg mod 360).  With +1 for a maximum and -1 for a minimum,
 
     signature = sum +-1 [ln|L| > 0] ,    sum +-1 floor((arg L + pi)/2 pi)                                          (1)
 
-changes exactly there, not when turning points are born in pairs.  The distance of the nearest turning point from its
-line is continuous, and leads to narrow parts of the box that lie between the places of a sample.
+changes exactly there, and not where turning points appear in pairs.  The distance of the nearest turning point from
+its threshold is a continuous function over the box.  Minimising it finds narrow regions between the sampled points.
 
-Source: derived; between two turning points a function passes a level once at most.
+Source: derived; between two turning points a function crosses a level at most once.
 """
 
 from __future__ import annotations
@@ -22,48 +22,52 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
 from fopi_tune.core.loops import Loops
-from fopi_tune.proof.sample import Badness, Sample, evaluate
-from fopi_tune.proof.search import find_worst
+from fopi_tune.proof.sample import LoopFunction, Sample, evaluate
+from fopi_tune.proof.worst_case import find_worst_case
 
 #: np.real or np.imag
 Part = Callable[[Complex], Array]
 
 _MOST_EDGES = 48
 _HALVINGS = 36
-#: far more than there are turning points of the gain
+#: factor that packs both signatures into one number; larger than any count of turning points
 _BOTH_IN_ONE = 4096.0
-#: a slope of ln f below this is rounding, or one that turns nothing
+#: slopes of ln f below this are rounding errors
 _FLAT = 1e-9
-#: a slope this small is 0 but for rounding, and an interval (in u) this narrow is a place
+#: stop the root search at a slope this small, or an interval in u this narrow
 _TURNED, _NARROW = 1e-10, 1e-11
-#: a turning point this close to its line touches it
+#: a turning point this close to its threshold touches it
 _TOUCHES = 1e-8
-#: one this close may touch it somewhere near
+#: a turning point this close may touch it nearby
 _NEARLY = 1e-4
 
 
 @dataclass(frozen=True)
-class Samples:
-    """A family's sample for what is continuous over the box, and a denser one for what jumps with the crossings."""
+class SamplePair:
+    """Two samples of a family: one for continuous functions, a refined one for functions that jump at crossing changes.
 
-    smooth: Sample
+    Args:
+        base: the sample of the box.
+    """
+
+    base: Sample
 
     @cached_property
-    def jumping(self) -> Sample:
-        """The sample with places on both sides of every change."""
-        return with_changes(self.smooth)
+    def refined(self) -> Sample:
+        """The base sample and points on both sides of every change of the number of crossings."""
+        return refine_at_crossing_changes(self.base)
 
 
-def with_changes(sample: Sample) -> Sample:
-    """The sample and, on both sides of every change of the number of crossings it can find, one more place."""
+def refine_at_crossing_changes(sample: Sample) -> Sample:
+    """Add one point on each side of every change of the number of crossings that can be found."""
     if sample.x.shape[1] == 0:
         return sample
     signatures, distances = _signatures(sample.loops)
     if not np.isfinite(distances).any():
-        return sample  # no turning point near a line anywhere: nothing can change
+        return sample  # no turning point near a threshold: the number of crossings is constant
     more = _both_sides(sample, sample.x, signatures, *sample.edges)
-    badness: Badness = lambda loops: (-_signatures(loops)[1], np.zeros(len(loops)))  # noqa: E731
-    nearest = find_worst(sample, badness, ceiling=-_TOUCHES, floor=-10.0 * _NEARLY)
+    criterion: LoopFunction = lambda loops: (-_signatures(loops)[1], np.zeros(len(loops)))  # noqa: E731
+    nearest = find_worst_case(sample, criterion, ceiling=-_TOUCHES, floor=-10.0 * _NEARLY)
     touching = nearest.candidates
     if nearest.value > -_NEARLY and len(touching):
         more = np.concatenate([more, *(_around(sample, x) for x in touching)])
@@ -71,7 +75,7 @@ def with_changes(sample: Sample) -> Sample:
 
 
 def _both_sides(sample: Sample, x: Array, signatures: Array, first: Rows, second: Rows) -> Array:
-    """Places on both sides of a change along edges whose ends differ, shape (k, p)."""
+    """Points on both sides of a change, by bisection of edges whose ends differ, shape (k, p)."""
     differ = np.flatnonzero(signatures[first] != signatures[second])
     if len(differ) > _MOST_EDGES:
         differ = differ[np.linspace(0, len(differ) - 1, _MOST_EDGES).astype(int)]
@@ -86,7 +90,7 @@ def _both_sides(sample: Sample, x: Array, signatures: Array, first: Rows, second
 
 
 def _around(sample: Sample, x: Array) -> Array:
-    """Of places at 1/2, 1/4, ... of the spacing around x, those with neighbours that have another signature."""
+    """Points at 1/2, 1/4, ... of the spacing around x whose signature differs from that of a neighbour."""
     p = len(x)
     steps = sample.spacing * 0.5 ** np.arange(1, 31)
     lines = np.concatenate([sign * steps[:, None] * np.eye(p)[k] for k in range(p) for sign in (1.0, -1.0)])
@@ -97,14 +101,17 @@ def _around(sample: Sample, x: Array) -> Array:
 
 
 def _signatures(loops: Loops) -> tuple[Array, Array]:
-    """Formula (1), both numbers in one, and the distance of the nearest turning point from its line; shapes (m,)."""
+    """Both signatures (1) packed into one number, and the distance of the nearest turning point from its threshold.
+
+    Shapes (m,).
+    """
     return evaluate(loops, _signatures_at_once)
 
 
 def _signatures_at_once(loops: Loops) -> tuple[Array, Array]:
     m, log = len(loops), loops.log
     gains, phases, distance = np.zeros(m), np.zeros(m), np.full(m, np.inf)
-    # |e^{-j omega L}| = 1: the dead time bends only the phase.
+    # |e^{-j omega L}| = 1: the dead time changes only the phase
     rows, u, maximum = _turning_points(log.undelayed(), np.real)
     gain = loops.log_response(rows, u).real
     np.add.at(gains, rows, np.where(maximum, 1.0, -1.0) * (gain > 0))
@@ -113,7 +120,7 @@ def _signatures_at_once(loops: Loops) -> tuple[Array, Array]:
     turns = (loops.log_response(rows, u).imag + np.pi) / (2.0 * np.pi)
     np.add.at(phases, rows, np.where(maximum, 1.0, -1.0) * np.floor(turns))
     np.minimum.at(distance, rows, 2.0 * np.pi * np.abs(turns - np.round(turns)))
-    # A flat end is a turning point in the limit.
+    # a flat asymptote counts as a turning point
     end_gain, _ = log.end()
     for flat, gain in ((log.slope0 == 0, log.scale), (np.abs(log.slope_end()) < 1e-12, end_gain)):
         gains += flat & (gain > 0)
@@ -122,7 +129,7 @@ def _signatures_at_once(loops: Loops) -> tuple[Array, Array]:
 
 
 def _turning_points(log: BodeForm, part: Part) -> tuple[Rows, Array, NDArray[np.bool_]]:
-    """Rows, u and whether it is a maximum, of the turning points of ln|f| or arg f."""
+    """Turning points of ln|f| or arg f: rows, u, and whether each is a maximum."""
     u = _places(log)
     rows = np.repeat(np.arange(len(u)), u.shape[1])
     u = u.ravel()
@@ -135,7 +142,7 @@ def _turning_points(log: BodeForm, part: Part) -> tuple[Rows, Array, NDArray[np.
 
 
 def _sign_change(slope: Callable[[Array], Array], ends: tuple[Array, Array], slopes: tuple[Array, Array]) -> Array:
-    """Where slopes change their sign between two ends, shape (n,): secants (Illinois), every third step a halving."""
+    """Roots of slopes between two ends, shape (n,), by the Illinois method; every third step is a bisection."""
     (a, b), (at_a, at_b) = ends, slopes
     x, kept_b, kept_a = 0.5 * (a + b), np.zeros(len(a), dtype=bool), np.zeros(len(a), dtype=bool)
     for step in range(3 * _HALVINGS):
@@ -145,7 +152,7 @@ def _sign_change(slope: Callable[[Array], Array], ends: tuple[Array, Array], slo
         if np.all((np.abs(at_x) < _TURNED) | (b - a < _NARROW)):
             break
         same = (at_x > 0) == (slopes[0] > 0)
-        # an end that stays twice counts half, so that the next secant passes the root
+        # Illinois: halve the value at an end that is kept twice
         at_a, at_b = np.where(same, at_x, at_a * np.where(kept_a, 0.5, 1.0)), np.where(same, at_b, at_x)
         at_b = np.where(same & kept_b, 0.5 * at_b, at_b)
         a, b, kept_a, kept_b = np.where(same, x, a), np.where(same, b, x), ~same, same
@@ -153,9 +160,9 @@ def _sign_change(slope: Callable[[Array], Array], ends: tuple[Array, Array], slo
 
 
 def _places(log: BodeForm) -> Array:
-    """Where to look for turning points, sorted, shape (m, n): evenly between the asymptotes, crowded around corners.
+    """Grid in u for turning points, sorted, shape (m, n): even between the asymptotes, dense around corner frequencies.
 
-    A factor's resonance is as wide as its ray's angle from -1; the crowd begins far inside.
+    The width of a factor's resonance is the angle of its ray from -1; the dense grid is much finer than that.
     """
     low, high = (np.clip(end, -600.0, 600.0)[:, None] for end in log.corners())
     even = low + (high - low) * np.linspace(0.0, 1.0, 120)

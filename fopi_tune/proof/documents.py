@@ -1,6 +1,6 @@
 """Certificates as JSON:  Certificate <-> dictionary, with a digest of the content.
 
-Whatever is read is checked for kind and range here; whether it is true is for `fopi_tune.proof.recheck` to say.
+Reading checks types and ranges only; `fopi_tune.proof.recheck` checks whether the statements are true.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from fopi_tune.proof.certificate import (
     StabilityProof,
     Verdict,
 )
-from fopi_tune.proof.entries import Entry
 from fopi_tune.proof.obligations import Case
 from fopi_tune.proof.results import Place
+from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
 #: version of the file; it may only grow
 CERTIFICATE_SCHEMA = 1
 KIND = "fopi_tune certificate"
-#: of a digital controller; its polynomials' cost grows with the third power
+#: of a digital controller; the cost of its polynomials grows with the third power
 _MOST_SECTIONS = 200
 
 
@@ -146,9 +146,9 @@ def from_document(document: object) -> Certificate:
     """Read a certificate's JSON.
 
     Raises:
-        CertificateError: it is none, or an entry is missing or of the wrong kind.
+        CertificateError: not a certificate, or an entry is missing or has the wrong type.
     """
-    top = Entry(document, "")
+    top = JsonObject(document, "")
     if top.get("kind") != KIND:
         raise CertificateError("this is not a certificate of this tool: its kind is another")
     if top.number("schema") != CERTIFICATE_SCHEMA:
@@ -179,7 +179,7 @@ def from_document(document: object) -> Certificate:
     )
 
 
-def _read_implementation(entry: Entry) -> Implementation:
+def _read_implementation(entry: JsonObject) -> Implementation:
     poles, residues = entry.numbers("poles"), entry.numbers("residues")
     sample_time_s, delay_samples = entry.number("sample_time_s"), entry.number("delay_samples")
     inside = all(abs(pole) < 1.0 for pole in poles[1:]) and all(-1.0 < pole <= 1.0 for pole in poles[:1])
@@ -192,7 +192,7 @@ def _read_implementation(entry: Entry) -> Implementation:
     return Implementation(Sections(sample_time_s, entry.number("direct"), poles, residues), delay_samples)
 
 
-def _family(plant: Entry) -> PlantFamily:
+def _family(plant: JsonObject) -> PlantFamily:
     model = PLANT_MODELS.get(plant.text("model"))
     if model is None:
         raise CertificateError(f"{plant.place}.model is none of {', '.join(PLANT_MODELS)}")
@@ -213,7 +213,7 @@ def _family(plant: Entry) -> PlantFamily:
     return family
 
 
-def _read_requirement(entry: Entry, case: Case) -> RequirementProof:
+def _read_requirement(entry: JsonObject, case: Case) -> RequirementProof:
     name = entry.text("name")
     if name not in QUANTITIES:
         raise CertificateError(f"{entry.place}.name: {name[:40]!r} is no quantity that this version knows")
@@ -232,7 +232,7 @@ def _read_requirement(entry: Entry, case: Case) -> RequirementProof:
     return RequirementProof(requirement, tuple(_read_side(side, case) for side in entry.children("sides")))
 
 
-def _read_side(entry: Entry, case: Case) -> SideProof:
+def _read_side(entry: JsonObject, case: Case) -> SideProof:
     side = entry.text("side")
     if side not in ("at_most", "at_least"):
         raise CertificateError(f"{entry.place}.side is neither at_most nor at_least")
@@ -251,7 +251,7 @@ def _read_side(entry: Entry, case: Case) -> SideProof:
     )
 
 
-def _read_stability(entry: Entry, case: Case) -> StabilityProof:
+def _read_stability(entry: JsonObject, case: Case) -> StabilityProof:
     return StabilityProof(
         verdict=entry.word("verdict", Verdict),
         level=entry.number_or_none("sensitivity_at_most_neper"),
@@ -261,7 +261,7 @@ def _read_stability(entry: Entry, case: Case) -> StabilityProof:
     )
 
 
-def _read_point(entry: Entry, case: Case) -> tuple[float, ...]:
+def _read_point(entry: JsonObject, case: Case) -> tuple[float, ...]:
     point = entry.numbers("point")
     box = case.plants
     if len(point) != len(box) or not all(low <= value <= high for value, (low, high) in zip(point, box, strict=True)):
@@ -269,5 +269,5 @@ def _read_point(entry: Entry, case: Case) -> tuple[float, ...]:
     return point
 
 
-def _read_records(entry: Entry, key: str) -> tuple[Record, ...]:
+def _read_records(entry: JsonObject, key: str) -> tuple[Record, ...]:
     return tuple(Record(tuple(record.text("tokens").split())) for record in entry.children(key))

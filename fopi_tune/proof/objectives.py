@@ -11,11 +11,11 @@ from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.sampled_loops import SampledLoops
-from fopi_tune.proof.crossing_changes import Samples
+from fopi_tune.proof.crossing_changes import SamplePair
 from fopi_tune.proof.results import Place, RequirementResult
-from fopi_tune.proof.sample import Badness, Sample
-from fopi_tune.proof.search import find_worst
+from fopi_tune.proof.sample import LoopFunction, Sample
 from fopi_tune.proof.stability import sensitivity_peak
+from fopi_tune.proof.worst_case import find_worst_case
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
@@ -24,30 +24,32 @@ from fopi_tune.spec.model import Objective, Relation
 Value = tuple[float | None, Place | None]
 
 
-def evaluate_objective(objective: Objective | None, samples: Samples, results: tuple[RequirementResult, ...]) -> Value:
-    """The objective's value and where it is worst.
+def evaluate_objective(
+    objective: Objective | None, samples: SamplePair, results: tuple[RequirementResult, ...]
+) -> Value:
+    """The objective's value and the place where it is worst.
 
     Args:
-        objective: the spec's; None asks for depth.
+        objective: the spec's; None stands for the smallest slack.
         samples: the family with the controller.
-        results: of the requirements, for depth.
+        results: of the requirements, for the smallest slack.
     """
     if objective is None:
         return _depth(samples, results)
     return _VALUES[ObjectiveKind(objective.quantity)](objective, samples)
 
 
-def _depth(samples: Samples, results: tuple[RequirementResult, ...]) -> Value:
-    """The smallest slack of the inequalities; without any, minus ln of the largest |S|."""
-    found = depth_of(results)
+def _depth(samples: SamplePair, results: tuple[RequirementResult, ...]) -> Value:
+    """The smallest slack of the inequalities; without inequalities, -ln of the largest |S|."""
+    found = smallest_slack(results)
     if found is not None:
         return found
-    value, place = _worst(samples.smooth, sensitivity_peak)
+    value, place = _worst(samples.base, sensitivity_peak)
     return (None if value is None else -value), place
 
 
-def depth_of(results: tuple[RequirementResult, ...]) -> Value | None:
-    """The smallest slack of the inequalities and where; None without any."""
+def smallest_slack(results: tuple[RequirementResult, ...]) -> Value | None:
+    """The smallest slack of the inequalities and its place; None without inequalities."""
     inequalities = [result for result in results if result.requirement.relation is not Relation.EQUALS]
     if not inequalities:
         return None
@@ -58,88 +60,92 @@ def depth_of(results: tuple[RequirementResult, ...]) -> Value | None:
     return shallowest.slack, shallowest.worst
 
 
-def _worst(sample: Sample, badness: Badness) -> Value:
-    found = find_worst(sample, badness)
+def _worst(sample: Sample, criterion: LoopFunction) -> Value:
+    found = find_worst_case(sample, criterion)
     return (None if np.isnan(found.value) else found.value), found.place(sample)
 
 
-def _integral_gain(objective: Objective, samples: Samples) -> Value:
-    return samples.smooth.gains.ki, None
+def _integral_gain(objective: Objective, samples: SamplePair) -> Value:
+    return samples.base.gains.ki, None
 
 
-def _phase_margin_spread(objective: Objective, samples: Samples) -> Value:
+def _phase_margin_spread(objective: Objective, samples: SamplePair) -> Value:
     """max |PM - PM(nominal)|, deg."""
     measure = QUANTITIES["phase_margin_deg"].measure
-    nominal = measure(samples.smooth.nominal_loop, False, 0.0, np.inf).value[0]
+    nominal = measure(samples.base.nominal_loop, False, 0.0, np.inf).value[0]
 
-    def badness(loops: Loops) -> tuple[Array, Array]:
+    def criterion(loops: Loops) -> tuple[Array, Array]:
         found = measure(loops, False, 0.0, np.inf)
         return np.abs(found.value - nominal), found.omega_rad_s
 
-    return _worst(samples.jumping, badness)
+    return _worst(samples.refined, criterion)
 
 
-def _crossover_spread(objective: Objective, samples: Samples) -> Value:
+def _crossover_spread(objective: Objective, samples: SamplePair) -> Value:
     """max |20 log10|L(j omega_c)||, dB, at the nominal member's highest crossover."""
-    crossings = gain_crossovers(samples.smooth.nominal_loop)
+    crossings = gain_crossovers(samples.base.nominal_loop)
     if not len(crossings.row):
         return None, None
     omega = float(crossings.omega_rad_s[-1])
 
-    def badness(loops: Loops) -> tuple[Array, Array]:
+    def criterion(loops: Loops) -> tuple[Array, Array]:
         rows = np.arange(len(loops))
         gain = loops.log_response(rows, np.full(len(rows), loops.u_of(np.array(omega)))).real
         return np.abs(gain) / NEPER_PER_DB, np.full(len(rows), omega)
 
-    return _worst(samples.smooth, badness)
+    return _worst(samples.base, criterion)
 
 
-def _peak(response: Response) -> Callable[[Objective, Samples], Value]:
-    def value(objective: Objective, samples: Samples) -> Value:
+def _peak(response: Response) -> Callable[[Objective, SamplePair], Value]:
+    def value(objective: Objective, samples: SamplePair) -> Value:
         """The largest gain over all members and frequencies, dB."""
 
-        def badness(loops: Loops) -> tuple[Array, Array]:
+        def criterion(loops: Loops) -> tuple[Array, Array]:
             found = extremes(loops, response, 0.0, np.inf)
             return found.value / NEPER_PER_DB, found.omega_rad_s
 
-        return _worst(samples.smooth, badness)
+        return _worst(samples.base, criterion)
 
     return value
 
 
-def _discounted_error(objective: Objective, samples: Samples) -> Value:
+def _discounted_error(objective: Objective, samples: SamplePair) -> Value:
     """max |int_0^inf e(t) exp(-t/T) dt| after a unit step at the plant's input:  T P/(1 + C P) at s = 1/T.
 
     On samples the sum Ts sum_k e_k exp(-k Ts/T) = Ts z/(z - 1) z^delay P(z)/(1 + C(z) P(z)) at z = e^{Ts/T}: the
     computing delay is in the loop, not between the step and the plant.
     """
-    horizon = default_horizon_s(samples.smooth.family) if objective.horizon_s is None else objective.horizon_s
-    s, implementation = 1.0 / horizon, samples.smooth.implementation
+    horizon = default_horizon_s(samples.base.family) if objective.horizon_s is None else objective.horizon_s
+    s, implementation = 1.0 / horizon, samples.base.implementation
 
-    def badness(loops: Loops) -> tuple[Array, Array]:
+    def criterion(loops: Loops) -> tuple[Array, Array]:
         plants = loops.plants
         if isinstance(loops, SampledLoops) and implementation is not None:
             step = s * implementation.sample_time_s
             delta = float(np.expm1(step))
-            gain = _at(plants.numerator, delta) / _at(plants.denominator, delta) * np.exp(-step * loops.plants.late)
+            gain = (
+                _polyval(plants.numerator, delta)
+                / _polyval(plants.denominator, delta)
+                * np.exp(-step * loops.plants.late)
+            )
             loop = gain * implementation.sections.at(np.array([delta + 0j])).real
             early = np.exp(step * (1.0 + implementation.delay_samples)) * implementation.sample_time_s / delta
             with np.errstate(divide="ignore"):
                 return np.abs(early * gain / (1.0 + loop)), np.full(len(loops), np.nan)
-        numerator = _at(plants.numerator, s) * np.exp(-s * plants.dead_time_s)
+        numerator = _polyval(plants.numerator, s) * np.exp(-s * plants.dead_time_s)
         controller = loops.kp + loops.ki * s**-loops.alpha
         with np.errstate(divide="ignore"):
-            error = horizon * numerator / (_at(plants.denominator, s) + controller * numerator)
+            error = horizon * numerator / (_polyval(plants.denominator, s) + controller * numerator)
         return np.abs(error), np.full(len(loops), np.nan)
 
-    return _worst(samples.smooth, badness)
+    return _worst(samples.base, criterion)
 
 
-def _at(coefficients: Array, s: float) -> Array:
+def _polyval(coefficients: Array, s: float) -> Array:
     return coefficients @ s ** np.arange(coefficients.shape[1] - 1, -1, -1.0)
 
 
-_VALUES: dict[ObjectiveKind, Callable[[Objective, Samples], Value]] = {
+_VALUES: dict[ObjectiveKind, Callable[[Objective, SamplePair], Value]] = {
     ObjectiveKind.KI: _integral_gain,
     ObjectiveKind.PHASE_MARGIN_SPREAD: _phase_margin_spread,
     ObjectiveKind.CROSSOVER_SPREAD: _crossover_spread,

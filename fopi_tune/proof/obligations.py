@@ -1,7 +1,7 @@
-"""What has to be shown for a requirement:  one relation at one level -> claims in ball arithmetic.
+"""Proof obligations of a requirement:  one relation at one level -> claims in ball arithmetic.
 
-The search for a proof and the check of a certificate both start here, so that a certificate cannot leave a claim out.
-Whether a member breaks a level is the same question turned round, for that member alone.
+`certify` proves these claims and `recheck` checks their records, so a certificate cannot leave a claim out.  That one
+plant violates a level is the opposite claim for this plant alone.
 """
 
 from __future__ import annotations
@@ -14,39 +14,42 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.proof.balls.box import Box, Interval, ball_of, points
+from fopi_tune.proof.balls.box import Box
+from fopi_tune.proof.balls.box import Interval
+from fopi_tune.proof.balls.box import ball_of
+from fopi_tune.proof.balls.box import point_box
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.sampled import SampledBallLoop
 from fopi_tune.proof.claims.bound import Bound
 from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity
 from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
 from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
 from fopi_tune.proof.claims.lag import closed_form
 from fopi_tune.proof.claims.poles import NoAxisRoot, NoPoleAtTheEnds
-from fopi_tune.proof.claims.reading import Reader, Reading
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import Requirement, Scope
 
-#: quantity -> what is read off a gain crossover, and natural units per unit of that reading
-READINGS: dict[str, tuple[Reading, float]] = {
-    "phase_margin_deg": (Reading.PHASE_MARGIN, 1.0),
-    "delay_margin_s": (Reading.DELAY_MARGIN, 1.0),
-    "phase_slope_deg_per_decade": (Reading.PHASE_SLOPE, math.log(10.0)),
-    "crossover_rad_s": (Reading.CROSSOVER, 1.0),
+#: quantity of a spec -> quantity at a gain crossover, and natural units per unit of it
+CROSSING_QUANTITIES: dict[str, tuple[CrossingQuantity, float]] = {
+    "phase_margin_deg": (CrossingQuantity.PHASE_MARGIN, 1.0),
+    "delay_margin_s": (CrossingQuantity.DELAY_MARGIN, 1.0),
+    "phase_slope_deg_per_decade": (CrossingQuantity.PHASE_SLOPE, math.log(10.0)),
+    "crossover_rad_s": (CrossingQuantity.CROSSOVER, 1.0),
 }
 
 _EVERYWHERE: Interval = (-math.inf, math.inf)
 #: below every u
 _NOWHERE = -1e300
-#: u that stands for the limits omega -> 0 and omega -> inf when a member is asked about them
+#: |u| at which one plant is evaluated for the limits omega -> 0 and omega -> inf
 _FAR = 120.0
 
 
 @dataclass(frozen=True)
 class Case:
-    """What a certificate is about, short of the requirements.
+    """Loop of a certificate: controller and plants, without the requirements.
 
     Args:
         gains: the controller.
@@ -71,9 +74,9 @@ class Case:
         return SampledBallLoop(self.gains, self.family, self.implementation)
 
     @cached_property
-    def reader(self) -> Reader:
-        """Evaluates what is read off crossings."""
-        return Reader(self.loop, self.nominal_crossings)
+    def evaluator(self) -> CrossingEvaluator:
+        """Evaluates quantities at crossings."""
+        return CrossingEvaluator(self.loop, self.nominal_crossings)
 
     @property
     def plants(self) -> Box:
@@ -82,67 +85,67 @@ class Case:
 
     @property
     def nominal(self) -> tuple[float, ...]:
-        """The nominal member's place in it."""
+        """The nominal plant's uncertain numbers."""
         return tuple(self.family.nominal_point.tolist())
 
     def plants_of(self, requirement: Requirement) -> Box:
-        """The plants a requirement is about."""
-        return points(self.nominal) if requirement.scope is Scope.NOMINAL else self.plants
+        """The plants in a requirement's scope."""
+        return point_box(self.nominal) if requirement.scope is Scope.NOMINAL else self.plants
 
 
-def stays(case: Case, requirement: Requirement, upper: bool, level: float) -> list[Claim]:
-    """Claims that together say: for every plant in the requirement's scope the value is on this side of a level.
+def level_claims(case: Case, requirement: Requirement, upper: bool, level: float) -> list[Claim]:
+    """Claims that together mean: for every plant in the requirement's scope the value is on this side of a level.
 
     Args:
         case: gains and family.
-        requirement: gives quantity, scope and band; its limits are not looked at.
+        requirement: gives quantity, scope and band; its limits are not used.
         upper: the value is at most the level; else at least.
         level: in the quantity's natural unit.
     """
-    return _closed(_stays(case, requirement, upper, level, case.plants_of(requirement)))
+    return _in_closed_form(_level_claims(case, requirement, upper, level, case.plants_of(requirement)))
 
 
-def breaks(
+def violation_claims(
     case: Case, requirement: Requirement, upper: bool, level: float, point: tuple[float, ...], omega: float | None
 ) -> list[Claim]:
-    """Claims that together say: this plant's value is at least the level (upper), or at most (not upper).
+    """Claims that together mean: this plant's value is at least the level (upper), or at most (not upper).
 
     Args:
         case: gains and family.
         requirement: gives quantity and band.
-        upper: the side that is broken.
+        upper: the side that is violated.
         level: in the quantity's natural unit.
-        point: the plant's place in the box.
-        omega: of a frequency function, where; 0 and inf are far down and far up.
+        point: the plant's uncertain numbers.
+        omega: frequency of a frequency function, rad/s; 0 and inf are limits.
     """
     if QUANTITIES[requirement.quantity].takes_band:
         if omega is None or math.isnan(omega) or _is_beyond_nyquist(case, requirement):
             return []
-        u = min(max(_place(case, omega), -_FAR), _FAR)
+        u = min(max(_log_frequency(case, omega), -_FAR), _FAR)
         low, high = _band(case, requirement)
         u = min(max(u, low), high)
-        return [_bound(case, requirement, not upper, level, (u, u), points(point))]
-    claims = _stays(case, requirement, not upper, level, points(point))
+        return [_bound(case, requirement, not upper, level, (u, u), point_box(point))]
+    claims = _level_claims(case, requirement, not upper, level, point_box(point))
     if omega is None or math.isnan(omega):
         return claims
-    return [replace(c, hint=_place(case, omega)) if isinstance(c, SomePhaseCrossover) else c for c in claims]
+    return [replace(c, hint=_log_frequency(case, omega)) if isinstance(c, SomePhaseCrossover) else c for c in claims]
 
 
-def _place(case: Case, omega: float) -> float:
-    """u at a frequency; infinite at the ends of the axis."""
+def _log_frequency(case: Case, omega: float) -> float:
+    """u at a frequency in rad/s; infinite at the ends of the axis."""
     if omega == 0.0:
         return -math.inf
-    return math.inf if case.loop.is_beyond(omega) else case.loop.place(math.log(omega))
+    return math.inf if case.loop.is_beyond(omega) else case.loop.u_of(math.log(omega))
 
 
-def never_crosses(case: Case, point: tuple[float, ...]) -> list[Claim]:
-    """Claims that together say: this plant has no gain crossover."""
-    domain = (_EVERYWHERE, *points(point))
-    return [EveryCrossover(case.loop, Reading.CROSSOVER, _NOWHERE, True, domain, case.origin, case.reader)]
+def no_crossover_claims(case: Case, point: tuple[float, ...]) -> list[Claim]:
+    """Claims that together mean: this plant has no gain crossover."""
+    domain = (_EVERYWHERE, *point_box(point))
+    return [EveryCrossover(case.loop, CrossingQuantity.CROSSOVER, _NOWHERE, True, domain, case.origin, case.evaluator)]
 
 
-def stable_throughout(case: Case, level: float) -> list[Claim]:
-    """Claims that together say: no closed-loop pole passes the imaginary axis within the family.
+def stability_claims(case: Case, level: float) -> list[Claim]:
+    """Claims that together mean: no closed-loop pole crosses the imaginary axis within the family.
 
     Args:
         case: gains and family.
@@ -150,12 +153,12 @@ def stable_throughout(case: Case, level: float) -> list[Claim]:
     """
     domain = (_EVERYWHERE, *case.plants)
     bound = Bound(case.loop, Response.SENSITIVITY, level, True, domain, case.origin)
-    # on samples the ends are points of the unit circle, of which the bound speaks too
+    # on samples the ends of the axis are points of the unit circle, which the bound includes
     ends = [] if case.implementation is not None else [NoPoleAtTheEnds(case.loop, domain, case.origin)]
-    return _closed([*ends, bound])
+    return _in_closed_form([*ends, bound])
 
 
-def _closed(claims: list[Claim]) -> list[Claim]:
+def _in_closed_form(claims: list[Claim]) -> list[Claim]:
     return [closed_form(claim) for claim in claims]
 
 
@@ -174,7 +177,7 @@ def _bound(case: Case, requirement: Requirement, upper: bool, level: float, band
     return Bound(case.loop, quantity.response, level, upper, (band, *plants), case.origin)
 
 
-def _stays(case: Case, requirement: Requirement, upper: bool, level: float, plants: Box) -> list[Claim]:
+def _level_claims(case: Case, requirement: Requirement, upper: bool, level: float, plants: Box) -> list[Claim]:
     loop, origin = case.loop, case.origin
     quantity = QUANTITIES[requirement.quantity]
     if quantity.takes_band:
@@ -186,39 +189,39 @@ def _stays(case: Case, requirement: Requirement, upper: bool, level: float, plan
         if upper:
             return [SomePhaseCrossover(loop, level, domain, origin)]
         return [EveryPhaseCrossover(loop, level, domain, origin)]
-    if requirement.quantity not in READINGS:
+    if requirement.quantity not in CROSSING_QUANTITIES:
         return []
-    reading, scale = READINGS[requirement.quantity]
+    crossing_quantity, scale = CROSSING_QUANTITIES[requirement.quantity]
     level = level / scale
-    if reading is Reading.PHASE_SLOPE and case.implementation is not None:
-        return []  # its second derivatives are not written for loops on samples
-    if reading is Reading.CROSSOVER:
-        level = loop.inner_place(level, upper)
-    some = SomeCrossover(loop, reading, level, upper, domain, origin, case.reader)
-    every = EveryCrossover(loop, reading, level, upper, domain, origin, case.reader)
+    if crossing_quantity is CrossingQuantity.PHASE_SLOPE and case.implementation is not None:
+        return []  # second derivatives are not implemented for loops on samples
+    if crossing_quantity is CrossingQuantity.CROSSOVER:
+        level = loop.inner_u_of(level, upper)
+    some = SomeCrossover(loop, crossing_quantity, level, upper, domain, origin, case.evaluator)
+    every = EveryCrossover(loop, crossing_quantity, level, upper, domain, origin, case.evaluator)
     crosses = replace(some, level=None)
-    if reading is Reading.CROSSOVER:
-        if math.isinf(level):  # Nyquist's frequency is no place of the axis: every crossover is below it
+    if crossing_quantity is CrossingQuantity.CROSSOVER:
+        if math.isinf(level):  # every crossover is below Nyquist's frequency
             return [crosses] if upper else []
         above = replace(every, domain=((level, math.inf), *plants))
         return [above, crosses] if upper else [some]
-    if reading is Reading.PHASE_SLOPE:
+    if crossing_quantity is CrossingQuantity.PHASE_SLOPE:
         return [every, crosses]
-    sheets = _sheets(case, plants)
-    return [*sheets, some] if upper else [*sheets, every, crosses]
+    continuity = _continuity_claims(case, plants)
+    return [*continuity, some] if upper else [*continuity, every, crosses]
 
 
-def _sheets(case: Case, plants: Box) -> list[Claim]:
-    """That no open-loop root passes the imaginary axis: the unwrapped phase is then continuous over the family.
+def _continuity_claims(case: Case, plants: Box) -> list[Claim]:
+    """Claims that no open-loop root crosses the imaginary axis: the unwrapped phase is then continuous over the family.
 
-    One plant alone needs no such claim, and neither does a first-order denominator, whose pole is real.
+    Not needed for a single plant, nor for a first-order denominator, whose pole is real.
     """
     if all(low == high for low, high in plants):
         return []
     whole = case.loop.plant([ball_of(side) for side in plants])
     claims: list[Claim] = []
     domain = (_EVERYWHERE, *plants)
-    # behind a hold whose delay is too uncertain nothing is known of the whole box: both are asked for
+    # with a very uncertain delay behind a hold the whole box has no finite enclosure: require both claims
     unknown = not all(c.value.is_finite() for c in (*whole.numerator, *whole.denominator))
     if unknown or (len(whole.numerator) > 1 and any(c.gradient for c in whole.numerator)):
         claims.append(NoAxisRoot(case.loop, False, domain, case.origin))

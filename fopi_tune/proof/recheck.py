@@ -1,6 +1,7 @@
-"""Check a certificate without searching:  every claim is built again, every box of its record tested again.
+"""Check a certificate without searching:  every claim is rebuilt, and every box of its record is tested again.
 
-What a file says counts for nothing here but the gains, the plants, the requirements, and levels with their records.
+Only the gains, the plants, the requirements, and the levels with their records are read from the file.  Everything else
+is derived from them again and compared.
 """
 
 from __future__ import annotations
@@ -14,22 +15,28 @@ from flint import ctx
 from fopi_tune.errors import CertificateError
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.certificate import Certificate, Record, RequirementProof, SideProof, Verdict, relaxed_limit
+from fopi_tune.proof.claims.branch_and_bound import check_record
 from fopi_tune.proof.claims.claim import Claim
-from fopi_tune.proof.claims.poles import count_unstable_poles, is_unstable_by_structure
-from fopi_tune.proof.claims.search import check
+from fopi_tune.proof.claims.poles import count_unstable_poles, is_structurally_unstable
 from fopi_tune.proof.documents import digest, from_document, to_document
-from fopi_tune.proof.obligations import READINGS, breaks, never_crosses, stable_throughout, stays
+from fopi_tune.proof.obligations import (
+    CROSSING_QUANTITIES,
+    level_claims,
+    no_crossover_claims,
+    stability_claims,
+    violation_claims,
+)
 from fopi_tune.spec.model import DesignSpec, Requirement, Scope
 
 
 @dataclass(frozen=True)
 class Recheck:
-    """What the check of a certificate found.
+    """Result of checking a certificate.
 
     Args:
         certificate: as read.
-        problems: what is wrong with it, each with its place; none when it is sound.
-        boxes: boxes that were tested.
+        problems: errors found, each with its place; empty when the certificate is sound.
+        boxes: number of boxes tested.
     """
 
     certificate: Certificate
@@ -38,7 +45,7 @@ class Recheck:
 
     @property
     def is_sound(self) -> bool:
-        """Whether everything the certificate says has been shown again."""
+        """Whether every statement of the certificate was confirmed."""
         return not self.problems
 
 
@@ -47,10 +54,10 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
 
     Args:
         document: as `json.load` gives it.
-        spec: when given, the certificate must be about this spec's plant and requirements.
+        spec: if given, the certificate must belong to this spec's plant and requirements.
 
     Raises:
-        CertificateError: it is no certificate, or an entry has the wrong kind.
+        CertificateError: not a certificate, or an entry has the wrong type.
     """
     try:
         certificate = from_document(document)
@@ -59,7 +66,7 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
     except (OverflowError, RecursionError) as error:
         raise CertificateError("a number or the nesting is beyond what a certificate of this tool holds") from error
     if spec is not None:
-        problems += _about(certificate, spec)
+        problems += _spec_mismatches(certificate, spec)
     with ctx.workprec(PRECISION):
         problems += _stability(certificate)
         for index, proof in enumerate(certificate.requirements):
@@ -68,7 +75,7 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
 
 
 def _integrity(certificate: Certificate, document: dict[str, Any]) -> list[str]:
-    """That the file is as it was written, and says nothing that does not follow from its levels and records."""
+    """Check the digest, and that every entry follows from the levels and records."""
     problems: list[str] = []
     if document.get("digest") != digest(document):
         problems.append("the content does not have the digest that it states: it was changed after it was made")
@@ -84,7 +91,7 @@ def _integrity(certificate: Certificate, document: dict[str, Any]) -> list[str]:
 
 
 def _difference(stated: object, derived: object, place: str) -> str | None:
-    """Where two documents differ by more than the rounding of a conversion."""
+    """Path of the first difference of two documents beyond rounding; None when they agree."""
     if isinstance(stated, dict) and isinstance(derived, dict):
         for key in stated.keys() | derived.keys():
             if key not in stated or key not in derived:
@@ -104,8 +111,8 @@ def _difference(stated: object, derived: object, place: str) -> str | None:
     return None if stated == derived else place
 
 
-def _about(certificate: Certificate, spec: DesignSpec) -> list[str]:
-    """That the certificate is about this spec."""
+def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
+    """Differences between the certificate's plant and requirements and the spec's."""
     problems = []
     case = certificate.case
     if (certificate.name, certificate.spec_sha256) != (spec.name, spec.sha256):
@@ -133,13 +140,13 @@ def _stability(certificate: Certificate) -> list[str]:
     if proof.verdict is Verdict.UNDECIDED:
         return [] if not poles else ["stability: the plant stated refutes it"]
     if proof.verdict is Verdict.REFUTED:
-        structural = poles is None and is_unstable_by_structure(case.loop, proof.point)
+        structural = poles is None and is_structurally_unstable(case.loop, proof.point)
         return [] if poles or structural else ["stability: the plant stated does not refute it"]
     if poles != 0:
         return ["stability: the plant stated is not stable"]
     if proof.level is None:
         return ["stability: no bound of |S| is stated"]
-    claims = stable_throughout(case, proof.level)
+    claims = stability_claims(case, proof.level)
     return [f"stability: {problem}" for problem in _records(claims, proof.records)]
 
 
@@ -167,16 +174,18 @@ def _side(certificate: Certificate, requirement: Requirement, side: SideProof) -
     if side.verdict is Verdict.PROVED and (side.level is None or _is_beyond(side, side.level, limit)):
         return ["the level that is stated does not meet the limit"]
     if side.level is not None and (side.records or side.verdict is Verdict.PROVED):
-        problems += _records(stays(case, requirement, side.upper, side.level), side.records)
+        problems += _records(level_claims(case, requirement, side.upper, side.level), side.records)
     if side.verdict is Verdict.REFUTED:
         if side.witness is None:
-            if requirement.quantity not in READINGS:
+            if requirement.quantity not in CROSSING_QUANTITIES:
                 return [*problems, "no witness is stated"]
-            return problems + _records(never_crosses(case, point), side.witness_records)
+            return problems + _records(no_crossover_claims(case, point), side.witness_records)
         if not _is_beyond(side, side.witness, limit):
             return [*problems, "the witness does not break the limit"]
     if side.witness is not None:
-        problems += _records(breaks(case, requirement, side.upper, side.witness, point, omega), side.witness_records)
+        problems += _records(
+            violation_claims(case, requirement, side.upper, side.witness, point, omega), side.witness_records
+        )
     return problems
 
 
@@ -185,12 +194,12 @@ def _is_beyond(side: SideProof, value: float, limit: float) -> bool:
 
 
 def _records(claims: list[Claim], records: tuple[Record, ...]) -> list[str]:
-    """What is wrong with the records of these claims."""
+    """Errors in the records of these claims."""
     if not claims or len(claims) != len(records):
         return [f"{len(records)} records are stated where {len(claims)} claims have to be shown"]
     problems = []
     for claim, record in zip(claims, records, strict=True):
-        problem = check(claim, record.tokens)
+        problem = check_record(claim, record.tokens)
         if problem is not None:
             problems.append(f"{claim.to_dict()['kind']}: {problem}")
     return problems

@@ -1,4 +1,4 @@
-"""One requirement against one controller:  the worst value over its scope and band, and what that means."""
+"""Evaluate one requirement for one controller:  worst value over scope and band, slack, score and outcome."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops
-from fopi_tune.proof.crossing_changes import Samples
+from fopi_tune.proof.crossing_changes import SamplePair
 from fopi_tune.proof.results import Extreme, Outcome, Place, RequirementResult
-from fopi_tune.proof.search import find_worst, place_of
+from fopi_tune.proof.worst_case import find_worst_case, place_of
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
-#: exp of more than this would not be a number any more
+#: exp overflows beyond this
 _LARGEST_EXPONENT = 700.0
 
 
-def check_requirement(requirement: Requirement, samples: Samples, tolerance: float) -> RequirementResult:
-    """Measure the requirement's quantity where it is worst, and score it.
+def check_requirement(requirement: Requirement, samples: SamplePair, tolerance: float) -> RequirementResult:
+    """Find the worst value of the requirement's quantity and score it.
 
     Args:
-        requirement: what to check.
+        requirement: to be checked.
         samples: the family with the controller.
-        tolerance: by how much it may be missed, in natural units.
+        tolerance: allowed violation, in natural units.
     """
-    implementation = samples.smooth.implementation
+    implementation = samples.base.implementation
     if implementation is not None and implementation.is_beyond_nyquist(requirement.from_rad_s):
-        place = place_of(samples.smooth, samples.smooth.nominal_x, requirement.from_rad_s)
+        place = place_of(samples.base, samples.base.nominal_x, requirement.from_rad_s)
         return RequirementResult(requirement, None, Outcome.BEYOND_NYQUIST, None, None, place)
     sides = [largest for largest in (False, True) if _has_side(requirement, largest)]
     results = [_one_side(requirement, samples, largest) for largest in sides]
@@ -36,11 +36,11 @@ def check_requirement(requirement: Requirement, samples: Samples, tolerance: flo
         Extreme(largest, None if math.isnan(achieved) else achieved, place)
         for largest, (achieved, place) in zip(sides, results, strict=True)
     )
-    return judged(requirement, extremes, tolerance)
+    return assess_requirement(requirement, extremes, tolerance)
 
 
-def judged(requirement: Requirement, extremes: tuple[Extreme, ...], tolerance: float) -> RequirementResult:
-    """What the measured ends of a quantity's range mean for a requirement: only here do its limits count."""
+def assess_requirement(requirement: Requirement, extremes: tuple[Extreme, ...], tolerance: float) -> RequirementResult:
+    """Slack, score and outcome of a requirement from the extremes of its quantity; only this step uses the limits."""
     slacks = []
     for extreme in extremes:
         if extreme.achieved is None:
@@ -48,7 +48,7 @@ def judged(requirement: Requirement, extremes: tuple[Extreme, ...], tolerance: f
         slacks.append(_slack(requirement, extreme.achieved))
     k = int(np.argmin(slacks))
     achieved, slack = extremes[k].achieved, slacks[k]
-    assert achieved is not None  # or the loop above had ended this
+    assert achieved is not None  # the loop above returns otherwise
     score = _score(requirement, slack, tolerance)
     outcome = _outcome(requirement, achieved, score)
     return RequirementResult(requirement, achieved, outcome, slack, score, extremes[k].worst, extremes)
@@ -58,21 +58,21 @@ def _has_side(requirement: Requirement, largest: bool) -> bool:
     return math.isfinite(requirement.upper if largest else requirement.lower)
 
 
-def _one_side(requirement: Requirement, samples: Samples, largest: bool) -> tuple[float, Place]:
+def _one_side(requirement: Requirement, samples: SamplePair, largest: bool) -> tuple[float, Place]:
     """The largest or the smallest value over the scope and the band; nan where a member has none."""
     quantity, sign = QUANTITIES[requirement.quantity], 1.0 if largest else -1.0
 
-    def badness(loops: Loops) -> tuple[Array, Array]:
+    def criterion(loops: Loops) -> tuple[Array, Array]:
         found = quantity.measure(loops, largest, requirement.from_rad_s, requirement.to_rad_s)
         return sign * found.value, found.omega_rad_s
 
-    # Functions of frequency are continuous over the box; what is read at a crossing jumps with the number of crossings.
+    # Frequency functions are continuous over the box; values at crossings jump where the number of crossings changes.
     nominal = requirement.scope is Scope.NOMINAL
-    sample = samples.smooth if nominal or quantity.takes_band else samples.jumping
+    sample = samples.base if nominal or quantity.takes_band else samples.refined
     if nominal:
-        value, omega = badness(sample.nominal_loop)
+        value, omega = criterion(sample.nominal_loop)
         return sign * float(value[0]), place_of(sample, sample.nominal_x, float(omega[0]))
-    worst = find_worst(sample, badness)
+    worst = find_worst_case(sample, criterion)
     return sign * worst.value, worst.place(sample)
 
 

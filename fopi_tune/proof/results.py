@@ -1,4 +1,4 @@
-"""What the verification found, as frozen data."""
+"""Results of a verification, as frozen data."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fopi_tune.spec.model import Relation, Requirement
 
 
 class Outcome(StrEnum):
-    """What became of a requirement."""
+    """Outcome of a requirement."""
 
     MET = "met"
     VIOLATED = "violated"
@@ -56,13 +56,13 @@ class Extreme:
 
 @dataclass(frozen=True)
 class RequirementResult:
-    """One requirement, looked at over its whole scope and band.
+    """Result of one requirement over its whole scope and band.
 
     Args:
         requirement: what the spec says.
         achieved: the worst value, in the quantity's public unit; inf for a gain margin that does not end; None
             without a gain crossover.
-        outcome: what became of it.
+        outcome: whether it is met, and why not.
         slack: how far inside the limit, negative outside, in neper or radian (for a delay margin: relative to the
             limit); for `equals` minus the distance; None without a gain crossover.
         score: dimensionless, at most 1 exactly when the requirement holds within the tolerance; None without a gain
@@ -108,7 +108,7 @@ class Stability:
 
 @dataclass(frozen=True)
 class Verification:
-    """What is true of these gains.
+    """Result of verifying gains against a spec.
 
     Args:
         gains: the controller.
@@ -118,7 +118,7 @@ class Verification:
             largest |S| when there are none.  None where a member without a gain crossover leaves it undefined.
         objective_worst: the member and frequency that decide the objective; None when none does.
         nominal: margins with the nominal plant.
-        tolerance: by how much (natural units) a requirement may be missed.
+        tolerance: allowed violation of a requirement, natural units.
     """
 
     gains: FoPi

@@ -1,7 +1,6 @@
 """A dense sample of a family's box, and loops on it.
 
-Places of the box are written as x in [0, 1]^p; a number of one sign runs logarithmically from its minimum to its
-maximum.
+Points of the box are normalised to x in [0, 1]^p.  A number whose range excludes 0 is scaled logarithmically.
 """
 
 from __future__ import annotations
@@ -21,14 +20,14 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.errors import DomainError
 
-#: m loops -> (how bad (m,), the frequency that decides (m,)); nan where a loop has no such thing
-Badness = Callable[[Loops], tuple[Array, Array]]
+#: m loops -> (value (m,), frequency at which it is attained (m,)); nan where a loop has no such value
+LoopFunction = Callable[[Loops], tuple[Array, Array]]
 
 #: grid points an axis, for one, two and three uncertain numbers
 _GRID = {1: 65, 2: 17, 3: 9}
 _MOST_CORNERS = 256
 _SOBOL_POINTS = 1024
-#: rows worked on together: the crossings of many loops with dead time are many
+#: rows evaluated together, to limit the memory for crossings
 _CHUNK = 1024
 
 
@@ -39,7 +38,7 @@ class Sample:
     Args:
         family: the plants.
         gains: the controller.
-        x: shape (m, p), the members' places; the grid's points first, when there is a grid.
+        x: shape (m, p), normalised points of the members; grid points first, when there is a grid.
         per_axis: grid points an axis; 0 without a grid.
         nominal: the nominal member's row.
         implementation: the digital controller, of a loop on samples; None in continuous time.
@@ -123,22 +122,22 @@ class Sample:
         return replace(self, x=np.concatenate([self.x, x])) if len(x) else self
 
 
-def evaluate(loops: Loops, badness: Badness) -> tuple[Array, Array]:
-    """Badness of every loop, in portions; a portion with too many crossings to list together is halved."""
+def evaluate(loops: Loops, criterion: LoopFunction) -> tuple[Array, Array]:
+    """The function of every loop, in chunks; a chunk with too many crossings to list at once is halved."""
     if len(loops) > _CHUNK:
-        return _halves(loops, badness)
+        return _halves(loops, criterion)
     try:
-        return badness(loops)
+        return criterion(loops)
     except DomainError:
         if len(loops) <= 1:
             raise
-        return _halves(loops, badness)
+        return _halves(loops, criterion)
 
 
-def _halves(loops: Loops, badness: Badness) -> tuple[Array, Array]:
+def _halves(loops: Loops, criterion: LoopFunction) -> tuple[Array, Array]:
     rows, middle = np.arange(len(loops)), len(loops) // 2
-    first = evaluate(loops.take(rows[:middle]), badness)
-    second = evaluate(loops.take(rows[middle:]), badness)
+    first = evaluate(loops.take(rows[:middle]), criterion)
+    second = evaluate(loops.take(rows[middle:]), criterion)
     return np.concatenate([first[0], second[0]]), np.concatenate([first[1], second[1]])
 
 

@@ -1,6 +1,6 @@
 """Closed-loop stability of a family:  a count of poles at every sampled member, and |S| bounded between them.
 
-Poles move continuously over the box; to cross the imaginary axis they would have to pass a member with |S| = inf.
+Poles move continuously over the box.  A pole on the imaginary axis would mean a member with |S| = inf.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import unstable_closed_loop_poles
 from fopi_tune.proof.results import Stability
 from fopi_tune.proof.sample import Sample, evaluate
-from fopi_tune.proof.search import find_worst, place_of
+from fopi_tune.proof.worst_case import find_worst_case, place_of
 from fopi_tune.quantities.base import NEPER_PER_DB
 
-#: a loop whose |S| exceeds this is not told from one through -1
+#: a loop with a larger |S| counts as one through -1
 _LARGEST_SENSITIVITY = 1e6
 
 
@@ -27,7 +27,7 @@ def check_stability(sample: Sample) -> Stability:
     if (counts > 0.5).any():
         row = sample.nominal if counts[sample.nominal] > 0.5 else int(np.argmax(counts))
         return _unstable(sample, sample.x[row], float(counts[row]))
-    worst = find_worst(sample, sensitivity_peak, ceiling=float(np.log(_LARGEST_SENSITIVITY)))
+    worst = find_worst_case(sample, sensitivity_peak, ceiling=float(np.log(_LARGEST_SENSITIVITY)))
     counts = _counts(sample, worst.candidates)
     if (counts > 0.5).any():
         row = int(np.argmax(counts))

@@ -1,7 +1,7 @@
-"""Verify gains against a spec, from these two alone.
+"""Verify gains against a spec in floating point.
 
-Every number comes from the exact crossings and peaks of `core/`, plant by plant, and from a search of the whole box of
-uncertain numbers, its interior included.
+Crossings and peaks of each plant are computed exactly by `core/`.  The worst plant is searched for in the whole box of
+uncertain numbers, including its interior.
 """
 
 from __future__ import annotations
@@ -11,9 +11,11 @@ from dataclasses import replace
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins_of
 from fopi_tune.core.parallel_form import Implementation
-from fopi_tune.proof.crossing_changes import Samples
-from fopi_tune.proof.objectives import depth_of, evaluate_objective
-from fopi_tune.proof.requirements import check_requirement, judged
+from fopi_tune.proof.objectives import evaluate_objective
+from fopi_tune.proof.requirements import check_requirement
+from fopi_tune.proof.crossing_changes import SamplePair
+from fopi_tune.proof.objectives import smallest_slack
+from fopi_tune.proof.requirements import assess_requirement
 from fopi_tune.proof.results import Verification
 from fopi_tune.proof.sample import Sample
 from fopi_tune.proof.stability import check_stability
@@ -26,17 +28,17 @@ def verify(
     """Check stability, every requirement and the objective.
 
     Args:
-        spec: what is asked; its box of gains is not looked at.
-        gains: the controller, from anywhere.
-        tolerance: by how much a requirement may be missed, in neper or radian (a delay margin: relative).
+        spec: plant family, requirements and objective; its box of gains is not used.
+        gains: the controller.
+        tolerance: allowed violation of a requirement, in neper or radian (of a delay margin: relative).
         implementation: the digital controller that approximates the gains; the loop is then the one on its samples,
             up to Nyquist's frequency.  None checks the ideal controller in continuous time.
 
     Raises:
         DomainError: kp = ki = 0, or a dead time so long that the loop's crossings cannot be listed.
     """
-    samples = Samples(Sample.of(spec.plant, gains, implementation))
-    stability = check_stability(samples.smooth)
+    samples = SamplePair(Sample.of(spec.plant, gains, implementation))
+    stability = check_stability(samples.base)
     requirements = tuple(check_requirement(requirement, samples, tolerance) for requirement in spec.requirements)
     objective, objective_worst = evaluate_objective(spec.objective, samples, requirements)
     return Verification(
@@ -45,22 +47,22 @@ def verify(
         requirements=requirements,
         objective=objective,
         objective_worst=objective_worst,
-        nominal=margins_of(samples.smooth.nominal_loop),
+        nominal=margins_of(samples.base.nominal_loop),
         tolerance=tolerance,
     )
 
 
-def with_limits_of(spec: DesignSpec, found: Verification) -> Verification:
-    """What `verify` says of the same gains against a spec that differs in its requirements' limits alone.
+def reassess(spec: DesignSpec, found: Verification) -> Verification:
+    """Verification of the same gains against a spec that differs only in its requirements' limits.
 
-    What was measured does not depend on the limits, so nothing is measured again.
+    The measured extremes do not depend on the limits and are reused.
 
     Args:
-        spec: with other limits than the one that was verified; the same quantities and relations, in the same order.
-        found: of the gains, in continuous time.
+        spec: the same quantities and relations in the same order, with other limits.
+        found: verification of the gains, in continuous time.
     """
     pairs = zip(spec.requirements, found.requirements, strict=True)
-    requirements = tuple(judged(requirement, old.extremes, found.tolerance) for requirement, old in pairs)
-    depth = depth_of(requirements) if spec.objective is None else None
+    requirements = tuple(assess_requirement(requirement, old.extremes, found.tolerance) for requirement, old in pairs)
+    depth = smallest_slack(requirements) if spec.objective is None else None
     objective, place = (found.objective, found.objective_worst) if depth is None else depth
     return replace(found, requirements=requirements, objective=objective, objective_worst=place)

@@ -27,11 +27,11 @@ from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.optimum import Optimum, OptimumStatus, certify_optimum, recheck_optimum, to_document
-from fopi_tune.optimum.charts import Chart, CrossoverChart, GainChart
+from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Test as Kind
-from fopi_tune.optimum.pruning.cover import Cells
-from fopi_tune.optimum.pruning.refute import Reason, fails, quadratic
+from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded, quadratic
+from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds
 from fopi_tune.optimum.pruning.screen import gains_at
 from fopi_tune.proof import verify
 from fopi_tune.proof.balls.loop import PRECISION
@@ -64,33 +64,35 @@ def with_limit(spec: DesignSpec, place: int, limit: float) -> DesignSpec:
 # -- the formulas --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("chart", ["gains", "crossover"])
+@pytest.mark.parametrize("parametrization", ["gains", "crossover"])
 @settings(max_examples=40, deadline=None)
 @given(
     corner=st.tuples(SIDE, SIDE, SIDE), size=st.floats(-6, -0.5), inside=st.tuples(SIDE, SIDE, SIDE), u=st.floats(-6, 6)
 )
-def test_planes_and_sheets_hold_every_controller_of_a_box(
-    chart: str, corner: tuple[float, ...], size: float, inside: tuple[float, ...], u: float
+def test_taylor_models_and_enclosures_hold_every_controller_of_a_box(
+    parametrization: str, corner: tuple[float, ...], size: float, inside: tuple[float, ...], u: float
 ) -> None:
-    which: Chart = GainChart() if chart == "gains" else CrossoverChart(0.4, acb(0.6, -0.5))
-    ranges = [(-2.0, 5.0), (-2.0, 5.0), (0.3, 1.5)] if chart == "gains" else [(0.3, 1.5), (0.0, 6.2)]
+    which: Parametrization = (
+        GainParametrization() if parametrization == "gains" else CrossoverParametrization(0.4, acb(0.6, -0.5))
+    )
+    ranges = [(-2.0, 5.0), (-2.0, 5.0), (0.3, 1.5)] if parametrization == "gains" else [(0.3, 1.5), (0.0, 6.2)]
     box = tuple((a + c * (b - a), a + c * (b - a) + 10.0**size) for (a, b), c in zip(ranges, corner, strict=False))
     place = np.array([[low + x * (high - low) for (low, high), x in zip(box, inside, strict=False)]])
     kp, ki, alpha = (float(gain[0]) for gain in gains_at(which, place))
-    patch = which.patch(box)
+    controllers = which.controllers(box)
     log_s = complex(u, 0.5 * math.pi)
     value = kp + ki * np.exp(-alpha * log_s)
-    plane = patch.plane(acb(log_s.real, log_s.imag))
+    taylor_model = controllers.taylor_model(acb(log_s.real, log_s.imag))
     middle = [0.5 * (low + high) for low, high in box]
-    linear = complex(plane.middle) + sum(
-        complex(s) * (x - m) for s, x, m in zip(plane.slopes, place[0], middle, strict=True)
+    linear = complex(taylor_model.middle) + sum(
+        complex(s) * (x - m) for s, x, m in zip(taylor_model.slopes, place[0], middle, strict=True)
     )
     # 1e-12 relative is what the doubles of this test lose
-    assert abs(value - linear) <= float(plane.rest.upper()) + 1e-12 * (1.0 + abs(value))
-    assert patch.sheet((u - 1e-9, u + 1e-9)).value.overlaps(acb(value.real, value.imag))
+    assert abs(value - linear) <= float(taylor_model.remainder.upper()) + 1e-12 * (1.0 + abs(value))
+    assert controllers.enclosure((u - 1e-9, u + 1e-9)).value.overlaps(acb(value.real, value.imag))
     assert all(
         abs(float(ball.mid()) - x) <= float(ball.rad()) + 1e-12 * (1.0 + abs(x))
-        for ball, x in ((patch.kp, kp), (patch.ki, ki), (patch.alpha, alpha))
+        for ball, x in ((controllers.kp, kp), (controllers.ki, ki), (controllers.alpha, alpha))
     )
 
 
@@ -114,8 +116,8 @@ def test_the_quadratic_is_positive_exactly_where_a_response_breaks_its_limit(
     if abs(math.log(max(value, 1e-12) / limit)) < 1e-9 or math.isinf(value):
         return
     for upper in (True, False):
-        a, b, rest = (complex(x) for x in quadratic(response, acb(p.real, p.imag), arb(limit) ** 2, upper))
-        q = a.real * abs(c) ** 2 + 2.0 * (b * c).real + rest.real
+        a, b, remainder = (complex(x) for x in quadratic(response, acb(p.real, p.imag), arb(limit) ** 2, upper))
+        q = a.real * abs(c) ** 2 + 2.0 * (b * c).real + remainder.real
         assert (q > 0.0) == ((value > limit) == upper)
 
 
@@ -124,8 +126,8 @@ def test_the_quadratic_is_positive_exactly_where_a_response_breaks_its_limit(
 def test_bounds_of_the_controller_over_a_cell_hold(kp: float, ki: float, alpha: float, u: float) -> None:
     controller = ControllerSpec(GainRange(0.0, 9.0), GainRange(0.0, 9.0), GainRange(0.2, 1.9))
     problem = Problem.of(replace(spec_of(lag()), controller=controller), None)
-    patch = GainChart().patch(((kp, kp + 0.1), (0.0, ki + 0.1), (alpha, alpha + 0.01)))
-    cells = Cells.of(problem, patch, ())
+    controllers = GainParametrization().controllers(((kp, kp + 0.1), (0.0, ki + 0.1), (alpha, alpha + 0.01)))
+    cells = LoopGainBounds.of(problem, controllers, ())
     size = abs(kp + ki * np.exp(-alpha * complex(u, 0.5 * math.pi)))
     for cell in ((u - 0.1, u + 0.1), (-math.inf, u), (u, math.inf)):
         low, high = cells.controller_size(cell)
@@ -257,16 +259,18 @@ def test_a_phase_margin_that_a_lower_crossover_has_is_not_taken_for_impossible()
         for width in (1e-2, 1e-4, 1e-6):
             alpha = (gains.alpha - width, gains.alpha + width)
             psi = psi_of(problem, gains)
-            patch = problem.chart.patch((alpha, (psi - width, psi + width)))
+            controllers = problem.parametrization.controllers((alpha, (psi - width, psi + width)))
             last = math.nextafter(math.log(crossover), math.inf)
-            assert not Cells.of(problem, patch, ()).has_no_margin_below(last, arb(margin) * arb.pi() / 180)
+            assert not LoopGainBounds.of(problem, controllers, ()).has_no_margin_below(
+                last, arb(margin) * arb.pi() / 180
+            )
 
 
 def psi_of(problem: Problem, gains: FoPi) -> float:
     """pi + arg L at the crossover that is fixed."""
-    assert isinstance(problem.chart, CrossoverChart)
-    integral = np.exp(-gains.alpha * complex(math.log(problem.chart.omega_rad_s), 0.5 * math.pi))
-    return float(np.angle((gains.kp + gains.ki * integral) * complex(problem.chart.plant)) + np.pi)
+    assert isinstance(problem.parametrization, CrossoverParametrization)
+    integral = np.exp(-gains.alpha * complex(math.log(problem.parametrization.omega_rad_s), 0.5 * math.pi))
+    return float(np.angle((gains.kp + gains.ki * integral) * complex(problem.parametrization.plant)) + np.pi)
 
 
 # -- incumbents that are not what they should be -------------------------------------------------------------------
@@ -353,7 +357,7 @@ def test_what_discards_gains_off_the_line_of_a_fixed_margin_discards_none_on_it(
         problem = Problem.of(spec, None)
     lower = next(k for k, c in enumerate(problem.conditions.every) if c.test is Kind.LOWER_CROSSOVER)
     with ctx.workprec(PRECISION):
-        assert fails(problem, problem.chart.patch(problem.roots[-1]), Reason(lower))
+        assert is_excluded(problem, problem.parametrization.controllers(problem.roots[-1]), Reason(lower))
 
     def reason(condition: int, point: list[float], omega: list[float]) -> dict[str, Any]:
         return {"condition": condition, "point": point, "omega_rad_s": omega, "above": False}

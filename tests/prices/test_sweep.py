@@ -20,7 +20,7 @@ from fopi_tune.cli import app
 from fopi_tune.prices import PointStatus, Tradeoff, movable_limit, movable_limits
 from fopi_tune.prices.prober import Probe, Prober
 from fopi_tune.prices.sweep import monotone
-from fopi_tune.proof import verify, with_limits_of
+from fopi_tune.proof import reassess, verify
 from fopi_tune.report import tradeoff_svg, tradeoff_text
 from fopi_tune.spec.model import GainRange
 
@@ -127,7 +127,7 @@ def test_a_point_that_is_worse_than_a_tighter_one_is_solved_again() -> None:
     assert result.own.gains is not None
     prober = Prober.of(movable, result.own.gains)
     tight = Probe(-22.0, PointStatus.MET, _found(prober, -22.0))
-    poor = Probe(-20.0, PointStatus.MET, with_limits_of(movable.at(-20.0), _found(prober, -25.0)))
+    poor = Probe(-20.0, PointStatus.MET, reassess(movable.at(-20.0), _found(prober, -25.0)))
     assert poor.found is not None
     assert poor.found.all_met
     better = monotone(prober, [poor, replace(tight)], tight)
@@ -152,7 +152,7 @@ def test_the_check_of_the_same_gains_against_other_limits_needs_no_measuring() -
         assert gains is not None
         for asked in (spec, replace(spec, objective=None)):
             movable = movable_limit(asked, number)
-            found = with_limits_of(movable.at(limit), verify(asked, gains))
+            found = reassess(movable.at(limit), verify(asked, gains))
             assert found == verify(movable.at(limit), gains)
             assert not found.all_met
 

@@ -1,7 +1,7 @@
 """Loops on samples: never a wrong proof, never a wrong refutation, and no certificate that was changed.
 
-The true worst value comes from `oracles.sampled_loops`: state space, dense scans of the frequencies and of the box, and local
-refinement.  A limit 1e-5 beyond it (in natural units, or relative) must be proved, one 1e-5 short of it refuted.
+The true worst value comes from `oracles.sampled_loops`: state space, dense scans of the frequencies and of the box, and
+local refinement.  A limit 1e-5 beyond it (in natural units, or relative) must be proved, one 1e-5 short of it refuted.
 """
 
 from __future__ import annotations

@@ -19,9 +19,9 @@ import fopi_tune as ft
 from fopi_tune.cli import app
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.proof import certify, verify
-from fopi_tune.proof.claims.search import search
+from fopi_tune.proof.claims.branch_and_bound import search
 from fopi_tune.proof.documents import digest, from_document, to_document
-from fopi_tune.proof.obligations import Case, stays
+from fopi_tune.proof.obligations import Case, level_claims
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import Relation, Requirement
 
@@ -195,7 +195,7 @@ def test_leading_zeros_prove_nothing_that_is_false(numerator: list[float]) -> No
     asked = Requirement("loop_gain_db", Relation.AT_MOST, (-20.0,), from_rad_s=10.0)
     s = 10j
     true = abs((0.8 + 1 / s) * np.polyval(numerator, s) / (s + 3.0))
-    assert [search(claim, 500).shown for claim in stays(case, asked, True, math.log(true) - 1e-6)] == [False]
+    assert [search(claim, 500).shown for claim in level_claims(case, asked, True, math.log(true) - 1e-6)] == [False]
 
 
 def test_a_certificate_about_another_spec_is_refused(sound: Document) -> None:

@@ -1,1 +1,1 @@
-"""How a box of gains is discarded:  what every gain that is the answer fulfils, and the tests that a box breaks it."""
+"""Pruning of boxes of gains:  necessary conditions of a better design, and tests that a whole box violates one."""

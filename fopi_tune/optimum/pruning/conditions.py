@@ -1,10 +1,10 @@
-"""What every gain that meets a spec, and does better than a level, has to fulfil:  the conditions a box is tested for.
+"""Necessary conditions of gains that meet a spec with an objective better than a level.
 
-Each is necessary: where one fails for a whole box of gains, none of them is the answer.  What has no condition here is
-left out, which makes the problem easier and the bound weaker, never wrong; `Conditions.left_out` names it.
+A box in which one condition fails for all gains can be discarded.  Requirements without a condition are left out: this
+relaxes the problem, so that the bound is weaker but still valid; `Conditions.left_out` names them.
 
-"Better than a level" is a condition like any other: a smaller largest |S| is a limit of |S|, and being deeper inside
-all requirements (the objective of a spec without one) moves every limit.
+The level of the objective is a condition too: a smaller peak of |S| is a limit of |S|, and a larger smallest slack (the
+objective of a spec without one) shifts every limit.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class Condition:
         upper: it is an upper limit.
         level: neper, radian, or the gain itself; balls, so that no rounding of a limit is lost.
         requirement: its place in the spec; None of the objective, of stability and of the ranges.
-        of_objective: whether the level depends on what is to be beaten.
-        nominal: only the nominal plant is meant.
+        of_objective: whether the level depends on the level of the objective.
+        nominal: whether it is about the nominal plant only.
         response: of a response.
         band_rad_s: of a response, both ends included.
         rate: of a margin that grows with omega, s.
@@ -81,7 +81,7 @@ class Condition:
 
     @property
     def words(self) -> str:
-        """What is asked, for messages."""
+        """The condition in words, for messages."""
         return self.name if not self.of_objective else f"{self.name} (objective)"
 
 
@@ -98,7 +98,7 @@ class Conditions:
     left_out: tuple[str, ...]
 
 
-#: objectives that a limit of a response expresses
+#: objectives that are equivalent to a limit of a response
 _PEAKS = {
     ObjectiveKind.SENSITIVITY_PEAK: Response.SENSITIVITY,
     ObjectiveKind.CONTROL_SENSITIVITY_PEAK: Response.CONTROL_SENSITIVITY,
@@ -130,7 +130,7 @@ def conditions_of(spec: DesignSpec, beat: float | None) -> Conditions:
 
     Args:
         spec: what is asked.
-        beat: in the objective's public unit; None asks for nothing but the requirements.
+        beat: level of the objective, public unit; None for the requirements alone.
     """
     deeper = arb(0)
     if beat is not None and kind_of(spec) is ObjectiveKind.DEPTH:
@@ -184,7 +184,7 @@ def _of_requirement(
             if not upper:
                 yield Condition(Test.CROSSOVER, name, upper, level, **common)
                 continue
-            # |L| -> 0 at last: where |L| > 1 there is a higher crossover
+            # |L| -> 0 as omega -> inf: where |L| > 1 there is a higher crossover
             first = math.nextafter(float(level.exp().upper()), math.inf) if deeper != 0 else limit
             yield Condition(
                 Test.RESPONSE, name, True, arb(0), **common,

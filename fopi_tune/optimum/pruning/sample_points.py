@@ -1,4 +1,4 @@
-"""Where to look:  frequencies and plants at which a condition may be broken."""
+"""Sample points:  frequencies and plants at which a condition may be violated."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.errors import DomainError
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.pruning.brackets import suggestions
 from fopi_tune.optimum.pruning.conditions import Condition, Test
-from fopi_tune.optimum.pruning.refute import Reason, fails
+from fopi_tune.optimum.pruning.crossover_suggestions import suggestions
+from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.pruning.screen import Boxes, gains_at
 from fopi_tune.proof.balls.box import Box
 
-#: (frequency or None, plant) that a verification names
-Place = tuple[float | None, tuple[float, ...]]
+#: (frequency or None, plant) of a worst case of a verification
+WorstCasePoint = tuple[float | None, tuple[float, ...]]
 
 _FREQUENCIES = 36
-#: how far beyond the plants' own frequencies the first ones reach
+#: factor by which the first grid exceeds the range of the plants' corner frequencies
 _BEYOND = 30.0
-#: frequencies closer than this (relative) are one
+#: frequencies closer than this (relative) are merged
 _GRAIN = 2e-3
 _MOST_CORNERS = 16
 _MOST_INSIDE = 81
-#: neper from its limit at which a condition is worth a new sample
+#: a condition within this distance of its limit, neper, gets a new sample
 _NEAR = 0.05
 
 
-def plants_to_try(problem: Problem, places: list[Place]) -> list[tuple[float, ...]]:
+def plants_to_try(problem: Problem, places: list[WorstCasePoint]) -> list[tuple[float, ...]]:
     """The nominal plant, the corners, and those that a verification names."""
     corners = [tuple(point) for point in problem.family.corners(_MOST_CORNERS).tolist()]
     return list(dict.fromkeys([problem.nominal, *corners, *(point for _, point in places)]))
 
 
-def first_reasons(problem: Problem, points: list[tuple[float, ...]], places: list[Place]) -> list[Reason]:
+def first_reasons(problem: Problem, points: list[tuple[float, ...]], places: list[WorstCasePoint]) -> list[Reason]:
     """A grid of frequencies with every plant, for each condition that is read at one frequency."""
     found: list[Reason] = []
     for k, condition in enumerate(problem.conditions.every):
@@ -54,7 +54,7 @@ def first_reasons(problem: Problem, points: list[tuple[float, ...]], places: lis
 
 
 def constant_reasons(problem: Problem, points: list[tuple[float, ...]]) -> list[Reason]:
-    """What does not depend on the controller: |S| -> 1, no spread is negative, and a spread of |L| that is known."""
+    """Reasons independent of the controller: |S| -> 1, a spread is not negative, and a known spread of |L|."""
     found: list[Reason] = []
     for k, condition in enumerate(problem.conditions.every):
         spread = condition.test in (Test.SPREAD, Test.GAIN_SPREAD)
@@ -67,8 +67,8 @@ def constant_reasons(problem: Problem, points: list[tuple[float, ...]]) -> list[
 
 
 def meets_conditions(problem: Problem, centre: Array, points: list[tuple[float, ...]]) -> bool:
-    """Whether one controller, shape (1, k), meets every condition, as far as floating point and these plants tell."""
-    gains = gains_at(problem.chart, centre)
+    """Whether one controller, shape (1, k), meets every condition, in floating point and for these plants."""
+    gains = gains_at(problem.parametrization, centre)
     if gains[0][0] == 0.0 and gains[1][0] == 0.0:
         return False
     for condition in problem.conditions.every:
@@ -76,19 +76,22 @@ def meets_conditions(problem: Problem, centre: Array, points: list[tuple[float, 
             value, level = gains[("kp", "ki").index(condition.name)][0], float(condition.level.mid())
             if value > level if condition.upper else value < level:
                 return False
-    if any(fails(problem, problem.chart.patch(_point(centre)), r) for r in constant_reasons(problem, points)):
+    if any(
+        is_excluded(problem, problem.parametrization.controllers(_point(centre)), r)
+        for r in constant_reasons(problem, points)
+    ):
         return False
     loops, plants = _loops(problem, centre, points)
     for k, condition in enumerate(problem.conditions.every):
         if condition.test is Test.DISTURBANCE:
-            patch = problem.chart.patch(_point(centre))
-            if any(fails(problem, patch, Reason(k, point)) for point in points):
+            controllers = problem.parametrization.controllers(_point(centre))
+            if any(is_excluded(problem, controllers, Reason(k, point)) for point in points):
                 return False
         if condition.test is Test.RESPONSE:
             excess, _ = _excesses(condition, loops, plants, 1)
             if excess is None or np.nanmax(excess) > 0.0:
                 return False
-    fixed = problem.sheet_is_covered  # a nominal margin that is fixed is met by the coordinates themselves
+    fixed = problem.margin_is_fixed  # the coordinates already satisfy a fixed nominal margin
     return not any(
         suggestion.excess > 0.0
         for suggestion in suggestions(problem, Boxes(centre, centre), points)
@@ -120,7 +123,7 @@ def _grid(problem: Problem, low: float, high: float) -> list[float]:
 
 def further_reasons(problem: Problem, centres: Array, points: list[tuple[float, ...]]) -> list[Reason]:
     """The worst frequency and plant of every condition on a response, for controllers that were not discarded."""
-    kp, ki, _ = gains_at(problem.chart, centres)
+    kp, ki, _ = gains_at(problem.parametrization, centres)
     centres = centres[(kp != 0.0) | (ki != 0.0)]
     if not len(centres):
         return []
@@ -136,7 +139,7 @@ def _loops(problem: Problem, centres: Array, points: list[tuple[float, ...]]) ->
     """Every controller with every plant, those of a coarse grid too."""
     inside = _inside(problem)
     plants = np.array([*points, *inside], dtype=float).reshape(len(points) + len(inside), -1)
-    kp, ki, alpha = (np.repeat(gain, len(plants)) for gain in gains_at(problem.chart, centres))
+    kp, ki, alpha = (np.repeat(gain, len(plants)) for gain in gains_at(problem.parametrization, centres))
     rows = np.tile(np.arange(len(plants)), len(centres))
     return Loops(kp, ki, alpha, Plants.members(problem.family, plants).take(rows)), plants
 
@@ -152,7 +155,7 @@ def _inside(problem: Problem) -> list[tuple[float, ...]]:
 
 
 def _excesses(condition: Condition, loops: Loops, plants: Array, count: int) -> tuple[Array | None, Array]:
-    """By how much each controller (rows) breaks a condition with each plant (columns), neper, and where."""
+    """Violation of a condition by each controller (rows) and plant (columns), neper, and its frequency."""
     assert condition.response is not None
     try:
         at = extremes(loops, condition.response, *condition.band_rad_s, condition.upper)

@@ -1,10 +1,10 @@
-"""Which box can be discarded, and why:  many boxes against many samples at once, in floating point.
+"""Screening of boxes:  which can be discarded by which sample, many at once, in floating point.
 
-The formulas are those of `optimum.charts` and `optimum.pruning.refute`, written again for arrays.  Nothing here is a
-proof: what it suggests is tested in ball arithmetic, and a box that fails there is cut like any other.
+The formulas are those of `optimum.parametrization` and `optimum.pruning.exclusion` for arrays.  The results are
+suggestions, not proofs: each is tested in ball arithmetic, and a box that fails the test is split.
 
-A sample's ratio is how far its condition is broken at a box's centre over how much it varies in the box: above 1 the
-box can be discarded; the largest one says along which axis to cut.
+A sample's ratio is the violation of its condition at a box's centre over its variation in the box.  Above 1 the box can
+be discarded.  The sample with the largest ratio also gives the axis to split.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.peaks import Response
-from fopi_tune.optimum.charts import Chart, CrossoverChart
+from fopi_tune.optimum.parametrization import CrossoverParametrization, Parametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Test
-from fopi_tune.optimum.pruning.refute import Reason, quadratic
+from fopi_tune.optimum.pruning.exclusion import Reason, quadratic
 
 _TINY = 1e-300
 
@@ -58,61 +58,61 @@ class Boxes:
 
 
 @dataclass(frozen=True)
-class Planes:
-    """The controller over n boxes at m places: values (n, m), slopes k of (n, m), rest (n, m)."""
+class TaylorModels:
+    """Taylor models of C over n boxes at m frequencies: value (n, m), k slopes (n, m), remainder (n, m)."""
 
     value: Complex
     slopes: list[Complex]
-    rest: Array
+    remainder: Array
 
 
-def controllers(chart: Chart, boxes: Boxes, log_s: Complex) -> Planes:
-    """C over boxes, at places log_s of shape (m,) for all of them, or (n, m)."""
+def taylor_models(parametrization: Parametrization, boxes: Boxes, log_s: Complex) -> TaylorModels:
+    """Taylor models of C over n boxes at ln s, of shape (m,) for all boxes or (n, m)."""
     log_s = np.atleast_2d(log_s)
-    if isinstance(chart, CrossoverChart):
-        return _on_circle(chart, boxes, log_s)
+    if isinstance(parametrization, CrossoverParametrization):
+        return _on_circle(parametrization, boxes, log_s)
     kp, ki, alpha = (column[:, None] for column in boxes.middle.T)
     _, wide_ki, wide_alpha = (column[:, None] for column in boxes.half.T)
     rho = np.exp(-alpha * log_s)
     z = np.minimum(np.abs(log_s) * wide_alpha, 300.0)
     integral = ki * rho
     with np.errstate(over="ignore"):
-        rest = np.abs(rho) * z * np.exp(z) * (wide_ki + 0.5 * np.abs(ki) * z)
-    return Planes(kp + integral, [np.ones_like(rho), rho, -log_s * integral], rest)
+        remainder = np.abs(rho) * z * np.exp(z) * (wide_ki + 0.5 * np.abs(ki) * z)
+    return TaylorModels(kp + integral, [np.ones_like(rho), rho, -log_s * integral], remainder)
 
 
-def _on_circle(chart: CrossoverChart, boxes: Boxes, log_s: Complex) -> Planes:
+def _on_circle(parametrization: CrossoverParametrization, boxes: Boxes, log_s: Complex) -> TaylorModels:
     alpha, psi = (column[:, None] for column in boxes.middle.T)
     wide_alpha, wide_psi = (column[:, None] for column in boxes.half.T)
-    x = -np.exp(1j * psi) / complex(chart.plant)
-    tau, k = log_s - math.log(chart.omega_rad_s), 0.5 * np.pi
+    x = -np.exp(1j * psi) / complex(parametrization.plant)
+    tau, k = log_s - math.log(parametrization.omega_rad_s), 0.5 * np.pi
     sine, cosine, e = np.sin(k * alpha), np.cos(k * alpha), np.exp(-alpha * tau)
     h = (cosine - e) / sine
     first = (-k / sine + tau * e + k * e * cosine / sine) / sine
     second = 2 * k * k * cosine / sine**2 - tau * tau * e - 2 * k * tau * e * cosine / sine
     second = (second - k * k * e * (1 + cosine * cosine) / sine**2) / sine
-    rest = np.abs(x) * wide_psi * (0.5 * wide_psi * (1 + np.abs(h)) + np.abs(first) * wide_alpha)
-    rest = rest + np.abs(x.imag) * np.abs(second) * wide_alpha**2 / 2
-    return Planes(x.real + x.imag * h, [x.imag * first, -x.imag + x.real * h], rest)
+    remainder = np.abs(x) * wide_psi * (0.5 * wide_psi * (1 + np.abs(h)) + np.abs(first) * wide_alpha)
+    remainder = remainder + np.abs(x.imag) * np.abs(second) * wide_alpha**2 / 2
+    return TaylorModels(x.real + x.imag * h, [x.imag * first, -x.imag + x.real * h], remainder)
 
 
-def gains_at(chart: Chart, coordinates: Array) -> tuple[Array, Array, Array]:
-    """kp, ki and alpha at n places of the chart."""
-    if not isinstance(chart, CrossoverChart):
+def gains_at(parametrization: Parametrization, coordinates: Array) -> tuple[Array, Array, Array]:
+    """kp, ki and alpha at n points of the coordinates."""
+    if not isinstance(parametrization, CrossoverParametrization):
         return coordinates[:, 0], coordinates[:, 1], coordinates[:, 2]
     alpha, psi = coordinates.T
-    x = -np.exp(1j * psi) / complex(chart.plant)
+    x = -np.exp(1j * psi) / complex(parametrization.plant)
     a = 0.5 * np.pi * alpha
-    return x.real + x.imag / np.tan(a), -x.imag * chart.omega_rad_s**alpha / np.sin(a), alpha
+    return x.real + x.imag / np.tan(a), -x.imag * parametrization.omega_rad_s**alpha / np.sin(a), alpha
 
 
 @dataclass(frozen=True)
-class Found:
-    """What was found of n boxes.
+class ScreeningResult:
+    """Result of screening n boxes.
 
     Args:
-        ratio: the largest.
-        reason: which sample it belongs to, as an index.
+        ratio: the largest ratio of each box.
+        reason: index of its sample.
         axis: along which its condition varies most.
     """
 
@@ -122,7 +122,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Samples:
+class ScreeningSamples:
     """Reasons that name one frequency of one plant, as arrays of shape (m,)."""
 
     reasons: tuple[Reason, ...]
@@ -132,7 +132,7 @@ class Samples:
     c: Array
 
     @classmethod
-    def of(cls, problem: Problem, reasons: tuple[Reason, ...]) -> Samples:
+    def of(cls, problem: Problem, reasons: tuple[Reason, ...]) -> ScreeningSamples:
         """With the levels of this problem."""
         rows = [_coefficients(problem, reason) for reason in reasons]
         table = np.array(rows, dtype=complex).reshape(len(rows), 4)
@@ -142,25 +142,25 @@ class Samples:
     def _concave(self) -> Array:
         return np.maximum(-self.a, 0.0)
 
-    def screen(self, chart: Chart, boxes: Boxes) -> Found:
+    def screen(self, parametrization: Parametrization, boxes: Boxes) -> ScreeningResult:
         """The largest ratio of every box."""
         if not self.reasons:
             none = np.full(len(boxes), -1)
-            return Found(np.full(len(boxes), -np.inf), none, none)
-        at, half = controllers(chart, boxes, self.log_s), boxes.half
+            return ScreeningResult(np.full(len(boxes), -np.inf), none, none)
+        at, half = taylor_models(parametrization, boxes, self.log_s), boxes.half
         a, b, c, concave = self.a, self.b, self.c, self._concave
         with np.errstate(all="ignore"):
             w = a * at.value.conj() + b
             q = a * np.abs(at.value) ** 2 + 2.0 * np.real(b * at.value) + c
             parts = [2.0 * np.abs(np.real(w * s)) * half[:, k, None] for k, s in enumerate(at.slopes)]
-            reach = sum(np.abs(s) * half[:, k, None] for k, s in enumerate(at.slopes)) + at.rest
-            varies = sum(parts) + 2.0 * np.abs(w) * at.rest + concave * reach**2 + _TINY
+            reach = sum(np.abs(s) * half[:, k, None] for k, s in enumerate(at.slopes)) + at.remainder
+            varies = sum(parts) + 2.0 * np.abs(w) * at.remainder + concave * reach**2 + _TINY
             ratio = q / varies
         ratio = np.where(np.isfinite(ratio), ratio, -np.inf)
         best = np.argmax(ratio, axis=1)
         every = np.arange(len(boxes))
         axis = np.argmax(np.stack([part[every, best] for part in parts], axis=1), axis=1)
-        return Found(ratio[every, best], best, axis)
+        return ScreeningResult(ratio[every, best], best, axis)
 
 
 def _coefficients(problem: Problem, reason: Reason) -> tuple[complex, complex, complex, complex]:

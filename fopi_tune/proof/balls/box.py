@@ -1,7 +1,7 @@
-"""Boxes of the frequency axis and the uncertain numbers, and how they are cut.
+"""Boxes of the frequency axis and the uncertain numbers, and their bisection.
 
-Axis 0 is u = ln omega; its ends may be infinite, and such a tail is a box like any other.  The other axes are the
-family's uncertain numbers.  Ends are doubles and are shared by neighbours, so that pieces cover what was cut.
+Axis 0 is u = ln omega.  Its ends may be infinite; an interval with an infinite end is called a tail.  The other axes
+are the family's uncertain numbers.  Ends are doubles and are shared by neighbours, so the pieces cover the whole box.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ Box = tuple[Interval, ...]
 _TAIL_STEP = 3.0
 
 
-def middle_of(interval: Interval, origin: float = 0.0) -> float:
-    """Where an interval is cut: half-way, a step inside the end of a tail, at the origin when it has no end at all."""
+def split_point(interval: Interval, origin: float = 0.0) -> float:
+    """Where an interval is split: its midpoint; a step from the end of a tail; the origin if both ends are infinite."""
     low, high = interval
     if math.isinf(low):
         return origin if math.isinf(high) else high - _TAIL_STEP
@@ -29,9 +29,9 @@ def middle_of(interval: Interval, origin: float = 0.0) -> float:
 
 
 def split(box: Box, axis: int, origin: float = 0.0) -> tuple[Box, Box] | None:
-    """The two pieces of a box; None when the axis is too short for another double between its ends."""
+    """The two halves of a box; None when there is no double between the ends of the axis."""
     low, high = box[axis]
-    middle = middle_of(box[axis], origin)
+    middle = split_point(box[axis], origin)
     if not low < middle < high:
         return None
     return with_interval(box, axis, (low, middle)), with_interval(box, axis, (middle, high))
@@ -54,12 +54,12 @@ def is_tail(interval: Interval) -> bool:
 
 
 def centre_of(box: Box) -> tuple[float, ...]:
-    """The place in the middle of a box without tails."""
+    """The centre of a box without tails."""
     return tuple(low if low == high else low + 0.5 * (high - low) for low, high in box)
 
 
-def outward(low: float, high: float) -> Interval:
-    """[ln low, ln high], a few units in the last place wider than the logarithms of two positive numbers."""
+def log_interval(low: float, high: float) -> Interval:
+    """[ln low, ln high] rounded outwards by a few units in the last place."""
     ends = math.log(low) if low > 0.0 else -math.inf, math.log(high) if math.isfinite(high) else math.inf
     steps = [max(abs(end), 1.0) * 1e-15 if math.isfinite(end) else 0.0 for end in ends]
     first, last = ends[0] - steps[0], ends[1] + steps[1]
@@ -70,6 +70,6 @@ def outward(low: float, high: float) -> Interval:
     return first, last
 
 
-def points(values: Sequence[float]) -> Box:
-    """The box of a single place."""
+def point_box(values: Sequence[float]) -> Box:
+    """The degenerate box of a single point."""
     return tuple((value, value) for value in values)

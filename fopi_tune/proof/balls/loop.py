@@ -1,6 +1,6 @@
 """L = C P over boxes of frequencies and plants, in ball arithmetic:  what holds for the balls holds for every member.
 
-`BallLoop` says which loop; what it is over one box is computed in `fopi_tune.proof.balls.values`.
+`BallLoop` is the controller with its family; the responses over one box are in `fopi_tune.proof.balls.responses`.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from flint import acb, arb
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of, is_tail, outward, points
-from fopi_tune.proof.balls.parameters import LoopParameters
-from fopi_tune.proof.balls.plant import PlantBalls, assemble
-from fopi_tune.proof.balls.values import LoopBalls
+from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of, is_tail, log_interval, point_box
+from fopi_tune.proof.balls.plant import PlantEnclosure, assemble
+from fopi_tune.proof.balls.responses import LoopEnclosure, LoopParameters
 
 #: bits of the balls' centres
 PRECISION = 64
@@ -39,7 +38,7 @@ class BallLoop(LoopParameters):
 
     @property
     def controller_is_negative(self) -> bool:
-        """Whether C < 0 as omega -> 0, up to its integral's turn."""
+        """Whether C < 0 as omega -> 0, without the phase of the integral."""
         return (self.gains.ki if self.gains.ki != 0.0 else self.gains.kp) < 0.0
 
     def controller_phase(self, u: arb) -> arb:
@@ -50,23 +49,23 @@ class BallLoop(LoopParameters):
         w = (self.kp / self.ki) * ((self.alpha * u).exp() * self.turn)
         return -self.alpha * arb.pi() / 2 + (1 + w).arg()
 
-    def delay_phase(self, at: LoopBalls) -> arb:
-        """arg of what is late, rad."""
+    def delay_phase(self, at: LoopEnclosure) -> arb:
+        """arg of the delay factor, rad."""
         return -at.omega * at.plant.dead_time.value
 
     # -- the frequency axis -------------------------------------------------------------------------------------------
 
-    def place(self, log_omega: float) -> float:
-        """u at a frequency given by its logarithm."""
+    def u_of(self, log_omega: float) -> float:
+        """u at a frequency given by ln omega."""
         return log_omega
 
-    def inner_place(self, log_omega: float, upper: bool) -> float:
-        """The same, rounded down for an upper limit and up for a lower one: what holds there holds at the limit."""
+    def inner_u_of(self, log_omega: float, upper: bool) -> float:
+        """u_of, rounded down for an upper limit and up for a lower one: the strict side of the limit."""
         return log_omega
 
     def band(self, from_rad_s: float, to_rad_s: float) -> Interval:
-        """Places of all frequencies of a band."""
-        return outward(from_rad_s, to_rad_s)
+        """Interval of u that contains a band of frequencies."""
+        return log_interval(from_rad_s, to_rad_s)
 
     def frequency(self, omega: arb) -> arb:
         """The frequency in rad/s at e^u."""
@@ -76,7 +75,7 @@ class BallLoop(LoopParameters):
         """d ln frequency/du at e^u."""
         return arb(1)
 
-    def has_upper_limit(self, over: LoopBalls) -> bool:
+    def has_upper_limit(self, over: LoopEnclosure) -> bool:
         """Whether L has a limit at the upper end of the axis: not with a dead time."""
         return over.delay is None
 
@@ -84,7 +83,7 @@ class BallLoop(LoopParameters):
         """Whether a frequency is the upper end of the axis."""
         return math.isinf(omega_rad_s)
 
-    def plant(self, theta: Sequence[arb]) -> PlantBalls:
+    def plant(self, theta: Sequence[arb]) -> PlantEnclosure:
         """The plants whose uncertain numbers lie in these balls.
 
         Raises:
@@ -93,25 +92,25 @@ class BallLoop(LoopParameters):
         return assemble(self.family, theta)
 
     def loops_at(self, points: Array) -> Loops:
-        """The same loops in floating point, for plants at these places of the box, shape (m, p): where to look."""
+        """The same loops in floating point for these plants, shape (m, p); used only to choose what to examine."""
         return Loops.of(self.gains, Plants.members(self.family, points))
 
-    def plants(self, box: Box) -> PlantBalls:
+    def plants(self, box: Box) -> PlantEnclosure:
         """The plants whose uncertain numbers lie in a box."""
         return self.plant([ball_of(side) for side in box])
 
-    def balls(self, u: Interval, plant: PlantBalls) -> LoopBalls:
+    def enclosure(self, u: Interval, plant: PlantEnclosure) -> LoopEnclosure:
         """The loop with these plants over an interval of u."""
-        return LoopBalls(self, u, plant)
+        return LoopEnclosure(self, u, plant)
 
-    def over(self, box: Box) -> LoopBalls:
+    def over(self, box: Box) -> LoopEnclosure:
         """The loop over a box, tails included."""
-        return self.balls(box[0], self.plants(box[1:]))
+        return self.enclosure(box[0], self.plants(box[1:]))
 
-    def at_centre(self, box: Box) -> LoopBalls:
+    def at_centre(self, box: Box) -> LoopEnclosure:
         """The loop at the centre of a box; in a tail the whole tail with the central plant."""
         u = box[0]
         if not is_tail(u):
             middle = centre_of((u,))[0]
             u = (middle, middle)
-        return self.balls(u, self.plants(points(centre_of(box[1:]))))
+        return self.enclosure(u, self.plants(point_box(centre_of(box[1:]))))

@@ -1,7 +1,7 @@
-"""A plant's coefficients over a box of its uncertain numbers, with their derivatives, and its polynomials' values.
+"""A plant's coefficients over a box of its uncertain numbers, with derivatives by automatic differentiation.
 
-Plant models make their coefficients from their numbers with ordinary arithmetic (`PlantModel.assemble`); given duals,
-balls with their gradients that are carried through + - * /, instead of floats, the same code yields enclosures of the
+Plant models compute their coefficients with ordinary arithmetic (`PlantModel.assemble`).  Called with dual numbers
+(balls with gradients, propagated through + - * /) instead of floats, the same code yields enclosures of the
 coefficients and of their derivatives.
 """
 
@@ -19,7 +19,7 @@ from fopi_tune.errors import DomainError
 
 @dataclass(frozen=True)
 class Dual:
-    """A real ball and the balls of its partial derivatives.
+    """Dual number: a real ball and the balls of its partial derivatives.
 
     Args:
         value: the number.
@@ -78,7 +78,7 @@ _ZERO = arb(0)
 
 
 @dataclass(frozen=True)
-class PlantBalls:
+class PlantEnclosure:
     """A plant's coefficients over a box of its uncertain numbers; gradients' axes count from 1.
 
     Args:
@@ -86,7 +86,7 @@ class PlantBalls:
         denominator: descending powers.
         dead_time: s.
         late: of a plant behind a hold, the factor z^-late.
-        gain: a factor of the numerator that is kept apart, so that its derivative costs nothing.
+        gain: a separate factor of the numerator, whose derivative is cheap.
     """
 
     numerator: tuple[Dual, ...]
@@ -96,7 +96,7 @@ class PlantBalls:
     gain: Dual = field(default_factory=lambda: Dual.of(1))
 
 
-def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantBalls:
+def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantEnclosure:
     """The plants whose uncertain numbers lie in these balls.
 
     Raises:
@@ -104,7 +104,7 @@ def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantBalls:
     """
     uncertain = iter(enumerate(theta, 1))
     values: dict[str, Any] = {}
-    # in the model's own order: lists of coefficients are read off by it
+    # in the model's own order, which defines the lists of coefficients
     for name, number in family.parameters.items():
         if number.is_exact:
             values[name] = arb(number.nominal)
@@ -116,7 +116,7 @@ def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantBalls:
     # the tail omega -> inf divides by the denominator's power
     if len(top) > len(bottom):
         raise DomainError("the numerator's degree may exceed the denominator's; a plant must be proper")
-    return PlantBalls(top, bottom, Dual.of(dead_time))
+    return PlantEnclosure(top, bottom, Dual.of(dead_time))
 
 
 def _without_leading_zeros(coefficients: Sequence[Any]) -> tuple[Dual, ...]:

@@ -1,12 +1,13 @@
-"""L on samples over a box of frequencies and plants, in ball arithmetic:  digital controller, hold, delays, sampler.
+"""L on samples over a box of frequencies and plants, in ball arithmetic:  digital controller, hold and delays.
 
 With z = (1 + w)/(1 - w), w = j nu, nu = tan(omega Ts/2) (see `fopi_tune.core.sampled_loops`), u = ln nu, the loop is rational
-in w, and what was written for continuous loops holds as it stands with w in the place of s:
+in w, and the formulas for continuous loops hold with w in place of s:
 
     C(w) = d + sum_k rho_k/(w + sigma_k),   sigma_k = (1 - p_k)/(1 + p_k),  rho_k = 2 r_k/(1 + p_k)^2,
                                             d = direct - sum_k r_k/(1 + p_k) .                                      (1)
 
-The plant behind the hold is made in `fopi_tune.proof.balls.hold`; z^-1 = (1 - w)/(1 + w) = e^{-2j atan nu}.
+The hold equivalent of the plant is computed in `fopi_tune.proof.balls.zero_order_hold`.  The delay of one sample is
+z^-1 = (1 - w)/(1 + w) = e^{-2j atan nu}.
 
 Source: derived; C(z) with z = (1 + w)/(1 - w), section by section.
 """
@@ -25,17 +26,17 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.sampled_loops import MOST_DELAY_SAMPLES, WHOLE, SampledLoops
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.balls.argument import Argument
+from fopi_tune.proof.balls.argument_principle import count_right_half_plane_zeros
 from fopi_tune.proof.balls.box import Box, Interval
-from fopi_tune.proof.balls.hold import behind_hold
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.plant import Dual, PlantBalls, own_derivative, polynomial
-from fopi_tune.proof.balls.values import LoopBalls
-from fopi_tune.proof.balls.winding import count_by_argument
+from fopi_tune.proof.balls.plant import Dual, PlantEnclosure, own_derivative, polynomial
+from fopi_tune.proof.balls.responses import LoopEnclosure
+from fopi_tune.proof.balls.unwrapped_phase import PolynomialPhase
+from fopi_tune.proof.balls.zero_order_hold import hold_equivalent
 
-#: bits for places next to Nyquist's frequency, where the tangent has no end
+#: bits next to Nyquist's frequency, where the tangent is unbounded
 _PLACE_PRECISION = 192
-#: beyond this the closed loop's roots are counted by their argument, not found
+#: for more closed-loop poles than this they are counted by the argument principle, not computed
 _MOST_ROOTS = 40
 
 
@@ -43,7 +44,7 @@ _MOST_ROOTS = 40
 _Sections = tuple[arb, tuple[tuple[arb, arb], ...]]
 #: bits for a polynomial's roots
 _ROOT_PRECISION = 256
-#: boxes of plants that are remembered
+#: size of the cache of plants
 _MOST_KNOWN = 4096
 
 
@@ -75,9 +76,9 @@ class SampledBallLoop(BallLoop):
         return any(sigma.is_zero() for sigma, _ in self.sections[1])
 
     def samples(self, dead_time: Dual) -> Dual:
-        """The whole delay in samples; one that is known and within 1e-12 of a whole number is that number.
+        """The whole delay in samples; an exact delay within 1e-12 of a whole number is rounded to it.
 
-        0.6 s are three samples of 0.2 s, though these two doubles' quotient is a little less.
+        0.6 s are three samples of 0.2 s, although the quotient of these two doubles is slightly less.
 
         Raises:
             DomainError: more than 10,000 samples.
@@ -121,8 +122,8 @@ class SampledBallLoop(BallLoop):
 
     def controller_phase(self, u: arb) -> arb:
         """arg C without the sign of `controller_is_negative`."""
-        nu, top = u.exp(), self.numerator_track
-        if top.right is None:
+        nu, top = u.exp(), self.numerator_phase
+        if top.right_half_plane_roots is None:
             return arb.nan()
         phase = top.change(float(u.mid()), nu)
         for sigma, _ in self.sections[1]:
@@ -131,11 +132,11 @@ class SampledBallLoop(BallLoop):
 
     @property
     def controller_is_negative(self) -> bool:
-        """Whether C < 0 as w -> 0, up to its integral's turn."""
-        top = self.numerator_track
-        return (not top.leading_sign) != ((top.right or 0) % 2 == 1)
+        """Whether C < 0 as w -> 0, without the phase of the integral."""
+        top = self.numerator_phase
+        return (not top.leading_is_positive) != ((top.right_half_plane_roots or 0) % 2 == 1)
 
-    def delay_phase(self, at: LoopBalls) -> arb:
+    def delay_phase(self, at: LoopEnclosure) -> arb:
         """-2 late atan nu."""
         return -2 * at.plant.late * at.omega.atan()
 
@@ -145,25 +146,25 @@ class SampledBallLoop(BallLoop):
         return tuple(reversed(_coefficients(_numerator(self.sections))))
 
     @cached_property
-    def numerator_track(self) -> Argument:
-        """How the controller's numerator turns along the axis."""
-        return Argument.of(self.numerator)
+    def numerator_phase(self) -> PolynomialPhase:
+        """Phase of the controller's numerator along the axis."""
+        return PolynomialPhase.of(self.numerator)
 
-    def plant(self, theta: Sequence[arb]) -> PlantBalls:
+    def plant(self, theta: Sequence[arb]) -> PlantEnclosure:
         """The plants behind the hold, as polynomials in w without the whole samples of delay.
 
         Raises:
             DomainError: not proper.
         """
         plant = super().plant(theta)
-        return behind_hold(plant, self.sample_time, self.samples(plant.dead_time), self.axes)
+        return hold_equivalent(plant, self.sample_time, self.samples(plant.dead_time), self.axes)
 
     def loops_at(self, points: Array) -> Loops:
-        """The same loops in floating point, for plants at these places of the box, shape (m, p): where to look."""
+        """The same loops in floating point for these plants, shape (m, p); used only to choose what to examine."""
         return SampledLoops.implemented(self.gains, self.implementation, Plants.members(self.family, points))
 
-    def plants(self, box: Box) -> PlantBalls:
-        """The plants whose uncertain numbers lie in a box; known boxes come back, as cuts along u leave them alone."""
+    def plants(self, box: Box) -> PlantEnclosure:
+        """The plants whose uncertain numbers lie in a box; cached, since splits along u do not change them."""
         key = (ctx.prec, box)
         if key not in self._known:
             if len(self._known) >= _MOST_KNOWN:
@@ -172,22 +173,22 @@ class SampledBallLoop(BallLoop):
         return self._known[key]
 
     @cached_property
-    def _known(self) -> dict[tuple[int, Box], PlantBalls]:
+    def _known(self) -> dict[tuple[int, Box], PlantEnclosure]:
         return {}
 
-    def balls(self, u: Interval, plant: PlantBalls) -> LoopBalls:
+    def enclosure(self, u: Interval, plant: PlantEnclosure) -> LoopEnclosure:
         """The loop with these plants over an interval of u."""
-        return SampledLoopBalls(self, u, plant)
+        return SampledLoopEnclosure(self, u, plant)
 
     # -- the frequency axis -----------------------------------------------------------------------------------------
 
-    def place(self, log_omega: float) -> float:
-        """u at a frequency given by its logarithm; inf from Nyquist's frequency on."""
+    def u_of(self, log_omega: float) -> float:
+        """u at a frequency given by ln omega; inf from Nyquist's frequency on."""
         half = 0.5 * math.exp(min(log_omega, 700.0)) * self.implementation.sample_time_s
         return math.log(math.tan(half)) if 0.0 < half < 0.5 * math.pi else math.copysign(math.inf, half - 1.0)
 
-    def inner_place(self, log_omega: float, upper: bool) -> float:
-        """The same, rounded down for an upper limit and up for a lower one: what holds there holds at the limit.
+    def inner_u_of(self, log_omega: float, upper: bool) -> float:
+        """u_of, rounded down for an upper limit and up for a lower one: the strict side of the limit.
 
         inf from Nyquist's frequency on.
         """
@@ -195,7 +196,7 @@ class SampledBallLoop(BallLoop):
             return self._places(arb(log_omega).exp())[0 if upper else 1]
 
     def band(self, from_rad_s: float, to_rad_s: float) -> Interval:
-        """Places of all frequencies of a band; from Nyquist's frequency on there are none, and both ends are inf."""
+        """Interval of u that contains a band of frequencies; both ends are inf from Nyquist's frequency on."""
         low = self._places(arb(from_rad_s))[0] if from_rad_s > 0.0 else -math.inf
         if self.implementation.is_beyond_nyquist(to_rad_s):
             return low, math.inf
@@ -218,23 +219,23 @@ class SampledBallLoop(BallLoop):
         """d ln omega/du = (nu/(1 + nu^2))/atan nu."""
         return 1 / ((omega + 1 / omega) * omega.atan())
 
-    def has_upper_limit(self, over: LoopBalls) -> bool:
+    def has_upper_limit(self, over: LoopEnclosure) -> bool:
         """At z = -1."""
         return True
 
     def is_beyond(self, omega_rad_s: float) -> bool:
-        """Whether no sampled signal has this frequency or a higher one: it is Nyquist's, but for rounding."""
+        """Whether a frequency is at or above Nyquist's, up to rounding."""
         return omega_rad_s >= self.implementation.nyquist_rad_s * (1.0 - 1e-15)
 
 
-class SampledLoopBalls(LoopBalls):
+class SampledLoopEnclosure(LoopEnclosure):
     """The loop on samples over one box; `omega` and `s` are nu and w."""
 
     loop: SampledBallLoop
 
     @cached_property
     def c(self) -> acb:
-        """The controller's piece; w C(w) in the low tail of a loop with an integrator."""
+        """The factor c of the controller; w C(w) in the low tail of a loop with an integrator."""
         direct, pairs = self.loop.sections
         w = self.s
         if self.high_tail:
@@ -310,7 +311,7 @@ class SampledLoopBalls(LoopBalls):
 
 
 def _sections_of(implementation: Implementation) -> _Sections:
-    """(1), at the precision of the moment."""
+    """Formula (1) at the current precision."""
     sections = implementation.sections
     direct, pairs = arb(sections.direct), []
     for pole, residue in zip(sections.poles, sections.residues, strict=True):
@@ -343,10 +344,10 @@ def count_unstable_roots(loop: SampledBallLoop, theta: Sequence[float]) -> int |
 
         (1 + w)^late prod_k (w + sigma_k) D(w) + C(w) prod_k (w + sigma_k) N(w) (1 - w)^late ,
 
-    or, where these are many or fall together, by their argument.
+    or, where these are many or coincide, by the argument principle.
 
     Returns:
-        The number; None when a root cannot be told from the circle.
+        The number; None when a root cannot be separated from the circle.
     """
     with ctx.workprec(_ROOT_PRECISION):
         plant = loop.plant([arb(value) for value in theta])
@@ -354,10 +355,10 @@ def count_unstable_roots(loop: SampledBallLoop, theta: Sequence[float]) -> int |
             count = _count_by_roots(loop, plant)
             if count is not None:
                 return count
-    return count_by_argument(loop, loop.plant([arb(value) for value in theta]), loop.has_integrator)
+    return count_right_half_plane_zeros(loop, loop.plant([arb(value) for value in theta]), loop.has_integrator)
 
 
-def _count_by_roots(loop: SampledBallLoop, plant: PlantBalls) -> int | None:
+def _count_by_roots(loop: SampledBallLoop, plant: PlantEnclosure) -> int | None:
     sections = _sections_of(loop.implementation)
     bottom = arb_poly([c.value for c in reversed(plant.denominator)])
     for sigma, _ in sections[1]:
@@ -378,6 +379,6 @@ def _right_roots(coefficients: list[arb]) -> int | None:
     try:
         roots = acb_poly([acb(c) for c in coefficients]).roots()
     except ValueError:
-        # roots that fall together, as those of a fast filter at z = 0, cannot be told apart; they can be counted
-        return Argument.of(list(reversed(coefficients))).right
+        # coinciding roots, as those of a fast filter at z = 0, cannot be isolated, but they can be counted
+        return PolynomialPhase.of(list(reversed(coefficients))).right_half_plane_roots
     return None if any(root.real.contains(0) for root in roots) else sum(bool(root.real > 0) for root in roots)

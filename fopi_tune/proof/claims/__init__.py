@@ -1,4 +1,4 @@
-"""What is to be shown over a box of frequencies and plants, and the search for a proof of it.
+"""Statements to be proved over a box of frequencies and plants, and the branch and bound that proves them.
 
-A claim examines one box; `search` cuts boxes until each is shown, and `check` tests such a record again.
+A claim examines one box.  `search` splits boxes until the claim is proved on each; `check_record` tests a record again.
 """

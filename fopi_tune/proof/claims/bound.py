@@ -12,8 +12,8 @@ from flint import acb, arb
 
 from fopi_tune.core.peaks import Response
 from fopi_tune.proof.balls.box import Box, is_tail
-from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
-from fopi_tune.proof.claims.claim import HOLDS, Claim, Finding, deviations, longest, tail_axis, widest
+from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
+from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim, deviations, longest_axis, max_smear_axis, tail_axis
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class Bound(Claim):
         response: R.
         level: in neper.
         upper: True for at most (sign = 1), False for at least (sign = -1).
-        domain: where.
-        origin: u at which an axis without ends is cut first.
+        domain: frequencies and plants.
+        origin: u at which the whole frequency axis is split first.
     """
 
     loop: BallLoop
@@ -36,9 +36,9 @@ class Bound(Claim):
     domain: Box
     origin: float
 
-    def examine(self, box: Box) -> Finding:
+    def examine(self, box: Box) -> BoxVerdict:
         if box[0][0] == -float("inf") and box[0][1] == float("inf"):
-            return Finding(None, 0)
+            return BoxVerdict(None, 0)
         over = self.loop.over(box)
         if self._holds_by_values(over):
             return HOLDS
@@ -48,27 +48,27 @@ class Bound(Claim):
         if not all(slope.is_finite() for slope in known):
             if tail:
                 far = tail_axis(box, self.domain, lambda far: self._holds_by_values(self.loop.over(far)))
-                return Finding(None, far)
-            return Finding(None, self._axis_of_gain(box, over))
-        centre = value_of(self.loop.at_centre(box), self.response)
+                return BoxVerdict(None, far)
+            return BoxVerdict(None, self._axis_of_gain(box, over))
+        centre = response_of(self.loop.at_centre(box), self.response)
         middle = abs(centre).log()
         if not tail and (middle > self.level if self.upper else middle < self.level):
-            return Finding(None, 0, (), counterexample=True)
+            return BoxVerdict(None, 0, (), counterexample=True)
         spread = sum((s * d for s, d in zip(slopes, deviations(box), strict=True) if s is not None), arb(0))
         if middle + spread <= self.level if self.upper else middle + spread >= self.level:
             return HOLDS
-        pins = tuple(
+        monotone_ends = tuple(
             (axis, bool(slope > 0) == self.upper)
             for axis, slope in enumerate(slopes)
             if slope is not None and box[axis][0] < box[axis][1] and (slope > 0 or slope < 0)
         )
         if tail:
-            return Finding(None, self._tail_axis(box, slopes, middle), pins)
-        return Finding(None, widest(box, known), pins)
+            return BoxVerdict(None, self._tail_axis(box, slopes, middle), monotone_ends)
+        return BoxVerdict(None, max_smear_axis(box, known), monotone_ends)
 
-    def _holds_by_values(self, over: LoopBalls) -> bool:
-        """Whether the range of R over the box, without any derivative, is on the right side."""
-        value, limit = value_of(over, self.response), arb(self.level).exp()
+    def _holds_by_values(self, over: LoopEnclosure) -> bool:
+        """Whether the range of R over the box satisfies the bound, without derivatives."""
+        value, limit = response_of(over, self.response), arb(self.level).exp()
         if value.is_finite() and (value.abs_upper() <= limit if self.upper else value.abs_lower() >= limit):
             return True
         if self.response is Response.LOOP_GAIN and not self.upper and not value.is_finite():
@@ -76,8 +76,8 @@ class Bound(Claim):
             return bool(inverse.is_finite() and inverse.abs_upper() * limit <= 1)
         return over.high_tail and over.delay is not None and self._holds_by_size(over, limit)
 
-    def _holds_by_size(self, over: LoopBalls, limit: arb) -> bool:
-        """By 1 - |L| <= |1 + L| <= 1 + |L|, where a dead time turns L through a whole disc."""
+    def _holds_by_size(self, over: LoopEnclosure, limit: arb) -> bool:
+        """By 1 - |L| <= |1 + L| <= 1 + |L|, where the phase of L is unknown because of a dead time."""
         size = over.size
         if not size < 1:
             return False
@@ -93,7 +93,7 @@ class Bound(Claim):
             return bool(1 / (1 + size) >= limit)
         return self.response is Response.CONTROL_SENSITIVITY and bool(over.c.abs_lower() / (1 + size) >= limit)
 
-    def _slopes(self, over: LoopBalls, tail: bool) -> list[arb | None]:
+    def _slopes(self, over: LoopEnclosure, tail: bool) -> list[arb | None]:
         """d ln|R| along every axis; None along a tail."""
         gradient = [] if tail else [over.log_slope]
         gradient += over.log_gradient
@@ -109,19 +109,19 @@ class Bound(Claim):
             found[0] = found[0] + over.controller_slope.real
         return slopes + found
 
-    def _axis_of_gain(self, box: Box, over: LoopBalls) -> int:
+    def _axis_of_gain(self, box: Box, over: LoopEnclosure) -> int:
         """The axis along which L varies most."""
         gradient = [over.log_slope, *over.log_gradient]
         if not all(g.is_finite() for g in gradient):
-            return longest(box, self.domain)
-        return widest(box, [abs(g) for g in gradient])
+            return longest_axis(box, self.domain)
+        return max_smear_axis(box, [abs(g) for g in gradient])
 
     def _tail_axis(self, box: Box, slopes: list[arb | None], middle: arb) -> int:
-        """Move the tail's end outwards, unless the plants are what keeps it from being settled."""
+        """Split the tail along u, unless the spread of the plants prevents the proof."""
         plants = sum((s * d for s, d in zip(slopes, deviations(box), strict=True) if s is not None), arb(0))
         if not plants.is_finite() or not middle.is_finite() or plants.rad() <= middle.rad():
             return 0
-        return widest(box, [arb(0) if s is None else s for s in slopes])
+        return max_smear_axis(box, [arb(0) if s is None else s for s in slopes])
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -132,7 +132,7 @@ class Bound(Claim):
         }
 
 
-def value_of(at: LoopBalls, response: Response) -> acb:
+def response_of(at: LoopEnclosure, response: Response) -> acb:
     """The response over a box."""
     if response is Response.SENSITIVITY:
         return at.sensitivity

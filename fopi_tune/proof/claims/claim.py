@@ -1,12 +1,12 @@
-"""What a claim is, and the mean-value form most of them are tested with.
+"""Claims, and the mean-value form with which most of them are tested.
 
-A claim says something about every point of its domain.  On a box X with centre c,
+A claim is a statement about every point of its domain.  On a box X with centre c,
 
     h(x)  lies in  h(c) + sum_i h_i(X) (X_i - c_i) ,                                                               (1)
 
-h_i the partial derivatives enclosed over the whole box: the excess is quadratic in the box's size, so that the number
-of boxes grows with log(1/gap), not with 1/gap.  Where some h_i(X) has one sign, the worst point of the box lies on one
-of its faces, and the axis falls away.
+where h_i(X) encloses the partial derivative over the whole box.  The overestimation is quadratic in the box's size, so
+the number of boxes grows with log(1/gap), not with 1/gap.  Where some h_i(X) has one sign (monotonicity test), the
+worst point of the box lies on one of its faces, and the box is replaced by that face.
 
 Source: the mean-value form of Moore, Kearfott and Cloud, Introduction to Interval Analysis, 2009.
 """
@@ -23,58 +23,58 @@ from flint import arb
 
 from fopi_tune.proof.balls.box import Box, ball_of, is_tail
 
-#: how far out in u a tail is looked at to see whether its plants are what is in the way
+#: distance in u at which a tail is tested: if the claim fails even there, the plants are the cause
 _FAR = 60.0
 #: the token of a box on which a claim holds by itself
 PLAIN = "."
 
 
 @dataclass(frozen=True)
-class Finding:
-    """What a claim says of one box.
+class BoxVerdict:
+    """Result of testing a claim on one box.
 
     Args:
-        leaf: the token with which it holds here; None when it was not shown.
-        axis: otherwise the axis to cut; -1 when there is none left.
-        pins: axes along which the worst point lies at an end: (axis, upper end).
+        leaf: the token with which the claim holds; None when it was not proved.
+        axis: otherwise the axis to split; -1 when there is none left.
+        monotone_ends: axes along which the box is monotone, with the worst end: (axis, whether the upper end).
         counterexample: whether the claim is false at the box's centre.
     """
 
     leaf: str | None
     axis: int = 0
-    pins: tuple[tuple[int, bool], ...] = ()
+    monotone_ends: tuple[tuple[int, bool], ...] = ()
     counterexample: bool = False
 
 
-HOLDS = Finding(PLAIN)
+HOLDS = BoxVerdict(PLAIN)
 
 
 class Claim(ABC):
     """A statement about all points of a domain.
 
     Attributes:
-        domain: where it is made.
-        origin: u at which an axis without ends is cut first.
+        domain: frequencies and plants of the statement.
+        origin: u at which the whole frequency axis is split first.
     """
 
     domain: Box
     origin: float
 
     @abstractmethod
-    def examine(self, box: Box) -> Finding:
-        """Try to show the claim on a box, or say how to go on."""
+    def examine(self, box: Box) -> BoxVerdict:
+        """Try to prove the claim on a box; otherwise say how to split it."""
 
     def holds(self, box: Box, leaf: str) -> bool:
-        """Whether the claim holds on a box; `leaf` is what `examine` once said of it."""
+        """Whether the claim holds on a box; `leaf` is the token that `examine` returned for it."""
         return leaf == PLAIN and self.examine(box).leaf == PLAIN
 
     def to_dict(self) -> dict[str, Any]:
-        """What it says, for messages."""
+        """The claim in words, for messages."""
         return {"kind": type(self).__name__}
 
 
 def deviations(box: Box) -> list[arb]:
-    """X_i - c_i; a tail's is not a number."""
+    """X_i - c_i; nan for a tail."""
     found = []
     for side in box:
         low, high = side
@@ -87,19 +87,19 @@ def deviations(box: Box) -> list[arb]:
     return found
 
 
-def size_of(ball: arb) -> float:
-    """The largest absolute value in a ball; inf when it has none."""
+def magnitude(ball: arb) -> float:
+    """The largest absolute value in a ball; inf for an infinite ball."""
     return float(ball.abs_upper()) if ball.is_finite() else float("inf")
 
 
-def widest(box: Box, slopes: Sequence[arb]) -> int:
-    """The axis along which h varies most; -1 when none has a width."""
+def max_smear_axis(box: Box, slopes: Sequence[arb]) -> int:
+    """The axis with the largest smear |h_i| width(X_i); -1 when no axis has a width."""
     best, where = -1.0, -1
     for axis, (side, slope) in enumerate(zip(box, slopes, strict=True)):
         width = side[1] - side[0]
         if width == 0.0:
             continue
-        variation = size_of(slope) * width
+        variation = magnitude(slope) * width
         if variation != variation:
             variation = float("inf")
         if variation > best:
@@ -107,11 +107,11 @@ def widest(box: Box, slopes: Sequence[arb]) -> int:
     return where
 
 
-def longest(box: Box, domain: Box) -> int:
-    """The axis to cut when nothing is known: a tail, else the longest; -1 when none has a width.
+def longest_axis(box: Box, domain: Box) -> int:
+    """The axis to split without derivatives: a tail, else the longest; -1 when none has a width.
 
-    The width of an uncertain number counts as a part of the family's own, which is comparable with a width of u and
-    does not care whether the number passes 0.
+    The width of an uncertain number is measured relative to its range in the family, so that it is comparable with a
+    width in u.
     """
     best, where = -1.0, -1
     for axis, ((low, high), (first, last)) in enumerate(zip(box, domain, strict=True)):
@@ -123,21 +123,21 @@ def longest(box: Box, domain: Box) -> int:
     return where
 
 
-def longest_number(box: Box, domain: Box) -> int:
-    """The same among the uncertain numbers alone: u is not for this claim to cut."""
-    return longest(((0.0, 0.0), *box[1:]), domain)
+def longest_parameter_axis(box: Box, domain: Box) -> int:
+    """The longest axis among the uncertain numbers; for claims that do not split u."""
+    return longest_axis(((0.0, 0.0), *box[1:]), domain)
 
 
 def tail_axis(box: Box, domain: Box, is_settled: Callable[[Box], bool]) -> int:
-    """The axis along which to cut a tail that was not settled: its own end, if that settles it far out; else a plant's.
+    """The axis along which to split an unproved tail: u, if the claim holds far out; else an uncertain number.
 
     Args:
         box: with a tail.
         domain: of the claim.
-        is_settled: whether a box is settled as a whole.
+        is_settled: whether the claim is proved on a whole box.
     """
     low, high = box[0]
     far = (low, high - _FAR) if low == -math.inf else (low + _FAR, high)
     if all(a == b for a, b in box[1:]) or is_settled((far, *box[1:])):
         return 0
-    return longest_number(box, domain)
+    return longest_parameter_axis(box, domain)

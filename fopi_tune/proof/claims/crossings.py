@@ -1,7 +1,8 @@
 """Claims about every gain crossover:  wherever |L| = 1, a value psi stays on its side of a level.
 
-On |L| = 1 the value may be replaced by psi + lambda ln|L|.  With lambda such that the derivative along u vanishes at a
-box's centre, what is left varies as psi does along the curve |L| = 1, to second order in the size of the box.
+On |L| = 1 the value psi equals the Lagrangian psi + lambda ln|L|.  The multiplier lambda is chosen so that the
+derivative along u vanishes at the box's centre.  The rest varies as psi does along the curve |L| = 1, to second order
+in the size of the box.
 """
 
 from __future__ import annotations
@@ -13,12 +14,12 @@ from typing import Any
 from flint import arb
 
 from fopi_tune.proof.balls.box import Box, Interval, centre_of, is_tail
-from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
-from fopi_tune.proof.claims.claim import HOLDS, Claim, Finding, deviations, longest, tail_axis, widest
-from fopi_tune.proof.claims.reading import Reader, Reading, slopes_of
+from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
+from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim, deviations, longest_axis, max_smear_axis, tail_axis
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity, derivatives_of
 
-#: a larger factor of ln|L| would amplify rounding; a crossover this flat is cut further instead
-_LARGEST_FACTOR = 1e6
+#: a larger multiplier of ln|L| would amplify rounding; the box is split instead
+_LARGEST_MULTIPLIER = 1e6
 
 
 @dataclass(frozen=True)
@@ -27,65 +28,65 @@ class EveryCrossover(Claim):
 
     Args:
         loop: gains and family.
-        reading: psi.
+        quantity: psi.
         level: in psi's unit.
         upper: True for <=.
-        domain: where.
-        origin: u at which an axis without ends is cut first.
+        domain: frequencies and plants.
+        origin: u at which the whole frequency axis is split first.
     """
 
     loop: BallLoop
-    reading: Reading
+    quantity: CrossingQuantity
     level: float
     upper: bool
     domain: Box
     origin: float
-    reader: Reader = field(compare=False, repr=False)
+    evaluator: CrossingEvaluator = field(compare=False, repr=False)
 
-    def examine(self, box: Box) -> Finding:
+    def examine(self, box: Box) -> BoxVerdict:
         if math.isinf(box[0][0]) and math.isinf(box[0][1]):
-            return Finding(None, 0)
+            return BoxVerdict(None, 0)
         over = self.loop.over(box)
-        if is_off(over):
+        if has_no_gain_crossover(over):
             return HOLDS
         if is_tail(box[0]):
-            return Finding(None, tail_axis(box, self.domain, lambda far: is_off(self.loop.over(far))))
+            return BoxVerdict(None, tail_axis(box, self.domain, lambda far: has_no_gain_crossover(self.loop.over(far))))
         shifts = deviations(box)
         gradient = [over.log_slope, *over.log_gradient]
         if not all(g.is_finite() for g in gradient):
-            return Finding(None, longest(box, self.domain))
+            return BoxVerdict(None, longest_axis(box, self.domain))
         centre = self.loop.at_centre(box)
         log_gain = abs(centre.gain).log()
         variation = sum((g.real * d for g, d in zip(gradient, shifts, strict=True)), arb(0))
         if log_gain + variation < 0 or log_gain + variation > 0:
             return HOLDS
-        if self.reading is Reading.CROSSOVER:  # nothing but |L| = 1 itself is in question
+        if self.quantity is CrossingQuantity.CROSSOVER:  # nothing but |L| = 1 itself is in question
             beyond = box[0][1] <= self.level if self.upper else box[0][0] >= self.level
-            return HOLDS if beyond else Finding(None, widest(box, [g.real for g in gradient]))
-        value = self.reader.value(self.reading, centre, centre_of(box)[1:])
-        slopes = slopes_of(self.loop, self.reading, over, value, shifts, centre.omega)
-        combined, factor = combine(slopes, [g.real for g in gradient])
-        total = value + factor * log_gain + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
+            return HOLDS if beyond else BoxVerdict(None, max_smear_axis(box, [g.real for g in gradient]))
+        value = self.evaluator.value(self.quantity, centre, centre_of(box)[1:])
+        slopes = derivatives_of(self.loop, self.quantity, over, value, shifts, centre.omega)
+        combined, multiplier = with_multiplier(slopes, [g.real for g in gradient])
+        total = value + multiplier * log_gain + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
         if total <= self.level if self.upper else total >= self.level:
             return HOLDS
-        slope = self.reading is Reading.PHASE_SLOPE
-        if slope and self.reader.may_cross_often and (leaf := self._not_the_highest(box)) is not None:
-            return Finding(leaf)
+        slope = self.quantity is CrossingQuantity.PHASE_SLOPE
+        if slope and self.evaluator.may_cross_often and (leaf := self._not_the_highest(box)) is not None:
+            return BoxVerdict(leaf)
         if not all(c.is_finite() for c in combined):
-            return Finding(None, widest(box, [abs(g) for g in gradient]))
-        return Finding(None, widest(box, combined))
+            return BoxVerdict(None, max_smear_axis(box, [abs(g) for g in gradient]))
+        return BoxVerdict(None, max_smear_axis(box, combined))
 
     def holds(self, box: Box, leaf: str) -> bool:
         if leaf[:1] != "h":
             return super().holds(box, leaf)
-        zone = zone_of(leaf[1:])
-        if self.reading is not Reading.PHASE_SLOPE or zone is None or not box[0][1] < zone[0]:
+        bracket = parse_bracket(leaf[1:])
+        if self.quantity is not CrossingQuantity.PHASE_SLOPE or bracket is None or not box[0][1] < bracket[0]:
             return False
-        return changes_sign(self.loop, zone, box[1:])
+        return changes_sign(self.loop, bracket, box[1:])
 
     def _not_the_highest(self, box: Box) -> str | None:
-        """A change of sign of ln|L| at higher frequencies, for every plant of the box."""
-        higher = [u for u in self.reader.all_crossings(centre_of(box[1:])) if u > box[0][1]]
+        """A leaf with a change of sign of ln|L| at higher frequencies for every plant of the box; None if not found."""
+        higher = [u for u in self.evaluator.all_crossings(centre_of(box[1:])) if u > box[0][1]]
         if not higher:
             return None
         below = max(box[0][1], higher[-2]) if len(higher) > 1 else box[0][1]
@@ -95,13 +96,13 @@ class EveryCrossover(Claim):
     def to_dict(self) -> dict[str, Any]:
         return {
             "kind": "every_crossover",
-            "reading": self.reading.value,
+            "reading": self.quantity.value,
             "level": self.level,
             "relation": "at_most" if self.upper else "at_least",
         }
 
 
-def is_off(over: LoopBalls) -> bool:
+def has_no_gain_crossover(over: LoopEnclosure) -> bool:
     """Whether |L| = 1 nowhere in the box."""
     gain = over.gain
     if gain.is_finite():
@@ -110,23 +111,23 @@ def is_off(over: LoopBalls) -> bool:
     return bool(inverse.is_finite() and inverse.abs_upper() < 1)
 
 
-def combine(slopes: list[arb], gains: list[arb]) -> tuple[list[arb], float]:
-    """Derivatives of psi + lambda ln|L| and the lambda that makes the first vanish at the middle."""
+def with_multiplier(slopes: list[arb], gains: list[arb]) -> tuple[list[arb], float]:
+    """Derivatives of psi + lambda ln|L|, and the multiplier lambda for which the first vanishes at the centre."""
     steep = float(gains[0].mid())
-    factor = -float(slopes[0].mid()) / steep if steep != 0.0 else 0.0
-    if not abs(factor) < _LARGEST_FACTOR:
-        factor = 0.0
-    return [s + factor * g for s, g in zip(slopes, gains, strict=True)], factor
+    multiplier = -float(slopes[0].mid()) / steep if steep != 0.0 else 0.0
+    if not abs(multiplier) < _LARGEST_MULTIPLIER:
+        multiplier = 0.0
+    return [s + multiplier * g for s, g in zip(slopes, gains, strict=True)], multiplier
 
 
-def zone_of(ends: str) -> Interval | None:
+def parse_bracket(ends: str) -> Interval | None:
     """The interval of u in `-1.25:-1.2`; None when it is none."""
     low, _, high = ends.partition(":")
     try:
-        zone = float(low), float(high)
+        bracket = float(low), float(high)
     except ValueError:
         return None
-    return zone if -math.inf < zone[0] < zone[1] < math.inf else None
+    return bracket if -math.inf < bracket[0] < bracket[1] < math.inf else None
 
 
 def changes_sign(loop: BallLoop, ends: tuple[float, float], plants: Box) -> bool:
@@ -159,8 +160,8 @@ class EveryPhaseCrossover(Claim):
     Args:
         loop: gains and family.
         level: in neper, >= 0.
-        domain: where.
-        origin: u at which an axis without ends is cut first.
+        domain: frequencies and plants.
+        origin: u at which the whole frequency axis is split first.
     """
 
     loop: BallLoop
@@ -168,20 +169,20 @@ class EveryPhaseCrossover(Claim):
     domain: Box
     origin: float
 
-    def examine(self, box: Box) -> Finding:
+    def examine(self, box: Box) -> BoxVerdict:
         if math.isinf(box[0][0]) and math.isinf(box[0][1]):
-            return Finding(None, 0)
+            return BoxVerdict(None, 0)
         over = self.loop.over(box)
         if self._is_apart(over):
             return HOLDS
         if is_tail(box[0]):
             if self._is_small(box, over):
                 return HOLDS
-            return Finding(None, tail_axis(box, self.domain, self._settles))
+            return BoxVerdict(None, tail_axis(box, self.domain, self._settles))
         shifts = deviations(box)
         gradient = [over.log_slope, *over.log_gradient]
         if not all(g.is_finite() for g in gradient):
-            return Finding(None, longest(box, self.domain))
+            return BoxVerdict(None, longest_axis(box, self.domain))
         centre = self.loop.at_centre(box).gain
         log_gain = abs(centre).log()
         larger = log_gain + sum((g.real * d for g, d in zip(gradient, shifts, strict=True)), arb(0))
@@ -190,20 +191,20 @@ class EveryPhaseCrossover(Claim):
         turn = (-centre).arg()
         turned = turn + sum((g.imag * d for g, d in zip(gradient, shifts, strict=True)), arb(0))
         if not turned.abs_upper() < 2 * arb.pi():
-            return Finding(None, widest(box, [abs(g) for g in gradient]))
+            return BoxVerdict(None, max_smear_axis(box, [abs(g) for g in gradient]))
         if turned > 0 or turned < 0:
             return HOLDS
-        combined, factor = combine([g.real for g in gradient], [g.imag for g in gradient])
-        total = log_gain + factor * turn + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
+        combined, multiplier = with_multiplier([g.real for g in gradient], [g.imag for g in gradient])
+        total = log_gain + multiplier * turn + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
         if total < -arb(self.level):
             return HOLDS
-        return Finding(None, widest(box, combined))
+        return BoxVerdict(None, max_smear_axis(box, combined))
 
     def _settles(self, far: Box) -> bool:
         over = self.loop.over(far)
         return self._is_apart(over) or self._is_small(far, over)
 
-    def _is_small(self, box: Box, over: LoopBalls) -> bool:
+    def _is_small(self, box: Box, over: LoopEnclosure) -> bool:
         """Whether |L| < e^-level over a tail, by its mean-value form in the plants, at their worse ends."""
         gradient = [g.real for g in over.log_gradient]
         if not gradient or not all(g.is_finite() for g in gradient):
@@ -213,8 +214,8 @@ class EveryPhaseCrossover(Claim):
         variation = sum((g * d for g, d in zip(gradient, deviations(face)[1:], strict=True)), arb(0))
         return bool(self.loop.at_centre(face).size.log() + variation < -arb(self.level))
 
-    def _is_apart(self, over: LoopBalls) -> bool:
-        """Whether L keeps away from [-1, -e^-level]."""
+    def _is_apart(self, over: LoopEnclosure) -> bool:
+        """Whether L does not meet [-1, -e^-level]."""
         gain = over.gain
         if not gain.is_finite():
             inverse = over.inverse_gain

@@ -1,7 +1,7 @@
-"""Claims that every plant has a crossing of some kind:  a change of sign between two frequencies, shown with each box.
+"""Claims that every plant has a crossing:  each box comes with a bracket of two frequencies with a change of sign.
 
-A leaf `x-1.25:-1.2` says: for every plant of the box there is a crossing between these values of u, and wherever it
-lies there, its value keeps to the level.
+A leaf `x-1.25:-1.2` states: every plant of the box has a crossing between these values of u, and at every crossing
+there the value meets the level.
 """
 
 from __future__ import annotations
@@ -17,17 +17,24 @@ from flint import acb, arb
 from fopi_tune.core.margins import phase_crossovers
 from fopi_tune.proof.balls.box import Box, Interval, centre_of
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.claims.claim import Claim, Finding, deviations, longest_number, size_of, widest
-from fopi_tune.proof.claims.crossings import changes_sign, combine, zone_of
-from fopi_tune.proof.claims.reading import Reader, Reading, slopes_of
+from fopi_tune.proof.claims.claim import (
+    BoxVerdict,
+    Claim,
+    deviations,
+    longest_parameter_axis,
+    magnitude,
+    max_smear_axis,
+)
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity, derivatives_of
+from fopi_tune.proof.claims.crossings import changes_sign, parse_bracket, with_multiplier
 
-#: widths in u of the zones tried for a crossing of which only its presence counts
+#: widths in u of the brackets tried for a crossing whose value does not matter
 _WIDTHS = (1.0, 4.0, 16.0)
 _LEAST_HALF_WIDTH = 1e-10
-#: added to a zone in turn: where the crossing is flat its sign cannot be told so close to it
+#: added to a bracket in turn: close to a flat crossing the sign cannot be determined
 _MORE = (0.0, 1e-7, 1e-4)
 _FARTHEST = 16.0
-#: tokens of the ends of the frequency axis, and u beyond which nothing but the limit is left
+#: tokens of the ends of the frequency axis, and u beyond which only the limit remains
 _LOW_END, _HIGH_END = "e-", "e+"
 _FAR_OUT = 1e12
 
@@ -38,7 +45,7 @@ class SomeCrossover(Claim):
 
     Args:
         loop: gains and family.
-        reading: psi.
+        quantity: psi.
         level: in psi's unit; None for a crossover anywhere.
         upper: True for <=.
         domain: the plants; axis 0 is not cut.
@@ -46,83 +53,83 @@ class SomeCrossover(Claim):
     """
 
     loop: BallLoop
-    reading: Reading
+    quantity: CrossingQuantity
     level: float | None
     upper: bool
     domain: Box
     origin: float
-    reader: Reader = field(compare=False, repr=False)
+    evaluator: CrossingEvaluator = field(compare=False, repr=False)
 
-    def examine(self, box: Box) -> Finding:
-        axis = longest_number(box, self.domain)
+    def examine(self, box: Box) -> BoxVerdict:
+        axis = longest_parameter_axis(box, self.domain)
         for u in self._candidates(centre_of(box[1:])):
             over = self.loop.over(((u, u), *box[1:]))
-            reach = reach_of(over.log_slope.real, [g.real for g in over.log_gradient], box)
+            reach = crossing_reach(over.log_slope.real, [g.real for g in over.log_gradient], box)
             gradient = [g.real for g in over.log_gradient] if self._only_its_place else over.log_gradient
             axis = axis_of(gradient, box, self.domain)
-            for zone in self._zones(u, reach):
-                leaf = f"x{zone[0]!r}:{zone[1]!r}"
+            for bracket in self._brackets(u, reach):
+                leaf = f"x{bracket[0]!r}:{bracket[1]!r}"
                 if self.holds(box, leaf):
-                    return Finding(leaf)
-        return Finding(None, axis)
+                    return BoxVerdict(leaf)
+        return BoxVerdict(None, axis)
 
     @property
     def _only_its_place(self) -> bool:
-        """Whether nothing but the crossing's frequency matters, and so |L| alone."""
-        return self.level is None or self.reading is Reading.CROSSOVER
+        """Whether only the crossing's frequency matters, so that |L| alone decides."""
+        return self.level is None or self.quantity is CrossingQuantity.CROSSOVER
 
-    def _zones(self, u: float, reach: float) -> list[Interval]:
-        """Where to look for the crossing at u: close by where its value counts, else as far as it takes."""
+    def _brackets(self, u: float, reach: float) -> list[Interval]:
+        """Brackets to try for the crossing at u: narrow where its value matters, else up to wide ones."""
         near = [(u - reach - more, u + reach + more) for more in _MORE]
         if self.level is None:
             return [near[0], *((u - width, u + width) for width in _WIDTHS)]
-        if self.reading is not Reading.CROSSOVER:
+        if self.quantity is not CrossingQuantity.CROSSOVER:
             return near
         return [near[0], *((self.level, max(u, self.level) + width) for width in _WIDTHS)]
 
     def _candidates(self, theta: tuple[float, ...]) -> Iterator[float]:
-        """Where the central plant crosses |L| = 1: what the nominal crossover becomes, then the most favourable."""
-        followed = self.reader.followed_crossing(theta)
+        """Gain crossovers of the central plant: first the continuation of the nominal one, then the most favourable."""
+        followed = self.evaluator.followed_crossing(theta)
         yield from followed
-        if followed and not self.reader.may_cross_often:
+        if followed and not self.evaluator.may_cross_often:
             return
-        found = self.reader.all_crossings(theta)
+        found = self.evaluator.all_crossings(theta)
         if len(found) < 2 or self._only_its_place:
             yield from found[-1:]
             return
         values = []
         for u in found:
             at = self.loop.at_centre(((u, u), *((value, value) for value in theta)))
-            values.append((float(self.reader.value(self.reading, at, theta).mid()), u))
+            values.append((float(self.evaluator.value(self.quantity, at, theta).mid()), u))
         yield from [u for _, u in sorted(values, reverse=not self.upper)][:2]
 
     def holds(self, box: Box, leaf: str) -> bool:
-        zone = zone_of(leaf[1:]) if leaf[:1] == "x" else None
-        if zone is None:
+        bracket = parse_bracket(leaf[1:]) if leaf[:1] == "x" else None
+        if bracket is None:
             return False
-        low, high = zone
+        low, high = bracket
         if self.level is None:
-            return changes_sign(self.loop, zone, box[1:])
-        if self.reading is Reading.CROSSOVER:
-            # a crossing in the part of the zone that counts
+            return changes_sign(self.loop, bracket, box[1:])
+        if self.quantity is CrossingQuantity.CROSSOVER:
+            # a crossing in the part of the bracket beyond the level
             low, high = (low, min(high, self.level)) if self.upper else (max(low, self.level), high)
             return low < high and changes_sign(self.loop, (low, high), box[1:])
-        return changes_sign(self.loop, zone, box[1:]) and self._keeps_to(self.level, (zone, *box[1:]))
+        return changes_sign(self.loop, bracket, box[1:]) and self._meets_level(self.level, (bracket, *box[1:]))
 
-    def _keeps_to(self, level: float, box: Box) -> bool:
+    def _meets_level(self, level: float, box: Box) -> bool:
         over, centre, shifts = self.loop.over(box), self.loop.at_centre(box), deviations(box)
-        value = self.reader.value(self.reading, centre, centre_of(box)[1:])
-        slopes = slopes_of(self.loop, self.reading, over, value, shifts, centre.omega)
+        value = self.evaluator.value(self.quantity, centre, centre_of(box)[1:])
+        slopes = derivatives_of(self.loop, self.quantity, over, value, shifts, centre.omega)
         gains = [over.log_slope.real, *(g.real for g in over.log_gradient)]
-        combined, factor = combine(slopes, gains)
-        total = value + factor * abs(centre.gain).log()
+        combined, multiplier = with_multiplier(slopes, gains)
+        total = value + multiplier * abs(centre.gain).log()
         total = total + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
         return bool(total <= level if self.upper else total >= level)
 
     def to_dict(self) -> dict[str, Any]:
         return {
             "kind": "some_crossover",
-            "reading": self.reading.value,
+            "reading": self.quantity.value,
             "level": self.level,
             "relation": "at_most" if self.upper else "at_least",
         }
@@ -146,43 +153,43 @@ class SomePhaseCrossover(Claim):
     origin: float
     hint: float | None = field(default=None, compare=False)
 
-    def examine(self, box: Box) -> Finding:
+    def examine(self, box: Box) -> BoxVerdict:
         if self.hint is not None and (leaf := self._leaf(self.hint, box)) is not None:
-            return Finding(leaf)
+            return BoxVerdict(leaf)
         theta = centre_of(box[1:])
         crossings = phase_crossovers(self.loop.loops_at(np.array([theta], dtype=float)))
         useful = crossings.gain < 1.0
         if not useful.any():
-            return Finding(None, longest_number(box, self.domain))
+            return BoxVerdict(None, longest_parameter_axis(box, self.domain))
         k = int(np.argmax(np.where(useful, crossings.gain, -1.0)))
         u = float(crossings.u[k])
         if math.isinf(u):
             leaf = self._leaf(u, box)
-            return Finding(leaf) if leaf is not None else Finding(None, longest_number(box, self.domain))
+            return BoxVerdict(leaf) if leaf is not None else BoxVerdict(None, longest_parameter_axis(box, self.domain))
         leaf = self._leaf(u, box)
         gradient = self.loop.over(((u, u), *box[1:])).log_gradient
-        return Finding(leaf) if leaf is not None else Finding(None, axis_of(gradient, box, self.domain))
+        return BoxVerdict(leaf) if leaf is not None else BoxVerdict(None, axis_of(gradient, box, self.domain))
 
     def _leaf(self, u: float, box: Box) -> str | None:
-        """The zone around a crossing of the central plant, or the end of the axis, where the claim holds with it."""
+        """The leaf for a crossing of the central plant or an end of the axis; None if the claim does not hold."""
         if math.isinf(u):
             end = _LOW_END if u < 0.0 else _HIGH_END
             return end if self.holds(box, end) else None
         over = self.loop.over(((u, u), *box[1:]))
-        reach = reach_of(over.log_slope.imag, [g.imag for g in over.log_gradient], box)
+        reach = crossing_reach(over.log_slope.imag, [g.imag for g in over.log_gradient], box)
         leaves = (f"x{u - reach - more!r}:{u + reach + more!r}" for more in _MORE)
         return next((leaf for leaf in leaves if self.holds(box, leaf)), None)
 
     def holds(self, box: Box, leaf: str) -> bool:
         if leaf in (_LOW_END, _HIGH_END):
             return self._is_negative_at_the_end(box, leaf == _HIGH_END)
-        zone = zone_of(leaf[1:]) if leaf[:1] == "x" else None
-        if zone is None:
+        bracket = parse_bracket(leaf[1:]) if leaf[:1] == "x" else None
+        if bracket is None:
             return False
-        signs = [self._turn(((end, end), *box[1:]))[0] for end in zone]
+        signs = [self._turn(((end, end), *box[1:]))[0] for end in bracket]
         if not ((signs[0] > 0 and signs[1] < 0) or (signs[0] < 0 and signs[1] > 0)):
             return False
-        turn, combined = self._turn((zone, *box[1:]))
+        turn, combined = self._turn((bracket, *box[1:]))
         # -L keeps away from the negative real axis, so that its argument is continuous and passes 0
         return bool(turn.abs_upper() < arb.pi() and combined <= 0 and combined >= -arb(self.level))
 
@@ -190,7 +197,7 @@ class SomePhaseCrossover(Claim):
         """Whether L tends to a number from -1 to -e^-level as omega -> 0, or at the axis' upper end."""
         u = (_FAR_OUT, math.inf) if high else (-math.inf, -_FAR_OUT)
         over = self.loop.over((u, *box[1:]))
-        # a dead time in continuous time turns L for ever: there is no limit; else L is real there
+        # with a dead time in continuous time L has no limit; else the limit is real
         if high and not self.loop.has_upper_limit(over):
             return False
         gain = over.gain.real
@@ -202,25 +209,25 @@ class SomePhaseCrossover(Claim):
         gradient = [over.log_slope, *over.log_gradient]
         centre = self.loop.at_centre(box).gain
         turn, log_gain = (-centre).arg(), abs(centre).log()
-        combined, factor = combine([g.real for g in gradient], [g.imag for g in gradient])
+        combined, multiplier = with_multiplier([g.real for g in gradient], [g.imag for g in gradient])
         turned = turn + sum((g.imag * d for g, d in zip(gradient, shifts, strict=True)), arb(0))
-        total = log_gain + factor * turn + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
+        total = log_gain + multiplier * turn + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
         return turned, total
 
     def to_dict(self) -> dict[str, Any]:
         return {"kind": "some_phase_crossover", "level_neper": self.level}
 
 
-def reach_of(slope: arb, gradient: list[arb], box: Box) -> float:
-    """How far a crossing moves from the central plant's, with a little to spare."""
+def crossing_reach(slope: arb, gradient: list[arb], box: Box) -> float:
+    """How far a crossing moves from that of the central plant over the box, with a safety factor."""
     moved = [abs(g / slope) for g in gradient]
-    reach = sum(size_of(m) * 0.5 * (b - a) for m, (a, b) in zip(moved, box[1:], strict=True) if a < b)
+    reach = sum(magnitude(m) * 0.5 * (b - a) for m, (a, b) in zip(moved, box[1:], strict=True) if a < b)
     return 1.25 * reach + _LEAST_HALF_WIDTH if reach < _FARTHEST else _FARTHEST
 
 
 def axis_of(gradient: Sequence[arb | acb], box: Box, domain: Box) -> int:
-    """The uncertain number along which what is described by this gradient changes most."""
+    """The uncertain number along which the function with this gradient varies most."""
     sizes = [abs(g) for g in gradient]
     if not sizes or not all(size.is_finite() for size in sizes):
-        return longest_number(box, domain)
-    return widest(((0.0, 0.0), *box[1:]), [arb(0), *sizes])
+        return longest_parameter_axis(box, domain)
+    return max_smear_axis(((0.0, 0.0), *box[1:]), [arb(0), *sizes])

@@ -15,8 +15,8 @@ Responses.  |S|^2 = (1 + x^2)/(A^2 + (x + b)^2), |T|^2 = |G|^2/(...), |C S|^2 = 
 
 and all signs change for >=.  Its least value is at x1 or x2, or at the vertex -qb/qa, where it is (qa qc - qb^2)/qa.
 
-On samples x = nu t and |h| = |1 - w| grow without end towards z = -1, where the responses hardly change.  Everything is
-divided by |1 - w|: with theta = omega Ts/2, k = cos theta and y = t sin theta,
+On samples x = nu t and |h| = |1 - w| grow without bound towards z = -1, where the responses hardly change.  All terms
+are divided by |1 - w|: with theta = omega Ts/2, k = cos theta and y = t sin theta,
 
     k + jy in the place of 1 + jx,    G/|1 - w| = K C e^{-j (2l + 1) theta} in that of G .                          (1a)
 
@@ -44,17 +44,23 @@ from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import assemble
 from fopi_tune.proof.balls.sampled import SampledBallLoop
 from fopi_tune.proof.claims.bound import Bound
-from fopi_tune.proof.claims.claim import HOLDS, Claim, Finding
+from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim
+from fopi_tune.proof.claims.crossing_quantities import CrossingQuantity
 from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
-from fopi_tune.proof.claims.lag_values import At, AtTheEnd, Flat, Pair, lag_of
-from fopi_tune.proof.claims.reading import Reading
+from fopi_tune.proof.claims.lag_response import (
+    LagNyquistTail,
+    LagResponse,
+    ScaledTerms,
+    ValueAndSlope,
+    scaled_time_constant,
+)
 
-_CUT = Finding(None, 0)
+_CUT = BoxVerdict(None, 0)
 _FLAT_AT_LARGE_GAIN = (Response.COMPLEMENTARY_SENSITIVITY, Response.CONTROL_SENSITIVITY)
 _LARGE_GAIN = 4.0
-#: rad; a box over which the dead time turns L by more is better judged by the size of L
+#: rad; where the dead time changes the phase of L by more over a box, |L| alone may prove the claim
 _MUCH_OF_A_TURN = 0.3
-#: in u; a box that is still not settled at this width may be for want of digits
+#: in u; a box that is still not proved at this width may lack digits
 _NARROW = 1e-5
 
 
@@ -65,11 +71,11 @@ def has_lag_form(loop: BallLoop) -> bool:
 
 
 @dataclass(frozen=True)
-class _Lag(Claim):
-    """What the closed forms share; boxes have the axis u alone.
+class _LagClaim(Claim):
+    """Base of the closed forms; their boxes have only the axis u.
 
     Args:
-        general: the same claim for any plant; it settles the tails.
+        general: the same claim for any plant; it is used in the tails.
     """
 
     general: Any
@@ -81,13 +87,13 @@ class _Lag(Claim):
 
     @property
     def origin(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """u at which an axis without ends is cut first."""
+        """u at which the whole frequency axis is split first."""
         return self.general.origin
 
     @cached_property
     def _tau(self) -> tuple[arb, arb]:
         low, high = self.general.domain[1]
-        return lag_of(self.general.loop, arb(low)), lag_of(self.general.loop, arb(high))
+        return scaled_time_constant(self.general.loop, arb(low)), scaled_time_constant(self.general.loop, arb(high))
 
     @cached_property
     def _plant(self) -> tuple[arb, arb]:
@@ -95,7 +101,7 @@ class _Lag(Claim):
         plant = assemble(self.general.loop.family, [arb(self.general.domain[1][0])])
         return plant.numerator[0].value, plant.dead_time.value
 
-    def examine(self, box: Box) -> Finding:
+    def examine(self, box: Box) -> BoxVerdict:
         u = box[0]
         loop = self.general.loop
         if math.isinf(u[1]) and isinstance(loop, SampledBallLoop) and self._holds_at_the_end(loop, u[0]):
@@ -105,8 +111,10 @@ class _Lag(Claim):
         ball = ball_of(u)
         middle = arb(u[0] + 0.5 * (u[1] - u[0]) if u[0] < u[1] else u[0])
         plant, tau = self._plant, self._tau
-        found = self._examine(u, At(loop, ball, plant, tau), At(loop, middle, plant, tau), ball - middle)
-        # omega tau far from 1 costs the closed forms their digits; the general claim keeps its own
+        found = self._examine(
+            u, LagResponse(loop, ball, plant, tau), LagResponse(loop, middle, plant, tau), ball - middle
+        )
+        # the closed forms lose digits where omega tau is far from 1; the general claim does not
         if found.leaf is None and not found.counterexample and u[1] - u[0] < _NARROW:
             return self._by_the_general_claim(u)
         return found
@@ -115,17 +123,17 @@ class _Lag(Claim):
         """Whether the closed form settles the tail up to z = -1."""
         return False
 
-    def _by_the_general_claim(self, u: Interval) -> Finding:
+    def _by_the_general_claim(self, u: Interval) -> BoxVerdict:
         box: Box = (u, *self.general.domain[1:])
         found = self.general.examine(box)
-        if found.leaf is None and any(axis == 1 for axis, _ in found.pins):
+        if found.leaf is None and any(axis == 1 for axis, _ in found.monotone_ends):
             # the worst time constant is an end of its interval
-            upper = next(upper for axis, upper in found.pins if axis == 1)
+            upper = next(upper for axis, upper in found.monotone_ends if axis == 1)
             found = self.general.examine(with_interval(box, 1, (box[1][upper],) * 2))
         return HOLDS if found.leaf is not None else _CUT
 
     @abstractmethod
-    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
+    def _examine(self, u: Interval, over: LagResponse, centre: LagResponse, shift: arb) -> BoxVerdict:
         """By the closed form: over a box, with its centre and its distance from it."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -133,7 +141,7 @@ class _Lag(Claim):
 
 
 @dataclass(frozen=True)
-class LagBound(_Lag):
+class LagBound(_LagClaim):
     """A bound of a response, by (1)."""
 
     general: Bound
@@ -144,35 +152,35 @@ class LagBound(_Lag):
 
     def _holds_at_the_end(self, loop: SampledBallLoop, from_u: float) -> bool:
         """Up to z = -1, by the range of the quadratic."""
-        at = AtTheEnd(loop, from_u, self._plant[0], self._tau)
+        at = LagNyquistTail(loop, from_u, self._plant[0], self._tau)
         q = self._quadratic(at)
-        if not all(_end(q, x) >= 0 for x in at.flat.ends):
+        if not all(_end(q, x) >= 0 for x in at.scaled.ends):
             return False
-        return self._least_at_an_end(q, at.flat) or bool(q[0][0] > 0 and _discriminant(q) >= 0)
+        return self._least_at_an_end(q, at.scaled) or bool(q[0][0] > 0 and _discriminant(q) >= 0)
 
     @staticmethod
-    def _least_at_an_end(q: tuple[Pair, Pair, Pair], flat: Flat) -> bool:
-        """Not convex, or rising already at x1, or still falling at x2: whatever the sign of qa, an end is the least."""
+    def _least_at_an_end(q: tuple[ValueAndSlope, ValueAndSlope, ValueAndSlope], scaled: ScaledTerms) -> bool:
+        """Whether the least value is at an end: q is concave, or increasing at x1, or decreasing at x2."""
         (qa, _), (qb, _), _ = q
-        return bool(qa <= 0 or qb + qa * flat.ends[0] >= 0 or qb + qa * flat.ends[1] <= 0)
+        return bool(qa <= 0 or qb + qa * scaled.ends[0] >= 0 or qb + qa * scaled.ends[1] <= 0)
 
-    def _quadratic(self, at: At | AtTheEnd) -> tuple[Pair, Pair, Pair]:
+    def _quadratic(self, at: LagResponse | LagNyquistTail) -> tuple[ValueAndSlope, ValueAndSlope, ValueAndSlope]:
         """qa, qb and qc with their derivatives."""
-        m2, zero, flat = self._square, arb(0), at.flat
+        m2, zero, scaled = self._square, arb(0), at.scaled
         response = self.general.response
-        (one, d_one), (square, d_square) = flat.one, flat.one_squared
+        (one, d_one), (square, d_square) = scaled.one, scaled.one_squared
         if response is Response.LOOP_GAIN:
-            size, slope = flat.g_squared
+            size, slope = scaled.g_squared
             found = (m2, zero), (zero, zero), (m2 * square - size, m2 * d_square - slope)
         else:
-            g, slope = flat.g, flat.slope
+            g, slope = scaled.g, scaled.slope
             a, da, b, db = one + g.real, d_one + slope.real, g.imag, slope.imag
             distance, d_distance = m2 * (a * a + b * b), 2 * m2 * (a * da + b * db)
             linear = m2 * b, m2 * db
             if response is Response.SENSITIVITY:
                 found = (m2 - 1, zero), linear, (distance - square, d_distance - d_square)
             elif response is Response.COMPLEMENTARY_SENSITIVITY:
-                size, slope = flat.g_squared
+                size, slope = scaled.g_squared
                 found = (m2, zero), linear, (distance - size, d_distance - slope)
             else:
                 size, slope = at.c_squared
@@ -182,17 +190,17 @@ class LagBound(_Lag):
             return found
         return tuple((-value, -slope) for value, slope in found)  # pyright: ignore[reportReturnType]
 
-    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
+    def _examine(self, u: Interval, over: LagResponse, centre: LagResponse, shift: arb) -> BoxVerdict:
         # Where |L| is large, |T| and |C S| hardly depend on it, while (1) is a difference of large numbers.
         large = self.general.response in _FLAT_AT_LARGE_GAIN and over.g.abs_lower() > _LARGE_GAIN
         if large and self._by_the_general_claim(u).leaf is not None:
             return HOLDS
-        around, at = over.flat, centre.flat
+        around, at = over.scaled, centre.scaled
         wide, middle = self._quadratic(over), self._quadratic(centre)
         for upper in (False, True):
             value = _end(middle, at.ends[upper])
             if value < 0:
-                return Finding(None, 0, (), counterexample=True)
+                return BoxVerdict(None, 0, (), counterexample=True)
             if not value + _end_slope(wide, around.ends[upper], around.rate) * shift >= 0:
                 return self._where_the_phase_does_not_matter(u, over)
         if self._least_at_an_end(wide, around):
@@ -201,42 +209,42 @@ class LagBound(_Lag):
         discriminant = _discriminant(middle) + _discriminant_slope(wide) * shift
         return HOLDS if qa > 0 and discriminant >= 0 else _CUT
 
-    def _where_the_phase_does_not_matter(self, u: Interval, over: At) -> Finding:
-        """A long dead time turns L often where it is small already: there its size settles the claim."""
+    def _where_the_phase_does_not_matter(self, u: Interval, over: LagResponse) -> BoxVerdict:
+        """With a long dead time the phase of L varies much where |L| is small: there |L| alone proves the claim."""
         turns = over.omega.rad() * over.dead_time > _MUCH_OF_A_TURN
         return self._by_the_general_claim(u) if turns and over.g.abs_upper() < over.x(False).abs_lower() else _CUT
 
 
-def _end(q: tuple[Pair, Pair, Pair], x: arb) -> arb:
+def _end(q: tuple[ValueAndSlope, ValueAndSlope, ValueAndSlope], x: arb) -> arb:
     """q(x)."""
     (a, _), (b, _), (c, _) = q
     return (a * x + 2 * b) * x + c
 
 
-def _end_slope(q: tuple[Pair, Pair, Pair], x: arb, rate: arb | int = 1) -> arb:
+def _end_slope(q: tuple[ValueAndSlope, ValueAndSlope, ValueAndSlope], x: arb, rate: arb | int = 1) -> arb:
     """dq(x)/du where dx/du = rate x."""
     (a, da), (b, db), (_, dc) = q
     return (da + 2 * rate * a) * x * x + 2 * (db + rate * b) * x + dc
 
 
-def _discriminant(q: tuple[Pair, Pair, Pair]) -> arb:
+def _discriminant(q: tuple[ValueAndSlope, ValueAndSlope, ValueAndSlope]) -> arb:
     """qa qc - qb^2, of the sign of q at its vertex when qa > 0."""
     (a, _), (b, _), (c, _) = q
     return a * c - b * b
 
 
-def _discriminant_slope(q: tuple[Pair, Pair, Pair]) -> arb:
+def _discriminant_slope(q: tuple[ValueAndSlope, ValueAndSlope, ValueAndSlope]) -> arb:
     (a, da), (b, db), (c, dc) = q
     return da * c + a * dc - 2 * b * db
 
 
 @dataclass(frozen=True)
-class LagCrossover(_Lag):
+class LagCrossover(_LagClaim):
     """Phase or delay margin at every gain crossover, by (2)."""
 
     general: EveryCrossover
 
-    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
+    def _examine(self, u: Interval, over: LagResponse, centre: LagResponse, shift: arb) -> BoxVerdict:
         square, square_slope = over.g_squared
         y = centre.g_squared[0] - 1
         for upper in (False, True):
@@ -251,7 +259,7 @@ class LagCrossover(_Lag):
         value = arb.pi() + centre.g_phase - y.sqrt().atan()
         # d atan(sqrt y)/du = (dy/du)/(2 sqrt y (1 + y)), and dy/du = 2 (1 + y) Re d ln G/du
         slope = over.log_slope.imag - over.log_slope.real / root
-        if self.general.reading is Reading.DELAY_MARGIN:
+        if self.general.quantity is CrossingQuantity.DELAY_MARGIN:
             margin = value + slope * shift
             value = value / centre.frequency
             slope = (slope - margin * over.stretch) / over.frequency
@@ -261,12 +269,12 @@ class LagCrossover(_Lag):
 
 
 @dataclass(frozen=True)
-class LagPhaseCrossover(_Lag):
+class LagPhaseCrossover(_LagClaim):
     """No phase crossover with |L| from e^-level to 1, by (3)."""
 
     general: EveryPhaseCrossover
 
-    def _examine(self, u: Interval, over: At, centre: At, shift: arb) -> Finding:
+    def _examine(self, u: Interval, over: LagResponse, centre: LagResponse, shift: arb) -> BoxVerdict:
         slope, at = over.g_slope, centre.g
         smallest = (-arb(self.general.level)).exp()
         # |L|^2 = |G|^2/(1 + x^2)
@@ -304,6 +312,9 @@ def closed_form(claim: Claim) -> Claim:
         return claim
     if isinstance(claim, EveryPhaseCrossover) and isinstance(loop, SampledBallLoop):
         return claim  # next to z = -1, x has no end and (3) is a small difference of large numbers
-    if isinstance(claim, EveryCrossover) and claim.reading not in (Reading.PHASE_MARGIN, Reading.DELAY_MARGIN):
+    if isinstance(claim, EveryCrossover) and claim.quantity not in (
+        CrossingQuantity.PHASE_MARGIN,
+        CrossingQuantity.DELAY_MARGIN,
+    ):
         return claim
     return form(claim)

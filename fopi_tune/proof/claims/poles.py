@@ -1,4 +1,4 @@
-"""Closed-loop poles in the right half-plane:  counted for one plant, kept out of the half-plane's ends for all.
+"""Closed-loop poles in the right half-plane:  counted for one plant, excluded near 0 and infinity for all plants.
 
 The closed-loop poles are the roots of  F(s) = s^alpha D(s) + (kp s^alpha + ki) N(s) e^{-Ls}  (without ki: of
 D + kp N e^{-Ls}), analytic for Re s > 0.  Along +0 -> j0 -> j inf -> +inf the argument of F changes by
@@ -20,19 +20,19 @@ from typing import Any
 
 from flint import acb, arb
 
+from fopi_tune.proof.balls.argument_principle import argument_change
 from fopi_tune.proof.balls.box import Box, ball_of
-from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
-from fopi_tune.proof.balls.plant import PlantBalls, assemble, polynomial
+from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
+from fopi_tune.proof.balls.plant import PlantEnclosure, assemble, polynomial
 from fopi_tune.proof.balls.sampled import SampledBallLoop, count_unstable_roots
-from fopi_tune.proof.balls.winding import change_along_axis
-from fopi_tune.proof.claims.claim import HOLDS, Claim, Finding, longest, longest_number, tail_axis
+from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim, longest_axis, longest_parameter_axis, tail_axis
 
 _STEP = 1.0
 _FARTHEST = 600.0
 
 
 @dataclass(frozen=True)
-class _End:
+class _Disc:
     """A disc in which F (or F over its leading term) stays beyond u."""
 
     u: float
@@ -48,7 +48,7 @@ def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float
         origin: a value of u near the crossover.
 
     Returns:
-        The number; None when F comes too close to 0 on the imaginary axis to be told from it.
+        The number; None when F comes too close to 0 on the imaginary axis to be separated from it.
     """
     if isinstance(loop, SampledBallLoop):
         return count_unstable_roots(loop, theta)
@@ -56,10 +56,10 @@ def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float
     low, high = _low_end(loop, plant, origin), _high_end(loop, plant, origin)
     if low is None or high is None:
         return None
-    along = change_along_axis(loop, plant, low.u, high.u)
+    along = argument_change(loop, plant, low.u, high.u)
     if along is None:
         return None
-    first, last = loop.balls((low.u, low.u), plant), loop.balls((high.u, high.u), plant)
+    first, last = loop.enclosure((low.u, low.u), plant), loop.enclosure((high.u, high.u), plant)
     degree = len(plant.denominator) - 1
     alpha = loop.alpha if loop.gains.ki != 0.0 else arb(0)
     quarter = arb.pi() / 2
@@ -72,7 +72,7 @@ def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float
     return None if count is None or count < 0 else int(count)
 
 
-def is_unstable_by_structure(loop: BallLoop, theta: tuple[float, ...]) -> bool:
+def is_structurally_unstable(loop: BallLoop, theta: tuple[float, ...]) -> bool:
     """Whether a plant's loop is unstable without counting poles.
 
     Its integral is cancelled by a zero of the plant at s = 0, or a dead time is inside a direct path with
@@ -96,7 +96,7 @@ def _power(loop: BallLoop, u: float) -> acb:
     return (loop.alpha * arb(u)).exp() * loop.turn
 
 
-def _low_end(loop: BallLoop, plant: PlantBalls, origin: float) -> _End | None:
+def _low_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | None:
     """F stays in a disc without 0 around F(0) for |s| <= e^u."""
     d, n = _sizes(plant)
     ki = loop.gains.ki
@@ -117,12 +117,12 @@ def _low_end(loop: BallLoop, plant: PlantBalls, origin: float) -> _End | None:
         else:
             radius = whole_d - d[0] + abs(loop.kp) * moved
         if radius < middle.abs_lower():
-            return _End(u, middle)
+            return _Disc(u, middle)
         u -= _STEP
     return None
 
 
-def _high_end(loop: BallLoop, plant: PlantBalls, origin: float) -> _End | None:
+def _high_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | None:
     """F/(s^(n + alpha) d_n) stays in a disc without 0 for |s| >= e^u."""
     d, n = _sizes(plant)
     degree = len(d) - 1
@@ -143,12 +143,12 @@ def _high_end(loop: BallLoop, plant: PlantBalls, origin: float) -> _End | None:
         rest_n = sum((c * e ** (degree - k) for k, c in enumerate(n) if k < degree), arb(0)) / scale
         integral = abs(loop.ki) * (-loop.alpha * u).exp() * whole_n
         if rest_d + abs(loop.kp) * rest_n + integral + fixed < middle.abs_lower():
-            return _End(u, middle)
+            return _Disc(u, middle)
         u += _STEP
     return None
 
 
-def _sizes(plant: PlantBalls) -> tuple[list[arb], list[arb]]:
+def _sizes(plant: PlantEnclosure) -> tuple[list[arb], list[arb]]:
     """Largest absolute values of D's and N's coefficients, ascending powers."""
     d = [arb(c.value.abs_upper()) for c in reversed(plant.denominator)]
     return d, [arb(c.value.abs_upper()) for c in reversed(plant.numerator)]
@@ -162,7 +162,7 @@ def _sum(sizes: list[arb], e: arb) -> arb:
 class NoPoleAtTheEnds(Claim):
     """No plant has a closed-loop pole with Re s >= 0 near 0 or near infinity.
 
-    Together with a bounded |S| on the axis no pole can pass from one half-plane to the other within the box.
+    Together with a bound of |S| on the axis this implies that no pole crosses the axis within the box.
 
     Args:
         loop: gains and family.
@@ -174,10 +174,10 @@ class NoPoleAtTheEnds(Claim):
     domain: Box
     origin: float
 
-    def examine(self, box: Box) -> Finding:
+    def examine(self, box: Box) -> BoxVerdict:
         plant = self.loop.plant([ball_of(side) for side in box[1:]])
         ends = _low_end(self.loop, plant, self.origin), _high_end(self.loop, plant, self.origin)
-        return HOLDS if None not in ends else Finding(None, longest_number(box, self.domain))
+        return HOLDS if None not in ends else BoxVerdict(None, longest_parameter_axis(box, self.domain))
 
     def to_dict(self) -> dict[str, Any]:
         return {"kind": "no_pole_at_the_ends"}
@@ -190,8 +190,8 @@ class NoAxisRoot(Claim):
     Args:
         loop: gains and family.
         denominator: which polynomial.
-        domain: where.
-        origin: u at which an axis without ends is cut first.
+        domain: frequencies and plants.
+        origin: u at which the whole frequency axis is split first.
     """
 
     loop: BallLoop
@@ -199,19 +199,19 @@ class NoAxisRoot(Claim):
     domain: Box
     origin: float
 
-    def examine(self, box: Box) -> Finding:
+    def examine(self, box: Box) -> BoxVerdict:
         if box[0][0] == -math.inf and box[0][1] == math.inf:
-            return Finding(None, 0)
+            return BoxVerdict(None, 0)
         over = self.loop.over(box)
         if self._is_not_0(over):
             return HOLDS
         if over.low_tail or over.high_tail:
-            return Finding(None, tail_axis(box, self.domain, lambda far: self._is_not_0(self.loop.over(far))))
-        return Finding(None, longest(box, self.domain))
+            return BoxVerdict(None, tail_axis(box, self.domain, lambda far: self._is_not_0(self.loop.over(far))))
+        return BoxVerdict(None, longest_axis(box, self.domain))
 
-    def _is_not_0(self, over: LoopBalls) -> bool:
+    def _is_not_0(self, over: LoopEnclosure) -> bool:
         coefficients = [c.value for c in (over.plant.denominator if self.denominator else over.plant.numerator)]
-        while len(coefficients) > 1 and coefficients[-1].is_zero():  # a root at 0 that stays there
+        while len(coefficients) > 1 and coefficients[-1].is_zero():  # roots fixed at 0
             coefficients.pop()
         if over.high_tail:
             # X(s)/s^k in 1/s, k its own degree; a leading 0 that stays there is no root

@@ -12,7 +12,7 @@ from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.sample import Badness, evaluate
+from fopi_tune.proof.sample import LoopFunction, evaluate
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.report.figures.canvas import STYLES, TWO_PANELS, WIDE, Picture, labelled, legend_below, logarithmic
 from fopi_tune.report.figures.members import Members
@@ -205,7 +205,7 @@ def margin_curves(members: Members) -> dict[str, Array]:
 _WORDS = ("sensitivity_db", "complementary_sensitivity_db", "control_sensitivity_db")
 
 
-def _reader(word: str) -> Badness:
+def _reader(word: str) -> LoopFunction:
     def read(loops: Loops) -> tuple[Array, Array]:
         measured = QUANTITIES[word].measure(loops, False, 0.0, math.inf)
         return measured.value, measured.omega_rad_s

@@ -10,11 +10,11 @@ from cases.optimum_cases import FAMILIES, OBJECTIVES, just_met
 from flint import ctx
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.optimum.charts import CrossoverChart
+from fopi_tune.optimum.parametrization import CrossoverParametrization
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.pruning.brackets import suggestions
 from fopi_tune.optimum.pruning.conditions import Test as Kind
-from fopi_tune.optimum.pruning.refute import Reason, fails
+from fopi_tune.optimum.pruning.crossover_suggestions import suggestions
+from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.pruning.sample_points import constant_reasons, first_reasons, further_reasons, plants_to_try
 from fopi_tune.optimum.pruning.screen import Boxes, gains_at
 from fopi_tune.proof.balls.box import Box
@@ -34,12 +34,12 @@ def _gains(name: str, pick: np.random.Generator) -> FoPi:
 
 def _place(problem: Problem, gains: FoPi) -> tuple[float, ...]:
     """The coordinates of gains."""
-    chart = problem.chart
-    if not isinstance(chart, CrossoverChart):
+    parametrization = problem.parametrization
+    if not isinstance(parametrization, CrossoverParametrization):
         return gains.kp, gains.ki, gains.alpha
-    s = chart.omega_rad_s**-gains.alpha * np.exp(-0.5j * np.pi * gains.alpha)
+    s = parametrization.omega_rad_s**-gains.alpha * np.exp(-0.5j * np.pi * gains.alpha)
     first = problem.roots[0][1][0]
-    psi = np.angle((gains.kp + gains.ki * s) * complex(chart.plant)) + np.pi
+    psi = np.angle((gains.kp + gains.ki * s) * complex(parametrization.plant)) + np.pi
     return gains.alpha, float(first + (psi - first) % (2.0 * np.pi))
 
 
@@ -67,18 +67,18 @@ def _wrongly_discarded(spec: DesignSpec, beat: float, gains: FoPi, pick: np.rand
     with ctx.workprec(PRECISION):
         problem = Problem.of(spec, beat)
         place = _place(problem, gains)
-        back = [float(gain[0]) for gain in gains_at(problem.chart, np.array([place]))]
+        back = [float(gain[0]) for gain in gains_at(problem.parametrization, np.array([place]))]
         assert np.allclose(back, [gains.kp, gains.ki, gains.alpha], rtol=1e-7, atol=1e-9)
         # where psi is the margin itself, the second root holds the gains, and the first need not
-        on_line = problem.sheet_is_covered and abs(math.remainder(place[1] - problem.roots[1][1][0], math.tau)) < 1e-6
+        on_line = problem.margin_is_fixed and abs(math.remainder(place[1] - problem.roots[1][1][0], math.tau)) < 1e-6
         for size in _SIZES:
             box = _box_around(place, size, pick)
-            patch = problem.chart.patch(box)
+            controllers = problem.parametrization.controllers(box)
             for reason in _reasons(problem, box):
                 condition = problem.conditions.every[reason.condition]
                 if condition.test is Kind.LOWER_CROSSOVER and on_line:
                     continue
-                if fails(problem, patch, reason):
+                if is_excluded(problem, controllers, reason):
                     wrong.append(f"{condition.test} {condition.words} {reason} {box}")
     return wrong
 
@@ -86,16 +86,16 @@ def _wrongly_discarded(spec: DesignSpec, beat: float, gains: FoPi, pick: np.rand
 @pytest.mark.parametrize(("name", "equalities"), [(name, k % 3) for k, name in enumerate(FAMILIES)])
 def test_no_box_around_gains_that_just_meet_a_spec_is_discarded(name: str, equalities: int) -> None:
     pick = np.random.default_rng([equalities, *name.encode()])
-    looked_at = 0
+    boxes_examined = 0
     for _ in range(12):
         made = just_met(FAMILIES[name], gains := _gains(name, pick), OBJECTIVES[pick.integers(7)], equalities, pick)
         if made is None:
             continue
         assert _wrongly_discarded(*made, gains, pick) == []
-        looked_at += 1
-        if looked_at == 1:
+        boxes_examined += 1
+        if boxes_examined == 1:
             break
-    assert looked_at
+    assert boxes_examined
 
 
 @pytest.mark.long
@@ -103,13 +103,13 @@ def test_no_box_around_gains_that_just_meet_a_spec_is_discarded(name: str, equal
 @pytest.mark.parametrize("name", FAMILIES)
 def test_no_box_around_many_gains_is_discarded(name: str, seed: int) -> None:
     pick = np.random.default_rng([seed, *name.encode()])
-    looked_at = 0
+    boxes_examined = 0
     for k in range(30):
         made = just_met(FAMILIES[name], gains := _gains(name, pick), OBJECTIVES[pick.integers(7)], k % 3, pick)
         if made is None:
             continue
         assert _wrongly_discarded(*made, gains, pick) == []
-        looked_at += 1
-        if looked_at == 6:
+        boxes_examined += 1
+        if boxes_examined == 6:
             break
-    assert looked_at
+    assert boxes_examined

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from flint import arb, ctx
 
-from fopi_tune.proof.balls.box import Box, ball_of, centre_of, middle_of, outward, split
+from fopi_tune.proof.balls.box import Box, ball_of, centre_of, log_interval, split, split_point
 from fopi_tune.proof.balls.plant import Dual
 
 
@@ -59,7 +59,7 @@ def test_products_and_quotients_keep_their_rules() -> None:
     ("low", "high"), [(1.0, 10.0), (0.1, 1.0), (1.0 + 1e-12, 2.0), (0.3, 0.3), (1e-9, 1e9), (2e-308, 1e308), (7.0, 7.5)]
 )
 def test_outward_encloses_both_logarithms_tightly(low: float, high: float) -> None:
-    first, last = outward(low, high)
+    first, last = log_interval(low, high)
     with localcontext() as context:
         context.prec = 60
         assert Decimal(first).exp() <= Decimal(low)
@@ -70,7 +70,7 @@ def test_outward_encloses_both_logarithms_tightly(low: float, high: float) -> No
 
 
 def test_outward_keeps_open_ends_open() -> None:
-    assert outward(0.0, math.inf) == (-math.inf, math.inf)
+    assert log_interval(0.0, math.inf) == (-math.inf, math.inf)
 
 
 def test_pieces_share_the_end_and_cover_the_box() -> None:
@@ -97,9 +97,9 @@ def test_two_neighbouring_doubles_are_not_cut() -> None:
 
 
 def test_an_axis_without_ends_is_cut_at_the_origin_and_a_tail_moves_outwards() -> None:
-    assert middle_of((-math.inf, math.inf), 0.7) == 0.7
-    assert middle_of((-math.inf, 2.0)) < 2.0
-    assert middle_of((2.0, math.inf)) > 2.0
+    assert split_point((-math.inf, math.inf), 0.7) == 0.7
+    assert split_point((-math.inf, 2.0)) < 2.0
+    assert split_point((2.0, math.inf)) > 2.0
 
 
 def test_the_ball_of_an_interval_holds_its_ends_and_its_centre() -> None:

@@ -14,7 +14,7 @@ from flint import acb, arb, ctx
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, with_interval
-from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
+from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
 
 #: relative; the oracle's own rounding, enlarged by cancellation in polynomials and in 1 + L
 ROUNDING = 1e-9
@@ -117,7 +117,7 @@ def derivatives(loop: BallLoop, u: float, theta: Theta) -> dict[str, list[comple
     }
 
 
-def enclosed(at: LoopBalls) -> dict[str, list[acb]]:
+def enclosed(at: LoopEnclosure) -> dict[str, list[acb]]:
     return {
         "log_slope": [at.log_slope],
         "log_gradient": at.log_gradient,

@@ -19,13 +19,13 @@ from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof import certify, verify
+from fopi_tune.proof.balls.argument_principle import count_right_half_plane_zeros
 from fopi_tune.proof.balls.sampled import SampledBallLoop, count_unstable_roots
-from fopi_tune.proof.balls.winding import count_by_argument
 from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.branch_and_bound import search
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator
 from fopi_tune.proof.claims.lag import LagBound, closed_form
-from fopi_tune.proof.claims.poles import is_unstable_by_structure
-from fopi_tune.proof.claims.reading import Reader
-from fopi_tune.proof.claims.search import search
+from fopi_tune.proof.claims.poles import is_structurally_unstable
 from fopi_tune.proof.documents import from_document, to_document
 from fopi_tune.spec.model import Relation, Requirement
 
@@ -130,12 +130,12 @@ def test_the_unwrapped_phase_is_that_of_the_crossings(name: str) -> None:
     """Sheet included, wherever a fractional delay puts the held plant's zero."""
     family, delay = CASES[name]
     loop = SampledBallLoop(GAINS, family, Implementation(SECTIONS, delay))
-    reader, rng = Reader(loop), np.random.default_rng(7)
+    evaluator, rng = CrossingEvaluator(loop), np.random.default_rng(7)
     for _ in range(12):
         theta = family.low + rng.uniform(size=len(family.low)) * (family.high - family.low)
         u = float(rng.uniform(-4.0, 2.0))
         point = tuple(theta.tolist())
-        phase = reader.phase(loop.over(((u, u), *((v, v) for v in point))), point)
+        phase = evaluator.phase(loop.over(((u, u), *((v, v) for v in point))), point)
         found = loop.loops_at(theta[None, :]).log_response(np.zeros(1, dtype=np.intp), np.array([u]))[0].imag
         assert holds(phase, complex(found), 1e-9)
         assert phase.is_finite()
@@ -196,7 +196,10 @@ def test_roots_and_arguments_are_counted_as_eigenvalues_are() -> None:
         loop = SampledBallLoop(GAINS, family, Implementation(sections, delay))
         count = int((sizes > 1.0).sum())
         assert count_unstable_roots(loop, theta.tolist()) == count
-        assert count_by_argument(loop, loop.plant([arb(v) for v in theta.tolist()]), loop.has_integrator) == count
+        assert (
+            count_right_half_plane_zeros(loop, loop.plant([arb(v) for v in theta.tolist()]), loop.has_integrator)
+            == count
+        )
         unstable += count > 0
     assert 15 < unstable < 65
 
@@ -216,7 +219,7 @@ def test_an_integral_is_cancelled_only_where_the_filter_has_one() -> None:
     loops = [
         SampledBallLoop(GAINS, family, Implementation(Sections(TS, 0.5, poles, (0.1,)))) for poles in ((1.0,), (0.9,))
     ]
-    assert [is_unstable_by_structure(loop, ()) for loop in loops] == [True, False]
+    assert [is_structurally_unstable(loop, ()) for loop in loops] == [True, False]
     assert [count_unstable_roots(loop, ()) for loop in loops] == [None, 0]
 
 

@@ -1,4 +1,4 @@
-"""Claims that are true and that the engine does not show:  copy to tests/ once they pass."""
+"""Claims over tails and wide boxes, each of which once took more boxes than there is room for, or was not shown."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.peaks import Response
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.branch_and_bound import search
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity
 from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
 from fopi_tune.proof.claims.lag import closed_form
-from fopi_tune.proof.claims.reading import Reader, Reading
-from fopi_tune.proof.claims.search import search
 
 EVERYWHERE = (-math.inf, math.inf)
 
@@ -29,11 +29,11 @@ def precision() -> Iterator[None]:
 
 def margin(loop: BallLoop, level: float) -> EveryCrossover:
     domain = (EVERYWHERE, *loop.family_box)
-    return EveryCrossover(loop, Reading.PHASE_MARGIN, level, False, domain, 0.0, Reader(loop))
+    return EveryCrossover(loop, CrossingQuantity.PHASE_MARGIN, level, False, domain, 0.0, CrossingEvaluator(loop))
 
 
 def test_a_dead_time_that_may_be_0_is_not_halved_for_ever() -> None:
-    # `longest`: relative_length((0, x)) is 1 whatever x, so that axis wins down to 5e-324
+    # `longest_axis`: relative_length((0, x)) is 1 whatever x, so that axis wins down to 5e-324
     plant = transfer_function([2.0, 3.0], [1.0, (11.0, 18.0), 53.0, 18.0], (0.0, 0.2))
     loop = BallLoop(FoPi(2.2, 0.88, 0.24), plant)
     assert search(margin(loop, 2.5), 4000).shown  # the true minimum is 2.9
@@ -73,7 +73,7 @@ def test_the_closed_form_of_the_gain_margin_takes_no_more_boxes_than_the_general
 
 
 def test_the_size_of_a_delayed_loop_is_finite_in_a_tail_of_wide_time_constants() -> None:
-    # LoopBalls.size divides by abs(d), whose ball holds 0 when tau's range is wide; d.abs_lower() is 0.2
+    # LoopEnclosure.size divides by abs(d), whose ball holds 0 when tau's range is wide; d.abs_lower() is 0.2
     loop = BallLoop(FoPi(0.3, 0.5, 1.3), lag(1.3, (0.2, 6.0), 0.2))
     over = loop.over(((30.0, math.inf), (0.2, 6.0)))
     assert over.size < 1e-9

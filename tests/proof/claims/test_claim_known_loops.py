@@ -18,11 +18,11 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, Interval
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.branch_and_bound import check_record, search
 from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity
 from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
 from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
-from fopi_tune.proof.claims.reading import Reader, Reading
-from fopi_tune.proof.claims.search import check, search
 
 EVERYWHERE: Interval = (-math.inf, math.inf)
 P = FoPi(1.0, 0.0, 1.0)
@@ -41,14 +41,14 @@ class Case:
 
     def __init__(self, gains: FoPi, family: PlantFamily) -> None:
         self.loop = BallLoop(gains, family)
-        self.reader = Reader(self.loop)
+        self.evaluator = CrossingEvaluator(self.loop)
         self.domain: Box = (EVERYWHERE, *self.loop.family_box)
 
-    def every(self, reading: Reading, upper: bool) -> Callable[[float], Claim]:
-        return lambda level: EveryCrossover(self.loop, reading, level, upper, self.domain, 0.1, self.reader)
+    def every(self, quantity: CrossingQuantity, upper: bool) -> Callable[[float], Claim]:
+        return lambda level: EveryCrossover(self.loop, quantity, level, upper, self.domain, 0.1, self.evaluator)
 
-    def some(self, reading: Reading, upper: bool) -> Callable[[float | None], Claim]:
-        return lambda level: SomeCrossover(self.loop, reading, level, upper, self.domain, 0.1, self.reader)
+    def some(self, quantity: CrossingQuantity, upper: bool) -> Callable[[float | None], Claim]:
+        return lambda level: SomeCrossover(self.loop, quantity, level, upper, self.domain, 0.1, self.evaluator)
 
     def bound(self, response: Response, upper: bool, band: Interval = EVERYWHERE) -> Callable[[float], Claim]:
         return lambda level: Bound(self.loop, response, level, upper, (band, *self.domain[1:]), 0.1)
@@ -60,7 +60,7 @@ class Case:
 
 def shown(claim: Claim, budget: int = 3000) -> bool:
     found = search(claim, budget)
-    assert not found.shown or check(claim, found.record) is None
+    assert not found.shown or check_record(claim, found.record) is None
     return found.shown
 
 
@@ -77,17 +77,17 @@ def test_an_uncertain_integrator_with_dead_time_has_its_textbook_margins() -> No
     # L = k e^{-Ls}/s: crossover k, PM = pi/2 - kL, delay margin pi/2k - L, slope -kL, GM = pi/(2kL)
     case = Case(P, pole((0.5, 0.8), 0.0, (0.8, 1.0)))
     least, most = 0.5 * 0.8, 0.8 * 1.0
-    for reading, low, high in (
-        (Reading.PHASE_MARGIN, 0.5 * math.pi - most, 0.5 * math.pi - least),
-        (Reading.DELAY_MARGIN, 0.5 * math.pi / 0.8 - 1.0, 0.5 * math.pi / 0.5 - 0.8),
-        (Reading.PHASE_SLOPE, -most, -least),
+    for quantity, low, high in (
+        (CrossingQuantity.PHASE_MARGIN, 0.5 * math.pi - most, 0.5 * math.pi - least),
+        (CrossingQuantity.DELAY_MARGIN, 0.5 * math.pi / 0.8 - 1.0, 0.5 * math.pi / 0.5 - 0.8),
+        (CrossingQuantity.PHASE_SLOPE, -most, -least),
     ):
-        assert_sharp(case.every(reading, upper=False), low, upper=False)
-        assert_sharp(case.every(reading, upper=True), high, upper=True)
+        assert_sharp(case.every(quantity, upper=False), low, upper=False)
+        assert_sharp(case.every(quantity, upper=True), high, upper=True)
     assert_sharp(case.gain_margin(upper=False), math.log(0.5 * math.pi / most), upper=False)
     for some, worst, upper in (
-        (case.some(Reading.CROSSOVER, upper=False), math.log(0.5), False),
-        (case.some(Reading.CROSSOVER, upper=True), math.log(0.8), True),
+        (case.some(CrossingQuantity.CROSSOVER, upper=False), math.log(0.5), False),
+        (case.some(CrossingQuantity.CROSSOVER, upper=True), math.log(0.8), True),
         (case.gain_margin(upper=True), math.log(0.5 * math.pi / least), True),
     ):
         assert_sharp(some, worst, upper, gap=1e-6)
@@ -99,23 +99,23 @@ def test_three_lags_have_their_textbook_gain_margin_and_crossover() -> None:
     assert_sharp(case.gain_margin(upper=False), math.log(2.0), upper=False)
     assert_sharp(case.gain_margin(upper=True), math.log(8.0 / 3.0), upper=True)
     margins = [math.pi - 3.0 * math.atan(math.sqrt(k ** (2.0 / 3.0) - 1.0)) for k in (4.0, 3.0)]
-    assert_sharp(case.every(Reading.PHASE_MARGIN, upper=False), margins[0], upper=False)
-    assert_sharp(case.every(Reading.PHASE_MARGIN, upper=True), margins[1], upper=True)
+    assert_sharp(case.every(CrossingQuantity.PHASE_MARGIN, upper=False), margins[0], upper=False)
+    assert_sharp(case.every(CrossingQuantity.PHASE_MARGIN, upper=True), margins[1], upper=True)
 
 
 def test_an_unstable_pole_has_its_textbook_phase_margin() -> None:
     # 2/(s - p): crossover sqrt(4 - p^2), PM = atan(crossover/p)
     case = Case(FoPi(2.0, 0.0, 1.0), pole(1.0, (-0.5, -0.3)))
     low, high = (math.atan(math.sqrt(4.0 - p * p) / p) for p in (0.5, 0.3))
-    assert_sharp(case.every(Reading.PHASE_MARGIN, upper=False), low, upper=False)
-    assert_sharp(case.every(Reading.PHASE_MARGIN, upper=True), high, upper=True)
+    assert_sharp(case.every(CrossingQuantity.PHASE_MARGIN, upper=False), low, upper=False)
+    assert_sharp(case.every(CrossingQuantity.PHASE_MARGIN, upper=True), high, upper=True)
 
 
 def test_a_pole_may_pass_the_origin_and_the_phase_margin_with_it() -> None:
     case = Case(FoPi(2.0, 0.0, 1.0), pole(1.0, (-0.5, 0.5)))
     low = math.atan(math.sqrt(3.75) / 0.5)
-    assert_sharp(case.every(Reading.PHASE_MARGIN, upper=False), low, upper=False)
-    assert_sharp(case.every(Reading.PHASE_MARGIN, upper=True), math.pi - low, upper=True)
+    assert_sharp(case.every(CrossingQuantity.PHASE_MARGIN, upper=False), low, upper=False)
+    assert_sharp(case.every(CrossingQuantity.PHASE_MARGIN, upper=True), math.pi - low, upper=True)
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.9, 1.1, 1.9])
@@ -124,10 +124,10 @@ def test_a_fractional_integral_alone_has_its_closed_form(alpha: float) -> None:
     case = Case(FoPi(0.0, 3.0, alpha), pole((0.5, 2.0), 0.0))
     margin = 0.5 * math.pi * (1.0 - alpha)
     for upper in (True, False):
-        assert_sharp(case.every(Reading.PHASE_MARGIN, upper), margin, upper)
-        assert_sharp(case.every(Reading.PHASE_SLOPE, upper), 0.0, upper)
+        assert_sharp(case.every(CrossingQuantity.PHASE_MARGIN, upper), margin, upper)
+        assert_sharp(case.every(CrossingQuantity.PHASE_SLOPE, upper), 0.0, upper)
         end = math.log(3.0 * (2.0 if upper else 0.5)) / (1.0 + alpha)
-        assert_sharp(case.some(Reading.CROSSOVER, upper), end, upper, gap=1e-6)
+        assert_sharp(case.some(CrossingQuantity.CROSSOVER, upper), end, upper, gap=1e-6)
 
 
 def test_a_resonance_has_its_textbook_peaks() -> None:
@@ -161,10 +161,14 @@ def test_a_direct_path_around_a_dead_time_is_bounded_by_its_circle() -> None:
 def test_the_published_brake_design_keeps_its_margins_over_all_time_constants() -> None:
     # PAPER.md: 106.5, 100.0 and 95.6 deg at 1.6, 2.35 and 3.1 s, to the digits printed
     case = Case(FoPi(0.3976732, 0.6527344, 0.55), lag(1.0, (1.6, 3.1)))
-    assert_sharp(case.every(Reading.PHASE_MARGIN, upper=False), math.radians(95.6), upper=False, gap=math.radians(0.06))
-    assert_sharp(case.every(Reading.PHASE_MARGIN, upper=True), math.radians(106.5), upper=True, gap=math.radians(0.06))
-    assert_sharp(case.some(Reading.CROSSOVER, upper=False), math.log(0.3444), upper=False, gap=2e-4)
-    assert_sharp(case.some(Reading.CROSSOVER, upper=True), math.log(0.4855), upper=True, gap=2e-4)
+    assert_sharp(
+        case.every(CrossingQuantity.PHASE_MARGIN, upper=False), math.radians(95.6), upper=False, gap=math.radians(0.06)
+    )
+    assert_sharp(
+        case.every(CrossingQuantity.PHASE_MARGIN, upper=True), math.radians(106.5), upper=True, gap=math.radians(0.06)
+    )
+    assert_sharp(case.some(CrossingQuantity.CROSSOVER, upper=False), math.log(0.3444), upper=False, gap=2e-4)
+    assert_sharp(case.some(CrossingQuantity.CROSSOVER, upper=True), math.log(0.4855), upper=True, gap=2e-4)
     # no dead time: no phase crossover, whatever the margin
     assert shown(case.gain_margin(upper=False)(50.0))
     assert not shown(case.gain_margin(upper=True)(50.0), 200)
@@ -191,11 +195,15 @@ def test_every_one_of_three_crossovers_counts_for_a_phase_margin() -> None:
     row, _, margin, _ = over_the_family(case)
     assert np.all(np.bincount(row) == 3)
     # between 801 members the margins vary linearly to 1e-6
-    assert_sharp(case.every(Reading.PHASE_MARGIN, upper=False), float(margin.min()), upper=False, gap=1e-5)
-    assert_sharp(case.every(Reading.PHASE_MARGIN, upper=True), float(margin.max()), upper=True, gap=1e-5)
+    assert_sharp(case.every(CrossingQuantity.PHASE_MARGIN, upper=False), float(margin.min()), upper=False, gap=1e-5)
+    assert_sharp(case.every(CrossingQuantity.PHASE_MARGIN, upper=True), float(margin.max()), upper=True, gap=1e-5)
     of_each = margin.reshape(-1, 3)
-    assert_sharp(case.some(Reading.PHASE_MARGIN, upper=True), float(of_each.min(axis=1).max()), upper=True, gap=1e-5)
-    assert_sharp(case.some(Reading.PHASE_MARGIN, upper=False), float(of_each.max(axis=1).min()), upper=False, gap=1e-5)
+    assert_sharp(
+        case.some(CrossingQuantity.PHASE_MARGIN, upper=True), float(of_each.min(axis=1).max()), upper=True, gap=1e-5
+    )
+    assert_sharp(
+        case.some(CrossingQuantity.PHASE_MARGIN, upper=False), float(of_each.max(axis=1).min()), upper=False, gap=1e-5
+    )
 
 
 def test_only_the_highest_of_three_crossovers_counts_for_the_phase_slope() -> None:
@@ -204,24 +212,24 @@ def test_only_the_highest_of_three_crossovers_counts_for_the_phase_slope() -> No
     highest, lower = slope.reshape(-1, 3)[:, 2], slope.reshape(-1, 3)[:, :2]
     assert np.all(np.bincount(row) == 3)
     assert lower.max() > highest.max() + 0.1
-    assert_sharp(case.every(Reading.PHASE_SLOPE, upper=True), float(highest.max()), upper=True, gap=1e-4)
-    claim = case.every(Reading.PHASE_SLOPE, upper=True)(float(highest.max()) + 1e-4)
+    assert_sharp(case.every(CrossingQuantity.PHASE_SLOPE, upper=True), float(highest.max()), upper=True, gap=1e-4)
+    claim = case.every(CrossingQuantity.PHASE_SLOPE, upper=True)(float(highest.max()) + 1e-4)
     record = search(claim, 3000).record
     k = next(k for k, token in enumerate(record) if token[0] == "h")
     ends = record[k][1:].split(":")
     for zone in (f"{float(ends[0]) - 9.0!r}:{ends[1]}", f"{ends[1]}:{float(ends[1]) + 1.0!r}", f"{ends[0]}:{ends[0]}"):
-        assert check(claim, (*record[:k], f"h{zone}", *record[k + 1 :])) == f"leaf {k} does not hold on its box"
+        assert check_record(claim, (*record[:k], f"h{zone}", *record[k + 1 :])) == f"leaf {k} does not hold on its box"
     # of a margin every crossover counts: such a leaf is none
-    margin = case.every(Reading.PHASE_MARGIN, upper=True)(-10.0)
-    assert isinstance(check(margin, record), str)
+    margin = case.every(CrossingQuantity.PHASE_MARGIN, upper=True)(-10.0)
+    assert isinstance(check_record(margin, record), str)
 
 
 def test_members_without_a_crossover_are_never_overlooked() -> None:
     # k/(s + 1) crosses |L| = 1 for k > 1 alone
     for low, high, crosses, never in ((1.01, 2.0, True, False), (0.9, 2.0, False, False), (0.5, 0.99, False, True)):
         case = Case(P, lag((low, high), 1.0))
-        assert shown(case.some(Reading.CROSSOVER, upper=True)(None)) is crosses
-        assert shown(case.every(Reading.CROSSOVER, upper=True)(-1e300)) is never
+        assert shown(case.some(CrossingQuantity.CROSSOVER, upper=True)(None)) is crosses
+        assert shown(case.every(CrossingQuantity.CROSSOVER, upper=True)(-1e300)) is never
 
 
 def test_a_peak_a_hair_above_1_is_told_from_one_a_hair_below() -> None:
@@ -231,9 +239,12 @@ def test_a_peak_a_hair_above_1_is_told_from_one_a_hair_below() -> None:
         below, above = (
             Case(FoPi(size * (1.0 + e), 0.0, 1.0), transfer_function([1.0], [1.0, 0.1, 1.0])) for e in (-excess, excess)
         )
-        never = [case.every(Reading.CROSSOVER, upper=True)(-1e300) for case in (below, above)]
+        never = [case.every(CrossingQuantity.CROSSOVER, upper=True)(-1e300) for case in (below, above)]
         assert [shown(claim) for claim in never] == [True, False]
-        assert [shown(case.some(Reading.CROSSOVER, upper=True)(None), 50) for case in (below, above)] == [False, True]
+        assert [shown(case.some(CrossingQuantity.CROSSOVER, upper=True)(None), 50) for case in (below, above)] == [
+            False,
+            True,
+        ]
 
 
 def test_leading_zeros_of_a_numerator_change_nothing() -> None:
@@ -248,8 +259,8 @@ def test_a_crossover_at_the_plants_own_frequency_is_found_for_every_member() -> 
     # Where omega_c^2 is the constant coefficient, |L| does not depend on that coefficient to first order.
     family = transfer_function([1.5], [1.0, (0.93, 1.38), (0.93, 1.27)], 0.1)
     case = Case(FoPi(0.68, 0.346, 1.22), family)
-    assert shown(case.every(Reading.PHASE_MARGIN, upper=False)(math.radians(10.0)))
-    assert shown(case.some(Reading.PHASE_MARGIN, upper=False)(math.radians(10.0)))
+    assert shown(case.every(CrossingQuantity.PHASE_MARGIN, upper=False)(math.radians(10.0)))
+    assert shown(case.some(CrossingQuantity.PHASE_MARGIN, upper=False)(math.radians(10.0)))
 
 
 def test_the_brake_of_the_documentation_is_stable_with_a_bound_of_its_sensitivity() -> None:

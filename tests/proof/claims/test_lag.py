@@ -20,10 +20,11 @@ from fopi_tune.proof.balls.box import Interval
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.claims import lag as original
 from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity
 from fopi_tune.proof.claims.crossings import EveryCrossover
 from fopi_tune.proof.claims.existence import SomeCrossover
 from fopi_tune.proof.claims.lag import LagBound, closed_form
-from fopi_tune.proof.claims.reading import Reader, Reading
+from fopi_tune.proof.claims.lag_response import LagResponse
 
 Array = NDArray[np.float64]
 EVERYWHERE: Interval = (-math.inf, math.inf)
@@ -68,7 +69,7 @@ def bound(loop: BallLoop, response: Response, level: float, upper: bool, band: I
 
 def at(form: Any, u: float) -> Any:
     """G at one frequency, as the closed forms see it."""
-    return original.At(form.general.loop, arb(u), form._plant, form._tau)
+    return LagResponse(form.general.loop, arb(u), form._plant, form._tau)
 
 
 @pytest.mark.parametrize("response", list(Response))
@@ -153,11 +154,11 @@ def test_only_a_lag_with_nothing_but_its_time_constant_uncertain_has_a_closed_fo
         claim = bound(BallLoop(gains, family), Response.SENSITIVITY, 1.0, True)
         assert closed_form(claim) is claim
     loop = BallLoop(gains, lag(1.0, (1.0, 2.0)))
-    reader, domain = Reader(loop), (EVERYWHERE, (1.0, 2.0))
-    for reading in (Reading.PHASE_SLOPE, Reading.CROSSOVER):
-        claim = EveryCrossover(loop, reading, 0.0, True, domain, 0.0, reader)
+    evaluator, domain = CrossingEvaluator(loop), (EVERYWHERE, (1.0, 2.0))
+    for quantity in (CrossingQuantity.PHASE_SLOPE, CrossingQuantity.CROSSOVER):
+        claim = EveryCrossover(loop, quantity, 0.0, True, domain, 0.0, evaluator)
         assert closed_form(claim) is claim
     one = Bound(loop, Response.SENSITIVITY, 1.0, True, (EVERYWHERE, (1.5, 1.5)), 0.0)
-    some = SomeCrossover(loop, Reading.PHASE_MARGIN, 1.0, True, domain, 0.0, reader)
+    some = SomeCrossover(loop, CrossingQuantity.PHASE_MARGIN, 1.0, True, domain, 0.0, evaluator)
     assert closed_form(one) is one
     assert closed_form(some) is some

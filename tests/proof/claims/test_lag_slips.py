@@ -23,12 +23,12 @@ from fopi_tune.core.peaks import Response
 from fopi_tune.proof.balls.box import Interval
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.claims import lag as original
-from fopi_tune.proof.claims import lag_values as original_values
+from fopi_tune.proof.claims import lag_response as original_response
 from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.branch_and_bound import search
 from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity
 from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
-from fopi_tune.proof.claims.reading import Reader, Reading
-from fopi_tune.proof.claims.search import search
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -134,17 +134,23 @@ def highest_over_tau(loop: BallLoop, values: Callable[[Loops], tuple[Rows, Array
 
 def questions_about_crossings() -> Iterator[Question]:
     for loop in (PLAIN, TWICE_NEGATIVE, WIDE, NEGATIVE):
-        domain, reader = (EVERYWHERE, *loop.family_box), Reader(loop)
-        for reading in (Reading.PHASE_MARGIN, Reading.DELAY_MARGIN):
+        domain, evaluator = (EVERYWHERE, *loop.family_box), CrossingEvaluator(loop)
+        for quantity in (CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN):
             for upper, sign in ((True, 1.0), (False, -1.0)):
 
-                def values(loops: Loops, reading: Reading = reading, sign: float = sign) -> tuple[Rows, Array]:
+                def values(
+                    loops: Loops, quantity: CrossingQuantity = quantity, sign: float = sign
+                ) -> tuple[Rows, Array]:
                     found = gain_crossovers(loops)
                     phase = np.radians(found.phase_margin_deg)
-                    return found.row, sign * (phase if reading is Reading.PHASE_MARGIN else found.delay_margin_s)
+                    return found.row, sign * (
+                        phase if quantity is CrossingQuantity.PHASE_MARGIN else found.delay_margin_s
+                    )
 
-                def claim(level: float, loop=loop, reading=reading, up=upper, domain=domain, reader=reader) -> Claim:
-                    return EveryCrossover(loop, reading, level, up, domain, -0.3, reader)
+                def claim(
+                    level: float, loop=loop, quantity=quantity, up=upper, domain=domain, evaluator=evaluator
+                ) -> Claim:
+                    return EveryCrossover(loop, quantity, level, up, domain, -0.3, evaluator)
 
                 yield from around(claim, sign * highest_over_tau(loop, values), upper)
     for loop in (PLAIN, TWICE_NEGATIVE, WIDE):
@@ -207,8 +213,8 @@ SLIPS = [
     ("da * c + a * dc - 2 * b * db", "da * c - a * dc - 2 * b * db"),
     ("da * c + a * dc - 2 * b * db", "da * c + a * dc + 2 * b * db"),
     ("qa <= 0 or", "qa >= 0 or"),
-    ("qb + qa * flat.ends[0] >= 0", "qb - qa * flat.ends[0] >= 0"),
-    ("qb + qa * flat.ends[1] <= 0", "qb - qa * flat.ends[1] <= 0"),
+    ("qb + qa * scaled.ends[0] >= 0", "qb - qa * scaled.ends[0] >= 0"),
+    ("qb + qa * scaled.ends[1] <= 0", "qb - qa * scaled.ends[1] <= 0"),
     # gain crossovers (2)
     ("y = centre.g_squared[0] - 1", "y = centre.g_squared[0] + 1"),
     ("y - x * x + (square_slope", "y + x * x + (square_slope"),
@@ -241,12 +247,12 @@ def test_the_battery_is_answered_without_a_mistake() -> None:
 
 @pytest.mark.parametrize(("old", "new"), SLIPS)
 def test_a_slip_in_a_sign_is_caught(old: str, new: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    sources = [inspect.getsource(module) for module in (original_values, original)]
+    sources = [inspect.getsource(module) for module in (original_response, original)]
     assert sum(source.count(old) for source in sources) == 1, "this line was rewritten: bring the slip up to date"
-    values, mutant = ModuleType("lag_values_with_a_slip"), ModuleType("lag_with_a_slip")
+    values, mutant = ModuleType("lag_response_with_a_slip"), ModuleType("lag_with_a_slip")
     for module, source in zip((values, mutant), sources, strict=True):
         # dataclasses look their module up by name, and the closed forms are to find the slip in their values
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        with_slip = source.replace(old, new).replace(original_values.__name__, values.__name__)
+        with_slip = source.replace(old, new).replace(original_response.__name__, values.__name__)
         exec(compile(with_slip, module.__name__, "exec"), module.__dict__)
     assert is_caught(mutant)

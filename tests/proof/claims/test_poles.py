@@ -16,9 +16,9 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.stability import unstable_closed_loop_poles
 from fopi_tune.proof.balls.box import Box
 from fopi_tune.proof.balls.loop import BallLoop
+from fopi_tune.proof.claims.branch_and_bound import check_record, search
 from fopi_tune.proof.claims.claim import Claim
 from fopi_tune.proof.claims.poles import NoAxisRoot, NoPoleAtTheEnds, count_unstable_poles
-from fopi_tune.proof.claims.search import check, search
 
 #: rad; poles closer to the axis than this are nobody's certain knowledge in double precision
 NEAR_AXIS = 1e-5
@@ -33,7 +33,7 @@ def precision() -> Iterator[None]:
 
 def shown(claim: Claim, budget: int = 500) -> bool:
     found = search(claim, budget)
-    assert not found.shown or check(claim, found.record) is None
+    assert not found.shown or check_record(claim, found.record) is None
     return found.shown
 
 

@@ -1,13 +1,14 @@
-"""The unwrapped phase of a loop at one frequency and one plant, in ball arithmetic, sheet included.
+"""The unwrapped phase of a loop at one frequency and one plant, in ball arithmetic.
 
 With phases counted from omega -> 0 as `fopi_tune.core.loops` does,
 
     arg L = arg C + phase0 + Delta arg N - Delta arg D - omega L ,                                                 (1)
 
-where Delta arg X is the continuous change of arg X(j omega) from 0 on, and phase0 holds -180 deg for a negative sign
-and for every pole in the right half-plane, and 90 deg for every root at the origin.  Up to degree 2 the change is an
-arc tangent, since one part of X(j omega)/X(0) keeps its sign; beyond, it is followed over pieces of the axis on each of
-which X stays in a ball without 0.  The total change tells how many roots lie on the right,
+where Delta arg X is the continuous change of arg X(j omega) from 0 on.  phase0 is -180 deg for a negative sign and for
+every pole in the right half-plane, and +90 deg (-90 deg) for every zero (pole) at the origin.  Up to degree 2 the
+change is an arc tangent, since one part of X(j omega)/X(0) keeps its sign.  For higher degrees the phase is followed
+over pieces of the axis; on each of them X stays in a ball without 0.  The total change gives the number of right
+half-plane roots,
 
     Delta arg X (0 -> inf) = (n - 2 right) pi/2 .                                                                  (2)
 
@@ -26,7 +27,7 @@ from itertools import pairwise
 from flint import acb, arb
 
 from fopi_tune.proof.balls.box import ball_of
-from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
+from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
 from fopi_tune.proof.balls.plant import own_derivative, polynomial
 
 _NARROWEST = 1e-7
@@ -34,65 +35,67 @@ _TAIL_STEP = 1.0
 _FARTHEST = 700.0
 
 
-def unwrapped_phase(loop: BallLoop, at: LoopBalls, tracks: tuple[Argument, Argument]) -> arb:
-    """arg L by (1), rad; nan where a root on the imaginary axis leaves the sheet open.
+def unwrapped_phase(loop: BallLoop, at: LoopEnclosure, phases: tuple[PolynomialPhase, PolynomialPhase]) -> arb:
+    """arg L by (1), rad; nan where a root on the imaginary axis makes it ambiguous.
 
     Args:
         loop: the loop.
-        at: it at one frequency, omega > 0, and one plant.
-        tracks: the plant's numerator and denominator.
+        at: the loop at one frequency, omega > 0, and one plant.
+        phases: of the plant's numerator and denominator.
     """
-    numerator, denominator = tracks
+    numerator, denominator = phases
     omega = at.omega
-    if numerator.right is None or denominator.right is None:
+    if numerator.right_half_plane_roots is None or denominator.right_half_plane_roots is None:
         return arb.nan()
     phase = loop.controller_phase(ball_of(at.u)) + numerator.change(at.u[0], omega) - denominator.change(at.u[0], omega)
-    negative = (numerator.leading_sign != denominator.leading_sign) ^ (numerator.right % 2 == 1)
+    negative = (numerator.leading_is_positive != denominator.leading_is_positive) ^ (
+        numerator.right_half_plane_roots % 2 == 1
+    )
     # two minus signs cancel
-    half_turns = -int(negative != loop.controller_is_negative) - denominator.right
-    quarter_turns = 2 * half_turns + numerator.at_origin - denominator.at_origin
+    half_turns = -int(negative != loop.controller_is_negative) - denominator.right_half_plane_roots
+    quarter_turns = 2 * half_turns + numerator.roots_at_origin - denominator.roots_at_origin
     return phase + quarter_turns * arb.pi() / 2 + loop.delay_phase(at)
 
 
-def tracks_of(loop: BallLoop, theta: Sequence[float]) -> tuple[Argument, Argument]:
-    """Numerator and denominator of one plant."""
+def plant_phases(loop: BallLoop, theta: Sequence[float]) -> tuple[PolynomialPhase, PolynomialPhase]:
+    """Phases of the numerator and denominator of one plant."""
     plant = loop.plant([arb(value) for value in theta])
-    return Argument.of([plant.gain.value * c.value for c in plant.numerator]), Argument.of(
+    return PolynomialPhase.of([plant.gain.value * c.value for c in plant.numerator]), PolynomialPhase.of(
         [c.value for c in plant.denominator]
     )
 
 
 @dataclass(frozen=True)
-class Argument:
+class PolynomialPhase:
     """arg X(j omega) of one real polynomial along the axis.
 
     Args:
         coefficients: descending powers, first and last not 0.
-        at_origin: roots at s = 0 that were taken out.
+        roots_at_origin: number of roots at s = 0; they are not in the coefficients.
     """
 
     coefficients: tuple[arb, ...]
-    at_origin: int
+    roots_at_origin: int
 
     @classmethod
-    def of(cls, coefficients: Sequence[arb]) -> Argument:
-        """Take out exact zeros at both ends."""
+    def of(cls, coefficients: Sequence[arb]) -> PolynomialPhase:
+        """Remove coefficients that are exactly 0 at both ends."""
         inner = list(coefficients)
         while inner and inner[0].is_zero():
             inner.pop(0)
-        at_origin = 0
+        roots_at_origin = 0
         while inner and inner[-1].is_zero():
             inner.pop()
-            at_origin += 1
-        return cls(tuple(inner), at_origin)
+            roots_at_origin += 1
+        return cls(tuple(inner), roots_at_origin)
 
     @property
-    def leading_sign(self) -> bool:
+    def leading_is_positive(self) -> bool:
         """Whether the first coefficient is positive."""
         return bool(self.coefficients[0] > 0)
 
     @cached_property
-    def right(self) -> int | None:
+    def right_half_plane_roots(self) -> int | None:
         """Roots in the open right half-plane; None when that could not be settled (roots on the axis)."""
         c = self.coefficients
         if not c or not all(end.is_finite() and not end.contains(0) for end in (c[0], c[-1])):
@@ -108,7 +111,7 @@ class Argument:
             if c[1].is_zero():  # undamped: counted as left, like everywhere in this package
                 return 0
             return None if second.contains(0) else 0 if second > 0 else 2
-        return self._path.right if self._path is not None else None
+        return self._path.right_half_plane_roots if self._path is not None else None
 
     def change(self, u: float, omega: arb) -> arb:
         """Delta arg X up to omega = e^u, rad."""
@@ -129,7 +132,7 @@ class Argument:
 
 @dataclass(frozen=True)
 class _Path:
-    """Arguments at places along the axis, between neighbours of which X stays in a ball without 0."""
+    """Arguments at points along the axis; between neighbouring points X stays in a ball without 0."""
 
     coefficients: tuple[arb, ...]
     places: tuple[float, ...]
@@ -167,7 +170,7 @@ class _Path:
         return self.changes[k] + (value / _value(self.coefficients, self.places[k])).arg()
 
     @property
-    def right(self) -> int | None:
+    def right_half_plane_roots(self) -> int | None:
         """By (2)."""
         degree = len(self.coefficients) - 1
         end = self.places[-1]
@@ -191,7 +194,7 @@ def _range(coefficients: Sequence[arb], a: float, b: float) -> acb:
 
 
 def _reach(coefficients: Sequence[arb], direction: int) -> float | None:
-    """u beyond which (in this direction) one end's term outweighs all others twice."""
+    """u beyond which, in this direction, the dominant term is more than twice the sum of all others."""
     ordered = list(coefficients) if direction > 0 else list(reversed(coefficients))
     leading, others = ordered[0].abs_lower(), [c.abs_upper() for c in ordered[1:]]
     largest = max((float(c / leading) for c in others), default=1.0)

@@ -1,16 +1,16 @@
-"""Charts of the gains:  the coordinates that are searched, and C(s) over a box of them in ball arithmetic.
+"""Parametrizations of the controller:  the coordinates of the search, and C(s) over a box of them in ball arithmetic.
 
-Over a box with centre c and half-widths h the controller at one s is a plane and a rest,
+Over a box with centre c and half-widths h the controller at one s has a first-order Taylor model,
 
-    C(s)  =  C_c + sum_i C_i t_i + e ,     |t_i| <= h_i ,   |e| <= rest ,                                          (1)
+    C(s)  =  C_c + sum_i C_i t_i + e ,     |t_i| <= h_i ,   |e| <= r ,                                          (1)
 
-C_i the derivatives at the centre, the rest of second order in the box's size.  `GainChart` has the gains themselves as
-coordinates, and with rho = s^-alpha, sigma = ln s
+where C_i are the derivatives at the centre, and the remainder e is of second order in the box's size.
+`GainParametrization` has the gains themselves as coordinates, and with rho = s^-alpha, sigma = ln s
 
     C = kp + ki rho ,   e = t_ki (rho - rho_c) + ki_c (rho - rho_c + sigma rho_c t_alpha) .                        (2)
 
-`CrossoverChart` holds every controller with |C(j wc) P0(j wc)| = 1, by alpha and psi = pi + arg L0(j wc) (modulo 2 pi):
-with x = e^{j(psi - pi)}/P0(j wc) and a = alpha pi/2
+`CrossoverParametrization` describes every controller with |C(j wc) P0(j wc)| = 1 by alpha and psi = pi + arg L0(j wc)
+(modulo 2 pi).  With x = e^{j(psi - pi)}/P0(j wc) and a = alpha pi/2
 
     ki = -Im x wc^alpha/sin a ,   kp = Re x + Im x cot a ,   C = Re x + Im x h ,
     h = (cos a - e^{-alpha tau})/sin a ,   tau = ln(s/wc) .                                                        (3)
@@ -39,28 +39,28 @@ _ZERO = arb(0)
 
 
 @dataclass(frozen=True)
-class Plane:
-    """A function over a box of coordinates, by (1); of a gain instead of the controller it is real.
+class TaylorModel:
+    """First-order Taylor model (1) of a function over a box of coordinates; of a gain it is real.
 
     Args:
         middle: at the centre.
         slopes: derivatives there.
-        rest: an upper bound of |e|.
+        remainder: r, an upper bound of |e|.
     """
 
     middle: acb
     slopes: tuple[acb, ...]
-    rest: arb
+    remainder: arb
 
 
 @dataclass(frozen=True)
-class Sheet:
+class ControllerEnclosure:
     """The controller over a box of coordinates and an interval of u = ln omega, s = j omega.
 
     Args:
         value: C.
         slopes: its derivatives along the coordinates.
-        along: its derivative along u.
+        along: its derivative in u.
     """
 
     value: acb
@@ -68,7 +68,7 @@ class Sheet:
     along: acb
 
 
-class Patch(ABC):
+class ControllerBox(ABC):
     """The controllers of one box of coordinates.
 
     Attributes:
@@ -92,19 +92,19 @@ class Patch(ABC):
         )
 
     @abstractmethod
-    def plane(self, log_s: acb) -> Plane:
-        """C(s) by (1), at one s given by its logarithm."""
+    def taylor_model(self, log_s: acb) -> TaylorModel:
+        """Taylor model (1) of C(s), at one s given by ln s."""
 
     @abstractmethod
-    def gain_plane(self, name: str) -> Plane:
-        """The gain `kp` or `ki` by (1)."""
+    def gain_taylor_model(self, name: str) -> TaylorModel:
+        """Taylor model (1) of the gain `kp` or `ki`."""
 
     @abstractmethod
-    def sheet(self, u: Interval) -> Sheet:
-        """C(j omega) over an interval of u."""
+    def enclosure(self, u: Interval) -> ControllerEnclosure:
+        """Enclosure of C(j omega) over an interval of u."""
 
 
-class Chart(ABC):
+class Parametrization(ABC):
     """Coordinates of the gains.
 
     Attributes:
@@ -114,18 +114,18 @@ class Chart(ABC):
     names: tuple[str, ...]
 
     @abstractmethod
-    def patch(self, box: Box) -> Patch:
+    def controllers(self, box: Box) -> ControllerBox:
         """The controllers of a box."""
 
 
 @dataclass(frozen=True)
-class GainChart(Chart):
+class GainParametrization(Parametrization):
     """The gains themselves."""
 
     names = ("kp", "ki", "alpha")
 
-    def patch(self, box: Box) -> Patch:
-        return GainPatch(box)
+    def controllers(self, box: Box) -> ControllerBox:
+        return GainBox(box)
 
     @staticmethod
     def root(controller: ControllerSpec) -> Box:
@@ -133,7 +133,7 @@ class GainChart(Chart):
         return tuple((side.min, side.max) for side in (controller.kp, controller.ki, controller.alpha))
 
 
-class GainPatch(Patch):
+class GainBox(ControllerBox):
     """A box of gains."""
 
     def __init__(self, box: Box) -> None:
@@ -142,28 +142,28 @@ class GainPatch(Patch):
         kp, ki, alpha = centre_of(box)
         self.centre = arb(kp), arb(ki), arb(alpha)
 
-    def plane(self, log_s: acb) -> Plane:
+    def taylor_model(self, log_s: acb) -> TaylorModel:
         kp, ki, alpha = self.centre
         _, wide_ki, wide_alpha = self.half
         rho = (-alpha * log_s).exp()
         z = abs(log_s) * wide_alpha
         # |e^z - 1| <= |z| e^|z|,  |e^z - 1 - z| <= |z|^2/2 e^|z|
-        rest = abs(rho) * z * z.exp() * (wide_ki + abs(ki) * z / 2)
-        return Plane(kp + ki * rho, (acb(1), rho, -log_s * (ki * rho)), rest.upper())
+        remainder = abs(rho) * z * z.exp() * (wide_ki + abs(ki) * z / 2)
+        return TaylorModel(kp + ki * rho, (acb(1), rho, -log_s * (ki * rho)), remainder.upper())
 
-    def gain_plane(self, name: str) -> Plane:
-        axis = GainChart.names.index(name)
-        return Plane(acb(self.centre[axis]), tuple(acb(int(k == axis)) for k in range(3)), _ZERO)
+    def gain_taylor_model(self, name: str) -> TaylorModel:
+        axis = GainParametrization.names.index(name)
+        return TaylorModel(acb(self.centre[axis]), tuple(acb(int(k == axis)) for k in range(3)), _ZERO)
 
-    def sheet(self, u: Interval) -> Sheet:
+    def enclosure(self, u: Interval) -> ControllerEnclosure:
         log_s = acb(ball_of(u), arb.pi() / 2)
         rho = (-self.alpha * log_s).exp()
         integral = self.ki * rho
-        return Sheet(self.kp + integral, (acb(1), rho, -log_s * integral), -self.alpha * integral)
+        return ControllerEnclosure(self.kp + integral, (acb(1), rho, -log_s * integral), -self.alpha * integral)
 
 
 @dataclass(frozen=True)
-class CrossoverChart(Chart):
+class CrossoverParametrization(Parametrization):
     """Every controller that makes one frequency a gain crossover of the nominal plant, by (3).
 
     Args:
@@ -175,8 +175,8 @@ class CrossoverChart(Chart):
     plant: acb
     names = ("alpha", "psi")
 
-    def patch(self, box: Box) -> Patch:
-        return CrossoverPatch(self, box)
+    def controllers(self, box: Box) -> ControllerBox:
+        return CrossoverBox(self, box)
 
     @cached_property
     def log_omega(self) -> arb:
@@ -190,11 +190,11 @@ class CrossoverChart(Chart):
         return (alpha.min, alpha.max), (start, start + 2.0 * math.pi + 1e-12)
 
 
-class CrossoverPatch(Patch):
+class CrossoverBox(ControllerBox):
     """A box of alpha and psi."""
 
-    def __init__(self, chart: CrossoverChart, box: Box) -> None:
-        self.box, self.chart = box, chart
+    def __init__(self, parametrization: CrossoverParametrization, box: Box) -> None:
+        self.box, self.parametrization = box, parametrization
         alpha, psi = map(arb, centre_of(box))
         self._alpha_c, self._psi = alpha, ball_of(box[1])
         self.alpha = ball_of(box[0])
@@ -205,11 +205,11 @@ class CrossoverPatch(Patch):
 
     def _point(self, psi: arb) -> acb:
         """x by (3)."""
-        return -acb(psi.cos(), psi.sin()) / self.chart.plant
+        return -acb(psi.cos(), psi.sin()) / self.parametrization.plant
 
     def _gains(self, x: acb, alpha: arb) -> tuple[arb, arb]:
         a = alpha * arb.pi() / 2
-        power = (alpha * self.chart.log_omega).exp()
+        power = (alpha * self.parametrization.log_omega).exp()
         return x.real + x.imag * a.cot(), -x.imag * power / a.sin()
 
     def _h(self, alpha: arb, tau: acb) -> tuple[acb, acb, acb]:
@@ -221,21 +221,21 @@ class CrossoverPatch(Patch):
         second = 2 * k * k * cosine / sine**2 - tau * tau * e - 2 * k * tau * e * cosine / sine
         return h, first, (second - k * k * e * (1 + cosine * cosine) / sine**2) / sine
 
-    def plane(self, log_s: acb) -> Plane:
-        tau, x = log_s - self.chart.log_omega, self._x
+    def taylor_model(self, log_s: acb) -> TaylorModel:
+        tau, x = log_s - self.parametrization.log_omega, self._x
         h, first, _ = self._h(self._alpha_c, tau)
-        return self._plane(x, h, first, *self._h(self.alpha, tau)[1:])
+        return self._taylor_model(x, h, first, *self._h(self.alpha, tau)[1:])
 
-    def _plane(self, x: acb, h: acb, first: acb, over_first: acb, over_second: acb) -> Plane:
+    def _taylor_model(self, x: acb, h: acb, first: acb, over_first: acb, over_second: acb) -> TaylorModel:
         """Of Re x + Im x h(alpha), x on a circle."""
         t_alpha, t_psi = self.half
         # |x(psi) - x_c| <= |x| t,  |x(psi) - x_c - j x_c t| <= |x| t^2/2
         size = abs(x)
-        rest = size * t_psi * (t_psi / 2 * (1 + abs(h)) + abs(over_first) * t_alpha)
-        rest = rest + abs(x.imag) * abs(over_second) * t_alpha**2 / 2
-        return Plane(x.real + x.imag * h, (x.imag * first, -x.imag + x.real * h), rest.upper())
+        remainder = size * t_psi * (t_psi / 2 * (1 + abs(h)) + abs(over_first) * t_alpha)
+        remainder = remainder + abs(x.imag) * abs(over_second) * t_alpha**2 / 2
+        return TaylorModel(x.real + x.imag * h, (x.imag * first, -x.imag + x.real * h), remainder.upper())
 
-    def gain_plane(self, name: str) -> Plane:
+    def gain_taylor_model(self, name: str) -> TaylorModel:
         k, x = arb.pi() / 2, self._x
 
         def cotangent(alpha: arb) -> tuple[arb, arb, arb]:
@@ -244,39 +244,39 @@ class CrossoverPatch(Patch):
 
         def power(alpha: arb) -> tuple[arb, arb, arb]:
             # f = wc^alpha/sin a:  f' = f q,  f'' = f (q^2 + q'),  q = ln wc - k cot a
-            f = (alpha * self.chart.log_omega).exp() / (k * alpha).sin()
-            q = self.chart.log_omega - k * (k * alpha).cot()
+            f = (alpha * self.parametrization.log_omega).exp() / (k * alpha).sin()
+            q = self.parametrization.log_omega - k * (k * alpha).cot()
             return f, f * q, f * (q * q + (k / (k * alpha).sin()) ** 2)
 
         if name == "kp":
             f, first, _ = cotangent(self._alpha_c)
             _, over_first, over_second = cotangent(self.alpha)
-            return self._plane(x, acb(f), acb(first), acb(over_first), acb(over_second))
+            return self._taylor_model(x, acb(f), acb(first), acb(over_first), acb(over_second))
         f, first, _ = power(self._alpha_c)
         _, over_first, over_second = power(self.alpha)
-        # ki = -Im x f:  the same without Re x, and its bound holds a fortiori
-        found = self._plane(x, acb(f), acb(first), acb(over_first), acb(over_second))
-        return Plane(acb(-x.imag * f), (acb(-x.imag * first), acb(-x.real * f)), found.rest)
+        # ki = -Im x f:  the same without Re x; the remainder of the sum bounds that of this term
+        found = self._taylor_model(x, acb(f), acb(first), acb(over_first), acb(over_second))
+        return TaylorModel(acb(-x.imag * f), (acb(-x.imag * first), acb(-x.real * f)), found.remainder)
 
-    def sheet(self, u: Interval) -> Sheet:
-        tau = acb(ball_of(u) - self.chart.log_omega, arb.pi() / 2)
+    def enclosure(self, u: Interval) -> ControllerEnclosure:
+        tau = acb(ball_of(u) - self.parametrization.log_omega, arb.pi() / 2)
         x = self._point(self._psi)
         h, first, _ = self._h(self.alpha, tau)
         e = (-self.alpha * tau).exp() / (arb.pi() / 2 * self.alpha).sin()
-        return Sheet(x.real + x.imag * h, (x.imag * first, -x.imag + x.real * h), x.imag * self.alpha * e)
+        return ControllerEnclosure(x.real + x.imag * h, (x.imag * first, -x.imag + x.real * h), x.imag * self.alpha * e)
 
 
 class BoxLoop(BallLoop):
     """Controllers with gains in balls, and a family of plants.
 
-    `gains` are some floating-point gains of the box: they say only which gains are exactly 0.  ki may not be 0 or not:
-    without it there is no integral, and the number of poles is another.
+    `gains` are some floating-point gains of the box: they only tell which gains are exactly 0.  The box must not
+    contain both ki = 0 and ki != 0: without integral action the number of poles differs.
     """
 
     @classmethod
-    def of(cls, patch: Patch, family: PlantFamily, whole: bool = True) -> BoxLoop | None:
-        """The loop of a patch, or of its centre; None where ki may be 0 or not."""
-        balls = (patch.kp, patch.ki, patch.alpha) if whole else patch.centre
+    def of(cls, controllers: ControllerBox, family: PlantFamily, whole: bool = True) -> BoxLoop | None:
+        """The loop of a box of controllers, or of its centre; None where it contains both ki = 0 and ki != 0."""
+        balls = (controllers.kp, controllers.ki, controllers.alpha) if whole else controllers.centre
         kp, ki, alpha = (float(ball.mid()) for ball in balls)
         if (ki == 0.0 and not balls[1].is_zero()) or (balls[1].contains(0) and ki != 0.0) or kp == ki == 0.0:
             return None

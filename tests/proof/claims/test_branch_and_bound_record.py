@@ -17,13 +17,13 @@ from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, Interval, split, with_interval
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.claims.bound import Bound, value_of
-from fopi_tune.proof.claims.claim import HOLDS, Claim, Finding
+from fopi_tune.proof.claims.bound import Bound, response_of
+from fopi_tune.proof.claims.branch_and_bound import SearchResult, check_record, search
+from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity
 from fopi_tune.proof.claims.crossings import EveryCrossover
 from fopi_tune.proof.claims.existence import SomeCrossover
 from fopi_tune.proof.claims.lag import closed_form
-from fopi_tune.proof.claims.reading import Reader, Reading
-from fopi_tune.proof.claims.search import Search, check, search
 
 EVERYWHERE: Interval = (-math.inf, math.inf)
 GAINS = FoPi(0.55, 0.5, 0.9)
@@ -69,10 +69,12 @@ def sensitivity_at_most(name: str, gap: float, kind: type[Bound] = Bound) -> Bou
 def reading_claim(name: str, level: float, some: bool) -> Claim:
     loop = loop_of(name)
     kind = SomeCrossover if some else EveryCrossover
-    return kind(loop, Reading.PHASE_MARGIN, level, False, (EVERYWHERE, *loop.family_box), 0.0, Reader(loop))
+    return kind(
+        loop, CrossingQuantity.PHASE_MARGIN, level, False, (EVERYWHERE, *loop.family_box), 0.0, CrossingEvaluator(loop)
+    )
 
 
-def found(claim: Claim) -> Search:
+def found(claim: Claim) -> SearchResult:
     result = search(claim, 20_000)
     assert result.shown
     return result
@@ -99,7 +101,7 @@ def recorded(name: str) -> tuple[Claim, tuple[str, ...]]:
 @pytest.mark.parametrize("name", CLAIMS)
 def test_a_record_that_was_found_is_accepted(name: str) -> None:
     result = found(CLAIMS[name]())
-    assert check(CLAIMS[name](), result.record) is None
+    assert check_record(CLAIMS[name](), result.record) is None
     assert len(result.record) == result.boxes
 
 
@@ -115,14 +117,14 @@ def test_a_record_with_a_token_less_more_or_different_is_refused(name: str) -> N
             changed += [before + after, (*before, "s0", *after), (*before, "", *after)]
         changed += [record[:k]] if k < len(record) else []
         for other in changed:
-            assert isinstance(check(claim, other), str), (k, token, other[k : k + 2])
+            assert isinstance(check_record(claim, other), str), (k, token, other[k : k + 2])
 
 
 def test_the_empty_record_and_a_single_leaf_prove_nothing() -> None:
     for name in CLAIMS:
-        assert check(CLAIMS[name](), ()) == "the record ends before the domain is covered"
-        assert check(CLAIMS[name](), (".",)) == "leaf 0 does not hold on its box"
-    assert not Search((), 1).shown
+        assert check_record(CLAIMS[name](), ()) == "the record ends before the domain is covered"
+        assert check_record(CLAIMS[name](), (".",)) == "leaf 0 does not hold on its box"
+    assert not SearchResult((), 1).shown
 
 
 def test_a_record_does_not_prove_a_level_beyond_the_truth() -> None:
@@ -130,8 +132,8 @@ def test_a_record_does_not_prove_a_level_beyond_the_truth() -> None:
         claim = sensitivity_at_most(name, 1e-4)
         record = found(claim).record
         false = replace(claim, level=peak(name) - 1e-9)
-        assert isinstance(check(false, record), str)
-        assert isinstance(check(closed_form(false), record), str)
+        assert isinstance(check_record(false, record), str)
+        assert isinstance(check_record(closed_form(false), record), str)
 
 
 def test_a_record_of_one_claim_does_not_prove_another() -> None:
@@ -143,7 +145,7 @@ def test_a_record_of_one_claim_does_not_prove_another() -> None:
         replace(claim, domain=((-1.0, 1.0), *claim.domain[1:]), upper=False),
         replace(claim, loop=BallLoop(FoPi(3.0, 3.0, 0.9), lag_gain_and_delay())),
     ):
-        assert isinstance(check(other, record), str)
+        assert isinstance(check_record(other, record), str)
 
 
 def test_a_face_at_the_other_end_or_of_another_axis_is_refused() -> None:
@@ -155,14 +157,14 @@ def test_a_face_at_the_other_end_or_of_another_axis_is_refused() -> None:
         swapped = record[k].translate(str.maketrans("+-", "-+"))
         further = record[k] + "0+" if "0" not in record[k] else record[k] + "9+"
         for token in (swapped, further, "p", "p1", "p+", "p9+"):
-            reason = check(claim, (*record[:k], token, *record[k + 1 :]))
+            reason = check_record(claim, (*record[:k], token, *record[k + 1 :]))
             assert reason is not None
             assert reason.endswith("takes a face that need not be the worst"), (token, reason)
 
 
 def test_a_face_of_a_box_whose_worst_point_is_inside_is_refused() -> None:
     claim = sensitivity_at_most("second", 1e-4)
-    assert isinstance(check(claim, ("p1+", *found(claim).record)), str)
+    assert isinstance(check_record(claim, ("p1+", *found(claim).record)), str)
 
 
 @pytest.mark.parametrize(
@@ -176,23 +178,24 @@ def test_a_token_that_is_nonsense_is_refused_and_never_raises(token: str) -> Non
     for name in ("bound", "every crossover", "closed form"):
         claim, record = recorded(name)
         for k in (0, len(record) // 2, len(record) - 1):
-            assert isinstance(check(claim, (*record[:k], token, *record[k + 1 :])), str), (name, k)
-    assert isinstance(check(CLAIMS["some crossover"](), (token,)), str)
+            assert isinstance(check_record(claim, (*record[:k], token, *record[k + 1 :])), str), (name, k)
+    assert isinstance(check_record(CLAIMS["some crossover"](), (token,)), str)
 
 
 def test_a_zone_without_a_crossing_or_with_a_worse_one_is_refused() -> None:
     claim = reading_claim("second", math.radians(40.0), some=True)
     result = found(claim)
-    assert check(claim, result.record) is None
+    assert check_record(claim, result.record) is None
     k = next(k for k, token in enumerate(result.record) if token[0] == "x")
     low, high = map(float, result.record[k][1:].split(":"))
     for zone in ((low - 3.0, high - 3.0), (low + 3.0, high + 3.0), (low, low + 1e-12), (high, low)):
         token = f"x{zone[0]!r}:{zone[1]!r}"
         assert (
-            check(claim, (*result.record[:k], token, *result.record[k + 1 :])) == f"leaf {k} does not hold on its box"
+            check_record(claim, (*result.record[:k], token, *result.record[k + 1 :]))
+            == f"leaf {k} does not hold on its box"
         )
     worse = reading_claim("second", math.radians(60.0), some=True)
-    assert isinstance(check(worse, result.record), str)
+    assert isinstance(check_record(worse, result.record), str)
 
 
 # --- the search ----------------------------------------------------------------------------------------------------
@@ -216,15 +219,15 @@ def test_a_search_that_gives_up_says_so() -> None:
 class NaiveBound(Bound):
     """The same claim by the enclosure of the response alone, cut along its tail or its longest axis."""
 
-    def examine(self, box: Box) -> Finding:
+    def examine(self, box: Box) -> BoxVerdict:
         if box[0] == EVERYWHERE:
-            return Finding(None, 0)
-        value = value_of(self.loop.over(box), self.response)
+            return BoxVerdict(None, 0)
+        value = response_of(self.loop.over(box), self.response)
         if value.is_finite() and value.abs_upper() <= arb(self.level).exp():
             return HOLDS
         widths = [high - low for low, high in box]
         parts = [w / (high - low) for w, (low, high) in zip(widths[1:], self.domain[1:], strict=True)]
-        return Finding(None, int(np.argmax([widths[0], *parts])))
+        return BoxVerdict(None, int(np.argmax([widths[0], *parts])))
 
 
 @pytest.mark.parametrize("name", ["lag", "second"])

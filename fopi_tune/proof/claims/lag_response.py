@@ -1,6 +1,6 @@
-"""What the closed forms of the lag are made of:  G and what 1 + jx + G consists of, over an interval of u.
+"""Terms of the closed forms of the lag:  G, and the summands of 1 + jx + G, over an interval of u.
 
-On samples by (1a) of `fopi_tune.proof.claims.lag`.
+Symbols and formula (1a), which is used on samples, are those of `fopi_tune.proof.claims.lag`.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.sampled import SampledBallLoop
 
 #: a value and its derivative in u
-Pair = tuple[arb, arb]
+ValueAndSlope = tuple[arb, arb]
 
 
-def lag_of(loop: BallLoop, time_constant: arb) -> arb:
+def scaled_time_constant(loop: BallLoop, time_constant: arb) -> arb:
     """tau in x = omega tau; on samples coth(Ts/(2 tau)) in x = nu tau:  m/(z - 1 + m), m = 1 - e^{-Ts/tau}, is
     (1 - w)/(1 + w (2/m - 1))."""
     if not isinstance(loop, SampledBallLoop):
@@ -25,7 +25,7 @@ def lag_of(loop: BallLoop, time_constant: arb) -> arb:
     return (loop.sample_time / (2 * time_constant)).coth()
 
 
-def _hold(loop: BallLoop, omega: arb, dead_time: arb) -> tuple[acb, acb]:
+def _delay_factor(loop: BallLoop, omega: arb, dead_time: arb) -> tuple[acb, acb]:
     """h = e^{-j omega L} and d ln h/du; on samples (1 - w) z^-l."""
     if not isinstance(loop, SampledBallLoop):
         if dead_time.is_zero():
@@ -40,7 +40,7 @@ def _hold(loop: BallLoop, omega: arb, dead_time: arb) -> tuple[acb, acb]:
     return acb(1, -omega) * acb(cosine, -sine), slope
 
 
-def _hold_phase(loop: BallLoop, omega: arb, dead_time: arb) -> arb:
+def _delay_phase(loop: BallLoop, omega: arb, dead_time: arb) -> arb:
     """arg h."""
     if not isinstance(loop, SampledBallLoop):
         return -omega * dead_time
@@ -48,7 +48,7 @@ def _hold_phase(loop: BallLoop, omega: arb, dead_time: arb) -> arb:
 
 
 @dataclass(frozen=True)
-class Flat:
+class ScaledTerms:
     """The summands of 1 + jx + G, or of the same by (1a).
 
     Args:
@@ -59,26 +59,26 @@ class Flat:
         ends: x1 and x2.
     """
 
-    one: Pair
+    one: ValueAndSlope
     rate: arb
     g: acb
     slope: acb
     ends: tuple[arb, arb]
 
     @property
-    def one_squared(self) -> Pair:
+    def one_squared(self) -> ValueAndSlope:
         """1, or k^2."""
         value, slope = self.one
         return value * value, 2 * value * slope
 
     @property
-    def g_squared(self) -> Pair:
+    def g_squared(self) -> ValueAndSlope:
         """|G|^2."""
         real, imag = self.g.real, self.g.imag
         return real * real + imag * imag, 2 * (real * self.slope.real + imag * self.slope.imag)
 
 
-class At:
+class LagResponse:
     """G and its derivative over an interval of u."""
 
     def __init__(self, loop: BallLoop, u: arb, plant: tuple[arb, arb], tau: tuple[arb, arb]) -> None:
@@ -87,7 +87,7 @@ class At:
         self.omega = u.exp()
         c, slope = loop.controller(u)
         # G = K C h,  d ln G/du = d ln C/du + d ln h/du
-        hold, hold_slope = _hold(loop, self.omega, self.dead_time)
+        hold, hold_slope = _delay_factor(loop, self.omega, self.dead_time)
         self.c, self.c_slope = c, slope
         self.g, self.log_slope = self.gain * c * hold, slope + hold_slope
 
@@ -97,14 +97,14 @@ class At:
         return self.g * self.log_slope
 
     @property
-    def g_squared(self) -> Pair:
+    def g_squared(self) -> ValueAndSlope:
         """|G|^2."""
         real, imag = self.g.real, self.g.imag
         size = real * real + imag * imag
         return size, 2 * size * self.log_slope.real
 
     @property
-    def c_squared(self) -> Pair:
+    def c_squared(self) -> ValueAndSlope:
         """|C|^2."""
         real, imag = self.c.real, self.c.imag
         size = real * real + imag * imag
@@ -115,10 +115,10 @@ class At:
         return self.omega * self._tau[upper]
 
     @cached_property
-    def flat(self) -> Flat:
-        """What the bounds are made of, by (1a) on samples."""
+    def scaled(self) -> ScaledTerms:
+        """The summands of the bounds; by (1a) on samples."""
         if not isinstance(self._loop, SampledBallLoop):
-            return Flat((arb(1), arb(0)), arb(1), self.g, self.g_slope, (self.x(False), self.x(True)))
+            return ScaledTerms((arb(1), arb(0)), arb(1), self.g, self.g_slope, (self.x(False), self.x(True)))
         theta = self.omega.atan()
         sine, cosine = theta.sin_cos()
         turns = 2 * (self._loop.whole_samples or 0) + 1
@@ -127,12 +127,12 @@ class At:
         # d theta/du = sin theta cos theta
         slope = g * (self.c_slope - acb(0, turns * sine * cosine))
         ends = self._tau[0] * sine, self._tau[1] * sine
-        return Flat((cosine, -sine * sine * cosine), cosine * cosine, g, slope, ends)
+        return ScaledTerms((cosine, -sine * sine * cosine), cosine * cosine, g, slope, ends)
 
     @property
     def g_phase(self) -> arb:
         """arg G, unwrapped, at one frequency."""
-        phase = self._loop.controller_phase(self._u) + _hold_phase(self._loop, self.omega, self.dead_time)
+        phase = self._loop.controller_phase(self._u) + _delay_phase(self._loop, self.omega, self.dead_time)
         # two minus signs cancel
         return phase - arb.pi() if (self.gain < 0) != self._loop.controller_is_negative else phase
 
@@ -147,8 +147,8 @@ class At:
         return self._loop.stretch(self.omega)
 
 
-class AtTheEnd:
-    """What a bound needs of all frequencies from a place to Nyquist's, z = -1 included; without derivatives."""
+class LagNyquistTail:
+    """Terms of a bound over all frequencies from u to Nyquist's, z = -1 included; without derivatives."""
 
     def __init__(self, loop: SampledBallLoop, from_u: float, gain: arb, tau: tuple[arb, arb]) -> None:
         inverse = arb(0).union((-arb(from_u)).exp())
@@ -158,10 +158,10 @@ class AtTheEnd:
         turn = theta * (2 * (loop.whole_samples or 0) + 1)
         g = gain * self._c * acb(turn.cos(), -turn.sin())
         sine = theta.sin()
-        self.flat = Flat((theta.cos(), zero), zero, g, acb(0), (tau[0] * sine, tau[1] * sine))
+        self.scaled = ScaledTerms((theta.cos(), zero), zero, g, acb(0), (tau[0] * sine, tau[1] * sine))
 
     @property
-    def c_squared(self) -> Pair:
+    def c_squared(self) -> ValueAndSlope:
         """|C|^2."""
         real, imag = self._c.real, self._c.imag
         return real * real + imag * imag, arb(0)

@@ -1,7 +1,7 @@
-"""Branch and bound over the gains:  shows that no gains meet a spec with an objective better than a level.
+"""Branch and bound over the gains:  proves that no gains meet a spec with an objective better than a level.
 
-Boxes are screened in floating point by the hundred; what that suggests is tested in ball arithmetic, box by box, and
-only then a box is discarded.  What is left is cut along the axis that matters most.
+Batches of boxes are screened in floating point.  A box is discarded only when the suggested reason is confirmed in ball
+arithmetic.  The remaining boxes are split along the axis with the largest variation.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from enum import StrEnum
 
 import numpy as np
 
-from fopi_tune.optimum.charts import GainChart
+from fopi_tune.optimum.parametrization import GainParametrization
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.pruning.brackets import Suggestion, suggestions
 from fopi_tune.optimum.pruning.conditions import Test
-from fopi_tune.optimum.pruning.refute import Reason, fails
+from fopi_tune.optimum.pruning.crossover_suggestions import Suggestion, suggestions
+from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.pruning.sample_points import (
     constant_reasons,
     first_reasons,
@@ -25,30 +25,30 @@ from fopi_tune.optimum.pruning.sample_points import (
     meets_conditions,
     plants_to_try,
 )
-from fopi_tune.optimum.pruning.screen import Boxes, Samples
+from fopi_tune.optimum.pruning.screen import Boxes, ScreeningSamples
 from fopi_tune.optimum.tree import Node
 from fopi_tune.proof.balls.box import centre_of
 
-#: (boxes looked at, boxes open) while a search runs
+#: called with (boxes examined, boxes open) while a search runs
 Progress = Callable[[int, int], None]
 
 _BATCH = 256
-#: a ratio from which a suggestion is worth a test in balls, of a plane and of what is bounded more roughly
+#: ratios from which a suggestion is tested in ball arithmetic: of a Taylor model, and of rougher bounds
 _SURE, _WORTH = 1.0 + 1e-9, 1.02
-#: rounds between looks for new samples, and boxes that are looked at for them
+#: rounds between searches for new samples, and boxes used for them
 _REFINE_EVERY, _REFINE_BOXES = 4, 24
-#: centres that are tried as controllers at each of these looks
+#: box centres tried as controllers each time
 _MOST_TRIED = 3
-#: cuts between attempts at claims that cost milliseconds
+#: splits between attempts at claims that cost milliseconds
 _COSTLY_EVERY = 3
-#: a box this much narrower than its root (along its widest side) is not worth cutting any more
+#: a box whose widest side is this fraction of its root's is not split further
 _NARROWEST = 2.0**-26
-#: how much narrower than its widest side a side may be cut, as parts of the root
+#: a side is split only if it is wider than this fraction of the widest side, both relative to the root
 _ASPECT = 0.1
 
 
-class Ended(StrEnum):
-    """How a search for one level ended; the value says why it was not shown."""
+class Termination(StrEnum):
+    """How the search for one level ended; the value says why the level was not proved."""
 
     SHOWN = ""
     LIMIT = "the limit of time or boxes was reached"
@@ -75,18 +75,18 @@ class Limits:
 
     @property
     def is_over(self) -> bool:
-        """Whether the time is up."""
+        """Whether the time limit is reached."""
         return time.monotonic() >= self.until
 
 
 @dataclass
-class Search:
-    """A tree that grows from level to level.
+class BranchAndBound:
+    """A search whose tree is kept from level to level.
 
     Args:
-        problem: with the level that is being shown.
+        problem: with the current level.
         roots: of the trees.
-        looked_at: boxes so far.
+        boxes_examined: so far.
         better: coordinates of a controller that seems to meet every condition.
     """
 
@@ -96,33 +96,33 @@ class Search:
     reasons: list[Reason]
     points: list[tuple[float, ...]]
     progress: Progress | None = None
-    looked_at: int = 0
+    boxes_examined: int = 0
     better: tuple[float, ...] | None = None
     _open: list[Node] = field(default_factory=list)
-    _samples: Samples | None = None
+    _samples: ScreeningSamples | None = None
     _hits: dict[int, int] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, problem: Problem, limits: Limits, places: list, progress: Progress | None = None) -> Search:
-        """With samples to start from.
+    def of(cls, problem: Problem, limits: Limits, places: list, progress: Progress | None = None) -> BranchAndBound:
+        """A search with its first samples.
 
         Args:
-            problem: what to show.
-            limits: when to stop.
-            places: (frequency or None, plant) that are worth a look, from a verification.
-            progress: told how far it is.
+            problem: with the first level.
+            limits: of time and boxes.
+            places: (frequency or None, plant) of the worst cases of a verification.
+            progress: called while the search runs.
         """
         points = plants_to_try(problem, places)
         reasons = first_reasons(problem, points, places)
         return cls(problem, tuple(Node(box) for box in problem.roots), limits, reasons, points, progress)
 
-    def show(self, problem: Problem) -> Ended:
+    def show(self, problem: Problem) -> Termination:
         """Discard every box at the level of this problem.
 
-        Boxes that were discarded for an earlier level stay so, unless their reason depends on it and no longer holds.
+        Boxes discarded for an earlier level stay discarded, unless their reason depends on the level and fails now.
         """
         self.problem = problem
-        self._samples = Samples.of(problem, tuple(self.reasons))
+        self._samples = ScreeningSamples.of(problem, tuple(self.reasons))
         self._open = []
         for root in self.roots:
             for leaf in root.leaves():
@@ -132,25 +132,25 @@ class Search:
                 self._open.append(leaf)
         rounds = 0
         while self._open:
-            if self.limits.is_over or self.looked_at >= self.limits.boxes:
-                return Ended.LIMIT
+            if self.limits.is_over or self.boxes_examined >= self.limits.boxes:
+                return Termination.LIMIT
             batch, self._open = self._open[-_BATCH:], self._open[:-_BATCH]
-            self.looked_at += len(batch)
+            self.boxes_examined += len(batch)
             left = self._examined(batch)
             rounds += 1
             if left is None:
-                return Ended.NARROW
+                return Termination.NARROW
             if self.progress is not None:
-                self.progress(self.looked_at, len(self._open))
+                self.progress(self.boxes_examined, len(self._open))
             if rounds % _REFINE_EVERY == 0 and left:
                 self._refine([node for node, _ in left])
-                if self._meets_a_controller(left):
-                    return Ended.BETTER
-        return Ended.SHOWN
+                if self._finds_better_controller(left):
+                    return Termination.BETTER
+        return Termination.SHOWN
 
-    def _meets_a_controller(self, left: list[tuple[Node, float]]) -> bool:
-        """Whether the centre of a box that no sample speaks against meets every condition."""
-        line = self.problem.sheet_is_covered
+    def _finds_better_controller(self, left: list[tuple[Node, float]]) -> bool:
+        """Whether the centre of a box that violates no sample meets every condition."""
+        line = self.problem.margin_is_fixed
         good = sorted((ratio, k) for k, (node, ratio) in enumerate(left) if ratio < 0.0 and self._is_line(node) == line)
         for _, k in good[:_MOST_TRIED]:
             centre = centre_of(left[k][0].box)
@@ -163,24 +163,24 @@ class Search:
         assert leaf.reason is not None
         if not self.problem.conditions.every[leaf.reason.condition].of_objective:
             return True
-        return fails(self.problem, self.problem.chart.patch(leaf.box), leaf.reason)
+        return is_excluded(self.problem, self.problem.parametrization.controllers(leaf.box), leaf.reason)
 
     def _examined(self, batch: list[Node]) -> list[tuple[Node, float]] | None:
-        """Discard what can be discarded and cut the rest.
+        """Discard what can be discarded and split the rest.
 
         Returns:
-            What was cut with its largest ratio; None when a box is too narrow to be cut.
+            The split boxes with their largest ratios; None when a box is too narrow to be split.
         """
         assert self._samples is not None
         boxes = _boxes(batch)
-        found = self._samples.screen(self.problem.chart, boxes)
+        found = self._samples.screen(self.problem.parametrization, boxes)
         axes, ratios = found.axis.copy(), found.ratio.copy()
         rows: list[int] = []
         for row, node in enumerate(batch):
             if found.ratio[row] > _SURE and self._discard(node, self._samples.reasons[int(found.reason[row])]):
                 continue
             rows.append(row)
-        rows = self._on_sheet(batch, self._simple(batch, rows))
+        rows = self._by_fixed_margin(batch, self._simple(batch, rows))
         if rows:
             rows = self._from_crossovers(batch, boxes, rows, axes, ratios)
         left = []
@@ -196,14 +196,14 @@ class Search:
         return left
 
     def _discard(self, node: Node, reason: Reason) -> bool:
-        if not fails(self.problem, self.problem.chart.patch(node.box), reason):
+        if not is_excluded(self.problem, self.problem.parametrization.controllers(node.box), reason):
             return False
         node.reason = reason
         return True
 
     def _simple(self, batch: list[Node], rows: list[int]) -> list[int]:
         """By conditions on the gains themselves."""
-        in_range = isinstance(self.problem.chart, GainChart)
+        in_range = isinstance(self.problem.parametrization, GainParametrization)
         simple = [
             Reason(k)
             for k, condition in enumerate(self.problem.conditions.every)
@@ -222,7 +222,7 @@ class Search:
         for k, row in enumerate(rows):
             node = batch[row]
             own = sorted(by_row.get(k, []), key=lambda s: -s.ratio)
-            if self.problem.sheet_is_covered and not self._is_line(node):
+            if self.problem.margin_is_fixed and not self._is_line(node):
                 own = [s for s in own if not self._is_cover(s)]
             if any(s.ratio > _WORTH and self._discard(node, s.reason) for s in own):
                 continue
@@ -233,15 +233,15 @@ class Search:
             left.append(row)
         return left
 
-    def _on_sheet(self, batch: list[Node], rows: list[int]) -> list[int]:
-        """By what tells that the nominal phase margin can only be read at the crossover that is fixed."""
-        if not self.problem.sheet_is_covered:
+    def _by_fixed_margin(self, batch: list[Node], rows: list[int]) -> list[int]:
+        """Discard boxes in which no lower crossover can have the fixed nominal phase margin."""
+        if not self.problem.margin_is_fixed:
             return rows
         place = next(k for k, c in enumerate(self.problem.conditions.every) if c.test is Test.LOWER_CROSSOVER)
         return [row for row in rows if self._is_line(batch[row]) or not self._discard(batch[row], Reason(place))]
 
     def _is_cover(self, suggestion: Suggestion) -> bool:
-        """Whether a claim is about the whole axis: too dear off the line, where another one does the work."""
+        """Whether a claim covers the whole frequency axis: too expensive off the line of the fixed margin."""
         condition = self.problem.conditions.every[suggestion.reason.condition]
         return condition.test is Test.CROSSOVER or (condition.test is Test.MARGIN and condition.upper)
 
@@ -254,7 +254,7 @@ class Search:
         return node.box[-1] == self.roots[-1].box[-1]
 
     def _depth(self, node: Node) -> int:
-        """Cuts since the root, told from the size."""
+        """Number of splits since the root, from the box's size."""
         root = next(root for root in self.roots if _is_inside(node.box, root.box))
         volume = 0.0
         for (a, b), (first, last) in zip(node.box, root.box, strict=True):
@@ -268,7 +268,7 @@ class Search:
         return [(b - a) / (last - first) if last > first else 0.0 for (a, b), (first, last) in sides]
 
     def _axis(self, node: Node, wanted: int) -> int:
-        """The axis that is wanted, or the widest where that one is much narrower; -1 when all are too narrow."""
+        """The requested axis, or the widest where that one is much narrower; -1 when all are too narrow."""
         widths = self._widths(node)
         widest = int(np.argmax(widths))
         if widths[widest] <= _NARROWEST:
@@ -276,13 +276,13 @@ class Search:
         return wanted if wanted >= 0 and widths[wanted] > _ASPECT * widths[widest] else widest
 
     def _refine(self, left: list[Node]) -> None:
-        """New samples where the centres of boxes that are left break a condition most."""
+        """Add samples where the centres of remaining boxes violate a condition most."""
         new = further_reasons(self.problem, _boxes(left[-_REFINE_BOXES:]).middle, self.points)
         known = set(self.reasons)
         new = [reason for reason in new if reason not in known]
         if new:
             self.reasons += new
-            self._samples = Samples.of(self.problem, tuple(self.reasons))
+            self._samples = ScreeningSamples.of(self.problem, tuple(self.reasons))
 
 
 def _boxes(nodes: list[Node]) -> Boxes:

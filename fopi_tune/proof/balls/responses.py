@@ -1,6 +1,6 @@
 """L, S, T, C S over one box of frequencies and plants, in ball arithmetic, with the derivatives of ln L.
 
-On every piece of the frequency axis, with s = j omega, the loop is written with finite pieces,
+On every piece of the frequency axis, with s = j omega, the loop is written with finite factors,
 
     L = c n/(x d),    S = x d/F,    T = c n/F,    C S = c d/F,    F = x d + c n,
 
@@ -8,7 +8,7 @@ between            c = kp + ki s^-alpha    x = 1          n = N(s) e^{-Ls}      
 omega -> 0         c = kp s^alpha + ki     x = s^alpha    n = N(s) e^{-Ls}          d = D(s)
 omega -> inf       c = kp + ki s^-alpha    x = 1          n = N(s)/s^k e^{-Ls}      d = D(s)/s^k ,
 
-k the degree of D.  In the tails s (or 1/s) runs through a ball that holds 0, and e^{-j omega L} through the unit disc:
+k the degree of D.  In the tails s (or 1/s) is enclosed by a ball that holds 0, and e^{-j omega L} by the unit disc, so
 no frequency is left out.  In u = ln omega the derivatives of ln L are
 
     d ln C/du = -alpha/(1 + (kp/ki) s^alpha),    d ln N/du = s N'/N,    d(-j omega L)/du = -j omega L.
@@ -18,24 +18,76 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 from flint import acb, arb
 
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Interval, ball_of
-from fopi_tune.proof.balls.parameters import LoopParameters
-from fopi_tune.proof.balls.plant import Dual, PlantBalls, own_derivative, polynomial
+from fopi_tune.proof.balls.plant import Dual, PlantEnclosure, own_derivative, polynomial
 
-#: below this size S (or T) is not computed as 1 - T (1 - S)
+
+@dataclass(frozen=True)
+class LoopParameters:
+    """One controller and a family of plants.
+
+    Args:
+        gains: the controller.
+        family: the plants.
+    """
+
+    gains: FoPi
+    family: PlantFamily
+
+    @cached_property
+    def axes(self) -> int:
+        """Axes of a box: u and the uncertain numbers."""
+        return 1 + len(self.family.uncertain_names)
+
+    @property
+    def family_box(self) -> tuple[Interval, ...]:
+        """The box of the uncertain numbers."""
+        return tuple(zip(self.family.low.tolist(), self.family.high.tolist(), strict=True))
+
+    @cached_property
+    def kp(self) -> arb:
+        """Proportional gain."""
+        return arb(self.gains.kp)
+
+    @cached_property
+    def ki(self) -> arb:
+        """Integral gain."""
+        return arb(self.gains.ki)
+
+    @cached_property
+    def alpha(self) -> arb:
+        """Order of the integral."""
+        return arb(self.gains.alpha)
+
+    @cached_property
+    def turn(self) -> acb:
+        """j^alpha."""
+        angle = self.alpha * arb.pi() / 2
+        return acb(angle.cos(), angle.sin())
+
+    @cached_property
+    def integral(self) -> acb:
+        """ki j^-alpha."""
+        return self.ki / self.turn
+
+
+#: below this size S (or T) is computed as a product, since 1 - T (1 - S) would cancel
 _TINY = arb(1e-3)
 _ZERO = arb(0)
 _UNIT_DISC = acb(arb(0, 1), arb(0, 1))
 
 
-class LoopBalls:
+class LoopEnclosure:
     """The loop over one box:  L, S, T, C S and the derivatives of ln L.
 
-    Everything is computed when it is first asked for.
+    Every value is computed on first use and cached.
 
     Args:
         loop: the controller and the family.
@@ -43,7 +95,7 @@ class LoopBalls:
         plant: coefficients over the box.
     """
 
-    def __init__(self, loop: LoopParameters, u: Interval, plant: PlantBalls) -> None:
+    def __init__(self, loop: LoopParameters, u: Interval, plant: PlantEnclosure) -> None:
         self.loop, self.u, self.plant = loop, u, plant
         self.low_tail, self.high_tail = math.isinf(u[0]), math.isinf(u[1])
         if self.low_tail and self.high_tail:
@@ -75,7 +127,7 @@ class LoopBalls:
 
     @cached_property
     def c(self) -> acb:
-        """The controller's piece."""
+        """The factor c of the controller."""
         loop = self.loop
         if loop.gains.ki == 0.0:
             return acb(loop.kp)
@@ -147,7 +199,7 @@ class LoopBalls:
 
     @cached_property
     def _closed(self) -> tuple[acb, acb]:
-        """S and T, by whichever of L and 1/L is the smaller; a tiny one as a product, which does not cancel."""
+        """S and T from the smaller of L and 1/L; a tiny one is computed as a product to avoid cancellation."""
         gain = self.gain
         if gain.is_finite() and not gain.abs_lower() > 1:
             s = 1 / (1 + gain)
@@ -168,7 +220,7 @@ class LoopBalls:
 
     @cached_property
     def control_sensitivity(self) -> acb:
-        """C S = T/P; the latter where L is large, and C may have no end."""
+        """C S = T/P; the second form where L is large and C may be unbounded."""
         if self.x is None and not self.gain.abs_lower() > 1:
             return self.c * self.sensitivity
         return self.d / self.n * self.complementary

@@ -1,4 +1,4 @@
-"""What is read off a gain crossover:  a value psi(u, theta) with its derivatives, in ball arithmetic.
+"""Quantities at a gain crossover:  a value psi(u, theta) with its derivatives, in ball arithmetic.
 
 phase margin    pi + arg L                  rad
 delay margin    (pi + arg L)/omega          s
@@ -16,17 +16,17 @@ import numpy as np
 from flint import arb
 
 from fopi_tune.core.margins import gain_crossovers
-from fopi_tune.proof.balls.argument import Argument, tracks_of, unwrapped_phase
 from fopi_tune.proof.balls.box import ball_of
-from fopi_tune.proof.balls.loop import BallLoop, LoopBalls
+from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
+from fopi_tune.proof.balls.unwrapped_phase import PolynomialPhase, plant_phases, unwrapped_phase
 
 _MOST_STEPS = 25
 _LONGEST_STEP, _SHORTEST_STEP = 3.0, 1e-13
 _FLAT = 1e-6
 
 
-class Reading(StrEnum):
-    """What is read off; the value is its name in a certificate."""
+class CrossingQuantity(StrEnum):
+    """Quantity at a crossing; the value is its name in a certificate."""
 
     PHASE_MARGIN = "phase_margin_rad"
     DELAY_MARGIN = "delay_margin_s"
@@ -34,8 +34,8 @@ class Reading(StrEnum):
     CROSSOVER = "log_crossover_neper"
 
 
-class Reader:
-    """Evaluates readings of one loop; it remembers how plants' phases run along the axis.
+class CrossingEvaluator:
+    """Evaluates quantities at crossings of one loop; the phases of plants along the axis are cached.
 
     Args:
         loop: gains and family.
@@ -44,16 +44,16 @@ class Reader:
 
     def __init__(self, loop: BallLoop, nominal_crossings: Sequence[float] | None = None) -> None:
         self.loop = loop
-        self._tracks: dict[tuple[float, ...], tuple[Argument, Argument]] = {}
+        self._phases: dict[tuple[float, ...], tuple[PolynomialPhase, PolynomialPhase]] = {}
         self._known = None if nominal_crossings is None else list(nominal_crossings)
 
-    def phase(self, at: LoopBalls, theta: tuple[float, ...]) -> arb:
+    def phase(self, at: LoopEnclosure, theta: tuple[float, ...]) -> arb:
         """arg L, unwrapped, at one frequency of one plant."""
-        if theta not in self._tracks:
-            if len(self._tracks) > 4096:
-                self._tracks.clear()
-            self._tracks[theta] = tracks_of(self.loop, theta)
-        return unwrapped_phase(self.loop, at, self._tracks[theta])
+        if theta not in self._phases:
+            if len(self._phases) > 4096:
+                self._phases.clear()
+            self._phases[theta] = plant_phases(self.loop, theta)
+        return unwrapped_phase(self.loop, at, self._phases[theta])
 
     @cached_property
     def _nominal_crossings(self) -> list[float]:
@@ -62,7 +62,7 @@ class Reader:
         return self.all_crossings(tuple(self.loop.family.nominal_point.tolist()))
 
     def all_crossings(self, theta: tuple[float, ...]) -> list[float]:
-        """u of one plant's gain crossovers, ascending, in floating point: where to look, no more."""
+        """u of one plant's gain crossovers, ascending, in floating point; used only to choose brackets."""
         return gain_crossovers(self.loop.loops_at(np.array([theta], dtype=float))).u.tolist()
 
     @cached_property
@@ -74,7 +74,7 @@ class Reader:
         return bool(np.bincount(gain_crossovers(loops).row, minlength=1).max() > 1)
 
     def followed_crossing(self, theta: tuple[float, ...]) -> list[float]:
-        """The crossover that the nominal plant's only one becomes; none where it has several or is lost."""
+        """The continuation of the nominal plant's only crossover; empty if it has several or Newton's method fails."""
         if len(self._nominal_crossings) != 1:
             return []
         found = self._follow(self._nominal_crossings[0], theta)
@@ -84,7 +84,7 @@ class Reader:
         """Newton's method from the nominal plant's crossover."""
         plant = self.loop.plant([arb(value) for value in theta])
         for _ in range(_MOST_STEPS):
-            at = self.loop.balls((u, u), plant)
+            at = self.loop.enclosure((u, u), plant)
             value, slope = float(abs(at.gain).log().mid()), float(at.log_slope.real.mid())
             if not abs(slope) > _FLAT or not abs(value / slope) < _LONGEST_STEP:
                 return None
@@ -93,35 +93,35 @@ class Reader:
                 return u
         return None
 
-    def value(self, reading: Reading, at: LoopBalls, theta: tuple[float, ...]) -> arb:
+    def value(self, quantity: CrossingQuantity, at: LoopEnclosure, theta: tuple[float, ...]) -> arb:
         """psi at one frequency of one plant."""
-        if reading is Reading.CROSSOVER:
+        if quantity is CrossingQuantity.CROSSOVER:
             return ball_of(at.u)
-        if reading is Reading.PHASE_SLOPE:
+        if quantity is CrossingQuantity.PHASE_SLOPE:
             return at.log_slope.imag
         margin = self.phase(at, theta) + arb.pi()
-        return margin if reading is Reading.PHASE_MARGIN else margin / self.loop.frequency(at.omega)
+        return margin if quantity is CrossingQuantity.PHASE_MARGIN else margin / self.loop.frequency(at.omega)
 
 
-def slopes_of(
-    loop: BallLoop, reading: Reading, over: LoopBalls, centre: arb, shifts: Sequence[arb], omega: arb
+def derivatives_of(
+    loop: BallLoop, quantity: CrossingQuantity, over: LoopEnclosure, centre: arb, shifts: Sequence[arb], omega: arb
 ) -> list[arb]:
     """The derivatives of psi over a box.
 
     Args:
         loop: the loop.
-        reading: what psi is.
-        over: it over the box.
+        quantity: psi.
+        over: the loop over the box.
         centre: psi at the centre.
         shifts: X_i - c_i.
         omega: e^u at the centre.
     """
-    if reading is Reading.CROSSOVER:
+    if quantity is CrossingQuantity.CROSSOVER:
         return [arb(1), *(arb(0) for _ in over.log_gradient)]
-    if reading is Reading.PHASE_SLOPE:
+    if quantity is CrossingQuantity.PHASE_SLOPE:
         return [over.log_curvature.imag, *(g.imag for g in over.log_slope_gradient)]
     phase = [over.log_slope.imag, *(g.imag for g in over.log_gradient)]
-    if reading is Reading.PHASE_MARGIN:
+    if quantity is CrossingQuantity.PHASE_MARGIN:
         return phase
     # d/du (phi/omega) = (phi_u - phi d ln omega/du)/omega, phi by its own mean-value form
     frequency = loop.frequency(over.omega)

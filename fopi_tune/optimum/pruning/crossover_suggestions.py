@@ -1,10 +1,11 @@
-"""Suggestions from crossovers:  for every box the loop at its centre, its exact crossovers, and what they rule out.
+"""Suggestions from crossovers:  reasons to discard a box, from the exact crossovers of the loop at its centre.
 
 Where |L| = 1 the angle varies with the coordinates as
 
     d(arg L)/dg = Im(C_g/C) - (arg L)_u/(ln|L|)_u Re(C_g/C) ,                                                      (1)
 
-and the crossover moves by Re(C_g/C)/(ln|L|)_u.  As in `fopi_tune.optimum.pruning.screen`, nothing here is a proof.
+and the crossover moves by Re(C_g/C)/(ln|L|)_u.  As in `fopi_tune.optimum.pruning.screen`, these are suggestions,
+not proofs.
 
 Source: derived by the implicit function theorem from ln|L| = 0.
 """
@@ -23,17 +24,17 @@ from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.errors import DomainError
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Condition, Test
-from fopi_tune.optimum.pruning.refute import Reason
-from fopi_tune.optimum.pruning.screen import Boxes, controllers, gains_at
+from fopi_tune.optimum.pruning.exclusion import Reason
+from fopi_tune.optimum.pruning.screen import Boxes, gains_at, taylor_models
 
-#: how much wider than the crossover's way a bracket is, where one crossover is enough and where no other may be
+#: width of a bracket relative to the crossover's movement: to show that a crossover exists, and that no other does
 _NARROW, _WIDE = 1.3, 4.0
 _LEAST_WIDTH, _LEAST_COVER = 1e-9, 1e-4
 _TINY = 1e-300
-#: relative change of C over a box from which no claim about stability is tried
+#: relative change of C over a box above which no claim about stability is tried
 _LARGEST_CHANGE = 0.4
 #: of crossings: slopes, d ln L/du, box and plant
-Read = tuple[list[Complex], Complex, Rows, Rows]
+CrossingDerivatives = tuple[list[Complex], Complex, Rows, Rows]
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Suggestion:
         ratio: as in `fopi_tune.optimum.pruning.screen`.
         axis: along which the condition varies most; -1 where that is not known.
         reason: to be tested.
-        excess: by how much the centre breaks the condition, neper or radian; negative where it meets it.
+        excess: violation of the condition at the centre, neper or radian; negative where it is met.
     """
 
     row: int
@@ -67,15 +68,15 @@ class _Loops:
     @classmethod
     def of(cls, problem: Problem, boxes: Boxes, points: list[tuple[float, ...]]) -> _Loops:
         n, m = len(boxes), len(points)
-        kp, ki, alpha = (np.repeat(gain, m) for gain in gains_at(problem.chart, boxes.middle))
+        kp, ki, alpha = (np.repeat(gain, m) for gain in gains_at(problem.parametrization, boxes.middle))
         places = np.array(points, dtype=float).reshape(m, -1)
         plants = Plants.members(problem.family, places).take(np.tile(np.arange(m), n))
         return cls(boxes, points, Loops(kp, ki, alpha, plants), problem)
 
-    def slopes(self, found: Crossings) -> Read:
+    def slopes(self, found: Crossings) -> CrossingDerivatives:
         """C_g/C times the half-widths at crossings, complex; d ln L/du; and the box and plant of each."""
         box, plant = np.divmod(found.row, len(self.points))
-        at = controllers(self.problem.chart, self.boxes.take(box), _log_s(found.u))
+        at = taylor_models(self.problem.parametrization, self.boxes.take(box), _log_s(found.u))
         half = self.boxes.half[box]
         slopes = [s[:, 0] / at.value[:, 0] * half[:, k] for k, s in enumerate(at.slopes)]
         return slopes, self.loops.log_response_and_slope(found.row, found.u)[1], box, plant
@@ -118,7 +119,7 @@ def suggestions(problem: Problem, boxes: Boxes, points: list[tuple[float, ...]])
 
 
 def _unstable(problem: Problem, at: _Loops, found: Crossings, slopes: list[Complex]) -> Iterator[Suggestion]:
-    """Of boxes that change the loop's value at crossovers by little: the claim needs |1 + L| away from 0."""
+    """Suggest instability of boxes over which L hardly changes at crossovers: the claim needs |1 + L| away from 0."""
     poles = unstable_poles_from(at.loops, found)
     varies = np.zeros(len(at.loops))
     np.maximum.at(varies, found.row, np.abs(np.stack(slopes, axis=1)).sum(axis=1))
@@ -129,7 +130,7 @@ def _unstable(problem: Problem, at: _Loops, found: Crossings, slopes: list[Compl
 
 
 def _at_crossovers(
-    at: _Loops, found: Crossings, read: Read, wanted: list[tuple[int, Condition]]
+    at: _Loops, found: Crossings, read: CrossingDerivatives, wanted: list[tuple[int, Condition]]
 ) -> Iterator[Suggestion]:
     slopes, along, box, plant = read
     m = len(at.points)
@@ -203,7 +204,7 @@ def _low_crossovers(
     ratio = (float(condition.level.mid()) - highest[rows]) / reach[rows]
     for row, value in zip(rows.tolist(), ratio.tolist(), strict=True):
         if value > -1.0:
-            # the cover is of first order: it succeeds well inside only
+            # bounds on cells are of first order: they succeed only well inside
             yield Suggestion(row // m, min(value / 2.0, 1.5), -1, Reason(k, at.points[row % m]), value)
 
 

@@ -1,4 +1,4 @@
-"""Entries of a certificate's JSON, read strictly:  every mistake names its place."""
+"""Strict reading of a certificate's JSON:  types and ranges are checked, and every error names the entry."""
 
 from __future__ import annotations
 
@@ -13,8 +13,13 @@ _LARGEST_INTEGER = 2**1000
 Word = TypeVar("Word", bound=StrEnum)
 
 
-class Entry:
-    """One object of the document; every mistake names its place."""
+class JsonObject:
+    """One object of the document.
+
+    Args:
+        value: the parsed JSON.
+        place: its path in the document, for error messages.
+    """
 
     def __init__(self, value: object, place: str) -> None:
         if not isinstance(value, dict):
@@ -23,7 +28,7 @@ class Entry:
         self.place = place
 
     def get(self, key: str) -> Any:
-        """What is written there, whatever it is."""
+        """The raw value."""
         if key not in self.value:
             raise CertificateError(f"{self._at(key)} is missing")
         return self.value[key]
@@ -55,7 +60,7 @@ class Entry:
         found = self.get(key)
         if not isinstance(found, str):
             raise CertificateError(f"{self._at(key)} is no text")
-        if not found.isprintable():  # what could be obeyed by a terminal is never printed
+        if not found.isprintable():  # control sequences must not reach a terminal
             raise CertificateError(f"{self._at(key)} holds characters that cannot be printed")
         return found
 
@@ -73,18 +78,18 @@ class Entry:
             raise CertificateError(f"{self._at(key)} is neither true nor false")
         return found
 
-    def child(self, key: str) -> Entry:
+    def child(self, key: str) -> JsonObject:
         """An object."""
-        return Entry(self.get(key), self._at(key))
+        return JsonObject(self.get(key), self._at(key))
 
-    def children(self, key: str) -> list[Entry]:
+    def children(self, key: str) -> list[JsonObject]:
         """A list of objects."""
-        return [Entry(item, f"{self._at(key)}[{k}]") for k, item in enumerate(self._list(key))]
+        return [JsonObject(item, f"{self._at(key)}[{k}]") for k, item in enumerate(self._list(key))]
 
     def numbers(self, key: str) -> tuple[float, ...]:
         """A list of finite numbers."""
         items = self._list(key)
-        return tuple(Entry({key: item}, f"{self.place}[{k}]").number(key) for k, item in enumerate(items))
+        return tuple(JsonObject({key: item}, f"{self.place}[{k}]").number(key) for k, item in enumerate(items))
 
     def _list(self, key: str) -> list[Any]:
         found = self.get(key)

@@ -1,11 +1,11 @@
-"""No gain crossover over a whole interval of frequencies, for every controller of a box and one plant.
+"""Bounds of |L| on intervals of frequency, for every controller of a box and one plant:  where no crossover can be.
 
 With z = ki omega^-alpha and kp, ki >= 0, whatever they are,
 
     |kp + z e^{-ja}| >= max(kp, z) sin a  (a > 90 deg),  sqrt(kp^2 + z^2) (else) ,     a = alpha pi/2 ,            (1)
     d ln|C|/du <= 0  (a <= 90 deg),   alpha (1 - sin a)/(2 sin a)  (else) ,                                        (2)
 
-also where ki may be 0 and z has no end.  (2): -d ln C/du/alpha = 1 - 1/(1 + z e^{-ja}/kp), and 1/(1 + .) runs along a
+also where ki may be 0 and z is unbounded.  (2): -d ln C/du/alpha = 1 - 1/(1 + z e^{-ja}/kp), and 1/(1 + .) runs along a
 circle through 0 whose real part is at most (1 + sin a)/(2 sin a).
 
 Source: derived; (1) from the angle a between the two terms, (2) as said.
@@ -20,9 +20,9 @@ from functools import cached_property
 
 from flint import acb, arb
 
-from fopi_tune.optimum.charts import Patch
+from fopi_tune.optimum.parametrization import ControllerBox
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.pruning.reading import log_gain
+from fopi_tune.optimum.pruning.mean_value_forms import log_gain
 from fopi_tune.proof.balls.box import Interval, ball_of
 from fopi_tune.spec.model import GainRange
 
@@ -34,21 +34,21 @@ _SHORT = 0.1
 
 
 @dataclass(frozen=True)
-class Cells:
+class LoopGainBounds:
     """The controllers of a box that the spec's ranges allow, with one plant.
 
     Args:
         problem: gives the plants' responses and the ranges.
-        patch: the box.
+        controllers: the box.
         kp: their gains.
         ki: the same.
         alpha: the same.
         point: the plant.
-        sign: of the controller that the gains are of.
+        sign: -1 where the signs of both gains were changed.
     """
 
     problem: Problem
-    patch: Patch
+    controllers: ControllerBox
     kp: arb
     ki: arb
     alpha: arb
@@ -56,13 +56,13 @@ class Cells:
     sign: int = 1
 
     @classmethod
-    def of(cls, problem: Problem, patch: Patch, point: tuple[float, ...]) -> Cells:
-        """Where no gain is positive both signs are turned, and the ray with them: |L| does not mind."""
+    def of(cls, problem: Problem, controllers: ControllerBox, point: tuple[float, ...]) -> LoopGainBounds:
+        """Where no gain is positive both signs are changed; |L| is the same, and the ray of a margin is changed too."""
         box = problem.spec.controller
-        kp, ki = _allowed(patch.kp, box.kp), _allowed(patch.ki, box.ki)
+        kp, ki = _allowed(controllers.kp, box.kp), _allowed(controllers.ki, box.ki)
         if kp <= 0 and ki <= 0:
-            return cls(problem, patch, -kp, -ki, patch.alpha, point, -1)
-        return cls(problem, patch, kp, ki, patch.alpha, point)
+            return cls(problem, controllers, -kp, -ki, controllers.alpha, point, -1)
+        return cls(problem, controllers, kp, ki, controllers.alpha, point)
 
     @cached_property
     def _angle(self) -> arb:
@@ -107,27 +107,27 @@ class Cells:
         return arb(found.lower()), kp_high + high
 
     def plant_size(self, u: Interval) -> tuple[arb, arb]:
-        """Bounds of |P| over an interval; its dead time does not matter."""
-        known = self.problem.sizes
+        """Bounds of |P| over an interval; the dead time has no effect."""
+        known = self.problem.plant_gain_bounds
         key = (self.point, u)
         if key not in known:
-            over = self.problem.cell(self.point, u)
+            over = self.problem.plant_enclosure(self.point, u)
             top, bottom = over.numerator, over.d
             high = top.abs_upper() / bottom.abs_lower() if bottom.abs_lower() > 0 else arb.pos_inf()
             low = top.abs_lower() / bottom.abs_upper() if bottom.abs_upper() > 0 else _ZERO
             known[key] = arb(low.lower()), arb(high.upper())
         return known[key]
 
-    def is_off(self, u: Interval, only_below: bool) -> bool:
+    def misses_unity(self, u: Interval, only_below: bool) -> bool:
         """Whether |L| is not 1 (or less than 1) over an interval."""
         c, p = self.controller_size(u), self.plant_size(u)
         if p[1].is_finite() and c[1].is_finite() and c[1] * p[1] < 1:
             return True
         return not only_below and bool(c[0] * p[0] > 1)
 
-    def falls(self, u: Interval) -> bool:
-        """Whether |L| falls with the frequency all over an interval that is no tail."""
-        slope = self.problem.cell(self.point, u).log_slope.real
+    def is_decreasing(self, u: Interval) -> bool:
+        """Whether |L| decreases with the frequency all over an interval that is not a tail."""
+        slope = self.problem.plant_enclosure(self.point, u).log_slope.real
         own = acb(-self.alpha) if self.kp.is_zero() else acb(0)
         if not self.kp.is_zero() and not self.ki.is_zero():
             z = self.ki * (-self.alpha * acb(ball_of(u), arb.pi() / 2)).exp()
@@ -139,35 +139,35 @@ class Cells:
         most = _ZERO if self.alpha <= 1 else self.alpha * (1 - self._sine) / (2 * self._sine)
         return bool(slope + most < 0)
 
-    def crosses_nowhere(self, low: float, high: float, only_below: bool = False) -> bool:
-        """Whether |L| = 1 nowhere in an interval of u, which may be a tail or the whole axis; or |L| < 1 all over."""
+    def has_no_crossover(self, low: float, high: float, only_below: bool = False) -> bool:
+        """Whether |L| != 1 (with `only_below`: |L| < 1) all over an interval of u, which may be a tail or the axis."""
 
         def settled(u: Interval) -> bool:
-            return self.is_off(u, only_below) or self._is_off_centred(u, only_below)
+            return self.misses_unity(u, only_below) or self._misses_unity_centred(u, only_below)
 
         return _covered(settled, low, high)
 
-    def _is_off_centred(self, u: Interval, only_below: bool) -> bool:
-        """The same by the mean-value form, which knows how the gains go together: on short cells next to a crossing."""
+    def _misses_unity_centred(self, u: Interval, only_below: bool) -> bool:
+        """The same by the mean-value form, which is tighter on short intervals next to a crossing."""
         if not u[1] - u[0] < _SHORT:
             return False
-        found = log_gain(self.problem, self.patch, self.point, u)
+        found = log_gain(self.problem, self.controllers, self.point, u)
         return found is not None and bool(found.upper < 0 or (not only_below and found.lower > 0))
 
     def has_no_margin_below(self, u: float, margin: arb) -> bool:
-        """Whether no gain crossover below a place, which is one, has this phase margin (modulo a whole turn).
+        """Whether no gain crossover below the crossover u has this phase margin (modulo 360 deg).
 
-        On cells that follow each other downwards from the place |L| falls strictly, so that it is larger than 1 on
-        them; the other cells each keep |L| away from 1 or L away from the ray of that margin.
+        On consecutive intervals downwards from u, |L| decreases strictly with frequency and is therefore larger than 1.
+        On each of the other intervals |L| differs from 1, or L does not meet the ray of that margin.
         """
         ray = -acb(margin.cos(), margin.sin())
 
         def settled(cell: Interval) -> bool:
-            return self.is_off(cell, False) or self._misses(cell, ray)
+            return self.misses_unity(cell, False) or self._misses_ray(cell, ray)
 
         first, width = u, 0.25
         for _ in range(_MOST_STEPS):
-            if not self.falls((first - width, first)):
+            if not self.is_decreasing((first - width, first)):
                 width /= 4.0
                 if width < _NARROWEST:
                     break
@@ -177,18 +177,18 @@ class Cells:
                 break
         return _covered(settled, -math.inf, first, _COARSE)
 
-    def _misses(self, u: Interval, ray: acb) -> bool:
+    def _misses_ray(self, u: Interval, ray: acb) -> bool:
         """Whether L keeps away from the ray from 0 through a point, over an interval."""
         if math.isinf(u[0]) or math.isinf(u[1]):
             return False
-        over = self.problem.cell(self.point, u)
+        over = self.problem.plant_enclosure(self.point, u)
         c = self.kp + self.ki * (-self.alpha * acb(ball_of(u), arb.pi() / 2)).exp()
         turned = self.sign * c * over.gain / ray
         return bool(turned.is_finite() and (turned.real < 0 or not turned.imag.contains(0)))
 
 
 def _covered(settled: Callable[[Interval], bool], low: float, high: float, narrowest: float = _NARROWEST) -> bool:
-    """Whether an interval can be cut into cells, not too narrow ones, each of which is settled."""
+    """Whether an interval can be split into cells, none too narrow, each of which is settled."""
     pending: list[Interval] = [(low, high)]
     cells = 0
     while pending:

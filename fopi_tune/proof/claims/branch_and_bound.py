@@ -1,8 +1,8 @@
-"""Branch and bound for a claim, the record of it, and the walk that checks a record.
+"""Branch and bound for a claim, its record, and the check of a record.
 
-A record is the search's tree in preorder: `s2` cuts a box along axis 2 in the middle, `p1+2-` replaces it by its face
-at the upper end of axis 1 and the lower end of axis 2, everything else is a leaf on which the claim holds.  Cuts are
-made by one rule, so that the leaves cover the domain by construction.
+A record is the search tree in preorder: `s2` splits a box in the middle of axis 2, `p1+2-` replaces it by its face at
+the upper end of axis 1 and the lower end of axis 2, every other token is a leaf on which the claim holds.  Boxes are
+always split by the same rule, so the leaves cover the domain by construction.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ _PIN = re.compile(r"(\d+)([+-])")
 
 
 @dataclass(frozen=True)
-class Search:
-    """How a search ended.
+class SearchResult:
+    """Result of a search.
 
     Args:
-        record: tokens of the tree; empty unless the claim was shown.
-        boxes: boxes looked at.
-        counterexample: a place at which the claim is false.
-        open_boxes: of a search that gave up, boxes that were not settled.
+        record: tokens of the tree; empty unless the claim was proved.
+        boxes: number of examined boxes.
+        counterexample: a point at which the claim is false.
+        open_boxes: undecided boxes of a search that ran out of budget or could not split further.
     """
 
     record: tuple[str, ...]
@@ -39,19 +39,19 @@ class Search:
         return bool(self.record)
 
 
-def search(claim: Claim, budget: int) -> Search:
-    """Show a claim on its whole domain, or find a point where it is false.
+def search(claim: Claim, budget: int) -> SearchResult:
+    """Prove a claim on its whole domain, or find a counterexample.
 
     Args:
-        claim: what to show.
-        budget: the most boxes to look at.
+        claim: to be proved.
+        budget: most boxes to examine.
     """
     record: list[str] = []
     pending = [claim.domain]
     boxes = 0
     while pending:
         if boxes >= budget:
-            return Search((), boxes, open_boxes=tuple(pending))
+            return SearchResult((), boxes, open_boxes=tuple(pending))
         box = pending.pop()
         boxes += 1
         found = claim.examine(box)
@@ -59,24 +59,24 @@ def search(claim: Claim, budget: int) -> Search:
             record.append(found.leaf)
             continue
         if found.counterexample:
-            return Search((), boxes, counterexample=centre_of(box))
-        if found.pins:
-            record.append("p" + "".join(f"{axis}{'+' if upper else '-'}" for axis, upper in found.pins))
-            pending.append(_face(box, found.pins))
+            return SearchResult((), boxes, counterexample=centre_of(box))
+        if found.monotone_ends:
+            record.append("p" + "".join(f"{axis}{'+' if upper else '-'}" for axis, upper in found.monotone_ends))
+            pending.append(_face(box, found.monotone_ends))
             continue
         pieces = split(box, found.axis, claim.origin) if found.axis >= 0 else None
         if pieces is None:
-            return Search((), boxes, open_boxes=(box, *pending))
+            return SearchResult((), boxes, open_boxes=(box, *pending))
         record.append(f"s{found.axis}")
         pending += [pieces[1], pieces[0]]
-    return Search(tuple(record), boxes)
+    return SearchResult(tuple(record), boxes)
 
 
-def check(claim: Claim, record: tuple[str, ...]) -> str | None:
-    """Walk a record and test every leaf and face again.
+def check_record(claim: Claim, record: tuple[str, ...]) -> str | None:
+    """Walk through a record and test every leaf and face again.
 
     Returns:
-        What is wrong with it, or None.
+        The first error, or None.
     """
     pending = [claim.domain]
     position = 0
@@ -94,10 +94,10 @@ def check(claim: Claim, record: tuple[str, ...]) -> str | None:
             pending += [pieces[1], pieces[0]]
             position += 1
         elif kind == "p":
-            pins = [(_axis(digits, box), sign == "+") for digits, sign in _PIN.findall(token)]
-            if not pins or not set(pins) <= set(claim.examine(box).pins):
+            monotone_ends = [(_axis(digits, box), sign == "+") for digits, sign in _PIN.findall(token)]
+            if not monotone_ends or not set(monotone_ends) <= set(claim.examine(box).monotone_ends):
                 return f"token {position}, {token[:20]!r}, takes a face that need not be the worst"
-            pending.append(_face(box, pins))
+            pending.append(_face(box, monotone_ends))
             position += 1
         else:
             if not claim.holds(box, token):
@@ -106,8 +106,8 @@ def check(claim: Claim, record: tuple[str, ...]) -> str | None:
     return None if position == len(record) else "the record goes on after the domain is covered"
 
 
-def _face(box: Box, pins: Sequence[tuple[int, bool]]) -> Box:
-    for axis, upper in pins:
+def _face(box: Box, monotone_ends: Sequence[tuple[int, bool]]) -> Box:
+    for axis, upper in monotone_ends:
         end = box[axis][1] if upper else box[axis][0]
         box = with_interval(box, axis, (end, end))
     return box

@@ -1,4 +1,4 @@
-"""A plant behind a zero-order hold, seen at the samples, in ball arithmetic, with its derivatives.
+"""Zero-order-hold equivalent of a plant with dead time, in ball arithmetic, with its derivatives.
 
     P(z) = sum_j z^-j c adj(zI - Phi) g_j / det(zI - Phi),    j = m, ..., m + K .                                   (1)
 
@@ -6,9 +6,9 @@ The control of j samples ago acts with the weight
 
     g_j = W(1 - clip(l - j)) - W(1 - clip(l - j + 1)),    W(t) = int_0^t e^{As} b ds ,                              (2)
 
-l the delay in samples, t in samples and clip to [0, 1]: one formula for a delay that is uncertain across several
-samples; clip has kinks, where its derivative is enclosed by [0, 1].  Both polynomials are given in
-w = (z - 1)/(z + 1), the factor z^-(m + 1) apart.
+l is the delay and t the time, both in samples; clip limits to [0, 1].  The formula also holds for a delay that is
+uncertain across several samples.  At the kinks of clip its derivative is enclosed by [0, 1].  Both polynomials are
+given in w = (z - 1)/(z + 1), without the factor z^-(m + 1).
 
 Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997; (2) is derived for any delay.
 """
@@ -21,16 +21,16 @@ from functools import cache
 from flint import arb, arb_mat
 
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.balls.plant import Dual, PlantBalls
+from fopi_tune.proof.balls.plant import Dual, PlantEnclosure
 
 _ONE, _ZERO = arb(1), arb(0)
-#: an argument below which a difference of reciprocals is a series
+#: arguments below this use a series instead of a difference of reciprocals
 _SMALL = arb(1e-4)
-#: samples across which a delay may be uncertain before it is cut
+#: most samples across which a delay may be uncertain; a wider box must be split
 _MOST_SPAN = 12
 
 
-def behind_hold(plant: PlantBalls, sample_time: arb, samples: Dual, axes: int) -> PlantBalls:
+def hold_equivalent(plant: PlantEnclosure, sample_time: arb, samples: Dual, axes: int) -> PlantEnclosure:
     """Numerator and denominator of (1) in w, over a box.
 
     Args:
@@ -51,16 +51,16 @@ def behind_hold(plant: PlantBalls, sample_time: arb, samples: Dual, axes: int) -
     if direct is not None and direct.value.is_zero() and not direct.gradient:
         direct = None
     if span > _MOST_SPAN or (direct is not None and span > 1):
-        # cut the dead time first; the direct path jumps by whole samples and is not even continuous in it
-        return PlantBalls((Dual(arb.nan()),), (Dual.of(1),), Dual.of(0), first + 1)
+        # split the dead time first; with a direct path the response is not continuous in it
+        return PlantEnclosure((Dual(arb.nan()),), (Dual.of(1),), Dual.of(0), first + 1)
     if degree == 1 and direct is None and not plant.denominator[1].value.contains(0):
         return _first_order(plant, sample_time, times, first)
     weights, characteristic = _any_order(plant, direct, sample_time, times, axes)
-    return _in_w(weights, characteristic, direct, first)
+    return _bilinear(weights, characteristic, direct, first)
 
 
 def _clip(x: Dual) -> Dual:
-    """x cut to [0, 1]."""
+    """x limited to [0, 1]."""
     low, high = x.value.lower(), x.value.upper()
     if low >= 0 and high <= 1:
         return x
@@ -73,8 +73,8 @@ def _clip(x: Dual) -> Dual:
     return Dual(ends[0].union(ends[1]), {axis: slope * between for axis, slope in x.gradient.items()})
 
 
-def _first_order(plant: PlantBalls, ts: arb, times: list[Dual], first: int) -> PlantBalls:
-    """(1) for n1/(d0 s + d1), x = Ts d1/d0, with everything in it as seldom as can be:
+def _first_order(plant: PlantEnclosure, ts: arb, times: list[Dual], first: int) -> PlantEnclosure:
+    """(1) for n1/(d0 s + d1), x = Ts d1/d0, each uncertain number as rarely as possible:
 
     P = (n1/d1) z^-(m+1) z^(1-K) (1 - w) (1 + sum_j phi_j z^(k_j - 1) (z - 1))/(1 + w coth(x/2)),
     phi_j = (1 - e^{-x t_j})/(1 - e^{-x}),   k_j = K - j,   j = 0 ... K - 1 .
@@ -86,24 +86,24 @@ def _first_order(plant: PlantBalls, ts: arb, times: list[Dual], first: int) -> P
     span = len(times)
     top = [Dual.of(c) for c in _monomial(0, 0, span)]
     for j, t in enumerate(times):
-        _add(top, _share(x, t), _monomial(span - 1 - j, 1, span))
+        _add(top, _step_ratio(x, t), _monomial(span - 1 - j, 1, span))
     gain = plant.numerator[-1] / plant.denominator[1]
-    return PlantBalls(tuple(top), tuple(_with_poles(span, [lag, Dual.of(1)])), Dual.of(0), first + 1, gain)
+    return PlantEnclosure(tuple(top), tuple(_times_one_plus_w(span, [lag, Dual.of(1)])), Dual.of(0), first + 1, gain)
 
 
-def _share(x: Dual, t: Dual) -> Dual:
-    """phi = (1 - e^{-xt})/(1 - e^{-x}), 0 <= t <= 1, x != 0:  it rises with x and with t, so that its ends enclose it.
+def _step_ratio(x: Dual, t: Dual) -> Dual:
+    """phi = (1 - e^{-xt})/(1 - e^{-x}), 0 <= t <= 1, x != 0:  increasing in x and t, so the ends enclose it.
 
-    d phi/dt = e^{-xt}/g(x),  d phi/dx = phi (t h(xt) - h(x)),  g(y) = (1 - e^{-y})/y falls, h = g'/g rises.
+    d phi/dt = e^{-xt}/g(x),  d phi/dx = phi (t h(xt) - h(x)),  g(y) = (1 - e^{-y})/y decreases, h = g'/g increases.
     """
     if t.value == 1 and not t.gradient:
         return Dual.of(1)
     low, high = _ends(x.value), _ends(t.value)
     values = [(-a * b).expm1() / (-a).expm1() for a, b in zip(low, high, strict=True)]
     phi = values[0].union(values[1])
-    g = _between(x.value, lambda y: -(-y).expm1() / y)
+    g = _monotone_range(x.value, lambda y: -(-y).expm1() / y)
     along_t = (-x.value * t.value).exp() / g
-    along_x = phi * (t.value * _between(x.value * t.value, _bend) - _between(x.value, _bend))
+    along_x = phi * (t.value * _monotone_range(x.value * t.value, _log_slope) - _monotone_range(x.value, _log_slope))
     gradient = {axis: along_x * slope for axis, slope in x.gradient.items()}
     for axis, slope in t.gradient.items():
         gradient[axis] = gradient.get(axis, _ZERO) + along_t * slope
@@ -114,13 +114,13 @@ def _ends(ball: arb) -> tuple[arb, arb]:
     return arb(ball.lower()), arb(ball.upper())
 
 
-def _between(ball: arb, monotone: Callable[[arb], arb]) -> arb:
+def _monotone_range(ball: arb, monotone: Callable[[arb], arb]) -> arb:
     """The range of a monotone function over a ball."""
     low, high = _ends(ball)
     return monotone(low) if low == high else monotone(low).union(monotone(high))
 
 
-def _bend(y: arb) -> arb:
+def _log_slope(y: arb) -> arb:
     """h(y) = 1/(e^y - 1) - 1/y; -1/2 at 0."""
     if abs(y) < _SMALL:
         # |h(y) + 1/2 - y/12| <= |y|^3/720
@@ -132,16 +132,16 @@ def _bend(y: arb) -> arb:
 _Weights = tuple[list[list[Dual]], list[Dual]]
 
 
-def _any_order(plant: PlantBalls, direct: Dual | None, ts: arb, times: list[Dual], axes: int) -> _Weights:
+def _any_order(plant: PlantEnclosure, direct: Dual | None, ts: arb, times: list[Dual], axes: int) -> _Weights:
     """By the exponential of the companion form, the derivatives by that of [[A, dA], [0, A]].
 
-    The last weight, of t = 1, is that of every earlier control together.
+    The last weight, of t = 1, is that of all earlier controls together.
     """
     leading = plant.denominator[0]
     n = len(plant.denominator) - 1
     if n == 0:
         return [[] for _ in range(len(times) + 1)], [Dual.of(1)]
-    # in samples, s Ts: coefficients of falling powers take Ts^0, Ts^1, ...
+    # time in samples, s Ts: coefficients of descending powers are multiplied by Ts^0, Ts^1, ...
     missing = n + 1 - len(plant.numerator)
     scaled = [c / leading * ts**k for k, c in enumerate(plant.denominator)]
     c = [Dual.of(0)] * (missing - 1) + [
@@ -185,7 +185,7 @@ def _hold(a: list[Dual], t: Dual, axes: int) -> tuple[list[list[Dual]], list[Dua
     for axis in range(1, axes):
         slopes = [x.gradient.get(axis) for x in a]
         if any(slope is not None for slope in slopes):
-            moved = _derivative(a, [s if s is not None else _ZERO for s in slopes], t.value)
+            moved = _exponential_derivative(a, [s if s is not None else _ZERO for s in slopes], t.value)
             for i in range(n):
                 for j in range(n + 1):
                     gradients[i][j][axis] = moved[i, n + 1 + j]
@@ -208,7 +208,7 @@ def _block(a: list[arb]) -> list[list[arb]]:
     return rows
 
 
-def _derivative(a: list[Dual], slopes: list[arb], t: arb) -> arb_mat:
+def _exponential_derivative(a: list[Dual], slopes: list[arb], t: arb) -> arb_mat:
     """exp of [[M, dM], [0, M]]: its upper right block is the derivative of exp M."""
     block = _block([x.value for x in a])
     zeros = [_ZERO] * len(block)
@@ -217,7 +217,7 @@ def _derivative(a: list[Dual], slopes: list[arb], t: arb) -> arb_mat:
     return (arb_mat([*top, *([*zeros, *row] for row in block)]) * t).exp()
 
 
-def _in_w(weights: list[list[Dual]], characteristic: list[Dual], direct: Dual | None, first: int) -> PlantBalls:
+def _bilinear(weights: list[list[Dual]], characteristic: list[Dual], direct: Dual | None, first: int) -> PlantEnclosure:
     """(1) with delta = 2w/(1 - w), both polynomials times (1 - w)^degree.
 
     sum_j g_j z^(K - j) with g_j = W_j - W_(j-1) is W_K + sum_(j<K) W_j z^(K - j - 1) (z - 1).  The numerator has degree
@@ -237,12 +237,12 @@ def _in_w(weights: list[list[Dual]], characteristic: list[Dual], direct: Dual | 
     for i, coefficient in enumerate(characteristic):
         _add(bottom, coefficient, _monomial(0, n - i, n))
     if direct is not None:
-        # z^-late direct R: there is no other power of z
+        # z^-late direct R: the only power of z
         top = [x + direct * y for x, y in zip(top, bottom, strict=True)]
-    return PlantBalls(tuple(top), tuple(_with_poles(span, bottom)), Dual.of(0), first + 1)
+    return PlantEnclosure(tuple(top), tuple(_times_one_plus_w(span, bottom)), Dual.of(0), first + 1)
 
 
-def _with_poles(span: int, bottom: list[Dual]) -> list[Dual]:
+def _times_one_plus_w(span: int, bottom: list[Dual]) -> list[Dual]:
     """The denominator times (1 + w)^(K - 1)."""
     for _ in range(span - 1):
         bottom = [x + y for x, y in zip([*bottom, Dual.of(0)], [Dual.of(0), *bottom], strict=True)]

@@ -1,13 +1,13 @@
-"""The worst member of a family:  a dense sample, then zooming in on its several worst places.
+"""Worst-case search over a family:  a dense sample, then pattern search from its several largest values.
 
-A candidate is a place x with a window of half-width h around it.  Every round looks at a pattern of places in all
-windows together.  A window moves to a better place at its rim, and shrinks around one inside.  It has converged when
+A candidate is a point x with a window of half-width h around it.  Every round evaluates a pattern of points in all
+windows together.  A window moves to a larger value on its rim and shrinks around one inside.  It has converged when
+along every axis one of these holds:
 
-    - along every axis the box ends at x and the badness falls inwards, on two scales (a corner, a trend that points
-      outward), or
-    - along the other axes the badness varies by less than 1e-10 of its size within the window.
+    - x lies on the boundary of the box and the criterion decreases inwards, on two scales, or
+    - the criterion varies by less than 1e-10 of its size within the window.
 
-Jumps do not converge that way; around them a window shrinks until its width is that of rounding.
+Discontinuities do not satisfy this; there the window shrinks until its width is that of rounding.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.proof.results import Place
-from fopi_tune.proof.sample import Badness, Sample, evaluate
+from fopi_tune.proof.sample import LoopFunction, Sample, evaluate
 
 _MOST_CANDIDATES = 6
 _MOST_ROUNDS = 80
@@ -29,14 +29,14 @@ _NARROWEST = 1e-11
 
 
 @dataclass(frozen=True)
-class Worst:
+class WorstCase:
     """The worst member.
 
     Args:
-        value: its badness; nan when it has none (no gain crossover), and then it is not the only thing to know.
-        omega_rad_s: the frequency that decides.
-        x: shape (p,), its place.
-        candidates: shape (k, p), every place the search ended at.
+        value: of the criterion; nan when a member has no value (no gain crossover).
+        omega_rad_s: the frequency at which it is attained.
+        x: shape (p,), the member's normalised point.
+        candidates: shape (k, p), final points of all windows.
     """
 
     value: float
@@ -55,26 +55,28 @@ class _Candidate:
     value: float
     omega: float
     width: float
-    #: axes along which the box ends here and the badness falls inwards
+    #: axes along which x is on the boundary and the criterion decreases inwards
     pinned: Array
-    #: how much the badness varies in the window, the pinned axes apart
+    #: variation of the criterion in the window, pinned axes excluded
     spread: float
     done: bool = False
 
 
-def find_worst(sample: Sample, badness: Badness, ceiling: float = np.inf, floor: float = -np.inf) -> Worst:
-    """The largest badness over the box.
+def find_worst_case(
+    sample: Sample, criterion: LoopFunction, ceiling: float = np.inf, floor: float = -np.inf
+) -> WorstCase:
+    """Maximise a criterion over the box.
 
     Args:
-        sample: where to start from.
-        badness: to be maximised.
-        ceiling: a badness beyond this is bad enough to stop.
-        floor: windows that do not come near this are given up: the answer then lies below it, and is not exact.
+        sample: starting points.
+        criterion: to be maximised.
+        ceiling: stop as soon as a value exceeds this.
+        floor: discard windows that stay clearly below this; a result below it is not exact.
     """
-    values, omegas = evaluate(sample.loops, badness)
+    values, omegas = evaluate(sample.loops, criterion)
     missing = np.isnan(values)
     k = sample.nominal if missing[sample.nominal] else int(np.argmax(np.where(missing, np.inf, values)))
-    first = Worst(float(values[k]), float(omegas[k]), sample.x[k], sample.x[k][None, :])
+    first = WorstCase(float(values[k]), float(omegas[k]), sample.x[k], sample.x[k][None, :])
     if sample.x.shape[1] == 0 or not np.isfinite(first.value) or first.value > ceiling:
         return first
     finite = values[np.isfinite(values)]
@@ -85,11 +87,11 @@ def find_worst(sample: Sample, badness: Badness, ceiling: float = np.inf, floor:
     finished: list[_Candidate] = []
     for count in range(_MOST_ROUNDS):
         trial = [_unique(c.x + c.width * _pattern(len(c.x), count)) for c in active]
-        new_values, new_omegas = evaluate(sample.loops_at(np.concatenate(trial)), badness)
+        new_values, new_omegas = evaluate(sample.loops_at(np.concatenate(trial)), criterion)
         if np.isnan(new_values).any():
             row = int(np.argmax(np.isnan(new_values)))
             x = np.concatenate(trial)[row]
-            return Worst(np.nan, np.nan, x, x[None, :])
+            return WorstCase(np.nan, np.nan, x, x[None, :])
         ends = np.cumsum([len(t) for t in trial])[:-1]
         parts = zip(active, trial, np.split(new_values, ends), np.split(new_omegas, ends), strict=True)
         moved = [_step(c, t, v, w, sample.spacing, scale) for c, t, v, w in parts]
@@ -110,9 +112,9 @@ def place_of(sample: Sample, x: Array, omega_rad_s: float) -> Place:
     return Place(omega, sample.family.describe(point), tuple(point.tolist()))
 
 
-def _result(candidates: list[_Candidate]) -> Worst:
+def _result(candidates: list[_Candidate]) -> WorstCase:
     best = max(candidates, key=lambda c: c.value)
-    return Worst(best.value, best.omega, best.x, np.array([c.x for c in candidates]))
+    return WorstCase(best.value, best.omega, best.x, np.array([c.x for c in candidates]))
 
 
 def _start(sample: Sample, values: Array, omegas: Array, row: int) -> _Candidate:
@@ -123,7 +125,7 @@ def _start(sample: Sample, values: Array, omegas: Array, row: int) -> _Candidate
 
 
 def _distinct_peaks(sample: Sample, values: Array) -> Rows:
-    """Rows no neighbour of which is worse, the worst first, none twice."""
+    """Rows of local maxima, the largest first; of close ones only the largest."""
     n, p = sample.per_axis, sample.x.shape[1]
     peak = np.ones(len(values), dtype=bool)
     if n:
@@ -149,7 +151,7 @@ def _distinct_peaks(sample: Sample, values: Array) -> Rows:
 
 
 def _pattern(p: int, count: int) -> Array:
-    """Where to look in a window, in half-widths."""
+    """Points to evaluate in a window, in half-widths."""
     if p <= 3:
         steps = np.linspace(-1.0, 1.0, {1: 9, 2: 5, 3: 3}[p])
         pattern = np.array(list(itertools.product(steps, repeat=p)))

@@ -13,9 +13,9 @@ from flint import arb, ctx
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.proof.balls.argument import Argument, tracks_of, unwrapped_phase
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.claims.reading import Reader, Reading
+from fopi_tune.proof.balls.unwrapped_phase import PolynomialPhase, plant_phases, unwrapped_phase
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity
 
 #: rad; the phases of doubles carry rounding of a few hundred radians of factors and dead time
 PHASE = 1e-9
@@ -27,13 +27,13 @@ def precision() -> Iterator[None]:
         yield
 
 
-def polynomial(*coefficients: float) -> Argument:
-    return Argument.of([arb(c) for c in coefficients])
+def polynomial(*coefficients: float) -> PolynomialPhase:
+    return PolynomialPhase.of([arb(c) for c in coefficients])
 
 
 def phase_of(loop: BallLoop, u: float, theta: tuple[float, ...] = ()) -> arb:
     at = loop.over(((u, u), *((value, value) for value in theta)))
-    return unwrapped_phase(loop, at, tracks_of(loop, theta))
+    return unwrapped_phase(loop, at, plant_phases(loop, theta))
 
 
 def core_phase(loop: BallLoop, u: Sequence[float], theta: tuple[float, ...] = ()) -> np.ndarray:
@@ -41,17 +41,19 @@ def core_phase(loop: BallLoop, u: Sequence[float], theta: tuple[float, ...] = ()
     return loops.log_response(np.zeros(len(u), dtype=np.intp), np.array(u)).imag
 
 
-def random_roots(rng: np.random.Generator, number: int, right: float, at_origin: float) -> list[complex]:
+def random_roots(
+    rng: np.random.Generator, number: int, right_half_plane_roots: float, roots_at_origin: float
+) -> list[complex]:
     """Real, complex (damping down to 0.01) and zero roots over two decades."""
     roots: list[complex] = []
     while len(roots) < number:
-        side, size = (1.0 if rng.random() < right else -1.0), 10.0 ** rng.uniform(-1, 1)
+        side, size = (1.0 if rng.random() < right_half_plane_roots else -1.0), 10.0 ** rng.uniform(-1, 1)
         if number - len(roots) >= 2 and rng.random() < 0.5:
             zeta = 10.0 ** rng.uniform(-2, 0)
             root = size * (side * zeta + 1j * math.sqrt(1.0 - zeta**2))
             roots += [root, root.conjugate()]
         else:
-            roots.append(0.0 if rng.random() < at_origin else side * size)
+            roots.append(0.0 if rng.random() < roots_at_origin else side * size)
     return roots
 
 
@@ -179,15 +181,18 @@ def test_the_controllers_phase_runs_from_its_integral_to_its_proportional_part()
 def test_an_uncertain_plant_is_read_at_its_own_place() -> None:
     family = transfer_function([1.0, (0.5, 2.0)], [1.0, (-1.0, 1.0), 2.0, (0.5, 1.0)], (0.0, 0.3))
     loop = BallLoop(FoPi(0.7, 0.4, 0.9), family)
-    reader = Reader(loop)
+    evaluator = CrossingEvaluator(loop)
     rng = np.random.default_rng(204)
     for _ in range(40):
         theta = tuple(rng.uniform(family.low, family.high).tolist())
         u = float(rng.uniform(-2.0, 2.0))
         at = loop.over(((u, u), *((value, value) for value in theta)))
         expected = float(core_phase(loop, [u], theta)[0])
-        assert float(reader.phase(at, theta).mid()) == pytest.approx(expected, abs=PHASE)
-        margin, delay = (reader.value(reading, at, theta) for reading in (Reading.PHASE_MARGIN, Reading.DELAY_MARGIN))
+        assert float(evaluator.phase(at, theta).mid()) == pytest.approx(expected, abs=PHASE)
+        margin, delay = (
+            evaluator.value(quantity, at, theta)
+            for quantity in (CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN)
+        )
         assert float(margin.mid()) == pytest.approx(math.pi + expected, abs=PHASE)
         assert float(delay.mid()) == pytest.approx((math.pi + expected) / math.exp(u), abs=PHASE / math.exp(u))
 
@@ -203,15 +208,15 @@ def test_roots_on_the_right_are_counted() -> None:
         coefficients = np.atleast_1d(np.real(np.poly(roots))) * float(rng.choice([-3.0, 0.2]))
         # counted from the rounded coefficients; a damping of 0.01 is far beyond what rounding moves
         expected = int(np.sum(np.roots(coefficients).real > 0))
-        assert polynomial(*coefficients.tolist()).right == expected, roots
+        assert polynomial(*coefficients.tolist()).right_half_plane_roots == expected, roots
         seen.add((len(roots), expected))
     assert len(seen) > 20
 
 
 def test_roots_at_the_origin_are_taken_out_and_leading_zeros_are_none() -> None:
     x = polynomial(0.0, 0.0, 2.0, 3.0, 0.0)
-    assert (x.at_origin, x.right, len(x.coefficients)) == (1, 0, 2)
-    assert polynomial(1.0, -1.0, 0.0, 0.0).at_origin == 2
+    assert (x.roots_at_origin, x.right_half_plane_roots, len(x.coefficients)) == (1, 0, 2)
+    assert polynomial(1.0, -1.0, 0.0, 0.0).roots_at_origin == 2
 
 
 @pytest.mark.parametrize(
@@ -220,7 +225,7 @@ def test_roots_at_the_origin_are_taken_out_and_leading_zeros_are_none() -> None:
 )
 @pytest.mark.parametrize("below", [True, False])
 def test_a_root_on_the_imaginary_axis_leaves_the_sheet_open(coefficients: tuple[float, ...], below: bool) -> None:
-    assert polynomial(*coefficients).right is None
+    assert polynomial(*coefficients).right_half_plane_roots is None
     top, bottom = ([1.0], list(coefficients)) if below else (list(coefficients), np.poly([-1.0] * 4).tolist())
     loop = BallLoop(FoPi(1.0, 0.5, 0.7), transfer_function(top, bottom))
     for u in (-2.0, 3.0):
@@ -231,7 +236,7 @@ def test_a_root_on_the_imaginary_axis_leaves_the_sheet_open(coefficients: tuple[
 def test_an_undamped_pair_alone_counts_as_damped_like_everywhere(
     numerator: list[float], denominator: list[float]
 ) -> None:
-    assert polynomial(2.0, 0.0, 3.0).right == 0
+    assert polynomial(2.0, 0.0, 3.0).right_half_plane_roots == 0
     loop = BallLoop(FoPi(0.7, 0.5, 0.8), transfer_function(numerator, denominator, 0.1))
     places = [-3.0, 0.1, 0.3, 2.0]  # the pair is at u = ln sqrt 1.5 = 0.203
     found = [float(phase_of(loop, u).mid()) for u in places]
@@ -239,11 +244,11 @@ def test_an_undamped_pair_alone_counts_as_damped_like_everywhere(
 
 
 def test_a_coefficient_that_may_be_zero_leaves_the_count_open() -> None:
-    assert Argument.of([arb(1), arb(3), arb(0, 1e-3)]).right is None
-    assert Argument.of([arb(0, 1e-3), arb(3), arb(1)]).right is None
+    assert PolynomialPhase.of([arb(1), arb(3), arb(0, 1e-3)]).right_half_plane_roots is None
+    assert PolynomialPhase.of([arb(0, 1e-3), arb(3), arb(1)]).right_half_plane_roots is None
 
 
 @pytest.mark.parametrize("damping", [1e-3, 1e-5, -1e-3, -1e-5])
 def test_a_root_close_to_the_axis_is_told_from_one_on_it(damping: float) -> None:
     coefficients = np.polymul([1.0, 2.0 * damping, 1.0], [1.0, 3.0, 2.0])
-    assert polynomial(*coefficients.tolist()).right == (0 if damping > 0 else 2)
+    assert polynomial(*coefficients.tolist()).right_half_plane_roots == (0 if damping > 0 else 2)

@@ -20,12 +20,12 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, Interval
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.branch_and_bound import check_record, search
 from fopi_tune.proof.claims.claim import Claim
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity
 from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
 from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
 from fopi_tune.proof.claims.lag import closed_form
-from fopi_tune.proof.claims.reading import Reader, Reading
-from fopi_tune.proof.claims.search import check, search
 
 Array = NDArray[np.float64]
 #: neper, or relative: how far beyond the worst value a claim is made, and how far short of it
@@ -106,12 +106,16 @@ class Design:
             low, high = np.where(same, middle, low), np.where(same, high, middle)
         return row, 0.5 * (low + high)
 
-    def at_crossovers(self, reading: Reading, largest: bool, theta: Array) -> Array:
-        """The largest or smallest reading over the gain crossovers of each plant."""
+    def at_crossovers(self, quantity: CrossingQuantity, largest: bool, theta: Array) -> Array:
+        """The largest or smallest value over the gain crossovers of each plant."""
         row, u = self.crossings(lambda u, t: self.log_response(Response.LOOP_GAIN, u, t), theta)
         margin = math.pi + self.phase(u, theta[row])
-        values = {Reading.PHASE_MARGIN: margin, Reading.DELAY_MARGIN: margin / np.exp(u), Reading.CROSSOVER: u}
-        value = values[reading] if reading in values else self.slope(u, theta[row])
+        values = {
+            CrossingQuantity.PHASE_MARGIN: margin,
+            CrossingQuantity.DELAY_MARGIN: margin / np.exp(u),
+            CrossingQuantity.CROSSOVER: u,
+        }
+        value = values[quantity] if quantity in values else self.slope(u, theta[row])
         return extreme_by_row(row, value, len(theta), largest)
 
     def gain_margin(self, theta: Array) -> Array:
@@ -164,9 +168,9 @@ def worst_response(design: Design, response: Response, upper: bool, band: Interv
     return sign * max(found)
 
 
-def worst_reading(design: Design, reading: Reading, of_largest: bool, upper: bool) -> float:
+def worst_at_crossovers(design: Design, quantity: CrossingQuantity, of_largest: bool, upper: bool) -> float:
     sign = 1.0 if upper else -1.0
-    return sign * maximum(lambda x: sign * design.at_crossovers(reading, of_largest, x), plants_grid(design, 5))
+    return sign * maximum(lambda x: sign * design.at_crossovers(quantity, of_largest, x), plants_grid(design, 5))
 
 
 # --- random designs ------------------------------------------------------------------------------------------------
@@ -206,7 +210,7 @@ def random_design(name: str, seed: int) -> Design:
 def shown(claim: Claim, budget: int) -> bool:
     """Whether it is shown, and then its record is accepted."""
     found = search(claim, budget)
-    assert not found.shown or check(claim, found.record) is None
+    assert not found.shown or check_record(claim, found.record) is None
     assert not found.shown or found.counterexample is None
     return found.shown
 
@@ -252,29 +256,37 @@ def test_a_bound_of_a_response_is_shown_exactly_from_its_worst_value_on(name: st
 
 
 @pytest.mark.parametrize("name", ["lag", "pole", "second order", "gain, lag and delay"])
-@pytest.mark.parametrize("reading", [Reading.PHASE_MARGIN, Reading.DELAY_MARGIN, Reading.PHASE_SLOPE])
-def test_a_reading_at_every_crossover_is_shown_exactly_from_its_worst_value_on(name: str, reading: Reading) -> None:
+@pytest.mark.parametrize(
+    "quantity", [CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN, CrossingQuantity.PHASE_SLOPE]
+)
+def test_a_reading_at_every_crossover_is_shown_exactly_from_its_worst_value_on(
+    name: str, quantity: CrossingQuantity
+) -> None:
     design = random_design(name, 2)
     domain: Box = (EVERYWHERE, *design.loop.family_box)
     for upper in (False, True):
-        worst = worst_reading(design, reading, upper, upper)
+        worst = worst_at_crossovers(design, quantity, upper, upper)
 
         def claim(level: float, upper: bool = upper) -> Claim:
-            return EveryCrossover(design.loop, reading, level, upper, domain, -0.3, Reader(design.loop))
+            return EveryCrossover(design.loop, quantity, level, upper, domain, -0.3, CrossingEvaluator(design.loop))
 
         assert_sharp(claim, worst, upper, GAP * abs(worst))
 
 
 @pytest.mark.parametrize("name", ["lag", "pole", "second order", "gain, lag and delay"])
-@pytest.mark.parametrize("reading", [Reading.PHASE_MARGIN, Reading.DELAY_MARGIN, Reading.CROSSOVER])
-def test_a_reading_at_some_crossover_is_shown_exactly_from_its_worst_value_on(name: str, reading: Reading) -> None:
+@pytest.mark.parametrize(
+    "quantity", [CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN, CrossingQuantity.CROSSOVER]
+)
+def test_a_reading_at_some_crossover_is_shown_exactly_from_its_worst_value_on(
+    name: str, quantity: CrossingQuantity
+) -> None:
     design = random_design(name, 3)
     domain: Box = (EVERYWHERE, *design.loop.family_box)
     for upper in (False, True):
-        worst = worst_reading(design, reading, not upper, upper)
+        worst = worst_at_crossovers(design, quantity, not upper, upper)
 
         def claim(level: float, upper: bool = upper) -> Claim:
-            return SomeCrossover(design.loop, reading, level, upper, domain, -0.3, Reader(design.loop))
+            return SomeCrossover(design.loop, quantity, level, upper, domain, -0.3, CrossingEvaluator(design.loop))
 
         assert_sharp(claim, worst, upper, GAP * abs(worst))
 

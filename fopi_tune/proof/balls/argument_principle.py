@@ -16,7 +16,7 @@ from flint import acb, arb
 
 from fopi_tune.proof.balls.box import Interval, ball_of
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.plant import PlantBalls
+from fopi_tune.proof.balls.plant import PlantEnclosure
 
 _NARROWEST = 1e-9
 _MOST_PIECES = 200_000
@@ -24,7 +24,7 @@ _STEP = 1.0
 _FARTHEST = 100.0
 
 
-def count_by_argument(loop: BallLoop, plant: PlantBalls, has_integrator: bool) -> int | None:
+def count_right_half_plane_zeros(loop: BallLoop, plant: PlantEnclosure, has_integrator: bool) -> int | None:
     """Zeros of F with Re w > 0, by (1).
 
     Args:
@@ -33,13 +33,13 @@ def count_by_argument(loop: BallLoop, plant: PlantBalls, has_integrator: bool) -
         has_integrator: whether the controller has a pole at w = 0.
 
     Returns:
-        The number; None when F comes too close to 0 on the axis to be told from it.
+        The number; None when F comes too close to 0 on the axis to be separated from it.
     """
     low, high = _end(loop, plant, has_integrator, -1.0), _end(loop, plant, has_integrator, 1.0)
     if low is None or high is None:
         return None
     (first, start), (last, end) = low, high
-    along = change_along_axis(loop, plant, first, last)
+    along = argument_change(loop, plant, first, last)
     if along is None:
         return None
     degree = len(plant.denominator) - 1 + int(has_integrator)
@@ -49,15 +49,15 @@ def count_by_argument(loop: BallLoop, plant: PlantBalls, has_integrator: bool) -
     return None if count is None or count < 0 else int(count)
 
 
-def _end(loop: BallLoop, plant: PlantBalls, has_integrator: bool, direction: float) -> tuple[float, arb] | None:
-    """A place beyond which F, but for its power of w, keeps away from the imaginary axis; and its argument there."""
+def _end(loop: BallLoop, plant: PlantEnclosure, has_integrator: bool, direction: float) -> tuple[float, arb] | None:
+    """A point u beyond which F over its power of w keeps away from the imaginary axis, and its argument there."""
     u = direction
     while abs(u) < _FARTHEST:
         tail: Interval = (-float("inf"), u) if direction < 0 else (u, float("inf"))
-        over = loop.balls(tail, plant)
+        over = loop.enclosure(tail, plant)
         value = over.d * over.x + over.c * over.n if over.x is not None else over.characteristic
         if value.is_finite() and not value.real.contains(0):
-            at, w = loop.balls((u, u), plant), acb(0, arb(u).exp())
+            at, w = loop.enclosure((u, u), plant), acb(0, arb(u).exp())
             # w^E F at the lower end, F/w^k at the upper one
             here = at.characteristic
             if direction > 0:
@@ -69,8 +69,8 @@ def _end(loop: BallLoop, plant: PlantBalls, has_integrator: bool, direction: flo
     return None
 
 
-def change_along_axis(loop: BallLoop, plant: PlantBalls, low: float, high: float) -> arb | None:
-    """Change of arg F from one place to another, over pieces on each of which F stays in a rectangle without 0.
+def argument_change(loop: BallLoop, plant: PlantEnclosure, low: float, high: float) -> arb | None:
+    """Change of arg F between two points of the axis, over pieces on each of which F stays in a rectangle without 0.
 
     Args:
         loop: in continuous time, F = D + C N e^{-Ls}, or on samples.
@@ -79,26 +79,26 @@ def change_along_axis(loop: BallLoop, plant: PlantBalls, low: float, high: float
         high: u to end at.
 
     Returns:
-        rad; None when F comes too close to 0 to be told from it.
+        rad; None when F comes too close to 0 to be separated from it.
     """
     total, pieces = arb(0), 0
-    before = loop.balls((low, low), plant).characteristic
+    before = loop.enclosure((low, low), plant).characteristic
     pending = [(low, high)]
     while pending:
         pieces += 1
         a, b = pending.pop()
         middle = 0.5 * (a + b)
-        over = loop.balls((a, b), plant)
-        centre = loop.balls((middle, middle), plant).characteristic
+        over = loop.enclosure((a, b), plant)
+        centre = loop.enclosure((middle, middle), plant).characteristic
         values = centre + over.characteristic_slope * (ball_of((a, b)) - arb(middle))
         if values.is_finite() and not values.contains(0):
-            after = loop.balls((b, b), plant).characteristic
+            after = loop.enclosure((b, b), plant).characteristic
             total += (after / before).arg()
             before = after
             continue
         if abs(over.c * over.numerator * plant.gain.value) < abs(over.d) and not over.d.contains(0):
             # |L| < 1: 1 + L stays in the right half-plane, however often the dead time turns it
-            ends = loop.balls((a, a), plant), loop.balls((b, b), plant)
+            ends = loop.enclosure((a, a), plant), loop.enclosure((b, b), plant)
             total += (ends[1].d / ends[0].d).arg() + (1 + ends[1].gain).arg() - (1 + ends[0].gain).arg()
             before = ends[1].characteristic
             continue
