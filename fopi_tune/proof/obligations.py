@@ -14,10 +14,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.proof.balls.box import Box
-from fopi_tune.proof.balls.box import Interval
-from fopi_tune.proof.balls.box import ball_of
-from fopi_tune.proof.balls.box import point_box
+from fopi_tune.proof.balls.box import Box, Interval, ball_of, point_box
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.sampled import SampledBallLoop
 from fopi_tune.proof.claims.bound import Bound
