@@ -11,7 +11,7 @@ from fopi_tune.design.reasons import Reason, describe, has_negative_gain
 from fopi_tune.design.search import MEETS, Search
 from fopi_tune.design.sides import Bound
 from fopi_tune.results.candidate import Candidate
-from fopi_tune.results.status import Give, Status
+from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec.model import DesignSpec
 
 _UNSTABLE = "no gains within their ranges were found that give every plant of the family a stable loop"
@@ -69,11 +69,11 @@ def _given(search: Search, gives: Array) -> dict[int, float]:
     return totals
 
 
-def _give_alone(search: Search, requirement: int, limits: tuple[float, ...]) -> Give:
+def _give_alone(search: Search, requirement: int, limits: tuple[float, ...]) -> Relaxation:
     """The smallest change of one limit that lets all the others hold."""
     run = search.elastic(search.all_requirements, frozenset({requirement}), limits)
     if run is None:
-        return Give(requirement, None, None)
+        return Relaxation(requirement, None, None)
     changes = []
     for k, side in enumerate(search.exchange.sides):
         up, down = float(run.solved.gives[2 * k]), float(run.solved.gives[2 * k + 1])
@@ -85,9 +85,9 @@ def _give_alone(search: Search, requirement: int, limits: tuple[float, ...]) -> 
             (abs(up - down), side, side.quantity.from_natural(side.limit + direction * (up - down) / side.scale))
         )
     if not changes:
-        return Give(requirement, None, None)
+        return Relaxation(requirement, None, None)
     _, side, new_limit = max(changes, key=lambda change: change[0])
-    return Give(requirement, abs(new_limit - side.limit_public), new_limit)
+    return Relaxation(requirement, abs(new_limit - side.limit_public), new_limit)
 
 
 def _words(spec: DesignSpec, clash: frozenset[int]) -> str:
@@ -104,7 +104,7 @@ def explained(search: Search, reason: Reason) -> Candidate:
     limits, rest = search.limits(0.0), search.all_requirements - reason.hopeless
     search.relaxed = search.elastic(rest, rest, limits)
     gives = tuple(
-        Give(r, None, None) if r in reason.hopeless else _give_alone(search, r, limits)
+        Relaxation(r, None, None) if r in reason.hopeless else _give_alone(search, r, limits)
         for r in sorted(reason.requirements)
     )
     gains = search.relaxed.solved.gains if search.relaxed else None

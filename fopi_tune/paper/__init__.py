@@ -11,9 +11,8 @@ Nothing here touches the disk or prints, and nothing that is recomputed is store
 
 from fopi_tune.paper.claims import CLAIMS
 from fopi_tune.paper.figures import FIGURES, PICTURES, figure_png
-from fopi_tune.paper.rows import Row, Verdict
-from fopi_tune.paper.table import paper_csv, paper_markdown, paper_text, summary
-from fopi_tune.report.figures.canvas import Picture, png_of, svg_of
+from fopi_tune.paper.table import Row, Verdict, paper_csv, paper_markdown, paper_text, summary
+from fopi_tune.report.figures.picture import Picture, png_of, svg_of
 
 __all__ = [
     "CLAIMS",

@@ -1,15 +1,64 @@
-"""The table of claims as text for a terminal, as Markdown and as CSV."""
+"""The table of claims:  what a row is, its verdict, and the table as text for a terminal, Markdown and CSV."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 
 from rich.text import Text
 
-from fopi_tune.paper.rows import Row, Verdict
-from fopi_tune.report.text.phrases import BAD, GOOD, QUIET, Line, styled, to_text
+from fopi_tune.report.text.formatting import BAD, GOOD, QUIET, Line, to_text, wrapped
+
+
+class Verdict(StrEnum):
+    """What became of a claim."""
+
+    HOLDS = "holds"
+    #: true under a condition that the paper does not state; the row's `why` names it
+    HOLDS_WITH = "holds with a condition"
+    DOES_NOT_HOLD = "does not hold"
+    #: the paper gives too little to decide; the row says what follows from what it gives
+    NOT_PRINTED = "not printed"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One claim and what became of it.
+
+    Args:
+        claim: one sentence.
+        published: what the paper prints.
+        recomputed: what this tool finds.
+        verdict: computed from the two.
+        why: the reason, and the tolerance where numbers are compared.
+    """
+
+    claim: str
+    published: str
+    recomputed: str
+    verdict: Verdict
+    why: str
+
+
+def verdict_of(holds: bool, *, on_condition: bool = False) -> Verdict:
+    """The verdict of a comparison.
+
+    Args:
+        holds: whether the claim does.
+        on_condition: whether only under a condition that is not printed.
+    """
+    if not holds:
+        return Verdict.DOES_NOT_HOLD
+    return Verdict.HOLDS_WITH if on_condition else Verdict.HOLDS
+
+
+def rounded_count(count: float) -> str:
+    """A count to two digits: how often modes chatter depends on the last bit of a number."""
+    return f"{float(f'{count:.2g}'):.0f}"
+
 
 COLUMNS = ("claim", "published", "recomputed", "verdict", "why")
 _LABEL = 14
@@ -19,7 +68,6 @@ _STYLES = {
     Verdict.DOES_NOT_HOLD: BAD,
     Verdict.NOT_PRINTED: QUIET,
 }
-
 #: name of a group -> its rows; or rows alone
 Rows = Mapping[str, Sequence[Row]] | Sequence[Row]
 
@@ -32,7 +80,7 @@ def paper_text(rows: Rows) -> Text:
             lines += [(group, "bold"), ("", "")]
         for row in members:
             lines += _row(row)
-    return to_text([*lines, *styled(summary(rows), "bold")])
+    return to_text([*lines, *wrapped(summary(rows), "bold")])
 
 
 def summary(rows: Rows) -> str:
@@ -76,12 +124,12 @@ def _cells(values: Sequence[str]) -> str:
 
 
 def _row(row: Row) -> list[Line]:
-    lines = styled(row.claim, "bold")
+    lines = wrapped(row.claim, "bold")
     for label, words, style in (
         ("published", row.published, ""),
         ("recomputed", row.recomputed, ""),
         ("verdict", f"{row.verdict.value.upper()}", _STYLES[row.verdict]),
         ("why", row.why, QUIET),
     ):
-        lines += styled(words, style, indent=" " * _LABEL, first=f"  {label:<{_LABEL - 2}}")
+        lines += wrapped(words, style, indent=" " * _LABEL, first=f"  {label:<{_LABEL - 2}}")
     return [*lines, ("", "")]

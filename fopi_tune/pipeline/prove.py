@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.sections import Implementation
@@ -14,9 +13,6 @@ from fopi_tune.results.design import Check
 from fopi_tune.results.stamp import certificate_versions, stamp
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.load import Source
-
-if TYPE_CHECKING:
-    pass
 
 
 def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.discretize import discretize
@@ -12,9 +11,6 @@ from fopi_tune.results.design import Run
 from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.load import Source
-
-if TYPE_CHECKING:
-    pass
 
 
 def run(source: Source, proof: bool = True) -> Run:

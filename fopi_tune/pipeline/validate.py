@@ -50,7 +50,7 @@ def validate(
     from fopi_tune.montecarlo.montecarlo import evidence_of, monte_carlo
 
     spec = load_spec(source)
-    spec = replace(spec, validation=wanted_validation(spec.validation, samples, seed))
+    spec = replace(spec, validation=override_validation(spec.validation, samples, seed))
     digital = discretize(spec, gains)
     implementation = Implementation(digital.controller.sections, digital.controller.digital.delay_samples)
     evidence = evidence_of(spec, blocks) if blocks else monte_carlo(spec, gains, implementation, progress)
@@ -77,7 +77,7 @@ def validate_block(source: Source, gains: FoPi, first: int, end: int) -> Block:
     return drawn_block(spec, gains, Implementation(controller.sections, controller.digital.delay_samples), first, end)
 
 
-def wanted_validation(validation: ValidationSpec | None, samples: int | None, seed: int | None) -> ValidationSpec:
+def override_validation(validation: ValidationSpec | None, samples: int | None, seed: int | None) -> ValidationSpec:
     """A section `validation` with the command line's numbers in place of the file's.
 
     Raises:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from fopi_tune.errors import DomainError
-from fopi_tune.report.figures.canvas import Picture, both_of
+from fopi_tune.report.figures.picture import Picture, svg_and_png_of
 
 #: what a figure is made from
 Source = TypeVar("Source")
@@ -22,7 +22,7 @@ FIGURES = "figures"
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RenderedFigure:
     """A figure as it stands in the page and in files.
 
     Args:
@@ -40,7 +40,9 @@ class Drawn:
     png: bytes
 
 
-def drawn(pictures: Mapping[str, Callable[[Source], Picture | None]], source: Source) -> Iterator[Drawn]:
+def render_figures(
+    pictures: Mapping[str, Callable[[Source], Picture | None]], source: Source
+) -> Iterator[RenderedFigure]:
     """The pictures there are, by their names."""
     for name, make in pictures.items():
         try:
@@ -48,8 +50,8 @@ def drawn(pictures: Mapping[str, Callable[[Source], Picture | None]], source: So
         except DomainError:
             picture = None  # crossings that cannot be listed: the page does without this figure
         if picture is not None:
-            svg, png = both_of(picture)
-            yield Drawn(name, picture.description, _inline(svg, name), svg, png)
+            svg, png = svg_and_png_of(picture)
+            yield RenderedFigure(name, picture.description, _inline(svg, name), svg, png)
 
 
 def _inline(svg: str, name: str) -> str:
@@ -63,7 +65,7 @@ def _inline(svg: str, name: str) -> str:
     return body.replace("<svg", f'<svg role="img" aria-labelledby="{name}-title {name}-desc"', 1)
 
 
-def figure_files(figures: Sequence[Drawn]) -> dict[str, str | bytes]:
+def figure_files(figures: Sequence[RenderedFigure]) -> dict[str, str | bytes]:
     """Figures by their files' names."""
     made: dict[str, str | bytes] = {}
     for each in figures:
@@ -71,7 +73,7 @@ def figure_files(figures: Sequence[Drawn]) -> dict[str, str | bytes]:
     return made
 
 
-def rendered(template: str, values: Mapping[str, Any]) -> str:
+def render_template(template: str, values: Mapping[str, Any]) -> str:
     """A template filled; everything in `values` is text to be escaped but the SVG of figures (lists of `Drawn`)."""
     # where a report is asked for only: what starts in a hurry does not read templates
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -90,7 +92,7 @@ def rendered(template: str, values: Mapping[str, Any]) -> str:
     figures = {
         key: [{"svg": Markup(each.svg), "caption": each.caption} for each in value]
         for key, value in values.items()
-        if isinstance(value, list) and value and isinstance(value[0], Drawn)
+        if isinstance(value, list) and value and isinstance(value[0], RenderedFigure)
     }
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     own = {"script": Markup(script), "script_hash": f"sha256-{digest}", "style": Markup(style)}

@@ -16,16 +16,16 @@ from fopi_tune.proof.results import RequirementResult, Stability, Verification
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.results.documents import (
     finite,
-    give_dict,
     margins_dict,
     place_dict,
     price_dict,
     proof_dict,
+    relaxation_dict,
     requirement_proof_dict,
     stability_dict,
 )
 from fopi_tune.results.stamp import Stamp, certificate_versions
-from fopi_tune.results.status import Give, Price, Status
+from fopi_tune.results.status import Price, Relaxation, Status
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ class Design:
     nominal: Margins | None
     certificate: Certificate | None
     proof_wanted: bool
-    clash: tuple[Give, ...]
+    clash: tuple[Relaxation, ...]
     message: str
     stamp: Stamp
     solves: int
@@ -141,7 +141,7 @@ class Design:
             "advice": self.advice,
             "stability": stability_dict(self.stability),
             "nominal": margins_dict(self.nominal),
-            "clash": [give_dict(give, self.spec) for give in self.clash],
+            "clash": [relaxation_dict(give, self.spec) for give in self.clash],
             "proof": proof_dict(self.certificate, self.proof_wanted),
             **({} if self.optimum is None else {"optimum": optimum_dict(self.optimum)}),
         }
@@ -184,7 +184,7 @@ class Check:
     @property
     def status(self) -> str:
         """`met` (proved), `violated`, or `undecided` when the verification passed but the proof is missing."""
-        return status_of(self.verification, self.certificate)
+        return verification_status(self.verification, self.certificate)
 
     def certificate_document(self) -> dict[str, Any]:
         """The certificate's JSON."""
@@ -193,11 +193,11 @@ class Check:
     @property
     def reports(self) -> tuple[RequirementReport, ...]:
         """The requirements, each with its result and its proof."""
-        return reports_of(self.verification, self.certificate)
+        return requirement_reports(self.verification, self.certificate)
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON, shaped as a design's."""
-        return checked_dict(self.spec, self.verification, self.certificate, self.stamp)
+        return verification_dict(self.spec, self.verification, self.certificate, self.stamp)
 
 
 @dataclass(frozen=True)
@@ -221,12 +221,12 @@ class Discretized:
     @property
     def status(self) -> str:
         """`met`, `violated` or `undecided`, of the loop on samples; without a proof as far as the check tells."""
-        return status_of(self.verification, self.certificate)
+        return verification_status(self.verification, self.certificate)
 
     @property
     def reports(self) -> tuple[RequirementReport, ...]:
         """The requirements, each with its result and its proof."""
-        return reports_of(self.verification, self.certificate)
+        return requirement_reports(self.verification, self.certificate)
 
     def certificate_document(self) -> dict[str, Any] | None:
         """The certificate's JSON; None without one."""
@@ -236,7 +236,7 @@ class Discretized:
         """The result's JSON."""
         from fopi_tune.digital import to_document as digital_document
 
-        checked = checked_dict(self.spec, self.verification, self.certificate, self.stamp)
+        checked = verification_dict(self.spec, self.verification, self.certificate, self.stamp)
         return {**checked, "loop": "sampled", **digital_document(self.controller)}
 
     def to_control(self) -> SampledObjects:
@@ -322,22 +322,22 @@ class Run:
         return {**self.design.to_dict(), "digital": digital, "digital_problem": self.problem}
 
 
-def reports_of(found: Verification, certificate: Certificate | None) -> tuple[RequirementReport, ...]:
+def requirement_reports(found: Verification, certificate: Certificate | None) -> tuple[RequirementReport, ...]:
     """The requirements, each with its result and, with a certificate, its proof."""
     proofs = certificate.requirements if certificate else (None,) * len(found.requirements)
     return tuple(RequirementReport(r.requirement, r, None, p) for r, p in zip(found.requirements, proofs, strict=True))
 
 
-def checked_dict(
+def verification_dict(
     spec: DesignSpec, found: Verification, certificate: Certificate | None, stamp: Stamp
 ) -> dict[str, Any]:
     """What the JSON of a check says, of given gains and of their digital controller alike."""
     return {
         "schema": RESULT_SCHEMA,
-        "status": status_of(found, certificate),
+        "status": verification_status(found, certificate),
         "gains": asdict(found.gains),
         "objective": finite(found.objective),
-        "requirements": [report.to_dict() for report in reports_of(found, certificate)],
+        "requirements": [report.to_dict() for report in requirement_reports(found, certificate)],
         "stamp": asdict(stamp),
         "name": spec.name,
         "loop": loop_name(spec),
@@ -349,7 +349,7 @@ def checked_dict(
     }
 
 
-def status_of(found: Verification, certificate: Certificate | None) -> str:
+def verification_status(found: Verification, certificate: Certificate | None) -> str:
     """`met`, `violated`, or `undecided` when the verification passed but the proof is missing."""
     verdict = certificate.verdict if certificate else Verdict.PROVED
     if verdict is Verdict.REFUTED or not all(result.is_met for result in found.requirements):

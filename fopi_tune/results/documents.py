@@ -10,7 +10,7 @@ from fopi_tune.core.margins import Margins
 from fopi_tune.proof.certificate import Certificate, RequirementProof
 from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.results import Place, Stability
-from fopi_tune.results.status import Give, Price
+from fopi_tune.results.status import Price, Relaxation
 from fopi_tune.spec.model import DesignSpec
 
 
@@ -92,7 +92,7 @@ def price_dict(price: Price | None) -> dict[str, Any] | None:
     }
 
 
-def give_dict(give: Give, spec: DesignSpec) -> dict[str, Any]:
+def relaxation_dict(give: Relaxation, spec: DesignSpec) -> dict[str, Any]:
     """One member of a clash."""
     requirement = spec.requirements[give.requirement]
     return {

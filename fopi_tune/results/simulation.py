@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Driven:
+class ScenarioResult:
     """One scenario of one plant.
 
     Args:
@@ -100,7 +100,7 @@ class Simulated:
     gains: FoPi
     plant: Mapping[str, float]
     index: int | None
-    driven: tuple[Driven, ...]
+    driven: tuple[ScenarioResult, ...]
     stamp: Stamp
     exact: bool = False
 

@@ -26,7 +26,7 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True)
-class Give:
+class Relaxation:
     """By how much one of the clashing requirements would have to give for all the others to hold.
 
     Args:

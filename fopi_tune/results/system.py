@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.results.simulation import Driven, draw_stamp
+from fopi_tune.results.simulation import ScenarioResult, draw_stamp
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import SystemSpec
 
@@ -35,7 +35,7 @@ class SimulatedSystem:
     gains: Mapping[str, FoPi]
     plant: Mapping[str, float]
     index: int | None
-    driven: tuple[Driven, ...]
+    driven: tuple[ScenarioResult, ...]
     stamp: Stamp
     exact: bool = False
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from importlib import import_module
 
-from fopi_tune.paper.rows import Row
+from fopi_tune.paper.table import Row
 
 
 def _group(name: str) -> Callable[[], tuple[Row, ...]]:

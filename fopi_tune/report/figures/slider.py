@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.logform import Array, Complex
 from fopi_tune.report.figures.members import Members
-from fopi_tune.report.figures.times import frame_of, response, times_s
-from fopi_tune.report.text.phrases import number
+from fopi_tune.report.figures.step_responses import axis_limits, step_response, times_s
+from fopi_tune.report.text.formatting import number
 from fopi_tune.simulation.fractional.linear import Signal
 
 #: size of a panel's frame, in the units of its view box
@@ -53,7 +53,7 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Moved:
+class SliderParameter:
     """A number that can be moved, and its part of the slider's places.
 
     Args:
@@ -79,7 +79,7 @@ class Slider:
         panels: what moves.
     """
 
-    numbers: tuple[Moved, ...]
+    numbers: tuple[SliderParameter, ...]
     labels: tuple[str, ...]
     panels: tuple[Panel, ...]
 
@@ -91,14 +91,17 @@ class Slider:
 
 def slider_of(members: Members) -> Slider | None:
     """The slider over the uncertain numbers, the first few of them; None without one."""
-    family = members.findings.spec.plant
+    family = members.documents.spec.plant
     if not family.uncertain_names:
         return None
-    paths = [members.path, *(members.path_of(i, _FEWER) for i in range(1, min(len(family.uncertain_names), _MOST)))]
-    points = np.concatenate([members.along(path, i) for i, path in enumerate(paths)])
+    paths = [
+        members.parameter_values,
+        *(members.values_of(i, _FEWER) for i in range(1, min(len(family.uncertain_names), _MOST))),
+    ]
+    points = np.concatenate([members.points_along(path, i) for i, path in enumerate(paths)])
     log_loop = members.log_loop(members.loops_at(points))[:, ::_EVERY]
     omega = np.log10(members.omega[::_EVERY])
-    near = members.near
+    near = members.near_unit_gain
     with np.errstate(over="ignore"):
         loop: Complex = np.exp(near.log_loop(near.loops_at(points))[:, ::_EVERY_NEAR])
     x = np.broadcast_to(omega, log_loop.shape)
@@ -120,17 +123,17 @@ def slider_of(members: Members) -> Slider | None:
         _panel("nyquist", "Nyquist: L, with -1", ("Re L", "Im L"), loop.real, loop.imag, frame=_NYQUIST),
     ]
     times = times_s(members)
-    steps = [response(members, tuple(point), Signal.OUTPUT_AFTER_REFERENCE, times) for point in points.tolist()]
+    steps = [step_response(members, tuple(point), Signal.OUTPUT_AFTER_REFERENCE, times) for point in points.tolist()]
     if all(step is not None for step in steps):
         t = np.broadcast_to(times, (len(points), len(times)))
         y = np.array(steps, dtype=float)
         panels.append(_step_panel(t, y, members.stable_in_continuous_time(points)))
-    numbers: list[Moved] = []
+    numbers: list[SliderParameter] = []
     labels: list[str] = []
     for name, path, usual in zip(family.uncertain_names, paths, family.nominal_point.tolist(), strict=False):
         first = len(labels)
         labels += [f"{name} = {number(value, 4)}" for value in path.tolist()]
-        numbers.append(Moved(name, first, len(labels) - 1, first + int(np.argmin(np.abs(path - usual)))))
+        numbers.append(SliderParameter(name, first, len(labels) - 1, first + int(np.argmin(np.abs(path - usual)))))
     return Slider(tuple(numbers), tuple(labels), tuple(panels))
 
 
@@ -139,11 +142,11 @@ def _step_panel(t: Array, y: Array, stable: NDArray[np.bool_]) -> Panel:
     title, labels = "Unit step of the reference", ("time, s", "output")
     if np.all(stable) or not np.any(stable):
         return _panel("step", title, labels, t, y)
-    frame = (float(t.min()), float(t.max())), frame_of(list(y[stable]), 1.0)
+    frame = (float(t.min()), float(t.max())), axis_limits(list(y[stable]), 1.0)
     return _panel("step", "Unit step; unstable loops leave the axis", labels, t, y, frame=frame)
 
 
-def minus_one() -> str:
+def critical_point_mark() -> str:
     """The path of a cross at -1 in the frame of the panel `nyquist`."""
     (left, right), (bottom, top) = _NYQUIST
     x, y = (-1.0 - left) / (right - left) * WIDTH, top / (top - bottom) * HEIGHT

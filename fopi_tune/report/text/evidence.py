@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from fopi_tune.report.text.phrases import (
+from fopi_tune.report.text.formatting import (
     BAD,
+    FIRST_COLUMN,
     QUIET,
-    VERDICT,
     Line,
     entry,
     gains_line,
@@ -20,8 +20,8 @@ from fopi_tune.report.text.phrases import (
     number,
     requirement_phrase,
     style_of,
-    styled,
     to_text,
+    wrapped,
 )
 from fopi_tune.spec.model import Relation
 
@@ -50,23 +50,25 @@ def evidence_text(result: Validated) -> Text:
     evidence, status = result.evidence, result.status
     family_is_fine = evidence.stable.total > evidence.outside and not evidence.missed_inside
     said = _SAID["outside" if status == "violated" and family_is_fine else status]
-    lines: list[Line] = [*styled(f"{result.spec.name}, validated: {status}. {said}", style_of(status == "met"))]
+    lines: list[Line] = [*wrapped(f"{result.spec.name}, validated: {status}. {said}", style_of(status == "met"))]
     lines += [("", ""), (gains_line(result.digital.controller.gains), "bold")]
     lines += _drawn(evidence, "plants")
     lines += _header(evidence.validation)
     lines += _row("stable loop", evidence.stable)
-    lines += styled(_misses(evidence, evidence.stable, evidence.unstable_inside), QUIET, indent=" " * (VERDICT + 2))
+    lines += wrapped(
+        _misses(evidence, evidence.stable, evidence.unstable_inside), QUIET, indent=" " * (FIRST_COLUMN + 2)
+    )
     for judged in (*evidence.requirements, *evidence.limits):
         lines += _row(_phrase(judged), judged.fraction)
         misses = _misses(evidence, judged.fraction, judged.missed_inside)
-        lines += styled("; ".join(filter(None, (_below(judged), misses))), QUIET, indent=" " * (VERDICT + 2))
+        lines += wrapped("; ".join(filter(None, (_below(judged), misses))), QUIET, indent=" " * (FIRST_COLUMN + 2))
     for problem in result.contradictions:
-        lines += styled(problem, BAD)
+        lines += wrapped(problem, BAD)
     lines += [("", "")]
-    lines += styled(
+    lines += wrapped(
         "Requirements are about the loop on samples; those about the nominal plant alone are not sampled.", QUIET
     )
-    lines += styled(_REPLAY.format("SPEC", "plant"), QUIET)
+    lines += wrapped(_REPLAY.format("SPEC", "plant"), QUIET)
     return to_text(lines)
 
 
@@ -74,7 +76,7 @@ def system_evidence_text(result: ValidatedSystem) -> Text:
     """How often a system kept its limits, with intervals, and the worst plants."""
     evidence, met = result.evidence, result.status == "met"
     said = _SAID["met" if met else "violated"].replace("plant", "pair of plants").replace("is stable", "stays finite")
-    lines: list[Line] = [*styled(f"{result.spec.name}, validated: {result.status}. {said}", style_of(met)), ("", "")]
+    lines: list[Line] = [*wrapped(f"{result.spec.name}, validated: {result.status}. {said}", style_of(met)), ("", "")]
     lines += gains_lines(result.gains)
     lines += _drawn(evidence, "pairs of plants")
     lines += _header(evidence.validation)
@@ -86,8 +88,8 @@ def system_evidence_text(result: ValidatedSystem) -> Text:
             lines += _row(_phrase(judged), judged.fraction)
             misses = _misses(evidence, judged.fraction, judged.missed_inside)
             below = "; ".join(filter(None, (_below(replace(judged, scenario=None)), misses)))
-            lines += styled(below, QUIET, indent=" " * (VERDICT + 2))
-    lines += [("", ""), *styled(_REPLAY.format("SYSTEM", "pair"), QUIET)]
+            lines += wrapped(below, QUIET, indent=" " * (FIRST_COLUMN + 2))
+    lines += [("", ""), *wrapped(_REPLAY.format("SYSTEM", "pair"), QUIET)]
     return to_text(lines)
 
 
@@ -127,7 +129,7 @@ def _misses(evidence: Evidence | SystemEvidence, found: Fraction, inside: int) -
 
 def _header(drawn: ValidationSpec) -> list[Line]:
     share = f"{100 * drawn.confidence:g} % interval"
-    return [(f"{'':{VERDICT}}{'requirement or limit':<{_WHAT}}{'met':>{_SHARE}}{share:>{_INTERVAL}}", "bold")]
+    return [(f"{'':{FIRST_COLUMN}}{'requirement or limit':<{_WHAT}}{'met':>{_SHARE}}{share:>{_INTERVAL}}", "bold")]
 
 
 def _row(what: str, found: Fraction) -> Iterator[Line]:
@@ -138,10 +140,10 @@ def _row(what: str, found: Fraction) -> Iterator[Line]:
     verdict = "met" if met else "violated"
     style = "" if met else "red"
     if len(what) > _WHAT:
-        yield f"{verdict:<{VERDICT}}{what}", style
-        yield f"{'':{VERDICT + _WHAT}}{numbers}", style
+        yield f"{verdict:<{FIRST_COLUMN}}{what}", style
+        yield f"{'':{FIRST_COLUMN + _WHAT}}{numbers}", style
     else:
-        yield f"{verdict:<{VERDICT}}{what:<{_WHAT}}{numbers}", style
+        yield f"{verdict:<{FIRST_COLUMN}}{what:<{_WHAT}}{numbers}", style
 
 
 def _phrase(judged: Judged) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from fopi_tune.report.text.phrases import BAD, QUIET, Line, entry, gains_lines, number, style_of, styled, to_text
+from fopi_tune.report.text.formatting import BAD, QUIET, Line, entry, gains_lines, number, style_of, to_text, wrapped
 from fopi_tune.spec.model import MEASURES, Relation
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def simulation_text(result: Simulated | SimulatedSystem) -> Text:
         said = "The spec sets no limits for these scenarios."
     if result.status == "chattering":
         said = "The modes switch faster than the system allows."
-    lines: list[Line] = [*styled(f"{result.spec.name}, simulated: {result.status}. {said}", style_of(met)), ("", "")]
+    lines: list[Line] = [*wrapped(f"{result.spec.name}, simulated: {result.status}. {said}", style_of(met)), ("", "")]
     lines += gains_lines(result.gains)
     named = ", ".join(f"{name} = {number(value)}" for name, value in result.plant.items()) or "known exactly"
     lines += entry("plant", named + (f" (draw {result.index})" if result.index is not None else ""))
@@ -33,7 +33,7 @@ def simulation_text(result: Simulated | SimulatedSystem) -> Text:
         lines += [("", ""), (f"{driven.scenario.name}, {number(driven.scenario.duration_s)} s", "bold")]
         if driven.chattering:
             lines.append(("  CHATTERING: the modes switch faster than the system allows", BAD))
-        lines += styled(driven.outcome, QUIET, indent="  ")
+        lines += wrapped(driven.outcome, QUIET, indent="  ")
         for name, kind in MEASURES.items():
             value = driven.measures[name]
             shown = number(value) if math.isfinite(value) else "never" if name == "settling_time_s" else "-"
@@ -44,8 +44,8 @@ def simulation_text(result: Simulated | SimulatedSystem) -> Text:
                     judged += f"   {'met' if kept else 'VIOLATED'}: {sign} {number(limit.limit)}"
             lines.append((f"  {name:<{_NAME}}{shown:>{_VALUE}} {unit}{judged}", "red" if "VIOLATED" in judged else ""))
     if result.exact:
-        lines += [("", ""), *styled(_exact(result), QUIET)]
-    lines += [("", ""), *styled("Settling and overshoot are over the scenario's own length.", QUIET)]
+        lines += [("", ""), *wrapped(_exact(result), QUIET)]
+    lines += [("", ""), *wrapped("Settling and overshoot are over the scenario's own length.", QUIET)]
     return to_text(lines)
 
 

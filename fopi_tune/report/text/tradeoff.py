@@ -10,7 +10,7 @@ from xml.sax.saxutils import escape
 from rich.text import Text
 
 from fopi_tune.prices.result import PointStatus
-from fopi_tune.report.text.phrases import (
+from fopi_tune.report.text.formatting import (
     BAD,
     QUIET,
     Line,
@@ -18,8 +18,8 @@ from fopi_tune.report.text.phrases import (
     requirement_phrase,
     scope_phrase,
     style_of,
-    styled,
     to_text,
+    wrapped,
 )
 
 if TYPE_CHECKING:
@@ -36,20 +36,20 @@ def tradeoff_text(result: Tradeoff) -> Text:
     every = -(-len(result.points) // _MOST_ROWS)
     met, of = len(result.met), len(result.points)
     said = f"{met} of {of} limits can be met; the check passed each." if solved else "The check refused some gains."
-    lines: list[Line] = [*styled(f"{result.spec.name}, trade-off: {said}", style_of(solved)), ("", "")]
-    lines += styled(
+    lines: list[Line] = [*wrapped(f"{result.spec.name}, trade-off: {said}", style_of(solved)), ("", "")]
+    lines += wrapped(
         f"requirement {knob.name}: {requirement_phrase(knob.requirement)}, {scope_phrase(knob.requirement)}"
     )
-    lines += styled(f"objective: {result.objective_quantity}")
+    lines += wrapped(f"objective: {result.objective_quantity}")
     lines += [("", ""), (f"{'limit':>12}{'objective':>13}{'kp':>12}{'ki':>12}{'alpha':>10}{'score':>9}", "bold")]
     shown = [p for k, p in enumerate(result.points) if k % every == 0 or k == of - 1]
     for point in sorted((*shown, result.own), key=lambda p: p.limit):
         lines.append(_row(point, point is result.own))
     lines += [("", "")]
     for end in result.ends:
-        lines += styled(_end_words(end))
+        lines += wrapped(_end_words(end))
     rest = f"  One limit of {every} is shown; all are in tradeoff.csv." if every > 1 else ""
-    lines += styled(f"* the spec's own limit.  - the limit holds nothing back there.{rest}", QUIET)
+    lines += wrapped(f"* the spec's own limit.  - the limit holds nothing back there.{rest}", QUIET)
     return to_text(lines)
 
 
@@ -189,4 +189,4 @@ def price_lines(prices: Sequence[tuple[str, float | None, float | None, bool, bo
         why = ": another requirement comes into play at this very limit" if kink else ""
         if not kink and (relaxed is None) != (tightened is None):
             why = "; the other way no answer was found"
-        yield from styled(f"* {name}, solved again with the limit moved: {found} for each unit{why}.")
+        yield from wrapped(f"* {name}, solved again with the limit moved: {found} for each unit{why}.")

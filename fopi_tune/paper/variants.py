@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
-from fopi_tune.paper.printed import TAU_NOMINAL_S
+from fopi_tune.paper.published import TAU_NOMINAL_S
 from fopi_tune.spec.load import packaged_spec, packaged_system
 from fopi_tune.spec.model import DesignSpec, GainRange, Objective, Requirement, Scope, Sense, SystemSpec
 
@@ -48,11 +48,11 @@ def with_objective(wanted: DesignSpec, quantity: str) -> DesignSpec:
     return replace(wanted, objective=Objective(Sense.MINIMIZE, quantity))
 
 
-def asking(wanted: DesignSpec, *requirements: Requirement) -> DesignSpec:
+def with_requirements(wanted: DesignSpec, *requirements: Requirement) -> DesignSpec:
     """A spec with these requirements alone and no objective."""
     return replace(wanted, requirements=requirements, objective=None)
 
 
-def on_nominal(wanted: DesignSpec) -> tuple[Requirement, ...]:
+def nominal_requirements(wanted: DesignSpec) -> tuple[Requirement, ...]:
     """The requirements about the nominal plant."""
     return tuple(each for each in wanted.requirements if each.scope is Scope.NOMINAL)

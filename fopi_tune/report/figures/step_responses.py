@@ -11,9 +11,9 @@ import numpy as np
 from fopi_tune.core.logform import Array
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.errors import DomainError
-from fopi_tune.report.figures.canvas import STYLES, TWO_PANELS, Picture, labelled, legend_below
 from fopi_tune.report.figures.members import Members
-from fopi_tune.report.text.phrases import number
+from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, Picture, label_axes, legend_below
+from fopi_tune.report.text.formatting import number
 from fopi_tune.simulation.fractional.linear import Signal, response_and_error
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def times_s(members: Members) -> Array:
     return np.asarray(_HORIZON / fastest * np.linspace(0.0, 1.0, _POINTS) ** 1.7, dtype=float)
 
 
-def response(members: Members, point: tuple[float, ...], signal: Signal, times: Array) -> Array | None:
+def step_response(members: Members, point: tuple[float, ...], signal: Signal, times: Array) -> Array | None:
     """A unit step's response of one plant with the ideal controller; None where it could not be computed to 1e-4.
 
     Args:
@@ -42,7 +42,7 @@ def response(members: Members, point: tuple[float, ...], signal: Signal, times: 
         signal: what is stepped and looked at.
         times: ascending, s.
     """
-    plant = members.findings.spec.plant.member(np.array(point))
+    plant = members.documents.spec.plant.member(np.array(point))
     try:
         found = response_and_error(members.gains, plant, signal, times)
     except DomainError:
@@ -51,7 +51,7 @@ def response(members: Members, point: tuple[float, ...], signal: Signal, times: 
     return found.value if np.all(found.error <= _TRUSTED * max(size, 1e-12)) else None
 
 
-def responses(members: Members) -> Picture | None:
+def step_responses(members: Members) -> Picture | None:
     """Output after a unit step of the reference and of the load, over the family; None where nothing is certain."""
     t = times_s(members)
     points = [tuple(row) for row in _corners(members).tolist()]
@@ -59,8 +59,8 @@ def responses(members: Members) -> Picture | None:
     stable = members.stable_in_continuous_time(np.array(every_point, dtype=float))
     drawn, framed = {}, {}
     for signal in (Signal.OUTPUT_AFTER_REFERENCE, Signal.OUTPUT_AFTER_LOAD):
-        named = [response(members, member.point, signal, t) for member in members.named]
-        others = [response(members, point, signal, t) for point in points]
+        named = [step_response(members, member.point, signal, t) for member in members.named]
+        others = [step_response(members, point, signal, t) for point in points]
         drawn[signal] = (named, [row for row in others if row is not None])
         framed[signal] = [row for row, kept in zip((*named, *others), stable, strict=True) if kept and row is not None]
     if all(row is None for named, _ in drawn.values() for row in named):
@@ -77,21 +77,21 @@ def responses(members: Members) -> Picture | None:
                     axes.plot(t, row, color=colour, linestyle=dashes, label=members.named[k].label)
             step = signal is Signal.OUTPUT_AFTER_REFERENCE
             axes.axhline(1.0 if step else 0.0, color="black", linewidth=0.6, linestyle=":")
-            labelled(axes, "output, step of reference" if step else "output, step of load")
+            label_axes(axes, "output, step of reference" if step else "output, step of load")
             axes.set_xlim(0.0, float(t[-1]))
             if framed[signal] and not np.all(stable):
-                axes.set_ylim(*frame_of(framed[signal], 1.0 if step else 0.0))
+                axes.set_ylim(*axis_limits(framed[signal], 1.0 if step else 0.0))
         every[-1].set_xlabel("time, s")
         legend_below(figure, every[0])
 
     told = _told(members, t, drawn[Signal.OUTPUT_AFTER_REFERENCE][0][0])
     told += _left_axis(len(set(compress(every_point, ~stable))), len(set(every_point)))
-    title = f"{members.findings.spec.name}: unit steps of the reference and of a load at the plant's input"
+    title = f"{members.documents.spec.name}: unit steps of the reference and of a load at the plant's input"
     said = f"Output over time with the ideal controller, in continuous time; grey: plants of the family.{told}"
     return Picture(title, said, draw, TWO_PANELS)
 
 
-def frame_of(rows: Sequence[Array], final: float) -> tuple[float, float]:
+def axis_limits(rows: Sequence[Array], final: float) -> tuple[float, float]:
     """Ends of an axis that shows rows and the value they go to, a little wider."""
     low = min([0.0, final, *(float(row.min()) for row in rows)])
     high = max([0.0, final, *(float(row.max()) for row in rows)])
@@ -119,16 +119,16 @@ def _told(members: Members, t: Array, nominal: Array | None) -> str:
             f" The nominal output's largest value is {number(float(nominal.max()), 4)}; at {number(float(t[-1]), 4)} s "
             f"it is {number(float(nominal[-1]), 4)}."
         )
-    if not (members.findings.design["stability"] or {}).get("stable"):
+    if not (members.documents.design["stability"] or {}).get("stable"):
         return f"{told} The loop is not shown to be stable for every plant."
     return told if members.gains.alpha == 1.0 else f"{told} A fractional loop settles with a slow algebraic tail."
 
 
 def _corners(members: Members) -> Array:
     """Plants to draw in grey: along the first uncertain number, or corners of the box."""
-    family = members.findings.spec.plant
+    family = members.documents.spec.plant
     if not family.uncertain_names:
         return np.zeros((0, 0))
     if len(family.uncertain_names) == 1:
-        return members.along(members.path[::3])
+        return members.points_along(members.parameter_values[::3])
     return family.corners(16)

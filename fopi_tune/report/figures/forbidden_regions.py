@@ -71,7 +71,7 @@ def forbid_crossovers(axes: Axes, requirements: Sequence[Requirement]) -> None:
         forbid(axes, (-math.inf, r.lower), (-_MARK_DB, _MARK_DB), r.scope)
 
 
-def discs(requirements: Sequence[Requirement]) -> list[tuple[float, Scope]]:
+def sensitivity_discs(requirements: Sequence[Requirement]) -> list[tuple[float, Scope]]:
     """Radii around -1 that bounds of |S| at every frequency forbid: |1 + L| >= 1/|S|."""
     return [
         (10.0 ** (-r.upper / 20.0), r.scope)
@@ -84,7 +84,7 @@ def forbid_discs(axes: Axes, requirements: Sequence[Requirement]) -> None:
     """Hatch where no loop may pass; sets no limits of the axes."""
     from matplotlib.patches import Circle
 
-    for radius, scope in discs(requirements):
+    for radius, scope in sensitivity_discs(requirements):
         axes.add_patch(Circle((-1.0, 0.0), radius, hatch=_HATCH[scope], **_STYLE))
 
 
@@ -113,7 +113,7 @@ def forbid_phases(
         forbid(axes, band, (r.upper - 180.0, math.inf), r.scope)
 
 
-def room(axes: Axes, values: Sequence[np.ndarray], most: float) -> None:
+def fit_y_limits(axes: Axes, values: Sequence[np.ndarray], most: float) -> None:
     """Limits of the vertical axis around values, a little wider; at most so far below the largest."""
     finite = np.concatenate([each[np.isfinite(each)].ravel() for each in values])
     if len(finite):

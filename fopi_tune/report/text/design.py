@@ -14,23 +14,23 @@ from rich.text import Text
 from fopi_tune.optimum import Optimum, OptimumStatus
 from fopi_tune.proof.results import Outcome, Place, RequirementResult, Stability
 from fopi_tune.report.text.certificates import proof_lines
-from fopi_tune.report.text.phrases import (
+from fopi_tune.report.text.formatting import (
     BAD,
+    FIRST_COLUMN,
     QUIET,
     TIE,
-    VERDICT,
     Line,
     entry,
+    exact_limit,
     gains_line,
-    limit_told,
     number,
     requirement_phrase,
     scope_phrase,
     sentence,
     style_of,
-    styled,
     to_text,
     with_unit,
+    wrapped,
 )
 from fopi_tune.report.text.tradeoff import price_lines
 from fopi_tune.results.design import Check, Design, RequirementReport, loop_name, objective_name
@@ -38,7 +38,7 @@ from fopi_tune.spec.model import Requirement, Scope
 
 if TYPE_CHECKING:
     from fopi_tune.core.margins import Margins
-    from fopi_tune.results.status import Give
+    from fopi_tune.results.status import Relaxation
 
 #: widths of the columns requirement, achieved, score, multiplier; 80 in sum with the verdict
 _WHAT, _ACHIEVED, _SCORE, _MULTIPLIER = 38, 12, 9, 11
@@ -56,11 +56,11 @@ def design_text(design: Design) -> Text:
     """A design's status, gains, requirements, objective, stability and margins."""
     status = design.status.value
     solved = status == "solved"
-    lines: list[Line] = [*styled(f"{design.spec.name}: {_headline(design)}", style_of(solved))]
-    lines += styled(f"Why: {sentence(design.message)}" if design.message else "")
+    lines: list[Line] = [*wrapped(f"{design.spec.name}: {_headline(design)}", style_of(solved))]
+    lines += wrapped(f"Why: {sentence(design.message)}" if design.message else "")
     lines += _clash(design.clash, design.spec.requirements)
     if design.gains is not None:
-        lines += [("", ""), *styled(_GAINS_TITLES.get(status, "")), (gains_line(design.gains), "bold")]
+        lines += [("", ""), *wrapped(_GAINS_TITLES.get(status, "")), (gains_line(design.gains), "bold")]
     if design.gains is not None or not design.clash:
         lines += requirement_lines(design.requirements, design.objective)
     lines += summary_lines(objective_name(design.spec), design.objective, design.stability, design.nominal)
@@ -91,7 +91,7 @@ def check_text(check: Check) -> Text:
         said = "The gains do not meet the requirements that are marked."
     else:
         said = "The loop is not stable for every plant of the family."
-    lines = [*styled(f"{check.spec.name}: {check.status}. {said}", style_of(check.status == "met")), ("", "")]
+    lines = [*wrapped(f"{check.spec.name}: {check.status}. {said}", style_of(check.status == "met")), ("", "")]
     lines.append((gains_line(found.gains), "bold"))
     lines += requirement_lines(check.reports, found.objective)
     lines += summary_lines(objective_name(check.spec), found.objective, found.stability, found.nominal)
@@ -106,7 +106,7 @@ def requirement_lines(reports: Sequence[RequirementReport], objective: float | N
         yield "No requirements but stability.", ""
         return
     priced = any(report.multiplier is not None for report in reports)
-    header = f"{'':{VERDICT}}{'requirement':<{_WHAT}}{'achieved':>{_ACHIEVED}}{'score':>{_SCORE}}"
+    header = f"{'':{FIRST_COLUMN}}{'requirement':<{_WHAT}}{'achieved':>{_ACHIEVED}}{'score':>{_SCORE}}"
     yield header + (f"{'multiplier':>{_MULTIPLIER}}" if priced else ""), "bold"
     for report in reports:
         yield from _requirement(report, objective, priced)
@@ -134,12 +134,12 @@ def _requirement(report: RequirementReport, objective: float | None, priced: boo
         numbers += f"{_multiplier(report, objective):>{_MULTIPLIER}}"
     what, style = requirement_phrase(requirement), "" if met or result is None else "red"
     if len(what) > _WHAT:
-        yield f"{verdict:<{VERDICT}}{what}", style
-        yield f"{'':{VERDICT + _WHAT}}{numbers}", style
+        yield f"{verdict:<{FIRST_COLUMN}}{what}", style
+        yield f"{'':{FIRST_COLUMN + _WHAT}}{numbers}", style
     else:
-        yield f"{verdict:<{VERDICT}}{what:<{_WHAT}}{numbers}", style
+        yield f"{verdict:<{FIRST_COLUMN}}{what:<{_WHAT}}{numbers}", style
     where = f"{scope_phrase(requirement)}; {_worst(requirement, result)}" if result else scope_phrase(requirement)
-    yield from styled(where, QUIET, indent=" " * (VERDICT + 2))
+    yield from wrapped(where, QUIET, indent=" " * (FIRST_COLUMN + 2))
 
 
 def _achieved(requirement: Requirement, result: RequirementResult | None) -> str:
@@ -203,7 +203,7 @@ def _plant(plant: Mapping[str, float]) -> str:
     return f" with {named}" if named else ""
 
 
-def _clash(clash: Sequence[Give], requirements: Sequence[Requirement]) -> Iterator[Line]:
+def _clash(clash: Sequence[Relaxation], requirements: Sequence[Requirement]) -> Iterator[Line]:
     """What each of the clashing requirements would have to give, in words."""
     if not clash:
         return
@@ -212,9 +212,9 @@ def _clash(clash: Sequence[Give], requirements: Sequence[Requirement]) -> Iterat
     yield "These clash; one of them would have to give:" if known else "These clash:", "bold"
     for give in clash:
         requirement = requirements[give.requirement]
-        yield from styled(f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})", "", "    ", "  ")
+        yield from wrapped(f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})", "", "    ", "  ")
         if give.amount is not None and give.new_limit is not None:
-            yield f"      by {number(give.amount)}, to {limit_told(give.new_limit)}", ""
+            yield f"      by {number(give.amount)}, to {exact_limit(give.new_limit)}", ""
         elif known:
             yield "      no change of this limit alone was found to help", ""
 

@@ -67,7 +67,7 @@ def png_of(picture: Picture) -> bytes:
         return _png(picture, figure)
 
 
-def both_of(picture: Picture) -> tuple[str, bytes]:
+def svg_and_png_of(picture: Picture) -> tuple[str, bytes]:
     """The SVG text and the PNG bytes, drawn once."""
     with _figure(picture) as figure:
         svg = _svg(picture, figure)
@@ -76,7 +76,7 @@ def both_of(picture: Picture) -> tuple[str, bytes]:
         return svg, _png(picture, figure)
 
 
-def labelled(axes: Axes, y: str, x: str = "") -> None:
+def label_axes(axes: Axes, y: str, x: str = "") -> None:
     """Labels and a thin grid."""
     axes.set_ylabel(y)
     if x:
@@ -84,7 +84,7 @@ def labelled(axes: Axes, y: str, x: str = "") -> None:
     axes.grid(True, which="both", linewidth=0.3)
 
 
-def logarithmic(axes: Axes, *, both: bool = False) -> None:
+def log_axes(axes: Axes, *, both: bool = False) -> None:
     """Frequencies (and values, on demand) on a logarithmic axis, with plain numbers at the powers of ten.
 
     Lines between them would be ten a decade, and numbers as formulas take longer to set than the curves to draw.

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fopi_tune.report.findings import Found
-from fopi_tune.report.text.phrases import TIE, number, requirement_phrase, scope_phrase, with_unit
+from fopi_tune.report.documents import ReportedRequirement
+from fopi_tune.report.text.formatting import TIE, number, requirement_phrase, scope_phrase, with_unit
 
 #: verdict -> a sign that reads without colour
 _SIGNS = {"proved": "✓", "met": "✓", "refuted": "✗", "missed": "✗", "undecided": "?"}
@@ -16,7 +16,7 @@ _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
-class Row:
+class RequirementRow:
     """One requirement in words.
 
     Args:
@@ -44,7 +44,9 @@ class Row:
     checked: str
 
 
-def rows_of(requirements: Sequence[Found], objective: float | None = None) -> tuple[Row, ...]:
+def requirement_rows(
+    requirements: Sequence[ReportedRequirement], objective: float | None = None
+) -> tuple[RequirementRow, ...]:
     """A row for each requirement; what changes the objective by rounding only costs nothing."""
     return tuple(_row(found, objective) for found in requirements)
 
@@ -59,14 +61,14 @@ def place_phrase(place: Mapping[str, Any] | None) -> str:
     return " ".join(part for part in (where, f"with {plant}" if plant else "") if part)
 
 
-def _row(found: Found, objective: float | None) -> Row:
-    said, requirement = found.said, found.requirement
+def _row(found: ReportedRequirement, objective: float | None) -> RequirementRow:
+    said, requirement = found.reported, found.requirement
     proof, outcome = said["proof"], said["outcome"]
     if proof is not None:
         verdict = str(proof["verdict"])
     else:
         verdict = "open" if outcome is None else "met" if said["met"] else "missed"
-    return Row(
+    return RequirementRow(
         verdict=verdict,
         sign=_SIGNS.get(verdict, "–"),
         what=requirement_phrase(requirement),
@@ -101,7 +103,7 @@ def _proved(proof: Mapping[str, Any]) -> str:
     return "; ".join(filter(None, (" and ".join(parts), proof["reason"])))
 
 
-def _cost(multiplier: float | None, found: Found, objective: float | None) -> str:
+def _cost(multiplier: float | None, found: ReportedRequirement, objective: float | None) -> str:
     if multiplier is None:
         return ""
     size = max(map(abs, found.requirement.limits)) or 1.0

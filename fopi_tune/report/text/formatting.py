@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 WIDTH = 80
 #: width of the first column
-VERDICT = 10
+FIRST_COLUMN = 10
 GOOD, BAD, QUIET = "bold green", "bold red", "dim"
 #: a space at which no line is broken
 TIE = "\N{NO-BREAK SPACE}"
@@ -56,16 +56,16 @@ def gains_line(gains: FoPi, width: int = 56) -> str:
 def gains_lines(gains: FoPi | Mapping[str, FoPi]) -> list[Line]:
     """The gains of one loop, or of each mode of a system."""
     if isinstance(gains, Mapping):
-        return [(f"{name:<{VERDICT}}{gains_line(each, 46)}", "bold") for name, each in gains.items()]
+        return [(f"{name:<{FIRST_COLUMN}}{gains_line(each, 46)}", "bold") for name, each in gains.items()]
     return [(gains_line(gains), "bold")]
 
 
 def entry(label: str, words: str, style: str = "") -> list[Line]:
     """A label in the first column and words beside it."""
-    return styled(words, style, indent=" " * VERDICT, first=f"{label:<{VERDICT}}")
+    return wrapped(words, style, indent=" " * FIRST_COLUMN, first=f"{label:<{FIRST_COLUMN}}")
 
 
-def styled(sentence: str, style: str = "", indent: str = "", first: str = "") -> list[Line]:
+def wrapped(sentence: str, style: str = "", indent: str = "", first: str = "") -> list[Line]:
     """A sentence broken into lines; none when it is empty."""
     wrapped = textwrap.wrap(
         sentence,
@@ -94,7 +94,7 @@ def number(value: float, digits: int = 5) -> str:
     return f"{value + 0.0:.{digits}g}"
 
 
-def limit_told(limit: float) -> str:
+def exact_limit(limit: float) -> str:
     """Five digits where these are the limit, else nine: a limit is to be written as it is said."""
     return number(limit, 5 if float(number(limit)) == limit else 9)
 

@@ -14,6 +14,7 @@ from typing import Any
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.sections import Implementation, Sections
 from fopi_tune.errors import DomainError
+from fopi_tune.proof.documents import digest
 from fopi_tune.results.design import Run, loop_name
 from fopi_tune.spec.model import DesignSpec, Requirement
 
@@ -22,20 +23,20 @@ Document = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Found:
+class ReportedRequirement:
     """A requirement and what a document says of it.
 
     Args:
         requirement: the spec's.
-        said: the document's entry: `achieved`, `score`, `worst`, `proof`, ...
+        reported: the document's entry: `achieved`, `score`, `worst`, `proof`, ...
     """
 
     requirement: Requirement
-    said: Document
+    reported: Document
 
 
 @dataclass(frozen=True)
-class Findings:
+class ResultDocuments:
     """A spec and what was found.
 
     Args:
@@ -53,14 +54,14 @@ class Findings:
     gains: FoPi | None
 
     @property
-    def requirements(self) -> tuple[Found, ...]:
+    def requirements(self) -> tuple[ReportedRequirement, ...]:
         """Of the design, in the order of the spec."""
-        return _found(self.spec, self.design)
+        return _reported(self.spec, self.design)
 
     @property
-    def digital_requirements(self) -> tuple[Found, ...]:
+    def digital_requirements(self) -> tuple[ReportedRequirement, ...]:
         """Of the loop on samples; none without a digital controller."""
-        return () if self.digital is None else _found(self.spec, self.digital)
+        return () if self.digital is None else _reported(self.spec, self.digital)
 
     @property
     def digital_implementation(self) -> Implementation | None:
@@ -79,7 +80,7 @@ class Findings:
         return self.digital_implementation if loop_name(self.spec) == "sampled" else None
 
 
-def findings_of_run(run: Run, evidence: Document | None = None) -> Findings:
+def documents_of_run(run: Run, evidence: Document | None = None) -> ResultDocuments:
     """What a run found.
 
     Args:
@@ -87,10 +88,10 @@ def findings_of_run(run: Run, evidence: Document | None = None) -> Findings:
         evidence: the JSON of plants that were drawn, when there is one; left out unless it is of these very gains.
     """
     digital = None if run.digital is None else _plain(run.digital.to_dict())
-    return findings_of(run.spec, _plain(run.design.to_dict()), digital, evidence)
+    return documents_of(run.spec, _plain(run.design.to_dict()), digital, evidence)
 
 
-def findings_of(
+def documents_of(
     spec: DesignSpec,
     design: Document,
     digital: Document | None = None,
@@ -98,7 +99,7 @@ def findings_of(
     *,
     file: str = "design.json",
     command: str = "fopi run",
-) -> Findings:
+) -> ResultDocuments:
     """What documents say of a spec.
 
     Args:
@@ -117,14 +118,16 @@ def findings_of(
         entries = len(design["requirements"])
         said = design["gains"]
         gains = None if said is None else FoPi(float(said["kp"]), float(said["ki"]), float(said["alpha"]))
-        findings = Findings(spec, design, _matching(spec, said, digital), _matching(spec, said, evidence), gains)
+        documents = ResultDocuments(
+            spec, design, _matching(spec, said, digital), _matching(spec, said, evidence), gains
+        )
     except (LookupError, TypeError, ValueError, AttributeError):
         raise DomainError(f"{file} is no result of this tool; run `{command}` again") from None
     if not is_same:
         raise DomainError(f"{file} is of another spec, or of an earlier text of this one; run `{command}` again")
     if entries != len(spec.requirements):
         raise DomainError(f"{file} has not the requirements of its spec; run `{command}` again")
-    return findings
+    return documents
 
 
 def _matching(spec: DesignSpec, gains: object, document: Document | None) -> Document | None:
@@ -135,10 +138,73 @@ def _matching(spec: DesignSpec, gains: object, document: Document | None) -> Doc
     return document if same else None
 
 
-def _found(spec: DesignSpec, document: Document) -> tuple[Found, ...]:
-    return tuple(Found(r, said) for r, said in zip(spec.requirements, document["requirements"], strict=True))
+def _reported(spec: DesignSpec, document: Document) -> tuple[ReportedRequirement, ...]:
+    return tuple(
+        ReportedRequirement(r, said) for r, said in zip(spec.requirements, document["requirements"], strict=True)
+    )
 
 
 def _plain(document: Document) -> Document:
     """As it is read back from the disk: lists for tuples; numbers keep every digit."""
     return json.loads(json.dumps(document, allow_nan=False))
+
+
+#: statuses that say that every requirement is met
+_GOOD_STATUSES = ("solved", "met")
+#: relative; bounds are shown to less
+_ROUNDING = 1e-5
+#: relative; no gap that is stated is larger
+_LARGEST_GAP = 1e-2
+
+
+def check_consistent(document: Document, certificate: Document | None, names: tuple[str, str], command: str) -> None:
+    """Refuse a result whose words its certificate does not bear out; one without a proof says so itself.
+
+    Args:
+        document: JSON of a design, a check or a digital controller.
+        certificate: the JSON beside it; None where there is none.
+        names: of the two files, for messages.
+        command: what writes them.
+
+    Raises:
+        DomainError: the certificate is missing, of something else or changed, or the result was changed.
+    """
+    problem = _inconsistency(document, certificate)
+    if problem:
+        result, proof = names
+        raise DomainError(problem.format(result=result, proof=proof) + f"; run `{command}` again")
+
+
+def _inconsistency(document: Document, certificate: Document | None) -> str:
+    met = [bool(each["met"]) for each in document["requirements"]]
+    if document["status"] in _GOOD_STATUSES and not all(met):
+        return "{result} contradicts itself: its status is good, and a requirement is not met"
+    stated = document["proof"].get("certificate_digest")
+    if stated is None:
+        return ""
+    if certificate is None:
+        return "{proof} is not there, which {result} speaks of"
+    if certificate.get("digest") != stated or digest(dict(certificate)) != stated:
+        return "{proof} is not the one that {result} speaks of, or was changed"
+    if certificate["gains"] != document["gains"] or certificate["verdict"] != document["proof"]["verdict"]:
+        return "{result} has other gains or another verdict than {proof}: it was changed"
+    for said, shown in zip(document["requirements"], certificate["requirements"], strict=True):
+        proof = said["proof"]
+        if any(proof[key] != shown[key] for key in ("verdict", "proved_from", "proved_to")) or not _is_within_bounds(
+            said
+        ):
+            return "{result} says of " + str(said["name"]) + " what {proof} does not: it was changed"
+    return ""
+
+
+def _is_within_bounds(said: Document) -> bool:
+    """Whether the value that was reached lies between what is proved, and near it where the gap is known."""
+    proof, value = said["proof"], said["achieved"]
+    if value is None or proof["verdict"] != "proved":
+        return True
+    low, high, size = proof["proved_from"], proof["proved_to"], max(1.0, abs(value))
+    slack = _ROUNDING * size
+    inside = (low is None or low - slack <= value) and (high is None or value <= high + slack)
+    bounds = [bound for bound in (low, high) if bound is not None]
+    far = proof["relative_gap"] is not None and bounds and min(abs(value - b) for b in bounds) > _LARGEST_GAP * size
+    return inside and not far

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fopi_tune.report.figures.canvas import BLACK, BLUE, ORANGE, WIDE, Picture, labelled
-from fopi_tune.report.rows import place_phrase
-from fopi_tune.report.text.phrases import number
+from fopi_tune.report.figures.picture import BLACK, BLUE, ORANGE, WIDE, Picture, label_axes
+from fopi_tune.report.requirement_rows import place_phrase
+from fopi_tune.report.text.formatting import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +21,7 @@ _MOST = 8
 
 
 @dataclass(frozen=True)
-class Chance:
+class EvidenceRow:
     """How often one requirement or limit held, in words."""
 
     what: str
@@ -31,13 +31,13 @@ class Chance:
     worst: str
 
 
-def chances_of(evidence: Mapping[str, Any]) -> tuple[Chance, ...]:
+def evidence_rows(evidence: Mapping[str, Any]) -> tuple[EvidenceRow, ...]:
     """Stability, then every requirement and limit."""
-    stable = Chance("stable loop", *_fraction(evidence["stable"]), "", "")
+    stable = EvidenceRow("stable loop", *_fraction(evidence["stable"]), "", "")
     return (stable, *(_chance(judged) for judged in _judged(evidence)))
 
 
-def drawn_phrase(evidence: Mapping[str, Any]) -> str:
+def sampling_phrase(evidence: Mapping[str, Any]) -> str:
     """How many plants, drawn how, and how many of them no proof speaks of."""
     drawn, total = evidence["drawn"], evidence["stable"]["total"]
     how = f"rows of {drawn['samples_file']['name']}" if drawn["samples_file"] else str(drawn["design"])
@@ -69,7 +69,7 @@ def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
             limit = _limit(judged)
             if edges[0] - np.ptp(edges) <= limit <= edges[-1] + np.ptp(edges):
                 axes.axvline(limit, color=ORANGE, linestyle="--")
-            labelled(axes, "share, %", _phrase(judged))
+            label_axes(axes, "share, %", _phrase(judged))
 
     words = "; ".join(f"{_phrase(j)}: met by {' in '.join(_fraction(j['fraction']))}" for j in told)
     said = (
@@ -83,11 +83,11 @@ def _judged(evidence: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
     return [*evidence["requirements"], *evidence["limits"]]
 
 
-def _chance(judged: Mapping[str, Any]) -> Chance:
+def _chance(judged: Mapping[str, Any]) -> EvidenceRow:
     middle = [each["value"] for each in judged["quantiles"] if each["probability"] == 0.5]
     worst = judged["worst"][0] if judged["worst"] else None
     told = "" if worst is None else f"{_value(worst['value'])} {place_phrase(worst)} (plant {worst['index']})"
-    return Chance(_phrase(judged), *_fraction(judged["fraction"]), _value(middle[0]) if middle else "", told)
+    return EvidenceRow(_phrase(judged), *_fraction(judged["fraction"]), _value(middle[0]) if middle else "", told)
 
 
 def _side(judged: Mapping[str, Any]) -> str:
