@@ -1,4 +1,4 @@
-"""The paper's study:  every claim recomputed, with its verdict, and the figures.
+"""The paper's claims recomputed, each with its verdict, and the paper's figures.
 
     CLAIMS["brake"]()            the rows of one group of claims
     FIGURES["bode_brake"]()      a figure as SVG text
@@ -6,7 +6,7 @@
     picture = PICTURES[...]()    computed once, then svg_of(picture), png_of(picture)
     paper_text(rows), paper_markdown(rows), paper_csv(rows)
 
-Nothing here touches the disk or prints, and nothing that is recomputed is stored: each call computes.
+Nothing here writes to the disk or prints, and nothing is cached: each call computes.
 """
 
 from fopi_tune.paper.claims import CLAIMS

@@ -1,4 +1,6 @@
-"""What the paper prints: HosseinNia, Tejado, Vinagre, Milanes, Villagra, "Low Speed Control of an Autonomous Vehicle
+"""What the paper prints:  gains, plants, specifications and filters.
+
+The paper: HosseinNia, Tejado, Vinagre, Milanes, Villagra, "Low Speed Control of an Autonomous Vehicle
 Using a Hybrid Fractional Order Controller".  Nothing here is computed.
 """
 
@@ -10,13 +12,13 @@ from dataclasses import dataclass
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import Plant
 
-#: relative; a number exactly half a unit away agrees, whatever its binary form
+#: relative; so that a number exactly half a unit away agrees, despite binary rounding
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class PublishedNumber:
-    """A number as it is printed: "0.70" is known to half a unit of its last digit, 0.005.
+    """A number as the paper prints it: "0.70" is known to half a unit of its last digit, 0.005.
 
     Args:
         text: digits with a point, without an exponent.
@@ -41,7 +43,7 @@ class PublishedNumber:
 
 @dataclass(frozen=True)
 class PublishedGains:
-    """A row of the paper's table of controllers."""
+    """The gains of a row in the paper's table of controllers."""
 
     kp: PublishedNumber
     ki: PublishedNumber
@@ -49,11 +51,11 @@ class PublishedGains:
 
     @property
     def gains(self) -> FoPi:
-        """As numbers."""
+        """The gains as numbers."""
         return FoPi(self.kp.value, self.ki.value, self.alpha.value)
 
     def agree(self, gains: FoPi | None) -> bool:
-        """Whether gains round to these."""
+        """Whether gains round to the published ones."""
         if gains is None:
             return False
         return self.kp.agrees(gains.kp) and self.ki.agrees(gains.ki) and self.alpha.agrees(gains.alpha)
@@ -94,7 +96,7 @@ TAU_NOISE_MEAN_S = 0.85
 REJECTION_DB, REJECTION_RAD_S = -20.0, 0.035
 #: the brake's specifications: PM, crossover, gain margin (absolute)
 SPECIFIED_PM_DEG, SPECIFIED_CROSSOVER_RAD_S, SPECIFIED_GAIN_MARGIN = 90.0, 0.3, PublishedNumber("4")
-#: what Fig. 3 is said to show
+#: what the paper reads from Fig. 3
 FIG3_CROSSOVER_RAD_S, FIG3_PM_DEG = PublishedNumber("0.7"), PublishedNumber("93")
 
 COMFORT_M_S2 = 2.0

@@ -14,7 +14,7 @@ from fopi_tune.report.text.formatting import BAD, GOOD, QUIET, Line, to_text, wr
 
 
 class Verdict(StrEnum):
-    """What became of a claim."""
+    """The outcome of checking a claim."""
 
     HOLDS = "holds"
     #: true under a condition that the paper does not state; the row's `why` names it
@@ -26,13 +26,13 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Row:
-    """One claim and what became of it.
+    """A claim and the outcome of checking it.
 
     Args:
         claim: one sentence.
         published: what the paper prints.
         recomputed: what this tool finds.
-        verdict: computed from the two.
+        verdict: follows from the two.
         why: the reason, and the tolerance where numbers are compared.
     """
 
@@ -47,8 +47,8 @@ def verdict_of(holds: bool, *, on_condition: bool = False) -> Verdict:
     """The verdict of a comparison.
 
     Args:
-        holds: whether the claim does.
-        on_condition: whether only under a condition that is not printed.
+        holds: whether the claim holds.
+        on_condition: whether it holds only under a condition that is not printed.
     """
     if not holds:
         return Verdict.DOES_NOT_HOLD
@@ -56,7 +56,7 @@ def verdict_of(holds: bool, *, on_condition: bool = False) -> Verdict:
 
 
 def rounded_count(count: float) -> str:
-    """A count to two digits: how often modes chatter depends on the last bit of a number."""
+    """A count to two digits: the number of switches of chattering modes depends on rounding errors."""
     return f"{float(f'{count:.2g}'):.0f}"
 
 
@@ -73,7 +73,7 @@ Rows = Mapping[str, Sequence[Row]] | Sequence[Row]
 
 
 def paper_text(rows: Rows) -> Text:
-    """The rows in 80 columns, each claim with its verdict, numbers and reason, and how many have which verdict."""
+    """The claims in 80 columns, each with its verdict, numbers and reason, and the counts of verdicts."""
     lines: list[Line] = []
     for group, members in _groups(rows):
         if group:
@@ -84,14 +84,14 @@ def paper_text(rows: Rows) -> Text:
 
 
 def summary(rows: Rows) -> str:
-    """How many claims there are and how many have which verdict."""
+    """The number of claims, and of each verdict."""
     every = [row for _, members in _groups(rows) for row in members]
     counts = ", ".join(f"{verdict.value}: {sum(row.verdict is verdict for row in every)}" for verdict in Verdict)
     return f"{len(every)} claims. {counts[0].upper()}{counts[1:]}."
 
 
 def paper_markdown(rows: Rows) -> str:
-    """A table a group, and the counts."""
+    """A table for each group, and the counts of verdicts."""
     parts = []
     for group, members in _groups(rows):
         head = [f"## {group}", ""] if group else []
@@ -101,7 +101,7 @@ def paper_markdown(rows: Rows) -> str:
 
 
 def paper_csv(rows: Rows) -> str:
-    """One line a row after a header; the group comes first, empty without groups."""
+    """A header, then a line for each row; the first column is the group, empty without groups."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(("group", *COLUMNS))

@@ -1,4 +1,4 @@
-"""The paper's specs and systems, which come with the package, and variants of them."""
+"""The paper's specs and systems, shipped with the package, and variants of them."""
 
 from __future__ import annotations
 
@@ -32,27 +32,27 @@ def brake_plant(static_gain: float = 1.0, tau_s: float = TAU_NOMINAL_S, dead_tim
     return Plant((static_gain,), (tau_s, 1.0), dead_time_s)
 
 
-def with_numbers(wanted: DesignSpec, **numbers: float | Uncertain) -> DesignSpec:
-    """A spec whose plant has these numbers in place of its own."""
-    told = {n: v if isinstance(v, Uncertain) else Uncertain.exactly(v) for n, v in numbers.items()}
-    return replace(wanted, plant=PlantFamily(wanted.plant.model, {**wanted.plant.parameters, **told}))
+def with_numbers(base: DesignSpec, **numbers: float | Uncertain) -> DesignSpec:
+    """The spec with these uncertain or known numbers of its plant replaced."""
+    given = {n: v if isinstance(v, Uncertain) else Uncertain.exactly(v) for n, v in numbers.items()}
+    return replace(base, plant=PlantFamily(base.plant.model, {**base.plant.parameters, **given}))
 
 
-def with_alpha(wanted: DesignSpec, low: float, high: float) -> DesignSpec:
-    """A spec that searches these orders."""
-    return replace(wanted, controller=replace(wanted.controller, alpha=GainRange(low, high)))
+def with_alpha(base: DesignSpec, low: float, high: float) -> DesignSpec:
+    """The spec with another range of alpha."""
+    return replace(base, controller=replace(base.controller, alpha=GainRange(low, high)))
 
 
-def with_objective(wanted: DesignSpec, quantity: str) -> DesignSpec:
-    """A spec that minimises something else."""
-    return replace(wanted, objective=Objective(Sense.MINIMIZE, quantity))
+def with_objective(base: DesignSpec, quantity: str) -> DesignSpec:
+    """The spec with another quantity to minimise."""
+    return replace(base, objective=Objective(Sense.MINIMIZE, quantity))
 
 
-def with_requirements(wanted: DesignSpec, *requirements: Requirement) -> DesignSpec:
-    """A spec with these requirements alone and no objective."""
-    return replace(wanted, requirements=requirements, objective=None)
+def with_requirements(base: DesignSpec, *requirements: Requirement) -> DesignSpec:
+    """The spec with only these requirements, and no objective."""
+    return replace(base, requirements=requirements, objective=None)
 
 
-def nominal_requirements(wanted: DesignSpec) -> tuple[Requirement, ...]:
-    """The requirements about the nominal plant."""
-    return tuple(each for each in wanted.requirements if each.scope is Scope.NOMINAL)
+def nominal_requirements(base: DesignSpec) -> tuple[Requirement, ...]:
+    """The requirements on the nominal plant."""
+    return tuple(each for each in base.requirements if each.scope is Scope.NOMINAL)

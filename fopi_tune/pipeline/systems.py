@@ -92,7 +92,7 @@ def validate_system(
         gains: by mode's name; those of the file where left out, and tuned where the file has none.
         samples: pairs to draw, in place of the file's.
         seed: in place of the file's.
-        progress: told how many pairs are done, of how many.
+        progress: called with the number of pairs done, and of all.
 
     Raises:
         SpecError, DomainError: as for `simulate_system`, or a number of samples that is not positive.

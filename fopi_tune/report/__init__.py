@@ -1,4 +1,4 @@
-"""Results as something to read; computes nothing and writes nothing."""
+"""Results as text, figures and HTML pages; nothing is computed anew and nothing is written to the disk."""
 
 from fopi_tune.report.figures.plots import controller_bode_svg, simulation_svg
 from fopi_tune.report.text.certificates import recheck_text

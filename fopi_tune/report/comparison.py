@@ -1,7 +1,7 @@
-"""Designs side by side:  what each was asked, what it reached, and who is better in what.
+"""Designs side by side:  the requirements and values of each, and which design is better in what.
 
-Values are compared only where they are the same quantity, over the same plants, of the same loop; everything else is
-shown and not compared.
+Values are ranked only where they are the same quantity, over the same plants, of the same loop; all others are shown
+without a ranking.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from fopi_tune.report.text.formatting import number, requirement_phrase, scope_p
 from fopi_tune.results.design import loop_name
 from fopi_tune.spec.model import Relation, Requirement, Sense
 
-#: designs on a page: more lines than these are not told apart
+#: designs on a page: more lines than these cannot be told apart
 MOST = 6
 #: relative; values that differ by less are called alike
 ALIKE = 1e-4
@@ -60,13 +60,13 @@ class ComparedDesign:
 
 @dataclass(frozen=True)
 class Cell:
-    """What one design has in a row.
+    """The entry of one design in a row.
 
     Args:
-        words: the value.
-        note: below it; its own limit, or its verdict.
-        sign: of the verdict; empty where there is none.
-        is_best: whether it is better than every other one it is compared with.
+        words: the value in words.
+        note: below the value: its own limit, or its verdict.
+        sign: symbol of the verdict; empty where there is none.
+        is_best: whether it is better than all it is compared with.
     """
 
     words: str
@@ -82,7 +82,7 @@ class ComparisonRow:
     Args:
         what: the quantity, with its limit where all have the same.
         scope: for which plants and frequencies.
-        cells: one for each design; None where its spec does not speak of it.
+        cells: one for each design; None where its spec has no such requirement.
     """
 
     what: str
@@ -98,13 +98,13 @@ class Comparison:
         entries: the designs, in the order they were named.
         groups: indices of designs of the same plants and the same loop, in the same order.
         lines: requirements, then objectives and the largest |S|.
-        words: who is better in what, and what is not compared.
+        sentences: which design is better in what, and what is not compared.
     """
 
     entries: tuple[ComparedDesign, ...]
     groups: tuple[tuple[int, ...], ...]
     lines: tuple[ComparisonRow, ...]
-    words: tuple[str, ...]
+    sentences: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -112,10 +112,10 @@ class _Reading:
     """One number of one design.
 
     Args:
-        value: infinite is a value.
-        merit: grows as it gets better; None where that cannot be said.
+        value: may be infinite.
+        merit: larger is better; None where values cannot be ranked.
         cell: how it is shown.
-        target: what it has to equal; None for other relations.
+        target: the limit of an equality; None for other relations.
     """
 
     value: float
@@ -136,27 +136,27 @@ def compare_designs(named: Sequence[tuple[str, ResultDocuments]]) -> Comparison:
         for k, (name, (source, documents)) in enumerate(zip(names, named, strict=True))
     )
     groups = _groups(entries)
-    lines, words = [], [_met_words(entry) for entry in entries]
-    for line, readings in (*_requirement_lines(entries), *_other_lines(entries)):
-        best, told = _judged(line, readings, entries, groups)
+    lines, words = [], [_requirements_sentence(entry) for entry in entries]
+    for line, readings in (*_requirement_lines(entries), *_objective_lines(entries)):
+        best, told = _ranked(line, readings, entries, groups)
         cells = tuple(
             cell if cell is None or k not in best else Cell(cell.words, cell.note, cell.sign, True)
             for k, cell in enumerate(line.cells)
         )
         lines.append(ComparisonRow(line.what, line.scope, cells))
         words += told
-    return Comparison(entries, groups, tuple(lines), (*words, *_not_compared(entries, groups)))
+    return Comparison(entries, groups, tuple(lines), (*words, *_exclusions(entries, groups)))
 
 
 def plain(text: str, most: int = 60) -> str:
-    """A file's name as text of a page: what cannot be printed as its code, and its middle left out where it is long."""
+    """A file's name for a page: characters that cannot be printed as escapes, and a long name without its middle."""
     shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
     half = (most - 3) // 2
     return shown if len(shown) <= most else f"{shown[:half]}...{shown[-half:]}"
 
 
-def _met_words(entry: ComparedDesign) -> str:
-    """How many of its own requirements a design meets."""
+def _requirements_sentence(entry: ComparedDesign) -> str:
+    """How many requirements of its own spec a design meets, as a sentence."""
     design, digital = entry.documents.design, entry.documents.digital
     said, verdict = design["requirements"], design["proof"]["verdict"]
     missed = _missed(design)
@@ -174,14 +174,14 @@ def _missed(document: Document) -> int:
 
 
 def _groups(entries: Sequence[ComparedDesign]) -> tuple[tuple[int, ...], ...]:
-    """The same plants (model, ranges and nominal values) and the same loop belong together."""
+    """Indices of designs with the same plants (model, ranges and nominal values) and the same loop."""
     keys = [(entry.documents.spec.plant, entry.loop) for entry in entries]
     firsts = [k for k, key in enumerate(keys) if keys.index(key) == k]
     return tuple(tuple(k for k, key in enumerate(keys) if key == keys[first]) for first in firsts)
 
 
 def _requirement_lines(entries: Sequence[ComparedDesign]) -> list[tuple[ComparisonRow, tuple[_Reading | None, ...]]]:
-    """A line for each quantity, side, scope and band that some spec speaks of, in the order they come."""
+    """A row for each quantity, relation, scope and band in any of the specs, in order of appearance."""
     said = [_by_key(entry.documents) for entry in entries]
     keys = list(dict.fromkeys(key for each in said for key in each))
     made = []
@@ -197,7 +197,7 @@ def _requirement_lines(entries: Sequence[ComparedDesign]) -> list[tuple[Comparis
 
 
 def _by_key(documents: ResultDocuments) -> dict[tuple[Any, ...], tuple[ReportedRequirement, RequirementRow]]:
-    """Requirements by what they say but for their limits; of two that say the same, the second counts as another."""
+    """Requirements by everything but their limits, and a counter that tells equal ones apart."""
     found: dict[tuple[Any, ...], tuple[ReportedRequirement, RequirementRow]] = {}
     for each, row in zip(documents.requirements, requirement_rows(documents.requirements), strict=True):
         r = each.requirement
@@ -215,17 +215,17 @@ def _reading(found: ReportedRequirement, row: RequirementRow, *, own_limit: bool
     target = r.limits[0] if r.relation is Relation.EQUALS else None
     if value is None:
         return _Reading(math.nan, None, cell, target)
-    return _Reading(float(value), _goodness(r, float(value)), cell, target)
+    return _Reading(float(value), _merit(r, float(value)), cell, target)
 
 
-def _goodness(r: Requirement, value: float) -> float | None:
+def _merit(r: Requirement, value: float) -> float | None:
     if r.relation is Relation.BETWEEN:
         return None
     return {Relation.AT_LEAST: value, Relation.AT_MOST: -value}.get(r.relation, -abs(value - r.limits[0]))
 
 
-def _other_lines(entries: Sequence[ComparedDesign]) -> list[tuple[ComparisonRow, tuple[_Reading | None, ...]]]:
-    """Each objective that some spec has, and the distance from -1."""
+def _objective_lines(entries: Sequence[ComparedDesign]) -> list[tuple[ComparisonRow, tuple[_Reading | None, ...]]]:
+    """A row for each objective of any spec, and one for the largest |S|."""
     objectives = list(dict.fromkeys(str(entry.documents.design["objective_quantity"]) for entry in entries))
     makers: list[tuple[str, Callable[[ResultDocuments], float | None], float | None]] = [
         (f"objective: {words}", lambda f, words=words: _objective(f, words), _sign(entries, words))
@@ -235,7 +235,7 @@ def _other_lines(entries: Sequence[ComparedDesign]) -> list[tuple[ComparisonRow,
     made = []
     for what, value_of, sign in makers:
         values = [value_of(entry.documents) for entry in entries]
-        # an objective is worth nothing where the requirements are missed
+        # objectives are ranked only where the requirements are met
         counts = [sign is not None and (value_of is _peak or not _missed(entry.documents.design)) for entry in entries]
         readings = tuple(
             None if v is None else _Reading(v, sign * v if sign is not None and ranked else None, Cell(number(v)))
@@ -257,20 +257,20 @@ def _peak(documents: ResultDocuments) -> float | None:
 
 
 def _sign(entries: Sequence[ComparedDesign], words: str) -> float | None:
-    """+1 where more is better; None for the depth inside the requirements, which is another quantity in every spec."""
+    """+1 or -1 where more is better or worse; None for the slack, which is another quantity in each spec."""
     objective = next(e.documents.spec.objective for e in entries if e.documents.design["objective_quantity"] == words)
     if objective is None:
         return None
     return 1.0 if objective.sense is Sense.MAXIMIZE else -1.0
 
 
-def _judged(
+def _ranked(
     line: ComparisonRow,
     readings: Sequence[_Reading | None],
     entries: Sequence[ComparedDesign],
     groups: Sequence[Sequence[int]],
 ) -> tuple[set[int], list[str]]:
-    """Who is best in a line, and a sentence about it for every group with at least two to compare."""
+    """Which designs are best in a row, and a sentence for every group with at least two to compare."""
     best, words = set[int](), []
     where = f"{line.what} ({line.scope})"
     for group in groups:
@@ -281,8 +281,8 @@ def _judged(
             continue
         (first, top, _), others = ranked[0], ranked[1:]
         tied = sorted(entries[k].letter for k, r, _ in ranked if _alike(top, r))
-        rest = ", ".join(f"{_told(r.value)} ({entries[k].letter})" for k, r, _ in others if not _alike(top, r))
-        against = f"{_told(top.value)} against {rest}" if rest else _told(top.value)
+        rest = ", ".join(f"{_formatted(r.value)} ({entries[k].letter})" for k, r, _ in others if not _alike(top, r))
+        against = f"{_formatted(top.value)} against {rest}" if rest else _formatted(top.value)
         if len(tied) > 1:
             words.append(f"{' and '.join(tied)} are alike in {where}: {against}.")
             continue
@@ -295,18 +295,18 @@ def _judged(
 
 def _alike(a: _Reading, b: _Reading) -> bool:
     assert a.merit is not None
-    assert b.merit is not None  # only what can be ranked is asked about
+    assert b.merit is not None  # only values that can be ranked get here
     if a.merit == b.merit:
         return True
     size = max(abs(a.value), abs(b.value), abs(a.target or 0.0))
     return math.isfinite(size) and abs(a.merit - b.merit) <= ALIKE * size
 
 
-def _told(value: float) -> str:
+def _formatted(value: float) -> str:
     return "infinite" if math.isinf(value) else number(value)
 
 
-def _not_compared(entries: Sequence[ComparedDesign], groups: Sequence[Sequence[int]]) -> list[str]:
+def _exclusions(entries: Sequence[ComparedDesign], groups: Sequence[Sequence[int]]) -> list[str]:
     words = [
         f"{entry.label} is {entry.documents.design['status']}: its gains are no solution, only where the search ended."
         for entry in entries

@@ -32,22 +32,22 @@ def comparison_files(named: Sequence[tuple[str, ResultDocuments]]) -> dict[str, 
         "entries": comparison.entries,
         "facts": _facts(comparison),
         "lines": comparison.lines,
-        "words": comparison.words,
+        "sentences": comparison.sentences,
         "groups": [" and ".join(comparison.entries[k].letter for k in group) for group in comparison.groups],
         "plants": [_plants_phrase(comparison.entries[group[0]].documents) for group in comparison.groups],
         "loops": [comparison.entries[group[0]].loop for group in comparison.groups],
         "alike": f"{ALIKE:g}",
-        "chances": _chances(comparison.entries),
+        "evidence": _evidence(comparison.entries),
         "figures": figures,
     }
     return {**figure_files(figures), COMPARISON: render_template("compare.html.jinja", values)}
 
 
 def _facts(comparison: Comparison) -> list[tuple[str, list[str]]]:
-    """What is told of each design in words, a line each."""
+    """Facts about each design: (name, a text for each design)."""
     every = [entry.documents for entry in comparison.entries]
     makers = (
-        ("result", lambda f: _verdict_of(f.design)),
+        ("result", lambda f: _status_phrase(f.design)),
         ("kp", lambda f: "–" if f.gains is None else number(f.gains.kp)),
         ("ki", lambda f: "–" if f.gains is None else number(f.gains.ki)),
         ("alpha", lambda f: "–" if f.gains is None else number(f.gains.alpha)),
@@ -84,21 +84,21 @@ def _digital(documents: ResultDocuments) -> str:
     return f"{told}, {missed} of {len(digital['requirements'])} missed" if missed else told
 
 
-def _chances(entries: Sequence[ComparedDesign]) -> dict[str, Any] | None:
-    """The plants that were drawn, as rows of all designs; None where none were."""
+def _evidence(entries: Sequence[ComparedDesign]) -> dict[str, Any] | None:
+    """Monte Carlo evidence of all designs as rows; None where no design has any."""
     if all(entry.documents.evidence is None for entry in entries):
         return None
     found = [entry.documents.evidence for entry in entries]
-    rows = [{} if each is None else {chance.what: chance for chance in evidence_rows(each)} for each in found]
+    rows = [{} if each is None else {row.what: row for row in evidence_rows(each)} for each in found]
     names = list(dict.fromkeys(name for each in rows for name in each))
     return {
-        "drawn": ["none were drawn" if each is None else sampling_phrase(each) for each in found],
-        "rows": [(name, [_chance(each.get(name)) for each in rows]) for name in names],
+        "sampling": ["none were drawn" if each is None else sampling_phrase(each) for each in found],
+        "rows": [(name, [_share(each.get(name)) for each in rows]) for name in names],
     }
 
 
-def _chance(chance: Any) -> str:
-    return "–" if chance is None else f"{chance.share} ({chance.interval})"
+def _share(row: Any) -> str:
+    return "–" if row is None else f"{row.share} ({row.interval})"
 
 
 def _plants_phrase(documents: ResultDocuments) -> str:
@@ -113,7 +113,7 @@ def _plants_phrase(documents: ResultDocuments) -> str:
     return f"{plant.model}: {'; '.join(parts)}"
 
 
-def _verdict_of(document: Document) -> str:
+def _status_phrase(document: Document) -> str:
     """The status of a result and its proof's verdict."""
     verdict = str(document["proof"]["verdict"]).replace("_", " ")
     return f"{document['status']}; proof: {verdict}"

@@ -1,7 +1,8 @@
-"""What a report is made from:  a spec and the documents of its results -> Findings.
+"""What a report is made from:  a spec and the JSON documents of its results -> ResultDocuments.
 
-The documents are those on the disk (`design.json`, `digital.json`, `evidence.json`), so that a report made with the
-results and one made from them later are the same bytes.
+The documents are those on the disk (`design.json`, `digital.json`, `evidence.json`), so that a report made together
+with the results and one made from their files later are the same bytes.  `check_consistent` refuses documents that
+their certificate does not confirm.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ Document = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class ReportedRequirement:
-    """A requirement and what a document says of it.
+    """A requirement and its entry in a document.
 
     Args:
-        requirement: the spec's.
-        reported: the document's entry: `achieved`, `score`, `worst`, `proof`, ...
+        requirement: as the spec states it.
+        reported: the entry, with keys `achieved`, `score`, `worst`, `proof`, ...
     """
 
     requirement: Requirement
@@ -37,14 +38,14 @@ class ReportedRequirement:
 
 @dataclass(frozen=True)
 class ResultDocuments:
-    """A spec and what was found.
+    """A spec and the documents of its results.
 
     Args:
-        spec: what was asked.
+        spec: the spec.
         design: the JSON of the design.
-        digital: that of the digital controller and its loop; None without one.
-        evidence: that of the plants that were drawn; None without.
-        gains: the design's; None where it has none.
+        digital: the JSON of the digital controller and its loop; None without one.
+        evidence: the JSON of the plants that were drawn; None without.
+        gains: those of the design; None where it has none.
     """
 
     spec: DesignSpec
@@ -81,11 +82,11 @@ class ResultDocuments:
 
 
 def documents_of_run(run: Run, evidence: Document | None = None) -> ResultDocuments:
-    """What a run found.
+    """The documents of a run.
 
     Args:
         run: every stage of a spec.
-        evidence: the JSON of plants that were drawn, when there is one; left out unless it is of these very gains.
+        evidence: the JSON of plants that were drawn; left out unless it is of the same gains.
     """
     digital = None if run.digital is None else _plain(run.digital.to_dict())
     return documents_of(run.spec, _plain(run.design.to_dict()), digital, evidence)
@@ -100,15 +101,15 @@ def documents_of(
     file: str = "design.json",
     command: str = "fopi run",
 ) -> ResultDocuments:
-    """What documents say of a spec.
+    """Put documents together, after a check that they belong to the spec.
 
     Args:
-        spec: what was asked.
-        design: the JSON of `fopi tune` or `fopi run`; or of `fopi prove`, where only what both have is asked of it.
-        digital: that of `fopi discretize`; left out unless it is of this spec and the design's gains.
-        evidence: that of `fopi validate`; the same.
-        file: the name of the first, for messages.
-        command: what writes it, for messages.
+        spec: the spec.
+        design: the JSON of `fopi tune` or `fopi run`; or of `fopi prove`, if only keys that both have are read.
+        digital: the JSON of `fopi discretize`; left out unless it is of this spec and the design's gains.
+        evidence: the JSON of `fopi validate`; left out likewise.
+        file: name of the design's file, for messages.
+        command: the command that writes it, for messages.
 
     Raises:
         DomainError: the design is of another spec, or no result of this tool.
@@ -131,7 +132,7 @@ def documents_of(
 
 
 def _matching(spec: DesignSpec, gains: object, document: Document | None) -> Document | None:
-    """A document that is of this spec and these gains."""
+    """The document if it is of this spec and these gains, else None."""
     if document is None or gains is None or not {"stamp", "gains", "requirements"} <= document.keys():
         return None
     same = document["stamp"].get("spec_sha256") == spec.sha256 and document["gains"] == gains
@@ -145,29 +146,29 @@ def _reported(spec: DesignSpec, document: Document) -> tuple[ReportedRequirement
 
 
 def _plain(document: Document) -> Document:
-    """As it is read back from the disk: lists for tuples; numbers keep every digit."""
+    """The document as it is read back from the disk: lists in place of tuples; numbers keep every digit."""
     return json.loads(json.dumps(document, allow_nan=False))
 
 
-#: statuses that say that every requirement is met
+#: statuses that mean that every requirement is met
 _GOOD_STATUSES = ("solved", "met")
-#: relative; bounds are shown to less
+#: relative
 _ROUNDING = 1e-5
-#: relative; no gap that is stated is larger
+#: relative; the largest gap that a certificate states
 _LARGEST_GAP = 1e-2
 
 
 def check_consistent(document: Document, certificate: Document | None, names: tuple[str, str], command: str) -> None:
-    """Refuse a result whose words its certificate does not bear out; one without a proof says so itself.
+    """Refuse a result that its certificate does not confirm; a result that states no proof needs none.
 
     Args:
         document: JSON of a design, a check or a digital controller.
-        certificate: the JSON beside it; None where there is none.
-        names: of the two files, for messages.
-        command: what writes them.
+        certificate: the JSON of its certificate; None where the file is missing.
+        names: the names of the two files, for messages.
+        command: the command that writes them.
 
     Raises:
-        DomainError: the certificate is missing, of something else or changed, or the result was changed.
+        DomainError: the certificate is missing, of another result or changed, or the result was changed.
     """
     problem = _inconsistency(document, certificate)
     if problem:
@@ -176,6 +177,7 @@ def check_consistent(document: Document, certificate: Document | None, names: tu
 
 
 def _inconsistency(document: Document, certificate: Document | None) -> str:
+    """The message that says what does not fit, with {result} and {proof} for the files' names; empty if all does."""
     met = [bool(each["met"]) for each in document["requirements"]]
     if document["status"] in _GOOD_STATUSES and not all(met):
         return "{result} contradicts itself: its status is good, and a requirement is not met"
@@ -198,7 +200,7 @@ def _inconsistency(document: Document, certificate: Document | None) -> str:
 
 
 def _is_within_bounds(said: Document) -> bool:
-    """Whether the value that was reached lies between what is proved, and near it where the gap is known."""
+    """Whether the achieved value lies within the proved bounds, and close to one where the gap is known."""
     proof, value = said["proof"], said["achieved"]
     if value is None or proof["verdict"] != "proved":
         return True

@@ -1,6 +1,6 @@
-"""The report:  Findings -> report.html and its figures as SVG and PNG; the same documents give the same bytes.
+"""The report:  ResultDocuments -> report.html and its figures as SVG and PNG; the same documents give the same bytes.
 
-What is drawn and told; how it becomes a page is in `page.py`.
+This module decides what the report contains; `page.py` renders it.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ def report_files(documents: ResultDocuments) -> dict[str, str | bytes]:
     """The report and its figures, by their names in the folder of results.
 
     Args:
-        documents: the spec and the documents of its results.
+        documents: the spec and its results.
 
     Returns:
         `report.html` last, as text; figures as text (SVG) and bytes (PNG).
     """
     members, evidence = members_of(documents), documents.evidence
-    of_loop = [] if members is None else list(render_figures(_OF_LOOP, members))
+    of_loop = [] if members is None else list(render_figures(_LOOP_FIGURES, members))
     of_filter = list(render_figures({"digital": digital_picture}, documents))
     of_plants = [] if evidence is None else list(render_figures({"plants": _histograms}, documents))
-    values = {**_words(documents), **_moved(members)}
+    values = {**_text_values(documents), **_slider_values(members)}
     values |= {"figures": of_loop, "digital_figures": of_filter, "evidence_figures": of_plants}
     figures = figure_files([*of_loop, *of_filter, *of_plants])
     return {**figures, REPORT: render_template("report.html.jinja", values)}
 
 
-#: name -> what is drawn of the loop, in the order of the page
-_OF_LOOP: Mapping[str, Callable[[Members], Picture | None]] = {
+#: name of a figure of the loop -> how it is drawn, in the order of the page
+_LOOP_FIGURES: Mapping[str, Callable[[Members], Picture | None]] = {
     "bode": bode,
     "nyquist": nyquist,
     "sensitivities": sensitivities,
@@ -60,8 +60,8 @@ def _histograms(documents: ResultDocuments) -> Picture | None:
     return None if documents.evidence is None else histograms(documents.evidence, documents.spec.name)
 
 
-def _moved(members: Members | None) -> dict[str, Any]:
-    """The slider, its curves, and -1 in the small Nyquist picture."""
+def _slider_values(members: Members | None) -> dict[str, Any]:
+    """Template values of the slider: its curves, and the mark of -1 in its Nyquist panel."""
     try:
         slider = None if members is None else slider_of(members)
     except DomainError:
@@ -80,8 +80,8 @@ def _moved(members: Members | None) -> dict[str, Any]:
     }
 
 
-def _words(documents: ResultDocuments) -> dict[str, Any]:
-    """Everything that is told in words."""
+def _text_values(documents: ResultDocuments) -> dict[str, Any]:
+    """Template values that are text."""
     spec, design, digital, evidence = documents.spec, documents.design, documents.digital, documents.evidence
     rows = requirement_rows(documents.requirements, design["objective"])
     status = str(design["status"])
@@ -92,7 +92,7 @@ def _words(documents: ResultDocuments) -> dict[str, Any]:
         "good": status == "solved",
         "status": " ".join([f"{status}. {design['advice']}", *_proof_words(status, verdict)]),
         "good_on_samples": digital is not None and digital["status"] == "met",
-        "on_samples": "" if digital is None else f"The loop on samples: {digital['status']}.{_misses(digital)}",
+        "on_samples": "" if digital is None else f"The loop on samples: {digital['status']}.{_missed_phrase(digital)}",
         "message": sentence(design["message"]) if design["message"] else "",
         "gains": None if documents.gains is None else _gains_words(documents.gains, status),
         "sampled": loop_name(spec) == "sampled",
@@ -102,9 +102,9 @@ def _words(documents: ResultDocuments) -> dict[str, Any]:
         "why_no_figures": "there are no gains, or the digital controller that the requirements speak of is not there",
         "digital_status": "" if digital is None else _digital_words(documents, digital),
         "digital_rows": requirement_rows(documents.digital_requirements),
-        "drawn_words": "" if evidence is None else sampling_phrase(evidence),
+        "sampling": "" if evidence is None else sampling_phrase(evidence),
         "confidence": "" if evidence is None else f"{100.0 * evidence['drawn']['confidence']:g} %",
-        "chances": () if evidence is None else evidence_rows(evidence),
+        "evidence": () if evidence is None else evidence_rows(evidence),
         "priced": any(row.cost for row in rows),
         "objective_name": design["objective_quantity"],
         "proof": list(_proof(design["proof"])),
@@ -118,8 +118,8 @@ def _gains_words(gains: FoPi, status: str) -> str:
     return f"C(s) = kp + ki / s^alpha with {values}{no_solution}"
 
 
-def _misses(digital: Mapping[str, Any]) -> str:
-    """How many requirements the loop on samples misses."""
+def _missed_phrase(digital: Mapping[str, Any]) -> str:
+    """A sentence on how many requirements the loop on samples misses; empty if none."""
     said = digital["requirements"]
     missed = sum(not each["met"] for each in said)
     return f" It misses {missed} of {len(said)} requirements; see below." if missed else ""
@@ -160,7 +160,7 @@ def _summary(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _digital_words(documents: ResultDocuments, digital: Mapping[str, Any]) -> str:
     asked = documents.spec.digital
-    assert asked is not None  # of this very spec, which asked for it
+    assert asked is not None  # there is a digital controller only if the spec asks for one
     words = f"{digital['status']}. Every {number(asked.sample_time_s)} s, {asked.method} with {asked.poles} poles"
     words += "" if asked.method == "fit" else f", {asked.rule}"
     samples = "sample" if asked.delay_samples == 1.0 else "samples"

@@ -1,4 +1,4 @@
-"""Requirements as rows of a table:  what a document says -> words."""
+"""Requirements as rows of a table:  the entries of a document -> words."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from fopi_tune.report.documents import ReportedRequirement
 from fopi_tune.report.text.formatting import TIE, number, requirement_phrase, scope_phrase, with_unit
 
-#: verdict -> a sign that reads without colour
+#: verdict -> a symbol that is readable without colour
 _SIGNS = {"proved": "✓", "met": "✓", "refuted": "✗", "missed": "✗", "undecided": "?"}
 #: a multiplier that changes the objective by less than this part of it is rounding
 _ROUNDING = 1e-6
@@ -21,15 +21,15 @@ class RequirementRow:
 
     Args:
         verdict: proved, refuted or undecided; met or missed without a proof; open without gains.
-        sign: the same without words.
+        sign: the verdict as a symbol.
         what: the requirement as a formula.
         scope: for which plants and frequencies.
         achieved: the worst value.
-        score: at most 1 is met.
-        worst: where.
-        proved: what is shown of the value, or why it is not.
-        cost: what the objective gains for each unit the limit gives; empty where not known.
-        checked: the same by solving again; empty where not asked for.
+        score: the requirement is met if at most 1.
+        worst: plant and frequency of the worst value.
+        proved: the proved bounds of the value, or why there are none.
+        cost: the multiplier: by how much the objective improves for each unit the limit is relaxed; empty if not known.
+        checked: the multiplier by solving again; empty where not asked for.
     """
 
     verdict: str
@@ -47,12 +47,12 @@ class RequirementRow:
 def requirement_rows(
     requirements: Sequence[ReportedRequirement], objective: float | None = None
 ) -> tuple[RequirementRow, ...]:
-    """A row for each requirement; what changes the objective by rounding only costs nothing."""
+    """A row for each requirement; a multiplier that is zero up to rounding is shown as 0."""
     return tuple(_row(found, objective) for found in requirements)
 
 
 def place_phrase(place: Mapping[str, Any] | None) -> str:
-    """A worst place: "at 0.02 rad/s with time_constant_s = 3.1"."""
+    """A worst plant and frequency: "at 0.02 rad/s with time_constant_s = 3.1"."""
     if place is None:
         return ""
     omega, limit = place.get("omega_rad_s"), place.get("limit")

@@ -1,4 +1,4 @@
-"""What simulating and sampling a system hands out:  two loops that take turns, driven by their digital controllers."""
+"""Results of a system of two modes:  its simulation with one pair of plants, and evidence from many pairs."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class SimulatedSystem:
         spec: the system.
         gains: of each mode.
         plant: the uncertain numbers by name, each after its mode's name and a dot.
-        index: of the draw that was made again; None for plants that were named.
-        driven: the scenarios.
-        stamp: where this comes from.
-        exact: whether this is the hybrid inclusion in continuous time, without samples.
+        index: of the Monte Carlo draw; None for plants given by their numbers.
+        driven: the results, a scenario each.
+        stamp: provenance.
+        exact: whether the hybrid inclusion was simulated in continuous time, without samples.
     """
 
     spec: SystemSpec
@@ -63,13 +63,13 @@ class SimulatedSystem:
 
 @dataclass(frozen=True)
 class ValidatedSystem:
-    """What sampling says of a system.
+    """Evidence from sampled pairs of plants.
 
     Args:
         spec: the system.
         gains: of each mode.
-        evidence: how often everything held.
-        stamp: where this comes from.
+        evidence: how often each limit was met.
+        stamp: provenance.
     """
 
     spec: SystemSpec

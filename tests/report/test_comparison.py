@@ -55,7 +55,7 @@ def fopi_against_pi() -> Comparison:
 
 
 def sentence_about(comparison: Comparison, words: str) -> str:
-    return next(sentence for sentence in comparison.words if words in sentence)
+    return next(sentence for sentence in comparison.sentences if words in sentence)
 
 
 def phase_margin_deg(gains: FoPi, tau: float) -> float:
@@ -98,7 +98,7 @@ def test_designs_for_other_plants_are_shown_and_never_compared() -> None:
     assert comparison.groups == ((0,), (1,))
     assert not any(cell is not None and cell.is_best for line in comparison.lines for cell in line.cells)
     assert all(cell is not None for cell in comparison.lines[2].cells)
-    assert not any(re.search("better|best|alike|closer", sentence) for sentence in comparison.words)
+    assert not any(re.search("better|best|alike|closer", sentence) for sentence in comparison.sentences)
     page = comparison_files([("a", documents(ROBUST_BRAKE)), ("b", documents(PI, OTHER))])["compare.html"]
     assert "The designs are not about the same plants and the same loop." in str(page)
     assert "time_constant_s from 1.6 to 3, nominal 2.25" in str(page)
@@ -127,7 +127,7 @@ def test_other_limits_of_one_quantity_are_told_and_the_values_compared() -> None
 def test_values_that_must_equal_other_numbers_are_not_compared() -> None:
     faster = BRAKE.replace("{equals: 0.3}", "{equals: 0.31}")
     comparison = compare_designs([("a", documents(ROBUST_BRAKE)), ("b", documents(PI, faster))])
-    assert not any("crossover_rad_s (" in sentence for sentence in comparison.words)
+    assert not any("crossover_rad_s (" in sentence for sentence in comparison.sentences)
     same = compare_designs([("a", documents(PI)), ("b", documents(PUBLISHED_BRAKE))])
     assert sentence_about(same, "crossover_rad_s").startswith("A brake (a) is closer to crossover_rad_s = 0.3")
 
@@ -143,8 +143,8 @@ def test_what_a_spec_does_not_ask_is_said_to_be_missing() -> None:
 def test_an_unstable_design_is_never_better() -> None:
     stability = {**check(PI)["stability"], "stable": False, "reason": "a pole on the right"}
     comparison = compare_designs([("a", documents(ROBUST_BRAKE)), ("b", documents(PI, stability=stability))])
-    assert not any(re.search("better|alike|closer", sentence) for sentence in comparison.words)
-    assert "B brake (b) is not shown to be stable for every plant: its values are not compared." in comparison.words
+    assert not any(re.search("better|alike|closer", sentence) for sentence in comparison.sentences)
+    assert "B brake (b) is not shown to be stable for every plant: its values are not compared." in comparison.sentences
 
 
 def test_an_infinite_margin_is_better_than_any_finite_one() -> None:
@@ -157,7 +157,7 @@ def test_an_infinite_margin_is_better_than_any_finite_one() -> None:
 
 def test_gains_that_miss_requirements_are_said_to() -> None:
     comparison = compare_designs([("a", documents(PI)), ("b", documents(PUBLISHED_BRAKE))])
-    assert comparison.words[:2] == (
+    assert comparison.sentences[:2] == (
         "A brake (a) meets all 5 requirements of its spec (met, proved).",
         "B brake (b) misses 3 of the 5 requirements of its spec (violated, refuted).",
     )
@@ -241,7 +241,7 @@ def test_a_design_without_gains_has_its_column_and_no_lines() -> None:
     named = [("a", documents(ROBUST_BRAKE)), ("b", documents(PI, **said))]
     page = "".join(Page(str(comparison_files(named)["compare.html"])).text)
     assert "Not drawn, for there is no loop: B brake (b)." in page
-    assert not any(re.search("better|alike|closer", sentence) for sentence in compare_designs(named).words)
+    assert not any(re.search("better|alike|closer", sentence) for sentence in compare_designs(named).sentences)
 
 
 def test_hostile_names_are_shown_and_not_obeyed() -> None:

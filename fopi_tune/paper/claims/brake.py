@@ -1,4 +1,4 @@
-"""The brake's controller: what its gains do to the stated plant, and to which plant they would belong."""
+"""The brake's controller:  its loop with the stated plant, and the plant for which the printed margins are right."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from fopi_tune.results.status import Status
 
 #: a plant gain that makes the published crossover about what is printed
 PLANT_GAIN = 10.0
-#: deg; what specs/brake.yaml asks of every plant
+#: deg; the phase margin that specs/brake.yaml requires of every plant
 _ROBUST_DEG = 80.0
 _TAUS_S = (TAU_MIN_S, TAU_NOMINAL_S, TAU_MAX_S)
 _SPECIFIED = f"{SPECIFIED_CROSSOVER_RAD_S:g} rad/s and {SPECIFIED_PM_DEG:g} deg"
@@ -42,19 +42,22 @@ class FittedPlant:
 
 
 def brake() -> tuple[Row, ...]:
-    """The published gains on the stated plant, on other plants, and gains that meet the specifications."""
-    return (*_figure_3(), _any_plant(), _order(), _other_gains(), _family(), _robust())
+    """The published gains with the stated plant and with others, and gains that meet the specifications."""
+    return (*_figure_3(), _phase_at_crossover(), _order(), _other_gains(), _family(), _robust())
 
 
 def fitted_plant(crossover_rad_s: float, phase_margin_deg: float) -> FittedPlant:
-    """PM = pi + arg C - arctan(tau omega) gives tau, and |C P| = 1 the gain."""
+    """The plant for which the published gains give this crossover and phase margin.
+
+    At the crossover omega, PM = pi + arg C - arctan(tau omega) gives tau, and |C P| = 1 the static gain.
+    """
     controller = _controller_at(crossover_rad_s)
     tau = math.tan(math.pi + cmath.phase(controller) - math.radians(phase_margin_deg)) / crossover_rad_s
     return FittedPlant(math.hypot(1.0, tau * crossover_rad_s) / abs(controller), tau)
 
 
 def published_margins(static_gain: float, tau_s: float) -> Margins:
-    """Margins of the published gains."""
+    """Margins of the published gains with a plant static_gain/(tau s + 1)."""
     return margins(BRAKE.gains, brake_plant(static_gain, tau_s))
 
 
@@ -96,8 +99,8 @@ def _figure_3() -> tuple[Row, ...]:
     )
 
 
-def _any_plant() -> Row:
-    """At the specified crossover the phase is the same for every gain of the plant."""
+def _phase_at_crossover() -> Row:
+    """At the specified crossover the phase margin does not depend on the plant's static gain."""
     controller = _controller_at(SPECIFIED_CROSSOVER_RAD_S)
     found = [
         180.0 + math.degrees(cmath.phase(controller) - math.atan(tau * SPECIFIED_CROSSOVER_RAD_S)) for tau in _TAUS_S
@@ -113,7 +116,7 @@ def _any_plant() -> Row:
 
 
 def _order() -> Row:
-    """kp >= 0 where cot(alpha pi/2) <= -Re X/Im X, X = e^{j(pm - pi)}/P(j omega)."""
+    """kp >= 0 where cot(alpha pi/2) <= -Re X/Im X, with X = e^{j(pm - pi)}/P(j omega) = C(j omega) at the crossover."""
     omega, margin = SPECIFIED_CROSSOVER_RAD_S, math.radians(SPECIFIED_PM_DEG)
     x = cmath.exp(1j * (margin - math.pi)) * complex(1.0, omega * TAU_NOMINAL_S)
     least = 2.0 / math.pi * math.atan2(-x.imag, x.real)
@@ -145,7 +148,7 @@ def _other_gains() -> Row:
 
 
 def _family() -> Row:
-    """Margins fall with tau: the ends of the interval are the ends of the ranges, which the grid confirms."""
+    """Margins decrease with tau, so that the ends of its interval give their ranges; a grid confirms it."""
     grid = np.linspace(TAU_MIN_S, TAU_MAX_S, 31).tolist()
     every = [published_margins(PLANT_GAIN, tau) for tau in grid]
     phase = [m.phase_margin_deg for m in every if m.phase_margin_deg is not None]

@@ -1,4 +1,4 @@
-"""Experiments I and II: what the models allow for any reference, and what happens on plausible ones."""
+"""Experiments I and II:  bounds that hold for any reference, and simulations with plausible ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The digital filters: what the printed coefficients approximate, and whether they can be run."""
+"""The digital filters:  what the printed coefficients approximate, and whether they are stable."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from fopi_tune.paper.published import FILTERS, SAMPLE_TIME_S, PublishedFilter
 from fopi_tune.paper.table import Row, verdict_of
 from fopi_tune.paper.variants import spec
 
-#: what is left of a direct path's relative error when both orders are compared
+#: relative; b0 agrees with a limit up to this
 _CLOSE = 0.05
 #: digits that most printed coefficients have
 _DIGITS = 4
-#: z - 1; an integrator's gain grows without end towards z = 1
+#: z - 1; an integrator's gain is unbounded as z -> 1
 _NEAR_ONE = (1e-3, 1e-6)
 #: of the largest output, in float32
 _LOST = 1e-5
@@ -34,7 +34,7 @@ def filters() -> tuple[Row, ...]:
         _rounded(),
         _integrator(),
         _eighth_order(),
-        _tools(),
+        _parallel_sections(),
     )
 
 
@@ -57,7 +57,7 @@ def tool_filter(name: str, gains: FoPi) -> DigitalController:
 
 
 def _order_of(found: PublishedFilter) -> Row:
-    """Tustin turns s^m into ((2/Ts)(z - 1)/(z + 1))^m, which tends to (Ts/2)^-m as z grows, and b_0 is that limit."""
+    """b_0 shows the order: Tustin's s^m is ((2/Ts)(z - 1)/(z + 1))^m, whose limit for z -> inf, (Ts/2)^-m, is b_0."""
     alpha = found.of.alpha.value
     half = 0.5 * SAMPLE_TIME_S
     stated, other = half ** -(1.0 - alpha), half**alpha
@@ -89,7 +89,7 @@ def _poles_of(found: PublishedFilter) -> Row:
 
 
 def _rounded() -> Row:
-    """The same loss with a filter that is stable before its coefficients are rounded."""
+    """Rounding to four digits makes a stable filter unstable too."""
     gains = FILTERS["throttle"].of.gains
     made = tool_filter("throttle", gains)
     # the first pole is the true integrator, at exactly 1
@@ -108,7 +108,7 @@ def _rounded() -> Row:
 
 
 def _integrator() -> Row:
-    """C(z) = kp + ki ((1 - z^-1)/Ts) s^(1-alpha): with the exact s^(1-alpha), whose gain vanishes at z = 1."""
+    """C(z) = kp + ki ((1 - z^-1)/Ts) s^(1-alpha) near z = 1, with the exact s^(1-alpha), which is 0 at z = 1."""
     gains = FILTERS["throttle"].of.gains
     printed, meant = [], []
     for beyond in _NEAR_ONE:
@@ -139,7 +139,7 @@ def _eighth_order() -> Row:
     )
 
 
-def _tools() -> Row:
+def _parallel_sections() -> Row:
     low, high, lost, stable = 0.0, np.inf, 0.0, True
     for name, found in FILTERS.items():
         made = tool_filter(name, found.of.gains)

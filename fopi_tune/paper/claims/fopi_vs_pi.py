@@ -1,7 +1,7 @@
-"""FOPI against plain PI under the same requirements:  where the fractional order pays, and where it does not.
+"""FOPI against PI under the same requirements:  where the fractional order pays, and where it does not.
 
-Both are tuned for the same plants, requirements and objective, the PI with alpha fixed at 1.  What they then do in time
-is the exact response of the fractional loop, for the ends and the nominal value of tau.
+Both are tuned for the same plants, requirements and objective, the PI with alpha fixed at 1.  Their responses in time
+are exact, by Laplace inversion, for the smallest, nominal and largest tau.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from fopi_tune.results.status import Status
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
 from fopi_tune.spec.model import DesignSpec
 
-#: what the introduction says
+#: from the paper's introduction
 _PUBLISHED = "fractional orders perform better than classical PIDs"
-#: part of the PI's value by which the fractional order must better it to be said to pay
+#: relative; the fractional order pays if it improves the PI's objective by more
 _PAYS = 0.01
-#: s; step and end of the responses, and of the settling
+#: s; step and end of the responses
 _STEP_S, _END_S = 0.1, 200.0
 _SETTLED = 0.02
 
@@ -55,7 +55,7 @@ class DesignPair:
 
     @property
     def solved(self) -> bool:
-        """Whether both are."""
+        """Whether both are solved."""
         return self.fractional.status is self.integer.status is Status.SOLVED
 
     @property
@@ -66,7 +66,7 @@ class DesignPair:
 
 
 def fopi_vs_pi() -> tuple[Row, ...]:
-    """Objective by objective, then in time."""
+    """The claims: objective by objective, then in time."""
     spread = design_pair(spec("brake"))
     return (
         _spread("uncertain tau", "specs/brake.yaml and specs/pi_baseline.yaml", spread),
@@ -103,8 +103,7 @@ def uncertain_gain() -> DesignSpec:
 
 
 def settling_s(gains: FoPi, tau_s: float) -> float:
-    """When a unit step of the setpoint stays within 2 %, on the stated brake."""
-
+    """The time after which the unit step response of the stated brake stays within 2 %."""
     times, output = setpoint_step(gains, tau_s, 0.0, _STEP_S, _END_S)
     outside = np.flatnonzero(np.abs(output - 1.0) > _SETTLED)
     return float(times[outside[-1]]) if len(outside) else 0.0
@@ -174,7 +173,6 @@ def _throttle() -> Row:
 
 
 def _disturbance() -> Row:
-
     wanted = spec("brake_delay")
     found = design_pair(wanted)
     tau, dead_time_s = wanted.plant.parameters["time_constant_s"], wanted.plant.parameters["dead_time_s"].nominal
@@ -193,7 +191,6 @@ def _disturbance() -> Row:
 
 
 def _settling(found: DesignPair) -> Row:
-
     tau = found.fractional.spec.plant.parameters["time_constant_s"]
     plants = (tau.min, tau.nominal, tau.max)
     settled = [max(settling_s(gains, t) for t in plants) for gains in found.gains]
@@ -225,7 +222,7 @@ def setpoint_step(gains: FoPi, tau_s: float, dead_time_s: float, step_s: float, 
 
 
 def absolute_load_error(gains: FoPi, tau_s: float, dead_time_s: float, step_s: float, end_s: float) -> float:
-    """The integral of |e| after a unit step at the plant's input, by the trapezoidal rule; arguments as `step_of`."""
+    """The integral of |e| after a unit step at the plant's input, trapezoidal rule; arguments as `setpoint_step`."""
     times = _times(step_s, end_s)
     plant = brake_plant(tau_s=tau_s, dead_time_s=dead_time_s)
     error = np.abs(exact_response(gains, plant, Signal.OUTPUT_AFTER_LOAD, times))

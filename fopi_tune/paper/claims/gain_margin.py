@@ -1,4 +1,4 @@
-"""The gain margin: an equality without a solution, and a formula that is misprinted."""
+"""The gain margin:  an equality without a solution, and a misprinted formula."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ _MARGIN_DB = 20.0 * math.log10(SPECIFIED_GAIN_MARGIN.value)
 
 
 def gain_margin() -> tuple[Row, ...]:
-    """What becomes of Mg = 4."""
-    return (_published(), _equality(), _with_dead_time(), _formula(), _words())
+    """The claims about Mg = 4."""
+    return (_published(), _equality(), _with_dead_time(), _formula(), _crossover_terms())
 
 
 def _published() -> Row:
@@ -74,7 +74,7 @@ def _with_dead_time() -> Row:
 
 
 def _formula() -> Row:
-    """N4 at a loop whose gain margin is exactly 4."""
+    """Equation N4, evaluated for a loop whose gain margin is exactly 4."""
     plant = brake_plant(PLANT_GAIN, dead_time_s=_DEAD_TIME_S)
     first = margins(BRAKE.gains, plant)
     assert first.gain_margin_rad_s is not None
@@ -97,7 +97,7 @@ def _loop_gain(gains: FoPi, static_gain: float, omega: float) -> float:
     return abs(controller) * static_gain / math.hypot(1.0, TAU_NOMINAL_S * omega)
 
 
-def _words() -> Row:
+def _crossover_terms() -> Row:
     found = margins(THROTTLE.gains, THROTTLE_PLANT)
     assert found.phase_margin_deg is not None
     return Row(

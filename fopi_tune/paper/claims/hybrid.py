@@ -1,4 +1,4 @@
-"""The hybrid model: its closed loops, its states, and how the modes take turns."""
+"""The hybrid model:  its closed loops, its states, and the switching between modes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _TRACKS_KMH = 1.0
 
 
 def hybrid() -> tuple[Row, ...]:
-    """Models, then the switching."""
+    """The claims: models, then switching."""
     sampled = simulate_system(system("switching")).driven[0]
     exact = simulate_system(system("switching"), exact=True).driven[0]
     return (_closed_loop(), _model(), _states(), _no_hysteresis(exact), _stays_bounded(sampled), _memories())

@@ -31,7 +31,7 @@ READINGS: Mapping[str, str] = {
 
 
 def manoeuvre() -> tuple[Row, ...]:
-    """The start, the comfort limit under each reading, and the control it takes."""
+    """The claims: the start, the comfort limit under each reading, and the control needed."""
     rows = [_start(), _noise()]
     for gain in GAINS:
         evidence = validate(spec_of(gain), BRAKE.gains).evidence

@@ -1,4 +1,4 @@
-"""The throttle's controller: its three specifications, and what they give."""
+"""The throttle's controller:  its three specifications, and the gains that follow from them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SAME = 1e-5
 
 
 def throttle() -> tuple[Row, ...]:
-    """The published gains against the specifications, and the gains the specifications give."""
+    """The published gains against the specifications, and the gains that meet these."""
     design = tune(spec("throttle"))
     return (_rejection(), _margins(), _procedure(design), _closed_form(design))
 
@@ -75,7 +75,7 @@ def _procedure(design: Design) -> Row:
 
 
 def _closed_form(design: Design) -> Row:
-    """z_c from the phase and k_p from the gain, as printed; the tuning's alpha, crossover and margin go in."""
+    """z_c from the phase and k_p from the gain by the printed equations, with the design's alpha and specifications."""
     gains, wanted = design.gains, {r.quantity: r.limits[0] for r in design.spec.requirements}
     if gains is None:
         return Row("The printed equations give the gains", "z_c, k_p", "no gains", Verdict.DOES_NOT_HOLD, "No design.")

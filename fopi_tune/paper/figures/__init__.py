@@ -35,7 +35,7 @@ def _svg(name: str) -> Callable[[], str]:
     return made
 
 
-#: name -> the figure before it is drawn: title, description, and how to draw it
+#: name -> the figure before it is drawn
 PICTURES: Mapping[str, Callable[[], Picture]] = {name: _picture(name) for name in _MODULES}
 #: name -> SVG text
 FIGURES: Mapping[str, Callable[[], str]] = {name: _svg(name) for name in _MODULES}

@@ -1,4 +1,4 @@
-"""Figures over frequency:  the brake's loop (the paper's Figs. 3 and 4), and the printed filters."""
+"""Frequency responses:  the brake's loop (the paper's Figs. 3 and 4), and the printed filters."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Curve = tuple[str, FoPi, Plant]
 
 
 def bode_brake() -> Picture:
-    """Fig. 3: the published gains on the stated plant and on those that give what is printed."""
+    """Fig. 3: the published gains with the stated plant, and with plants that give the printed margins."""
     needed = fitted_plant(FIG3_CROSSOVER_RAD_S.value, FIG3_PM_DEG.value)
     plants = ((1.0, TAU_NOMINAL_S), (PLANT_GAIN, TAU_NOMINAL_S), (needed.static_gain, needed.tau_s))
     curves = [
@@ -56,7 +56,7 @@ def bode_brake() -> Picture:
 
 
 def bode_family() -> Picture:
-    """Fig. 4: over tau, the published gains with a static gain of 10 beside the robust design for the stated plant."""
+    """Fig. 4: over tau, the published gains with a static gain of 10, and the robust design for the stated plant."""
     design = tune(spec("brake"), proof=False)
     if design.gains is None or design.status is not Status.SOLVED:
         raise DomainError(f"the robust brake is {design.status.value}: {design.message}; there is nothing to draw")
@@ -123,7 +123,7 @@ def _loop(gains: FoPi, plant: Plant) -> NDArray[np.complex128]:
 
 
 def _bode(figure: Figure, families: Sequence[Sequence[Curve]], names: Sequence[str] = ("",)) -> None:
-    """A column a family: gain above phase, the crossovers marked."""
+    """A column for each family: gain above phase, with the crossovers marked."""
     grid = figure.subplots(2, len(families), sharex=True, sharey="row", squeeze=False)
     for column, (family, name) in enumerate(zip(families, names, strict=True)):
         gain, phase = grid[0][column], grid[1][column]

@@ -1,4 +1,4 @@
-"""Figures over time:  the switching of the modes, the brake manoeuvre, Experiments I and II."""
+"""Time responses:  switching of the modes, the brake manoeuvre, Experiments I and II, and FOPI against PI."""
 
 from __future__ import annotations
 
@@ -24,10 +24,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _KMH = 3.6
+#: s; step and end of the responses to a step of the setpoint
+_STEP_S, _END_S = 0.25, 80.0
 
 
 def switching() -> Picture:
-    """The modes without hysteresis, on samples; where the inclusion slides is marked."""
+    """The modes without hysteresis, on samples; the start of sliding in continuous time is marked."""
     (driven,) = simulate_system(system("switching")).driven
     exact = simulate_system(system("switching"), exact=True).driven[0]
     slides = exact.switch_times_s[-1]
@@ -51,7 +53,7 @@ def switching() -> Picture:
 
 
 def manoeuvre() -> Picture:
-    """Velocity and acceleration from 30 km/h, a column a plant gain, a line a reading."""
+    """Velocity and acceleration from 30 km/h: a column for each plant gain, a line for each reading."""
     found = {gain: simulate(spec_of(gain), BRAKE.gains).driven for gain in GAINS}
 
     def draw(figure: Figure) -> None:
@@ -93,49 +95,6 @@ def experiment_2() -> Picture:
     return _experiment("experiment_2", "Experiment II, on a plausible reference")
 
 
-def _experiment(name: str, title: str) -> Picture:
-    (driven,) = simulate_system(system("car"), scenario=name).driven
-
-    def draw(figure: Figure) -> None:
-        velocity, acceleration, control = figure.subplots(3, 1, sharex=True)
-        _velocity(velocity, driven)
-        time_s = driven.traces.time_s
-        acceleration.plot(time_s, driven.traces.rate[0] / _KMH, color=BLUE, linewidth=0.8)
-        _comfort(acceleration)
-        control.step(time_s, driven.traces.applied[0], where="post", color=ORANGE, linewidth=0.8)
-        for axes, label in ((acceleration, "acceleration, m/s^2"), (control, "control")):
-            label_axes(axes, label)
-        control.set_xlabel("time, s")
-        velocity.legend(loc="best")
-
-    m = driven.measures
-    return Picture(
-        title,
-        f"Velocity with its setpoint, acceleration and normalised control over {driven.scenario.duration_s:g} s; the "
-        f"time with the brake is shaded. Largest |a| {m['acceleration_m_s2']:.2f} m/s^2, "
-        f"about {rounded_count(m['switch_count'])} changes of the mode, mean error "
-        f"{m['iae'] / driven.scenario.duration_s:.2f} km/h.",
-        draw,
-    )
-
-
-def _velocity(axes: Axes, driven: ScenarioResult) -> None:
-    """Output and setpoint, the brake's time shaded."""
-    time_s = driven.traces.time_s
-    shade_second_mode((axes,), time_s, driven.traces.mode[0])
-    axes.step(time_s, driven.reference, "--", where="post", color="black", linewidth=0.8, label="setpoint")
-    axes.plot(time_s, driven.traces.output[0], color=BLUE, label="velocity")
-    label_axes(axes, "velocity, km/h")
-
-
-def _comfort(axes: Axes) -> None:
-    for limit in np.array([-COMFORT_M_S2, COMFORT_M_S2]):
-        axes.axhline(float(limit), color="black", linewidth=0.8, linestyle=":")
-
-
-_STEP_S, _END_S = 0.25, 80.0
-
-
 def alpha_against_pi() -> Picture:
     """Phase margin over tau, and the error after a step of the setpoint, of the robust brake and its PI."""
     found = design_pair(spec("brake"))
@@ -164,3 +123,43 @@ def alpha_against_pi() -> Picture:
         draw,
         (8.0, 4.2),
     )
+
+
+def _experiment(name: str, title: str) -> Picture:
+    (driven,) = simulate_system(system("car"), scenario=name).driven
+
+    def draw(figure: Figure) -> None:
+        velocity, acceleration, control = figure.subplots(3, 1, sharex=True)
+        _velocity(velocity, driven)
+        time_s = driven.traces.time_s
+        acceleration.plot(time_s, driven.traces.rate[0] / _KMH, color=BLUE, linewidth=0.8)
+        _comfort(acceleration)
+        control.step(time_s, driven.traces.applied[0], where="post", color=ORANGE, linewidth=0.8)
+        for axes, label in ((acceleration, "acceleration, m/s^2"), (control, "control")):
+            label_axes(axes, label)
+        control.set_xlabel("time, s")
+        velocity.legend(loc="best")
+
+    m = driven.measures
+    return Picture(
+        title,
+        f"Velocity with its setpoint, acceleration and normalised control over {driven.scenario.duration_s:g} s; the "
+        f"time with the brake is shaded. Largest |a| {m['acceleration_m_s2']:.2f} m/s^2, "
+        f"about {rounded_count(m['switch_count'])} changes of the mode, mean error "
+        f"{m['iae'] / driven.scenario.duration_s:.2f} km/h.",
+        draw,
+    )
+
+
+def _velocity(axes: Axes, driven: ScenarioResult) -> None:
+    """Plot output and setpoint, with the time of the brake shaded."""
+    time_s = driven.traces.time_s
+    shade_second_mode((axes,), time_s, driven.traces.mode[0])
+    axes.step(time_s, driven.reference, "--", where="post", color="black", linewidth=0.8, label="setpoint")
+    axes.plot(time_s, driven.traces.output[0], color=BLUE, label="velocity")
+    label_axes(axes, "velocity, km/h")
+
+
+def _comfort(axes: Axes) -> None:
+    for limit in np.array([-COMFORT_M_S2, COMFORT_M_S2]):
+        axes.axhline(float(limit), color="black", linewidth=0.8, linestyle=":")

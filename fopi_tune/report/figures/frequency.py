@@ -1,4 +1,4 @@
-"""Figures along the frequency axis:  the loop, its distance from -1, its sensitivities, its margins."""
+"""Frequency responses:  Bode and Nyquist plots of the loop, sensitivities, and margins over an uncertain number."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _HATCHED = "Hatched: what the requirements forbid"
 
 
 def bode(members: Members) -> Picture:
-    """Gain and phase of L: the family's envelope, the nominal plant, the worst ones, and what is forbidden."""
+    """Gain and phase of L: the family's envelope, nominal and worst plants, and the forbidden regions."""
     family, named = members.family_log_loop, members.named_log_loop
     requirements = members.documents.spec.requirements
     crossings, of_named = _crossovers(members), gain_crossovers(members.named_loops)
@@ -55,7 +55,7 @@ def bode(members: Members) -> Picture:
             (gain, _DB * family.real, _DB * named.real),
             (phase, np.degrees(family.imag), np.degrees(named.imag)),
         ):
-            _lines(axes, members, band, lines)
+            _plot_family(axes, members, band, lines)
         fit_y_limits(gain, [_DB * family.real, _DB * named.real], 160.0)
         fit_y_limits(phase, [np.degrees(family.imag), np.degrees(named.imag)], 300.0)
         low, high = phase.get_ylim()
@@ -74,23 +74,23 @@ def bode(members: Members) -> Picture:
         label_axes(phase, "arg L, deg", "omega, rad/s")
         legend_below(figure, gain)
 
-    at = "no plant has a gain crossover" if crossings is None else _range_told("gain crossovers", crossings, "rad/s")
+    at = "no plant has a gain crossover" if crossings is None else _range_phrase("gain crossovers", crossings, "rad/s")
     title = f"{members.documents.spec.name}: Bode, the loop L = C P"
     said = (
-        f"Gain and phase of the loop over frequency, {_shown(members)}; {at}. {_hatched(members)} Dots: each line at "
-        "its gain crossovers, where its phase margin is read: a dot may not lie in a hatched part, its line may pass "
-        "there. A cross marks what has to be met exactly."
+        f"Gain and phase of the loop over frequency, {_plants_phrase(members)}; {at}. {_hatching_phrase(members)} Dots: "
+        "each line at its gain crossovers, where its phase margin is read: a dot may not lie in a hatched part, its "
+        "line may pass there. A cross marks what has to be met exactly."
     )
     return Picture(title, said, draw, TWO_PANELS)
 
 
 def nyquist(members: Members) -> Picture:
-    """L in the complex plane with the circle around -1 that no plant enters, and those that none may enter."""
+    """L in the complex plane, with the circle around -1 that no plant enters and the forbidden discs."""
     near, loops = members.near_unit_gain, members.sample.loops
     named = np.exp(near.named_log_loop)
     grey = np.exp(near.log_loop(loops.take(np.arange(0, len(loops), max(1, len(loops) // _GREY)))))
     stability = members.documents.design["stability"] or {}
-    # the check of an unstable family ends with the plant that shows it
+    # for an unstable family the value is that of the unstable plant
     peak_db = stability.get("peak_sensitivity_db") if stability.get("stable") else None
     radius = None if peak_db is None else 10.0 ** (-peak_db / 20.0)
 
@@ -134,7 +134,7 @@ def sensitivities(members: Members) -> Picture:
     def draw(figure: Figure) -> None:
         every = figure.subplots(3, 1, sharex=True)
         for axes, word, label in zip(every, _WORDS, ("|S|, dB", "|T|, dB", "|C S|, dB"), strict=True):
-            _lines(axes, members, family[word], named[word])
+            _plot_family(axes, members, family[word], named[word])
             fit_y_limits(axes, [family[word], named[word]], 90.0)
             bounds = [limit for r in requirements if r.quantity == word for limit in r.limits]
             low, high = axes.get_ylim()
@@ -150,13 +150,13 @@ def sensitivities(members: Members) -> Picture:
     title = f"{members.documents.spec.name}: sensitivities"
     said = (
         "Sensitivity S = 1/(1 + L), complementary sensitivity T = L/(1 + L) and control sensitivity C S over "
-        f"frequency, {_shown(members)}. Largest values drawn: {peaks}. {_hatched(members)}"
+        f"frequency, {_plants_phrase(members)}. Largest values drawn: {peaks}. {_hatching_phrase(members)}"
     )
     return Picture(title, said, draw, (WIDE, 6.8))
 
 
 def margins_along(members: Members) -> Picture | None:
-    """Phase and gain margin against the first uncertain number, with a gap where the loop is unstable; None without."""
+    """Phase and gain margin over the first uncertain number, with gaps where the loop is unstable; None without one."""
     names = members.documents.spec.plant.uncertain_names
     if not names:
         return None
@@ -183,15 +183,13 @@ def margins_along(members: Members) -> Picture | None:
 
     others = "" if len(names) == 1 else "; the other uncertain numbers are nominal"
     title = f"{members.documents.spec.name}: margins against {names[0]}"
-    told = f"{_told(found)}.{_left_out(found)}"
+    told = f"{_margin_ranges(found)}.{_unstable_note(found)}"
     said = f"Phase margin and gain margin against {names[0]}{others}: {told} Dotted: nominal. {_HATCHED}."
     return Picture(title, said, draw, (WIDE, 4.6))
 
 
 def margin_curves(members: Members) -> dict[str, Array]:
-    """Phase and gain margin along `path`, by their quantities' names; nan where the loop is unstable.
-
-    The distance of an unstable loop from a point is no margin.
+    """Phase and gain margin at `parameter_values`, by quantity, shape (n,) each; nan where the loop is unstable.
 
     Raises:
         DomainError: more crossings than can be listed.
@@ -199,13 +197,13 @@ def margin_curves(members: Members) -> dict[str, Array]:
     loops = members.loops_at(members.points_along(members.parameter_values))
     stable = is_stable(loops)
     words = ("phase_margin_deg", "gain_margin_db")
-    return {word: np.where(stable, evaluate(loops, _reader(word))[0], np.nan) for word in words}
+    return {word: np.where(stable, evaluate(loops, _measure_of(word))[0], np.nan) for word in words}
 
 
 _WORDS = ("sensitivity_db", "complementary_sensitivity_db", "control_sensitivity_db")
 
 
-def _reader(word: str) -> Badness:
+def _measure_of(word: str) -> Badness:
     def read(loops: Loops) -> tuple[Array, Array]:
         measured = QUANTITIES[word].measure(loops, False, 0.0, math.inf)
         return measured.value, measured.omega_rad_s
@@ -213,8 +211,8 @@ def _reader(word: str) -> Badness:
     return read
 
 
-def _shown(members: Members) -> str:
-    """Whose lines and band a figure shows."""
+def _plants_phrase(members: Members) -> str:
+    """Which plants a figure shows, in words."""
     if not members.documents.spec.plant.uncertain_names:
         return "of the one plant there is"
     return f"{len(members.sample.x)} plants of the family as a band, the nominal plant and the worst ones as lines"
@@ -224,41 +222,41 @@ def _is_exact(r: Requirement, quantity: str) -> bool:
     return r.quantity == quantity and r.relation is Relation.EQUALS
 
 
-def _hatched(members: Members) -> str:
-    """What hatching means, also where some of it is not about every line."""
+def _hatching_phrase(members: Members) -> str:
+    """What hatching means; also that of requirements on the nominal plant alone."""
     spec = members.documents.spec
     alone = any(r.scope is Scope.NOMINAL and r.relation is not Relation.EQUALS for r in spec.requirements)
     of_nominal = "; slanted the other way: for the nominal plant alone" if alone and spec.plant.uncertain_names else ""
     return f"{_HATCHED}{of_nominal}."
 
 
-def _told(found: dict[str, Array]) -> str:
+def _margin_ranges(found: dict[str, Array]) -> str:
     parts = []
     for word, curve in found.items():
         finite = curve[np.isfinite(curve)]
         name, unit = word.rsplit("_", 1)
         if len(finite):
-            parts.append(_range_told(name.replace("_", " "), (float(finite.min()), float(finite.max())), unit))
+            parts.append(_range_phrase(name.replace("_", " "), (float(finite.min()), float(finite.max())), unit))
         else:
             parts.append(f"{name.replace('_', ' ')} {'none' if np.all(_unstable(found)) else 'infinite'}")
     return ", ".join(parts)
 
 
 def _unstable(found: dict[str, Array]) -> NDArray[np.bool_]:
-    """Which plants have no margins: a stable loop's gain margin is a number, or infinite."""
+    """Which plants are unstable: a stable loop's gain margin is a number or infinite."""
     return np.isnan(found["gain_margin_db"])
 
 
 def _without_a_curve(found: dict[str, Array]) -> str:
-    """What is written where no value is finite."""
+    """The text in place of a curve without finite values."""
     unstable = _unstable(found)
     if np.all(unstable):
         return "every loop is unstable"
     return "infinite for every stable plant" if np.any(unstable) else "infinite for every plant"
 
 
-def _left_out(found: dict[str, Array]) -> str:
-    """How many plants have no place in the curves."""
+def _unstable_note(found: dict[str, Array]) -> str:
+    """The sentence about unstable plants; empty without any."""
     many, unstable = len(_unstable(found)), int(_unstable(found).sum())
     if not unstable:
         return ""
@@ -267,14 +265,14 @@ def _left_out(found: dict[str, Array]) -> str:
     )
 
 
-def _range_told(what: str, ends: tuple[float, float], unit: str) -> str:
+def _range_phrase(what: str, ends: tuple[float, float], unit: str) -> str:
     unit = {"db": "dB"}.get(unit, unit)
     low, high = (number(end, 4) for end in ends)
     return f"{what} from {low} to {high} {unit}" if low != high else f"{what} {low} {unit}"
 
 
-def _lines(axes: Axes, members: Members, family: Array, named: Array) -> None:
-    """The band of the family and a line for each plant that has a name."""
+def _plot_family(axes: Axes, members: Members, family: Array, named: Array) -> None:
+    """Plot the band of the family and a line for each named plant."""
     log_axes(axes)
     axes.set_xlim(float(members.omega[0]), float(members.omega[-1]))
     if len(family) > 1:

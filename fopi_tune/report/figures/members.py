@@ -1,4 +1,4 @@
-"""The plants a report draws:  nominal, worst, and a grid of the family, with their loops along the frequency axis."""
+"""The members of a family that a report draws:  nominal plant, worst plants, a grid; and their loops over frequency."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from fopi_tune.results.design import loop_name
 _POINTS = 240
 #: worst plants that are drawn: more lines than this cannot be told apart
 _MOST_WORST = 3
-#: decades beyond the outermost frequency of interest, and the most there are in sum
+#: decades beyond the outermost frequency of interest, and the most decades in all
 _BEYOND, _MOST_DECADES = 1.5, 9.0
-#: next to Nyquist's frequency a figure has nothing more to say
+#: of Nyquist's frequency; where the axis ends on samples
 _BELOW_NYQUIST = 0.9999
-#: |L| below and above which the loop is a point, or outside a Nyquist figure
-_NEAR = (0.02, 6.0)
+#: range of |L| that a Nyquist figure shows
+_NEAR_UNIT_GAIN = (0.02, 6.0)
 
 
 @dataclass(frozen=True)
 class Member:
-    """A plant that has a line of its own.
+    """A plant that is drawn as a line of its own.
 
     Args:
         label: for the legend.
-        point: its place in the family's box.
+        point: its uncertain numbers.
     """
 
     label: str
@@ -48,12 +48,12 @@ class Member:
 
 @dataclass(frozen=True)
 class Members:
-    """A family with one controller, to be drawn.
+    """A family of loops with one controller, to be drawn.
 
     Args:
-        documents: where all comes from; there are gains.
+        documents: of a design that has gains.
         gains: of the design.
-        range_rad_s: the frequency axis's; chosen from what happens where when left out.
+        range_rad_s: ends of the frequency axis; chosen from crossovers, poles and requirements where left out.
     """
 
     documents: ResultDocuments
@@ -73,7 +73,7 @@ class Members:
         for found in self.documents.requirements:
             point = _worst_point(family.uncertain_names, found)
             if point is not None and point not in (member.point for member in members):
-                members.append(Member(f"worst: {_told(family.uncertain_names, point)}", point))
+                members.append(Member(f"worst: {_point_label(family.uncertain_names, point)}", point))
         return tuple(members[: 1 + _MOST_WORST])
 
     def loops_at(self, points: Array) -> Loops:
@@ -98,18 +98,18 @@ class Members:
 
     @cached_property
     def parameter_values(self) -> Array:
-        """The first uncertain number's values, as `path_of`; empty without one."""
+        """Values of the first uncertain number, as `values_of`; empty without one."""
         return self.values_of(0, 21) if self.documents.spec.plant.uncertain_names else np.zeros(0)
 
     def values_of(self, index: int, count: int) -> Array:
-        """Values of an uncertain number from end to end, ascending, the nominal one among them."""
+        """Values of an uncertain number over its range, ascending, with the nominal value among them; shape (n,)."""
         family = self.documents.spec.plant
         low, high = float(family.low[index]), float(family.high[index])
         spaced = np.geomspace(low, high, count) if low > 0.0 else np.linspace(low, high, count)
         return np.unique(np.concatenate([spaced[1:-1], [low, high, float(family.nominal_point[index])]]))
 
     def points_along(self, values: Array, index: int = 0) -> Array:
-        """Places with these values of an uncertain number, the others nominal; shape (m, p)."""
+        """Points with these values of one uncertain number and the others nominal; shape (m, p)."""
         points = np.tile(self.documents.spec.plant.nominal_point, (len(values), 1))
         points[:, index] = values
         return points
@@ -138,9 +138,11 @@ class Members:
 
     @cached_property
     def near_unit_gain(self) -> Members:
-        """The same over the frequencies where |L| is neither large nor small: those that a Nyquist figure shows."""
+        """The same over the frequencies where |L| is near 1: those that a Nyquist figure shows."""
         size = self.named_log_loop.real
-        inside = np.flatnonzero(np.any((size > math.log(_NEAR[0])) & (size < math.log(_NEAR[1])), axis=0))
+        inside = np.flatnonzero(
+            np.any((size > math.log(_NEAR_UNIT_GAIN[0])) & (size < math.log(_NEAR_UNIT_GAIN[1])), axis=0)
+        )
         if len(inside) < 2:
             return self
         last = len(self.omega) - 1
@@ -187,7 +189,7 @@ def members_of(documents: ResultDocuments) -> Members | None:
 
 
 def _phase_crossovers(loops: Loops) -> Array:
-    """The lowest of each loop: those beyond are nearer to 0 than to -1."""
+    """The lowest phase crossover of each loop, rad/s: those above it are closer to 0 than to -1."""
     try:
         found = phase_crossovers(loops)
     except DomainError:  # too many to list: the figure does without them
@@ -200,5 +202,5 @@ def _worst_point(names: Sequence[str], found: ReportedRequirement) -> tuple[floa
     return tuple(float(plant[name]) for name in names) if plant else None
 
 
-def _told(names: Sequence[str], point: Sequence[float]) -> str:
+def _point_label(names: Sequence[str], point: Sequence[float]) -> str:
     return ", ".join(f"{name} = {number(value, 4)}" for name, value in zip(names, point, strict=True))

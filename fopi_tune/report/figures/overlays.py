@@ -1,4 +1,4 @@
-"""Figures of designs side by side:  loops, sensitivities, steps and margins over each other."""
+"""Figures of several designs in the same axes:  loops, sensitivities, step responses and margins."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DB = 20.0 / math.log(10.0)
-#: of a family's responses in time
+#: step responses drawn of a family: every fifth value of one uncertain number, or corners
 _EVERY, _MOST_CORNERS = 5, 8
-#: how much longer than the fastest design's its time axis may be
+#: the longest time axis, relative to that of the fastest design
 _LONGER = 4.0
 
 
 @dataclass(frozen=True)
 class OverlaidDesign:
-    """A design that has a loop to draw."""
+    """A design with a loop to draw, and the index of its line style."""
 
     entry: ComparedDesign
     members: Members
@@ -60,7 +60,7 @@ class Overlay:
 
     @cached_property
     def designs(self) -> tuple[OverlaidDesign, ...]:
-        """Those with a loop, over one frequency axis."""
+        """The designs with a loop, all over the same frequency axis."""
         found = [(k, each, members_of(each.documents)) for k, each in enumerate(self.comparison.entries)]
         there = [(k, entry, members) for k, entry, members in found if members is not None]
         ends = [members.omega[[0, -1]].tolist() for _, _, members in there]
@@ -69,26 +69,26 @@ class Overlay:
 
     @property
     def left_out(self) -> str:
-        """A sentence about designs that have nothing to draw; empty when all have."""
+        """A sentence about the designs without a loop; empty if all have one."""
         drawn = {each.entry.letter for each in self.designs}
         missing = [entry.label for entry in self.comparison.entries if entry.letter not in drawn]
         return f" Not drawn, for there is no loop: {', '.join(missing)}." if missing else ""
 
     @property
     def caution(self) -> str:
-        """A sentence where the designs are not about the same thing."""
+        """A sentence if the designs have different plants or loops."""
         return " The designs are not all about the same plants and loop." if len(self.comparison.groups) > 1 else ""
 
     @property
     def shared(self) -> tuple[Requirement, ...]:
-        """Requirements, but for their lines in files, that every spec has."""
+        """The requirements that all specs have, whatever their lines in the files."""
         every = [{replace(r, line=0) for r in entry.documents.spec.requirements} for entry in self.comparison.entries]
         first = self.comparison.entries[0].documents.spec.requirements
         return tuple(r for r in first if all(replace(r, line=0) in each for each in every))
 
 
 def overlay_pictures() -> Mapping[str, Callable[[Overlay], Picture | None]]:
-    """What is drawn, in the order of the page."""
+    """Name of each figure -> how it is drawn, in the order of the page."""
     return {
         "compare_bode": _bode,
         "compare_sensitivities": _sensitivities,
@@ -106,8 +106,8 @@ def _bode(overlay: Overlay) -> Picture | None:
         gains, phases = [], []
         for each in overlay.designs:
             family, nominal = each.members.family_log_loop, each.members.named_log_loop[0]
-            _band(gain, each, _DB * family.real, _DB * nominal.real)
-            _band(phase, each, np.degrees(family.imag), np.degrees(nominal.imag))
+            _plot_family(gain, each, _DB * family.real, _DB * nominal.real)
+            _plot_family(phase, each, np.degrees(family.imag), np.degrees(nominal.imag))
             gains.append(_DB * nominal.real)
             phases.append(np.degrees(nominal.imag))
             crossings = gain_crossovers(each.members.named_loops)
@@ -135,13 +135,13 @@ def _sensitivities(overlay: Overlay) -> Picture | None:
     if not overlay.designs:
         return None
     words = (("sensitivity_db", "|S|, dB"), ("control_sensitivity_db", "|C S|, dB"))
-    found = [(each, *_both(each.members)) for each in overlay.designs]
+    found = [(each, *_family_and_nominal_db(each.members)) for each in overlay.designs]
 
     def draw(figure: Figure) -> None:
         every = figure.subplots(2, 1, sharex=True)
         for axes, (word, label) in zip(every, words, strict=True):
             for each, family, nominal in found:
-                _band(axes, each, family[word], nominal[word])
+                _plot_family(axes, each, family[word], nominal[word])
             fit_y_limits(axes, [value[word] for _, family, nominal in found for value in (family, nominal)], 90.0)
             forbid_values(axes, overlay.shared, word)
             label_axes(axes, label)
@@ -168,7 +168,9 @@ def _responses(overlay: Overlay) -> Picture | None:
         (Signal.OUTPUT_AFTER_REFERENCE, "output, step of reference"),
         (Signal.OUTPUT_AFTER_LOAD, "output, step of load"),
     )
-    found = {signal: [(each, *_steps(each.members, signal, t)) for each in overlay.designs] for signal, _ in signals}
+    found = {
+        signal: [(each, *_family_steps(each.members, signal, t)) for each in overlay.designs] for signal, _ in signals
+    }
     if all(nominal is None for rows in found.values() for _, nominal, _ in rows):
         return None
 
@@ -240,8 +242,8 @@ def _margins(overlay: Overlay) -> Picture | None:
     return Picture(f"Margins against {name}", f"{said}{overlay.caution}{overlay.left_out}", draw, (WIDE, 4.6))
 
 
-def _band(axes: Axes, each: OverlaidDesign, family: Array, nominal: Array) -> None:
-    """The family as a pale band, the nominal plant as a line."""
+def _plot_family(axes: Axes, each: OverlaidDesign, family: Array, nominal: Array) -> None:
+    """Plot the family as a pale band and the nominal plant as a line."""
     colour, dashes = STYLES[each.style]
     omega = each.members.omega
     if not axes.lines:
@@ -252,13 +254,13 @@ def _band(axes: Axes, each: OverlaidDesign, family: Array, nominal: Array) -> No
     axes.plot(omega, nominal, color=colour, linestyle=dashes, label=each.label)
 
 
-def _both(members: Members) -> tuple[dict[str, Array], dict[str, Array]]:
+def _family_and_nominal_db(members: Members) -> tuple[dict[str, Array], dict[str, Array]]:
     named = decibels(members, members.named_log_loop[:1])
     return decibels(members, members.family_log_loop), {word: values[0] for word, values in named.items()}
 
 
-def _steps(members: Members, signal: Signal, t: Array) -> tuple[Array | None, list[Array]]:
-    """The nominal plant's response, and those of some plants of its family."""
+def _family_steps(members: Members, signal: Signal, t: Array) -> tuple[Array | None, list[Array]]:
+    """Step responses of the nominal plant and of some plants of its family; None and none where not accurate."""
     family = members.documents.spec.plant
     names = family.uncertain_names
     points = (

@@ -1,4 +1,7 @@
-"""Figures as SVG text:  the same result gives the same bytes."""
+"""Figures of the digital controller and of simulations; equal results give equal bytes.
+
+`controller_bode_svg` and `simulation_svg` are files of their own; `digital_picture` is part of the report.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ if TYPE_CHECKING:
     from fopi_tune.results.system import SimulatedSystem
 
 _POINTS = 500
-#: blue and orange that colour-blind people tell apart, and that differ in print by their dashes too
+#: blue and orange of the Okabe-Ito palette; the dashes differ too
 _IDEAL, _DIGITAL = "#0072b2", "#d55e00"
 
 
@@ -129,7 +132,7 @@ _SMALLEST_ERROR = 1e-9
 
 
 def digital_picture(documents: ResultDocuments) -> Picture | None:
-    """Gain and phase of both up to Nyquist's frequency, and their distance; None without a digital controller."""
+    """Gain and phase of the ideal and the digital controller, and their distance; None without a digital controller."""
     gains, implementation, digital = documents.gains, documents.digital_implementation, documents.spec.digital
     if gains is None or implementation is None or digital is None:
         return None

@@ -1,4 +1,4 @@
-"""Figures over time:  the family after a step of the reference and of a load."""
+"""Step responses:  the family after a unit step of the reference and of a load."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _POINTS = 120
-#: the longest time drawn, over the nominal gain crossover's 1/omega
+#: the longest time drawn, times 1/omega of the lowest gain crossover
 _HORIZON = 25.0
-#: relative to the largest value; beyond it a curve is left out rather than drawn wrong
-_TRUSTED = 1e-4
+#: relative to the largest value; a curve with a larger error is left out
+_LARGEST_ERROR = 1e-4
 
 
 def times_s(members: Members) -> Array:
-    """When responses are drawn, s: closer at first, where they move."""
+    """Times at which responses are drawn, s; shape (n,), denser at the start, where outputs move."""
     omega = gain_crossovers(members.named_loops).omega_rad_s
     fastest = float(omega.min()) if len(omega) else 1.0
     return np.asarray(_HORIZON / fastest * np.linspace(0.0, 1.0, _POINTS) ** 1.7, dtype=float)
 
 
 def step_response(members: Members, point: tuple[float, ...], signal: Signal, times: Array) -> Array | None:
-    """A unit step's response of one plant with the ideal controller; None where it could not be computed to 1e-4.
+    """The unit step response of one plant with the ideal controller; None if it is not accurate to 1e-4 (relative).
 
     Args:
         members: family and gains.
-        point: the plant's place in the family's box.
-        signal: what is stepped and looked at.
+        point: the plant's uncertain numbers.
+        signal: the input that is stepped and the output.
         times: ascending, s.
     """
     plant = members.documents.spec.plant.member(np.array(point))
@@ -48,11 +48,11 @@ def step_response(members: Members, point: tuple[float, ...], signal: Signal, ti
     except DomainError:
         return None
     size = float(np.abs(found.value).max(initial=0.0))
-    return found.value if np.all(found.error <= _TRUSTED * max(size, 1e-12)) else None
+    return found.value if np.all(found.error <= _LARGEST_ERROR * max(size, 1e-12)) else None
 
 
 def step_responses(members: Members) -> Picture | None:
-    """Output after a unit step of the reference and of the load, over the family; None where nothing is certain."""
+    """Output after unit steps of reference and load, over the family; None if no response is accurate enough."""
     t = times_s(members)
     points = [tuple(row) for row in _corners(members).tolist()]
     every_point = [*(member.point for member in members.named), *points]
@@ -84,23 +84,23 @@ def step_responses(members: Members) -> Picture | None:
         every[-1].set_xlabel("time, s")
         legend_below(figure, every[0])
 
-    told = _told(members, t, drawn[Signal.OUTPUT_AFTER_REFERENCE][0][0])
-    told += _left_axis(len(set(compress(every_point, ~stable))), len(set(every_point)))
+    told = _settling_words(members, t, drawn[Signal.OUTPUT_AFTER_REFERENCE][0][0])
+    told += _unstable_note(len(set(compress(every_point, ~stable))), len(set(every_point)))
     title = f"{members.documents.spec.name}: unit steps of the reference and of a load at the plant's input"
     said = f"Output over time with the ideal controller, in continuous time; grey: plants of the family.{told}"
     return Picture(title, said, draw, TWO_PANELS)
 
 
 def axis_limits(rows: Sequence[Array], final: float) -> tuple[float, float]:
-    """Ends of an axis that shows rows and the value they go to, a little wider."""
+    """Limits of an axis that shows all rows and their final value, with a margin."""
     low = min([0.0, final, *(float(row.min()) for row in rows)])
     high = max([0.0, final, *(float(row.max()) for row in rows)])
     margin = 0.05 * (high - low) or 0.05
     return low - margin, high + margin
 
 
-def _left_axis(unstable: int, many: int) -> str:
-    """What a figure says of the unstable ones among its plants."""
+def _unstable_note(unstable: int, many: int) -> str:
+    """The sentence about unstable plants in a figure's description; empty without any."""
     if not unstable:
         return ""
     if unstable == many:
@@ -111,8 +111,8 @@ def _left_axis(unstable: int, many: int) -> str:
     )
 
 
-def _told(members: Members, t: Array, nominal: Array | None) -> str:
-    """The nominal step in words, and how the loop settles, if it does."""
+def _settling_words(members: Members, t: Array, nominal: Array | None) -> str:
+    """The nominal step response in words, and how the loop settles."""
     told = ""
     if nominal is not None:
         told = (
@@ -125,7 +125,7 @@ def _told(members: Members, t: Array, nominal: Array | None) -> str:
 
 
 def _corners(members: Members) -> Array:
-    """Plants to draw in grey: along the first uncertain number, or corners of the box."""
+    """Points of the plants drawn in grey: along the one uncertain number, or corners of the box."""
     family = members.documents.spec.plant
     if not family.uncertain_names:
         return np.zeros((0, 0))

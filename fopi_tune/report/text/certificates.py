@@ -1,4 +1,4 @@
-"""Certificates as text:  what was shown, or why a file was refused."""
+"""Certificates as text:  what is proved, or why a file was refused."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _USUAL_TOLERANCE = 1e-6
 
 
 def recheck_text(found: Recheck) -> Text:
-    """What the check of a certificate found."""
+    """The result of checking a certificate."""
     certificate = found.certificate
     gains = certificate.case.gains
     if not found.is_sound:
@@ -54,7 +54,7 @@ def recheck_text(found: Recheck) -> Text:
 
 
 def _bounds(proof: RequirementProof) -> str:
-    """The range that is proved of a requirement's value: "family; proved to be at least 82.906"."""
+    """The proved range of a requirement's value: "family; proved to be at least 82.906"."""
     low, high = proof.bounds
     where = scope_phrase(proof.requirement)
     if low is None and high is None:
@@ -66,7 +66,7 @@ def _bounds(proof: RequirementProof) -> str:
 
 
 def proof_lines(certificate: Certificate | None) -> Iterator[Line]:
-    """The certificate in a sentence."""
+    """The certificate in a sentence; nothing without one."""
     if certificate is None:
         return
     verdict = certificate.verdict

@@ -1,6 +1,6 @@
 """Results as text for a terminal:  Design or Check -> rich.text.Text of at most 80 columns.
 
-The layout is fixed and of ASCII characters, so that it reads the same in a terminal, a pipe, a log and a README.
+The layout is fixed and of ASCII characters, the same in a terminal, a pipe, a log and a README.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 _WHAT, _ACHIEVED, _SCORE, _MULTIPLIER = 38, 12, 9, 11
 #: a multiplier that changes the objective by less than this part of it is rounding
 _ROUNDING = 1e-6
-#: what to call gains that are no solution
+#: headings of gains that are no solution
 _GAINS_TITLES = {
     "infeasible": "These gains come nearest; they are no solution:",
     "unbounded": "The search stopped at these gains; they are no solution:",
@@ -80,7 +80,7 @@ def _headline(design: Design) -> str:
 
 
 def check_text(check: Check) -> Text:
-    """What the verification of given gains found, laid out as a design."""
+    """The verification of given gains, laid out as that of a design."""
     found = check.verification
     if check.status == "met":
         on_samples = " of the loop on samples" if loop_name(check.spec) == "sampled" else ""
@@ -100,7 +100,7 @@ def check_text(check: Check) -> Text:
 
 
 def requirement_lines(reports: Sequence[RequirementReport], objective: float | None) -> Iterator[Line]:
-    """The table: two lines a requirement, numbers in columns and below them where they are worst."""
+    """The table: two lines for each requirement, numbers in columns and below them the worst plant and frequency."""
     yield "", ""
     if not reports:
         yield "No requirements but stability.", ""
@@ -204,17 +204,17 @@ def _plant(plant: Mapping[str, float]) -> str:
 
 
 def _clash(clash: Sequence[Relaxation], requirements: Sequence[Requirement]) -> Iterator[Line]:
-    """What each of the clashing requirements would have to give, in words."""
+    """The clashing requirements, and by how much the limit of each can be relaxed."""
     if not clash:
         return
     yield "", ""
-    known = any(give.new_limit is not None for give in clash)
+    known = any(relaxation.new_limit is not None for relaxation in clash)
     yield "These clash; one of them would have to give:" if known else "These clash:", "bold"
-    for give in clash:
-        requirement = requirements[give.requirement]
+    for relaxation in clash:
+        requirement = requirements[relaxation.requirement]
         yield from wrapped(f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})", "", "    ", "  ")
-        if give.amount is not None and give.new_limit is not None:
-            yield f"      by {number(give.amount)}, to {exact_limit(give.new_limit)}", ""
+        if relaxation.amount is not None and relaxation.new_limit is not None:
+            yield f"      by {number(relaxation.amount)}, to {exact_limit(relaxation.new_limit)}", ""
         elif known:
             yield "      no change of this limit alone was found to help", ""
 
@@ -257,14 +257,14 @@ def _margins(found: Margins) -> str:
 
 
 def optimum_lines(optimum: Optimum | None) -> Iterator[Line]:
-    """Nothing where it was not asked for."""
+    """The bound on the global optimum; nothing where it was not asked for."""
     if optimum is None:
         return
     good = optimum.status in (OptimumStatus.CERTIFIED, OptimumStatus.INFEASIBLE)
-    yield from entry("optimum", _said(optimum), "" if good else "yellow")
+    yield from entry("optimum", _optimum_words(optimum), "" if good else "yellow")
 
 
-def _said(optimum: Optimum) -> str:
+def _optimum_words(optimum: Optimum) -> str:
     effort = f"{optimum.boxes} boxes of gains, {optimum.seconds:.1f} s"
     status = optimum.status
     if status is OptimumStatus.INFEASIBLE:

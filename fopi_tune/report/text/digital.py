@@ -26,7 +26,7 @@ from fopi_tune.results.design import objective_name
 if TYPE_CHECKING:
     from fopi_tune.results.design import Discretized
 
-_SAID = {
+_HEADLINES = {
     "met": "The loop on samples meets all requirements, proved for every plant and frequency.",
     "undecided": "The loop on samples passes the check in floating point; not everything could be proved.",
     "violated": "The loop on samples does not meet the requirements that are marked.",
@@ -34,10 +34,10 @@ _SAID = {
 
 
 def digital_text(result: Discretized) -> Text:
-    """What the loop on samples keeps of the requirements, the sections, and what rounding does to each form."""
+    """The requirements for the loop on samples, the filter's sections, and the rounding errors of its realisations."""
     controller = result.controller
     digital, found, status = controller.digital, result.verification, result.status
-    said = _SAID[status]
+    said = _HEADLINES[status]
     if not found.stability.stable:
         said = "The loop on samples is not stable for every plant of the family."
     elif result.certificate is None and status == "met":

@@ -18,7 +18,7 @@ _NAME, _VALUE = 22, 14
 
 
 def simulation_text(result: Simulated | SimulatedSystem) -> Text:
-    """Measures of every scenario, and which limits they keep."""
+    """Measures of every scenario, and whether their limits are met."""
     met = result.status == "met"
     said = "Every limit of the scenarios is kept." if met else "Not every limit of the scenarios is kept."
     if not any(driven.limits for driven in result.driven):
@@ -37,20 +37,22 @@ def simulation_text(result: Simulated | SimulatedSystem) -> Text:
         for name, kind in MEASURES.items():
             value = driven.measures[name]
             shown = number(value) if math.isfinite(value) else "never" if name == "settling_time_s" else "-"
-            judged, unit = "", "" if kind.unit == "1" else kind.unit
+            verdicts, unit = "", "" if kind.unit == "1" else kind.unit
             for limit, kept in driven.limits:
                 if limit.measure == name:
                     sign = "<=" if limit.relation is Relation.AT_MOST else ">="
-                    judged += f"   {'met' if kept else 'VIOLATED'}: {sign} {number(limit.limit)}"
-            lines.append((f"  {name:<{_NAME}}{shown:>{_VALUE}} {unit}{judged}", "red" if "VIOLATED" in judged else ""))
+                    verdicts += f"   {'met' if kept else 'VIOLATED'}: {sign} {number(limit.limit)}"
+            lines.append(
+                (f"  {name:<{_NAME}}{shown:>{_VALUE}} {unit}{verdicts}", "red" if "VIOLATED" in verdicts else "")
+            )
     if result.exact:
-        lines += [("", ""), *wrapped(_exact(result), QUIET)]
+        lines += [("", ""), *wrapped(_exactness_note(result), QUIET)]
     lines += [("", ""), *wrapped("Settling and overshoot are over the scenario's own length.", QUIET)]
     return to_text(lines)
 
 
-def _exact(result: Simulated | SimulatedSystem) -> str:
-    """What continuous time leaves out, and how far off it may be."""
+def _exactness_note(result: Simulated | SimulatedSystem) -> str:
+    """What a simulation in continuous time leaves out, and its accuracy."""
     said = "In continuous time: without filter, samples, computing delay and anti-windup."
     known = [driven.accuracy for driven in result.driven if driven.accuracy is not None]
     return f"{said} Steps twice as long move the output by {number(max(known), 2)} at most." if known else said

@@ -1,4 +1,4 @@
-"""A sweep of one limit as text and as a figure."""
+"""A sweep of one limit (trade-off) as text and as a figure."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def tradeoff_svg(result: Tradeoff) -> str:
 
 
 def _shaded(result: Tradeoff, low: float, high: float) -> Iterator[tuple[float, float]]:
-    """Where no gains meet the spec, as far as it is seen."""
+    """The infeasible ranges of the limit, within the axis."""
     for end in result.ends:
         if end.infeasible is not None:
             first, last = (end.infeasible, high) if end.way > 0 else (low, end.infeasible)
@@ -134,7 +134,7 @@ def _shaded(result: Tradeoff, low: float, high: float) -> Iterator[tuple[float, 
 
 
 def _alternative(result: Tradeoff) -> str:
-    """What the figure shows, for those who do not see it."""
+    """A text alternative of the figure."""
     words = [f"{result.objective_quantity} against the limit of {requirement_phrase(result.knob.requirement)}."]
     if result.met:
         first, last = result.met[0], result.met[-1]
@@ -156,7 +156,7 @@ def _value(point: TradeoffPoint) -> float:
 
 
 def _with_words(svg: str, title: str, description: str) -> str:
-    """A title and a description that screen readers find."""
+    """The SVG with a title and a description for screen readers."""
     at = svg.index("<svg ")
     end = svg.index(">", at) + 1
     opening = svg[at:end].replace("<svg ", '<svg role="img" aria-labelledby="title desc" ', 1)
@@ -172,7 +172,7 @@ def _plain(text: str) -> str:
 
 
 def price_lines(prices: Sequence[tuple[str, float | None, float | None, bool, bool]]) -> Iterator[Line]:
-    """What was found of the multipliers that were checked: name, relaxed, tightened, agrees, kink."""
+    """The multipliers that were checked, as (name, relaxed, tightened, agrees, kink)."""
     if not prices:
         return
     if all(agrees for *_, agrees, _ in prices):
