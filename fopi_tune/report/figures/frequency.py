@@ -77,7 +77,7 @@ def bode(members: Members) -> Picture:
     at = "no plant has a gain crossover" if crossings is None else _range_phrase("gain crossovers", crossings, "rad/s")
     title = f"{members.documents.spec.name}: Bode, the loop L = C P"
     said = (
-        f"Gain and phase of the loop over frequency, {_plants_phrase(members)}; {at}. {_hatching_phrase(members)} Dots: "
+        f"Gain and phase of the loop over frequency, {_plants_phrase(members)}; {at}. {_hatching(members)} Dots: "
         "each line at its gain crossovers, where its phase margin is read: a dot may not lie in a hatched part, its "
         "line may pass there. A cross marks what has to be met exactly."
     )
@@ -150,7 +150,7 @@ def sensitivities(members: Members) -> Picture:
     title = f"{members.documents.spec.name}: sensitivities"
     said = (
         "Sensitivity S = 1/(1 + L), complementary sensitivity T = L/(1 + L) and control sensitivity C S over "
-        f"frequency, {_plants_phrase(members)}. Largest values drawn: {peaks}. {_hatching_phrase(members)}"
+        f"frequency, {_plants_phrase(members)}. Largest values drawn: {peaks}. {_hatching(members)}"
     )
     return Picture(title, said, draw, (WIDE, 6.8))
 
@@ -222,7 +222,7 @@ def _is_exact(r: Requirement, quantity: str) -> bool:
     return r.quantity == quantity and r.relation is Relation.EQUALS
 
 
-def _hatching_phrase(members: Members) -> str:
+def _hatching(members: Members) -> str:
     """What hatching means; also that of requirements on the nominal plant alone."""
     spec = members.documents.spec
     alone = any(r.scope is Scope.NOMINAL and r.relation is not Relation.EQUALS for r in spec.requirements)
