@@ -30,7 +30,7 @@ from fopi_tune.proof.claims.branch_and_bound import search
 from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim
 from fopi_tune.proof.claims.lag import LagBound, closed_form
 from fopi_tune.proof.documents import to_document
-from fopi_tune.report.text.phrases import requirement_phrase
+from fopi_tune.report.text.formatting import requirement_phrase
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import DesignSpec
 

@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 import fopi_tune as ft
-from fopi_tune.report.findings import findings_of_run
+from fopi_tune.report.documents import documents_of_run
 from fopi_tune.report.html import report_files
 
 ROOT = Path(__file__).parents[1]
@@ -24,7 +24,7 @@ def main() -> None:
     program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if program is None:
         sys.exit("no Chromium found; install one, as chromium, chromium-browser or google-chrome")
-    page = report_files(findings_of_run(ft.run(ROOT / "specs" / "brake.yaml")))["report.html"]
+    page = report_files(documents_of_run(ft.run(ROOT / "specs" / "brake.yaml")))["report.html"]
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as tool:
         file = Path(folder, "report.html")
         file.write_text(str(page), encoding="utf-8")

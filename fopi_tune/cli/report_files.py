@@ -12,7 +12,7 @@ from fopi_tune.cli.result_files import CERTIFICATE, CHECK, DESIGN, DIGITAL, DIGI
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
-    from fopi_tune.report.findings import Document, Findings
+    from fopi_tune.report.documents import Document, ResultDocuments
     from fopi_tune.spec.model import DesignSpec
 
 
@@ -27,10 +27,10 @@ def report_of_run(result: object, folder: Path) -> dict[str, str | bytes]:
 
     if not isinstance(result, Run):
         return {}
-    from fopi_tune.report.findings import findings_of_run
+    from fopi_tune.report.documents import documents_of_run
     from fopi_tune.report.html import report_files
 
-    return report_files(findings_of_run(result, _read_document(folder / EVIDENCE)))
+    return report_files(documents_of_run(result, _read_document(folder / EVIDENCE)))
 
 
 def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> dict[str, str | bytes]:
@@ -42,7 +42,7 @@ def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> dict[st
     Raises:
         DomainError: some result is not there, or of another spec; says which.
     """
-    from fopi_tune.report.compare import comparison_files
+    from fopi_tune.report.comparison_page import comparison_files
 
     found = []
     for source, spec, folder, file in named:
@@ -78,21 +78,20 @@ def report_from_folder(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]
         raise DomainError(f"the results in {folder} are not as this tool writes them; run `fopi run` again") from error
 
 
-def _read_findings(spec: DesignSpec, folder: Path, file: str) -> Findings:
+def _read_findings(spec: DesignSpec, folder: Path, file: str) -> ResultDocuments:
     """Read a folder of results of a spec; the gains are those of `file`."""
-    from fopi_tune.report.backing import check_backed
-    from fopi_tune.report.findings import findings_of
+    from fopi_tune.report.documents import check_consistent, documents_of
 
     command = "fopi prove" if file == CHECK else "fopi run"
     found = _read_document(folder / file)
     if found is None:
         raise DomainError(f"there is no {file} to read in {folder}; make one with `{command}`, or name its folder")
     digital, evidence = _read_document(folder / DIGITAL), _read_document(folder / EVIDENCE)
-    findings = findings_of(spec, found, digital, evidence, file=file, command=command)
-    check_backed(found, _read_document(folder / CERTIFICATE), (file, CERTIFICATE), command)
+    findings = documents_of(spec, found, digital, evidence, file=file, command=command)
+    check_consistent(found, _read_document(folder / CERTIFICATE), (file, CERTIFICATE), command)
     if findings.digital is not None:
         names = (DIGITAL, DIGITAL_CERTIFICATE)
-        check_backed(findings.digital, _read_document(folder / DIGITAL_CERTIFICATE), names, command)
+        check_consistent(findings.digital, _read_document(folder / DIGITAL_CERTIFICATE), names, command)
     return findings
 
 

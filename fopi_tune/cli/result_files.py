@@ -11,7 +11,7 @@ from fopi_tune.cli.output import to_json
 if TYPE_CHECKING:
     from fopi_tune.prices import Tradeoff
     from fopi_tune.results.design import Check, Design, Discretized, Run, Validated
-    from fopi_tune.results.simulation import Driven, Simulated
+    from fopi_tune.results.simulation import ScenarioResult, Simulated
     from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
 
     Result = Design | Check | Discretized | Run | Validated | Simulated | Tradeoff | SimulatedSystem | ValidatedSystem
@@ -102,7 +102,7 @@ def _code_files(result: Discretized) -> Iterator[tuple[str, str]]:
     yield from ((f"{CODE_FOLDER}/{name}", text) for name, text in export_c(export).items())
 
 
-def _simulation_csv(driven: Driven) -> str:
+def _simulation_csv(driven: ScenarioResult) -> str:
     """CSV; numbers with all digits, so that they can be read back exactly."""
     from fopi_tune.results.simulation import COLUMNS
 
@@ -120,7 +120,7 @@ def _tradeoff_files(result: Tradeoff) -> Iterator[tuple[str, str]]:
     yield f"{TRADEOFF}.svg", tradeoff_svg(result)
 
 
-def _simulation_figure(result: Simulated | SimulatedSystem, driven: Driven) -> str:
+def _simulation_figure(result: Simulated | SimulatedSystem, driven: ScenarioResult) -> str:
     from fopi_tune.report import simulation_svg
 
     return simulation_svg(result, driven)

@@ -11,7 +11,7 @@ from fopi_tune.design.constraints import Bound
 from fopi_tune.design.reasons import Reason, describe, has_negative_gain
 from fopi_tune.design.search import MEETS, Search
 from fopi_tune.results.candidate import Candidate
-from fopi_tune.results.status import Give, Status
+from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec.model import DesignSpec
 
 _UNSTABLE = "no gains within their ranges were found that give every plant of the family a stable loop"
@@ -54,7 +54,7 @@ def explain_reason(search: Search, reason: Reason) -> Candidate:
     limits, rest = search.limits(0.0), search.all_requirements - reason.unattainable
     search.relaxed = search.elastic(rest, rest, limits)
     relaxations = tuple(
-        Give(r, None, None) if r in reason.unattainable else _relaxation_alone(search, r, limits)
+        Relaxation(r, None, None) if r in reason.unattainable else _relaxation_alone(search, r, limits)
         for r in sorted(reason.requirements)
     )
     gains = search.relaxed.solved.gains if search.relaxed else None
@@ -90,11 +90,11 @@ def _total_relaxation(search: Search, relaxations: Array) -> dict[int, float]:
     return totals
 
 
-def _relaxation_alone(search: Search, requirement: int, limits: tuple[float, ...]) -> Give:
+def _relaxation_alone(search: Search, requirement: int, limits: tuple[float, ...]) -> Relaxation:
     """The smallest change of one limit with which all requirements can be met."""
     run = search.elastic(search.all_requirements, frozenset({requirement}), limits)
     if run is None:
-        return Give(requirement, None, None)
+        return Relaxation(requirement, None, None)
     changes = []
     for k, constraint in enumerate(search.exchange.constraints):
         up, down = float(run.solved.relaxations[2 * k]), float(run.solved.relaxations[2 * k + 1])
@@ -110,9 +110,9 @@ def _relaxation_alone(search: Search, requirement: int, limits: tuple[float, ...
             )
         )
     if not changes:
-        return Give(requirement, None, None)
+        return Relaxation(requirement, None, None)
     _, constraint, new_limit = max(changes, key=lambda change: change[0])
-    return Give(requirement, abs(new_limit - constraint.limit_public), new_limit)
+    return Relaxation(requirement, abs(new_limit - constraint.limit_public), new_limit)
 
 
 def _message(spec: DesignSpec, clash: frozenset[int]) -> str:

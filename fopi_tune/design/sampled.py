@@ -26,9 +26,9 @@ from fopi_tune.digital.implementation import digital_section_of, implementation_
 from fopi_tune.proof import Verification, certify, verify
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.objectives import ObjectiveKind
-from fopi_tune.results.candidate import Attempt
+from fopi_tune.results.candidate import CheckedCandidate
 from fopi_tune.results.stamp import certificate_versions
-from fopi_tune.results.status import Give, Status
+from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec.model import DesignSpec, Requirement
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class _Round:
     found: Verification
 
 
-def sampled_attempt(spec: DesignSpec, proof: bool) -> Attempt:
+def sampled_attempt(spec: DesignSpec, proof: bool) -> CheckedCandidate:
     """Gains whose loop on samples meets the spec.
 
     Args:
@@ -73,7 +73,7 @@ def sampled_attempt(spec: DesignSpec, proof: bool) -> Attempt:
         tried = _tried(spec, shifts, last)
         if not isinstance(tried, _Round):
             if best is None:
-                return Attempt(_unmoved(spec, tried, shifts), _found(spec, tried.gains))
+                return CheckedCandidate(_unmoved(spec, tried, shifts), _found(spec, tried.gains))
             break
         last = tried
         if tried.found.all_met and (best is None or not _is_worse(spec, tried.found, best.found, 0.0)):
@@ -86,9 +86,9 @@ def sampled_attempt(spec: DesignSpec, proof: bool) -> Attempt:
     chosen = best or last
     assert chosen is not None  # the first round ended in a round or above
     if not proof or not chosen.found.all_met:
-        return Attempt(chosen.candidate, chosen.found)
+        return CheckedCandidate(chosen.candidate, chosen.found)
     certificate = certify(spec, chosen.found, certificate_versions(), chosen.implementation)
-    return Attempt(chosen.candidate, chosen.found, certificate)
+    return CheckedCandidate(chosen.candidate, chosen.found, certificate)
 
 
 def _tried(spec: DesignSpec, shifts: Shifts, last: _Round | None) -> _Round | Candidate:
@@ -137,7 +137,7 @@ def _unmoved(spec: DesignSpec, candidate: Candidate, shifts: Shifts) -> Candidat
         upper = math.isfinite(requirement.upper)
         if limit is not None:
             limit = quantity.from_natural(quantity.to_natural(limit) - shifts.get((give.requirement, upper), 0.0))
-        clash.append(Give(give.requirement, give.amount, limit))
+        clash.append(Relaxation(give.requirement, give.amount, limit))
     if not candidate.message:
         return replace(candidate, clash=tuple(clash))
     message = f"with the hold and the computing delay as half a sample and more of dead time, {candidate.message}"

@@ -1,7 +1,7 @@
 """Continuous to discrete, by Tustin's rule or matched poles and zeros:  C(z) = direct + sum_k r_k/(z - p_k).
 
 Poles of these filters are real, simple, and so close to 1 that rounding spoils an expanded polynomial: the sections
-(`core.sections`) are computed from zeros, poles and gain without one.  The integrator's pole is exactly 1.
+(`core.parallel_form`) are computed from zeros, poles and gain without one.  The integrator's pole is exactly 1.
 
 Tustin's rule with T = tan(w_p Ts/2)/w_p (T = Ts/2 without prewarping) maps a section of the continuous sum by itself,
 

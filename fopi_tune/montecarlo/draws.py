@@ -4,7 +4,7 @@ Draw i depends on the seed and on i alone: results do not depend on chunks, thre
 point u of the unit cube (`sampling`) is mapped by the inverse distribution functions (`core.distributions`), or, with a
 table of samples, to the row floor(u rows); a Latin hypercube of as many draws as rows takes every row once.  A list of
 samples is used in its order.  A draw may lie outside the family's box, where nothing is proved
-(`core.samples.outside_box`), or be no plant at all (`core.samples.impossible`).
+(`core.parameter_table.outside_box`), or be no plant at all (`core.parameter_table.impossible`).
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""The sequences of stages, a module a public verb:  `tune` is in `fopi_tune.pipeline.tune`."""
+"""The sequences of stages, one module for each public function:  `tune` is in `fopi_tune.pipeline.tune`."""

@@ -1,48 +1,29 @@
-"""From attempts to a Design:  what a candidate, its verification and its certificate together amount to."""
+"""From a checked candidate to a Design:  the status and message that search, verification and certificate amount to."""
 
 from __future__ import annotations
 
 import math
 
 from fopi_tune.proof import Certificate, Verdict, Verification
-from fopi_tune.results.candidate import Attempt, Solver, Violation
+from fopi_tune.results.candidate import CheckedCandidate, Solver, Violation
 from fopi_tune.results.design import Design, RequirementReport
 from fopi_tune.results.stamp import stamp
-from fopi_tune.results.status import Give, Status
+from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec.model import DesignSpec
 
 
-def refutations(attempt: Attempt, known: tuple[Violation, ...]) -> tuple[Violation, ...]:
-    """Where a candidate that the search took for right was found wrong, beyond what is known already."""
-    if attempt.candidate.status is not Status.SOLVED or attempt.found is None:
-        return ()
-    places = [(i, result.worst) for i, result in enumerate(attempt.found.requirements) if not result.is_met]
-    if attempt.certificate is not None:
-        places += [
-            (i, side.worst)
-            for i, proved in enumerate(attempt.certificate.requirements)
-            for side in proved.sides
-            if side.verdict is Verdict.REFUTED
-        ]
-    violations = (
-        Violation(i, place.point, place.omega_rad_s if place.omega_rad_s is not None else math.nan)
-        for i, place in places
-    )
-    return tuple(v for v in violations if v not in known)
-
-
-def assembled(spec: DesignSpec, attempt: Attempt, proof: bool, solver: Solver = Solver.IPOPT) -> Design:
-    """The design that an attempt amounts to: `solved` only with a verification that is met and a proof, if wanted."""
-    candidate, found, certificate = attempt.candidate, attempt.found, attempt.certificate
+def assemble_design(spec: DesignSpec, checked: CheckedCandidate, proof: bool, solver: Solver = Solver.IPOPT) -> Design:
+    """The design of a checked candidate: `solved` only if every requirement is verified, and proved where wanted."""
+    candidate, found, certificate = checked.candidate, checked.verification, checked.certificate
     status, message, clash = candidate.status, candidate.message, candidate.clash
     if status is Status.SOLVED and (found is None or not found.all_met):
-        status, message = Status.FAILED, _refusal(found)
+        status, message = Status.FAILED, _refuted_message(found)
         box = spec.controller
         if found is not None and all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
-            status, clash = Status.INFEASIBLE, _unmet(found)
-            message = f"the spec fixes kp, ki and alpha, and {_missed(found)}"
+            status, clash = Status.INFEASIBLE, _missed_limits(found)
+            message = f"the spec fixes kp, ki and alpha, and {_fixed_gains_problem(found)}"
     if status is Status.SOLVED and certificate is not None and certificate.verdict is not Verdict.PROVED:
-        status, message = Status.FAILED, _unproved(certificate)
+        status, message = Status.FAILED, _unproved_message(certificate)
     results = found.requirements if found else (None,) * len(spec.requirements)
     proofs = certificate.requirements if certificate else (None,) * len(spec.requirements)
     reports = tuple(
@@ -68,11 +49,30 @@ def assembled(spec: DesignSpec, attempt: Attempt, proof: bool, solver: Solver = 
     )
 
 
-def _unmet(found: Verification) -> tuple[Give, ...]:
-    """The requirements that fixed gains miss, and how far each is missed; none where no limit is to blame."""
+def new_violations(checked: CheckedCandidate, known: tuple[Violation, ...]) -> tuple[Violation, ...]:
+    """Where verification or certificate refute a candidate that the search found to be right; without known ones."""
+    if checked.candidate.status is not Status.SOLVED or checked.verification is None:
+        return ()
+    places = [(i, result.worst) for i, result in enumerate(checked.verification.requirements) if not result.is_met]
+    if checked.certificate is not None:
+        places += [
+            (i, side.worst)
+            for i, proved in enumerate(checked.certificate.requirements)
+            for side in proved.sides
+            if side.verdict is Verdict.REFUTED
+        ]
+    violations = (
+        Violation(i, place.point, place.omega_rad_s if place.omega_rad_s is not None else math.nan)
+        for i, place in places
+    )
+    return tuple(v for v in violations if v not in known)
+
+
+def _missed_limits(found: Verification) -> tuple[Relaxation, ...]:
+    """The requirements that fixed gains miss, with the limits they would meet; none if the loop is unstable."""
     if not found.stability.stable:
         return ()
-    gives = []
+    relaxations = []
     for i, result in enumerate(found.requirements):
         if result.is_met:
             continue
@@ -80,19 +80,20 @@ def _unmet(found: Verification) -> tuple[Give, ...]:
         amount = None
         if value is not None and math.isfinite(value):
             amount = min(abs(value - limit) for limit in result.requirement.limits)
-        gives.append(Give(i, amount, value if amount is not None else None))
-    return tuple(gives)
+        relaxations.append(Relaxation(i, amount, value if amount is not None else None))
+    return tuple(relaxations)
 
 
-def _missed(found: Verification) -> str:
-    """What is wrong with fixed gains."""
+def _fixed_gains_problem(found: Verification) -> str:
+    """Why fixed gains do not meet the spec."""
     if not found.stability.stable:
         return f"these gains leave an unstable loop, whatever the limits are: {found.stability.reason}"
     missed = sum(not result.is_met for result in found.requirements)
     return "they do not meet it" if missed == 1 else f"they miss {missed} requirements at once"
 
 
-def _refusal(found: Verification | None) -> str:
+def _refuted_message(found: Verification | None) -> str:
+    """Why the verification refutes what the search found."""
     if found is None:
         return "the best gains found are kp = ki = 0: switched off; add a requirement that needs a controller"
     if not found.stability.stable:
@@ -101,8 +102,8 @@ def _refusal(found: Verification | None) -> str:
     return f"the check refuted the best gains found: {names}"
 
 
-def _unproved(certificate: Certificate) -> str:
-    """What kept the gains from being called solved."""
+def _unproved_message(certificate: Certificate) -> str:
+    """What the certificate leaves unproved."""
     parts = []
     if certificate.stability.verdict is not Verdict.PROVED:
         parts.append(f"stability is {certificate.stability.verdict.value}: {certificate.stability.reason}")

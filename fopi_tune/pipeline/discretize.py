@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.proof import certify, verify
@@ -11,9 +9,6 @@ from fopi_tune.results.design import Discretized
 from fopi_tune.results.stamp import certificate_versions, stamp
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.load import Source
-
-if TYPE_CHECKING:
-    pass
 
 
 def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:

@@ -1,4 +1,4 @@
-"""How far a design can be from the best possible one:  spec, gains -> Optimum, and its file tested again."""
+"""The global optimum:  spec, gains -> Optimum, a bound that no gains can beat, and the check of its file."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def certify_optimum(
     time_limit_s: float = 60.0,
     progress: Progress | None = None,
 ) -> Optimum:
-    """Prove how far gains can be from the best possible ones; without gains, whether a spec has any.
+    """Prove how far gains can be from the global optimum; without gains, that the spec is infeasible.
 
     Args:
         source: a spec file, or a spec.
         gains: a design of it; None asks for the proof that no gains in the box meet the requirements.
-        gap: relative distance of the bound from their objective that is enough.
-        time_limit_s: when it is up, the gap that was reached is returned.
-        progress: told how many boxes were looked at, and how many are open.
+        gap: the search stops at this relative distance of the bound from the gains' objective.
+        time_limit_s: after it, the gap reached so far is returned.
+        progress: called with the number of boxes evaluated, and of those still open.
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
@@ -40,14 +40,14 @@ def certify_optimum(
 
 
 def recheck_optimum(document: object, source: Source) -> OptimumRecheck:
-    """Test what a file says of the best gains again, without searching.
+    """Check the file of an optimum without searching.
 
     Args:
         document: the file's JSON, as `json.load` gives it.
-        source: the spec that it is about.
+        source: its spec.
 
     Raises:
-        CertificateError: it is no such file.
+        CertificateError: the document is not of an optimum.
         SpecError: the spec cannot be read, or has mistakes.
     """
     from fopi_tune.optimum import recheck_optimum

@@ -1,4 +1,4 @@
-"""What the limits cost:  Design -> Design with prices, spec -> Tradeoff."""
+"""Prices of limits:  Design -> Design with checked multipliers, and a sweep of one limit:  spec -> Tradeoff."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fopi_tune.spec.load import Source
 if TYPE_CHECKING:
     from fopi_tune.prices import Tradeoff
 
-#: why there are no prices and no sweeps of such a spec
+#: the error for a spec with `design: sampled`
 NOT_ON_SAMPLES = (
     "`design: sampled` is tuned by a stand-in whose limits are not the spec's, so that it has no prices and no sweep; "
     "take `design: continuous` for them"
@@ -29,10 +29,10 @@ def price(design: Design) -> Design:
         design: a solved one, of the loop in continuous time.
 
     Returns:
-        The design with a `price` in the reports of the requirements that cost something; unchanged unless it is solved.
+        The design with a `price` for each requirement whose multiplier is not zero; unchanged unless it is solved.
 
     Raises:
-        DomainError: the design is of the loop on samples, whose multipliers are a stand-in's.
+        DomainError: the design is of the loop on samples, whose multipliers belong to an approximation.
     """
     if loop_name(design.spec) == "sampled":
         raise DomainError(NOT_ON_SAMPLES)
@@ -56,16 +56,16 @@ def tradeoff(
     stop: float | None = None,
     points: int = 50,
 ) -> Tradeoff:
-    """Sweep one requirement's limit: the best objective for every limit, up to where no gains meet the spec.
+    """Sweep the limit of one requirement: the best objective for each limit, up to where the spec is infeasible.
 
     Args:
         source: a spec file, or a spec.
-        requirement: its number in the spec, from 1 on, or its quantity if it occurs once; of a `between` with ".lower"
-            or ".upper" behind.
-        start: lowest limit, in the limit's unit; by default the sweep reaches as far beyond the spec's own limit as the
-            infeasible end lies before it.
+        requirement: its number in the spec, from 1 on, or its quantity if that occurs once; of a `between` followed by
+            ".lower" or ".upper".
+        start: lowest limit, in the limit's unit; by default the spec's own limit lies in the middle between the
+            infeasible end and the other end of the sweep.
         stop: highest limit, in the limit's unit.
-        points: how many.
+        points: number of limits.
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.

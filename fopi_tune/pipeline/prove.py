@@ -1,9 +1,8 @@
-"""Gains from anywhere:  spec, gains -> Check, and a certificate tested again."""
+"""Proof of given gains:  spec, gains -> Check, and the check of a certificate."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
@@ -15,12 +14,9 @@ from fopi_tune.results.stamp import certificate_versions, stamp
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.load import Source
 
-if TYPE_CHECKING:
-    pass
-
 
 def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
-    """Check gains from anywhere against a spec, and prove or refute what it asks.
+    """Verify given gains against a spec, and prove or refute each requirement.
 
     Args:
         source: a spec file, or a spec; with `design: sampled` the loop is the one on samples.
@@ -55,7 +51,7 @@ def recheck(document: object, source: Source | None = None) -> Recheck:
         source: when given, the certificate must be about this spec.
 
     Raises:
-        CertificateError: it is no certificate.
+        CertificateError: the document is no certificate.
         SpecError: the spec cannot be read, or has mistakes.
     """
     from fopi_tune.proof import recheck
@@ -67,7 +63,7 @@ def recheck(document: object, source: Source | None = None) -> Recheck:
     case = found.certificate.case
     if case.implementation is None:
         return found
-    # what the proof cannot know: that this filter is what the spec makes of these gains
+    # the proof takes the filter as given: compare it with the one that the spec makes of these gains
     from fopi_tune.digital.implementation import is_implementation_of
 
     if is_implementation_of(spec, case.gains, case.implementation):

@@ -1,9 +1,8 @@
-"""Every stage there is:  spec -> Run."""
+"""All stages of one spec:  tune, then discretize -> Run."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.discretize import discretize
@@ -13,12 +12,9 @@ from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.load import Source
 
-if TYPE_CHECKING:
-    pass
-
 
 def run(source: Source, proof: bool = True) -> Run:
-    """Every stage there is: the design, and of a solved one whose spec has a section `digital` its digital controller.
+    """Tune a spec and, if it is solved and has a section `digital`, make its digital controller.
 
     Args:
         source: a spec file, or a spec.
@@ -40,5 +36,5 @@ def run(source: Source, proof: bool = True) -> Run:
         digital = discretize(spec, design.gains, proof and known is None)
     except DomainError as error:
         return Run(design, None, str(error))
-    # a design for samples is proved of this very loop: what runs is made from the same gains
+    # a design for samples was proved for this same loop
     return Run(design, digital if known is None else replace(digital, certificate=known))

@@ -1,36 +1,26 @@
-"""What runs in time or draws plants:  spec, gains -> Validated, Simulated."""
+"""Simulation:  spec, gains, one plant -> Simulated, with the digital controller or exactly in continuous time."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Plants
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.parameter_table import why_impossible
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
-from fopi_tune.pipeline.validate import wanted_validation
-from fopi_tune.results.simulation import Driven
+from fopi_tune.pipeline.validate import override_validation
+from fopi_tune.results.simulation import ScenarioResult, Simulated
 from fopi_tune.results.stamp import stamp
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.load import Source
-from fopi_tune.spec.model import DesignSpec, ValidationSpec
-
-if TYPE_CHECKING:
-    pass
-
-
-import math
-from typing import TYPE_CHECKING
-
-import numpy as np
-
-from fopi_tune.core.loops import Plants
-from fopi_tune.core.parameter_table import why_impossible
-from fopi_tune.core.plant import PlantFamily
-from fopi_tune.results.simulation import Simulated
-from fopi_tune.results.stamp import Stamp
-from fopi_tune.spec.model import MEASURES, Limit, Relation, ScenarioSpec
+from fopi_tune.spec.model import MEASURES, DesignSpec, Limit, Relation, ScenarioSpec, ValidationSpec
 
 if TYPE_CHECKING:
     from fopi_tune.simulation.fractional.continuous import ContinuousSimulation
@@ -48,15 +38,15 @@ def simulate(
     samples: int | None = None,
     seed: int | None = None,
 ) -> Simulated:
-    """Drive one plant through the spec's scenarios with its digital controller.
+    """Simulate the scenarios of a spec for one plant, with the digital controller.
 
     Args:
         source: a spec file, or a spec, with sections `digital` and `scenarios`.
         gains: the controller, usually from a design.
-        scenario: name of the only one.
+        scenario: name of the only one to simulate; all where left out.
         plant: uncertain numbers by name, in the spec's units; the nominal ones where left out.
-        replay: index of a plant that `validate` drew, to make it and its noise again.
-        exact: the fractional loop in continuous time instead, without filter, samples and computing delay.
+        replay: index of a plant that `validate` drew; it and its noise are made again.
+        exact: simulate the fractional loop in continuous time, without filter, samples and computing delay.
         samples: what was given to `validate`.
         seed: what was given to `validate`.
 
@@ -67,75 +57,68 @@ def simulate(
     from fopi_tune.digital.implementation import implementation_of
 
     spec = load_spec(source)
-    spec = replace(spec, validation=wanted_validation(spec.validation, samples, seed))
-    made = stamp(spec.sha256, None)
+    validation = override_validation(spec.validation, samples, seed)
+    spec = replace(spec, validation=validation)
     implementation = implementation_of(spec, gains)
-    return drive(spec, gains, implementation, made, only=scenario, plant=plant, index=replay, exact=exact)
+    point = plant_point(spec.plant, validation, plant, replay)
+    scenarios = select_scenarios(spec.scenarios, scenario)
+    if exact:
+        results = _continuous_results(spec, gains, implementation, scenarios, point)
+    else:
+        results = _sampled_results(spec, implementation, scenarios, point, replay or 0)
+    return Simulated(spec, gains, spec.plant.describe(point), replay, results, stamp(spec.sha256, None), exact=exact)
 
 
-def drive(
+def _sampled_results(
     spec: DesignSpec,
-    gains: FoPi,
     implementation: Implementation,
-    stamp: Stamp,
-    *,
-    only: str | None = None,
-    plant: Mapping[str, float] | None = None,
-    index: int | None = None,
-    exact: bool = False,
-) -> Simulated:
-    """Simulate the scenarios of a spec for one plant.
-
-    Args:
-        spec: with scenarios.
-        gains: what the controller approximates.
-        implementation: the controller that runs.
-        stamp: where the result comes from.
-        only: name of the only scenario.
-        plant: uncertain numbers by name, the nominal ones where left out.
-        index: of a Monte-Carlo draw to make again, its noise included; instead of a plant.
-        exact: in continuous time instead, without filter, samples and computing delay.
-
-    Raises:
-        DomainError: no scenario, an unknown one, an unknown number, an index that was not drawn, or a place that is no
-            plant.
-    """
+    scenarios: Sequence[ScenarioSpec],
+    point: np.ndarray,
+    index: int,
+) -> tuple[ScenarioResult, ...]:
+    """The scenarios of the plant at `point` with the digital controller; the noise is that of the draw `index`."""
     from fopi_tune.montecarlo.montecarlo import controller_of
     from fopi_tune.simulation.measures import scenario_of
     from fopi_tune.simulation.scenario import Mode
 
-    drawn = spec.validation or ValidationSpec()
-    place = place_of(spec.plant, drawn, plant, index)
-    scenarios = chosen(spec.scenarios, only)
-    if exact:
-        from fopi_tune.simulation.fractional.continuous import simulate_loop
-
-        member, controller = spec.plant.member(place), controller_of(spec, implementation)
-        step = implementation.sample_time_s
-        runs = [simulate_loop(scenario, gains, member, controller, step) for scenario in scenarios]
-        driven = tuple(continuous_of(s, run, spec.limits) for s, run in zip(scenarios, runs, strict=True))
-        return Simulated(spec, gains, spec.plant.describe(place), index, driven, stamp, exact=True)
-    plants = Plants.members(spec.plant, place[None, :])
+    seed = (spec.validation or ValidationSpec()).seed
+    plants = Plants.members(spec.plant, point[None, :])
     # a function of the index, so that the noise is that of the draw
     modes = [Mode(controller_of(spec, implementation), lambda begin, end: plants)]
-    found = [
-        driven_of(scenario, modes, scenario_of(scenario, implementation, drawn.seed), spec.limits, index or 0)
+    return tuple(
+        run_scenario(scenario, modes, scenario_of(scenario, implementation, seed), spec.limits, index)
         for scenario in scenarios
-    ]
-    return Simulated(spec, gains, spec.plant.describe(place), index, tuple(found), stamp)
+    )
 
 
-def driven_of(
+def _continuous_results(
+    spec: DesignSpec,
+    gains: FoPi,
+    implementation: Implementation,
+    scenarios: Sequence[ScenarioSpec],
+    point: np.ndarray,
+) -> tuple[ScenarioResult, ...]:
+    """The scenarios of the plant at `point` with the fractional controller, without samples."""
+    from fopi_tune.montecarlo.montecarlo import controller_of
+    from fopi_tune.simulation.fractional.continuous import simulate_loop
+
+    plant, controller = spec.plant.member(point), controller_of(spec, implementation)
+    step = implementation.sample_time_s
+    runs = [simulate_loop(scenario, gains, plant, controller, step) for scenario in scenarios]
+    return tuple(continuous_result(s, run, spec.limits) for s, run in zip(scenarios, runs, strict=True))
+
+
+def run_scenario(
     scenario: ScenarioSpec, modes: Sequence[Mode], run: Scenario, limits: Sequence[Limit], index: int
-) -> Driven:
-    """One scenario of one plant.
+) -> ScenarioResult:
+    """Simulate one scenario of one plant on samples.
 
     Args:
-        scenario: the spec's.
-        modes: controllers, and the plant for its index.
-        run: the scenario on the controllers' samples.
-        limits: the spec's.
-        index: of the plant, on which its noise depends.
+        scenario: as the spec states it.
+        modes: the controllers, and the plant of each index.
+        run: the same scenario with its signals at the controllers' samples.
+        limits: of the spec.
+        index: of the plant; its noise depends on it.
     """
     from fopi_tune.simulation.measures import horizon_of
     from fopi_tune.simulation.sampled.reference import measures_of
@@ -143,45 +126,45 @@ def driven_of(
 
     traces = simulate(modes, run, 1, index)
     numbers = measures_of(traces, [mode.controller for mode in modes], run, horizon_of(scenario, run))
-    return judged_of(scenario, run.signals.reference, traces, numbers, limits)
+    return scenario_result(scenario, run.signals.reference, traces, numbers, limits)
 
 
-def judged_of(
+def scenario_result(
     scenario: ScenarioSpec, reference: np.ndarray, traces: Traces, numbers: Measures, limits: Sequence[Limit]
-) -> Driven:
-    """Signals of one plant with their measures by name, and the limits that these keep.
+) -> ScenarioResult:
+    """Signals of one plant, their measures by name, and whether each limit is met.
 
     Args:
-        scenario: the spec's.
-        reference: the setpoint at the signals' times.
-        traces: one row.
-        numbers: one number a measure.
-        limits: the spec's.
+        scenario: as the spec states it.
+        reference: the setpoint at the signals' times, output unit.
+        traces: the signals, one row each.
+        numbers: the measures, one number each.
+        limits: of the spec.
     """
     from fopi_tune.simulation.measures import MEASURE_VALUES
 
     measures = {name: float(MEASURE_VALUES[name](numbers)[0]) for name in MEASURES}
-    kept = tuple((e, _keeps(e, measures[e.measure])) for e in limits if e.scenario in (None, scenario.name))
+    met = tuple((e, _is_met(e, measures[e.measure])) for e in limits if e.scenario in (None, scenario.name))
     jumps = np.flatnonzero(np.diff(traces.mode[0])) + 1
-    return Driven(
-        scenario, reference, traces, measures, kept, bool(numbers.chattering[0]), tuple(traces.time_s[jumps].tolist())
+    return ScenarioResult(
+        scenario, reference, traces, measures, met, bool(numbers.chattering[0]), tuple(traces.time_s[jumps].tolist())
     )
 
 
-def continuous_of(scenario: ScenarioSpec, found: ContinuousSimulation, limits: Sequence[Limit]) -> Driven:
-    """The same of a run in continuous time."""
-    driven = judged_of(scenario, found.reference, found.traces, found.measures, limits)
+def continuous_result(scenario: ScenarioSpec, found: ContinuousSimulation, limits: Sequence[Limit]) -> ScenarioResult:
+    """The result of a run in continuous time; a run that did not stay finite meets no limit."""
+    result = scenario_result(scenario, found.reference, found.traces, found.measures, limits)
     if not found.measures.finite[0]:
-        driven = replace(driven, limits=tuple((limit, False) for limit, _ in driven.limits))
-    return replace(driven, switch_times_s=found.switch_times_s, accuracy=found.accuracy, outcome=found.outcome)
+        result = replace(result, limits=tuple((limit, False) for limit, _ in result.limits))
+    return replace(result, switch_times_s=found.switch_times_s, accuracy=found.accuracy, outcome=found.outcome)
 
 
-def _keeps(limit: Limit, value: float) -> bool:
+def _is_met(limit: Limit, value: float) -> bool:
     return value <= limit.limit if limit.relation is Relation.AT_MOST else value >= limit.limit
 
 
-def chosen(scenarios: Sequence[ScenarioSpec], only: str | None) -> tuple[ScenarioSpec, ...]:
-    """The scenarios to drive.
+def select_scenarios(scenarios: Sequence[ScenarioSpec], only: str | None) -> tuple[ScenarioSpec, ...]:
+    """The scenarios to simulate: all, or the one that is named.
 
     Raises:
         DomainError: there is none, or none of this name.
@@ -195,27 +178,27 @@ def chosen(scenarios: Sequence[ScenarioSpec], only: str | None) -> tuple[Scenari
     return found
 
 
-def place_of(
+def plant_point(
     family: PlantFamily, drawn: ValidationSpec, plant: Mapping[str, float] | None, index: int | None
 ) -> np.ndarray:
-    """A plant's place in its family's box, shape (p,).
+    """The point of a plant in its family's box of uncertain numbers, shape (p,), in the spec's units.
 
     Args:
         family: the box.
         drawn: how plants are drawn.
         plant: uncertain numbers by name, the nominal ones where left out.
-        index: of a draw, instead.
+        index: of a Monte Carlo draw to take instead of `plant`.
 
     Raises:
-        DomainError: an unknown number, an index that was not drawn, or a place that is no plant.
+        DomainError: an unknown number, an index that was not drawn, or a point that is no plant.
     """
-    place = _named_place(family, plant or {}) if index is None else _drawn_place(family, drawn, index)
-    if (problem := why_impossible(place, family)) is not None:
+    point = _named_point(family, plant or {}) if index is None else _drawn_point(family, drawn, index)
+    if (problem := why_impossible(point, family)) is not None:
         raise DomainError(f"{'this' if index is None else f'draw {index}'} is no plant: {problem}")
-    return place
+    return point
 
 
-def _drawn_place(family: PlantFamily, drawn: ValidationSpec, index: int) -> np.ndarray:
+def _drawn_point(family: PlantFamily, drawn: ValidationSpec, index: int) -> np.ndarray:
     from fopi_tune.montecarlo.draws import sample_points
     from fopi_tune.montecarlo.outcomes import sampling_plan_of
 
@@ -224,7 +207,7 @@ def _drawn_place(family: PlantFamily, drawn: ValidationSpec, index: int) -> np.n
     return sample_points(sampling_plan_of(drawn), family, index, 1)[0]
 
 
-def _named_place(family: PlantFamily, named: Mapping[str, float]) -> np.ndarray:
+def _named_point(family: PlantFamily, named: Mapping[str, float]) -> np.ndarray:
     for name, value in named.items():
         if name not in family.uncertain_names:
             known = ", ".join(family.uncertain_names) or "none: every number is known"

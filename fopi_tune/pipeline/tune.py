@@ -1,27 +1,40 @@
-"""The sequence of stages:  spec -> design -> verification -> certificate -> Design -> Discretized."""
+"""Tuning:  spec -> candidate -> verification -> certificate -> Design.
+
+1. A search finds gains, for the plants and frequencies that it knows of.
+2. The verification checks them for the whole family, without the search's help, and the certificate proves them.
+3. Where either refutes the gains, the plant and frequency become a cut and the search runs again.
+4. Of an infeasible spec, each relaxation of a limit is confirmed by tuning the relaxed spec.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.pipeline.assemble import assembled, refutations
-from fopi_tune.pipeline.relaxations import confirmed
+from fopi_tune.pipeline.assemble import assemble_design, new_violations
 from fopi_tune.proof import certify, verify
-from fopi_tune.results.candidate import Attempt, Solver, Violation
+from fopi_tune.quantities import QUANTITIES
+from fopi_tune.results.candidate import CheckedCandidate, Solver, Violation
 from fopi_tune.results.design import Design
 from fopi_tune.results.stamp import certificate_versions
-from fopi_tune.results.status import Status
+from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.load import Source
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 
 if TYPE_CHECKING:
     from fopi_tune.design import Neighbour
 
 #: how often a refuted design is made again
 _MOST_REFUTATIONS = 5
+#: relaxed limits are moved this much further than where the search ended, natural units: there rounding decides
+_CLEARANCE = 1e-5
+#: significant digits of the limits that are tried: those that a table prints, then fewer, as an approximation of the
+#: loop on samples is accurate to fewer
+_DIGITS = (5, 2)
 
 
 def tune(
@@ -34,11 +47,11 @@ def tune(
     Args:
         source: a spec file, or a spec.
         proof: False leaves the certificate out: `solved` then means verified in floating point, and the result says so.
-        solver: which search finds the gains; `Solver.CONVEX` is the slower second opinion, which does not take
+        solver: which search finds the gains; `Solver.CONVEX` is the slower second opinion, which does not support
             `design: sampled`.
-        start: gains that are nearly right, or a neighbour (`fopi_tune.design.neighbour`) that has them, from which
-            alone the search begins unless that leads nowhere: faster, and blind to a better optimum elsewhere.  A
-            design for samples and the convex search have their own starts.
+        start: gains close to the solution, or a neighbour (`fopi_tune.design.neighbour`) that has them.  The search
+            begins there alone, and elsewhere only if that fails: faster, but a better optimum elsewhere is missed.
+            A design for samples and the convex search ignore it.
 
     Returns:
         A design; `status` says how it ended.  Infeasible, unbounded and failed are answers, not exceptions.
@@ -49,47 +62,102 @@ def tune(
             spec asks for and that cannot be made.
     """
     spec = load_spec(source)
-    design = _designed(spec, proof, solver, start)
+    design = _unconfirmed_design(spec, proof, solver, start)
 
-    def is_met(moved: DesignSpec) -> bool:
-        # from the gains that come nearest, and from every start where that leads nowhere
-        return _designed(moved, False, solver, design.gains).status is Status.SOLVED
+    def is_met(relaxed: DesignSpec) -> bool:
+        # from the gains that come nearest first, and from every start where these lead nowhere
+        return _unconfirmed_design(relaxed, False, solver, design.gains).status is Status.SOLVED
 
-    return replace(design, clash=confirmed(spec, design.clash, is_met))
+    return replace(design, clash=_confirm_relaxations(spec, design.clash, is_met))
 
 
-def _designed(spec: DesignSpec, proof: bool, solver: Solver, start: FoPi | Neighbour | None) -> Design:
-    """The design; how far clashing requirements would have to give is not confirmed yet."""
+def _unconfirmed_design(spec: DesignSpec, proof: bool, solver: Solver, start: FoPi | Neighbour | None) -> Design:
+    """Search, check and search again with what the check refuted; relaxations are the search's estimates."""
     if solver is Solver.IPOPT and spec.digital is not None and spec.digital.designs_sampled:
         from fopi_tune.design.sampled import sampled_attempt
 
-        return assembled(spec, sampled_attempt(spec, proof), proof)
+        return assemble_design(spec, sampled_attempt(spec, proof), proof)
     violations: tuple[Violation, ...] = ()
-    attempt = _attempt(spec, violations, proof, solver, start)
+    checked = _checked_candidate(spec, violations, proof, solver, start)
     for _ in range(_MOST_REFUTATIONS):
-        new = refutations(attempt, violations)
+        new = new_violations(checked, violations)
         if not new:
             break
         violations += new
-        attempt = _attempt(spec, violations, proof, solver, start)
-    return assembled(spec, attempt, proof, solver)
+        checked = _checked_candidate(spec, violations, proof, solver, start)
+    return assemble_design(spec, checked, proof, solver)
 
 
-def _attempt(
+def _checked_candidate(
     spec: DesignSpec, violations: tuple[Violation, ...], proof: bool, solver: Solver, start: FoPi | Neighbour | None
-) -> Attempt:
+) -> CheckedCandidate:
+    """One run of the search, with the violations found so far as cuts, then verification and certificate."""
     if solver is Solver.CONVEX:
         from fopi_tune.convex import convex_design
 
         candidate = convex_design(spec, violations)
     else:
-        from fopi_tune.design import design  # loads CasADi, which a check has no need of
+        from fopi_tune.design import design  # loads CasADi
 
         candidate = design(spec, violations, start)
     gains = candidate.gains
     if gains is None or (gains.kp == 0.0 and gains.ki == 0.0):
-        return Attempt(candidate)
-    found = verify(spec, gains)
-    if not proof or candidate.status is not Status.SOLVED or not found.all_met:
-        return Attempt(candidate, found)
-    return Attempt(candidate, found, certify(spec, found, certificate_versions()))
+        return CheckedCandidate(candidate)
+    verification = verify(spec, gains)
+    if not proof or candidate.status is not Status.SOLVED or not verification.all_met:
+        return CheckedCandidate(candidate, verification)
+    return CheckedCandidate(candidate, verification, certify(spec, verification, certificate_versions()))
+
+
+def _confirm_relaxations(
+    spec: DesignSpec, clash: Sequence[Relaxation], is_met: Callable[[DesignSpec], bool]
+) -> tuple[Relaxation, ...]:
+    """The clashing requirements, each with a relaxed limit only where the spec was found to be met with it.
+
+    Args:
+        spec: the infeasible spec.
+        clash: relaxations that a search, or a check of fixed gains, estimates to be enough.
+        is_met: whether gains were found that meet a spec, decided by the independent check.
+    """
+    return tuple(_confirmed_relaxation(spec, relaxation, is_met) for relaxation in clash)
+
+
+def _confirmed_relaxation(spec: DesignSpec, relaxation: Relaxation, is_met: Callable[[DesignSpec], bool]) -> Relaxation:
+    requirement = spec.requirements[relaxation.requirement]
+    if relaxation.new_limit is not None:
+        index = _limit_index(requirement, relaxation.new_limit)
+        old = requirement.limits[index]
+        for limit in _rounded_limits(requirement, old, relaxation.new_limit):
+            limits = (*requirement.limits[:index], limit, *requirement.limits[index + 1 :])
+            moved = replace(requirement, limits=limits)
+            others = spec.requirements
+            every = (*others[: relaxation.requirement], moved, *others[relaxation.requirement + 1 :])
+            if is_met(replace(spec, requirements=every)):
+                return Relaxation(relaxation.requirement, abs(limit - old), limit)
+    return Relaxation(relaxation.requirement, None, None)
+
+
+def _limit_index(requirement: Requirement, limit: float) -> int:
+    """Which of the limits is relaxed: of a `between` the one on the side of the new limit."""
+    return 0 if limit < requirement.limits[0] else len(requirement.limits) - 1
+
+
+def _rounded_limits(requirement: Requirement, old: float, limit: float) -> Iterator[float]:
+    """The relaxed limit, rounded away from the old one to few digits; of an `equals` first the exact value."""
+    quantity = QUANTITIES[requirement.quantity]
+    direction = math.copysign(1.0, limit - old)
+    further = quantity.from_natural(quantity.to_natural(limit) + direction * _CLEARANCE)
+    tried = [_rounded(further, direction, digits) for digits in _DIGITS if further != 0.0]
+    if requirement.relation is Relation.EQUALS:
+        tried = [limit, *tried[1:]]
+    for each in dict.fromkeys(tried):
+        if each != old and quantity.check_limit(each) is None:
+            yield each
+
+
+def _rounded(value: float, direction: float, digits: int) -> float:
+    """Rounded to a number of significant digits, up (`direction` 1) or down (-1)."""
+    step = 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1)
+    count = math.ceil(value / step) if direction > 0.0 else math.floor(value / step)
+    # through text, to get the nearest double of the decimal number
+    return float(f"{count * step:.{digits}g}")

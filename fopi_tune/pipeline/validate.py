@@ -1,4 +1,4 @@
-"""Thousands of plants:  spec, gains -> Validated."""
+"""Monte Carlo:  spec, gains -> Validated, how often the digital loop of a drawn plant meets the spec."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fopi_tune.montecarlo.montecarlo import Block
     from fopi_tune.montecarlo.outcomes import Progress
 
-#: as the spec language allows
+#: the most that the spec language allows
 _MOST_SAMPLES = 10**8
 
 
@@ -32,14 +32,14 @@ def validate(
     progress: Progress | None = None,
     blocks: Sequence[Block] = (),
 ) -> Validated:
-    """Draw plants from the family and say how often the digital controller's loop meets everything.
+    """Draw plants from the family and count how often the loop with the digital controller meets the spec.
 
     Args:
         source: a spec file, or a spec, with a section `digital`.
         gains: the controller, usually from a design.
         samples: plants to draw, in place of the spec's; of a file of samples, its first rows.
         seed: in place of the spec's.
-        progress: told how many plants are done, of how many.
+        progress: called with the number of plants done, and of all.
         blocks: of all these plants, from `validate_block`, where they were drawn elsewhere; empty: draw them here.
 
     Raises:
@@ -50,7 +50,7 @@ def validate(
     from fopi_tune.montecarlo.montecarlo import evidence_of, monte_carlo
 
     spec = load_spec(source)
-    spec = replace(spec, validation=wanted_validation(spec.validation, samples, seed))
+    spec = replace(spec, validation=override_validation(spec.validation, samples, seed))
     digital = discretize(spec, gains)
     implementation = Implementation(digital.controller.sections, digital.controller.digital.delay_samples)
     evidence = evidence_of(spec, blocks) if blocks else monte_carlo(spec, gains, implementation, progress)
@@ -58,7 +58,7 @@ def validate(
 
 
 def validate_block(source: Source, gains: FoPi, first: int, end: int) -> Block:
-    """What `validate` does with the plants of indices first to end - 1, for `validate` to put together.
+    """The outcomes of the plants of indices first to end - 1; `validate` puts blocks together.
 
     Args:
         source: a spec file, or a spec, with a section `digital`; its section `validation` says how plants are drawn.
@@ -77,7 +77,7 @@ def validate_block(source: Source, gains: FoPi, first: int, end: int) -> Block:
     return sample_block(spec, gains, Implementation(controller.sections, controller.digital.delay_samples), first, end)
 
 
-def wanted_validation(validation: ValidationSpec | None, samples: int | None, seed: int | None) -> ValidationSpec:
+def override_validation(validation: ValidationSpec | None, samples: int | None, seed: int | None) -> ValidationSpec:
     """A section `validation` with the command line's numbers in place of the file's.
 
     Raises:

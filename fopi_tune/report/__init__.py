@@ -1,12 +1,12 @@
-"""Results as something to read; computes nothing and writes nothing."""
+"""Results as text, figures and HTML pages; nothing is computed anew and nothing is written to the disk."""
 
 from fopi_tune.report.figures.plots import controller_bode_svg, simulation_svg
 from fopi_tune.report.text.certificates import recheck_text
+from fopi_tune.report.text.design import check_text, design_text
 from fopi_tune.report.text.digital import digital_text
 from fopi_tune.report.text.evidence import evidence_text, system_evidence_text
 from fopi_tune.report.text.simulation import simulation_text
 from fopi_tune.report.text.study import study_text
-from fopi_tune.report.text.terminal import check_text, design_text
 from fopi_tune.report.text.tradeoff import tradeoff_svg, tradeoff_text
 
 __all__ = [

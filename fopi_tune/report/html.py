@@ -1,6 +1,6 @@
-"""The report:  Findings -> report.html and its figures as SVG and PNG; the same findings give the same bytes.
+"""The report:  ResultDocuments -> report.html and its figures as SVG and PNG; the same documents give the same bytes.
 
-What is drawn and told; how it becomes a page is in `page.py`.
+This module decides what the report contains; `page.py` renders it.
 """
 
 from __future__ import annotations
@@ -10,58 +10,58 @@ from typing import Any
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
-from fopi_tune.report.chances import chances_of, drawn_phrase, histograms
-from fopi_tune.report.figures.canvas import Picture
-from fopi_tune.report.figures.filters import filter_picture
+from fopi_tune.report.documents import ResultDocuments
+from fopi_tune.report.evidence import evidence_rows, histograms, sampling_phrase
 from fopi_tune.report.figures.frequency import bode, margins_along, nyquist, sensitivities
 from fopi_tune.report.figures.members import Members, members_of
-from fopi_tune.report.figures.slider import HEIGHT, WIDTH, minus_one, slider_of
-from fopi_tune.report.figures.times import responses
-from fopi_tune.report.findings import Findings
-from fopi_tune.report.page import drawn, figure_files, rendered
-from fopi_tune.report.rows import place_phrase, rows_of
-from fopi_tune.report.text.phrases import limit_told, number, requirement_phrase, scope_phrase, sentence
+from fopi_tune.report.figures.picture import Picture
+from fopi_tune.report.figures.plots import digital_picture
+from fopi_tune.report.figures.slider import HEIGHT, WIDTH, critical_point_mark, slider_of
+from fopi_tune.report.figures.step_responses import step_responses
+from fopi_tune.report.page import figure_files, render_figures, render_template
+from fopi_tune.report.requirement_rows import place_phrase, requirement_rows
+from fopi_tune.report.text.formatting import exact_limit, number, requirement_phrase, scope_phrase, sentence
 from fopi_tune.results.design import loop_name
 
 #: the report's file
 REPORT = "report.html"
 
 
-def report_files(findings: Findings) -> dict[str, str | bytes]:
+def report_files(documents: ResultDocuments) -> dict[str, str | bytes]:
     """The report and its figures, by their names in the folder of results.
 
     Args:
-        findings: the spec and the documents of its results.
+        documents: the spec and its results.
 
     Returns:
         `report.html` last, as text; figures as text (SVG) and bytes (PNG).
     """
-    members, evidence = members_of(findings), findings.evidence
-    of_loop = [] if members is None else list(drawn(_OF_LOOP, members))
-    of_filter = list(drawn({"digital": filter_picture}, findings))
-    of_plants = [] if evidence is None else list(drawn({"plants": _histograms}, findings))
-    values = {**_words(findings), **_moved(members)}
+    members, evidence = members_of(documents), documents.evidence
+    of_loop = [] if members is None else list(render_figures(_LOOP_FIGURES, members))
+    of_filter = list(render_figures({"digital": digital_picture}, documents))
+    of_plants = [] if evidence is None else list(render_figures({"plants": _histograms}, documents))
+    values = {**_text_values(documents), **_slider_values(members)}
     values |= {"figures": of_loop, "digital_figures": of_filter, "evidence_figures": of_plants}
     figures = figure_files([*of_loop, *of_filter, *of_plants])
-    return {**figures, REPORT: rendered("report.html.jinja", values)}
+    return {**figures, REPORT: render_template("report.html.jinja", values)}
 
 
-#: name -> what is drawn of the loop, in the order of the page
-_OF_LOOP: Mapping[str, Callable[[Members], Picture | None]] = {
+#: name of a figure of the loop -> how it is drawn, in the order of the page
+_LOOP_FIGURES: Mapping[str, Callable[[Members], Picture | None]] = {
     "bode": bode,
     "nyquist": nyquist,
     "sensitivities": sensitivities,
-    "responses": responses,
+    "responses": step_responses,
     "margins": margins_along,
 }
 
 
-def _histograms(findings: Findings) -> Picture | None:
-    return None if findings.evidence is None else histograms(findings.evidence, findings.spec.name)
+def _histograms(documents: ResultDocuments) -> Picture | None:
+    return None if documents.evidence is None else histograms(documents.evidence, documents.spec.name)
 
 
-def _moved(members: Members | None) -> dict[str, Any]:
-    """The slider, its curves, and -1 in the small Nyquist picture."""
+def _slider_values(members: Members | None) -> dict[str, Any]:
+    """Template values of the slider: its curves, and the mark of -1 in its Nyquist panel."""
     try:
         slider = None if members is None else slider_of(members)
     except DomainError:
@@ -76,14 +76,14 @@ def _moved(members: Members | None) -> dict[str, Any]:
         },
         "width": WIDTH,
         "height": HEIGHT,
-        "minus_one": minus_one(),
+        "minus_one": critical_point_mark(),
     }
 
 
-def _words(findings: Findings) -> dict[str, Any]:
-    """Everything that is told in words."""
-    spec, design, digital, evidence = findings.spec, findings.design, findings.digital, findings.evidence
-    rows = rows_of(findings.requirements, design["objective"])
+def _text_values(documents: ResultDocuments) -> dict[str, Any]:
+    """Template values that are text."""
+    spec, design, digital, evidence = documents.spec, documents.design, documents.digital, documents.evidence
+    rows = requirement_rows(documents.requirements, design["objective"])
     status = str(design["status"])
     verdict = design["proof"]["verdict"]
     return {
@@ -92,19 +92,19 @@ def _words(findings: Findings) -> dict[str, Any]:
         "good": status == "solved",
         "status": " ".join([f"{status}. {design['advice']}", *_proof_words(status, verdict)]),
         "good_on_samples": digital is not None and digital["status"] == "met",
-        "on_samples": "" if digital is None else f"The loop on samples: {digital['status']}.{_misses(digital)}",
+        "on_samples": "" if digital is None else f"The loop on samples: {digital['status']}.{_missed_phrase(digital)}",
         "message": sentence(design["message"]) if design["message"] else "",
-        "gains": None if findings.gains is None else _gains_words(findings.gains, status),
+        "gains": None if documents.gains is None else _gains_words(documents.gains, status),
         "sampled": loop_name(spec) == "sampled",
-        "clash": _clash(findings),
+        "clash": _clash(documents),
         "rows": rows,
         "summary": list(_summary(design)),
         "why_no_figures": "there are no gains, or the digital controller that the requirements speak of is not there",
-        "digital_status": "" if digital is None else _digital_words(findings, digital),
-        "digital_rows": rows_of(findings.digital_requirements),
-        "drawn_words": "" if evidence is None else drawn_phrase(evidence),
+        "digital_status": "" if digital is None else _digital_words(documents, digital),
+        "digital_rows": requirement_rows(documents.digital_requirements),
+        "sampling": "" if evidence is None else sampling_phrase(evidence),
         "confidence": "" if evidence is None else f"{100.0 * evidence['drawn']['confidence']:g} %",
-        "chances": () if evidence is None else chances_of(evidence),
+        "evidence": () if evidence is None else evidence_rows(evidence),
         "priced": any(row.cost for row in rows),
         "objective_name": design["objective_quantity"],
         "proof": list(_proof(design["proof"])),
@@ -118,8 +118,8 @@ def _gains_words(gains: FoPi, status: str) -> str:
     return f"C(s) = kp + ki / s^alpha with {values}{no_solution}"
 
 
-def _misses(digital: Mapping[str, Any]) -> str:
-    """How many requirements the loop on samples misses."""
+def _missed_phrase(digital: Mapping[str, Any]) -> str:
+    """A sentence on how many requirements the loop on samples misses; empty if none."""
     said = digital["requirements"]
     missed = sum(not each["met"] for each in said)
     return f" It misses {missed} of {len(said)} requirements; see below." if missed else ""
@@ -132,13 +132,13 @@ def _proof_words(status: str, verdict: str) -> list[str]:
     return ["Proved for every plant and every frequency." if proved else "Checked in floating point, not proved."]
 
 
-def _clash(findings: Findings) -> list[str]:
+def _clash(documents: ResultDocuments) -> list[str]:
     words = []
-    for give in findings.design["clash"]:
-        requirement = findings.spec.requirements[give["requirement"]]
+    for give in documents.design["clash"]:
+        requirement = documents.spec.requirements[give["requirement"]]
         said = f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})"
         if give["give"] is not None and give["new_limit"] is not None:
-            said += f": alone it would have to give {number(give['give'])}, to {limit_told(give['new_limit'])}"
+            said += f": alone it would have to give {number(give['give'])}, to {exact_limit(give['new_limit'])}"
         words.append(said)
     return words
 
@@ -158,9 +158,9 @@ def _summary(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "nominal plant", ", ".join(parts)
 
 
-def _digital_words(findings: Findings, digital: Mapping[str, Any]) -> str:
-    asked = findings.spec.digital
-    assert asked is not None  # of this very spec, which asked for it
+def _digital_words(documents: ResultDocuments, digital: Mapping[str, Any]) -> str:
+    asked = documents.spec.digital
+    assert asked is not None  # there is a digital controller only if the spec asks for one
     words = f"{digital['status']}. Every {number(asked.sample_time_s)} s, {asked.method} with {asked.poles} poles"
     words += "" if asked.method == "fit" else f", {asked.rule}"
     samples = "sample" if asked.delay_samples == 1.0 else "samples"

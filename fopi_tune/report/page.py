@@ -1,6 +1,6 @@
-"""Pages that need no network:  pictures and words into a template -> HTML, the same bytes for the same words.
+"""Self-contained HTML pages:  figures and text into a template -> HTML; equal values give equal bytes.
 
-Style, script, curves and figures are in the page, and its policy forbids the rest.
+Style, script, curves and figures are inside the page; its content security policy forbids to load anything else.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from fopi_tune.errors import DomainError
-from fopi_tune.report.figures.canvas import Picture, both_of
+from fopi_tune.report.figures.picture import Picture, svg_and_png_of
 
-#: what a figure is made from
+#: type of what figures are drawn from
 Source = TypeVar("Source")
 #: the folder of a page's figures
 FIGURES = "figures"
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """A figure as it stands in the page and in files.
+class RenderedFigure:
+    """A figure in the formats of pages and files.
 
     Args:
         name: of its files, without ending.
-        caption: the description in words.
-        svg: to be put into HTML.
-        svg_file: the same as a file of its own.
-        png: the same as points.
+        caption: its description.
+        svg: to be embedded in HTML.
+        svg_file: the content of an SVG file.
+        png: the content of a PNG file.
     """
 
     name: str
@@ -40,20 +40,22 @@ class Drawn:
     png: bytes
 
 
-def drawn(pictures: Mapping[str, Callable[[Source], Picture | None]], source: Source) -> Iterator[Drawn]:
-    """The pictures there are, by their names."""
+def render_figures(
+    pictures: Mapping[str, Callable[[Source], Picture | None]], source: Source
+) -> Iterator[RenderedFigure]:
+    """Draw the pictures that exist; those that cannot be computed are left out."""
     for name, make in pictures.items():
         try:
             picture = make(source)
         except DomainError:
-            picture = None  # crossings that cannot be listed: the page does without this figure
+            picture = None  # too many crossings to list: the figure is left out
         if picture is not None:
-            svg, png = both_of(picture)
-            yield Drawn(name, picture.description, _inline(svg, name), svg, png)
+            svg, png = svg_and_png_of(picture)
+            yield RenderedFigure(name, picture.description, _inline(svg, name), svg, png)
 
 
 def _inline(svg: str, name: str) -> str:
-    """An SVG file as part of a page: names of its own, since several files use the same, and words that are found."""
+    """An SVG file as part of a page: with ids of its own, as figures share ids, and labelled for screen readers."""
     body = svg[svg.index("<svg") :]
     body = re.sub(r"\s*<metadata>.*?</metadata>", "", body, count=1, flags=re.DOTALL)
     body = re.sub(r'\bid="', f'id="{name}-', body)
@@ -63,17 +65,17 @@ def _inline(svg: str, name: str) -> str:
     return body.replace("<svg", f'<svg role="img" aria-labelledby="{name}-title {name}-desc"', 1)
 
 
-def figure_files(figures: Sequence[Drawn]) -> dict[str, str | bytes]:
-    """Figures by their files' names."""
+def figure_files(figures: Sequence[RenderedFigure]) -> dict[str, str | bytes]:
+    """The files of figures, by name."""
     made: dict[str, str | bytes] = {}
     for each in figures:
         made |= {f"{FIGURES}/{each.name}.svg": each.svg_file, f"{FIGURES}/{each.name}.png": each.png}
     return made
 
 
-def rendered(template: str, values: Mapping[str, Any]) -> str:
-    """A template filled; everything in `values` is text to be escaped but the SVG of figures (lists of `Drawn`)."""
-    # where a report is asked for only: what starts in a hurry does not read templates
+def render_template(template: str, values: Mapping[str, Any]) -> str:
+    """Fill a template; everything in `values` is escaped, except the SVG of figures (lists of `Drawn`)."""
+    # loaded here: only pages need it
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -90,7 +92,7 @@ def rendered(template: str, values: Mapping[str, Any]) -> str:
     figures = {
         key: [{"svg": Markup(each.svg), "caption": each.caption} for each in value]
         for key, value in values.items()
-        if isinstance(value, list) and value and isinstance(value[0], Drawn)
+        if isinstance(value, list) and value and isinstance(value[0], RenderedFigure)
     }
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     own = {"script": Markup(script), "script_hash": f"sha256-{digest}", "style": Markup(style)}

@@ -1,4 +1,4 @@
-"""What a search for gains hands on, whichever it is.  Importing it loads no solver."""
+"""What every search for gains returns, and what the checks add to it.  Importing it loads no solver."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.results.status import Give, Status
+from fopi_tune.results.status import Relaxation, Status
 
 if TYPE_CHECKING:
     from fopi_tune.proof import Certificate, Verification
@@ -24,24 +24,24 @@ class Solver(StrEnum):
 
 @dataclass(frozen=True)
 class Candidate:
-    """A search's answer, before anything is confirmed.
+    """A search's answer, before it is checked.
 
     Args:
-        status: SOLVED here only means that the search ended well.
+        status: SOLVED only means that the search converged.
         gains: the best found; None when there is nothing to show.
-        multipliers: a number a requirement: how much the objective (public unit) would gain if the limit were
+        multipliers: one for each requirement: by how much the objective (public unit) would improve if the limit were
             relaxed by one public unit; None where it is not known.
-        clash: the smallest set of requirements found that cannot hold together.
+        clash: the smallest set of requirements found that cannot hold together, with estimated relaxations.
         message: why, in words.
         solves: runs of the solver.
         rounds: exchange rounds of the winning start.
-        cuts: plants and points in play at the end.
+        cuts: plants and frequencies in the last problem.
     """
 
     status: Status
     gains: FoPi | None
     multipliers: tuple[float | None, ...]
-    clash: tuple[Give, ...] = ()
+    clash: tuple[Relaxation, ...] = ()
     message: str = ""
     solves: int = 0
     rounds: int = 0
@@ -54,8 +54,8 @@ class Violation:
 
     Args:
         requirement: index in the spec's list.
-        theta: the plant's place in the box, shape (p,).
-        omega_rad_s: the frequency; nan where none decides.
+        theta: the plant's point in the box of uncertain numbers, shape (p,).
+        omega_rad_s: the frequency; nan where no single one decides.
     """
 
     requirement: int
@@ -64,15 +64,15 @@ class Violation:
 
 
 @dataclass(frozen=True)
-class Attempt:
-    """A candidate and what was found out about it.
+class CheckedCandidate:
+    """A candidate with its verification and its certificate.
 
     Args:
-        candidate: a search's answer.
-        found: what the verification says of its gains; None where there are none, or kp = ki = 0.
-        certificate: what is proved of them; None where nothing was to be proved.
+        candidate: the search's answer.
+        verification: of its gains in floating point; None where there are none, or kp = ki = 0.
+        certificate: None without a verification that is met, and where no proof was wanted.
     """
 
     candidate: Candidate
-    found: Verification | None = None
+    verification: Verification | None = None
     certificate: Certificate | None = None

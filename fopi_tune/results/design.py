@@ -1,4 +1,4 @@
-"""Design:  what `fopi tune` and `fopi prove` hand to people, files and scripts."""
+"""Results of the stages:  Design, Check, Discretized, Validated and Run, each with its JSON."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from fopi_tune.proof.results import RequirementResult, Stability, Verification
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.results.documents import (
     finite,
-    give_dict,
     margins_dict,
     place_dict,
     price_dict,
     proof_dict,
+    relaxation_dict,
     requirement_proof_dict,
     stability_dict,
 )
 from fopi_tune.results.stamp import Stamp, certificate_versions
-from fopi_tune.results.status import Give, Price, Status
+from fopi_tune.results.status import Price, Relaxation, Status
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 
 if TYPE_CHECKING:
@@ -44,10 +44,9 @@ class RequirementReport:
     Args:
         requirement: what the spec says.
         result: what the verification found; None when there are no gains to verify.
-        multiplier: how much the objective would gain if the limit were relaxed by one unit; None where not known.
+        multiplier: by how much the objective would improve if the limit were relaxed by one unit; None where not known.
         proof: what the certificate says; None without one.
-        price: the multiplier checked by solving again; None where that was not asked for, or the requirement costs
-            nothing.
+        price: the multiplier checked by solving again; None where that was not asked for, or the multiplier is zero.
     """
 
     requirement: Requirement
@@ -83,22 +82,22 @@ class RequirementReport:
 
 @dataclass(frozen=True)
 class Design:
-    """The end of a tuning: gains, and what is true of them.
+    """The result of tuning: gains, and what was verified and proved of them.
 
     Args:
-        spec: what was asked.
+        spec: the spec.
         status: `solved` only after every requirement was proved (verified, when no proof was wanted).
-        gains: kp, ki, alpha; None when there is nothing to show.  Of an infeasible spec, the gains that give least.
+        gains: kp, ki, alpha; None when there are none.  Of an infeasible spec, those with the least relaxation.
         objective: value of the spec's objective, in its public unit, as the verification found it.
         requirements: in the order of the spec.
         stability: of the whole family; None without gains.
         nominal: margins with the nominal plant; None without gains.
         certificate: the proof; None without gains that pass the verification, and when it was not wanted.
         proof_wanted: False after --no-proof: `solved` then means verified only.
-        clash: of an infeasible spec, the smallest set of requirements that clash, and how far each alone would have to
-            give where the spec was found to be met with that.
+        clash: of an infeasible spec, the smallest set of requirements that clash, and by how much the limit of each
+            can be relaxed so that the spec was found to be met.
         message: why, in words; empty when solved.
-        stamp: where this comes from.
+        stamp: provenance.
         solves: runs of the solver.
         optimum: what is proved of the best gains; None when that was not asked for.
     """
@@ -112,7 +111,7 @@ class Design:
     nominal: Margins | None
     certificate: Certificate | None
     proof_wanted: bool
-    clash: tuple[Give, ...]
+    clash: tuple[Relaxation, ...]
     message: str
     stamp: Stamp
     solves: int
@@ -120,8 +119,8 @@ class Design:
 
     @property
     def advice(self) -> str:
-        """What to do, in a sentence; to relax a limit only where that was found to help."""
-        if self.status is Status.INFEASIBLE and all(give.new_limit is None for give in self.clash):
+        """What to do, in a sentence; relaxing a limit is advised only where that was confirmed."""
+        if self.status is Status.INFEASIBLE and all(relaxation.new_limit is None for relaxation in self.clash):
             return "No gains were found that meet all requirements."
         return self.status.advice
 
@@ -141,7 +140,7 @@ class Design:
             "advice": self.advice,
             "stability": stability_dict(self.stability),
             "nominal": margins_dict(self.nominal),
-            "clash": [give_dict(give, self.spec) for give in self.clash],
+            "clash": [relaxation_dict(relaxation, self.spec) for relaxation in self.clash],
             "proof": proof_dict(self.certificate, self.proof_wanted),
             **({} if self.optimum is None else {"optimum": optimum_dict(self.optimum)}),
         }
@@ -167,13 +166,13 @@ class Design:
 
 @dataclass(frozen=True)
 class Check:
-    """The verification and the certificate of given gains against a spec: what `fopi prove` hands out.
+    """The verification and the certificate of given gains against a spec: the result of `fopi prove`.
 
     Args:
-        spec: what was asked.
+        spec: the spec.
         verification: of the gains, in floating point.
-        certificate: what is proved or refuted of them.
-        stamp: where this comes from.
+        certificate: the proof or refutation.
+        stamp: provenance.
     """
 
     spec: DesignSpec
@@ -184,7 +183,7 @@ class Check:
     @property
     def status(self) -> str:
         """`met` (proved), `violated`, or `undecided` when the verification passed but the proof is missing."""
-        return status_of(self.verification, self.certificate)
+        return verification_status(self.verification, self.certificate)
 
     def certificate_document(self) -> dict[str, Any]:
         """The certificate's JSON."""
@@ -193,23 +192,23 @@ class Check:
     @property
     def reports(self) -> tuple[RequirementReport, ...]:
         """The requirements, each with its result and its proof."""
-        return reports_of(self.verification, self.certificate)
+        return requirement_reports(self.verification, self.certificate)
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON, shaped as a design's."""
-        return checked_dict(self.spec, self.verification, self.certificate, self.stamp)
+        return verification_dict(self.spec, self.verification, self.certificate, self.stamp)
 
 
 @dataclass(frozen=True)
 class Discretized:
-    """The digital controller of a spec, and what is true of the loop on samples: what `fopi discretize` hands out.
+    """The digital controller of a spec, and the checks of the loop on samples: the result of `fopi discretize`.
 
     Args:
-        spec: what was asked.
-        controller: the filter, measured.
+        spec: the spec.
+        controller: the filter, with its measured errors.
         verification: of the loop with the filter, the hold and the delays.
         certificate: of the same loop; None when it was not wanted.
-        stamp: where this comes from.
+        stamp: provenance.
     """
 
     spec: DesignSpec
@@ -220,13 +219,13 @@ class Discretized:
 
     @property
     def status(self) -> str:
-        """`met`, `violated` or `undecided`, of the loop on samples; without a proof as far as the check tells."""
-        return status_of(self.verification, self.certificate)
+        """`met`, `violated` or `undecided`, of the loop on samples; without a certificate by the verification alone."""
+        return verification_status(self.verification, self.certificate)
 
     @property
     def reports(self) -> tuple[RequirementReport, ...]:
         """The requirements, each with its result and its proof."""
-        return reports_of(self.verification, self.certificate)
+        return requirement_reports(self.verification, self.certificate)
 
     def certificate_document(self) -> dict[str, Any] | None:
         """The certificate's JSON; None without one."""
@@ -236,7 +235,7 @@ class Discretized:
         """The result's JSON."""
         from fopi_tune.digital import to_document as digital_document
 
-        checked = checked_dict(self.spec, self.verification, self.certificate, self.stamp)
+        checked = verification_dict(self.spec, self.verification, self.certificate, self.stamp)
         return {**checked, "loop": "sampled", **digital_document(self.controller)}
 
     def to_control(self) -> SampledObjects:
@@ -248,12 +247,12 @@ class Discretized:
 
 @dataclass(frozen=True)
 class Validated:
-    """Evidence from sampled plants: what `fopi validate` hands out.
+    """Evidence from sampled plants: the result of `fopi validate`.
 
     Args:
         digital: the digital controller, its verification and its proof.
         evidence: how often everything held.
-        contradictions: where a sampled plant breaks what is proved; none unless the tool is wrong.
+        contradictions: where a sampled plant violates what is proved; none unless the tool has a defect.
     """
 
     digital: Discretized
@@ -293,7 +292,7 @@ class Validated:
 
 @dataclass(frozen=True)
 class Run:
-    """Every stage of one spec: what `fopi run` hands out.
+    """Every stage of one spec: the result of `fopi run`.
 
     Args:
         design: the gains.
@@ -322,22 +321,22 @@ class Run:
         return {**self.design.to_dict(), "digital": digital, "digital_problem": self.problem}
 
 
-def reports_of(found: Verification, certificate: Certificate | None) -> tuple[RequirementReport, ...]:
+def requirement_reports(found: Verification, certificate: Certificate | None) -> tuple[RequirementReport, ...]:
     """The requirements, each with its result and, with a certificate, its proof."""
     proofs = certificate.requirements if certificate else (None,) * len(found.requirements)
     return tuple(RequirementReport(r.requirement, r, None, p) for r, p in zip(found.requirements, proofs, strict=True))
 
 
-def checked_dict(
+def verification_dict(
     spec: DesignSpec, found: Verification, certificate: Certificate | None, stamp: Stamp
 ) -> dict[str, Any]:
-    """What the JSON of a check says, of given gains and of their digital controller alike."""
+    """The JSON that a check of given gains and that of their digital controller share."""
     return {
         "schema": RESULT_SCHEMA,
-        "status": status_of(found, certificate),
+        "status": verification_status(found, certificate),
         "gains": asdict(found.gains),
         "objective": finite(found.objective),
-        "requirements": [report.to_dict() for report in reports_of(found, certificate)],
+        "requirements": [report.to_dict() for report in requirement_reports(found, certificate)],
         "stamp": asdict(stamp),
         "name": spec.name,
         "loop": loop_name(spec),
@@ -349,7 +348,7 @@ def checked_dict(
     }
 
 
-def status_of(found: Verification, certificate: Certificate | None) -> str:
+def verification_status(found: Verification, certificate: Certificate | None) -> str:
     """`met`, `violated`, or `undecided` when the verification passed but the proof is missing."""
     verdict = certificate.verdict if certificate else Verdict.PROVED
     if verdict is Verdict.REFUTED or not all(result.is_met for result in found.requirements):

@@ -10,17 +10,17 @@ from fopi_tune.core.margins import Margins
 from fopi_tune.proof.certificate import Certificate, RequirementProof
 from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.results import Place, Stability
-from fopi_tune.results.status import Give, Price
+from fopi_tune.results.status import Price, Relaxation
 from fopi_tune.spec.model import DesignSpec
 
 
 def finite(value: float | None) -> float | None:
-    """JSON has no infinity: null there, with the reason beside it; and no negative zero."""
+    """The number, or None (null in JSON) where it is infinite or nan; negative zero becomes zero."""
     return value + 0.0 if value is not None and math.isfinite(value) else None
 
 
 def place_dict(place: Place) -> dict[str, Any]:
-    """A worst place; the frequency is null where none decides, and where it is only approached (`limit` says so)."""
+    """A worst plant and frequency; the frequency is null where no single one decides, or in the limit 0 or infinity."""
     omega = place.omega_rad_s
     limit = {0.0: "omega -> 0", math.inf: "omega -> inf"}.get(omega) if omega is not None else None
     described: dict[str, Any] = {"omega_rad_s": finite(omega), "plant": dict(place.plant)}
@@ -41,7 +41,7 @@ def stability_dict(stability: Stability | None) -> dict[str, Any] | None:
 
 
 def requirement_proof_dict(proof: RequirementProof | None) -> dict[str, Any] | None:
-    """A requirement's verdict and what is proved of its value: it lies from one bound to the other, public unit."""
+    """A requirement's verdict, and the proved lower and upper bound of its value, public unit."""
     if proof is None:
         return None
     low, high = proof.bounds
@@ -80,7 +80,7 @@ def margins_dict(nominal: Margins | None) -> dict[str, Any] | None:
 
 
 def price_dict(price: Price | None) -> dict[str, Any] | None:
-    """A multiplier by solving again; null where a limit cannot be moved that way."""
+    """A multiplier checked by solving again; null where the limit cannot be moved that way."""
     if price is None:
         return None
     return {
@@ -92,13 +92,13 @@ def price_dict(price: Price | None) -> dict[str, Any] | None:
     }
 
 
-def give_dict(give: Give, spec: DesignSpec) -> dict[str, Any]:
-    """One member of a clash."""
-    requirement = spec.requirements[give.requirement]
+def relaxation_dict(relaxation: Relaxation, spec: DesignSpec) -> dict[str, Any]:
+    """A clashing requirement and the relaxation of its limit."""
+    requirement = spec.requirements[relaxation.requirement]
     return {
-        "requirement": give.requirement,
+        "requirement": relaxation.requirement,
         "name": requirement.quantity,
         "relation": requirement.relation.value,
-        "give": finite(give.amount),
-        "new_limit": finite(give.new_limit),
+        "give": finite(relaxation.amount),
+        "new_limit": finite(relaxation.new_limit),
     }

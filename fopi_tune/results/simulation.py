@@ -1,4 +1,4 @@
-"""What `fopi simulate` hands out:  one plant driven through a spec's scenarios by its digital controller."""
+"""The result of `fopi simulate`:  one plant in each of a spec's scenarios, with signals, measures and limits."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Driven:
-    """One scenario of one plant.
+class ScenarioResult:
+    """The simulation of one scenario with one plant.
 
     Args:
-        scenario: the spec's.
+        scenario: as the spec states it.
         reference: shape (steps,), output unit.
         traces: the signals, one row.
         measures: word after `limits:` -> value; nan where the output did not stay finite.
-        limits: the spec's about this scenario, and whether each is met.
+        limits: those of the spec for this scenario, and whether each is met.
         chattering: whether the modes of a system switched too often within its window.
-        switch_times_s: when the modes of a system changed.
-        accuracy: in continuous time, how far the output is from that of steps twice as long.
+        switch_times_s: when the mode of a system changed.
+        accuracy: in continuous time, the largest difference of the output from that with steps twice as long.
         outcome: of a system in continuous time, how the run ended; empty otherwise.
     """
 
@@ -84,23 +84,23 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Simulated:
-    """Every scenario that was asked for.
+    """The simulations of a spec's scenarios with one plant.
 
     Args:
-        spec: what was asked.
+        spec: the spec.
         gains: what the controller approximates.
         plant: the plant's uncertain numbers by name.
-        index: of the draw that was made again; None for a plant that was named.
-        driven: the scenarios.
-        stamp: where this comes from.
-        exact: whether this is the loop in continuous time, without filter and samples.
+        index: of the Monte Carlo draw; None for a plant given by its numbers.
+        driven: the results, a scenario each.
+        stamp: provenance.
+        exact: whether the loop was simulated in continuous time, without filter and samples.
     """
 
     spec: DesignSpec
     gains: FoPi
     plant: Mapping[str, float]
     index: int | None
-    driven: tuple[Driven, ...]
+    driven: tuple[ScenarioResult, ...]
     stamp: Stamp
     exact: bool = False
 
@@ -125,7 +125,7 @@ class Simulated:
 
 
 def draw_stamp(index: int | None, drawn: ValidationSpec | None) -> dict[str, Any]:
-    """What it takes, besides the spec, to make a drawn plant again."""
+    """What, besides the spec, reproduces a drawn plant."""
     if index is None or drawn is None:
         return {}
     return {"seed": drawn.seed, "samples": drawn.samples, "samples_file_sha256": drawn.samples_file_sha256}

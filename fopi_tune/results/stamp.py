@@ -1,4 +1,4 @@
-"""Where a result comes from:  what it takes to make it again."""
+"""Provenance of results:  versions, platform and digests that reproduce them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from importlib.resources.abc import Traversable
 
 from fopi_tune import __version__
 
-#: other distributions whose version can change a number
+#: distributions whose version can change a number
 _DISTRIBUTIONS = ("casadi", "numpy")
 _NUMERIC = ("casadi", "numba", "numpy", "python-flint", "scipy")
-#: files of this package that can
+#: endings of this package's files that can
 _SOURCES = (".py", ".yaml", ".jinja")
-#: the same of gains found by convex problems
+#: the same for gains found by convex problems
 _CONVEX_DISTRIBUTIONS = ("clarabel", "cvxpy", "numpy")
 
 
@@ -52,7 +52,7 @@ def stamp(spec_sha256: str, solver: str | None) -> Stamp:
 
 
 def numeric_versions() -> dict[str, str]:
-    """Everything whose version can change a number of any stage, which tells whether a study's cell is the same.
+    """Versions of everything that can change a number of any stage; a study computes a cell again when they change.
 
     Two checkouts of one version may differ, hence `sources`: a hash of this package's code.
     """
@@ -60,7 +60,7 @@ def numeric_versions() -> dict[str, str]:
 
 
 def certificate_versions() -> dict[str, str]:
-    """What a certificate's balls were computed with."""
+    """Versions of what a certificate's ball arithmetic ran with."""
     return {
         "fopi-tune": __version__,
         "python": platform.python_version(),
@@ -70,7 +70,7 @@ def certificate_versions() -> dict[str, str]:
 
 @cache
 def _sources() -> str:
-    """A hash of every module and template of this package, whatever way its lines end."""
+    """A hash of every module and template of this package, independent of line endings."""
     digest = hashlib.sha256()
     for path, content in _walk(files("fopi_tune"), ""):
         text = content.replace(b"\r\n", b"\n")

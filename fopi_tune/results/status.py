@@ -1,4 +1,4 @@
-"""How a design ends, in words that files, scripts and every stage share.  Importing it loads no solver."""
+"""How a design ends:  its status, relaxations of clashing requirements, prices.  Importing it loads no solver."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True)
-class Give:
-    """By how much one of the clashing requirements would have to give for all the others to hold.
+class Relaxation:
+    """By how much the limit of a clashing requirement must be relaxed so that all requirements can hold.
 
     Args:
         requirement: index in the spec's list.
-        amount: in the quantity's public unit, > 0; None when no amount alone is enough, or none was found.
-        new_limit: the limit that would be met, public unit; of a design one with which the check found the spec met.
+        amount: in the quantity's public unit, > 0; None if relaxing this limit alone does not help, or none was found.
+        new_limit: the relaxed limit, public unit; in a `Design` the check has found the spec met with it.
     """
 
     requirement: int
@@ -45,10 +45,10 @@ class Price:
     """A multiplier checked by solving again with the limit moved.
 
     Args:
-        limit: the one that was moved, public unit; of a `between` the dearer one.
-        relaxed: what the objective gains for each unit the limit gives; None where the solver found nothing.
-        tightened: what it loses for each unit the limit takes; None where the limit cannot be tightened.
-        agrees: both are the multiplier to 1 %, as far as they are known.
+        limit: the one that was moved, public unit; of a `between` the one with the larger multiplier.
+        relaxed: by how much the objective improves for each unit the limit is relaxed; None where no gains were found.
+        tightened: by how much it worsens for each unit the limit is tightened; None where it cannot be tightened.
+        agrees: whether both equal the multiplier to 1 %, as far as they are known.
     """
 
     limit: float
@@ -58,7 +58,7 @@ class Price:
 
     @property
     def has_kink(self) -> bool:
-        """Whether relaxing gains something else than tightening loses."""
+        """Whether the slopes to both sides of the limit differ by more than 2 %."""
         if self.relaxed is None or self.tightened is None:
             return False
         return abs(self.relaxed - self.tightened) > 0.02 * max(abs(self.relaxed), abs(self.tightened))

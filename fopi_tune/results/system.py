@@ -1,4 +1,4 @@
-"""What simulating and sampling a system hands out:  two loops that take turns, driven by their digital controllers."""
+"""Results of a system of two modes:  its simulation with one pair of plants, and evidence from many pairs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.results.simulation import Driven, draw_stamp
+from fopi_tune.results.simulation import ScenarioResult, draw_stamp
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import SystemSpec
 
@@ -25,17 +25,17 @@ class SimulatedSystem:
         spec: the system.
         gains: of each mode.
         plant: the uncertain numbers by name, each after its mode's name and a dot.
-        index: of the draw that was made again; None for plants that were named.
-        driven: the scenarios.
-        stamp: where this comes from.
-        exact: whether this is the hybrid inclusion in continuous time, without samples.
+        index: of the Monte Carlo draw; None for plants given by their numbers.
+        driven: the results, a scenario each.
+        stamp: provenance.
+        exact: whether the hybrid inclusion was simulated in continuous time, without samples.
     """
 
     spec: SystemSpec
     gains: Mapping[str, FoPi]
     plant: Mapping[str, float]
     index: int | None
-    driven: tuple[Driven, ...]
+    driven: tuple[ScenarioResult, ...]
     stamp: Stamp
     exact: bool = False
 
@@ -63,13 +63,13 @@ class SimulatedSystem:
 
 @dataclass(frozen=True)
 class ValidatedSystem:
-    """What sampling says of a system.
+    """Evidence from sampled pairs of plants.
 
     Args:
         spec: the system.
         gains: of each mode.
-        evidence: how often everything held.
-        stamp: where this comes from.
+        evidence: how often each limit was met.
+        stamp: provenance.
     """
 
     spec: SystemSpec

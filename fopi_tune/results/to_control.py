@@ -20,7 +20,7 @@ _POLES = 20
 _PADE_ORDER = 5
 #: the stated band is this many decades to each side of the crossover ...
 _DECADES = 3.0
-#: ... and the filter's own band reaches further, because it errs most at its ends
+#: ... and the filter's own band reaches further, since its error is largest at the ends
 _RESERVE_DECADES = 2.0
 
 

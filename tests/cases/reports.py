@@ -8,7 +8,7 @@ from typing import Any
 from cases.project import ROOT
 
 import fopi_tune as ft
-from fopi_tune.report.findings import Findings, findings_of, findings_of_run
+from fopi_tune.report.documents import ResultDocuments, documents_of, documents_of_run
 from fopi_tune.report.html import report_files
 from fopi_tune.results.design import Run
 from fopi_tune.spec import parse_spec
@@ -21,13 +21,13 @@ def run_of(text: str) -> Run:
     return ft.run(parse_spec(text), proof=False)
 
 
-def brake_findings(evidence: Any = None) -> Findings:
-    return findings_of_run(run_of(BRAKE), evidence)
+def brake_documents(evidence: Any = None) -> ResultDocuments:
+    return documents_of_run(run_of(BRAKE), evidence)
 
 
 @cache
 def brake_files() -> dict[str, str | bytes]:
-    return report_files(brake_findings())
+    return report_files(brake_documents())
 
 
 def brake_page() -> str:
@@ -36,9 +36,9 @@ def brake_page() -> str:
     return page
 
 
-def without_gains(text: str = BRAKE, **said: Any) -> Findings:
+def without_gains(text: str = BRAKE, **said: Any) -> ResultDocuments:
     """A design that failed: a page without figures, which is made at once."""
-    spec, design = parse_spec(text), brake_findings().design
+    spec, design = parse_spec(text), brake_documents().design
     stamp = {**design["stamp"], "spec_sha256": spec.sha256}
     nothing = {"gains": None, "status": "failed", "objective": None, "stability": None, "nominal": None}
-    return findings_of(spec, {**design, **nothing, "stamp": stamp, **said})
+    return documents_of(spec, {**design, **nothing, "stamp": stamp, **said})

@@ -22,15 +22,13 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.digital.discretize import discretize
 from fopi_tune.errors import DomainError
 from fopi_tune.paper import CLAIMS, FIGURES, PICTURES, Row, Verdict, figure_png, paper_csv, paper_markdown, paper_text
-from fopi_tune.paper.claims.brake import explained
-from fopi_tune.paper.claims.filters import printed_poles, printed_response
-from fopi_tune.paper.claims.fopi_vs_pi import pair, settling_s, uncertain_gain
-from fopi_tune.paper.printed import BRAKE, FILTERS, THROTTLE
-from fopi_tune.paper.responses import load_error
-from fopi_tune.paper.rows import Printed, about, judged
-from fopi_tune.paper.sources import spec
-from fopi_tune.paper.table import COLUMNS
-from fopi_tune.report.figures.canvas import STYLES, png_of, svg_of
+from fopi_tune.paper.claims.brake import fitted_plant
+from fopi_tune.paper.claims.filters import published_poles, published_response
+from fopi_tune.paper.claims.fopi_vs_pi import absolute_load_error, design_pair, settling_s, uncertain_gain
+from fopi_tune.paper.published import BRAKE, FILTERS, THROTTLE, PublishedNumber
+from fopi_tune.paper.table import COLUMNS, rounded_count, verdict_of
+from fopi_tune.paper.variants import spec
+from fopi_tune.report.figures.picture import STYLES, png_of, svg_of
 from fopi_tune.spec.model import DigitalSpec
 
 GOLDEN = ROOT / "tests" / "cases" / "golden_paper.csv"
@@ -122,22 +120,22 @@ def test_rows_alone_need_no_groups(table: Table) -> None:
     [("0.7", 0.7499, True), ("0.7", 0.75, True), ("0.7", 0.7501, False), ("0.70", 0.7051, False), ("93", 92.6, True)],
 )
 def test_a_printed_number_is_known_to_half_a_unit(text: str, value: float, agrees: bool) -> None:
-    assert Printed(text).agrees(value) is agrees
+    assert PublishedNumber(text).agrees(value) is agrees
 
 
 def test_a_number_that_is_missing_agrees_with_none() -> None:
-    assert not Printed("0.7").agrees(None)
+    assert not PublishedNumber("0.7").agrees(None)
     assert not THROTTLE.agree(None)
 
 
 def test_a_condition_does_not_make_true_what_is_not() -> None:
-    assert judged(True) is Verdict.HOLDS
-    assert judged(True, on_condition=True) is Verdict.HOLDS_WITH
-    assert judged(False, on_condition=True) is Verdict.DOES_NOT_HOLD
+    assert verdict_of(True) is Verdict.HOLDS
+    assert verdict_of(True, on_condition=True) is Verdict.HOLDS_WITH
+    assert verdict_of(False, on_condition=True) is Verdict.DOES_NOT_HOLD
 
 
 def test_counts_are_said_to_two_digits() -> None:
-    assert [about(count) for count in (0, 4, 85, 261, 1499)] == ["0", "4", "85", "260", "1500"]
+    assert [rounded_count(count) for count in (0, 4, 85, 261, 1499)] == ["0", "4", "85", "260", "1500"]
 
 
 # ---- where it comes from ----
@@ -210,7 +208,7 @@ def test_the_published_brake_has_the_margins_of_the_stated_plant(table: Table) -
 
 
 def test_the_plant_that_explains_figure_3_has_its_crossover_and_margin() -> None:
-    needed = explained(0.7, 93.0)
+    needed = fitted_plant(0.7, 93.0)
     found = ft.margins(PUBLISHED_BRAKE, ft.Plant((needed.static_gain,), (needed.tau_s, 1.0)))
     assert found.crossover_rad_s == pytest.approx(0.7, rel=1e-9)
     assert found.phase_margin_deg == pytest.approx(93.0, rel=1e-9)
@@ -268,9 +266,9 @@ def test_the_printed_filters_are_scipys(name: str) -> None:
     omega = np.geomspace(0.01, 10.0, 50)
     _, expected = signal.freqz(found.b, found.a, worN=omega * 0.2)  # pyright: ignore[reportArgumentType]
     # near the unit circle seven poles cost some digits
-    np.testing.assert_allclose(printed_response(found, omega), expected, rtol=1e-8)
+    np.testing.assert_allclose(published_response(found, omega), expected, rtol=1e-8)
     _, poles, _ = signal.tf2zpk(found.b, found.a)
-    np.testing.assert_allclose(np.sort(np.abs(printed_poles(found))), np.sort(np.abs(poles)), rtol=1e-6)
+    np.testing.assert_allclose(np.sort(np.abs(published_poles(found))), np.sort(np.abs(poles)), rtol=1e-6)
 
 
 def test_the_printed_denominators_change_sign_outside_the_unit_circle(table: Table) -> None:
@@ -329,7 +327,7 @@ def test_the_largest_acceleration_is_where_the_brakes_mode_begins() -> None:
 
 
 def test_the_pi_of_the_comparison_is_the_baseline_spec() -> None:
-    found = pair(spec("brake"))
+    found = design_pair(spec("brake"))
     baseline = ft.tune(ROOT / "specs" / "pi_baseline.yaml", proof=False)
     assert found.integer.objective == pytest.approx(baseline.objective, rel=1e-9)
     # crossover 0.3, 90 deg, tau 2.25: the PI's zero cancels the plant's pole
@@ -348,7 +346,7 @@ def test_the_spread_at_the_crossover_has_no_controller_in_it(table: Table) -> No
 
 
 def test_a_flat_phase_is_where_the_fractional_order_pays_most() -> None:
-    found = pair(uncertain_gain())
+    found = design_pair(uncertain_gain())
     scan = []
     for alpha in (found.gains[0].alpha - 0.02, found.gains[0].alpha, found.gains[0].alpha + 0.02, 1.0):
         # closed form of the gains at 0.3 rad/s and 60 deg, then every corner of gain and tau, by bisection
@@ -381,7 +379,7 @@ def test_a_pi_settles_as_its_exponential_does() -> None:
 
 def test_a_pis_error_after_a_load_has_the_integral_of_its_reciprocal() -> None:
     # the error keeps its sign, so that the integral of |e| is 1/ki; over 200 s nothing is left, h = 0.1 s costs h^2/12
-    assert load_error(ft.FoPi(0.675, 0.3, 1.0), 2.25, 0.0, 0.1, 200.0) == pytest.approx(1.0 / 0.3, rel=1e-3)
+    assert absolute_load_error(ft.FoPi(0.675, 0.3, 1.0), 2.25, 0.0, 0.1, 200.0) == pytest.approx(1.0 / 0.3, rel=1e-3)
 
 
 def test_the_fractional_error_after_a_load_is_that_of_the_simulated_loop() -> None:
@@ -398,7 +396,7 @@ scenarios: [{{name: load, duration_s: 60, load: [{{at_s: 0, value: 1}}], referen
     (driven,) = ft.simulate(ft.parse_spec(text), gains, exact=True).driven
     expected = integrate.trapezoid(np.abs(driven.traces.output[0]), driven.traces.time_s)
     # another method in time, on finer steps
-    assert load_error(gains, 2.25, 0.0, 0.1, 60.0) == pytest.approx(expected, rel=1e-3)
+    assert absolute_load_error(gains, 2.25, 0.0, 0.1, 60.0) == pytest.approx(expected, rel=1e-3)
 
 
 # ---- figures ----

@@ -24,11 +24,11 @@ from typer.testing import CliRunner
 import fopi_tune as ft
 from fopi_tune.cli import app
 from fopi_tune.core.controller import FoPi
-from fopi_tune.report.compare import comparison_files
-from fopi_tune.report.comparison import Comparison, compared
-from fopi_tune.report.figures.canvas import STYLES, Picture
+from fopi_tune.report.comparison import Comparison, compare_designs
+from fopi_tune.report.comparison_page import comparison_files
+from fopi_tune.report.documents import ResultDocuments, documents_of
 from fopi_tune.report.figures.overlays import Overlay, overlay_pictures
-from fopi_tune.report.findings import Findings, findings_of
+from fopi_tune.report.figures.picture import STYLES, Picture
 from fopi_tune.spec import parse_spec
 
 BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
@@ -46,16 +46,16 @@ def check(gains: FoPi, text: str = BRAKE) -> dict[str, Any]:
     return json.loads(json.dumps(ft.prove(parse_spec(text), gains, ROUNDED).to_dict()))
 
 
-def findings(gains: FoPi, text: str = BRAKE, /, **said: Any) -> Findings:
-    return findings_of(parse_spec(text), {**check(gains, text), **said}, file="check.json", command="fopi prove")
+def documents(gains: FoPi, text: str = BRAKE, /, **said: Any) -> ResultDocuments:
+    return documents_of(parse_spec(text), {**check(gains, text), **said}, file="check.json", command="fopi prove")
 
 
 def fopi_against_pi() -> Comparison:
-    return compared([("fopi", findings(ROBUST_BRAKE)), ("pi", findings(PI))])
+    return compare_designs([("fopi", documents(ROBUST_BRAKE)), ("pi", documents(PI))])
 
 
 def sentence_about(comparison: Comparison, words: str) -> str:
-    return next(sentence for sentence in comparison.words if words in sentence)
+    return next(sentence for sentence in comparison.sentences if words in sentence)
 
 
 def phase_margin_deg(gains: FoPi, tau: float) -> float:
@@ -94,30 +94,30 @@ def test_the_objective_is_compared_where_both_have_it() -> None:
 
 
 def test_designs_for_other_plants_are_shown_and_never_compared() -> None:
-    comparison = compared([("a", findings(ROBUST_BRAKE)), ("b", findings(PI, OTHER))])
+    comparison = compare_designs([("a", documents(ROBUST_BRAKE)), ("b", documents(PI, OTHER))])
     assert comparison.groups == ((0,), (1,))
     assert not any(cell is not None and cell.is_best for line in comparison.lines for cell in line.cells)
     assert all(cell is not None for cell in comparison.lines[2].cells)
-    assert not any(re.search("better|best|alike|closer", sentence) for sentence in comparison.words)
-    page = comparison_files([("a", findings(ROBUST_BRAKE)), ("b", findings(PI, OTHER))])["compare.html"]
+    assert not any(re.search("better|best|alike|closer", sentence) for sentence in comparison.sentences)
+    page = comparison_files([("a", documents(ROBUST_BRAKE)), ("b", documents(PI, OTHER))])["compare.html"]
     assert "The designs are not about the same plants and the same loop." in str(page)
     assert "time_constant_s from 1.6 to 3, nominal 2.25" in str(page)
 
 
 def test_a_nominal_value_alone_makes_other_plants() -> None:
     other = BRAKE.replace("nominal: 2.25", "nominal: 2.5")
-    assert len(compared([("a", findings(ROBUST_BRAKE)), ("b", findings(PI, other))]).groups) == 2
+    assert len(compare_designs([("a", documents(ROBUST_BRAKE)), ("b", documents(PI, other))]).groups) == 2
 
 
 def test_the_loop_on_samples_is_not_compared_with_the_one_in_continuous_time() -> None:
     sampled = BRAKE.replace("delay_samples: 0}", "delay_samples: 0, design: sampled}")
-    comparison = compared([("a", findings(ROBUST_BRAKE)), ("b", findings(PI, sampled, loop="sampled"))])
+    comparison = compare_designs([("a", documents(ROBUST_BRAKE)), ("b", documents(PI, sampled, loop="sampled"))])
     assert comparison.groups == ((0,), (1,))
     assert comparison.entries[1].loop == "on samples, every 0.2 s, 0 samples of delay"
 
 
 def test_other_limits_of_one_quantity_are_told_and_the_values_compared() -> None:
-    comparison = compared([("a", findings(ROBUST_BRAKE)), ("b", findings(PI, SOFTER))])
+    comparison = compare_designs([("a", documents(ROBUST_BRAKE)), ("b", documents(PI, SOFTER))])
     line = next(line for line in comparison.lines if line.what == "phase_margin_deg, least")
     notes = [cell.note for cell in line.cells if cell is not None]
     assert [note.split(";")[0] for note in notes] == ["asked: >= 80", "asked: >= 70"]
@@ -126,38 +126,38 @@ def test_other_limits_of_one_quantity_are_told_and_the_values_compared() -> None
 
 def test_values_that_must_equal_other_numbers_are_not_compared() -> None:
     faster = BRAKE.replace("{equals: 0.3}", "{equals: 0.31}")
-    comparison = compared([("a", findings(ROBUST_BRAKE)), ("b", findings(PI, faster))])
-    assert not any("crossover_rad_s (" in sentence for sentence in comparison.words)
-    same = compared([("a", findings(PI)), ("b", findings(PUBLISHED_BRAKE))])
+    comparison = compare_designs([("a", documents(ROBUST_BRAKE)), ("b", documents(PI, faster))])
+    assert not any("crossover_rad_s (" in sentence for sentence in comparison.sentences)
+    same = compare_designs([("a", documents(PI)), ("b", documents(PUBLISHED_BRAKE))])
     assert sentence_about(same, "crossover_rad_s").startswith("A brake (a) is closer to crossover_rad_s = 0.3")
 
 
 def test_what_a_spec_does_not_ask_is_said_to_be_missing() -> None:
     without = BRAKE.replace("  - gain_margin_db: {at_least: 12.04}\n", "")
-    named = [("a", findings(ROBUST_BRAKE)), ("b", findings(PI, without))]
-    line = next(line for line in compared(named).lines if line.what.startswith("gain_margin_db"))
+    named = [("a", documents(ROBUST_BRAKE)), ("b", documents(PI, without))]
+    line = next(line for line in compare_designs(named).lines if line.what.startswith("gain_margin_db"))
     assert line.cells[1] is None
     assert str(comparison_files(named)["compare.html"]).count("not in its spec") == 1
 
 
 def test_an_unstable_design_is_never_better() -> None:
     stability = {**check(PI)["stability"], "stable": False, "reason": "a pole on the right"}
-    comparison = compared([("a", findings(ROBUST_BRAKE)), ("b", findings(PI, stability=stability))])
-    assert not any(re.search("better|alike|closer", sentence) for sentence in comparison.words)
-    assert "B brake (b) is not shown to be stable for every plant: its values are not compared." in comparison.words
+    comparison = compare_designs([("a", documents(ROBUST_BRAKE)), ("b", documents(PI, stability=stability))])
+    assert not any(re.search("better|alike|closer", sentence) for sentence in comparison.sentences)
+    assert "B brake (b) is not shown to be stable for every plant: its values are not compared." in comparison.sentences
 
 
 def test_an_infinite_margin_is_better_than_any_finite_one() -> None:
     said = [dict(each) for each in check(PI)["requirements"]]
     said[3] |= {"achieved": 20.0, "outcome": "value"}
-    comparison = compared([("a", findings(PI, requirements=said)), ("b", findings(ROBUST_BRAKE))])
+    comparison = compare_designs([("a", documents(PI, requirements=said)), ("b", documents(ROBUST_BRAKE))])
     found = sentence_about(comparison, "gain_margin_db")
     assert found == "B brake (b) is better in gain_margin_db >= 12.04 (family): infinite against 20 (A)."
 
 
 def test_gains_that_miss_requirements_are_said_to() -> None:
-    comparison = compared([("a", findings(PI)), ("b", findings(PUBLISHED_BRAKE))])
-    assert comparison.words[:2] == (
+    comparison = compare_designs([("a", documents(PI)), ("b", documents(PUBLISHED_BRAKE))])
+    assert comparison.sentences[:2] == (
         "A brake (a) meets all 5 requirements of its spec (met, proved).",
         "B brake (b) misses 3 of the 5 requirements of its spec (violated, refuted).",
     )
@@ -206,7 +206,7 @@ def test_drawn_margins_are_the_bisections() -> None:
 
 
 def test_a_comparison_is_the_same_bytes_twice_well_formed_and_needs_no_network() -> None:
-    named = [("fopi", findings(ROBUST_BRAKE)), ("pi", findings(PI)), ("published", findings(PUBLISHED_BRAKE))]
+    named = [("fopi", documents(ROBUST_BRAKE)), ("pi", documents(PI)), ("published", documents(PUBLISHED_BRAKE))]
     files = comparison_files(named)
     assert comparison_files(named) == files
     text = str(files["compare.html"])
@@ -224,8 +224,8 @@ def test_a_comparison_is_the_same_bytes_twice_well_formed_and_needs_no_network()
 
 
 def test_six_designs_differ_in_dashes_and_colour() -> None:
-    named = [(str(k), findings(FoPi(0.3 + 0.01 * k, 0.3, 1.0))) for k in range(6)]
-    axes = drawn_axes(overlay_pictures()["compare_bode"](Overlay(compared(named))))[0]
+    named = [(str(k), documents(FoPi(0.3 + 0.01 * k, 0.3, 1.0))) for k in range(6)]
+    axes = drawn_axes(overlay_pictures()["compare_bode"](Overlay(compare_designs(named))))[0]
     lines = [line for line in axes.lines if str(line.get_label()).startswith(tuple("ABCDEF"))]
     assert len({str(line.get_color()) for line in lines}) == 6
     assert len({str(dashes) for _, dashes in STYLES}) >= 6
@@ -238,15 +238,15 @@ def test_a_design_without_gains_has_its_column_and_no_lines() -> None:
         "requirements": [{**each, **nothing} for each in check(PI)["requirements"]],
         "proof": {"verdict": "not_attempted", "reason": "there are no gains"},
     }  # fmt: skip
-    named = [("a", findings(ROBUST_BRAKE)), ("b", findings(PI, **said))]
+    named = [("a", documents(ROBUST_BRAKE)), ("b", documents(PI, **said))]
     page = "".join(Page(str(comparison_files(named)["compare.html"])).text)
     assert "Not drawn, for there is no loop: B brake (b)." in page
-    assert not any(re.search("better|alike|closer", sentence) for sentence in compared(named).words)
+    assert not any(re.search("better|alike|closer", sentence) for sentence in compare_designs(named).sentences)
 
 
 def test_hostile_names_are_shown_and_not_obeyed() -> None:
     names = (HOSTILE + "$x^2$\n\x07\udcff", "b" * 10_000)
-    files = comparison_files([(name, findings(ROBUST_BRAKE)) for name in names])
+    files = comparison_files([(name, documents(ROBUST_BRAKE)) for name in names])
     page = Page(str(files["compare.html"]))
     assert page.open == []
     assert (page.tags["script"], page.tags["img"]) == (0, 0)

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from cases.pages import HOSTILE, Page
 from cases.plants import ROBUST_BRAKE, brake, lag
-from cases.reports import BRAKE, brake_files, brake_findings, brake_page, run_of, without_gains
+from cases.reports import BRAKE, brake_documents, brake_files, brake_page, run_of, without_gains
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -33,31 +33,31 @@ from fopi_tune.core.margins import margins
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.statistics import histogram
-from fopi_tune.report.figures.canvas import Picture
+from fopi_tune.report.documents import ResultDocuments, documents_of, documents_of_run
 from fopi_tune.report.figures.frequency import bode, margins_along, nyquist, sensitivities
 from fopi_tune.report.figures.members import Members, members_of
+from fopi_tune.report.figures.picture import Picture
 from fopi_tune.report.figures.slider import slider_of
-from fopi_tune.report.figures.times import responses
-from fopi_tune.report.findings import Findings, findings_of, findings_of_run
+from fopi_tune.report.figures.step_responses import step_responses
 from fopi_tune.report.html import report_files
 from fopi_tune.spec import parse_spec
 
 
-def loop_of(findings: Findings) -> Members:
-    members = members_of(findings)
+def loop_of(documents: ResultDocuments) -> Members:
+    members = members_of(documents)
     assert members is not None
     return members
 
 
 def test_a_report_is_the_same_bytes_twice() -> None:
-    assert report_files(brake_findings()) == brake_files()
+    assert report_files(brake_documents()) == brake_files()
 
 
 def test_a_report_from_the_documents_on_the_disk_is_that_of_the_run() -> None:
     run = run_of(BRAKE)
     assert run.digital is not None
     design, digital = (json.loads(json.dumps(each.to_dict(), indent=2)) for each in (run.design, run.digital))
-    assert report_files(findings_of(run.spec, design, digital)) == brake_files()
+    assert report_files(documents_of(run.spec, design, digital)) == brake_files()
 
 
 def test_a_page_is_well_formed_small_and_needs_no_network() -> None:
@@ -148,7 +148,7 @@ def test_verdicts_of_a_proof_are_told_with_their_signs() -> None:
         {"verdict": verdict, "proved_from": None, "proved_to": 1.5, "relative_gap": None, "boxes": 1, "reason": ""}
         for verdict in ("proved", "refuted", "undecided")
     ]
-    said = list(brake_findings().design["requirements"])
+    said = list(brake_documents().design["requirements"])
     entries = [{**entry, "proof": proof} for entry, proof in zip(said, proofs, strict=False)] + said[3:]
     page = str(report_files(without_gains(requirements=entries))["report.html"])
     cells = re.findall(r'<td class="verdict">(.*?)</td>', page)
@@ -156,23 +156,23 @@ def test_verdicts_of_a_proof_are_told_with_their_signs() -> None:
 
 
 def test_a_design_of_another_spec_is_refused() -> None:
-    found = brake_findings()
+    found = brake_documents()
     with pytest.raises(DomainError, match="another spec"):
-        findings_of(parse_spec(BRAKE + "# changed\n"), found.design)
+        documents_of(parse_spec(BRAKE + "# changed\n"), found.design)
 
 
 def test_documents_of_other_gains_are_left_out() -> None:
-    found = brake_findings()
+    found = brake_documents()
     assert found.digital is not None
     other = {**found.digital, "gains": {"kp": 1.0, "ki": 1.0, "alpha": 1.0}}
-    assert findings_of(found.spec, found.design, other, other).digital is None
-    assert findings_of(found.spec, found.design, other, other).evidence is None
-    assert findings_of(found.spec, found.design, found.digital).digital == found.digital
+    assert documents_of(found.spec, found.design, other, other).digital is None
+    assert documents_of(found.spec, found.design, other, other).evidence is None
+    assert documents_of(found.spec, found.design, found.digital).digital == found.digital
 
 
 def test_without_gains_there_is_a_report_without_figures() -> None:
     nothing = {"met": False, "achieved": None, "outcome": None, "score": None, "worst": None, "multiplier": None}
-    entries = [{**entry, **nothing} for entry in brake_findings().design["requirements"]]
+    entries = [{**entry, **nothing} for entry in brake_documents().design["requirements"]]
     files = report_files(without_gains(requirements=entries))
     assert list(files) == ["report.html"]
     assert "There is no loop to draw" in str(files["report.html"])
@@ -180,7 +180,7 @@ def test_without_gains_there_is_a_report_without_figures() -> None:
 
 
 def test_drawn_loops_are_the_formula() -> None:
-    members = loop_of(brake_findings())
+    members = loop_of(brake_documents())
     gains, omega = members.gains, members.omega
     s = 1j * omega
     controller = gains.kp + gains.ki * s**-gains.alpha
@@ -194,12 +194,12 @@ def test_drawn_loops_are_the_formula() -> None:
 
 def test_on_samples_the_drawn_loop_is_the_filter_behind_its_hold() -> None:
     text = BRAKE.replace("delay_samples: 0}", "delay_samples: 0, design: sampled}")
-    found = brake_findings()
+    found = brake_documents()
     design = {**found.design, "stamp": {**found.design["stamp"], "spec_sha256": parse_spec(text).sha256}}
     digital = {**(found.digital or {}), "stamp": design["stamp"]}
-    assert members_of(findings_of(parse_spec(text), design)) is None  # nothing is drawn of another loop
-    members = loop_of(findings_of(parse_spec(text), design, digital))
-    implementation = members.findings.implementation
+    assert members_of(documents_of(parse_spec(text), design)) is None  # nothing is drawn of another loop
+    members = loop_of(documents_of(parse_spec(text), design, digital))
+    implementation = members.documents.implementation
     assert isinstance(implementation, Implementation)
     # ZOH of 1/(tau s + 1):  (1 - a)/(z - a), a = e^{-Ts/tau}
     z, a = np.exp(1j * members.omega * 0.2), math.exp(-0.2 / 2.25)
@@ -211,11 +211,11 @@ def test_on_samples_the_drawn_loop_is_the_filter_behind_its_hold() -> None:
 
 def pi_members(text: str = BRAKE, **said: Any) -> Members:
     """Of the PI that cancels the nominal brake: L = 0.3/s there."""
-    found = brake_findings()
+    found = brake_documents()
     spec = parse_spec(text)
     stamp = {**found.design["stamp"], "spec_sha256": spec.sha256}
     gains = {"kp": 0.675, "ki": 0.3, "alpha": 1.0}
-    return loop_of(findings_of(spec, {**found.design, "stamp": stamp, "gains": gains, **said}))
+    return loop_of(documents_of(spec, {**found.design, "stamp": stamp, "gains": gains, **said}))
 
 
 def axes_of(picture: Picture | None) -> list[Axes]:
@@ -254,7 +254,7 @@ def test_drawn_sensitivities_and_what_they_may_not_reach_are_the_specs() -> None
 
 
 def test_drawn_steps_are_the_closed_form() -> None:
-    reference, load = axes_of(responses(pi_members()))
+    reference, load = axes_of(step_responses(pi_members()))
     t, output = line_of(reference)
     # what is drawn may be wrong by 1e-4 at most
     np.testing.assert_allclose(output, 1.0 - np.exp(-0.3 * t), atol=1e-4)
@@ -295,11 +295,11 @@ def discs_of(picture: Picture) -> list[float]:
 
 
 def test_of_an_unstable_loop_no_disc_is_claimed_to_be_free() -> None:
-    said = {**brake_findings().design["stability"], "stable": False}
+    said = {**brake_documents().design["stability"], "stable": False}
     picture = nyquist(pi_members(stability=said))
     assert "not shown to be stable" in picture.description
     assert discs_of(picture) == []
-    peak_db = pi_members().findings.design["stability"]["peak_sensitivity_db"]
+    peak_db = pi_members().documents.design["stability"]["peak_sensitivity_db"]
     assert discs_of(nyquist(pi_members())) == [pytest.approx(10.0 ** (-peak_db / 20.0))]
 
 
@@ -315,7 +315,7 @@ def half_unstable() -> Members:
     """Gains that leave the loop of 1/(s + p) unstable where p is below -0.12: s^2 + (kp + p) s + ki with alpha = 1."""
     plant = "plant: {model: pole, gain: 1, pole_rad_s: {nominal: 0.1, min: -0.5, max: 0.5}}\n"
     gains = "controller: {kp: 0.12, ki: 0.1, alpha: 1}\nrequirements: [{phase_margin_deg: {at_least: 30}}]\n"
-    return loop_of(findings_of_run(run_of(f"schema: 1\nname: half\n{plant}{gains}"), None))
+    return loop_of(documents_of_run(run_of(f"schema: 1\nname: half\n{plant}{gains}"), None))
 
 
 def test_margins_of_unstable_loops_are_left_out_and_said_to_be() -> None:
@@ -330,7 +330,7 @@ def test_margins_of_unstable_loops_are_left_out_and_said_to_be() -> None:
 
 def test_outputs_of_unstable_loops_do_not_set_the_axis() -> None:
     members = half_unstable()
-    picture = responses(members)
+    picture = step_responses(members)
     assert picture is not None
     assert "leave an unstable loop" in picture.description
     axes = axes_of(picture)[0]
@@ -348,7 +348,12 @@ def test_outputs_of_unstable_loops_do_not_set_the_axis() -> None:
 
 
 def test_legends_cover_no_curve() -> None:
-    for picture in (bode(pi_members()), nyquist(pi_members()), sensitivities(pi_members()), responses(pi_members())):
+    for picture in (
+        bode(pi_members()),
+        nyquist(pi_members()),
+        sensitivities(pi_members()),
+        step_responses(pi_members()),
+    ):
         assert picture is not None
         figure = Figure(figsize=picture.size_inches, layout="constrained")
         picture.draw(figure)
@@ -368,7 +373,7 @@ def test_the_figure_of_margins_tells_their_range() -> None:
 
 
 def test_the_slider_ends_at_the_ends_of_the_family_and_stands_at_the_nominal_plant() -> None:
-    slider = slider_of(loop_of(brake_findings()))
+    slider = slider_of(loop_of(brake_documents()))
     assert slider is not None
     assert slider.labels[0] == "time_constant_s = 1.6"
     assert slider.labels[-1] == "time_constant_s = 3.1"
@@ -382,7 +387,7 @@ def test_the_slider_ends_at_the_ends_of_the_family_and_stands_at_the_nominal_pla
 
 def test_a_known_plant_has_no_slider() -> None:
     known = parse_spec(BRAKE.replace("{nominal: 2.25, min: 1.6, max: 3.1}", "2.25"))
-    found = replace(brake_findings(), spec=known, digital=None)
+    found = replace(brake_documents(), spec=known, digital=None)
     assert slider_of(Members(found, FoPi(1.0, 1.0, 0.5))) is None
 
 
@@ -418,7 +423,7 @@ def test_the_pages_script_moves_every_curve() -> None:
     node = shutil.which("node")
     if node is None:
         pytest.skip("no program `node` to run the page's script with")
-    slider = slider_of(loop_of(brake_findings()))
+    slider = slider_of(loop_of(brake_documents()))
     assert slider is not None
     text = brake_page()
     curves = re.findall(r'<script type="application/json" id="curves">(.*?)</script>', text, re.DOTALL)[0]
@@ -459,7 +464,7 @@ def test_the_evidence_is_part_of_a_report() -> None:
     run = run_of(BRAKE)
     assert run.design.gains is not None
     evidence = json.loads(json.dumps(ft.validate(run.spec, run.design.gains, samples=50).to_dict()))
-    files = report_files(brake_findings(evidence))
+    files = report_files(brake_documents(evidence))
     assert "figures/plants.svg" in files
     text = "".join(Page(str(files["report.html"])).text)
     assert "met: 50 plants, random, seed 1" in text
@@ -520,9 +525,9 @@ def test_without_results_report_says_what_to_do(tmp_path: Path, monkeypatch: pyt
 
 
 def test_an_unstable_loop_is_drawn_too() -> None:
-    found = brake_findings()
+    found = brake_documents()
     text = BRAKE.replace("dead_time_s: 0.0", "dead_time_s: 20.0")
     stamp = {**found.design["stamp"], "spec_sha256": parse_spec(text).sha256}
-    members = loop_of(findings_of(parse_spec(text), {**found.design, "stamp": stamp}))
+    members = loop_of(documents_of(parse_spec(text), {**found.design, "stamp": stamp}))
     assert margins(members.gains, lag(1.0, 2.25, 20.0).member(np.zeros(0))).phase_margin_deg < 0  # pyright: ignore[reportOptionalOperand]
-    assert "figures/bode.svg" in report_files(members.findings)
+    assert "figures/bode.svg" in report_files(members.documents)

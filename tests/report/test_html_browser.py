@@ -21,8 +21,8 @@ from cases.project import SPECS
 from cases.reports import BRAKE, brake_page, without_gains
 
 import fopi_tune as ft
-from fopi_tune.report.compare import comparison_files
-from fopi_tune.report.findings import findings_of, findings_of_run
+from fopi_tune.report.comparison_page import comparison_files
+from fopi_tune.report.documents import documents_of, documents_of_run
 from fopi_tune.report.html import report_files
 from fopi_tune.spec import parse_spec
 
@@ -84,7 +84,7 @@ class Visit:
 def comparison_page() -> str:
     spec = parse_spec(BRAKE)
     named = [
-        (name, findings_of(spec, json.loads(json.dumps(ft.prove(spec, gains).to_dict()))))
+        (name, documents_of(spec, json.loads(json.dumps(ft.prove(spec, gains).to_dict()))))
         for name, gains in (("tuned", ROBUST_BRAKE), ("published", PUBLISHED_BRAKE))
     ]
     return str(comparison_files(named)["compare.html"])
@@ -136,7 +136,7 @@ def test_keys_move_the_slider_and_every_curve(browser: Any, tmp_path: Path) -> N
 
 def test_every_uncertain_number_can_be_chosen_and_moved(browser: Any, tmp_path: Path) -> None:
     spec = ft.load_spec(SPECS / "lag_gain_and_delay.yaml")
-    text = str(report_files(findings_of_run(ft.run(spec, proof=False)))["report.html"])
+    text = str(report_files(documents_of_run(ft.run(spec, proof=False)))["report.html"])
     data = json.loads(re.findall(r'id="curves">(.*?)</script>', text, re.DOTALL)[0])
     with Visit(browser, tmp_path / "report.html", text) as visit:
         usual = visit.curves()

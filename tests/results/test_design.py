@@ -16,9 +16,9 @@ from cases.project import ROOT
 
 import fopi_tune as ft
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.report.text.terminal import design_text, requirement_phrase, scope_phrase
+from fopi_tune.report.text.design import design_text, requirement_phrase, scope_phrase
 from fopi_tune.results.design import RequirementReport
-from fopi_tune.results.status import Give
+from fopi_tune.results.status import Relaxation
 from fopi_tune.results.to_control import to_control
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
@@ -62,7 +62,7 @@ def test_a_design_without_gains_is_strict_json_and_readable(brake: ft.Design) ->
         stability=None,
         nominal=None,
         certificate=None,
-        clash=(Give(0, None, None),),
+        clash=(Relaxation(0, None, None),),
         message="there is a formula",
     )
     document = strict(design.to_dict())
@@ -82,7 +82,9 @@ def test_no_number_that_is_none_reaches_the_json(brake: ft.Design, number: float
     result = brake.requirements[0].result
     assert result is not None
     report = RequirementReport(brake.requirements[0].requirement, dataclasses.replace(result, score=number), number)
-    design = dataclasses.replace(brake, objective=number, requirements=(report,), clash=(Give(0, number, number),))
+    design = dataclasses.replace(
+        brake, objective=number, requirements=(report,), clash=(Relaxation(0, number, number),)
+    )
     document = strict(design.to_dict())
     assert document["objective"] is None
     assert document["requirements"][0]["multiplier"] is None

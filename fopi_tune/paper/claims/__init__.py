@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from importlib import import_module
 
-from fopi_tune.paper.rows import Row
+from fopi_tune.paper.table import Row
 
 
 def _group(name: str) -> Callable[[], tuple[Row, ...]]:
-    """A group's module has a function of its name; loaded when it is first computed."""
+    """The function of a group: it has its module's name, which is loaded when it is first called."""
 
     def rows() -> tuple[Row, ...]:
         return getattr(import_module(f"fopi_tune.paper.claims.{name}"), name)()

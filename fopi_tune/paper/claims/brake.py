@@ -1,4 +1,4 @@
-"""The brake's controller: what its gains do to the stated plant, and to which plant they would belong."""
+"""The brake's controller:  its loop with the stated plant, and the plant for which the printed margins are right."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.margins import Margins, margins
-from fopi_tune.paper.printed import (
+from fopi_tune.paper.published import (
     BRAKE,
     FIG3_CROSSOVER_RAD_S,
     FIG3_PM_DEG,
@@ -19,22 +19,22 @@ from fopi_tune.paper.printed import (
     TAU_MIN_S,
     TAU_NOMINAL_S,
 )
-from fopi_tune.paper.rows import Row, judged
-from fopi_tune.paper.sources import asking, brake_plant, on_nominal, spec, with_alpha
+from fopi_tune.paper.table import Row, verdict_of
+from fopi_tune.paper.variants import brake_plant, nominal_requirements, spec, with_alpha, with_requirements
 from fopi_tune.pipeline.tune import tune
-from fopi_tune.report.text.phrases import number
+from fopi_tune.report.text.formatting import number
 from fopi_tune.results.status import Status
 
 #: a plant gain that makes the published crossover about what is printed
 PLANT_GAIN = 10.0
-#: deg; what specs/brake.yaml asks of every plant
+#: deg; the phase margin that specs/brake.yaml requires of every plant
 _ROBUST_DEG = 80.0
 _TAUS_S = (TAU_MIN_S, TAU_NOMINAL_S, TAU_MAX_S)
 _SPECIFIED = f"{SPECIFIED_CROSSOVER_RAD_S:g} rad/s and {SPECIFIED_PM_DEG:g} deg"
 
 
 @dataclass(frozen=True)
-class Explained:
+class FittedPlant:
     """The plant static_gain/(tau s + 1) that gives a crossover and a phase margin with the published gains."""
 
     static_gain: float
@@ -42,19 +42,22 @@ class Explained:
 
 
 def brake() -> tuple[Row, ...]:
-    """The published gains on the stated plant, on other plants, and gains that meet the specifications."""
-    return (*_figure_3(), _any_plant(), _order(), _other_gains(), _family(), _robust())
+    """The published gains with the stated plant and with others, and gains that meet the specifications."""
+    return (*_figure_3(), _phase_at_crossover(), _order(), _other_gains(), _family(), _robust())
 
 
-def explained(crossover_rad_s: float, phase_margin_deg: float) -> Explained:
-    """PM = pi + arg C - arctan(tau omega) gives tau, and |C P| = 1 the gain."""
+def fitted_plant(crossover_rad_s: float, phase_margin_deg: float) -> FittedPlant:
+    """The plant for which the published gains give this crossover and phase margin.
+
+    At the crossover omega, PM = pi + arg C - arctan(tau omega) gives tau, and |C P| = 1 the static gain.
+    """
     controller = _controller_at(crossover_rad_s)
     tau = math.tan(math.pi + cmath.phase(controller) - math.radians(phase_margin_deg)) / crossover_rad_s
-    return Explained(math.hypot(1.0, tau * crossover_rad_s) / abs(controller), tau)
+    return FittedPlant(math.hypot(1.0, tau * crossover_rad_s) / abs(controller), tau)
 
 
-def of_plant(static_gain: float, tau_s: float) -> Margins:
-    """Margins of the published gains."""
+def published_margins(static_gain: float, tau_s: float) -> Margins:
+    """Margins of the published gains with a plant static_gain/(tau s + 1)."""
     return margins(BRAKE.gains, brake_plant(static_gain, tau_s))
 
 
@@ -64,23 +67,23 @@ def _controller_at(omega: float) -> complex:
 
 
 def _figure_3() -> tuple[Row, ...]:
-    stated, ten = of_plant(1.0, TAU_NOMINAL_S), of_plant(PLANT_GAIN, TAU_NOMINAL_S)
+    stated, ten = published_margins(1.0, TAU_NOMINAL_S), published_margins(PLANT_GAIN, TAU_NOMINAL_S)
     assert stated.crossover_rad_s is not None
     assert stated.phase_margin_deg is not None
-    needed = explained(FIG3_CROSSOVER_RAD_S.value, FIG3_PM_DEG.value)
+    needed = fitted_plant(FIG3_CROSSOVER_RAD_S.value, FIG3_PM_DEG.value)
     return (
         Row(
             "The brake's crossover is 0.7 rad/s (Fig. 3)",
             f"{FIG3_CROSSOVER_RAD_S.text} rad/s",
             f"{stated.crossover_rad_s:.5f} rad/s",
-            judged(FIG3_CROSSOVER_RAD_S.agrees(stated.crossover_rad_s)),
+            verdict_of(FIG3_CROSSOVER_RAD_S.agrees(stated.crossover_rad_s)),
             f"For the stated plant 1/(tau s + 1) at tau = {TAU_NOMINAL_S:g} s, to half a unit of the printed digit.",
         ),
         Row(
             "The brake's phase margin is 93 deg (Fig. 3)",
             f"{FIG3_PM_DEG.text} deg",
             f"{stated.phase_margin_deg:.1f} deg",
-            judged(FIG3_PM_DEG.agrees(stated.phase_margin_deg)),
+            verdict_of(FIG3_PM_DEG.agrees(stated.phase_margin_deg)),
             f"For the stated plant at tau = {TAU_NOMINAL_S:g} s, to half a unit of the last printed digit.",
         ),
         Row(
@@ -89,15 +92,15 @@ def _figure_3() -> tuple[Row, ...]:
             f"exactly so for a static gain of {needed.static_gain:.2f} and tau = {needed.tau_s:.3f} s; a gain of "
             f"{PLANT_GAIN:g} at {TAU_NOMINAL_S:g} s gives {ten.crossover_rad_s:.4f} rad/s, {ten.phase_margin_deg:.2f} "
             "deg",
-            judged(TAU_MIN_S <= needed.tau_s <= TAU_MAX_S, on_condition=True),
+            verdict_of(TAU_MIN_S <= needed.tau_s <= TAU_MAX_S, on_condition=True),
             "With a plant gain that is not printed; the tau it takes lies inside the printed interval, but is not the "
             "nominal one.",
         ),
     )
 
 
-def _any_plant() -> Row:
-    """At the specified crossover the phase is the same for every gain of the plant."""
+def _phase_at_crossover() -> Row:
+    """At the specified crossover the phase margin does not depend on the plant's static gain."""
     controller = _controller_at(SPECIFIED_CROSSOVER_RAD_S)
     found = [
         180.0 + math.degrees(cmath.phase(controller) - math.atan(tau * SPECIFIED_CROSSOVER_RAD_S)) for tau in _TAUS_S
@@ -107,53 +110,56 @@ def _any_plant() -> Row:
         str(BRAKE),
         f"whatever the plant's gain, a crossover of {SPECIFIED_CROSSOVER_RAD_S:g} rad/s comes with {found[1]:.1f} deg "
         f"at tau = {TAU_NOMINAL_S:g} s ({found[2]:.1f} to {found[0]:.1f} deg over tau)",
-        judged(found[2] <= SPECIFIED_PM_DEG <= found[0]),
+        verdict_of(found[2] <= SPECIFIED_PM_DEG <= found[0]),
         "A static gain does not turn the phase; arctan(tau omega) is monotonic in tau, so that its ends decide.",
     )
 
 
 def _order() -> Row:
-    """kp >= 0 where cot(alpha pi/2) <= -Re X/Im X, X = e^{j(pm - pi)}/P(j omega)."""
+    """kp >= 0 where cot(alpha pi/2) <= -Re X/Im X, with X = e^{j(pm - pi)}/P(j omega) = C(j omega) at the crossover."""
     omega, margin = SPECIFIED_CROSSOVER_RAD_S, math.radians(SPECIFIED_PM_DEG)
     x = cmath.exp(1j * (margin - math.pi)) * complex(1.0, omega * TAU_NOMINAL_S)
     least = 2.0 / math.pi * math.atan2(-x.imag, x.real)
     wanted = spec("brake")
-    design = tune(with_alpha(asking(wanted, *on_nominal(wanted)), BRAKE.alpha.value, BRAKE.alpha.value), proof=False)
+    design = tune(
+        with_alpha(with_requirements(wanted, *nominal_requirements(wanted)), BRAKE.alpha.value, BRAKE.alpha.value),
+        proof=False,
+    )
     return Row(
         f"An order of {BRAKE.alpha.text} can meet {_SPECIFIED}",
         f"alpha = {BRAKE.alpha.text}",
         f"kp >= 0 needs alpha >= {least:.4f}; tuned with alpha = {BRAKE.alpha.text}: {design.status.value}",
-        judged(design.status is Status.SOLVED and least <= BRAKE.alpha.value),
+        verdict_of(design.status is Status.SOLVED and least <= BRAKE.alpha.value),
         "Two equalities leave alpha as the one free number, and kp as a function of it.",
     )
 
 
 def _other_gains() -> Row:
     wanted = spec("brake")
-    design = tune(with_alpha(asking(wanted, *on_nominal(wanted)), 0.8, 0.8), proof=False)
+    design = tune(with_alpha(with_requirements(wanted, *nominal_requirements(wanted)), 0.8, 0.8), proof=False)
     gains = design.gains
     return Row(
         f"Some gains meet {_SPECIFIED} on the stated plant",
         str(BRAKE),
         "none" if gains is None else f"kp = {gains.kp:.4f}, ki = {gains.ki:.4f}, alpha = {gains.alpha:g}",
-        judged(design.status is Status.SOLVED, on_condition=True),
+        verdict_of(design.status is Status.SOLVED, on_condition=True),
         "With other gains than the printed ones; one pair for every alpha from 0.622 on.",
     )
 
 
 def _family() -> Row:
-    """Margins fall with tau: the ends of the interval are the ends of the ranges, which the grid confirms."""
+    """Margins decrease with tau, so that the ends of its interval give their ranges; a grid confirms it."""
     grid = np.linspace(TAU_MIN_S, TAU_MAX_S, 31).tolist()
-    every = [of_plant(PLANT_GAIN, tau) for tau in grid]
+    every = [published_margins(PLANT_GAIN, tau) for tau in grid]
     phase = [m.phase_margin_deg for m in every if m.phase_margin_deg is not None]
     cross = [m.crossover_rad_s for m in every if m.crossover_rad_s is not None]
-    stated = [of_plant(1.0, tau).phase_margin_deg for tau in (TAU_MIN_S, TAU_MAX_S)]
+    stated = [published_margins(1.0, tau).phase_margin_deg for tau in (TAU_MIN_S, TAU_MAX_S)]
     return Row(
         "The brake's loop is robust to its time constant (Fig. 4)",
         "no numbers",
         f"with a static gain of {PLANT_GAIN:g}: phase margin {min(phase):.1f} to {max(phase):.1f} deg, crossover "
         f"{min(cross):.3f} to {max(cross):.3f} rad/s; with 1: {stated[1]:.1f} to {stated[0]:.1f} deg",
-        judged(len(phase) == len(grid) and min(phase) >= _ROBUST_DEG, on_condition=True),
+        verdict_of(len(phase) == len(grid) and min(phase) >= _ROBUST_DEG, on_condition=True),
         f"With a static gain of {PLANT_GAIN:g}; robust: at least {_ROBUST_DEG:g} deg for every tau. With the stated "
         "gain of 1 the margin is robust as well, at a crossover that is of no use.",
     )
@@ -174,7 +180,7 @@ def _robust() -> Row:
         f"A robust design meets {_SPECIFIED} on the stated plant",
         str(BRAKE),
         said,
-        judged(solved, on_condition=True),
+        verdict_of(solved, on_condition=True),
         "With other gains, and the gain margin as an inequality: the least spread of the phase margin with |S| <= -20 "
         "dB up to 0.02 rad/s. Proved for every tau and every frequency.",
     )

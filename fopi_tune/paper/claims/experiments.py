@@ -1,9 +1,9 @@
-"""Experiments I and II: what the models allow for any reference, and what happens on plausible ones."""
+"""Experiments I and II:  bounds that hold for any reference, and simulations with plausible ones."""
 
 from __future__ import annotations
 
 from fopi_tune.montecarlo.systems import SystemEvidence
-from fopi_tune.paper.printed import (
+from fopi_tune.paper.published import (
     COMFORT_M_S2,
     CONTROL_LIMIT,
     MANOEUVRE_KMH,
@@ -13,10 +13,10 @@ from fopi_tune.paper.printed import (
     THROTTLE_GAIN,
     THROTTLE_POLE_RAD_S,
 )
-from fopi_tune.paper.rows import Row, Verdict, about, judged
-from fopi_tune.paper.sources import system
+from fopi_tune.paper.table import Row, Verdict, rounded_count, verdict_of
+from fopi_tune.paper.variants import system
 from fopi_tune.pipeline.systems import simulate_system, validate_system
-from fopi_tune.results.simulation import Driven
+from fopi_tune.results.simulation import ScenarioResult
 
 EXPERIMENTS = ("experiment_1", "experiment_2")
 _KMH = 3.6
@@ -41,7 +41,7 @@ def _throttle() -> Row:
         f"With the throttle |a| <= {COMFORT_M_S2:g} m/s^2",
         f"[-{COMFORT_M_S2:g}, {COMFORT_M_S2:g}] m/s^2",
         f"at most {up:.2f} m/s^2 up from 0 km/h, {down:.2f} m/s^2 down from {MANOEUVRE_KMH:g} km/h",
-        judged(max(up, down) <= COMFORT_M_S2),
+        verdict_of(max(up, down) <= COMFORT_M_S2),
         "For every controller with a control in [0, 1]: dy/dt = K u - p y.",
     )
 
@@ -54,13 +54,13 @@ def _brake() -> Row:
         f"[-{COMFORT_M_S2:g}, {COMFORT_M_S2:g}] m/s^2",
         f"only below {speeds[0]:.1f}, {speeds[1]:.1f}, {speeds[2]:.1f} km/h at tau = {TAU_MIN_S:g}, {TAU_NOMINAL_S:g}, "
         f"{TAU_MAX_S:g} s",
-        judged(speeds[0] >= MANOEUVRE_KMH),
+        verdict_of(speeds[0] >= MANOEUVRE_KMH),
         f"In the stated plant, with nothing else acting, a control u <= 0 slows the car by y/tau or more. From "
         f"{MANOEUVRE_KMH:g} km/h, or any speed above these, the limit is broken as soon as the brake's mode begins.",
     )
 
 
-def _acceleration(name: str, driven: Driven, evidence: SystemEvidence) -> Row:
+def _acceleration(name: str, driven: ScenarioResult, evidence: SystemEvidence) -> Row:
     judgement = next(s for s in evidence.scenarios if s.scenario == name)
     limit = next(j for j in judgement.limits if j.limit is not None and j.limit.measure == "acceleration_m_s2")
     share = limit.fraction
@@ -74,20 +74,20 @@ def _acceleration(name: str, driven: Driven, evidence: SystemEvidence) -> Row:
     )
 
 
-def _control(driven: Driven) -> Row:
+def _control(driven: ScenarioResult) -> Row:
     measures = driven.measures
     return Row(
         f"{_TITLE[driven.scenario.name]} keeps its control in [-1, 1]",
         f"[-{CONTROL_LIMIT:g}, {CONTROL_LIMIT:g}]; the reference is not printed",
         f"limited to it, {measures['saturation_time_s']:.1f} s at a limit; about "
-        f"{about(measures['switch_count'])} changes of the mode in {driven.scenario.duration_s:g} s"
+        f"{rounded_count(measures['switch_count'])} changes of the mode in {driven.scenario.duration_s:g} s"
         + (", chattering" if driven.chattering else ""),
         Verdict.NOT_PRINTED,
         "Throttle in [0, 1], brake in [-1, 0], hysteresis 0.5 km/h, memories held.",
     )
 
 
-def _tracking(driven: Driven) -> Row:
+def _tracking(driven: ScenarioResult) -> Row:
     measures = driven.measures
     mean = measures["iae"] / driven.scenario.duration_s
     return Row(

@@ -1,4 +1,4 @@
-"""The gain margin: an equality without a solution, and a formula that is misprinted."""
+"""The gain margin:  an equality without a solution, and a misprinted formula."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins
 from fopi_tune.paper.claims.brake import PLANT_GAIN
-from fopi_tune.paper.printed import BRAKE, SPECIFIED_GAIN_MARGIN, TAU_NOMINAL_S, THROTTLE, THROTTLE_PLANT
-from fopi_tune.paper.rows import Row, judged
-from fopi_tune.paper.sources import asking, brake_plant, on_nominal, spec, with_alpha
+from fopi_tune.paper.published import BRAKE, SPECIFIED_GAIN_MARGIN, TAU_NOMINAL_S, THROTTLE, THROTTLE_PLANT
+from fopi_tune.paper.table import Row, verdict_of
+from fopi_tune.paper.variants import brake_plant, nominal_requirements, spec, with_alpha, with_requirements
 from fopi_tune.pipeline.tune import tune
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import Relation, Requirement, Scope
@@ -25,8 +25,8 @@ _MARGIN_DB = 20.0 * math.log10(SPECIFIED_GAIN_MARGIN.value)
 
 
 def gain_margin() -> tuple[Row, ...]:
-    """What becomes of Mg = 4."""
-    return (_published(), _equality(), _with_dead_time(), _formula(), _words())
+    """The claims about Mg = 4."""
+    return (_published(), _equality(), _with_dead_time(), _formula(), _crossover_terms())
 
 
 def _published() -> Row:
@@ -39,7 +39,7 @@ def _published() -> Row:
         f"The brake's gain margin is {SPECIFIED_GAIN_MARGIN.text}",
         f"Mg = {SPECIFIED_GAIN_MARGIN.text}",
         f"gain margin {margin}; the phase stays above {math.floor(least):d} deg",
-        judged(SPECIFIED_GAIN_MARGIN.agrees(10.0 ** (found.gain_margin_db / 20.0))),
+        verdict_of(SPECIFIED_GAIN_MARGIN.agrees(10.0 ** (found.gain_margin_db / 20.0))),
         "Without dead time a first-order plant with kp, ki >= 0 and alpha <= 1 never turns the phase to -180 deg.",
     )
 
@@ -48,13 +48,13 @@ def _equality() -> Row:
     """As an equality, with and without the other two specifications."""
     wanted = spec("brake")
     equality = Requirement("gain_margin_db", Relation.EQUALS, (_MARGIN_DB,), Scope.NOMINAL)
-    alone = tune(with_alpha(asking(wanted, equality), 0.3, 1.0), proof=False)
-    three = tune(asking(wanted, *on_nominal(wanted), equality), proof=False)
+    alone = tune(with_alpha(with_requirements(wanted, equality), 0.3, 1.0), proof=False)
+    three = tune(with_requirements(wanted, *nominal_requirements(wanted), equality), proof=False)
     return Row(
         f"PM = 90 deg, 0.3 rad/s and Mg = {SPECIFIED_GAIN_MARGIN.text} can hold together, as equalities",
         "fmincon, with the equalities as constraints",
         f"Mg alone, alpha <= 1: {alone.status.value}; all three, alpha <= 1.5: {three.status.value}",
-        judged(three.status is Status.SOLVED),
+        verdict_of(three.status is Status.SOLVED),
         "With the other two the gain margin is infinite for every alpha; alone, alpha > 1 makes it finite. It must be "
         "an inequality, which an infinite margin meets.",
     )
@@ -68,13 +68,13 @@ def _with_dead_time() -> Row:
         f"Mg = {SPECIFIED_GAIN_MARGIN.text} (12.04 dB)",
         f"{found.gain_margin_db:.2f} dB = {10 ** (found.gain_margin_db / 20.0):.2f} with a static gain of "
         f"{PLANT_GAIN:g} and {_DEAD_TIME_S:g} s of dead time",
-        judged(_MARGIN_DB <= found.gain_margin_db < math.inf, on_condition=True),
+        verdict_of(_MARGIN_DB <= found.gain_margin_db < math.inf, on_condition=True),
         "With a plant gain and a dead time (actuator, sampling) that are not printed, and as an inequality.",
     )
 
 
 def _formula() -> Row:
-    """N4 at a loop whose gain margin is exactly 4."""
+    """Equation N4, evaluated for a loop whose gain margin is exactly 4."""
     plant = brake_plant(PLANT_GAIN, dead_time_s=_DEAD_TIME_S)
     first = margins(BRAKE.gains, plant)
     assert first.gain_margin_rad_s is not None
@@ -87,7 +87,7 @@ def _formula() -> Row:
         "20 log |L| - 1/Mg",
         f"{printed:.2f} dB at a loop with Mg = {SPECIFIED_GAIN_MARGIN.text}; 20 log10 |L| + 20 log10 Mg is "
         f"{'0' if abs(mended) < _ZERO_DB else f'{mended:.2g}'} there",
-        judged(abs(printed) < _ZERO_DB),
+        verdict_of(abs(printed) < _ZERO_DB),
         f"A misprint: decibels less an absolute number. 0 means below {_ZERO_DB:g} dB.",
     )
 
@@ -97,13 +97,13 @@ def _loop_gain(gains: FoPi, static_gain: float, omega: float) -> float:
     return abs(controller) * static_gain / math.hypot(1.0, TAU_NOMINAL_S * omega)
 
 
-def _words() -> Row:
+def _crossover_terms() -> Row:
     found = margins(THROTTLE.gains, THROTTLE_PLANT)
     assert found.phase_margin_deg is not None
     return Row(
         "omega_cp is the phase crossover, omega_cg the gain crossover",
         "omega_cp: phase crossover; omega_cg: gain crossover",
         f"at the throttle's omega_cp |L| = 1 and arg L = {found.phase_margin_deg - 180.0:.1f} deg",
-        judged(math.isclose(found.phase_margin_deg, 0.0, abs_tol=1e-6)),
+        verdict_of(math.isclose(found.phase_margin_deg, 0.0, abs_tol=1e-6)),
         "The words are swapped where the gain margin is defined: at a phase crossover arg L is -180 deg.",
     )

@@ -1,4 +1,4 @@
-"""The hybrid model: its closed loops, its states, and how the modes take turns."""
+"""The hybrid model:  its closed loops, its states, and the switching between modes."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from fractions import Fraction
 
 import numpy as np
 
-from fopi_tune.paper.printed import BRAKE, TAU_NOMINAL_S, THROTTLE, THROTTLE_GAIN, THROTTLE_PLANT, THROTTLE_POLE_RAD_S
-from fopi_tune.paper.rows import Row, Verdict, about, judged
-from fopi_tune.paper.sources import brake_plant, system
+from fopi_tune.paper.published import BRAKE, TAU_NOMINAL_S, THROTTLE, THROTTLE_GAIN, THROTTLE_PLANT, THROTTLE_POLE_RAD_S
+from fopi_tune.paper.table import Row, Verdict, rounded_count, verdict_of
+from fopi_tune.paper.variants import brake_plant, system
 from fopi_tune.pipeline.systems import simulate_system
-from fopi_tune.results.simulation import Driven
+from fopi_tune.results.simulation import ScenarioResult
 
 #: relative; two formulas of the same thing, in floating point
 _SAME = 1e-9
@@ -25,7 +25,7 @@ _TRACKS_KMH = 1.0
 
 
 def hybrid() -> tuple[Row, ...]:
-    """Models, then the switching."""
+    """The claims: models, then switching."""
     sampled = simulate_system(system("switching")).driven[0]
     exact = simulate_system(system("switching"), exact=True).driven[0]
     return (_closed_loop(), _model(), _states(), _no_hysteresis(exact), _stays_bounded(sampled), _memories())
@@ -45,7 +45,7 @@ def _closed_loop() -> Row:
         "Y/R = (a s^alpha + b)/(s^(alpha + 1) + (tau_i + a) s^alpha + b)",
         "a = K kp, b = K ki",
         "equal to C G/(1 + C G) in both modes" if largest < _SAME else f"off by {largest:.1e}",
-        judged(largest < _SAME),
+        verdict_of(largest < _SAME),
         f"To {_SAME:g} (relative) from 1e-3 to 1e3 rad/s.",
     )
 
@@ -64,7 +64,7 @@ def _model() -> Row:
         "The pseudo-state model D^(1/q) x = A x + B r, y = C x has this response",
         "A, B, C",
         "throttle, unit step: " + ", ".join(f"y({t:g}) = {y:.4f}" for t, y in zip(_TIMES_S, found, strict=True)),
-        judged(same),
+        verdict_of(same),
         f"Equal to the inverted transform to {_SAME_RESPONSE:g}.",
     )
 
@@ -81,13 +81,13 @@ def _states() -> Row:
         "x does not change during a jump",
         "x+ = x, x in R^(alpha_i + 1)",
         f"x has p + q = {sizes[0]} components with the throttle (4/5) and {sizes[1]} with the brake (9/20)",
-        judged(sizes[0] == sizes[1]),
+        verdict_of(sizes[0] == sizes[1]),
         "The two states are not in one space. It has a meaning for the velocity alone, with a memory of its own for "
         "each controller, held, tracking or reset.",
     )
 
 
-def _no_hysteresis(exact: Driven) -> Row:
+def _no_hysteresis(exact: ScenarioResult) -> Row:
     slides = exact.chattering and "sliding" in exact.outcome
     return Row(
         "With eps = 0 the modes switch a few times (the switching figure)",
@@ -95,20 +95,20 @@ def _no_hysteresis(exact: Driven) -> Row:
         f"in continuous time both modes head for the line y = r: sliding from {exact.switch_times_s[-1]:.2f} s on"
         if slides
         else exact.outcome,
-        judged(not slides),
+        verdict_of(not slides),
         "With setpoints of 30, 15 and 25 km/h; the printed flow and jump sets have no solution beyond that time.",
     )
 
 
-def _stays_bounded(sampled: Driven) -> Row:
+def _stays_bounded(sampled: ScenarioResult) -> Row:
     switches = sampled.measures["switch_count"]
     error = sampled.measures["final_error"]
     return Row(
         "The system is stable during switching",
         "eps = 0",
-        f"on samples of 0.2 s the modes change about {about(switches)} times in {sampled.scenario.duration_s:g} s; "
-        f"{error:.1f} km/h off the setpoint at the end",
-        judged(error < _TRACKS_KMH, on_condition=switches > _CLEAN_SWITCHES),
+        f"on samples of 0.2 s the modes change about {rounded_count(switches)} times in "
+        f"{sampled.scenario.duration_s:g} s; {error:.1f} km/h off the setpoint at the end",
+        verdict_of(error < _TRACKS_KMH, on_condition=switches > _CLEAN_SWITCHES),
         f"With sampling, which the model leaves out; stable: within {_TRACKS_KMH:g} km/h at the end. The actuators "
         "chatter.",
     )
@@ -123,8 +123,8 @@ def _memories() -> Row:
     return Row(
         "The inactive controller keeps its memory",
         "x+ = x, and nothing else",
-        f"changes of the mode in 150 s of town driving, eps = 0.5 km/h: about {about(counts['held'])} held, "
-        f"{about(counts['tracking'])} tracking, {about(counts['reset'])} reset",
+        f"changes of the mode in 150 s of town driving, eps = 0.5 km/h: about {rounded_count(counts['held'])} held, "
+        f"{rounded_count(counts['tracking'])} tracking, {rounded_count(counts['reset'])} reset",
         Verdict.NOT_PRINTED,
         "systems/car.yaml, experiment 1. Held is what x+ = x comes nearest to.",
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from fopi_tune.montecarlo.montecarlo import Evidence
-from fopi_tune.paper.printed import (
+from fopi_tune.paper.published import (
     BRAKE,
     COMFORT_M_S2,
     CONTROL_LIMIT,
@@ -17,8 +17,8 @@ from fopi_tune.paper.printed import (
     THROTTLE_GAIN,
     THROTTLE_POLE_RAD_S,
 )
-from fopi_tune.paper.rows import Row, Verdict, judged
-from fopi_tune.paper.sources import manoeuvre as spec_of
+from fopi_tune.paper.table import Row, Verdict, verdict_of
+from fopi_tune.paper.variants import manoeuvre as spec_of
 from fopi_tune.pipeline.simulate import simulate
 from fopi_tune.pipeline.validate import validate
 
@@ -31,7 +31,7 @@ READINGS: Mapping[str, str] = {
 
 
 def manoeuvre() -> tuple[Row, ...]:
-    """The start, the comfort limit under each reading, and the control it takes."""
+    """The claims: the start, the comfort limit under each reading, and the control needed."""
     rows = [_start(), _noise()]
     for gain in GAINS:
         evidence = validate(spec_of(gain), BRAKE.gains).evidence
@@ -45,7 +45,7 @@ def _start() -> Row:
         "With a fixed pedal the car reaches 30 km/h",
         f"{MANOEUVRE_KMH:g} km/h",
         f"the throttle's plant ends at {top:.1f} km/h at full throttle",
-        judged(top >= MANOEUVRE_KMH),
+        verdict_of(top >= MANOEUVRE_KMH),
         "K/p times the largest control, 1, in the printed model.",
     )
 
@@ -72,7 +72,7 @@ def _comfort(gain: int, reading: str, evidence: Evidence) -> Row:
         f"Braking keeps |a| <= {COMFORT_M_S2:g} m/s^2: static gain {gain}, {READINGS[reading]}",
         f"[-{COMFORT_M_S2:g}, {COMFORT_M_S2:g}] m/s^2",
         f"{met} of {total} brakes keep it; largest |a| = {comfort.worst[0].value:.2f} m/s^2; the car {slows}",
-        judged(every, on_condition=True),
+        verdict_of(every, on_condition=True),
         "With this reading of the start, which is not printed." if every else _why_not(reading),
     )
 
@@ -90,7 +90,7 @@ def _control(gain: int) -> Row:
         f"The brake's control stays in [-1, 1]: static gain {gain}",
         f"[-{CONTROL_LIMIT:g}, {CONTROL_LIMIT:g}]",
         "largest |u|: " + ", ".join(f"{value:.1f} ({name.replace('_', ' ')})" for name, value in peak.items()),
-        judged(max(peak.values()) <= CONTROL_LIMIT),
+        verdict_of(max(peak.values()) <= CONTROL_LIMIT),
         f"At tau = {TAU_NOMINAL_S:g} s, without limits. A control of 1 moves a plant of static gain {gain} by {gain} "
         "km/h.",
     )

@@ -1,4 +1,4 @@
-"""The throttle's controller: its three specifications, and what they give."""
+"""The throttle's controller:  its three specifications, and the gains that follow from them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins
-from fopi_tune.paper.printed import (
+from fopi_tune.paper.published import (
     REJECTION_DB,
     REJECTION_RAD_S,
     THROTTLE,
@@ -14,11 +14,11 @@ from fopi_tune.paper.printed import (
     THROTTLE_PLANT,
     THROTTLE_POLE_RAD_S,
 )
-from fopi_tune.paper.rows import Row, Verdict, judged
-from fopi_tune.paper.sources import asking, spec
+from fopi_tune.paper.table import Row, Verdict, verdict_of
+from fopi_tune.paper.variants import spec, with_requirements
 from fopi_tune.pipeline.prove import prove
 from fopi_tune.pipeline.tune import tune
-from fopi_tune.report.text.phrases import number
+from fopi_tune.report.text.formatting import number
 from fopi_tune.results.design import Design
 from fopi_tune.results.status import Status
 
@@ -27,7 +27,7 @@ _SAME = 1e-5
 
 
 def throttle() -> tuple[Row, ...]:
-    """The published gains against the specifications, and the gains the specifications give."""
+    """The published gains against the specifications, and the gains that meet these."""
     design = tune(spec("throttle"))
     return (_rejection(), _margins(), _procedure(design), _closed_form(design))
 
@@ -35,7 +35,7 @@ def throttle() -> tuple[Row, ...]:
 def _rejection() -> Row:
     wanted = spec("throttle")
     band = next(each for each in wanted.requirements if each.quantity == "sensitivity_db")
-    check = prove(asking(wanted, band), THROTTLE.gains)
+    check = prove(with_requirements(wanted, band), THROTTLE.gains)
     (report,) = check.reports
     achieved = report.result.achieved if report.result is not None else None
     return Row(
@@ -43,7 +43,7 @@ def _rejection() -> Row:
         f"{REJECTION_RAD_S:g} rad/s",
         str(THROTTLE),
         "-" if achieved is None else f"largest |S| = {achieved:.3f} dB",
-        judged(check.status == "met"),
+        verdict_of(check.status == "met"),
         "Proved for every frequency in the band." if check.status == "met" else "The proof refutes it.",
     )
 
@@ -68,14 +68,14 @@ def _procedure(design: Design) -> Row:
         "Solving the three specifications gives the throttle's gains",
         str(THROTTLE),
         "no gains" if gains is None else _gains(gains),
-        judged(holds, on_condition=True),
+        verdict_of(holds, on_condition=True),
         "With a crossover of 0.46 rad/s and a phase margin of 88 deg, which are not printed; the tuned gains round to "
         "the printed digits.",
     )
 
 
 def _closed_form(design: Design) -> Row:
-    """z_c from the phase and k_p from the gain, as printed; the tuning's alpha, crossover and margin go in."""
+    """z_c from the phase and k_p from the gain by the printed equations, with the design's alpha and specifications."""
     gains, wanted = design.gains, {r.quantity: r.limits[0] for r in design.spec.requirements}
     if gains is None:
         return Row("The printed equations give the gains", "z_c, k_p", "no gains", Verdict.DOES_NOT_HOLD, "No design.")
@@ -93,7 +93,7 @@ def _closed_form(design: Design) -> Row:
         "The printed equations for z_c and k_p give these gains",
         "equations for z_c and |L| = 1",
         f"z_c = {zc:.4f}, k_p = {kp:.5f}, k_i = {zc * kp:.5f}",
-        judged(same),
+        verdict_of(same),
         f"With phi = alpha pi/2, which is not defined; equal to the tuned gains to {_SAME:g} (relative).",
     )
 

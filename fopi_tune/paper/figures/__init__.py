@@ -6,18 +6,18 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 
 from fopi_tune.errors import DomainError
-from fopi_tune.report.figures.canvas import Picture, png_of, svg_of
+from fopi_tune.report.figures.picture import Picture, png_of, svg_of
 
 #: name -> module that draws it, with a function of its name
 _MODULES = {
     "bode_brake": "bode",
     "bode_family": "bode",
     "filter_responses": "bode",
-    "switching": "drives",
-    "manoeuvre": "drives",
-    "experiment_1": "drives",
-    "experiment_2": "drives",
-    "alpha_against_pi": "contest",
+    "switching": "time_domain",
+    "manoeuvre": "time_domain",
+    "experiment_1": "time_domain",
+    "experiment_2": "time_domain",
+    "alpha_against_pi": "time_domain",
 }
 
 
@@ -35,7 +35,7 @@ def _svg(name: str) -> Callable[[], str]:
     return made
 
 
-#: name -> the figure before it is drawn: title, description, and how to draw it
+#: name -> the figure before it is drawn
 PICTURES: Mapping[str, Callable[[], Picture]] = {name: _picture(name) for name in _MODULES}
 #: name -> SVG text
 FIGURES: Mapping[str, Callable[[], str]] = {name: _svg(name) for name in _MODULES}

@@ -1,4 +1,4 @@
-"""Figures over frequency:  the brake's loop (the paper's Figs. 3 and 4), and the printed filters."""
+"""Frequency responses:  the brake's loop (the paper's Figs. 3 and 4), and the printed filters."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins
 from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
-from fopi_tune.paper.claims.brake import PLANT_GAIN, explained
-from fopi_tune.paper.claims.filters import ours, printed_response
-from fopi_tune.paper.printed import (
+from fopi_tune.paper.claims.brake import PLANT_GAIN, fitted_plant
+from fopi_tune.paper.claims.filters import published_response, tool_filter
+from fopi_tune.paper.published import (
     BRAKE,
     FIG3_CROSSOVER_RAD_S,
     FIG3_PM_DEG,
@@ -24,9 +24,9 @@ from fopi_tune.paper.printed import (
     TAU_MIN_S,
     TAU_NOMINAL_S,
 )
-from fopi_tune.paper.sources import brake_plant, spec
+from fopi_tune.paper.variants import brake_plant, spec
 from fopi_tune.pipeline.tune import tune
-from fopi_tune.report.figures.canvas import STYLES, Picture, labelled
+from fopi_tune.report.figures.picture import STYLES, Picture, label_axes
 from fopi_tune.results.status import Status
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ Curve = tuple[str, FoPi, Plant]
 
 
 def bode_brake() -> Picture:
-    """Fig. 3: the published gains on the stated plant and on those that give what is printed."""
-    needed = explained(FIG3_CROSSOVER_RAD_S.value, FIG3_PM_DEG.value)
+    """Fig. 3: the published gains with the stated plant, and with plants that give the printed margins."""
+    needed = fitted_plant(FIG3_CROSSOVER_RAD_S.value, FIG3_PM_DEG.value)
     plants = ((1.0, TAU_NOMINAL_S), (PLANT_GAIN, TAU_NOMINAL_S), (needed.static_gain, needed.tau_s))
     curves = [
         (f"static gain {gain:.4g}, tau = {tau:.4g} s", BRAKE.gains, brake_plant(gain, tau)) for gain, tau in plants
@@ -56,7 +56,7 @@ def bode_brake() -> Picture:
 
 
 def bode_family() -> Picture:
-    """Fig. 4: over tau, the published gains with a static gain of 10 beside the robust design for the stated plant."""
+    """Fig. 4: over tau, the published gains with a static gain of 10, and the robust design for the stated plant."""
     design = tune(spec("brake"), proof=False)
     if design.gains is None or design.status is not Status.SOLVED:
         raise DomainError(f"the robust brake is {design.status.value}: {design.message}; there is nothing to draw")
@@ -85,18 +85,18 @@ def filter_responses() -> Picture:
         for axes, (name, found) in zip(figure.subplots(1, 2, sharey=True), FILTERS.items(), strict=True):
             alpha = found.of.alpha.value
             # the tool's filter of s^-alpha alone
-            sections = ours(name, FoPi(0.0, 1.0, alpha)).sections
+            sections = tool_filter(name, FoPi(0.0, 1.0, alpha)).sections
             lines = (
                 (f"s^{1 - alpha:.2g}, what is stated", omega ** (1 - alpha)),
                 (f"s^-{alpha:.2g}", omega**-alpha),
-                ("printed coefficients", np.abs(printed_response(found, omega))),
+                ("printed coefficients", np.abs(published_response(found, omega))),
                 ("this tool's s^-alpha", np.abs(sections.response(omega))),
             )
             for (label, gain), (colour, dashes) in zip(lines, STYLES, strict=False):
                 axes.loglog(omega, gain, color=colour, linestyle=dashes, label=label)
             axes.set_title(name)
             axes.set_ylim(1e-2, 1e3)
-            labelled(axes, "|R|" if name == "throttle" else "", "omega, rad/s")
+            label_axes(axes, "|R|" if name == "throttle" else "", "omega, rad/s")
             axes.legend(loc="upper right")
 
     return Picture(
@@ -123,7 +123,7 @@ def _loop(gains: FoPi, plant: Plant) -> NDArray[np.complex128]:
 
 
 def _bode(figure: Figure, families: Sequence[Sequence[Curve]], names: Sequence[str] = ("",)) -> None:
-    """A column a family: gain above phase, the crossovers marked."""
+    """A column for each family: gain above phase, with the crossovers marked."""
     grid = figure.subplots(2, len(families), sharex=True, sharey="row", squeeze=False)
     for column, (family, name) in enumerate(zip(families, names, strict=True)):
         gain, phase = grid[0][column], grid[1][column]
@@ -135,8 +135,8 @@ def _bode(figure: Figure, families: Sequence[Sequence[Curve]], names: Sequence[s
         gain.axhline(0.0, color="black", linewidth=0.8)
         gain.legend(loc="lower left")
         gain.set_title(name)
-        labelled(gain, "" if column else "|L|, dB")
-        labelled(phase, "" if column else "arg L, deg", "omega, rad/s")
+        label_axes(gain, "" if column else "|L|, dB")
+        label_axes(phase, "" if column else "arg L, deg", "omega, rad/s")
 
 
 def _mark(gain: Axes, phase: Axes, gains: FoPi, plant: Plant, colour: str) -> None:

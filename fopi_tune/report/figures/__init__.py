@@ -1,1 +1,1 @@
-"""Figures, drawn from results' documents and said in words."""
+"""Figures drawn from results, each with a description in words."""

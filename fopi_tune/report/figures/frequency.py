@@ -1,4 +1,4 @@
-"""Figures along the frequency axis:  the loop, its distance from -1, its sensitivities, its margins."""
+"""Frequency responses:  Bode and Nyquist plots of the loop, sensitivities, and margins over an uncertain number."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.sample import LoopFunction, evaluate
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.report.figures.canvas import STYLES, TWO_PANELS, WIDE, Picture, labelled, legend_below, logarithmic
-from fopi_tune.report.figures.members import Members
-from fopi_tune.report.figures.regions import (
-    discs,
+from fopi_tune.report.figures.forbidden_regions import (
+    fit_y_limits,
     forbid_along,
     forbid_crossovers,
     forbid_discs,
     forbid_phases,
     forbid_values,
-    room,
+    sensitivity_discs,
 )
-from fopi_tune.report.text.phrases import number
+from fopi_tune.report.figures.members import Members
+from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, WIDE, Picture, label_axes, legend_below, log_axes
+from fopi_tune.report.text.formatting import number
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
 if TYPE_CHECKING:
@@ -43,9 +43,9 @@ _HATCHED = "Hatched: what the requirements forbid"
 
 
 def bode(members: Members) -> Picture:
-    """Gain and phase of L: the family's envelope, the nominal plant, the worst ones, and what is forbidden."""
+    """Gain and phase of L: the family's envelope, nominal and worst plants, and the forbidden regions."""
     family, named = members.family_log_loop, members.named_log_loop
-    requirements = members.findings.spec.requirements
+    requirements = members.documents.spec.requirements
     crossings, of_named = _crossovers(members), gain_crossovers(members.named_loops)
     nominal = of_named.omega_rad_s[of_named.row == 0]
 
@@ -55,9 +55,9 @@ def bode(members: Members) -> Picture:
             (gain, _DB * family.real, _DB * named.real),
             (phase, np.degrees(family.imag), np.degrees(named.imag)),
         ):
-            _lines(axes, members, band, lines)
-        room(gain, [_DB * family.real, _DB * named.real], 160.0)
-        room(phase, [np.degrees(family.imag), np.degrees(named.imag)], 300.0)
+            _plot_family(axes, members, band, lines)
+        fit_y_limits(gain, [_DB * family.real, _DB * named.real], 160.0)
+        fit_y_limits(phase, [np.degrees(family.imag), np.degrees(named.imag)], 300.0)
         low, high = phase.get_ylim()
         exact = [r.limits[0] - 160.0 for r in requirements if _is_exact(r, "phase_margin_deg")]
         phase.set_ylim(min([low, -190.0, *(each - 40.0 for each in exact)]), max([high, *exact]))
@@ -70,27 +70,27 @@ def bode(members: Members) -> Picture:
         for row, omega, arg in zip(of_named.row, of_named.omega_rad_s, of_named.phase_rad, strict=True):
             for axes, height in ((gain, 0.0), (phase, math.degrees(arg))):
                 axes.plot([omega], [height], "o", color=STYLES[row][0], markersize=5, zorder=4)
-        labelled(gain, "|L|, dB")
-        labelled(phase, "arg L, deg", "omega, rad/s")
+        label_axes(gain, "|L|, dB")
+        label_axes(phase, "arg L, deg", "omega, rad/s")
         legend_below(figure, gain)
 
-    at = "no plant has a gain crossover" if crossings is None else _range_told("gain crossovers", crossings, "rad/s")
-    title = f"{members.findings.spec.name}: Bode, the loop L = C P"
+    at = "no plant has a gain crossover" if crossings is None else _range_phrase("gain crossovers", crossings, "rad/s")
+    title = f"{members.documents.spec.name}: Bode, the loop L = C P"
     said = (
-        f"Gain and phase of the loop over frequency, {_shown(members)}; {at}. {_hatched(members)} Dots: each line at "
-        "its gain crossovers, where its phase margin is read: a dot may not lie in a hatched part, its line may pass "
-        "there. A cross marks what has to be met exactly."
+        f"Gain and phase of the loop over frequency, {_plants_phrase(members)}; {at}. {_hatching(members)} Dots: "
+        "each line at its gain crossovers, where its phase margin is read: a dot may not lie in a hatched part, its "
+        "line may pass there. A cross marks what has to be met exactly."
     )
     return Picture(title, said, draw, TWO_PANELS)
 
 
 def nyquist(members: Members) -> Picture:
-    """L in the complex plane with the circle around -1 that no plant enters, and those that none may enter."""
-    near, loops = members.near, members.sample.loops
+    """L in the complex plane, with the circle around -1 that no plant enters and the forbidden discs."""
+    near, loops = members.near_unit_gain, members.sample.loops
     named = np.exp(near.named_log_loop)
     grey = np.exp(near.log_loop(loops.take(np.arange(0, len(loops), max(1, len(loops) // _GREY)))))
-    stability = members.findings.design["stability"] or {}
-    # the check of an unstable family ends with the plant that shows it
+    stability = members.documents.design["stability"] or {}
+    # for an unstable family the value is that of the unstable plant
     peak_db = stability.get("peak_sensitivity_db") if stability.get("stable") else None
     radius = None if peak_db is None else 10.0 ** (-peak_db / 20.0)
 
@@ -106,21 +106,21 @@ def nyquist(members: Members) -> Picture:
         axes.add_patch(Circle((0.0, 0.0), 1.0, fill=False, linewidth=0.6, linestyle=":"))
         if radius is not None:
             axes.add_patch(Circle((-1.0, 0.0), radius, fill=False, linestyle=":", edgecolor="0.3", linewidth=1.0))
-        forbid_discs(axes, members.findings.spec.requirements)
+        forbid_discs(axes, members.documents.spec.requirements)
         axes.plot([-1.0], [0.0], "k+", markersize=9)
         axes.set_xlim(*_NYQUIST_VIEW[:2])
         axes.set_ylim(*_NYQUIST_VIEW[2:])
         axes.set_aspect("equal")
-        labelled(axes, "Im L", "Re L")
+        label_axes(axes, "Im L", "Re L")
         legend_below(figure, axes)
 
     kept = " The loop is not shown to be stable for every plant." if peak_db is None else (
         f" The largest |S| that the check found is {number(peak_db)} dB: no plant that it looked at comes closer to -1 "
         f"than {number(radius or 0.0)}, the dotted circle around it."
     )  # fmt: skip
-    title = f"{members.findings.spec.name}: Nyquist, the loop L = C P"
-    asked = "; hatched: where |S| would be above its limit at any frequency" if discs(
-        members.findings.spec.requirements
+    title = f"{members.documents.spec.name}: Nyquist, the loop L = C P"
+    asked = "; hatched: where |S| would be above its limit at any frequency" if sensitivity_discs(
+        members.documents.spec.requirements
     ) else ""  # fmt: skip
     said = f"The loop in the complex plane near -1 (marked +), positive frequencies; grey: other plants{asked}.{kept}"
     return Picture(title, said, draw, (6.4, 6.4))
@@ -128,44 +128,44 @@ def nyquist(members: Members) -> Picture:
 
 def sensitivities(members: Members) -> Picture:
     """|S|, |T| and |C S| with their bounds."""
-    requirements = members.findings.spec.requirements
+    requirements = members.documents.spec.requirements
     family, named = decibels(members, members.family_log_loop), decibels(members, members.named_log_loop)
 
     def draw(figure: Figure) -> None:
         every = figure.subplots(3, 1, sharex=True)
         for axes, word, label in zip(every, _WORDS, ("|S|, dB", "|T|, dB", "|C S|, dB"), strict=True):
-            _lines(axes, members, family[word], named[word])
-            room(axes, [family[word], named[word]], 90.0)
+            _plot_family(axes, members, family[word], named[word])
+            fit_y_limits(axes, [family[word], named[word]], 90.0)
             bounds = [limit for r in requirements if r.quantity == word for limit in r.limits]
             low, high = axes.get_ylim()
             axes.set_ylim(min([low, *(b - 3.0 for b in bounds)]), max([high, *(b + 3.0 for b in bounds)]))
             forbid_values(axes, requirements, word)
-            labelled(axes, label)
+            label_axes(axes, label)
         every[-1].set_xlabel("omega, rad/s")
         legend_below(figure, every[0])
 
     peaks = ", ".join(
         f"{letter} {number(float(family[word].max()), 4)} dB" for letter, word in zip("STC", _WORDS, strict=True)
     ).replace("C ", "C S ")
-    title = f"{members.findings.spec.name}: sensitivities"
+    title = f"{members.documents.spec.name}: sensitivities"
     said = (
         "Sensitivity S = 1/(1 + L), complementary sensitivity T = L/(1 + L) and control sensitivity C S over "
-        f"frequency, {_shown(members)}. Largest values drawn: {peaks}. {_hatched(members)}"
+        f"frequency, {_plants_phrase(members)}. Largest values drawn: {peaks}. {_hatching(members)}"
     )
     return Picture(title, said, draw, (WIDE, 6.8))
 
 
 def margins_along(members: Members) -> Picture | None:
-    """Phase and gain margin against the first uncertain number, with a gap where the loop is unstable; None without."""
-    names = members.findings.spec.plant.uncertain_names
+    """Phase and gain margin over the first uncertain number, with gaps where the loop is unstable; None without one."""
+    names = members.documents.spec.plant.uncertain_names
     if not names:
         return None
-    values = members.path
+    values = members.parameter_values
     try:
         found = margin_curves(members)
     except DomainError:
         return None  # more crossings than can be listed
-    requirements, nominal = members.findings.spec.requirements, float(members.findings.spec.plant.nominal_point[0])
+    requirements, nominal = members.documents.spec.requirements, float(members.documents.spec.plant.nominal_point[0])
 
     def draw(figure: Figure) -> None:
         for axes, (word, curve) in zip(figure.subplots(2, 1, sharex=True), found.items(), strict=True):
@@ -175,37 +175,35 @@ def margins_along(members: Members) -> Picture | None:
             else:
                 axes.text(0.5, 0.7, _without_a_curve(found), transform=axes.transAxes, ha="center")
             axes.set_xlim(values[0], values[-1])
-            room(axes, [curve, np.array(bounds or [0.0])], math.inf)
+            fit_y_limits(axes, [curve, np.array(bounds or [0.0])], math.inf)
             forbid_along(axes, requirements, word, nominal)
             axes.axvline(nominal, color="black", linewidth=0.6, linestyle=":")
-            labelled(axes, word.replace("_deg", ", deg").replace("_db", ", dB").replace("_", " "))
+            label_axes(axes, word.replace("_deg", ", deg").replace("_db", ", dB").replace("_", " "))
             axes.set_xlabel(names[0] if word == "gain_margin_db" else "")
 
     others = "" if len(names) == 1 else "; the other uncertain numbers are nominal"
-    title = f"{members.findings.spec.name}: margins against {names[0]}"
-    told = f"{_told(found)}.{_left_out(found)}"
+    title = f"{members.documents.spec.name}: margins against {names[0]}"
+    told = f"{_margin_ranges(found)}.{_unstable_note(found)}"
     said = f"Phase margin and gain margin against {names[0]}{others}: {told} Dotted: nominal. {_HATCHED}."
     return Picture(title, said, draw, (WIDE, 4.6))
 
 
 def margin_curves(members: Members) -> dict[str, Array]:
-    """Phase and gain margin along `path`, by their quantities' names; nan where the loop is unstable.
-
-    The distance of an unstable loop from a point is no margin.
+    """Phase and gain margin at `parameter_values`, by quantity, shape (n,) each; nan where the loop is unstable.
 
     Raises:
         DomainError: more crossings than can be listed.
     """
-    loops = members.loops_at(members.along(members.path))
+    loops = members.loops_at(members.points_along(members.parameter_values))
     stable = is_stable(loops)
     words = ("phase_margin_deg", "gain_margin_db")
-    return {word: np.where(stable, evaluate(loops, _reader(word))[0], np.nan) for word in words}
+    return {word: np.where(stable, evaluate(loops, _measure_of(word))[0], np.nan) for word in words}
 
 
 _WORDS = ("sensitivity_db", "complementary_sensitivity_db", "control_sensitivity_db")
 
 
-def _reader(word: str) -> LoopFunction:
+def _measure_of(word: str) -> LoopFunction:
     def read(loops: Loops) -> tuple[Array, Array]:
         measured = QUANTITIES[word].measure(loops, False, 0.0, math.inf)
         return measured.value, measured.omega_rad_s
@@ -213,9 +211,9 @@ def _reader(word: str) -> LoopFunction:
     return read
 
 
-def _shown(members: Members) -> str:
-    """Whose lines and band a figure shows."""
-    if not members.findings.spec.plant.uncertain_names:
+def _plants_phrase(members: Members) -> str:
+    """Which plants a figure shows, in words."""
+    if not members.documents.spec.plant.uncertain_names:
         return "of the one plant there is"
     return f"{len(members.sample.x)} plants of the family as a band, the nominal plant and the worst ones as lines"
 
@@ -224,41 +222,41 @@ def _is_exact(r: Requirement, quantity: str) -> bool:
     return r.quantity == quantity and r.relation is Relation.EQUALS
 
 
-def _hatched(members: Members) -> str:
-    """What hatching means, also where some of it is not about every line."""
-    spec = members.findings.spec
+def _hatching(members: Members) -> str:
+    """What hatching means; also that of requirements on the nominal plant alone."""
+    spec = members.documents.spec
     alone = any(r.scope is Scope.NOMINAL and r.relation is not Relation.EQUALS for r in spec.requirements)
     of_nominal = "; slanted the other way: for the nominal plant alone" if alone and spec.plant.uncertain_names else ""
     return f"{_HATCHED}{of_nominal}."
 
 
-def _told(found: dict[str, Array]) -> str:
+def _margin_ranges(found: dict[str, Array]) -> str:
     parts = []
     for word, curve in found.items():
         finite = curve[np.isfinite(curve)]
         name, unit = word.rsplit("_", 1)
         if len(finite):
-            parts.append(_range_told(name.replace("_", " "), (float(finite.min()), float(finite.max())), unit))
+            parts.append(_range_phrase(name.replace("_", " "), (float(finite.min()), float(finite.max())), unit))
         else:
             parts.append(f"{name.replace('_', ' ')} {'none' if np.all(_unstable(found)) else 'infinite'}")
     return ", ".join(parts)
 
 
 def _unstable(found: dict[str, Array]) -> NDArray[np.bool_]:
-    """Which plants have no margins: a stable loop's gain margin is a number, or infinite."""
+    """Which plants are unstable: a stable loop's gain margin is a number or infinite."""
     return np.isnan(found["gain_margin_db"])
 
 
 def _without_a_curve(found: dict[str, Array]) -> str:
-    """What is written where no value is finite."""
+    """The text in place of a curve without finite values."""
     unstable = _unstable(found)
     if np.all(unstable):
         return "every loop is unstable"
     return "infinite for every stable plant" if np.any(unstable) else "infinite for every plant"
 
 
-def _left_out(found: dict[str, Array]) -> str:
-    """How many plants have no place in the curves."""
+def _unstable_note(found: dict[str, Array]) -> str:
+    """The sentence about unstable plants; empty without any."""
     many, unstable = len(_unstable(found)), int(_unstable(found).sum())
     if not unstable:
         return ""
@@ -267,15 +265,15 @@ def _left_out(found: dict[str, Array]) -> str:
     )
 
 
-def _range_told(what: str, ends: tuple[float, float], unit: str) -> str:
+def _range_phrase(what: str, ends: tuple[float, float], unit: str) -> str:
     unit = {"db": "dB"}.get(unit, unit)
     low, high = (number(end, 4) for end in ends)
     return f"{what} from {low} to {high} {unit}" if low != high else f"{what} {low} {unit}"
 
 
-def _lines(axes: Axes, members: Members, family: Array, named: Array) -> None:
-    """The band of the family and a line for each plant that has a name."""
-    logarithmic(axes)
+def _plot_family(axes: Axes, members: Members, family: Array, named: Array) -> None:
+    """Plot the band of the family and a line for each named plant."""
+    log_axes(axes)
     axes.set_xlim(float(members.omega[0]), float(members.omega[-1]))
     if len(family) > 1:
         # a worst plant may lie between those of the grid

@@ -1,4 +1,4 @@
-"""The plants a report draws:  nominal, worst, and a grid of the family, with their loops along the frequency axis."""
+"""The members of a family that a report draws:  nominal plant, worst plants, a grid; and their loops over frequency."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.sample import Sample
-from fopi_tune.report.findings import Findings, Found
-from fopi_tune.report.text.phrases import number
+from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
+from fopi_tune.report.text.formatting import number
 from fopi_tune.results.design import loop_name
 
 _POINTS = 240
 #: worst plants that are drawn: more lines than this cannot be told apart
 _MOST_WORST = 3
-#: decades beyond the outermost frequency of interest, and the most there are in sum
+#: decades beyond the outermost frequency of interest, and the most decades in all
 _BEYOND, _MOST_DECADES = 1.5, 9.0
-#: next to Nyquist's frequency a figure has nothing more to say
+#: of Nyquist's frequency; where the axis ends on samples
 _BELOW_NYQUIST = 0.9999
-#: |L| below and above which the loop is a point, or outside a Nyquist figure
-_NEAR = (0.02, 6.0)
+#: range of |L| that a Nyquist figure shows
+_NEAR_UNIT_GAIN = (0.02, 6.0)
 
 
 @dataclass(frozen=True)
 class Member:
-    """A plant that has a line of its own.
+    """A plant that is drawn as a line of its own.
 
     Args:
         label: for the legend.
-        point: its place in the family's box.
+        point: its uncertain numbers.
     """
 
     label: str
@@ -48,38 +48,38 @@ class Member:
 
 @dataclass(frozen=True)
 class Members:
-    """A family with one controller, to be drawn.
+    """A family of loops with one controller, to be drawn.
 
     Args:
-        findings: where all comes from; there are gains.
+        documents: of a design that has gains.
         gains: of the design.
-        ends_rad_s: the frequency axis's; chosen from what happens where when left out.
+        range_rad_s: ends of the frequency axis; chosen from crossovers, poles and requirements where left out.
     """
 
-    findings: Findings
+    documents: ResultDocuments
     gains: FoPi
-    ends_rad_s: tuple[float, float] | None = None
+    range_rad_s: tuple[float, float] | None = None
 
     @cached_property
     def sample(self) -> Sample:
         """The grid that the check in floating point starts from."""
-        return Sample.of(self.findings.spec.plant, self.gains, self.findings.implementation)
+        return Sample.of(self.documents.spec.plant, self.gains, self.documents.implementation)
 
     @cached_property
     def named(self) -> tuple[Member, ...]:
         """The nominal plant, then the worst ones of the requirements."""
-        family = self.findings.spec.plant
+        family = self.documents.spec.plant
         members = [Member("nominal", tuple(family.nominal_point.tolist()))]
-        for found in self.findings.requirements:
+        for found in self.documents.requirements:
             point = _worst_point(family.uncertain_names, found)
             if point is not None and point not in (member.point for member in members):
-                members.append(Member(f"worst: {_told(family.uncertain_names, point)}", point))
+                members.append(Member(f"worst: {_point_label(family.uncertain_names, point)}", point))
         return tuple(members[: 1 + _MOST_WORST])
 
     def loops_at(self, points: Array) -> Loops:
         """The loops of plants, shape (m, p)."""
-        plants = Plants.members(self.findings.spec.plant, points)
-        implementation = self.findings.implementation
+        plants = Plants.members(self.documents.spec.plant, points)
+        implementation = self.documents.implementation
         if implementation is None:
             return Loops.of(self.gains, plants)
         return SampledLoops.implemented(self.gains, implementation, plants)
@@ -92,25 +92,25 @@ class Members:
     def stable_in_continuous_time(self, points: Array) -> NDArray[np.bool_]:
         """Whether each plant's loop with the ideal controller is stable, shape (m,); False where that is undecided."""
         try:
-            return is_stable(Loops.of(self.gains, Plants.members(self.findings.spec.plant, points)))
+            return is_stable(Loops.of(self.gains, Plants.members(self.documents.spec.plant, points)))
         except DomainError:  # |L| stays on 1
             return np.zeros(len(points), dtype=bool)
 
     @cached_property
-    def path(self) -> Array:
-        """The first uncertain number's values, as `path_of`; empty without one."""
-        return self.path_of(0, 21) if self.findings.spec.plant.uncertain_names else np.zeros(0)
+    def parameter_values(self) -> Array:
+        """Values of the first uncertain number, as `values_of`; empty without one."""
+        return self.values_of(0, 21) if self.documents.spec.plant.uncertain_names else np.zeros(0)
 
-    def path_of(self, index: int, count: int) -> Array:
-        """Values of an uncertain number from end to end, ascending, the nominal one among them."""
-        family = self.findings.spec.plant
+    def values_of(self, index: int, count: int) -> Array:
+        """Values of an uncertain number over its range, ascending, with the nominal value among them; shape (n,)."""
+        family = self.documents.spec.plant
         low, high = float(family.low[index]), float(family.high[index])
         spaced = np.geomspace(low, high, count) if low > 0.0 else np.linspace(low, high, count)
         return np.unique(np.concatenate([spaced[1:-1], [low, high, float(family.nominal_point[index])]]))
 
-    def along(self, values: Array, index: int = 0) -> Array:
-        """Places with these values of an uncertain number, the others nominal; shape (m, p)."""
-        points = np.tile(self.findings.spec.plant.nominal_point, (len(values), 1))
+    def points_along(self, values: Array, index: int = 0) -> Array:
+        """Points with these values of one uncertain number and the others nominal; shape (m, p)."""
+        points = np.tile(self.documents.spec.plant.nominal_point, (len(values), 1))
         points[:, index] = values
         return points
 
@@ -118,13 +118,15 @@ class Members:
     def omega(self) -> Array:
         """Frequencies to draw, rad/s; below Nyquist's."""
         loops = self.named_loops
-        if self.ends_rad_s is not None:
-            top = min(self.ends_rad_s[1], _BELOW_NYQUIST * loops.highest_rad_s)
-            return np.geomspace(self.ends_rad_s[0], top, _POINTS)
+        if self.range_rad_s is not None:
+            top = min(self.range_rad_s[1], _BELOW_NYQUIST * loops.highest_rad_s)
+            return np.geomspace(self.range_rad_s[0], top, _POINTS)
         crossings = np.concatenate([gain_crossovers(loops).omega_rad_s, _phase_crossovers(loops)])
-        ends = [end for r in self.findings.spec.requirements for end in (r.from_rad_s, r.to_rad_s)]
-        said = [found.said["worst"]["omega_rad_s"] for found in self.findings.requirements if found.said["worst"]]
-        poles = np.abs(Plants.members(self.findings.spec.plant, self.along_ends()).poles).ravel()
+        ends = [end for r in self.documents.spec.requirements for end in (r.from_rad_s, r.to_rad_s)]
+        said = [
+            found.reported["worst"]["omega_rad_s"] for found in self.documents.requirements if found.reported["worst"]
+        ]
+        poles = np.abs(Plants.members(self.documents.spec.plant, self.extreme_points()).poles).ravel()
         every = [*crossings.tolist(), *ends, *(float(each) for each in said if each), *poles.tolist()]
         middle = [omega for omega in every if 1e-9 < omega < 1e9] or [1.0]
         low, high = math.log10(min(middle)) - _BEYOND, math.log10(max(middle)) + _BEYOND
@@ -135,19 +137,21 @@ class Members:
         return np.asarray(np.logspace(low, high, _POINTS), dtype=float)
 
     @cached_property
-    def near(self) -> Members:
-        """The same over the frequencies where |L| is neither large nor small: those that a Nyquist figure shows."""
+    def near_unit_gain(self) -> Members:
+        """The same over the frequencies where |L| is near 1: those that a Nyquist figure shows."""
         size = self.named_log_loop.real
-        inside = np.flatnonzero(np.any((size > math.log(_NEAR[0])) & (size < math.log(_NEAR[1])), axis=0))
+        inside = np.flatnonzero(
+            np.any((size > math.log(_NEAR_UNIT_GAIN[0])) & (size < math.log(_NEAR_UNIT_GAIN[1])), axis=0)
+        )
         if len(inside) < 2:
             return self
         last = len(self.omega) - 1
         ends = self.omega[[max(int(inside[0]) - 1, 0), min(int(inside[-1]) + 1, last)]].tolist()
-        return replace(self, ends_rad_s=(ends[0], ends[1]))
+        return replace(self, range_rad_s=(ends[0], ends[1]))
 
-    def along_ends(self) -> Array:
+    def extreme_points(self) -> Array:
         """The nominal plant and the box's two extreme corners."""
-        family = self.findings.spec.plant
+        family = self.documents.spec.plant
         return np.array([family.nominal_point, family.low, family.high])
 
     def log_loop(self, loops: Loops) -> Complex:
@@ -169,23 +173,23 @@ class Members:
     @cached_property
     def controller(self) -> Complex:
         """C at `omega`: of the digital controller where the loop is the one on samples."""
-        implementation = self.findings.implementation
+        implementation = self.documents.implementation
         if implementation is not None:
             return implementation.sections.response(self.omega)
         s = np.asarray(1j * self.omega, dtype=complex)
         return np.asarray(self.gains.kp + self.gains.ki * s**-self.gains.alpha, dtype=complex)
 
 
-def members_of(findings: Findings) -> Members | None:
+def members_of(documents: ResultDocuments) -> Members | None:
     """The plants to draw; None where there is no loop, or its digital controller is not among the documents."""
-    gains = findings.gains
-    if loop_name(findings.spec) == "sampled" and findings.implementation is None:
+    gains = documents.gains
+    if loop_name(documents.spec) == "sampled" and documents.implementation is None:
         return None
-    return None if gains is None or gains.kp == 0.0 == gains.ki else Members(findings, gains)
+    return None if gains is None or gains.kp == 0.0 == gains.ki else Members(documents, gains)
 
 
 def _phase_crossovers(loops: Loops) -> Array:
-    """The lowest of each loop: those beyond are nearer to 0 than to -1."""
+    """The lowest phase crossover of each loop, rad/s: those above it are closer to 0 than to -1."""
     try:
         found = phase_crossovers(loops)
     except DomainError:  # too many to list: the figure does without them
@@ -193,10 +197,10 @@ def _phase_crossovers(loops: Loops) -> Array:
     return found.omega_rad_s[np.unique(found.row, return_index=True)[1]]
 
 
-def _worst_point(names: Sequence[str], found: Found) -> tuple[float, ...] | None:
-    plant = (found.said["worst"] or {}).get("plant")
+def _worst_point(names: Sequence[str], found: ReportedRequirement) -> tuple[float, ...] | None:
+    plant = (found.reported["worst"] or {}).get("plant")
     return tuple(float(plant[name]) for name in names) if plant else None
 
 
-def _told(names: Sequence[str], point: Sequence[float]) -> str:
+def _point_label(names: Sequence[str], point: Sequence[float]) -> str:
     return ", ".join(f"{name} = {number(value, 4)}" for name, value in zip(names, point, strict=True))

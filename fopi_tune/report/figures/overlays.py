@@ -1,4 +1,4 @@
-"""Figures of designs side by side:  loops, sensitivities, steps and margins over each other."""
+"""Figures of several designs in the same axes:  loops, sensitivities, step responses and margins."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.errors import DomainError
-from fopi_tune.report.comparison import Comparison, Entry
-from fopi_tune.report.figures.canvas import STYLES, TWO_PANELS, WIDE, Picture, labelled, legend_below, logarithmic
+from fopi_tune.report.comparison import ComparedDesign, Comparison
+from fopi_tune.report.figures.forbidden_regions import fit_y_limits, forbid_values
 from fopi_tune.report.figures.frequency import decibels, margin_curves
 from fopi_tune.report.figures.members import Members, members_of
-from fopi_tune.report.figures.regions import forbid_values, room
-from fopi_tune.report.figures.times import response, times_s
-from fopi_tune.report.text.phrases import number
+from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, WIDE, Picture, label_axes, legend_below, log_axes
+from fopi_tune.report.figures.step_responses import step_response, times_s
+from fopi_tune.report.text.formatting import number
 from fopi_tune.simulation.fractional.linear import Signal
 from fopi_tune.spec.model import Requirement
 
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DB = 20.0 / math.log(10.0)
-#: of a family's responses in time
+#: step responses drawn of a family: every fifth value of one uncertain number, or corners
 _EVERY, _MOST_CORNERS = 5, 8
-#: how much longer than the fastest design's its time axis may be
+#: the longest time axis, relative to that of the fastest design
 _LONGER = 4.0
 
 
 @dataclass(frozen=True)
-class Shown:
-    """A design that has a loop to draw."""
+class OverlaidDesign:
+    """A design with a loop to draw, and the index of its line style."""
 
-    entry: Entry
+    entry: ComparedDesign
     members: Members
     style: int
 
@@ -59,36 +59,36 @@ class Overlay:
     comparison: Comparison
 
     @cached_property
-    def shown(self) -> tuple[Shown, ...]:
-        """Those with a loop, over one frequency axis."""
-        found = [(k, each, members_of(each.findings)) for k, each in enumerate(self.comparison.entries)]
+    def designs(self) -> tuple[OverlaidDesign, ...]:
+        """The designs with a loop, all over the same frequency axis."""
+        found = [(k, each, members_of(each.documents)) for k, each in enumerate(self.comparison.entries)]
         there = [(k, entry, members) for k, entry, members in found if members is not None]
         ends = [members.omega[[0, -1]].tolist() for _, _, members in there]
         low, high = min((a for a, _ in ends), default=0.1), max((b for _, b in ends), default=10.0)
-        return tuple(Shown(entry, replace(members, ends_rad_s=(low, high)), k) for k, entry, members in there)
+        return tuple(OverlaidDesign(entry, replace(members, range_rad_s=(low, high)), k) for k, entry, members in there)
 
     @property
     def left_out(self) -> str:
-        """A sentence about designs that have nothing to draw; empty when all have."""
-        drawn = {each.entry.letter for each in self.shown}
+        """A sentence about the designs without a loop; empty if all have one."""
+        drawn = {each.entry.letter for each in self.designs}
         missing = [entry.label for entry in self.comparison.entries if entry.letter not in drawn]
         return f" Not drawn, for there is no loop: {', '.join(missing)}." if missing else ""
 
     @property
     def caution(self) -> str:
-        """A sentence where the designs are not about the same thing."""
+        """A sentence if the designs have different plants or loops."""
         return " The designs are not all about the same plants and loop." if len(self.comparison.groups) > 1 else ""
 
     @property
     def shared(self) -> tuple[Requirement, ...]:
-        """Requirements, but for their lines in files, that every spec has."""
-        every = [{replace(r, line=0) for r in entry.findings.spec.requirements} for entry in self.comparison.entries]
-        first = self.comparison.entries[0].findings.spec.requirements
+        """The requirements that all specs have, whatever their lines in the files."""
+        every = [{replace(r, line=0) for r in entry.documents.spec.requirements} for entry in self.comparison.entries]
+        first = self.comparison.entries[0].documents.spec.requirements
         return tuple(r for r in first if all(replace(r, line=0) in each for each in every))
 
 
 def overlay_pictures() -> Mapping[str, Callable[[Overlay], Picture | None]]:
-    """What is drawn, in the order of the page."""
+    """Name of each figure -> how it is drawn, in the order of the page."""
     return {
         "compare_bode": _bode,
         "compare_sensitivities": _sensitivities,
@@ -98,16 +98,16 @@ def overlay_pictures() -> Mapping[str, Callable[[Overlay], Picture | None]]:
 
 
 def _bode(overlay: Overlay) -> Picture | None:
-    if not overlay.shown:
+    if not overlay.designs:
         return None
 
     def draw(figure: Figure) -> None:
         gain, phase = figure.subplots(2, 1, sharex=True)
         gains, phases = [], []
-        for each in overlay.shown:
+        for each in overlay.designs:
             family, nominal = each.members.family_log_loop, each.members.named_log_loop[0]
-            _band(gain, each, _DB * family.real, _DB * nominal.real)
-            _band(phase, each, np.degrees(family.imag), np.degrees(nominal.imag))
+            _plot_family(gain, each, _DB * family.real, _DB * nominal.real)
+            _plot_family(phase, each, np.degrees(family.imag), np.degrees(nominal.imag))
             gains.append(_DB * nominal.real)
             phases.append(np.degrees(nominal.imag))
             crossings = gain_crossovers(each.members.named_loops)
@@ -115,15 +115,15 @@ def _bode(overlay: Overlay) -> Picture | None:
             for omega, arg in zip(crossings.omega_rad_s[own], crossings.phase_rad[own], strict=True):
                 gain.plot([omega], [0.0], "o", color=STYLES[each.style][0], markersize=5)
                 phase.plot([omega], [math.degrees(arg)], "o", color=STYLES[each.style][0], markersize=5)
-        room(gain, gains, 160.0)
-        room(phase, [*phases, np.array([-180.0])], 300.0)
+        fit_y_limits(gain, gains, 160.0)
+        fit_y_limits(phase, [*phases, np.array([-180.0])], 300.0)
         gain.axhline(0.0, color="black", linewidth=0.6)
         phase.axhline(-180.0, color="black", linewidth=0.6)
-        labelled(gain, "|L|, dB")
-        labelled(phase, "arg L, deg", "omega, rad/s")
+        label_axes(gain, "|L|, dB")
+        label_axes(phase, "arg L, deg", "omega, rad/s")
         legend_below(figure, gain)
 
-    told = "; ".join(f"{each.entry.label}: {_crossover(each.members)}" for each in overlay.shown)
+    told = "; ".join(f"{each.entry.label}: {_crossover(each.members)}" for each in overlay.designs)
     said = (
         "Gain and phase of each loop: the nominal plant as a line with a dot at its gain crossover, the family as a "
         f"band. {told}.{overlay.caution}{overlay.left_out}"
@@ -132,19 +132,19 @@ def _bode(overlay: Overlay) -> Picture | None:
 
 
 def _sensitivities(overlay: Overlay) -> Picture | None:
-    if not overlay.shown:
+    if not overlay.designs:
         return None
     words = (("sensitivity_db", "|S|, dB"), ("control_sensitivity_db", "|C S|, dB"))
-    found = [(each, *_both(each.members)) for each in overlay.shown]
+    found = [(each, *_family_and_nominal_db(each.members)) for each in overlay.designs]
 
     def draw(figure: Figure) -> None:
         every = figure.subplots(2, 1, sharex=True)
         for axes, (word, label) in zip(every, words, strict=True):
             for each, family, nominal in found:
-                _band(axes, each, family[word], nominal[word])
-            room(axes, [value[word] for _, family, nominal in found for value in (family, nominal)], 90.0)
+                _plot_family(axes, each, family[word], nominal[word])
+            fit_y_limits(axes, [value[word] for _, family, nominal in found for value in (family, nominal)], 90.0)
             forbid_values(axes, overlay.shared, word)
-            labelled(axes, label)
+            label_axes(axes, label)
         every[-1].set_xlabel("omega, rad/s")
         legend_below(figure, every[0])
 
@@ -159,16 +159,18 @@ def _sensitivities(overlay: Overlay) -> Picture | None:
 
 
 def _responses(overlay: Overlay) -> Picture | None:
-    if not overlay.shown:
+    if not overlay.designs:
         return None
-    horizons = [float(times_s(each.members)[-1]) for each in overlay.shown]
+    horizons = [float(times_s(each.members)[-1]) for each in overlay.designs]
     # long enough for the slowest, unless the fastest could not be seen then
-    t = times_s(overlay.shown[0].members) * (min(max(horizons), _LONGER * min(horizons)) / horizons[0])
+    t = times_s(overlay.designs[0].members) * (min(max(horizons), _LONGER * min(horizons)) / horizons[0])
     signals = (
         (Signal.OUTPUT_AFTER_REFERENCE, "output, step of reference"),
         (Signal.OUTPUT_AFTER_LOAD, "output, step of load"),
     )
-    found = {signal: [(each, *_steps(each.members, signal, t)) for each in overlay.shown] for signal, _ in signals}
+    found = {
+        signal: [(each, *_family_steps(each.members, signal, t)) for each in overlay.designs] for signal, _ in signals
+    }
     if all(nominal is None for rows in found.values() for _, nominal, _ in rows):
         return None
 
@@ -183,7 +185,7 @@ def _responses(overlay: Overlay) -> Picture | None:
                     axes.fill_between(t, stack.min(axis=0), stack.max(axis=0), color=colour, alpha=0.15, linewidth=0.0)
             step = signal is Signal.OUTPUT_AFTER_REFERENCE
             axes.axhline(1.0 if step else 0.0, color="black", linewidth=0.6, linestyle=":")
-            labelled(axes, label)
+            label_axes(axes, label)
             axes.set_xlim(0.0, float(t[-1]))
         every[-1].set_xlabel("time, s")
         legend_below(figure, every[0])
@@ -201,15 +203,15 @@ def _responses(overlay: Overlay) -> Picture | None:
 
 
 def _margins(overlay: Overlay) -> Picture | None:
-    names = [each.members.findings.spec.plant.uncertain_names[:1] for each in overlay.shown]
+    names = [each.members.documents.spec.plant.uncertain_names[:1] for each in overlay.designs]
     name = next((first[0] for first in names if first), None)
     if name is None:
         return None
-    found: list[tuple[Shown, Array, dict[str, Array]]] = []
-    for each, first in zip(overlay.shown, names, strict=True):
+    found: list[tuple[OverlaidDesign, Array, dict[str, Array]]] = []
+    for each, first in zip(overlay.designs, names, strict=True):
         try:
             if first == (name,):
-                found.append((each, each.members.path, margin_curves(each.members)))
+                found.append((each, each.members.parameter_values, margin_curves(each.members)))
         except DomainError:
             continue  # more crossings than can be listed
     words = (("phase_margin_deg", "phase margin, deg"), ("gain_margin_db", "gain margin, dB"))
@@ -225,7 +227,7 @@ def _margins(overlay: Overlay) -> Picture | None:
             if not finite[word]:
                 axes.text(0.5, 0.5, "infinite for every plant", transform=axes.transAxes, ha="center")
                 axes.set_yticks([])
-            labelled(axes, label)
+            label_axes(axes, label)
         every[-1].set_xlabel(name)
         legend_below(figure, every[0])
 
@@ -234,36 +236,40 @@ def _margins(overlay: Overlay) -> Picture | None:
         f"gain margin {_range(curves['gain_margin_db'], 'dB')}"
         for each, _, curves in found
     )
-    others = [each.entry.letter for each, first in zip(overlay.shown, names, strict=True) if first != (name,)]
+    others = [each.entry.letter for each, first in zip(overlay.designs, names, strict=True) if first != (name,)]
     missing = f" Without this uncertain number: {', '.join(others)}." if others else ""
     said = f"Phase margin and gain margin against {name}, other uncertain numbers nominal; {told}.{missing}"
     return Picture(f"Margins against {name}", f"{said}{overlay.caution}{overlay.left_out}", draw, (WIDE, 4.6))
 
 
-def _band(axes: Axes, each: Shown, family: Array, nominal: Array) -> None:
-    """The family as a pale band, the nominal plant as a line."""
+def _plot_family(axes: Axes, each: OverlaidDesign, family: Array, nominal: Array) -> None:
+    """Plot the family as a pale band and the nominal plant as a line."""
     colour, dashes = STYLES[each.style]
     omega = each.members.omega
     if not axes.lines:
-        logarithmic(axes)
-        axes.set_xlim(float(omega[0]), float((each.members.ends_rad_s or omega[[0, -1]])[1]))
+        log_axes(axes)
+        axes.set_xlim(float(omega[0]), float((each.members.range_rad_s or omega[[0, -1]])[1]))
     if len(family) > 1:
         axes.fill_between(omega, family.min(axis=0), family.max(axis=0), color=colour, alpha=0.15, linewidth=0.0)
     axes.plot(omega, nominal, color=colour, linestyle=dashes, label=each.label)
 
 
-def _both(members: Members) -> tuple[dict[str, Array], dict[str, Array]]:
+def _family_and_nominal_db(members: Members) -> tuple[dict[str, Array], dict[str, Array]]:
     named = decibels(members, members.named_log_loop[:1])
     return decibels(members, members.family_log_loop), {word: values[0] for word, values in named.items()}
 
 
-def _steps(members: Members, signal: Signal, t: Array) -> tuple[Array | None, list[Array]]:
-    """The nominal plant's response, and those of some plants of its family."""
-    family = members.findings.spec.plant
+def _family_steps(members: Members, signal: Signal, t: Array) -> tuple[Array | None, list[Array]]:
+    """Step responses of the nominal plant and of some plants of its family; None and none where not accurate."""
+    family = members.documents.spec.plant
     names = family.uncertain_names
-    points = members.along(members.path[::_EVERY]) if len(names) == 1 else family.corners(_MOST_CORNERS)[1:]
-    nominal = response(members, tuple(family.nominal_point.tolist()), signal, t)
-    rows = [response(members, tuple(point), signal, t) for point in (points.tolist() if names else [])]
+    points = (
+        members.points_along(members.parameter_values[::_EVERY])
+        if len(names) == 1
+        else family.corners(_MOST_CORNERS)[1:]
+    )
+    nominal = step_response(members, tuple(family.nominal_point.tolist()), signal, t)
+    rows = [step_response(members, tuple(point), signal, t) for point in (points.tolist() if names else [])]
     return nominal, [row for row in rows if row is not None]
 
 

@@ -1,4 +1,7 @@
-"""Figures as SVG text:  the same result gives the same bytes."""
+"""Figures of the digital controller and of simulations; equal results give equal bytes.
+
+`controller_bode_svg` and `simulation_svg` are files of their own; `digital_picture` is part of the report.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fopi_tune.report.documents import ResultDocuments
+from fopi_tune.report.figures.picture import (
+    BLACK,
+    BLUE,
+    ORANGE,
+    TWO_PANELS,
+    Picture,
+    label_axes,
+    legend_below,
+    log_axes,
+)
+from fopi_tune.report.text.formatting import number
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from fopi_tune.results.design import Discretized
-    from fopi_tune.results.simulation import Driven, Simulated
+    from fopi_tune.results.simulation import ScenarioResult, Simulated
     from fopi_tune.results.system import SimulatedSystem
 
 _POINTS = 500
-#: blue and orange that colour-blind people tell apart, and that differ in print by their dashes too
+#: blue and orange of the Okabe-Ito palette; the dashes differ too
 _IDEAL, _DIGITAL = "#0072b2", "#d55e00"
 
 
@@ -57,7 +74,7 @@ def controller_bode_svg(result: Discretized) -> str:
     return buffer.getvalue()
 
 
-def simulation_svg(result: Simulated | SimulatedSystem, driven: Driven) -> str:
+def simulation_svg(result: Simulated | SimulatedSystem, driven: ScenarioResult) -> str:
     """Output with its setpoint, its rate, and the control, over time; the second mode of a system is shaded."""
     import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -89,9 +106,9 @@ def simulation_svg(result: Simulated | SimulatedSystem, driven: Driven) -> str:
 def shade_second_mode(every: Sequence[Axes], time_s: np.ndarray, mode: np.ndarray) -> None:
     """Grey where mode 2 (the brake) acts, with one entry in the legend."""
     edges = np.flatnonzero(np.diff((mode == 2).astype(int), prepend=0, append=0))
-    for number, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
+    for k, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
         for place, axes in enumerate(every):
-            label = "brake acts" if number == 0 and place == 0 else None
+            label = "brake acts" if k == 0 and place == 0 else None
             axes.axvspan(
                 float(time_s[begin]), float(time_s[min(end, len(time_s) - 1)]), color="0.85", linewidth=0, label=label
             )
@@ -108,3 +125,42 @@ def _phase_deg(values: np.ndarray) -> np.ndarray:
 def _plain(text: str) -> str:
     """A dollar sign would start mathematics."""
     return text.replace("$", r"\$")
+
+
+_REPORT_POINTS = 240
+_SMALLEST_ERROR = 1e-9
+
+
+def digital_picture(documents: ResultDocuments) -> Picture | None:
+    """Gain and phase of the ideal and the digital controller, and their distance; None without a digital controller."""
+    gains, implementation, digital = documents.gains, documents.digital_implementation, documents.spec.digital
+    if gains is None or implementation is None or digital is None:
+        return None
+    nyquist = implementation.nyquist_rad_s
+    omega = np.geomspace(min(digital.band_rad_s[0], nyquist / 100.0), nyquist, _REPORT_POINTS)
+    ideal = gains.kp + gains.ki * (1j * omega) ** -gains.alpha
+    filtered = implementation.sections.response(np.asarray(omega, dtype=float))
+    error = np.maximum(np.abs(filtered / ideal - 1.0), _SMALLEST_ERROR)
+
+    def draw(figure: Figure) -> None:
+        gain, phase, distance = figure.subplots(3, 1, sharex=True)
+        for response, colour, dashes, label in ((ideal, BLUE, "-", "ideal"), (filtered, ORANGE, "--", "digital")):
+            gain.plot(omega, 20.0 * np.log10(np.abs(response)), color=colour, linestyle=dashes, label=label)
+            phase.plot(omega, np.degrees(np.unwrap(np.angle(response))), color=colour, linestyle=dashes)
+        distance.plot(omega, error, color=BLACK)
+        for axes in (gain, phase, distance):
+            log_axes(axes, both=axes is distance)
+            axes.set_xlim(float(omega[0]), float(omega[-1]))
+        label_axes(gain, "|C|, dB")
+        label_axes(phase, "arg C, deg")
+        label_axes(distance, "relative error", "omega, rad/s")
+        legend_below(figure, gain)
+
+    below = error[omega <= 0.3 * nyquist]
+    title = f"{documents.spec.name}: controller, ideal and digital at {number(digital.sample_time_s)} s"
+    said = (
+        "Gain and phase of the ideal fractional controller and of the digital one up to Nyquist's frequency, "
+        f"{number(nyquist)} rad/s, and the relative error: at most {number(100.0 * float(below.max()), 3)} % in the "
+        "part of the figure below 0.3 of that frequency."
+    )
+    return Picture(title, said, draw, TWO_PANELS)

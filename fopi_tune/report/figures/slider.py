@@ -1,6 +1,6 @@
-"""What the report's slider moves:  curves for values of an uncertain number, the others nominal, as paths of SVG.
+"""The report's slider:  curves for values of one uncertain number, the others nominal, as SVG paths.
 
-Everything is computed here; the script in the report only exchanges one path for another.
+All curves are computed here; the script in the report only replaces one path by another.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.report.figures.members import Members
-from fopi_tune.report.figures.times import frame_of, response, times_s
-from fopi_tune.report.text.phrases import number
+from fopi_tune.report.figures.step_responses import axis_limits, step_response, times_s
+from fopi_tune.report.text.formatting import number
 from fopi_tune.simulation.fractional.linear import Signal
 
 #: size of a panel's frame, in the units of its view box
@@ -22,25 +22,25 @@ WIDTH, HEIGHT = 300.0, 200.0
 #: the part of the complex plane that is shown
 _NYQUIST = ((-2.2, 1.2), (-1.6, 0.8))
 _DB = 20.0 / math.log(10.0)
-#: of the frequencies that figures have: a small picture needs no more
+#: every third frequency of the large figures is enough for a small panel
 _EVERY = 3
-#: the same of those that the Nyquist figure has
+#: the same for the Nyquist panel
 _EVERY_NEAR = 2
-#: numbers that can be moved, and places of each but the first
+#: uncertain numbers on the slider, and the values of each but the first
 _MOST, _FEWER = 4, 7
 _FREQUENCY = "omega, rad/s"
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A small picture whose curve moves.
+    """A small picture with a curve for each position of the slider.
 
     Args:
-        key: names it in the page.
-        title: above it.
+        key: its id in the page.
+        title: stands above it.
         x, y: labels of the axes.
-        x_ticks, y_ticks: places in the frame and their words.
-        curves: a path for each place of the slider.
+        x_ticks, y_ticks: positions in the frame and their labels.
+        curves: a path for each position of the slider.
     """
 
     key: str
@@ -53,14 +53,14 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Moved:
-    """A number that can be moved, and its part of the slider's places.
+class SliderParameter:
+    """An uncertain number and its positions on the slider.
 
     Args:
         name: of the number.
-        first: place of its least value.
-        last: place of its largest.
-        nominal: place of the nominal one.
+        first: position of its smallest value.
+        last: position of its largest value.
+        nominal: position of its nominal value.
     """
 
     name: str
@@ -71,34 +71,37 @@ class Moved:
 
 @dataclass(frozen=True)
 class Slider:
-    """The panels and where the slider can stand.
+    """The panels and the slider's positions.
 
     Args:
-        numbers: one or more, each with places of its own.
-        labels: of every place, in words.
-        panels: what moves.
+        numbers: one or more, each with positions of its own.
+        labels: of every position, in words.
+        panels: the pictures.
     """
 
-    numbers: tuple[Moved, ...]
+    numbers: tuple[SliderParameter, ...]
     labels: tuple[str, ...]
     panels: tuple[Panel, ...]
 
     @property
     def nominal(self) -> int:
-        """The place where it stands at first."""
+        """The initial position."""
         return self.numbers[0].nominal
 
 
 def slider_of(members: Members) -> Slider | None:
-    """The slider over the uncertain numbers, the first few of them; None without one."""
-    family = members.findings.spec.plant
+    """The slider over the first few uncertain numbers; None without any."""
+    family = members.documents.spec.plant
     if not family.uncertain_names:
         return None
-    paths = [members.path, *(members.path_of(i, _FEWER) for i in range(1, min(len(family.uncertain_names), _MOST)))]
-    points = np.concatenate([members.along(path, i) for i, path in enumerate(paths)])
+    paths = [
+        members.parameter_values,
+        *(members.values_of(i, _FEWER) for i in range(1, min(len(family.uncertain_names), _MOST))),
+    ]
+    points = np.concatenate([members.points_along(path, i) for i, path in enumerate(paths)])
     log_loop = members.log_loop(members.loops_at(points))[:, ::_EVERY]
     omega = np.log10(members.omega[::_EVERY])
-    near = members.near
+    near = members.near_unit_gain
     with np.errstate(over="ignore"):
         loop: Complex = np.exp(near.log_loop(near.loops_at(points))[:, ::_EVERY_NEAR])
     x = np.broadcast_to(omega, log_loop.shape)
@@ -106,7 +109,13 @@ def slider_of(members: Members) -> Slider | None:
     across = (float(omega[0]), float(omega[-1]))
     panels = [
         _panel(
-            "gain", "Bode: gain of L", (_FREQUENCY, "|L|, dB"), x, gain, log=True, frame=(across, _top(gain, 140.0))
+            "gain",
+            "Bode: gain of L",
+            (_FREQUENCY, "|L|, dB"),
+            x,
+            gain,
+            log=True,
+            frame=(across, _upper_range(gain, 140.0)),
         ),
         _panel(
             "phase",
@@ -115,35 +124,35 @@ def slider_of(members: Members) -> Slider | None:
             x,
             phase,
             log=True,
-            frame=(across, _top(phase, 400.0)),
+            frame=(across, _upper_range(phase, 400.0)),
         ),
         _panel("nyquist", "Nyquist: L, with -1", ("Re L", "Im L"), loop.real, loop.imag, frame=_NYQUIST),
     ]
     times = times_s(members)
-    steps = [response(members, tuple(point), Signal.OUTPUT_AFTER_REFERENCE, times) for point in points.tolist()]
+    steps = [step_response(members, tuple(point), Signal.OUTPUT_AFTER_REFERENCE, times) for point in points.tolist()]
     if all(step is not None for step in steps):
         t = np.broadcast_to(times, (len(points), len(times)))
         y = np.array(steps, dtype=float)
         panels.append(_step_panel(t, y, members.stable_in_continuous_time(points)))
-    numbers: list[Moved] = []
+    numbers: list[SliderParameter] = []
     labels: list[str] = []
     for name, path, usual in zip(family.uncertain_names, paths, family.nominal_point.tolist(), strict=False):
         first = len(labels)
         labels += [f"{name} = {number(value, 4)}" for value in path.tolist()]
-        numbers.append(Moved(name, first, len(labels) - 1, first + int(np.argmin(np.abs(path - usual)))))
+        numbers.append(SliderParameter(name, first, len(labels) - 1, first + int(np.argmin(np.abs(path - usual)))))
     return Slider(tuple(numbers), tuple(labels), tuple(panels))
 
 
 def _step_panel(t: Array, y: Array, stable: NDArray[np.bool_]) -> Panel:
-    """Responses in a frame that holds those of the stable loops; of all where none is stable."""
+    """Step responses in a frame that fits those of stable loops; of all loops where none is stable."""
     title, labels = "Unit step of the reference", ("time, s", "output")
     if np.all(stable) or not np.any(stable):
         return _panel("step", title, labels, t, y)
-    frame = (float(t.min()), float(t.max())), frame_of(list(y[stable]), 1.0)
+    frame = (float(t.min()), float(t.max())), axis_limits(list(y[stable]), 1.0)
     return _panel("step", "Unit step; unstable loops leave the axis", labels, t, y, frame=frame)
 
 
-def minus_one() -> str:
+def critical_point_mark() -> str:
     """The path of a cross at -1 in the frame of the panel `nyquist`."""
     (left, right), (bottom, top) = _NYQUIST
     x, y = (-1.0 - left) / (right - left) * WIDTH, top / (top - bottom) * HEIGHT
@@ -154,10 +163,10 @@ def _panel(
     key: str, title: str, labels: tuple[str, str], x: Array, y: Array, *,
     log: bool = False, frame: tuple[tuple[float, float], tuple[float, float]] | None = None,
 ) -> Panel:  # fmt: skip
-    """Curves in a frame that holds all of them, unless one is given."""
-    across, up = frame or ((float(x.min()), float(x.max())), _wider(float(y.min()), float(y.max())))
+    """Curves in a frame that fits all of them, unless a frame is given."""
+    across, up = frame or ((float(x.min()), float(x.max())), _padded(float(y.min()), float(y.max())))
     places = (x - across[0]) / (across[1] - across[0]) * WIDTH, (up[1] - y) / (up[1] - up[0]) * HEIGHT
-    # what lies far outside is cut by the frame; it must not be far in digits
+    # what lies far outside is cut off by the frame; clipping keeps the numbers short
     h, v = (np.clip(place, -2.0 * WIDTH, 3.0 * WIDTH) for place in places)
     curves = tuple(_path(a, b) for a, b in zip(h, v, strict=True))
     h_ticks = tuple(((t - across[0]) / (across[1] - across[0]) * WIDTH, _tick(t, log)) for t in _ticks(*across, log))
@@ -169,13 +178,13 @@ def _path(x: Array, y: Array) -> str:
     return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
 
 
-def _top(values: Array, most: float) -> tuple[float, float]:
-    """The ends of an axis that shows the upper part of values: a dead time turns the phase without end."""
+def _upper_range(values: Array, most: float) -> tuple[float, float]:
+    """Limits of an axis for the upper part of values: with a dead time the phase falls without bound."""
     high = float(values.max())
-    return _wider(max(float(values.min()), high - most), high)
+    return _padded(max(float(values.min()), high - most), high)
 
 
-def _wider(low: float, high: float) -> tuple[float, float]:
+def _padded(low: float, high: float) -> tuple[float, float]:
     margin = 0.05 * (high - low) or 1.0
     return low - margin, high + margin
 

@@ -1,4 +1,4 @@
-"""Certificates as text:  what was shown, or why a file was refused."""
+"""Certificates as text:  what is proved, or why a file was refused."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from fopi_tune.proof.certificate import Verdict
-from fopi_tune.report.text.phrases import (
+from fopi_tune.report.text.formatting import (
     BAD,
+    FIRST_COLUMN,
     QUIET,
-    VERDICT,
     Line,
     entry,
     gains_line,
@@ -19,8 +19,8 @@ from fopi_tune.report.text.phrases import (
     requirement_phrase,
     scope_phrase,
     style_of,
-    styled,
     to_text,
+    wrapped,
 )
 
 if TYPE_CHECKING:
@@ -31,30 +31,30 @@ _USUAL_TOLERANCE = 1e-6
 
 
 def recheck_text(found: Recheck) -> Text:
-    """What the check of a certificate found."""
+    """The result of checking a certificate."""
     certificate = found.certificate
     gains = certificate.case.gains
     if not found.is_sound:
-        lines = [*styled(f"{certificate.name}: REFUSED. This certificate does not show what it says.", BAD)]
+        lines = [*wrapped(f"{certificate.name}: REFUSED. This certificate does not show what it says.", BAD)]
         for problem in found.problems:
-            lines += styled(problem, "", "    ", "  - ")
+            lines += wrapped(problem, "", "    ", "  - ")
         return to_text(lines)
     proved = certificate.verdict is Verdict.PROVED
     said = (
         f"What it says, that the requirements are {certificate.verdict.value}, is shown again by {found.boxes} boxes, "
         f"each limit within a tolerance of {certificate.tolerance:g}."
     )
-    lines = styled(f"{certificate.name}: sound. {said}", style_of(proved))
+    lines = wrapped(f"{certificate.name}: sound. {said}", style_of(proved))
     lines += [("", ""), (gains_line(gains), "bold"), ("", "")]
     for proof in certificate.requirements:
-        lines += styled(f"{proof.verdict.value:<{VERDICT}}{requirement_phrase(proof.requirement)}")
-        lines += styled(_bounds(proof), QUIET, indent=" " * (VERDICT + 2))
+        lines += wrapped(f"{proof.verdict.value:<{FIRST_COLUMN}}{requirement_phrase(proof.requirement)}")
+        lines += wrapped(_bounds(proof), QUIET, indent=" " * (FIRST_COLUMN + 2))
     lines += entry("stability", f"{certificate.stability.verdict.value}: {certificate.stability.reason}")
     return to_text(lines)
 
 
 def _bounds(proof: RequirementProof) -> str:
-    """The range that is proved of a requirement's value: "family; proved to be at least 82.906"."""
+    """The proved range of a requirement's value: "family; proved to be at least 82.906"."""
     low, high = proof.bounds
     where = scope_phrase(proof.requirement)
     if low is None and high is None:
@@ -66,7 +66,7 @@ def _bounds(proof: RequirementProof) -> str:
 
 
 def proof_lines(certificate: Certificate | None) -> Iterator[Line]:
-    """The certificate in a sentence."""
+    """The certificate in a sentence; nothing without one."""
     if certificate is None:
         return
     verdict = certificate.verdict

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from fopi_tune.report.text.certificates import proof_lines
-from fopi_tune.report.text.phrases import (
+from fopi_tune.report.text.design import requirement_lines, summary_lines
+from fopi_tune.report.text.formatting import (
     BAD,
     QUIET,
     Line,
@@ -16,17 +17,16 @@ from fopi_tune.report.text.phrases import (
     gains_line,
     number,
     style_of,
-    styled,
     to_text,
     with_unit,
+    wrapped,
 )
-from fopi_tune.report.text.terminal import requirement_lines, summary_lines
 from fopi_tune.results.design import objective_name
 
 if TYPE_CHECKING:
     from fopi_tune.results.design import Discretized
 
-_SAID = {
+_HEADLINES = {
     "met": "The loop on samples meets all requirements, proved for every plant and frequency.",
     "undecided": "The loop on samples passes the check in floating point; not everything could be proved.",
     "violated": "The loop on samples does not meet the requirements that are marked.",
@@ -34,15 +34,18 @@ _SAID = {
 
 
 def digital_text(result: Discretized) -> Text:
-    """What the loop on samples keeps of the requirements, the sections, and what rounding does to each form."""
+    """The requirements for the loop on samples, the filter's sections, and the rounding errors of its realisations."""
     controller = result.controller
     digital, found, status = controller.digital, result.verification, result.status
-    said = _SAID[status]
+    said = _HEADLINES[status]
     if not found.stability.stable:
         said = "The loop on samples is not stable for every plant of the family."
     elif result.certificate is None and status == "met":
         said = "The loop on samples meets all requirements, as far as a check in floating point tells."
-    lines: list[Line] = [*styled(f"{result.spec.name}, digital: {status}. {said}", style_of(status == "met")), ("", "")]
+    lines: list[Line] = [
+        *wrapped(f"{result.spec.name}, digital: {status}. {said}", style_of(status == "met")),
+        ("", ""),
+    ]
     lines.append((gains_line(controller.gains), "bold"))
     prewarped = ", prewarped" if digital.prewarp != "none" else ""
     made = f"{digital.method}, {digital.poles} poles" + (
@@ -53,7 +56,9 @@ def digital_text(result: Discretized) -> Text:
     lines += entry("sampled", f"every {with_unit(digital.sample_time_s, 's')} ({made}{late})")
     lines += requirement_lines(result.reports, found.objective)
     if status == "violated" and found.stability.stable and not digital.designs_sampled:
-        lines += styled("`design: sampled` in the spec's section digital finds gains whose loop on samples meets them.")
+        lines += wrapped(
+            "`design: sampled` in the spec's section digital finds gains whose loop on samples meets them."
+        )
     lines += summary_lines(objective_name(result.spec), found.objective, found.stability, found.nominal)
     lines += proof_lines(result.certificate)
     lines += [*_accuracy(result), *_sections(result)]
@@ -73,7 +78,7 @@ def _sections(result: Discretized) -> Iterator[Line]:
     for form in controller.realisations:
         stable = "" if form.stable else "   a pole leaves the unit circle"
         yield f"{form.form.value:<14}{form.precision.value:<12}{form.error:>10.1e}{stable}", ""
-    yield from styled("Errors of forms are relative to the largest output over a seeded noisy step.", QUIET)
+    yield from wrapped("Errors of forms are relative to the largest output over a seeded noisy step.", QUIET)
 
 
 def _accuracy(result: Discretized) -> Iterator[Line]:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from fopi_tune.report.text.phrases import (
+from fopi_tune.report.text.formatting import (
     BAD,
+    FIRST_COLUMN,
     QUIET,
-    VERDICT,
     Line,
     entry,
     gains_line,
@@ -20,8 +20,8 @@ from fopi_tune.report.text.phrases import (
     number,
     requirement_phrase,
     style_of,
-    styled,
     to_text,
+    wrapped,
 )
 from fopi_tune.spec.model import Relation
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from fopi_tune.results.system import ValidatedSystem
     from fopi_tune.spec.model import ValidationSpec
 
-_SAID = {
+_HEADLINES = {
     "met": "Every plant that was drawn is stable and meets everything.",
     "violated": "Not every plant that was drawn meets everything.",
     "outside": "Not every plant that was drawn meets everything; those of the family do.",
@@ -46,37 +46,41 @@ _WHAT, _SHARE, _INTERVAL = 36, 12, 22
 
 
 def evidence_text(result: Validated) -> Text:
-    """How often each requirement and limit held, with intervals, and the worst plants."""
+    """How often each requirement and limit was met, with intervals, and the worst plants."""
     evidence, status = result.evidence, result.status
     family_is_fine = evidence.stable.total > evidence.outside and not evidence.missed_inside
-    said = _SAID["outside" if status == "violated" and family_is_fine else status]
-    lines: list[Line] = [*styled(f"{result.spec.name}, validated: {status}. {said}", style_of(status == "met"))]
+    said = _HEADLINES["outside" if status == "violated" and family_is_fine else status]
+    lines: list[Line] = [*wrapped(f"{result.spec.name}, validated: {status}. {said}", style_of(status == "met"))]
     lines += [("", ""), (gains_line(result.digital.controller.gains), "bold")]
-    lines += _drawn(evidence, "plants")
+    lines += _sampling_lines(evidence, "plants")
     lines += _header(evidence.validation)
     lines += _row("stable loop", evidence.stable)
-    lines += styled(_misses(evidence, evidence.stable, evidence.unstable_inside), QUIET, indent=" " * (VERDICT + 2))
+    lines += wrapped(
+        _missed_phrase(evidence, evidence.stable, evidence.unstable_inside), QUIET, indent=" " * (FIRST_COLUMN + 2)
+    )
     for judged in (*evidence.requirements, *evidence.limits):
         lines += _row(_phrase(judged), judged.fraction)
-        misses = _misses(evidence, judged.fraction, judged.missed_inside)
-        lines += styled("; ".join(filter(None, (_below(judged), misses))), QUIET, indent=" " * (VERDICT + 2))
+        misses = _missed_phrase(evidence, judged.fraction, judged.missed_inside)
+        lines += wrapped("; ".join(filter(None, (_details(judged), misses))), QUIET, indent=" " * (FIRST_COLUMN + 2))
     for problem in result.contradictions:
-        lines += styled(problem, BAD)
+        lines += wrapped(problem, BAD)
     lines += [("", "")]
-    lines += styled(
+    lines += wrapped(
         "Requirements are about the loop on samples; those about the nominal plant alone are not sampled.", QUIET
     )
-    lines += styled(_REPLAY.format("SPEC", "plant"), QUIET)
+    lines += wrapped(_REPLAY.format("SPEC", "plant"), QUIET)
     return to_text(lines)
 
 
 def system_evidence_text(result: ValidatedSystem) -> Text:
-    """How often a system kept its limits, with intervals, and the worst plants."""
+    """How often a system met its limits, with intervals, and the worst plants."""
     evidence, met = result.evidence, result.status == "met"
-    said = _SAID["met" if met else "violated"].replace("plant", "pair of plants").replace("is stable", "stays finite")
-    lines: list[Line] = [*styled(f"{result.spec.name}, validated: {result.status}. {said}", style_of(met)), ("", "")]
+    said = (
+        _HEADLINES["met" if met else "violated"].replace("plant", "pair of plants").replace("is stable", "stays finite")
+    )
+    lines: list[Line] = [*wrapped(f"{result.spec.name}, validated: {result.status}. {said}", style_of(met)), ("", "")]
     lines += gains_lines(result.gains)
-    lines += _drawn(evidence, "pairs of plants")
+    lines += _sampling_lines(evidence, "pairs of plants")
     lines += _header(evidence.validation)
     for each in evidence.scenarios:
         lines.append((each.scenario, "bold"))
@@ -84,15 +88,15 @@ def system_evidence_text(result: ValidatedSystem) -> Text:
         lines += _row("modes do not chatter", each.calm)
         for judged in each.limits:
             lines += _row(_phrase(judged), judged.fraction)
-            misses = _misses(evidence, judged.fraction, judged.missed_inside)
-            below = "; ".join(filter(None, (_below(replace(judged, scenario=None)), misses)))
-            lines += styled(below, QUIET, indent=" " * (VERDICT + 2))
-    lines += [("", ""), *styled(_REPLAY.format("SYSTEM", "pair"), QUIET)]
+            misses = _missed_phrase(evidence, judged.fraction, judged.missed_inside)
+            below = "; ".join(filter(None, (_details(replace(judged, scenario=None)), misses)))
+            lines += wrapped(below, QUIET, indent=" " * (FIRST_COLUMN + 2))
+    lines += [("", ""), *wrapped(_REPLAY.format("SYSTEM", "pair"), QUIET)]
     return to_text(lines)
 
 
-def _drawn(evidence: Evidence | SystemEvidence, what: str) -> Iterator[Line]:
-    """How many plants, from what, and how many of them no proof speaks of."""
+def _sampling_lines(evidence: Evidence | SystemEvidence, what: str) -> Iterator[Line]:
+    """How many plants were drawn, how, and how many of them lie outside the family, where nothing is proved."""
     drawn, listed = evidence.validation, evidence.validation.samples_file
     how = f"{drawn.design}, seed {drawn.seed}" if listed is None else f"rows of {listed.name}, seed {drawn.seed}"
     words = f"{drawn.samples - evidence.no_plants} {what}, {how}"
@@ -117,8 +121,8 @@ def _distribution_phrase(words: Words) -> str:
     return ", ".join([word, *parts])
 
 
-def _misses(evidence: Evidence | SystemEvidence, found: Fraction, inside: int) -> str:
-    """Where the plants that miss lie, when some were drawn outside the family."""
+def _missed_phrase(evidence: Evidence | SystemEvidence, found: Fraction, inside: int) -> str:
+    """How many plants miss, and how many of these lie in the family; empty if none was drawn outside it."""
     missed = found.total - found.met
     if not evidence.outside or not missed:
         return ""
@@ -127,7 +131,7 @@ def _misses(evidence: Evidence | SystemEvidence, found: Fraction, inside: int) -
 
 def _header(drawn: ValidationSpec) -> list[Line]:
     share = f"{100 * drawn.confidence:g} % interval"
-    return [(f"{'':{VERDICT}}{'requirement or limit':<{_WHAT}}{'met':>{_SHARE}}{share:>{_INTERVAL}}", "bold")]
+    return [(f"{'':{FIRST_COLUMN}}{'requirement or limit':<{_WHAT}}{'met':>{_SHARE}}{share:>{_INTERVAL}}", "bold")]
 
 
 def _row(what: str, found: Fraction) -> Iterator[Line]:
@@ -138,24 +142,24 @@ def _row(what: str, found: Fraction) -> Iterator[Line]:
     verdict = "met" if met else "violated"
     style = "" if met else "red"
     if len(what) > _WHAT:
-        yield f"{verdict:<{VERDICT}}{what}", style
-        yield f"{'':{VERDICT + _WHAT}}{numbers}", style
+        yield f"{verdict:<{FIRST_COLUMN}}{what}", style
+        yield f"{'':{FIRST_COLUMN + _WHAT}}{numbers}", style
     else:
-        yield f"{verdict:<{VERDICT}}{what:<{_WHAT}}{numbers}", style
+        yield f"{verdict:<{FIRST_COLUMN}}{what:<{_WHAT}}{numbers}", style
 
 
 def _phrase(judged: OutcomeStatistics) -> str:
     sign = "<=" if judged.upper else ">="
     if judged.requirement is not None:
         asked = judged.requirement
-        if asked.relation is Relation.BETWEEN:  # judged a side at a time
+        if asked.relation is Relation.BETWEEN:  # each side is tested by itself
             return f"{asked.quantity} {sign} {number(asked.upper if judged.upper else asked.lower)}"
         return requirement_phrase(asked)
     assert judged.limit is not None
     return f"{judged.limit.measure} {sign} {number(judged.limit.limit)}"
 
 
-def _below(judged: OutcomeStatistics) -> str:
+def _details(judged: OutcomeStatistics) -> str:
     """Scenario, median, and the worst plant."""
     parts = [] if judged.scenario is None else [judged.scenario]
     middle = next((q for q in judged.quantiles if q.probability == 0.5), None)

@@ -1,7 +1,7 @@
 """A study's table for a terminal:  at most 80 columns of ASCII.
 
-Titles are the ends of paths that tell columns apart, broken at dots and underscores; a column with the same value in
-every row is said once, above.  What does not fit is in the CSV file, and the last line says so.
+A title is the shortest end of the column's path that is unique, broken at dots and underscores.  A column with the
+same value in every row is stated once, above.  What does not fit is in the CSV file, and the last line says so.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _WIDTH = 80
 _GAP = 2
 _MOST_ROWS = 60
 _LONGEST_WORD = 26
-_CLAIM = ("claim", "published", "recomputed", "verdict", "why")
+_CLAIM_COLUMNS = ("claim", "published", "recomputed", "verdict", "why")
 
 
 @dataclass(frozen=True)
@@ -58,17 +58,19 @@ def study_text(result: StudyResult, file: str) -> Text:
 def _claim(row: Mapping[str, Value]) -> list[str]:
     """A claim's row as a paragraph."""
     head = f"{row.get('verdict')}: {row.get('claim')}"
-    values = f"published {_whole(row.get('published'))}; recomputed {_whole(row.get('recomputed'))}"
-    others = [f"{key} {_whole(value)}" for key, value in row.items() if key not in _CLAIM and value is not None]
+    values = f"published {_full_text(row.get('published'))}; recomputed {_full_text(row.get('recomputed'))}"
+    others = [
+        f"{key} {_full_text(value)}" for key, value in row.items() if key not in _CLAIM_COLUMNS and value is not None
+    ]
     body = "; ".join([values, *others])
     why = str(row.get("why") or "")
     lines = textwrap.wrap(head, _WIDTH, subsequent_indent="    ") + _indented(body)
     return lines + (_indented(why) if why else [])
 
 
-def _whole(value: Value) -> str:
-    """A paragraph has room for every word."""
-    return value if isinstance(value, str) else _shown(value)
+def _full_text(value: Value) -> str:
+    """A value without abbreviation."""
+    return value if isinstance(value, str) else _cell_text(value)
 
 
 def _indented(words: str) -> list[str]:
@@ -76,7 +78,7 @@ def _indented(words: str) -> list[str]:
 
 
 def _table(table: StudyTable, file: str) -> list[str]:
-    # claims have their own paragraphs, failures their own lines
+    # claims and failures are listed elsewhere
     left_out = {"entry", "reason", *(key for row in table.claims for key in row)}
     names = [name for name in table.columns if name not in left_out]
     rows = [row for row in table.rows if row[table.columns.index("cell")] is not None]
@@ -85,21 +87,21 @@ def _table(table: StudyTable, file: str) -> list[str]:
     values = {name: [row[table.columns.index(name)] for row in rows] for name in names}
     titles = _titles(names)
     same = [n for n in names if n != "cell" and len(rows) > 1 and len({repr(v) for v in values[n]}) == 1]
-    told = [f"{titles[name]} {_shown(values[name][0])}" for name in same if values[name][0] is not None]
+    told = [f"{titles[name]} {_cell_text(values[name][0])}" for name in same if values[name][0] is not None]
     lines = textwrap.wrap("in every row: " + ", ".join(told), _WIDTH) if told else []
     shown = len(rows) if len(rows) <= _MOST_ROWS else _MOST_ROWS - 20
     columns = [_column(titles[name], values[name][:shown]) for name in names if name not in same]
     fitting = columns
     while len(fitting) > 1 and sum(c.width for c in fitting) + _GAP * (len(fitting) - 1) > _WIDTH:
         fitting = fitting[:-1]
-    lines += ["", *_drawn(fitting, shown)] if lines else _drawn(fitting, shown)
+    lines += ["", *_column_lines(fitting, shown)] if lines else _column_lines(fitting, shown)
     missing = [f"{len(rows) - shown} more rows"] if shown < len(rows) else []
     missing += [f"{len(columns) - len(fitting)} more columns"] if len(fitting) < len(columns) else []
     return lines + (["", f"{' and '.join(missing)} in {file}"] if missing else [])
 
 
 def _titles(names: Sequence[str]) -> dict[str, str]:
-    """The shortest end of each path that no other has."""
+    """The shortest unique end of each path."""
     found = {}
     for name in names:
         parts = name.split(".")
@@ -113,7 +115,7 @@ def _titles(names: Sequence[str]) -> dict[str, str]:
 
 
 def _column(title: str, values: Sequence[Value]) -> _Column:
-    cells = tuple(_shown(value) for value in values)
+    cells = tuple(_cell_text(value) for value in values)
     width = max([4, *(len(cell) for cell in cells)])
     numbers = all(value is None or isinstance(value, int | float) for value in values)
     return _Column(tuple(_broken(title, max(width, 9))), cells, numbers)
@@ -129,7 +131,7 @@ def _broken(title: str, width: int) -> list[str]:
     return lines
 
 
-def _drawn(columns: Sequence[_Column], count: int) -> list[str]:
+def _column_lines(columns: Sequence[_Column], count: int) -> list[str]:
     height = max(len(column.title) for column in columns)
     titles = [("",) * (height - len(column.title)) + column.title for column in columns]
     lines = [[title[i] for title in titles] for i in range(height)]
@@ -142,8 +144,8 @@ def _drawn(columns: Sequence[_Column], count: int) -> list[str]:
     return [line.rstrip() for line in aligned]
 
 
-def _in_short(text: str) -> str:
-    """An uncertain number, a range of gains or an objective, which a table has as JSON, in short."""
+def _abbreviated(text: str) -> str:
+    """A short form of an uncertain number, a range of gains or an objective, which tables hold as JSON."""
     try:
         told = json.loads(text) if text.startswith("{") else None
     except ValueError:
@@ -152,15 +154,15 @@ def _in_short(text: str) -> str:
         return str(next(iter(told.values())))
     if not isinstance(told, dict) or not {"min", "max"} <= set(told) <= {"min", "max", "nominal"}:
         return text
-    return f"{_shown(told['min'])} to {_shown(told['max'])}"
+    return f"{_cell_text(told['min'])} to {_cell_text(told['max'])}"
 
 
-def _shown(value: Value) -> str:
+def _cell_text(value: Value) -> str:
     if value is None:
         return "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.5g}"
-    text = _in_short(str(value))
+    text = _abbreviated(str(value))
     return text if len(text) <= _LONGEST_WORD else f"{text[: _LONGEST_WORD - 3]}..."

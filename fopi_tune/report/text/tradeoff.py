@@ -1,4 +1,4 @@
-"""A sweep of one limit as text and as a figure."""
+"""A sweep of one limit (trade-off) as text and as a figure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from xml.sax.saxutils import escape
 from rich.text import Text
 
 from fopi_tune.prices.result import PointStatus
-from fopi_tune.report.text.phrases import (
+from fopi_tune.report.text.formatting import (
     BAD,
     QUIET,
     Line,
@@ -18,8 +18,8 @@ from fopi_tune.report.text.phrases import (
     requirement_phrase,
     scope_phrase,
     style_of,
-    styled,
     to_text,
+    wrapped,
 )
 
 if TYPE_CHECKING:
@@ -36,20 +36,20 @@ def tradeoff_text(result: Tradeoff) -> Text:
     every = -(-len(result.points) // _MOST_ROWS)
     met, of = len(result.met), len(result.points)
     said = f"{met} of {of} limits can be met; the check passed each." if solved else "The check refused some gains."
-    lines: list[Line] = [*styled(f"{result.spec.name}, trade-off: {said}", style_of(solved)), ("", "")]
-    lines += styled(
+    lines: list[Line] = [*wrapped(f"{result.spec.name}, trade-off: {said}", style_of(solved)), ("", "")]
+    lines += wrapped(
         f"requirement {knob.name}: {requirement_phrase(knob.requirement)}, {scope_phrase(knob.requirement)}"
     )
-    lines += styled(f"objective: {result.objective_quantity}")
+    lines += wrapped(f"objective: {result.objective_quantity}")
     lines += [("", ""), (f"{'limit':>12}{'objective':>13}{'kp':>12}{'ki':>12}{'alpha':>10}{'score':>9}", "bold")]
     shown = [p for k, p in enumerate(result.points) if k % every == 0 or k == of - 1]
     for point in sorted((*shown, result.own), key=lambda p: p.limit):
         lines.append(_row(point, point is result.own))
     lines += [("", "")]
     for end in result.ends:
-        lines += styled(_end_words(end))
+        lines += wrapped(_end_words(end))
     rest = f"  One limit of {every} is shown; all are in tradeoff.csv." if every > 1 else ""
-    lines += styled(f"* the spec's own limit.  - the limit holds nothing back there.{rest}", QUIET)
+    lines += wrapped(f"* the spec's own limit.  - the limit holds nothing back there.{rest}", QUIET)
     return to_text(lines)
 
 
@@ -125,7 +125,7 @@ def tradeoff_svg(result: Tradeoff) -> str:
 
 
 def _shaded(result: Tradeoff, low: float, high: float) -> Iterator[tuple[float, float]]:
-    """Where no gains meet the spec, as far as it is seen."""
+    """The infeasible ranges of the limit, within the axis."""
     for end in result.ends:
         if end.infeasible is not None:
             first, last = (end.infeasible, high) if end.way > 0 else (low, end.infeasible)
@@ -134,7 +134,7 @@ def _shaded(result: Tradeoff, low: float, high: float) -> Iterator[tuple[float, 
 
 
 def _alternative(result: Tradeoff) -> str:
-    """What the figure shows, for those who do not see it."""
+    """A text alternative of the figure."""
     words = [f"{result.objective_quantity} against the limit of {requirement_phrase(result.knob.requirement)}."]
     if result.met:
         first, last = result.met[0], result.met[-1]
@@ -156,7 +156,7 @@ def _value(point: TradeoffPoint) -> float:
 
 
 def _with_words(svg: str, title: str, description: str) -> str:
-    """A title and a description that screen readers find."""
+    """The SVG with a title and a description for screen readers."""
     at = svg.index("<svg ")
     end = svg.index(">", at) + 1
     opening = svg[at:end].replace("<svg ", '<svg role="img" aria-labelledby="title desc" ', 1)
@@ -172,7 +172,7 @@ def _plain(text: str) -> str:
 
 
 def price_lines(prices: Sequence[tuple[str, float | None, float | None, bool, bool]]) -> Iterator[Line]:
-    """What was found of the multipliers that were checked: name, relaxed, tightened, agrees, kink."""
+    """The multipliers that were checked, as (name, relaxed, tightened, agrees, kink)."""
     if not prices:
         return
     if all(agrees for *_, agrees, _ in prices):
@@ -189,4 +189,4 @@ def price_lines(prices: Sequence[tuple[str, float | None, float | None, bool, bo
         why = ": another requirement comes into play at this very limit" if kink else ""
         if not kink and (relaxed is None) != (tightened is None):
             why = "; the other way no answer was found"
-        yield from styled(f"* {name}, solved again with the limit moved: {found} for each unit{why}.")
+        yield from wrapped(f"* {name}, solved again with the limit moved: {found} for each unit{why}.")

@@ -5,49 +5,49 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from fopi_tune.report.chances import chances_of, drawn_phrase
-from fopi_tune.report.comparison import ALIKE, Comparison, Entry, compared
+from fopi_tune.report.comparison import ALIKE, ComparedDesign, Comparison, compare_designs
+from fopi_tune.report.documents import Document, ResultDocuments
+from fopi_tune.report.evidence import evidence_rows, sampling_phrase
 from fopi_tune.report.figures.overlays import Overlay, overlay_pictures
-from fopi_tune.report.findings import Document, Findings
-from fopi_tune.report.page import drawn, figure_files, rendered
-from fopi_tune.report.text.phrases import number
+from fopi_tune.report.page import figure_files, render_figures, render_template
+from fopi_tune.report.text.formatting import number
 
 #: the page's file
 COMPARISON = "compare.html"
 
 
-def comparison_files(named: Sequence[tuple[str, Findings]]) -> dict[str, str | bytes]:
+def comparison_files(named: Sequence[tuple[str, ResultDocuments]]) -> dict[str, str | bytes]:
     """Designs side by side, as files by their names.
 
     Args:
-        named: where each was read from, and its findings; two to `comparison.MOST`.
+        named: where each was read from, and its documents; two to `comparison.MOST`.
 
     Returns:
         Figures as text (SVG) and bytes (PNG), `compare.html` last.
     """
-    comparison = compared(named)
-    figures = list(drawn(overlay_pictures(), Overlay(comparison)))
+    comparison = compare_designs(named)
+    figures = list(render_figures(overlay_pictures(), Overlay(comparison)))
     values = {
         "title": "; ".join(entry.label for entry in comparison.entries),
         "entries": comparison.entries,
         "facts": _facts(comparison),
         "lines": comparison.lines,
-        "words": comparison.words,
+        "sentences": comparison.sentences,
         "groups": [" and ".join(comparison.entries[k].letter for k in group) for group in comparison.groups],
-        "plants": [_plants_phrase(comparison.entries[group[0]].findings) for group in comparison.groups],
+        "plants": [_plants_phrase(comparison.entries[group[0]].documents) for group in comparison.groups],
         "loops": [comparison.entries[group[0]].loop for group in comparison.groups],
         "alike": f"{ALIKE:g}",
-        "chances": _chances(comparison.entries),
+        "evidence": _evidence(comparison.entries),
         "figures": figures,
     }
-    return {**figure_files(figures), COMPARISON: rendered("compare.html.jinja", values)}
+    return {**figure_files(figures), COMPARISON: render_template("compare.html.jinja", values)}
 
 
 def _facts(comparison: Comparison) -> list[tuple[str, list[str]]]:
-    """What is told of each design in words, a line each."""
-    every = [entry.findings for entry in comparison.entries]
+    """Facts about each design: (name, a text for each design)."""
+    every = [entry.documents for entry in comparison.entries]
     makers = (
-        ("result", lambda f: _verdict_of(f.design)),
+        ("result", lambda f: _status_phrase(f.design)),
         ("kp", lambda f: "–" if f.gains is None else number(f.gains.kp)),
         ("ki", lambda f: "–" if f.gains is None else number(f.gains.ki)),
         ("alpha", lambda f: "–" if f.gains is None else number(f.gains.alpha)),
@@ -62,21 +62,21 @@ def _facts(comparison: Comparison) -> list[tuple[str, list[str]]]:
     return [(name, [str(tell(each)) for each in every]) for name, tell in makers]
 
 
-def _stability(findings: Findings) -> str:
-    found = findings.design["stability"]
+def _stability(documents: ResultDocuments) -> str:
+    found = documents.design["stability"]
     return "–" if found is None else "stable family" if found["stable"] else f"NOT STABLE: {found['reason']}"
 
 
-def _nominal(findings: Findings, key: str) -> str:
-    found = findings.design["nominal"]
+def _nominal(documents: ResultDocuments, key: str) -> str:
+    found = documents.design["nominal"]
     if found is None:
         return "–"
     value = found[key]
     return number(value) if value is not None else "infinite" if key == "gain_margin_db" else "none"
 
 
-def _digital(findings: Findings) -> str:
-    digital, asked = findings.digital, findings.spec.digital
+def _digital(documents: ResultDocuments) -> str:
+    digital, asked = documents.digital, documents.spec.digital
     if digital is None or asked is None:
         return "none"
     missed = sum(not each["met"] for each in digital["requirements"])
@@ -84,26 +84,26 @@ def _digital(findings: Findings) -> str:
     return f"{told}, {missed} of {len(digital['requirements'])} missed" if missed else told
 
 
-def _chances(entries: Sequence[Entry]) -> dict[str, Any] | None:
-    """The plants that were drawn, as rows of all designs; None where none were."""
-    if all(entry.findings.evidence is None for entry in entries):
+def _evidence(entries: Sequence[ComparedDesign]) -> dict[str, Any] | None:
+    """Monte Carlo evidence of all designs as rows; None where no design has any."""
+    if all(entry.documents.evidence is None for entry in entries):
         return None
-    found = [entry.findings.evidence for entry in entries]
-    rows = [{} if each is None else {chance.what: chance for chance in chances_of(each)} for each in found]
+    found = [entry.documents.evidence for entry in entries]
+    rows = [{} if each is None else {row.what: row for row in evidence_rows(each)} for each in found]
     names = list(dict.fromkeys(name for each in rows for name in each))
     return {
-        "drawn": ["none were drawn" if each is None else drawn_phrase(each) for each in found],
-        "rows": [(name, [_chance(each.get(name)) for each in rows]) for name in names],
+        "sampling": ["none were drawn" if each is None else sampling_phrase(each) for each in found],
+        "rows": [(name, [_share(each.get(name)) for each in rows]) for name in names],
     }
 
 
-def _chance(chance: Any) -> str:
-    return "–" if chance is None else f"{chance.share} ({chance.interval})"
+def _share(row: Any) -> str:
+    return "–" if row is None else f"{row.share} ({row.interval})"
 
 
-def _plants_phrase(findings: Findings) -> str:
+def _plants_phrase(documents: ResultDocuments) -> str:
     """The family in words."""
-    plant = findings.spec.plant
+    plant = documents.spec.plant
     parts = [
         f"{name} = {number(value.nominal)}"
         if value.is_exact
@@ -113,7 +113,7 @@ def _plants_phrase(findings: Findings) -> str:
     return f"{plant.model}: {'; '.join(parts)}"
 
 
-def _verdict_of(document: Document) -> str:
+def _status_phrase(document: Document) -> str:
     """The status of a result and its proof's verdict."""
     verdict = str(document["proof"]["verdict"]).replace("_", " ")
     return f"{document['status']}; proof: {verdict}"

@@ -1,7 +1,6 @@
-"""A figure as SVG text or PNG bytes:  the same picture gives the same bytes; its words travel with it.
+"""A figure as SVG text or PNG bytes, with its title and description:  equal pictures give equal bytes.
 
-Colours are told apart by colour-blind people (Okabe and Ito) and lines by their dashes too, so that
-print in grey reads.
+The colours are those of Okabe and Ito, for colour-blind people; lines differ by their dashes too, for grey print.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ _RC: dict[Any, Any] = {"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fontt
 _DOTS_PER_INCH = 150
 #: inches; the width of a report's figures
 WIDE = 8.0
-#: inches; of two panels over each other
+#: inches; of a figure with two panels, one above the other
 TWO_PANELS = (WIDE, 5.8)
-#: characters of a legend's line, and of the longest entry that shares its line with others
+#: characters of a line in the legend, and of the longest entry that shares a line
 _LEGEND, _SHORT = 96, 44
 
 
@@ -44,8 +43,8 @@ class Picture:
 
     Args:
         title: one line; stands above the figure and in its metadata.
-        description: what is seen, for those who do not see it.
-        draw: puts it on an empty figure.
+        description: a text alternative.
+        draw: draws it on an empty figure.
         size_inches: width and height.
     """
 
@@ -67,27 +66,27 @@ def png_of(picture: Picture) -> bytes:
         return _png(picture, figure)
 
 
-def both_of(picture: Picture) -> tuple[str, bytes]:
+def svg_and_png_of(picture: Picture) -> tuple[str, bytes]:
     """The SVG text and the PNG bytes, drawn once."""
     with _figure(picture) as figure:
         svg = _svg(picture, figure)
-        # where everything stands is known now, and costs as much as the drawing
+        # the layout is known now; to compute it again would take as long as the drawing
         figure.set_layout_engine("none")
         return svg, _png(picture, figure)
 
 
-def labelled(axes: Axes, y: str, x: str = "") -> None:
-    """Labels and a thin grid."""
+def label_axes(axes: Axes, y: str, x: str = "") -> None:
+    """Set the labels and a thin grid."""
     axes.set_ylabel(y)
     if x:
         axes.set_xlabel(x)
     axes.grid(True, which="both", linewidth=0.3)
 
 
-def logarithmic(axes: Axes, *, both: bool = False) -> None:
-    """Frequencies (and values, on demand) on a logarithmic axis, with plain numbers at the powers of ten.
+def log_axes(axes: Axes, *, both: bool = False) -> None:
+    """Make the frequency axis (and the other, if `both`) logarithmic, with plain numbers at the powers of ten only.
 
-    Lines between them would be ten a decade, and numbers as formulas take longer to set than the curves to draw.
+    Minor ticks and numbers as formulas would take longer to draw than the curves.
     """
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -98,7 +97,7 @@ def logarithmic(axes: Axes, *, both: bool = False) -> None:
 
 
 def legend_below(figure: Figure, axes: Axes) -> None:
-    """The legend of one of the axes under all of them, where it covers no curve."""
+    """Put the legend of one of the axes below all of them, where it covers no curve."""
     handles, labels = axes.get_legend_handles_labels()
     if not labels:
         return

@@ -1,4 +1,4 @@
-"""Plants drawn at random:  the document of `fopi validate` -> rows of a table, and histograms."""
+"""Monte Carlo evidence:  the document of `fopi validate` -> rows of a table, and histograms."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fopi_tune.report.figures.canvas import BLACK, BLUE, ORANGE, WIDE, Picture, labelled
-from fopi_tune.report.rows import place_phrase
-from fopi_tune.report.text.phrases import number
+from fopi_tune.report.figures.picture import BLACK, BLUE, ORANGE, WIDE, Picture, label_axes
+from fopi_tune.report.requirement_rows import place_phrase
+from fopi_tune.report.text.formatting import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SIGNS = {"at_least": ">=", "at_most": "<="}
-#: histograms in a figure: what has more is told by the table
-_MOST = 8
+#: histograms in a figure; the table has the rest
+_MOST_HISTOGRAMS = 8
 
 
 @dataclass(frozen=True)
-class Chance:
-    """How often one requirement or limit held, in words."""
+class EvidenceRow:
+    """How often one requirement or limit was met, in words."""
 
     what: str
     share: str
@@ -31,14 +31,14 @@ class Chance:
     worst: str
 
 
-def chances_of(evidence: Mapping[str, Any]) -> tuple[Chance, ...]:
+def evidence_rows(evidence: Mapping[str, Any]) -> tuple[EvidenceRow, ...]:
     """Stability, then every requirement and limit."""
-    stable = Chance("stable loop", *_fraction(evidence["stable"]), "", "")
-    return (stable, *(_chance(judged) for judged in _judged(evidence)))
+    stable = EvidenceRow("stable loop", *_share_and_interval(evidence["stable"]), "", "")
+    return (stable, *(_row(judged) for judged in _tested(evidence)))
 
 
-def drawn_phrase(evidence: Mapping[str, Any]) -> str:
-    """How many plants, drawn how, and how many of them no proof speaks of."""
+def sampling_phrase(evidence: Mapping[str, Any]) -> str:
+    """How many plants were drawn, how, and how many of them lie outside the family, where nothing is proved."""
     drawn, total = evidence["drawn"], evidence["stable"]["total"]
     how = f"rows of {drawn['samples_file']['name']}" if drawn["samples_file"] else str(drawn["design"])
     words = f"{evidence['status']}: {total} plants, {how}, seed {drawn['seed']}"
@@ -47,8 +47,8 @@ def drawn_phrase(evidence: Mapping[str, Any]) -> str:
 
 
 def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
-    """How often each value was drawn, with the exact interval of each share; None without counts."""
-    told = [judged for judged in _judged(evidence) if judged.get("histogram")][:_MOST]
+    """Histograms of the values, each bar with its exact binomial interval; None without counts."""
+    told = [judged for judged in _tested(evidence) if judged.get("histogram")][:_MOST_HISTOGRAMS]
     if not told:
         return None
     from fopi_tune.montecarlo.statistics import fraction  # loads SciPy's special functions
@@ -69,9 +69,9 @@ def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
             limit = _limit(judged)
             if edges[0] - np.ptp(edges) <= limit <= edges[-1] + np.ptp(edges):
                 axes.axvline(limit, color=ORANGE, linestyle="--")
-            labelled(axes, "share, %", _phrase(judged))
+            label_axes(axes, "share, %", _phrase(judged))
 
-    words = "; ".join(f"{_phrase(j)}: met by {' in '.join(_fraction(j['fraction']))}" for j in told)
+    words = "; ".join(f"{_phrase(j)}: met by {' in '.join(_share_and_interval(j['fraction']))}" for j in told)
     said = (
         f"Histograms of the values that {evidence['stable']['total']} drawn plants reach, each share with its "
         f"{100.0 * confidence:g} % interval; dashed: the limit, where it is near. {words}."
@@ -79,15 +79,17 @@ def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
     return Picture(f"{name}: plants drawn at random", said, draw, (WIDE, 1.0 + 1.8 * len(told)))
 
 
-def _judged(evidence: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+def _tested(evidence: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
     return [*evidence["requirements"], *evidence["limits"]]
 
 
-def _chance(judged: Mapping[str, Any]) -> Chance:
+def _row(judged: Mapping[str, Any]) -> EvidenceRow:
     middle = [each["value"] for each in judged["quantiles"] if each["probability"] == 0.5]
     worst = judged["worst"][0] if judged["worst"] else None
     told = "" if worst is None else f"{_value(worst['value'])} {place_phrase(worst)} (plant {worst['index']})"
-    return Chance(_phrase(judged), *_fraction(judged["fraction"]), _value(middle[0]) if middle else "", told)
+    return EvidenceRow(
+        _phrase(judged), *_share_and_interval(judged["fraction"]), _value(middle[0]) if middle else "", told
+    )
 
 
 def _side(judged: Mapping[str, Any]) -> str:
@@ -95,7 +97,7 @@ def _side(judged: Mapping[str, Any]) -> str:
 
 
 def _limit(judged: Mapping[str, Any]) -> float:
-    """Of the side that was judged."""
+    """The limit of the side that was tested."""
     return float(judged["limits"][-1 if _side(judged) == "at_most" else 0])
 
 
@@ -104,7 +106,7 @@ def _phrase(judged: Mapping[str, Any]) -> str:
     return f"{judged['name']} {_SIGNS.get(_side(judged), _side(judged))} {number(_limit(judged))}{scenario}"
 
 
-def _fraction(said: Mapping[str, Any]) -> tuple[str, str]:
+def _share_and_interval(said: Mapping[str, Any]) -> tuple[str, str]:
     share = f"{100.0 * said['met'] / said['total']:.4g} %"
     return share, f"{100.0 * said['low']:.4g} .. {100.0 * said['high']:.4g} %"
 

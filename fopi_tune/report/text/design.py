@@ -1,6 +1,6 @@
 """Results as text for a terminal:  Design or Check -> rich.text.Text of at most 80 columns.
 
-The layout is fixed and of ASCII characters, so that it reads the same in a terminal, a pipe, a log and a README.
+The layout is fixed and of ASCII characters, the same in a terminal, a pipe, a log and a README.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from rich.text import Text
 from fopi_tune.optimum import Optimum, OptimumStatus
 from fopi_tune.proof.results import Outcome, Place, RequirementResult, Stability
 from fopi_tune.report.text.certificates import proof_lines
-from fopi_tune.report.text.phrases import (
+from fopi_tune.report.text.formatting import (
     BAD,
+    FIRST_COLUMN,
     QUIET,
     TIE,
-    VERDICT,
     Line,
     entry,
+    exact_limit,
     gains_line,
-    limit_told,
     number,
     requirement_phrase,
     scope_phrase,
     sentence,
     style_of,
-    styled,
     to_text,
     with_unit,
+    wrapped,
 )
 from fopi_tune.report.text.tradeoff import price_lines
 from fopi_tune.results.design import Check, Design, RequirementReport, loop_name, objective_name
@@ -38,13 +38,13 @@ from fopi_tune.spec.model import Requirement, Scope
 
 if TYPE_CHECKING:
     from fopi_tune.core.margins import Margins
-    from fopi_tune.results.status import Give
+    from fopi_tune.results.status import Relaxation
 
 #: widths of the columns requirement, achieved, score, multiplier; 80 in sum with the verdict
 _WHAT, _ACHIEVED, _SCORE, _MULTIPLIER = 38, 12, 9, 11
 #: a multiplier that changes the objective by less than this part of it is rounding
 _ROUNDING = 1e-6
-#: what to call gains that are no solution
+#: headings of gains that are no solution
 _GAINS_TITLES = {
     "infeasible": "These gains come nearest; they are no solution:",
     "unbounded": "The search stopped at these gains; they are no solution:",
@@ -56,11 +56,11 @@ def design_text(design: Design) -> Text:
     """A design's status, gains, requirements, objective, stability and margins."""
     status = design.status.value
     solved = status == "solved"
-    lines: list[Line] = [*styled(f"{design.spec.name}: {_headline(design)}", style_of(solved))]
-    lines += styled(f"Why: {sentence(design.message)}" if design.message else "")
+    lines: list[Line] = [*wrapped(f"{design.spec.name}: {_headline(design)}", style_of(solved))]
+    lines += wrapped(f"Why: {sentence(design.message)}" if design.message else "")
     lines += _clash(design.clash, design.spec.requirements)
     if design.gains is not None:
-        lines += [("", ""), *styled(_GAINS_TITLES.get(status, "")), (gains_line(design.gains), "bold")]
+        lines += [("", ""), *wrapped(_GAINS_TITLES.get(status, "")), (gains_line(design.gains), "bold")]
     if design.gains is not None or not design.clash:
         lines += requirement_lines(design.requirements, design.objective)
     lines += summary_lines(objective_name(design.spec), design.objective, design.stability, design.nominal)
@@ -80,7 +80,7 @@ def _headline(design: Design) -> str:
 
 
 def check_text(check: Check) -> Text:
-    """What the verification of given gains found, laid out as a design."""
+    """The verification of given gains, laid out as that of a design."""
     found = check.verification
     if check.status == "met":
         on_samples = " of the loop on samples" if loop_name(check.spec) == "sampled" else ""
@@ -91,7 +91,7 @@ def check_text(check: Check) -> Text:
         said = "The gains do not meet the requirements that are marked."
     else:
         said = "The loop is not stable for every plant of the family."
-    lines = [*styled(f"{check.spec.name}: {check.status}. {said}", style_of(check.status == "met")), ("", "")]
+    lines = [*wrapped(f"{check.spec.name}: {check.status}. {said}", style_of(check.status == "met")), ("", "")]
     lines.append((gains_line(found.gains), "bold"))
     lines += requirement_lines(check.reports, found.objective)
     lines += summary_lines(objective_name(check.spec), found.objective, found.stability, found.nominal)
@@ -100,13 +100,13 @@ def check_text(check: Check) -> Text:
 
 
 def requirement_lines(reports: Sequence[RequirementReport], objective: float | None) -> Iterator[Line]:
-    """The table: two lines a requirement, numbers in columns and below them where they are worst."""
+    """The table: two lines for each requirement, numbers in columns and below them the worst plant and frequency."""
     yield "", ""
     if not reports:
         yield "No requirements but stability.", ""
         return
     priced = any(report.multiplier is not None for report in reports)
-    header = f"{'':{VERDICT}}{'requirement':<{_WHAT}}{'achieved':>{_ACHIEVED}}{'score':>{_SCORE}}"
+    header = f"{'':{FIRST_COLUMN}}{'requirement':<{_WHAT}}{'achieved':>{_ACHIEVED}}{'score':>{_SCORE}}"
     yield header + (f"{'multiplier':>{_MULTIPLIER}}" if priced else ""), "bold"
     for report in reports:
         yield from _requirement(report, objective, priced)
@@ -134,12 +134,12 @@ def _requirement(report: RequirementReport, objective: float | None, priced: boo
         numbers += f"{_multiplier(report, objective):>{_MULTIPLIER}}"
     what, style = requirement_phrase(requirement), "" if met or result is None else "red"
     if len(what) > _WHAT:
-        yield f"{verdict:<{VERDICT}}{what}", style
-        yield f"{'':{VERDICT + _WHAT}}{numbers}", style
+        yield f"{verdict:<{FIRST_COLUMN}}{what}", style
+        yield f"{'':{FIRST_COLUMN + _WHAT}}{numbers}", style
     else:
-        yield f"{verdict:<{VERDICT}}{what:<{_WHAT}}{numbers}", style
+        yield f"{verdict:<{FIRST_COLUMN}}{what:<{_WHAT}}{numbers}", style
     where = f"{scope_phrase(requirement)}; {_worst(requirement, result)}" if result else scope_phrase(requirement)
-    yield from styled(where, QUIET, indent=" " * (VERDICT + 2))
+    yield from wrapped(where, QUIET, indent=" " * (FIRST_COLUMN + 2))
 
 
 def _achieved(requirement: Requirement, result: RequirementResult | None) -> str:
@@ -203,18 +203,18 @@ def _plant(plant: Mapping[str, float]) -> str:
     return f" with {named}" if named else ""
 
 
-def _clash(clash: Sequence[Give], requirements: Sequence[Requirement]) -> Iterator[Line]:
-    """What each of the clashing requirements would have to give, in words."""
+def _clash(clash: Sequence[Relaxation], requirements: Sequence[Requirement]) -> Iterator[Line]:
+    """The clashing requirements, and by how much the limit of each can be relaxed."""
     if not clash:
         return
     yield "", ""
-    known = any(give.new_limit is not None for give in clash)
+    known = any(relaxation.new_limit is not None for relaxation in clash)
     yield "These clash; one of them would have to give:" if known else "These clash:", "bold"
-    for give in clash:
-        requirement = requirements[give.requirement]
-        yield from styled(f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})", "", "    ", "  ")
-        if give.amount is not None and give.new_limit is not None:
-            yield f"      by {number(give.amount)}, to {limit_told(give.new_limit)}", ""
+    for relaxation in clash:
+        requirement = requirements[relaxation.requirement]
+        yield from wrapped(f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})", "", "    ", "  ")
+        if relaxation.amount is not None and relaxation.new_limit is not None:
+            yield f"      by {number(relaxation.amount)}, to {exact_limit(relaxation.new_limit)}", ""
         elif known:
             yield "      no change of this limit alone was found to help", ""
 
@@ -257,14 +257,14 @@ def _margins(found: Margins) -> str:
 
 
 def optimum_lines(optimum: Optimum | None) -> Iterator[Line]:
-    """Nothing where it was not asked for."""
+    """The bound on the global optimum; nothing where it was not asked for."""
     if optimum is None:
         return
     good = optimum.status in (OptimumStatus.CERTIFIED, OptimumStatus.INFEASIBLE)
-    yield from entry("optimum", _said(optimum), "" if good else "yellow")
+    yield from entry("optimum", _optimum_words(optimum), "" if good else "yellow")
 
 
-def _said(optimum: Optimum) -> str:
+def _optimum_words(optimum: Optimum) -> str:
     effort = f"{optimum.boxes} boxes of gains, {optimum.seconds:.1f} s"
     status = optimum.status
     if status is OptimumStatus.INFEASIBLE:

@@ -1,4 +1,4 @@
-"""Requirements as rows of a table:  what a document says -> words."""
+"""Requirements as rows of a table:  the entries of a document -> words."""
 
 from __future__ import annotations
 
@@ -6,30 +6,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fopi_tune.report.findings import Found
-from fopi_tune.report.text.phrases import TIE, number, requirement_phrase, scope_phrase, with_unit
+from fopi_tune.report.documents import ReportedRequirement
+from fopi_tune.report.text.formatting import TIE, number, requirement_phrase, scope_phrase, with_unit
 
-#: verdict -> a sign that reads without colour
+#: verdict -> a symbol that is readable without colour
 _SIGNS = {"proved": "✓", "met": "✓", "refuted": "✗", "missed": "✗", "undecided": "?"}
 #: a multiplier that changes the objective by less than this part of it is rounding
 _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
-class Row:
+class RequirementRow:
     """One requirement in words.
 
     Args:
         verdict: proved, refuted or undecided; met or missed without a proof; open without gains.
-        sign: the same without words.
+        sign: the verdict as a symbol.
         what: the requirement as a formula.
         scope: for which plants and frequencies.
         achieved: the worst value.
-        score: at most 1 is met.
-        worst: where.
-        proved: what is shown of the value, or why it is not.
-        cost: what the objective gains for each unit the limit gives; empty where not known.
-        checked: the same by solving again; empty where not asked for.
+        score: the requirement is met if at most 1.
+        worst: plant and frequency of the worst value.
+        proved: the proved bounds of the value, or why there are none.
+        cost: the multiplier: by how much the objective improves for each unit the limit is relaxed; empty if not known.
+        checked: the multiplier by solving again; empty where not asked for.
     """
 
     verdict: str
@@ -44,13 +44,15 @@ class Row:
     checked: str
 
 
-def rows_of(requirements: Sequence[Found], objective: float | None = None) -> tuple[Row, ...]:
-    """A row for each requirement; what changes the objective by rounding only costs nothing."""
+def requirement_rows(
+    requirements: Sequence[ReportedRequirement], objective: float | None = None
+) -> tuple[RequirementRow, ...]:
+    """A row for each requirement; a multiplier that is zero up to rounding is shown as 0."""
     return tuple(_row(found, objective) for found in requirements)
 
 
 def place_phrase(place: Mapping[str, Any] | None) -> str:
-    """A worst place: "at 0.02 rad/s with time_constant_s = 3.1"."""
+    """A worst plant and frequency: "at 0.02 rad/s with time_constant_s = 3.1"."""
     if place is None:
         return ""
     omega, limit = place.get("omega_rad_s"), place.get("limit")
@@ -59,14 +61,14 @@ def place_phrase(place: Mapping[str, Any] | None) -> str:
     return " ".join(part for part in (where, f"with {plant}" if plant else "") if part)
 
 
-def _row(found: Found, objective: float | None) -> Row:
-    said, requirement = found.said, found.requirement
+def _row(found: ReportedRequirement, objective: float | None) -> RequirementRow:
+    said, requirement = found.reported, found.requirement
     proof, outcome = said["proof"], said["outcome"]
     if proof is not None:
         verdict = str(proof["verdict"])
     else:
         verdict = "open" if outcome is None else "met" if said["met"] else "missed"
-    return Row(
+    return RequirementRow(
         verdict=verdict,
         sign=_SIGNS.get(verdict, "–"),
         what=requirement_phrase(requirement),
@@ -101,7 +103,7 @@ def _proved(proof: Mapping[str, Any]) -> str:
     return "; ".join(filter(None, (" and ".join(parts), proof["reason"])))
 
 
-def _cost(multiplier: float | None, found: Found, objective: float | None) -> str:
+def _cost(multiplier: float | None, found: ReportedRequirement, objective: float | None) -> str:
     if multiplier is None:
         return ""
     size = max(map(abs, found.requirement.limits)) or 1.0

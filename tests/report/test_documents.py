@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 
 import fopi_tune as ft
 from fopi_tune.errors import DomainError
-from fopi_tune.report.backing import check_backed
-from fopi_tune.report.chances import histograms
-from fopi_tune.report.figures.regions import discs
+from fopi_tune.report.documents import check_consistent
+from fopi_tune.report.evidence import histograms
+from fopi_tune.report.figures.forbidden_regions import sensitivity_discs
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
@@ -32,7 +32,7 @@ def proved_run() -> dict[str, dict[str, Any]]:
 
 def check(documents: dict[str, Any]) -> None:
     names = "design.json", "certificate.json"
-    check_backed(documents[names[0]], documents[names[1]], names, "fopi run")
+    check_consistent(documents[names[0]], documents[names[1]], names, "fopi run")
 
 
 def test_a_result_as_it_was_written_is_backed_by_its_certificate(proved_run: dict[str, dict[str, Any]]) -> None:
@@ -45,7 +45,7 @@ def test_checks_of_every_shipped_spec_are_backed(name: str) -> None:
     for gains in (ft.FoPi(0.7, 0.4, 0.9), ft.FoPi(5.0, 3.0, 1.3)):
         found = ft.prove(spec, gains)
         result, proof = json.loads(json.dumps([found.to_dict(), found.certificate_document()]))
-        check_backed(result, proof, ("check.json", "certificate.json"), "fopi prove")
+        check_consistent(result, proof, ("check.json", "certificate.json"), "fopi prove")
 
 
 def _without(documents: dict[str, Any]) -> None:
@@ -119,4 +119,4 @@ def test_the_nyquist_figure_hatches_the_disc_that_a_bound_of_s_forbids() -> None
         Requirement("phase_margin_deg", Relation.AT_LEAST, (60.0,)),
     ]
     # |S| <= 2 is a distance of at least 1/2 from -1; a bound below some frequency is no disc
-    assert discs(bounds) == [(pytest.approx(0.5, rel=3e-3), Scope.FAMILY)]
+    assert sensitivity_discs(bounds) == [(pytest.approx(0.5, rel=3e-3), Scope.FAMILY)]

@@ -1,4 +1,4 @@
-"""Phrases, numbers and lines that every text for a terminal is made of."""
+"""Numbers, phrases and wrapped lines for text in a terminal."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from fopi_tune.core.controller import FoPi
 
 WIDTH = 80
-#: width of the first column
-VERDICT = 10
+#: width of the first column, which holds verdicts and labels
+FIRST_COLUMN = 10
 GOOD, BAD, QUIET = "bold green", "bold red", "dim"
-#: a space at which no line is broken
+#: a space at which lines are not broken
 TIE = "\N{NO-BREAK SPACE}"
 _SIGNS = {Relation.EQUALS: "=", Relation.AT_LEAST: ">=", Relation.AT_MOST: "<="}
 
@@ -48,7 +48,7 @@ def scope_phrase(requirement: Requirement) -> str:
 
 
 def gains_line(gains: FoPi, width: int = 56) -> str:
-    """The gains and, after so many columns, the controller's formula in one line."""
+    """The gains, padded to a width, and the controller's formula in one line."""
     values = "   ".join(f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha"))
     return f"{values:<{width}}C(s) = kp + ki / s^alpha"
 
@@ -56,17 +56,17 @@ def gains_line(gains: FoPi, width: int = 56) -> str:
 def gains_lines(gains: FoPi | Mapping[str, FoPi]) -> list[Line]:
     """The gains of one loop, or of each mode of a system."""
     if isinstance(gains, Mapping):
-        return [(f"{name:<{VERDICT}}{gains_line(each, 46)}", "bold") for name, each in gains.items()]
+        return [(f"{name:<{FIRST_COLUMN}}{gains_line(each, 46)}", "bold") for name, each in gains.items()]
     return [(gains_line(gains), "bold")]
 
 
 def entry(label: str, words: str, style: str = "") -> list[Line]:
-    """A label in the first column and words beside it."""
-    return styled(words, style, indent=" " * VERDICT, first=f"{label:<{VERDICT}}")
+    """A label in the first column and wrapped text beside it."""
+    return wrapped(words, style, indent=" " * FIRST_COLUMN, first=f"{label:<{FIRST_COLUMN}}")
 
 
-def styled(sentence: str, style: str = "", indent: str = "", first: str = "") -> list[Line]:
-    """A sentence broken into lines; none when it is empty."""
+def wrapped(sentence: str, style: str = "", indent: str = "", first: str = "") -> list[Line]:
+    """A sentence wrapped into lines of at most 80 columns; none if it is empty."""
     wrapped = textwrap.wrap(
         sentence,
         WIDTH,
@@ -79,28 +79,28 @@ def styled(sentence: str, style: str = "", indent: str = "", first: str = "") ->
 
 
 def sentence(words: str) -> str:
-    """With its full stop."""
+    """The words with a full stop."""
     return words if words.endswith(".") else words + "."
 
 
 def style_of(good: bool) -> str:
-    """Green or red."""
+    """The style of good or bad news."""
     return GOOD if good else BAD
 
 
 def number(value: float, digits: int = 5) -> str:
-    """Five digits, or more on demand."""
-    # "-0" helps nobody
+    """A number with five digits, or as many as given."""
+    # + 0.0 turns -0.0 into 0.0
     return f"{value + 0.0:.{digits}g}"
 
 
-def limit_told(limit: float) -> str:
-    """Five digits where these are the limit, else nine: a limit is to be written as it is said."""
+def exact_limit(limit: float) -> str:
+    """A limit with five digits if these are exact, else nine: users copy it into the spec."""
     return number(limit, 5 if float(number(limit)) == limit else 9)
 
 
 def with_unit(value: float, unit: str) -> str:
-    """A number and its unit, which no line break parts."""
+    """A number and its unit, joined by a space at which lines are not broken."""
     return f"{number(value)}{TIE}{unit}"
 
 

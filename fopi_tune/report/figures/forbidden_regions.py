@@ -1,4 +1,4 @@
-"""Requirements as forbidden regions of a figure, hatched so that they read without colour."""
+"""Forbidden regions:  requirements as hatched areas of a figure, readable without colour."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _STYLE = {"facecolor": "none", "edgecolor": "0.45", "linewidth": 0.6, "zorder": 0.5}
-#: what all plants may not do, and what only the nominal one may not
+#: for requirements on the family, and on the nominal plant alone
 _HATCH = {Scope.FAMILY: "////", Scope.NOMINAL: "\\\\\\\\"}
 #: dB; half the height of the marks on the line |L| = 1
 _MARK_DB = 4.0
-#: factor by which a band around crossovers is wider than they are
+#: factor by which a band around crossovers is widened
 _WIDEN = 1.05
 
 
 def forbid(axes: Axes, x: tuple[float, float], y: tuple[float, float], scope: Scope = Scope.FAMILY) -> None:
-    """Hatch a rectangle, the other way round for the nominal plant; what is infinite ends where the axes do."""
+    """Hatch a rectangle, slanted the other way for the nominal plant; infinite sides end at the axes."""
     from matplotlib.patches import Rectangle
 
     (left, right), (bottom, top) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
@@ -34,7 +34,7 @@ def forbid(axes: Axes, x: tuple[float, float], y: tuple[float, float], scope: Sc
 
 
 def forbid_values(axes: Axes, requirements: Sequence[Requirement], quantity: str) -> None:
-    """What a function of frequency may not reach, over the band of each requirement; sets no limits of the axes."""
+    """Hatch the forbidden values of a function of frequency over each band; the axes' limits stay."""
     for r in requirements:
         if r.quantity != quantity:
             continue
@@ -48,7 +48,7 @@ def forbid_values(axes: Axes, requirements: Sequence[Requirement], quantity: str
 
 
 def forbid_along(axes: Axes, requirements: Sequence[Requirement], quantity: str, nominal: float) -> None:
-    """The same against a plant's number; a cross where the nominal plant has to meet an equality."""
+    """Hatch the forbidden values over an uncertain number; a cross for an equality, at the nominal plant."""
     for r in requirements:
         if r.quantity != quantity:
             continue
@@ -60,7 +60,7 @@ def forbid_along(axes: Axes, requirements: Sequence[Requirement], quantity: str,
 
 
 def forbid_crossovers(axes: Axes, requirements: Sequence[Requirement]) -> None:
-    """Where |L| may not cross 1, as marks on the line of 0 dB; a cross where it has to."""
+    """Hatch the frequencies where |L| may not cross 1, around 0 dB; a cross where it must cross."""
     for r in requirements:
         if r.quantity != "crossover_rad_s":
             continue
@@ -71,8 +71,8 @@ def forbid_crossovers(axes: Axes, requirements: Sequence[Requirement]) -> None:
         forbid(axes, (-math.inf, r.lower), (-_MARK_DB, _MARK_DB), r.scope)
 
 
-def discs(requirements: Sequence[Requirement]) -> list[tuple[float, Scope]]:
-    """Radii around -1 that bounds of |S| at every frequency forbid: |1 + L| >= 1/|S|."""
+def sensitivity_discs(requirements: Sequence[Requirement]) -> list[tuple[float, Scope]]:
+    """Radii of the discs around -1 that a bound M of |S| at every frequency forbids: |S| <= M is |1 + L| >= 1/M."""
     return [
         (10.0 ** (-r.upper / 20.0), r.scope)
         for r in requirements
@@ -81,17 +81,17 @@ def discs(requirements: Sequence[Requirement]) -> list[tuple[float, Scope]]:
 
 
 def forbid_discs(axes: Axes, requirements: Sequence[Requirement]) -> None:
-    """Hatch where no loop may pass; sets no limits of the axes."""
+    """Hatch the discs around -1 that no loop may enter; the axes' limits stay."""
     from matplotlib.patches import Circle
 
-    for radius, scope in discs(requirements):
+    for radius, scope in sensitivity_discs(requirements):
         axes.add_patch(Circle((-1.0, 0.0), radius, hatch=_HATCH[scope], **_STYLE))
 
 
 def forbid_phases(
     axes: Axes, requirements: Sequence[Requirement], crossovers: tuple[float, float], nominal: np.ndarray
 ) -> None:
-    """Phases that a phase margin forbids, over the gain crossovers of the plants it is about; a cross for an equality.
+    """Hatch the phases that a phase margin forbids, over the range of gain crossovers; a cross for an equality.
 
     Args:
         axes: of the phase, deg.
@@ -107,14 +107,14 @@ def forbid_phases(
             axes.plot([own[1]], [r.limits[0] - 180.0], "kx", markersize=7)
             continue
         ends = own if r.scope is Scope.NOMINAL else crossovers
-        # a rectangle needs a width, also where there is one plant only
+        # a rectangle needs a width, also with a single plant
         band = (ends[0] / _WIDEN, ends[1] * _WIDEN)
         forbid(axes, band, (-math.inf, r.lower - 180.0), r.scope)
         forbid(axes, band, (r.upper - 180.0, math.inf), r.scope)
 
 
-def room(axes: Axes, values: Sequence[np.ndarray], most: float) -> None:
-    """Limits of the vertical axis around values, a little wider; at most so far below the largest."""
+def fit_y_limits(axes: Axes, values: Sequence[np.ndarray], most: float) -> None:
+    """Set the limits of the vertical axis to the range of values and a margin; at most `most` below the largest."""
     finite = np.concatenate([each[np.isfinite(each)].ravel() for each in values])
     if len(finite):
         low, high = float(finite.min()), float(finite.max())

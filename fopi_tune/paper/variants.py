@@ -1,0 +1,58 @@
+"""The paper's specs and systems, shipped with the package, and variants of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
+from fopi_tune.paper.published import TAU_NOMINAL_S
+from fopi_tune.spec.load import packaged_spec, packaged_system
+from fopi_tune.spec.model import DesignSpec, GainRange, Objective, Requirement, Scope, Sense, SystemSpec
+
+_PACKAGE = "fopi_tune.paper"
+
+
+def spec(name: str) -> DesignSpec:
+    """One of the shipped specs, by its name."""
+    return packaged_spec(_PACKAGE, f"specs/{name}.yaml")
+
+
+def manoeuvre(gain: int) -> DesignSpec:
+    """The brake manoeuvre for a static gain of 1 or 10."""
+    return packaged_spec(_PACKAGE, f"systems/manoeuvre_gain_{gain}.yaml")
+
+
+def system(name: str) -> SystemSpec:
+    """One of the shipped systems, by its name."""
+    return packaged_system(_PACKAGE, f"systems/{name}.yaml")
+
+
+def brake_plant(static_gain: float = 1.0, tau_s: float = TAU_NOMINAL_S, dead_time_s: float = 0.0) -> Plant:
+    """static_gain e^{-Ls}/(tau s + 1)."""
+    return Plant((static_gain,), (tau_s, 1.0), dead_time_s)
+
+
+def with_numbers(base: DesignSpec, **numbers: float | Uncertain) -> DesignSpec:
+    """The spec with these uncertain or known numbers of its plant replaced."""
+    given = {n: v if isinstance(v, Uncertain) else Uncertain.exactly(v) for n, v in numbers.items()}
+    return replace(base, plant=PlantFamily(base.plant.model, {**base.plant.parameters, **given}))
+
+
+def with_alpha(base: DesignSpec, low: float, high: float) -> DesignSpec:
+    """The spec with another range of alpha."""
+    return replace(base, controller=replace(base.controller, alpha=GainRange(low, high)))
+
+
+def with_objective(base: DesignSpec, quantity: str) -> DesignSpec:
+    """The spec with another quantity to minimise."""
+    return replace(base, objective=Objective(Sense.MINIMIZE, quantity))
+
+
+def with_requirements(base: DesignSpec, *requirements: Requirement) -> DesignSpec:
+    """The spec with only these requirements, and no objective."""
+    return replace(base, requirements=requirements, objective=None)
+
+
+def nominal_requirements(base: DesignSpec) -> tuple[Requirement, ...]:
+    """The requirements on the nominal plant."""
+    return tuple(each for each in base.requirements if each.scope is Scope.NOMINAL)

@@ -1,0 +1,212 @@
+"""What a report is made from:  a spec and the JSON documents of its results -> ResultDocuments.
+
+The documents are those on the disk (`design.json`, `digital.json`, `evidence.json`), so that a report made together
+with the results and one made from their files later are the same bytes.  `check_consistent` refuses documents that
+their certificate does not confirm.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.parallel_form import Implementation, Sections
+from fopi_tune.errors import DomainError
+from fopi_tune.proof.documents import digest
+from fopi_tune.results.design import Run, loop_name
+from fopi_tune.spec.model import DesignSpec, Requirement
+
+#: a result's JSON
+Document = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class ReportedRequirement:
+    """A requirement and its entry in a document.
+
+    Args:
+        requirement: as the spec states it.
+        reported: the entry, with keys `achieved`, `score`, `worst`, `proof`, ...
+    """
+
+    requirement: Requirement
+    reported: Document
+
+
+@dataclass(frozen=True)
+class ResultDocuments:
+    """A spec and the documents of its results.
+
+    Args:
+        spec: the spec.
+        design: the JSON of the design.
+        digital: the JSON of the digital controller and its loop; None without one.
+        evidence: the JSON of the plants that were drawn; None without.
+        gains: those of the design; None where it has none.
+    """
+
+    spec: DesignSpec
+    design: Document
+    digital: Document | None
+    evidence: Document | None
+    gains: FoPi | None
+
+    @property
+    def requirements(self) -> tuple[ReportedRequirement, ...]:
+        """Of the design, in the order of the spec."""
+        return _reported(self.spec, self.design)
+
+    @property
+    def digital_requirements(self) -> tuple[ReportedRequirement, ...]:
+        """Of the loop on samples; none without a digital controller."""
+        return () if self.digital is None else _reported(self.spec, self.digital)
+
+    @property
+    def digital_implementation(self) -> Implementation | None:
+        """The digital controller; None without one."""
+        if self.digital is None or self.spec.digital is None:
+            return None
+        said = self.digital["controller"]
+        poles = tuple(float(each["pole"]) for each in said["sections"])
+        residues = tuple(float(each["residue"]) for each in said["sections"])
+        sections = Sections(self.spec.digital.sample_time_s, float(said["direct"]), poles, residues)
+        return Implementation(sections, self.spec.digital.delay_samples)
+
+    @property
+    def implementation(self) -> Implementation | None:
+        """The digital controller where the requirements are about the loop on samples; None in continuous time."""
+        return self.digital_implementation if loop_name(self.spec) == "sampled" else None
+
+
+def documents_of_run(run: Run, evidence: Document | None = None) -> ResultDocuments:
+    """The documents of a run.
+
+    Args:
+        run: every stage of a spec.
+        evidence: the JSON of plants that were drawn; left out unless it is of the same gains.
+    """
+    digital = None if run.digital is None else _plain(run.digital.to_dict())
+    return documents_of(run.spec, _plain(run.design.to_dict()), digital, evidence)
+
+
+def documents_of(
+    spec: DesignSpec,
+    design: Document,
+    digital: Document | None = None,
+    evidence: Document | None = None,
+    *,
+    file: str = "design.json",
+    command: str = "fopi run",
+) -> ResultDocuments:
+    """Put documents together, after a check that they belong to the spec.
+
+    Args:
+        spec: the spec.
+        design: the JSON of `fopi tune` or `fopi run`; or of `fopi prove`, if only keys that both have are read.
+        digital: the JSON of `fopi discretize`; left out unless it is of this spec and the design's gains.
+        evidence: the JSON of `fopi validate`; left out likewise.
+        file: name of the design's file, for messages.
+        command: the command that writes it, for messages.
+
+    Raises:
+        DomainError: the design is of another spec, or no result of this tool.
+    """
+    try:
+        is_same = design["stamp"]["spec_sha256"] == spec.sha256
+        entries = len(design["requirements"])
+        said = design["gains"]
+        gains = None if said is None else FoPi(float(said["kp"]), float(said["ki"]), float(said["alpha"]))
+        documents = ResultDocuments(
+            spec, design, _matching(spec, said, digital), _matching(spec, said, evidence), gains
+        )
+    except (LookupError, TypeError, ValueError, AttributeError):
+        raise DomainError(f"{file} is no result of this tool; run `{command}` again") from None
+    if not is_same:
+        raise DomainError(f"{file} is of another spec, or of an earlier text of this one; run `{command}` again")
+    if entries != len(spec.requirements):
+        raise DomainError(f"{file} has not the requirements of its spec; run `{command}` again")
+    return documents
+
+
+def _matching(spec: DesignSpec, gains: object, document: Document | None) -> Document | None:
+    """The document if it is of this spec and these gains, else None."""
+    if document is None or gains is None or not {"stamp", "gains", "requirements"} <= document.keys():
+        return None
+    same = document["stamp"].get("spec_sha256") == spec.sha256 and document["gains"] == gains
+    return document if same else None
+
+
+def _reported(spec: DesignSpec, document: Document) -> tuple[ReportedRequirement, ...]:
+    return tuple(
+        ReportedRequirement(r, said) for r, said in zip(spec.requirements, document["requirements"], strict=True)
+    )
+
+
+def _plain(document: Document) -> Document:
+    """The document as it is read back from the disk: lists in place of tuples; numbers keep every digit."""
+    return json.loads(json.dumps(document, allow_nan=False))
+
+
+#: statuses that mean that every requirement is met
+_GOOD_STATUSES = ("solved", "met")
+#: relative
+_ROUNDING = 1e-5
+#: relative; the largest gap that a certificate states
+_LARGEST_GAP = 1e-2
+
+
+def check_consistent(document: Document, certificate: Document | None, names: tuple[str, str], command: str) -> None:
+    """Refuse a result that its certificate does not confirm; a result that states no proof needs none.
+
+    Args:
+        document: JSON of a design, a check or a digital controller.
+        certificate: the JSON of its certificate; None where the file is missing.
+        names: the names of the two files, for messages.
+        command: the command that writes them.
+
+    Raises:
+        DomainError: the certificate is missing, of another result or changed, or the result was changed.
+    """
+    problem = _inconsistency(document, certificate)
+    if problem:
+        result, proof = names
+        raise DomainError(problem.format(result=result, proof=proof) + f"; run `{command}` again")
+
+
+def _inconsistency(document: Document, certificate: Document | None) -> str:
+    """The message that says what does not fit, with {result} and {proof} for the files' names; empty if all does."""
+    met = [bool(each["met"]) for each in document["requirements"]]
+    if document["status"] in _GOOD_STATUSES and not all(met):
+        return "{result} contradicts itself: its status is good, and a requirement is not met"
+    stated = document["proof"].get("certificate_digest")
+    if stated is None:
+        return ""
+    if certificate is None:
+        return "{proof} is not there, which {result} speaks of"
+    if certificate.get("digest") != stated or digest(dict(certificate)) != stated:
+        return "{proof} is not the one that {result} speaks of, or was changed"
+    if certificate["gains"] != document["gains"] or certificate["verdict"] != document["proof"]["verdict"]:
+        return "{result} has other gains or another verdict than {proof}: it was changed"
+    for said, shown in zip(document["requirements"], certificate["requirements"], strict=True):
+        proof = said["proof"]
+        if any(proof[key] != shown[key] for key in ("verdict", "proved_from", "proved_to")) or not _is_within_bounds(
+            said
+        ):
+            return "{result} says of " + str(said["name"]) + " what {proof} does not: it was changed"
+    return ""
+
+
+def _is_within_bounds(said: Document) -> bool:
+    """Whether the achieved value lies within the proved bounds, and close to one where the gap is known."""
+    proof, value = said["proof"], said["achieved"]
+    if value is None or proof["verdict"] != "proved":
+        return True
+    low, high, size = proof["proved_from"], proof["proved_to"], max(1.0, abs(value))
+    slack = _ROUNDING * size
+    inside = (low is None or low - slack <= value) and (high is None or value <= high + slack)
+    bounds = [bound for bound in (low, high) if bound is not None]
+    far = proof["relative_gap"] is not None and bounds and min(abs(value - b) for b in bounds) > _LARGEST_GAP * size
+    return inside and not far
