@@ -1,4 +1,4 @@
-"""The README keeps its word: one page, its spec, its command, its table, its library example."""
+"""The README and CONTRIBUTING keep their word: spec, command, table, library example; folders and files."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from cases.markdown_pages import INSTALL, ROOT, blocks_of, unknown_words
+from test_architecture import LAYERS
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
@@ -19,6 +20,7 @@ from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.model import DesignSpec
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 BLOCKS = blocks_of(README)
 #: everything more is in docs/
 MOST_LINES = 170
@@ -96,3 +98,22 @@ def test_every_linked_file_exists() -> None:
     links = re.findall(r"\]\((?!https?:)([^)#]+)\)", README)
     assert links
     assert all((ROOT / link).exists() for link in links)
+
+
+# ---- CONTRIBUTING.md, which lists the package's folders and files ----
+
+
+def test_the_plan_of_the_house_is_that_of_the_layers() -> None:
+    (plan,) = (each.text for each in blocks_of(CONTRIBUTING) if each.language == "text")
+    assert re.findall(r"^(\w+)(?:/|\.py) ", plan, re.MULTILINE) == list(LAYERS)
+
+
+def test_every_path_in_contributing_exists() -> None:
+    named = re.findall(r"`((?:\.?[\w*]+/)+(?:[\w*]+(?:\.\w+)?)?)`", CONTRIBUTING)
+    assert len(named) > 40
+    # what lies in no folder of the checkout is of the package
+    assert [path for path in named if not ((ROOT / path).exists() or (ROOT / "fopi_tune" / path).exists())] == []
+    plan = next(each.text for each in blocks_of(CONTRIBUTING) if each.language == "text")
+    for line in plan.splitlines():
+        folder, *inside = re.findall(r"(?<![\w/])(\w+)/(?= )", line) or [""]
+        assert all((ROOT / "fopi_tune" / folder / each).is_dir() for each in inside), line
