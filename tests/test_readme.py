@@ -1,4 +1,4 @@
-"""The README keeps its word: its spec, its command, its table, its library example."""
+"""The README and CONTRIBUTING keep their word: spec, command, table, library example; folders and files."""
 
 from __future__ import annotations
 
@@ -11,16 +11,19 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from cases.markdown_pages import INSTALL, ROOT, blocks_of, copy_the_clone, load, unknown_words
+from cases.markdown_pages import INSTALL, ROOT, blocks_of, unknown_words
+from test_architecture import LAYERS
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
 from fopi_tune.spec import load_spec, parse_spec
-from fopi_tune.spec.model import DesignSpec, SystemSpec
-from fopi_tune.study.model import Study
+from fopi_tune.spec.model import DesignSpec
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 BLOCKS = blocks_of(README)
+#: everything more is in docs/
+MOST_LINES = 170
 
 
 def block(language: str, index: int = 0) -> str:
@@ -28,21 +31,13 @@ def block(language: str, index: int = 0) -> str:
 
 
 def test_there_is_no_block_that_no_test_here_is_about() -> None:
-    # main command and its table, test command, library, the three languages; fences count twice
-    assert [each.language for each in BLOCKS] == ["yaml", "sh", "text", "sh", "python", "yaml", "yaml"]
+    # the spec, the main command and its table, the test command, the library; fences count twice
+    assert [each.language for each in BLOCKS] == ["yaml", "sh", "text", "sh", "python"]
     assert len(re.findall(r"^```", README, re.MULTILINE)) == 2 * len(BLOCKS)
 
 
-@pytest.mark.parametrize(("index", "kind"), [(0, DesignSpec), (1, SystemSpec), (2, Study)])
-def test_the_spec_the_system_and_the_study_can_be_used(index: int, kind: type, tmp_path: Path) -> None:
-    copy_the_clone(tmp_path)
-    # their paths are from a folder beside `specs`
-    file = tmp_path / "studies" / "readme.yaml"
-    file.write_text(block("yaml", index), encoding="utf-8")
-    found = load(file)
-    assert isinstance(found, kind)
-    if isinstance(found, Study):
-        assert len(found.cells) == 3 * 2 * 2
+def test_the_readme_is_one_page() -> None:
+    assert len(README.splitlines()) <= MOST_LINES
 
 
 def test_commands_and_options_in_sentences_exist() -> None:
@@ -82,11 +77,9 @@ def test_the_library_example_runs(monkeypatch: pytest.MonkeyPatch) -> None:
         exec(compile(block("python"), "README.md", "exec"), {})
     lines = printed.getvalue().splitlines()
     assert lines[0].startswith("solved FoPi(kp=0.3851")
-    after = lines.index("violated refuted")
-    assert lines[after + 1 : after + 3] == ["True", "solved"]
-    assert any("s^" in line for line in lines[after + 3 : -2])
-    assert lines[-2].startswith("violated 87.869")
-    assert lines[-1] == "0.2"
+    assert lines[1:3] == ["violated refuted", "True"]
+    assert lines[3].startswith("violated 87.869")
+    assert len(lines) == 4
 
 
 def test_the_test_command_is_one_line_and_ci_runs_it_as_printed() -> None:
@@ -105,3 +98,22 @@ def test_every_linked_file_exists() -> None:
     links = re.findall(r"\]\((?!https?:)([^)#]+)\)", README)
     assert links
     assert all((ROOT / link).exists() for link in links)
+
+
+# ---- CONTRIBUTING.md, which lists the package's folders and files ----
+
+
+def test_the_plan_of_the_house_is_that_of_the_layers() -> None:
+    (plan,) = (each.text for each in blocks_of(CONTRIBUTING) if each.language == "text")
+    assert re.findall(r"^(\w+)(?:/|\.py) ", plan, re.MULTILINE) == list(LAYERS)
+
+
+def test_every_path_in_contributing_exists() -> None:
+    named = re.findall(r"`((?:\.?[\w*]+/)+(?:[\w*]+(?:\.\w+)?)?)`", CONTRIBUTING)
+    assert len(named) > 40
+    # what lies in no folder of the checkout is of the package
+    assert [path for path in named if not ((ROOT / path).exists() or (ROOT / "fopi_tune" / path).exists())] == []
+    plan = next(each.text for each in blocks_of(CONTRIBUTING) if each.language == "text")
+    for line in plan.splitlines():
+        folder, *inside = re.findall(r"(?<![\w/])(\w+)/(?= )", line) or [""]
+        assert all((ROOT / "fopi_tune" / folder / each).is_dir() for each in inside), line

@@ -11,9 +11,9 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
-from fopi_tune.core.plant import PlantFamily
-from fopi_tune.core.parameter_table import why_impossible
 from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.core.parameter_table import why_impossible
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.validate import override_validation
 from fopi_tune.results.simulation import ScenarioResult, Simulated

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases.markdown_pages import blocks_of
 from cases.project import ROOT
 from typer.testing import CliRunner, Result
 
@@ -89,13 +90,13 @@ def test_the_digest_of_a_system_knows_its_specs(folder: Path) -> None:
     assert load_system(folder / "small.yaml").sha256 != before
 
 
-def test_the_readme_shows_a_system_that_can_be_read(tmp_path: Path) -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    block = next(b for b in text.split("```yaml\n")[1:] if "system:" in b).split("```")[0]
+def test_the_page_of_systems_shows_one_that_can_be_read(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "howto" / "two_loops.md").read_text(encoding="utf-8")
+    (block,) = (block for block in blocks_of(page) if block.language == "yaml")
     (tmp_path / "systems").mkdir()
     (tmp_path / "specs").symlink_to(ROOT / "specs")
-    path = tmp_path / "systems" / "car.yaml"
-    path.write_text(block)
+    path = tmp_path / block.file
+    path.write_text(block.text)
     assert load_system(path).modes[1].gains is None
 
 

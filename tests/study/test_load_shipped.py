@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+from cases.markdown_pages import blocks_of
 from cases.project import ROOT
 
 from fopi_tune.study.load import load_study
@@ -81,12 +81,10 @@ def test_a_free_order_is_never_worse_than_a_plain_pi() -> None:
     assert pi["alpha"] == 1.0
 
 
-def test_the_readmes_study_can_be_run(tmp_path: Path) -> None:
+def test_the_study_of_two_stages_on_the_page_of_studies_can_be_run(tmp_path: Path) -> None:
     root = ROOT
-    blocks = re.findall(
-        r"^```yaml\n(.*?)^```$", (root / "README.md").read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
-    )
-    (text,) = (block for block in blocks if "stages:" in block)
+    page = (root / "docs" / "howto" / "batch_study.md").read_text(encoding="utf-8")
+    (text,) = (block.text for block in blocks_of(page) if "check." in block.text and block.language == "yaml")
     (tmp_path / "studies").mkdir()
     (tmp_path / "specs").mkdir()
     (tmp_path / "specs" / "brake.yaml").write_bytes((root / "specs" / "brake.yaml").read_bytes())

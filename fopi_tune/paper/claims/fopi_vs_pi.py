@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fopi_tune.core.controller import FoPi
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import Uncertain
 from fopi_tune.paper.table import Row, verdict_of
 from fopi_tune.paper.variants import brake_plant, nominal_requirements, spec, with_alpha, with_numbers, with_objective
