@@ -1,7 +1,7 @@
 """L on samples over a box of frequencies and plants, in ball arithmetic:  digital controller, hold and delays.
 
-With z = (1 + w)/(1 - w), w = j nu, nu = tan(omega Ts/2) (see `fopi_tune.core.sampled_loops`), u = ln nu, the loop is rational
-in w, and the formulas for continuous loops hold with w in place of s:
+With z = (1 + w)/(1 - w), w = j nu, nu = tan(omega Ts/2) (see `fopi_tune.core.sampled_loops`), u = ln nu, the loop is
+rational in w, and the formulas for continuous loops hold with w in place of s:
 
     C(w) = d + sum_k rho_k/(w + sigma_k),   sigma_k = (1 - p_k)/(1 + p_k),  rho_k = 2 r_k/(1 + p_k)^2,
                                             d = direct - sum_k r_k/(1 + p_k) .                                      (1)
