@@ -1,4 +1,4 @@
-"""Problem of one search:  spec, level of the objective, conditions and coordinates; plant responses are cached."""
+"""What one branch and bound is about:  spec, level of the objective, conditions and coordinates; responses are cached."""
 
 from __future__ import annotations
 
