@@ -320,12 +320,10 @@ def _slot_rows(
 
 
 def _peak_value(objective: ObjectiveKind, at: SymbolicLoop) -> Any:
-    """ln of the response whose largest value is the objective; without an objective and limits that of |S|."""
+    """ln of the response whose largest value is the objective; of other objectives ln|S|, whose slots are not in play."""
     if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK:
         return at.log_controller - at.log_return_difference
-    if objective in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.DEPTH):
-        return -at.log_return_difference
-    raise ValueError(f"{objective.value} is no largest value of a response")
+    return -at.log_return_difference
 
 
 def _equation(block: Block, at: SymbolicLoop, symbols: _Symbols, constraints: tuple[Constraint, ...]) -> Any:
