@@ -207,6 +207,11 @@ class Scenario:
         if not 0.0 < self.sample_time_s < math.inf:
             raise DomainError(f"sample_time_s {self.sample_time_s!r} must be finite and greater than 0")
 
+    @property
+    def first_mode(self) -> int:
+        """The mode at the start; 1 where there is only one."""
+        return self.hybrid.first if self.hybrid else 1
+
 
 @dataclass(frozen=True)
 class Horizon:

@@ -18,7 +18,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital import DigitalController, Export, Units, discretize, export_c
 from fopi_tune.digital.export_c import comment, literal, sanitized
-from fopi_tune.digital.integrator import modified_oustaloup, oustaloup
+from fopi_tune.digital.oustaloup import modified_oustaloup, oustaloup
 from fopi_tune.digital.realise import Precision, run_parallel
 from fopi_tune.digital.runtime import Op, Operation, Runtime, State, init, replay, reset, step, track
 from fopi_tune.digital.transforms import matched, tustin

@@ -22,7 +22,7 @@ from scipy.optimize import minimize
 import fopi_tune as ft
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.digital.integrator import modified_oustaloup, oustaloup
+from fopi_tune.digital.oustaloup import modified_oustaloup, oustaloup
 from fopi_tune.digital.transforms import matched, tustin
 from fopi_tune.proof import certify, recheck, verify
 from fopi_tune.proof.documents import digest, to_document
