@@ -81,7 +81,7 @@ def design(seed: int, choice: Sequence[tuple[str, bool]] = ASKED) -> tuple[Desig
     rng = np.random.default_rng(seed)
     sample_time_s = float(10.0 ** rng.uniform(-1.3, 0.0))
     plants = family(rng, sample_time_s)
-    name, upper = choice[rng.integers(len(choice))]
+    name, upper = choice[int(rng.integers(len(choice)))]
     low, high = 0.0, math.inf
     nyquist = math.pi / sample_time_s
     if QUANTITIES[name].takes_band:
