@@ -7,7 +7,8 @@ At sample k, in this order:
     u = the controller's output for e = r - y_m, by `fopi_tune.digital.runtime`                                      (3)
     applied = the last one moved towards u by at most rate Ts; u itself where it is within reach                     (4)
 
-and the plant runs to sample k + 1 under `applied`, delayed, plus the load.
+and the plant runs to sample k + 1 under `applied`, delayed, plus the load.  Its states below `Precision.flush_below`
+become 0, as the controller's do: at rest they would stay subnormal numbers, which are slow.
 
 Source: definitions of the spec's words.
 """

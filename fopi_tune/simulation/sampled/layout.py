@@ -36,6 +36,8 @@ FIXED_ROWS = LOGARITHMS // WIDTH + 5
 #: a controller's coefficients; from SECTIONS on p, w, r of every section
 DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, SECTIONS = range(7)
 HOLD, TRACK, RESET = 0, 1, 2
+#: `Precision.FLOAT64.flush_below`; stated here because the cache of what was compiled knows this module
+FLUSH_BELOW = 2.0**-970
 
 
 class Settings(NamedTuple):

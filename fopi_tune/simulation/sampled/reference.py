@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fopi_tune.digital import runtime
+from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime, State
 from fopi_tune.simulation.sampled.noise import normal_deviates
 from fopi_tune.simulation.sampled.plants import DiscretePlants
@@ -84,6 +85,7 @@ class _ReferenceLoop:
         self.modes.append(self.mode)
         after = self._rate_after(k, rate)
         arriving = self._advance(k)
+        self.x = np.where(np.abs(self.x) < Precision.FLOAT64.flush_below, 0.0, self.x)
         if scenario.hybrid is not None:
             after = arriving
         elif not self.plants[0].acts_at_samples[self.row] and self.plants[0].order == 1:
