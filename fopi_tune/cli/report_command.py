@@ -52,7 +52,9 @@ def _remake_one(spec: DesignSpec, folder: Path, options: OutputOptions) -> Exit:
         return Exit.BAD_INPUT
     except Exception as error:
         return report_failure(spec.name, error, options.debug)
-    code = write_files(folder, list(made.items()), spec.name, options)
+    for why in made.left_out:
+        say(f"{spec.name}: {why}")
+    code = write_files(folder, list(made.files.items()), spec.name, options)
     return code if code is not Exit.MET else print_out(folder / REPORT)
 
 
@@ -82,7 +84,9 @@ def compare_results(sources: Sequence[str], options: OutputOptions) -> Exit:
     except Exception as error:
         return report_failure("compare", error, options.debug)
     folder = Path("results", COMPARISON_FOLDER) if options.out is None else Path(options.out)
-    code = write_files(folder, list(made.items()), COMPARISON_FOLDER, options)
+    for why in made.left_out:
+        say(why)
+    code = write_files(folder, list(made.files.items()), COMPARISON_FOLDER, options)
     return code if code is not Exit.MET else print_out(folder / COMPARISON_PAGE)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,19 @@ from fopi_tune.errors import DomainError
 if TYPE_CHECKING:
     from fopi_tune.report.documents import Document, ResultDocuments
     from fopi_tune.spec.model import DesignSpec
+
+
+@dataclass(frozen=True)
+class Made:
+    """Pages made from files.
+
+    Args:
+        files: by file name.
+        left_out: of each result that is there and is no part of them, why; sentences without a full stop.
+    """
+
+    files: dict[str, str | bytes]
+    left_out: tuple[str, ...]
 
 
 def report_of_run(result: object, folder: Path) -> dict[str, str | bytes]:
@@ -33,8 +47,8 @@ def report_of_run(result: object, folder: Path) -> dict[str, str | bytes]:
     return report_files(documents_of_run(result, _read_document(folder / EVIDENCE)))
 
 
-def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> dict[str, str | bytes]:
-    """The page that compares designs, by file name.
+def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> Made:
+    """The page that compares designs.
 
     Args:
         named: of each design where it was named, its spec, the folder of its results and the file of its gains.
@@ -44,21 +58,22 @@ def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> dict[st
     """
     from fopi_tune.report.comparison_page import comparison_files
 
-    found = []
+    found, left_out = [], list[str]()
     for source, spec, folder, file in named:
         try:
             found.append((source, _read_findings(spec, folder, file)))
         except DomainError as error:
             raise DomainError(f"{source}: {error}") from None
+        left_out += (f"{source}: {why}" for why in _left_out(found[-1][1], folder))
     try:
-        return comparison_files(found)
+        return Made(comparison_files(found), tuple(left_out))
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         if isinstance(error, DomainError):
             raise
         raise DomainError("some of these results are not as this tool writes them; make them again") from error
 
 
-def report_from_folder(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]:
+def report_from_folder(spec: DesignSpec, folder: Path) -> Made:
     """The report of a run, made again from the results in a folder.
 
     Args:
@@ -71,7 +86,8 @@ def report_from_folder(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]
     from fopi_tune.report.html import report_files
 
     try:
-        return report_files(_read_findings(spec, folder, DESIGN))
+        findings = _read_findings(spec, folder, DESIGN)
+        return Made(report_files(findings), tuple(_left_out(findings, folder)))
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         if isinstance(error, DomainError):
             raise
@@ -93,6 +109,15 @@ def _read_findings(spec: DesignSpec, folder: Path, file: str) -> ResultDocuments
         names = (DIGITAL, DIGITAL_CERTIFICATE)
         check_consistent(findings.digital, _read_document(folder / DIGITAL_CERTIFICATE), names, command)
     return findings
+
+
+def _left_out(findings: ResultDocuments, folder: Path) -> Iterator[str]:
+    """The results in a folder that are no part of the findings, in words."""
+    results = ((DIGITAL, findings.digital, "fopi discretize"), (EVIDENCE, findings.evidence, "fopi validate"))
+    for file, used, command in results:
+        if used is None and (folder / file).exists():
+            why = "is of another spec or other gains, or damaged, and is left out"
+            yield f"{folder / file} {why}; run `{command}` again"
 
 
 def _read_document(path: Path) -> Document | None:

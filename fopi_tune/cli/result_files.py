@@ -1,4 +1,8 @@
-"""Files of a result:  result -> (file name in the folder of results, content), in the order of writing."""
+"""Files of a result:  result -> (file name in the folder of results, content), in the order of writing.
+
+The spec is written first and the document that states the gains last.  Whenever writing ends early, a design with its
+own spec beside it means that all its other files are there, of this result; every other state is refused or told.
+"""
 
 from __future__ import annotations
 
@@ -62,22 +66,25 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
             yield f"{kind}_{driven.scenario.name}.svg", _simulation_figure(result, driven)
         return
     if isinstance(result, Run):
-        yield from files_of(result.design)
+        of_design = dict(files_of(result.design))
+        if SPEC in of_design:
+            yield SPEC, of_design.pop(SPEC)
         if result.digital is not None:
             yield from files_of(result.digital)
+        yield from of_design.items()
         return
     if isinstance(result, Discretized):
-        yield DIGITAL, to_json(result.to_dict()) + "\n"
-        yield from _certificate_file(result, DIGITAL_CERTIFICATE)
         yield from _code_files(result)
         yield CONTROLLER_FIGURE, _controller_figure(result)
+        yield from _certificate_file(result, DIGITAL_CERTIFICATE)
+        yield DIGITAL, to_json(result.to_dict()) + "\n"
         return
-    yield CHECK if isinstance(result, Check) else DESIGN, to_json(result.to_dict()) + "\n"
     if result.spec.source:
         yield SPEC, result.spec.source
     yield from _certificate_file(result, CERTIFICATE)
     if not isinstance(result, Check) and (optimum := result.optimum_document()) is not None:
         yield OPTIMUM, to_json(optimum) + "\n"
+    yield CHECK if isinstance(result, Check) else DESIGN, to_json(result.to_dict()) + "\n"
 
 
 def _certificate_file(result: Design | Check | Discretized, name: str) -> Iterator[tuple[str, str]]:

@@ -7,6 +7,7 @@ hour is in them.  Names and texts are untrusted: text in a comment cannot end th
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 import textwrap
@@ -90,6 +91,8 @@ def export_c(export: Export) -> dict[str, str]:
     files = {"test_vectors.csv": vector_table(double, single, standard_operations(double))}
     for runtime in runtimes.values():
         values = _values(export, runtime)
+        # of all that header and source say
+        values["export_id"] = f"0x{hashlib.sha256(repr(values).encode()).hexdigest()[:8]}"
         stem = f"fopi_{export.identifier}_{values['suffix']}"
         files[f"{stem}.h"] = _rendered("controller.h.jinja", values)
         files[f"{stem}.c"] = _rendered("controller.c.jinja", values)

@@ -176,8 +176,12 @@ def read_ledger(folder: Path) -> Iterator[Ledger]:
     path = folder / LEDGER
     if not path.is_file():
         raise LedgerError(f"there is no {LEDGER} in {folder}; name the folder of a study's results")
-    # in a read-only folder nobody else writes either; SQLite needs to know that
-    mode = "mode=rw" if os.access(folder, os.W_OK) and os.access(path, os.W_OK) else "immutable=1"
+    if os.access(folder, os.W_OK) and os.access(path, os.W_OK):
+        mode = "mode=rw"
+    else:
+        # what a killed process had done since, or a running one of somebody else, is in the WAL; without one nobody
+        # writes, which SQLite needs to know
+        mode = "mode=ro" if path.with_name(f"{path.name}-wal").exists() else "immutable=1"
     with contextlib.closing(_connect(path, f"{path.absolute().as_uri()}?{mode}", uri=True)) as connection:
         try:
             if _check_format(connection, path) == 0:
@@ -216,8 +220,23 @@ def _check_format(connection: sqlite3.Connection, path: Path) -> int:
     return int(found)
 
 
+#: SQLite's primary result code of what is no fault of the file -> what to do, so that nothing is lost
+_GO_ON = "and run the same command again: what was done is kept"
+_ADVICE = {
+    sqlite3.SQLITE_FULL: f"make room on the disk {_GO_ON}",
+    sqlite3.SQLITE_IOERR: f"see whether the disk is full or damaged, {_GO_ON}",
+    sqlite3.SQLITE_READONLY: f"see that its folder can be written, {_GO_ON}",
+    sqlite3.SQLITE_CANTOPEN: f"see that its folder can be written and the disk has room, {_GO_ON}",
+    sqlite3.SQLITE_PERM: f"see that its folder can be written, {_GO_ON}",
+    sqlite3.SQLITE_BUSY: f"end what else uses it {_GO_ON}",
+}
+
+
 def _unusable_error(path: Path, error: sqlite3.Error) -> LedgerError:
-    return LedgerError(f"{path} cannot be used ({error}); move it away to begin anew, or choose another --out")
+    # extended result codes have the primary one in their lowest byte; errors of the module itself have none
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR) & 0xFF
+    advice = _ADVICE.get(code, "move it away to begin anew, or choose another --out")
+    return LedgerError(f"{path} cannot be used ({error}); {advice}")
 
 
 @contextlib.contextmanager

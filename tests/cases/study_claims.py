@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,19 @@ def _killed() -> tuple[Row, ...]:
     raise AssertionError("it lives on")
 
 
+def _dies_once(name: str, after_s: float | None) -> tuple[Row, ...]:
+    """Kills its worker the first time that it is run in a folder, at once or a little later."""
+    try:
+        Path(f"{name}.died").touch(exist_ok=False)
+    except FileExistsError:
+        return _computed(name, 0.7)
+    if after_s is None:
+        os.kill(os.getpid(), signal.SIGKILL)
+    else:  # in what the worker does next: it sends the result, or is in another cell
+        threading.Timer(after_s, os.kill, (os.getpid(), signal.SIGKILL)).start()
+    return _computed(name, 0.7)
+
+
 def _raises() -> tuple[Row, ...]:
     raise ZeroDivisionError("on purpose")
 
@@ -42,6 +57,9 @@ def _raises() -> tuple[Row, ...]:
 CLAIMS: Mapping[str, Callable[[], tuple[Row, ...]]] = {
     **{f"slow_{i}": partial(_slow, f"slow {i}", 0.1 * i) for i in range(12)},
     "killed": _killed,
+    # in one process alone: see `_dies_once`
+    "dies_at_once": partial(_dies_once, "dies_at_once", None),
+    **{f"dies_{n}": partial(_dies_once, f"dies_{n}", 1e-3 * n) for n in (1, 3, 10, 30)},
     "raises": _raises,
     **{f"late_{i}": partial(_slow, f"late {i}", 0.3 * i) for i in range(12)},
 }

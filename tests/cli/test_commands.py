@@ -278,7 +278,7 @@ def test_a_folder_that_cannot_be_written_loses_nothing(out: str) -> None:
     Path("file").write_text("mine", encoding="utf-8")
     result = fopi("tune", THROTTLE_FILE, "--out", out)
     assert result.exit_code == 2
-    assert f"throttle: cannot write {Path(out, 'design.json')}" in result.stderr
+    assert f"throttle: cannot write {Path(out, 'spec.yaml')}" in result.stderr
     assert "--out" in result.stderr
     assert result.stdout.startswith("throttle: solved.")
     assert Path("file").read_text(encoding="utf-8") == "mine"

@@ -668,6 +668,20 @@ def test_fast_math_does_not_compile(tmp_path: Path) -> None:
 
 
 @needs_compiler
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+def test_header_and_source_of_two_exports_do_not_compile_together(tmp_path: Path, precision: str) -> None:
+    """As a run that was killed between them leaves them: the state may be of another size."""
+    one, other = (written(export_c(export(made(0.3, 0.5, 1.0, poles=n))), tmp_path / str(n)) for n in (5, 7))
+    name = f"fopi_brake_1_2_{precision}"
+    (one / f"{name}.h").write_bytes((other / f"{name}.h").read_bytes())
+    command = [COMPILERS[0], *FLAGS, "-c", f"{name}.c"]
+    done = subprocess.run(command, cwd=one, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert f"{name}.h is of another export" in done.stderr
+    assert subprocess.run(command, cwd=other, capture_output=True, check=False).returncode == 0
+
+
+@needs_compiler
 def test_the_headers_can_be_included_from_cpp_and_twice(tmp_path: Path) -> None:
     written(export_c(export(made(0.4, 0.4, 0.8))), tmp_path)
     include = "".join(f'#include "fopi_brake_1_2_{p}.h"\n' for p in ("f64", "f32", "f64"))

@@ -51,7 +51,13 @@ def started(file: Path, folder: Path, workers: str, *words: str) -> subprocess.P
         *words,
     ]
     return subprocess.Popen(
-        command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        env=ENVIRONMENT,
+        cwd=file.parent,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
 
 
@@ -129,6 +135,20 @@ def test_a_cell_that_kills_its_worker_is_marked_and_the_rest_goes_on(tmp_path: P
     assert sum(",computed," in row for row in rows) == 2 * 24
     assert "its worker died (killed, out of memory or crashed), and again when the cell ran alone" in rows[1]
     assert said == ""
+
+
+@pytest.mark.parametrize(
+    "dying",
+    ["dies_at_once", *(pytest.param(f"dies_{n}", marks=pytest.mark.long) for n in (1, 3, 10, 30))],
+)
+def test_a_worker_that_dies_once_in_or_after_a_cell_changes_no_row(tmp_path: Path, dying: str) -> None:
+    # the cell is the first, and the others last longer than it takes to die: nothing dies while suspects run alone
+    file, died = study_file(tmp_path, f"{dying}, {SLOW}"), tmp_path / f"{dying}.died"
+    died.touch()
+    whole = table_of(file, tmp_path / "whole", "0")
+    died.unlink()
+    assert table_of(file, tmp_path / "out", "2") == whole
+    assert died.exists()
 
 
 @pytest.mark.parametrize("kills", [3, pytest.param(30, marks=pytest.mark.long)])
