@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from fopi_tune.cli.output import read_text
+from fopi_tune.cli.output import reason_of, say
 from fopi_tune.cli.result_files import CERTIFICATE, CHECK, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, EVIDENCE
 from fopi_tune.errors import DomainError
 
@@ -21,7 +20,8 @@ def report_of_run(result: object, folder: Path) -> dict[str, str | bytes]:
 
     Args:
         result: of any command.
-        folder: of the results; an earlier validation of the same gains in it becomes part of the report.
+        folder: of the results; an earlier validation of the same gains in it becomes part of the report, unless it
+            cannot be used, which is said.
     """
     from fopi_tune.results.design import Run
 
@@ -30,7 +30,12 @@ def report_of_run(result: object, folder: Path) -> dict[str, str | bytes]:
     from fopi_tune.report.documents import documents_of_run
     from fopi_tune.report.html import report_files
 
-    return report_files(documents_of_run(result, _read_document(folder / EVIDENCE)))
+    try:
+        documents = documents_of_run(result, _read_document(folder / EVIDENCE))
+    except DomainError as error:
+        say(f"{result.spec.name}: {error}; the report leaves it out")
+        documents = documents_of_run(result)
+    return report_files(documents)
 
 
 def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> dict[str, str | bytes]:
@@ -50,12 +55,7 @@ def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> dict[st
             found.append((source, _read_findings(spec, folder, file)))
         except DomainError as error:
             raise DomainError(f"{source}: {error}") from None
-    try:
-        return comparison_files(found)
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, DomainError):
-            raise
-        raise DomainError("some of these results are not as this tool writes them; make them again") from error
+    return comparison_files(found)
 
 
 def report_from_folder(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]:
@@ -66,16 +66,11 @@ def report_from_folder(spec: DesignSpec, folder: Path) -> dict[str, str | bytes]
         folder: of the results.
 
     Raises:
-        DomainError: there is no design of this spec.
+        DomainError: there is no design of this spec, or a result is not as this tool writes it; says which and where.
     """
     from fopi_tune.report.html import report_files
 
-    try:
-        return report_files(_read_findings(spec, folder, DESIGN))
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, DomainError):
-            raise
-        raise DomainError(f"the results in {folder} are not as this tool writes them; run `fopi run` again") from error
+    return report_files(_read_findings(spec, folder, DESIGN))
 
 
 def _read_findings(spec: DesignSpec, folder: Path, file: str) -> ResultDocuments:
@@ -96,9 +91,21 @@ def _read_findings(spec: DesignSpec, folder: Path, file: str) -> ResultDocuments
 
 
 def _read_document(path: Path) -> Document | None:
-    """The JSON object in a file; None if there is no such file or object."""
+    """The JSON object in a file; None if there is no such file.
+
+    Raises:
+        DomainError: it cannot be read, or holds something else.
+    """
+    from fopi_tune.spec.files import read_json
+
     try:
-        found: Any = json.loads(read_text(path))
-    except (OSError, ValueError, RecursionError):
+        found = read_json(path)
+    except FileNotFoundError:
         return None
-    return found if isinstance(found, dict) else None
+    except OSError as error:
+        raise DomainError(f"{path} cannot be read ({reason_of(error)}); check it, or move it away") from None
+    except DomainError as error:
+        raise DomainError(f"{path} {error}; make the result again, or move the file away") from None
+    if not isinstance(found, dict):
+        raise DomainError(f"{path} is no object of JSON, as results are; make the result again, or move the file away")
+    return found
