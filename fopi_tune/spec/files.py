@@ -115,8 +115,9 @@ def _refuse_constant(constant: str) -> None:
 
 
 def _integer(digits: str) -> int:
-    if len(digits) > _MOST_DIGITS:
-        raise DomainError(f"holds a whole number of {len(digits)} digits, which no number of this tool has")
+    count = len(digits.removeprefix("-"))
+    if count > _MOST_DIGITS:
+        raise DomainError(f"holds a whole number of {count} digits, which no number of this tool has")
     return int(digits)
 
 
