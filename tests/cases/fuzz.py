@@ -16,8 +16,8 @@ _NUMBERS = (
     "nan inf 9007199254740993 18446744073709551616 0x10 0o7 1_000 +1 .5 1. 1e 1e-3"
 )
 _WORDS = (
-    "true null ~ no '' \"\" [] {} [[]] {a:1} : - , # & *a !b %YAML << | > \\ \x00 \x1b[31m \u202e \ud7ff \ufeff \u0663 x "
-    "schema gains at_most min max nominal lag pole"
+    "true null ~ no '' \"\" [] {} [[]] {a:1} : - , # & *a !b %YAML << | > \\ \x00 \x1b[31m \u202e \ud7ff \ufeff \u0663 "
+    "x schema gains at_most min max nominal lag pole"
 )
 #: what stands where a number or a word stood
 TOKENS = (*_NUMBERS.split(" "), *_WORDS.split(" "))
