@@ -237,6 +237,7 @@ def test_a_design_without_gains_has_its_column_and_no_lines() -> None:
         "gains": None, "status": "failed", "objective": None, "stability": None, "nominal": None,
         "requirements": [{**each, **nothing} for each in check(PI)["requirements"]],
         "proof": {"verdict": "not_attempted", "reason": "there are no gains"},
+        "message": "", "advice": "", "clash": [],
     }  # fmt: skip
     named = [("a", documents(ROBUST_BRAKE)), ("b", documents(PI, **said))]
     page = "".join(Page(str(comparison_files(named)["compare.html"])).text)
