@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from fopi_tune.cli.batch import OutputOptions
-from fopi_tune.cli.output import bad_input, read_json
+from fopi_tune.cli.output import bad_input
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
@@ -28,6 +28,8 @@ def gains_from_options(kp: float | None, ki: float | None, alpha: float | None) 
 
 def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | None:
     """The gains that the spec fixes, or those of a solved design of exactly this spec in the folder of results."""
+    from fopi_tune.spec.files import read_json
+
     box = spec.controller
     if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
         return FoPi(box.kp.min, box.ki.min, box.alpha.min)
@@ -37,7 +39,7 @@ def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | 
         solved = document["status"] == "solved" and document["stamp"]["spec_sha256"] == spec.sha256
         gains = document["gains"] if solved else None
         found = FoPi(float(gains["kp"]), float(gains["ki"]), float(gains["alpha"])) if gains else None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except (OSError, DomainError, KeyError, TypeError):
         return None  # no usable design: the caller prints a note and tunes
     if found is not None:
         options.note(f"{spec.name}: gains from {path}")

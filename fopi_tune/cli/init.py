@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import textwrap
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fopi_tune.cli.output import bad_input, read_text, reason_of, say, to_json, write_file
+from fopi_tune.cli.output import bad_input, reason_of, say, to_json, write_file
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
@@ -130,15 +129,15 @@ def _plant_sections(model: Model | None, recordings: tuple[str, ...]) -> Templat
 
 def _recording(file: str) -> Recording:
     from fopi_tune.identify import parse_recording
+    from fopi_tune.identify.recording import MAX_BYTES
+    from fopi_tune.spec.files import read_text
 
     try:
-        text = read_text(Path(file))
+        text = read_text(file, MAX_BYTES)
     except OSError as error:
         raise bad_input(f"cannot read {file} ({reason_of(error)}); give CSV files with --from-step-data") from None
-    except UnicodeDecodeError:
-        raise bad_input(f"{file} is not UTF-8; save it as CSV in UTF-8") from None
-    except ValueError as error:  # too large, or a NUL in the path
-        raise bad_input(f"cannot read {file} ({error})") from None
+    except DomainError as error:
+        raise bad_input(f"{file}: {error}; give CSV files with --from-step-data") from None
     return parse_recording(text, file)
 
 
@@ -169,12 +168,14 @@ def _schema_text() -> str:
 
 def _check_schema_file(path: Path, force: bool) -> None:
     """Refuse to replace a file that is not a schema of this tool; an older schema is replaced."""
+    from fopi_tune.spec.files import read_json
+
     if force or not os.path.lexists(path):
         return
     try:
-        found = json.loads(read_text(path))
+        found = read_json(path)
         ours = isinstance(found, dict) and str(found.get("title", "")).startswith("fopi-tune spec")
-    except (OSError, ValueError, RecursionError):
+    except (OSError, DomainError):
         ours = False
     if not ours:
         raise bad_input(f"{path} exists already and is no schema of fopi; move it, use --force, or add --no-schema")

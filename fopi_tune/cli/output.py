@@ -1,4 +1,4 @@
-"""Printing, reading and writing files:  the only module of the library that prints or writes."""
+"""Printing, and writing files:  the only module of the library that prints or writes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 #: seconds until the first note
 _FIRST_NOTE_S = 5.0
-#: characters of a file that is read
-_LARGEST_RESULT = 200_000_000
 
 
 class Exit(IntEnum):
@@ -138,40 +136,6 @@ def to_json(document: object) -> str:
 def reason_of(error: OSError) -> str:
     """The operating system's message."""
     return error.strerror or str(error)
-
-
-def read_text(path: Path) -> str:
-    """The text of a file.
-
-    Raises:
-        OSError: it cannot be read.
-        ValueError: it is not text, or is larger than any result.
-    """
-    with open(path, encoding="utf-8") as file:
-        text = file.read(_LARGEST_RESULT + 1)
-    if len(text) > _LARGEST_RESULT:
-        raise ValueError(f"{path} is larger than any result of this tool")
-    return text
-
-
-def read_json(path: str | Path) -> Any:
-    """A JSON file; NaN, infinity and duplicate keys are errors.
-
-    Raises:
-        OSError: it cannot be read.
-        ValueError: it is no such JSON.
-        RecursionError: it is nested too deeply.
-    """
-
-    def refuse(constant: str) -> None:
-        raise ValueError(f"{constant} is no JSON")
-
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        if len({key for key, _ in pairs}) < len(pairs):
-            raise ValueError("an entry appears twice")
-        return dict(pairs)
-
-    return json.loads(read_text(Path(path)), parse_constant=refuse, object_pairs_hook=once)
 
 
 def write_file(path: Path, content: str | bytes) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.cli.batch import OutputOptions
-from fopi_tune.cli.output import Exit, print_out, print_styled, read_json, reason_of, report_failure, say, to_json
-from fopi_tune.errors import CertificateError, SpecError
+from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json
+from fopi_tune.errors import CertificateError, DomainError, SpecError
 
 if TYPE_CHECKING:
     from fopi_tune.optimum import OptimumRecheck
@@ -15,13 +15,15 @@ if TYPE_CHECKING:
 
 def recheck_file(file: str, spec_file: str | None, options: OutputOptions) -> Exit:
     """Check a certificate and print the result; the exit code says whether everything in it is proved."""
+    from fopi_tune.spec.files import MAX_CERTIFICATE_BYTES, read_json
+
     try:
-        document = read_json(file)
+        document = read_json(file, MAX_CERTIFICATE_BYTES)
     except OSError as error:
         say(f"{file}: cannot be read ({reason_of(error)}); check the path")
         return Exit.BAD_INPUT
-    except (ValueError, RecursionError):
-        say(f"{file}: is no JSON, or names an entry twice; give the certificate.json (or optimum.json) of a result")
+    except DomainError as error:
+        say(f"{file}: {error}; give the certificate.json (or optimum.json) of a result")
         return Exit.BAD_INPUT
     try:
         if isinstance(document, dict) and document.get("kind") == "fopi_tune optimum":

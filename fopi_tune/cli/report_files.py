@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from fopi_tune.cli.output import read_text
+from fopi_tune.cli.output import reason_of, say
 from fopi_tune.cli.result_files import CERTIFICATE, CHECK, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, EVIDENCE
 from fopi_tune.errors import DomainError
 
@@ -35,7 +34,8 @@ def report_of_run(result: object, folder: Path) -> dict[str, str | bytes]:
 
     Args:
         result: of any command.
-        folder: of the results; an earlier validation of the same gains in it becomes part of the report.
+        folder: of the results; an earlier validation of the same gains in it becomes part of the report, unless it
+            cannot be used, which is said.
     """
     from fopi_tune.results.design import Run
 
@@ -44,7 +44,12 @@ def report_of_run(result: object, folder: Path) -> dict[str, str | bytes]:
     from fopi_tune.report.documents import documents_of_run
     from fopi_tune.report.html import report_files
 
-    return report_files(documents_of_run(result, _read_document(folder / EVIDENCE)))
+    try:
+        documents = documents_of_run(result, _read_document(folder / EVIDENCE))
+    except DomainError as error:
+        say(f"{result.spec.name}: {error}; the report leaves it out")
+        documents = documents_of_run(result)
+    return report_files(documents)
 
 
 def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> Made:
@@ -65,12 +70,7 @@ def comparison_of(named: Sequence[tuple[str, DesignSpec, Path, str]]) -> Made:
         except DomainError as error:
             raise DomainError(f"{source}: {error}") from None
         left_out += (f"{source}: {why}" for why in _left_out(found[-1][1], folder))
-    try:
-        return Made(comparison_files(found), tuple(left_out))
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, DomainError):
-            raise
-        raise DomainError("some of these results are not as this tool writes them; make them again") from error
+    return Made(comparison_files(found), tuple(left_out))
 
 
 def report_from_folder(spec: DesignSpec, folder: Path) -> Made:
@@ -81,17 +81,12 @@ def report_from_folder(spec: DesignSpec, folder: Path) -> Made:
         folder: of the results.
 
     Raises:
-        DomainError: there is no design of this spec.
+        DomainError: there is no design of this spec, or a result is not as this tool writes it; says which and where.
     """
     from fopi_tune.report.html import report_files
 
-    try:
-        findings = _read_findings(spec, folder, DESIGN)
-        return Made(report_files(findings), tuple(_left_out(findings, folder)))
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, DomainError):
-            raise
-        raise DomainError(f"the results in {folder} are not as this tool writes them; run `fopi run` again") from error
+    findings = _read_findings(spec, folder, DESIGN)
+    return Made(report_files(findings), tuple(_left_out(findings, folder)))
 
 
 def _read_findings(spec: DesignSpec, folder: Path, file: str) -> ResultDocuments:
@@ -121,9 +116,21 @@ def _left_out(findings: ResultDocuments, folder: Path) -> Iterator[str]:
 
 
 def _read_document(path: Path) -> Document | None:
-    """The JSON object in a file; None if there is no such file or object."""
+    """The JSON object in a file; None if there is no such file.
+
+    Raises:
+        DomainError: it cannot be read, or holds something else.
+    """
+    from fopi_tune.spec.files import read_json
+
     try:
-        found: Any = json.loads(read_text(path))
-    except (OSError, ValueError, RecursionError):
+        found = read_json(path)
+    except FileNotFoundError:
         return None
-    return found if isinstance(found, dict) else None
+    except OSError as error:
+        raise DomainError(f"{path} cannot be read ({reason_of(error)}); check it, or move it away") from None
+    except DomainError as error:
+        raise DomainError(f"{path} {error}; make the result again, or move the file away") from None
+    if not isinstance(found, dict):
+        raise DomainError(f"{path} is no object of JSON, as results are; make the result again, or move the file away")
+    return found

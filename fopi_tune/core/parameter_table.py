@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,8 @@ from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.errors import DomainError
 
 Marks = NDArray[np.bool_]
+#: characters of a name or a field that a message quotes
+_MOST_QUOTED = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ class ParameterTable:
         known: set[str] = set()
         for name in self.names:
             if not name or name in known:
-                raise DomainError(f"column {name!r} " + ("comes twice" if name else "has no name"))
+                raise DomainError(f"column {_excerpt(name)} " + ("comes twice" if name else "has no name"))
             known.add(name)
         rows.flags.writeable = False
         object.__setattr__(self, "rows", rows)
@@ -58,22 +60,29 @@ class ParameterTable:
         """
         wanted = family.uncertain_names
         if missing := [name for name in wanted if name not in self.names]:
-            raise DomainError(f"the table has no column {missing[0]!r}; it needs {', '.join(wanted)}")
+            raise DomainError(_missing_column(missing[0], wanted))
         if unknown := [name for name in self.names if name not in wanted]:
             raise DomainError(not_uncertain(unknown[0], family))
         return [self.names.index(name) for name in wanted]
 
 
-def parse_table(text: str) -> ParameterTable:
+def parse_table(text: str, known: Sequence[str]) -> ParameterTable:
     """A table from the text of a CSV file: a line of parameter names, then a line of numbers per plant.
 
+    Args:
+        text: the file's contents; nothing of it is quoted unless its first line has one of the known names, so that
+            another file's contents are not shown.
+        known: names of columns; at least one must be there.
+
     Raises:
-        DomainError: empty, not CSV, a line with too few or too many fields, or a field that is no finite number; the
-            message names the line.
+        DomainError: empty, not CSV, without any known column, a line with too few or too many fields, or a field that
+            is no finite number; the message names the line.
     """
     reader = csv.reader(io.StringIO(text.removeprefix("\ufeff"), newline=""), strict=True)
     try:
         names = tuple(name.strip() for name in next(reader, ()))
+        if any(names) and not set(names) & set(known):
+            raise DomainError(_missing_column(known[0], known))
         # array of doubles: one Python object a number would be too large for long files
         values = array("d", (value for line in reader for value in _numbers(line, names, reader.line_num)))
     except csv.Error as error:
@@ -88,7 +97,7 @@ def not_uncertain(name: str, family: PlantFamily) -> str:
     if name in family.parameters:
         return f"{name!r} is exact in this family; give it a range or leave it out"
     known = ", ".join(family.uncertain_names) or "none: every number is exact"
-    return f"{name!r} is no number of this family; its uncertain numbers are {known}"
+    return f"{_excerpt(name)} is no number of this family; its uncertain numbers are {known}"
 
 
 def outside_box(points: Array, family: PlantFamily) -> Marks:
@@ -132,6 +141,15 @@ def _hull(low: float, high: float) -> Uncertain:
     return Uncertain(float(low), float(low), float(high))
 
 
+def _missing_column(name: str, wanted: Sequence[str]) -> str:
+    return f"the table has no column {name!r}; it needs {', '.join(wanted)}"
+
+
+def _excerpt(text: str) -> str:
+    """What a table holds, on one short line."""
+    return repr(text) if len(text) <= _MOST_QUOTED else f"{text[:_MOST_QUOTED]!r}…"
+
+
 def _numbers(line: list[str], names: tuple[str, ...], number: int) -> Iterator[float]:
     if len(line) != len(names):
         fields = "1 field" if len(line) == 1 else f"{len(line)} fields"
@@ -146,5 +164,5 @@ def _number(entry: str, name: str, line: int) -> float:
     except ValueError:
         value = math.nan
     if "_" in entry or not entry.isascii() or not math.isfinite(value):
-        raise DomainError(f"line {line}, column {name!r}: {entry!r} is not a finite number")
+        raise DomainError(f"line {line}, column {_excerpt(name)}: {_excerpt(entry)} is not a finite number")
     return value

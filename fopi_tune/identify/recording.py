@@ -13,7 +13,8 @@ from fopi_tune.errors import DomainError
 COLUMNS = ("time_s", "input", "output")
 #: of columns; with the last two, numbers may have decimal commas
 _SEPARATORS = (",", ";", "\t")
-MAX_CHARACTERS = 32 * 1024 * 1024
+#: of a recording's file
+MAX_BYTES = 32 * 1024 * 1024
 #: rows of the file; four numbers are fitted, and their intervals need degrees of freedom
 MIN_SAMPLES = 10
 #: allowed deviation of the input from its step, relative to the step; some inputs are measured
@@ -69,8 +70,8 @@ def parse_recording(text: str, name: str) -> Recording:
 
 
 def _parse(text: str, name: str) -> Recording:
-    if len(text) > MAX_CHARACTERS:
-        raise DomainError(f"is larger than {MAX_CHARACTERS // 2**20} MiB; keep fewer samples or digits")
+    if len(text) > MAX_BYTES:
+        raise DomainError(f"is larger than {MAX_BYTES // 2**20} MiB; keep fewer samples or digits")
     first_line, _, lines = text.removeprefix("\ufeff").rstrip().partition("\n")
     names, separator = _header(first_line)
     if not lines:
@@ -78,7 +79,7 @@ def _parse(text: str, name: str) -> Recording:
     if separator != ",":
         # in such files the comma is the decimal mark
         lines = lines.replace(",", ".").replace(separator, ",")
-    table = parse_table(",".join(names) + "\n" + lines)
+    table = parse_table(",".join(names) + "\n" + lines, COLUMNS)
     time_s, inputs, output = (table.rows[:, table.names.index(column)].copy() for column in COLUMNS)
     not_increasing = np.flatnonzero(np.diff(time_s) <= 0)
     if not_increasing.size:
@@ -92,12 +93,16 @@ def _parse(text: str, name: str) -> Recording:
 
 def _header(line: str) -> tuple[list[str], str]:
     """The columns' names, in small letters, and what separates them."""
+    is_recording = False
     for separator in _SEPARATORS:
         names = [column.strip().strip('"').strip().lower() for column in line.split(separator)]
         if sorted(names) == sorted(COLUMNS):
             return names, separator
+        is_recording |= not set(COLUMNS).isdisjoint(names)
+    # another file's contents are not shown
+    found = f"is {line.strip()[:60]!r}" if is_recording else "has none of the columns"
     raise DomainError(
-        f"line 1 is {line.strip()[:60]!r}; write the header {','.join(COLUMNS)}, a name for each column, separated by "
+        f"line 1 {found}; write the header {','.join(COLUMNS)}, a name for each column, separated by "
         "commas, semicolons or tabs"
     )
 

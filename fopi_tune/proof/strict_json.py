@@ -1,4 +1,4 @@
-"""Strict reading of a certificate's JSON:  types and ranges are checked, and every error names the entry."""
+"""Strict reading of the JSON of certificates and results:  types are checked, and every error names the entry."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ class JsonObject:
 
     def __init__(self, value: object, place: str) -> None:
         if not isinstance(value, dict):
-            raise CertificateError(f"{place or 'the file'} is no object; this is not a certificate of this tool")
+            raise CertificateError(f"{place or 'the file'} is no object; this is not a file of this tool")
         self.value: dict[str, Any] = value
         self.place = place
 
     def get(self, key: str) -> Any:
         """The raw value."""
         if key not in self.value:
-            raise CertificateError(f"{self._at(key)} is missing")
+            raise CertificateError(f"{self.at(key)} is missing")
         return self.value[key]
 
-    def _at(self, key: str) -> str:
+    def at(self, key: str) -> str:
+        """The path of an entry in the document."""
         return f"{self.place}.{key}" if self.place else key
 
     def number(self, key: str) -> float:
@@ -41,7 +42,7 @@ class JsonObject:
         found = self.get(key)
         huge = isinstance(found, int) and abs(found) > _LARGEST_INTEGER
         if isinstance(found, bool) or not isinstance(found, int | float) or huge or not math.isfinite(found):
-            raise CertificateError(f"{self._at(key)} is no finite number")
+            raise CertificateError(f"{self.at(key)} is no finite number")
         return float(found)
 
     def number_or_none(self, key: str) -> float | None:
@@ -52,39 +53,39 @@ class JsonObject:
         """A whole number or null."""
         found = self.number_or_none(key)
         if found is not None and found != int(found):
-            raise CertificateError(f"{self._at(key)} is no whole number")
+            raise CertificateError(f"{self.at(key)} is no whole number")
         return None if found is None else int(found)
 
     def text(self, key: str) -> str:
         """A string."""
         found = self.get(key)
         if not isinstance(found, str):
-            raise CertificateError(f"{self._at(key)} is no text")
+            raise CertificateError(f"{self.at(key)} is no text")
         if not found.isprintable():  # control sequences must not reach a terminal
-            raise CertificateError(f"{self._at(key)} holds characters that cannot be printed")
+            raise CertificateError(f"{self.at(key)} holds characters that cannot be printed")
         return found
 
     def word(self, key: str, words: type[Word]) -> Word:
         """One of the words of an enum."""
         found, known = self.text(key), [word.value for word in words]
         if found not in known:
-            raise CertificateError(f"{self._at(key)}: {found[:40]!r} is none of {', '.join(known)}")
+            raise CertificateError(f"{self.at(key)}: {found[:40]!r} is none of {', '.join(known)}")
         return words(found)
 
     def flag(self, key: str) -> bool:
         """true or false."""
         found = self.get(key)
         if not isinstance(found, bool):
-            raise CertificateError(f"{self._at(key)} is neither true nor false")
+            raise CertificateError(f"{self.at(key)} is neither true nor false")
         return found
 
     def child(self, key: str) -> JsonObject:
         """An object."""
-        return JsonObject(self.get(key), self._at(key))
+        return JsonObject(self.get(key), self.at(key))
 
     def children(self, key: str) -> list[JsonObject]:
         """A list of objects."""
-        return [JsonObject(item, f"{self._at(key)}[{k}]") for k, item in enumerate(self._list(key))]
+        return [JsonObject(item, f"{self.at(key)}[{k}]") for k, item in enumerate(self._list(key))]
 
     def numbers(self, key: str) -> tuple[float, ...]:
         """A list of finite numbers."""
@@ -94,5 +95,5 @@ class JsonObject:
     def _list(self, key: str) -> list[Any]:
         found = self.get(key)
         if not isinstance(found, list):
-            raise CertificateError(f"{self._at(key)} is no list")
+            raise CertificateError(f"{self.at(key)} is no list")
         return found

@@ -8,19 +8,22 @@ their certificate does not confirm.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation, Sections
-from fopi_tune.errors import DomainError
+from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.documents import digest
+from fopi_tune.proof.strict_json import JsonObject
+from fopi_tune.report.document_shapes import check_design, check_digital, check_evidence
 from fopi_tune.results.design import Run, loop_name
 from fopi_tune.spec.model import DesignSpec, Requirement
 
 #: a result's JSON
 Document = Mapping[str, Any]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -112,31 +115,43 @@ def documents_of(
         command: the command that writes it, for messages.
 
     Raises:
-        DomainError: the design is of another spec, or no result of this tool.
+        DomainError: the design is of another spec, or one of the documents is not as this tool writes it; says where.
     """
-    try:
-        is_same = design["stamp"]["spec_sha256"] == spec.sha256
-        entries = len(design["requirements"])
-        said = design["gains"]
-        gains = None if said is None else FoPi(float(said["kp"]), float(said["ki"]), float(said["alpha"]))
-        documents = ResultDocuments(
-            spec, design, _matching(spec, said, digital), _matching(spec, said, evidence), gains
-        )
-    except (LookupError, TypeError, ValueError, AttributeError):
-        raise DomainError(f"{file} is no result of this tool; run `{command}` again") from None
-    if not is_same:
+    stated = _spec_of(design)
+    if stated is None:
+        raise DomainError(f"{file} is no result of this tool; run `{command}` again")
+    if stated != spec.sha256:
         raise DomainError(f"{file} is of another spec, or of an earlier text of this one; run `{command}` again")
-    if entries != len(spec.requirements):
-        raise DomainError(f"{file} has not the requirements of its spec; run `{command}` again")
-    return documents
+    gains = _checked(check_design, design, spec, file, command)
+    digital = _matching(spec, design["gains"], digital)
+    if digital is not None:
+        _checked(check_digital, digital, spec, "digital.json", command)
+    evidence = _matching(spec, design["gains"], evidence)
+    if evidence is not None:
+        _checked(check_evidence, evidence, spec, "evidence.json", "fopi validate")
+    return ResultDocuments(spec, design, digital, evidence, gains)
+
+
+def _spec_of(document: Document) -> object:
+    """The digest of the spec that a document says it is of; None where it says nothing."""
+    stamp = document.get("stamp")
+    return stamp.get("spec_sha256") if isinstance(stamp, Mapping) else None
+
+
+def _checked(
+    check: Callable[[Document, DesignSpec], T], document: Document, spec: DesignSpec, file: str, command: str
+) -> T:
+    try:
+        return check(document, spec)
+    except DomainError as error:
+        raise DomainError(f"{file} is not as this tool writes it: {error}; run `{command}` again") from None
 
 
 def _matching(spec: DesignSpec, gains: object, document: Document | None) -> Document | None:
     """The document if it is of this spec and these gains, else None."""
-    if document is None or gains is None or not {"stamp", "gains", "requirements"} <= document.keys():
+    if document is None or gains is None:
         return None
-    same = document["stamp"].get("spec_sha256") == spec.sha256 and document["gains"] == gains
-    return document if same else None
+    return document if _spec_of(document) == spec.sha256 and document.get("gains") == gains else None
 
 
 def _reported(spec: DesignSpec, document: Document) -> tuple[ReportedRequirement, ...]:
@@ -156,13 +171,15 @@ _GOOD_STATUSES = ("solved", "met")
 _ROUNDING = 1e-5
 #: relative; the largest gap that a certificate states
 _LARGEST_GAP = 1e-2
+#: entries of a requirement's proof that its certificate has too
+_PROVED = ("verdict", "proved_from", "proved_to")
 
 
 def check_consistent(document: Document, certificate: Document | None, names: tuple[str, str], command: str) -> None:
     """Refuse a result that its certificate does not confirm; a result that states no proof needs none.
 
     Args:
-        document: JSON of a design, a check or a digital controller.
+        document: JSON of a design, a check or a digital controller, with the entries that `documents_of` asks for.
         certificate: the JSON of its certificate; None where the file is missing.
         names: the names of the two files, for messages.
         command: the command that writes them.
@@ -170,9 +187,12 @@ def check_consistent(document: Document, certificate: Document | None, names: tu
     Raises:
         DomainError: the certificate is missing, of another result or changed, or the result was changed.
     """
-    problem = _inconsistency(document, certificate)
+    result, proof = names
+    try:
+        problem = _inconsistency(document, certificate)
+    except CertificateError as error:
+        raise DomainError(f"{proof} is not as this tool writes it: {error}; run `{command}` again") from None
     if problem:
-        result, proof = names
         raise DomainError(problem.format(result=result, proof=proof) + f"; run `{command}` again")
 
 
@@ -188,13 +208,16 @@ def _inconsistency(document: Document, certificate: Document | None) -> str:
         return "{proof} is not there, which {result} speaks of"
     if certificate.get("digest") != stated or digest(dict(certificate)) != stated:
         return "{proof} is not the one that {result} speaks of, or was changed"
-    if certificate["gains"] != document["gains"] or certificate["verdict"] != document["proof"]["verdict"]:
+    top = JsonObject(certificate, "")
+    if top.get("gains") != document["gains"] or top.get("verdict") != document["proof"]["verdict"]:
         return "{result} has other gains or another verdict than {proof}: it was changed"
-    for said, shown in zip(document["requirements"], certificate["requirements"], strict=True):
+    claims = top.children("requirements")
+    if len(claims) != len(document["requirements"]):
+        return "{proof} has not the requirements of {result}"
+    for said, claim in zip(document["requirements"], claims, strict=True):
         proof = said["proof"]
-        if any(proof[key] != shown[key] for key in ("verdict", "proved_from", "proved_to")) or not _is_within_bounds(
-            said
-        ):
+        same = proof is not None and all(proof[key] == claim.get(key) for key in _PROVED)
+        if not same or not _is_within_bounds(said):
             return "{result} says of " + str(said["name"]) + " what {proof} does not: it was changed"
     return ""
 

@@ -19,8 +19,8 @@ from fopi_tune.spec.requirements import (
 )
 from fopi_tune.spec.scenarios import limits_shape, refuse_too_many_samples, refuse_unknown_scenarios, scenarios_shape
 from fopi_tune.spec.validation import FileReader, PlacedValidation, resolve_validation, validation_shape
-from fopi_tune.spec.yaml.nodes import MappingNode, Place
-from fopi_tune.spec.yaml.records import Key, Record, Values
+from fopi_tune.spec.yaml.nodes import Place
+from fopi_tune.spec.yaml.records import Key, Record, Values, refuse_foreign
 from fopi_tune.spec.yaml.shapes import Text, Version
 
 SCHEMA_VERSION = 1
@@ -51,14 +51,14 @@ def spec_shape() -> Record:
 
 def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     """The spec that a document describes, or None after reporting its problems; `read` reads files that it names."""
-    if not isinstance(place.node, MappingNode):
-        place.refuse(f"the file is no spec; {_START}")
+    shape = spec_shape()
+    if refuse_foreign(place, (*shape.keys, "system"), f"the file is no spec; {_START}"):
         return None
     if place.has("system"):
         message = "the file describes a system; `fopi simulate` and `fopi validate` take it, the others its two specs"
         place.child("system").refuse(message)
         return None
-    values = spec_shape().read_partial(place)
+    values = shape.read_partial(place)
     if values is None:
         return None
     placed = [each for each in values.get("requirements") or [] if each is not None]

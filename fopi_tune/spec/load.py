@@ -1,4 +1,4 @@
-"""Files and text to `DesignSpec`; the only module of the library, besides the command line, that reads the disk."""
+"""Files and text to `DesignSpec`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from importlib.resources import files as package_files
 
+from fopi_tune.spec.files import read_bytes
 from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.model import DesignSpec, SystemSpec
 from fopi_tune.spec.systems import SpecLoader, is_system, read_system
@@ -152,12 +153,12 @@ def _parse(data: bytes, collector: ProblemCollector, read: FileReader) -> Design
 
 def _read_file(path: str | os.PathLike[str], collector: ProblemCollector) -> bytes:
     try:
-        data = _read_bytes(path, MAX_BYTES)
+        data = read_bytes(path, MAX_BYTES)
     except FileNotFoundError:
         collector.stop(Mark(1, 1), "", "there is no such file; check the path, or write one with `fopi init`")
     except IsADirectoryError:
         collector.stop(Mark(1, 1), "", "is a directory; give the spec file in it")
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+    except OSError as error:
         collector.stop(Mark(1, 1), "", f"cannot be read ({_reason(error)}); check the path and its permissions")
     return to_bytes(data, collector)
 
@@ -169,10 +170,10 @@ def folder_reader(spec: str | os.PathLike[str]) -> FileReader:
     def read(name: str) -> bytes:
         path = os.path.join(folder, name)
         try:
-            return _read_bytes(path, MAX_SAMPLES_BYTES)
+            return read_bytes(path, MAX_SAMPLES_BYTES)
         except FileNotFoundError:
             raise UnreadableError(f"there is no file {path!r}; write its path as seen from the spec's folder") from None
-        except (OSError, ValueError) as error:
+        except OSError as error:
             raise UnreadableError(f"{path!r} cannot be read ({_reason(error)}); give a CSV file") from None
 
     return read
@@ -191,10 +192,5 @@ def contents_reader(files: Mapping[str, bytes]) -> FileReader:
     return read
 
 
-def _read_bytes(path: str | os.PathLike[str], limit: int) -> bytes:
-    with open(path, "rb") as file:
-        return file.read(limit + 1)  # one more than allowed shows that there is more
-
-
-def _reason(error: OSError | ValueError) -> str:
-    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+def _reason(error: OSError) -> str:
+    return error.strerror or str(error)

@@ -261,6 +261,8 @@ def _from_samples_file(
     where = place.child("samples_file")
     try:
         data = read(name)
+        if family is None:
+            return None  # the plant's mistakes are reported; without it there are no names to look for
         table = _read_table(data, family)
     except (UnreadableError, DomainError) as error:
         where.refuse(str(error) if isinstance(error, UnreadableError) else f"{quoted(name)}: {error}")
@@ -274,20 +276,19 @@ def _from_samples_file(
     return ValidationSpec(samples=values.get("samples", rows), samples_file=listed, **plain)
 
 
-def _read_table(data: bytes, family: PlantFamily | None) -> ParameterTable:
+def _read_table(data: bytes, family: PlantFamily) -> ParameterTable:
     if len(data) > MAX_SAMPLES_BYTES:
         raise DomainError(f"is larger than {MAX_SAMPLES_BYTES // 2**20} MiB; keep fewer rows or digits")
     if max(data.count(b"\n"), data.count(b"\r")) > MAX_ROWS + 1:
         raise DomainError(f"has more than {MAX_ROWS} rows; keep fewer")
     try:
-        table = parse_table(data.decode("utf-8"))
+        text = data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise DomainError(f"line {line} has a byte that is not UTF-8; save the file as CSV in UTF-8") from None
-    if family is None:
-        return table
     if not family.uncertain_names:
         raise DomainError("the plant has no uncertain number that a file could list; remove samples_file")
+    table = parse_table(text, family.uncertain_names)
     points = table.rows[:, table.columns(family)]
     refused = impossible(points, family)
     if refused.any():

@@ -10,7 +10,7 @@ from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.yaml.hints import closest
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, RejectedNode, SequenceNode, kind_of
 from fopi_tune.spec.yaml.problems import Mark
-from fopi_tune.spec.yaml.records import Key, Record, Values, expect_mapping
+from fopi_tune.spec.yaml.records import Key, Record, Values, expect_mapping, refuse_foreign
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, PlainOrMapping, Shape, Text, Version
 from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
 from fopi_tune.study.overrides import PATH_PATTERN, Override, parse_path
@@ -214,10 +214,10 @@ def study_shape() -> Record:
 
 def read_study(place: Place) -> StudyFile | None:
     """The study that a document describes, or None after reporting its problems."""
-    if not isinstance(place.node, MappingNode):
-        place.refuse(f"the file is no study; write one such as {_EXAMPLE}")
+    shape = study_shape()
+    if refuse_foreign(place, shape.keys, f"the file is no study; write one such as {_EXAMPLE}"):
         return None
-    values = study_shape().read_partial(place)
+    values = shape.read_partial(place)
     if values is None:
         return None
     _check_between_sections(values, place)

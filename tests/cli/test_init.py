@@ -181,7 +181,7 @@ def test_a_files_name_cannot_leave_the_comment() -> None:
     [
         (("--from-step-data", "none.csv"), "cannot read none.csv"),
         (("--from-step-data", "."), "cannot read ."),
-        (("--from-step-data", "latin.csv"), "latin.csv is not UTF-8"),
+        (("--from-step-data", "latin.csv"), "latin.csv: line 2 has a byte that is not UTF-8"),
         (("--from-step-data", "flat.csv"), "flat.csv: column 'output' does not move"),
         (("--from-step-data", "bad.csv"), "bad.csv: line 3, column 'output'"),
         (("--from-step-data", "good.csv", "--plant", "pole"), "leave --plant out"),

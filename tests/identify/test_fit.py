@@ -314,9 +314,10 @@ def test_a_measured_input_may_be_noisy() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "line 1 is ''; write the header time_s,input,output"),
+        ("", "line 1 has none of the columns; write the header time_s,input,output"),
         (HEADER, "no samples"),
-        (changed(1, "t,u,y"), "line 1 is 't,u,y'; write the header time_s,input,output"),
+        (changed(1, "t,u,y"), "line 1 has none of the columns; write the header time_s,input,output"),
+        (changed(1, "t,input,y"), "line 1 is 't,input,y'; write the header time_s,input,output"),
         (changed(1, "time_s,input,output,extra"), "line 1"),
         (changed(1, "time_s,input,input"), "line 1"),
         (changed(1, "time_s|input|output"), "separated by commas, semicolons or tabs"),

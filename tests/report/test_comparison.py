@@ -149,7 +149,7 @@ def test_an_unstable_design_is_never_better() -> None:
 
 def test_an_infinite_margin_is_better_than_any_finite_one() -> None:
     said = [dict(each) for each in check(PI)["requirements"]]
-    said[3] |= {"achieved": 20.0, "outcome": "value"}
+    said[3] |= {"achieved": 20.0, "outcome": "met"}
     comparison = compare_designs([("a", documents(PI, requirements=said)), ("b", documents(ROBUST_BRAKE))])
     found = sentence_about(comparison, "gain_margin_db")
     assert found == "B brake (b) is better in gain_margin_db >= 12.04 (family): infinite against 20 (A)."
@@ -237,6 +237,7 @@ def test_a_design_without_gains_has_its_column_and_no_lines() -> None:
         "gains": None, "status": "failed", "objective": None, "stability": None, "nominal": None,
         "requirements": [{**each, **nothing} for each in check(PI)["requirements"]],
         "proof": {"verdict": "not_attempted", "reason": "there are no gains"},
+        "message": "", "advice": "", "clash": [],
     }  # fmt: skip
     named = [("a", documents(ROBUST_BRAKE)), ("b", documents(PI, **said))]
     page = "".join(Page(str(comparison_files(named)["compare.html"])).text)
@@ -335,4 +336,4 @@ def test_results_with_holes_are_refused_and_not_a_failure_of_the_tool(results: P
     path.write_text(json.dumps(document), encoding="utf-8")
     code, _, told = compare("tuned", "published")
     assert code == 2
-    assert "are not as this tool writes them" in told
+    assert "published: check.json is not as this tool writes it: stability is missing; run `fopi prove` again" in told

@@ -185,6 +185,19 @@ def expect_mapping(place: Place, example: str) -> bool:
     return False
 
 
+def refuse_foreign(place: Place, known: Collection[str], message: str) -> bool:
+    """Whether a document has none of these keys, nor one that is meant by a misspelt one; reports that.
+
+    It is then a file of something else, perhaps a secret: no other problem is left that would name a key of it.
+    """
+    entries = place.node.entries if isinstance(place.node, MappingNode) else None
+    if entries is not None and (not entries or any(key in known or closest(key, known) for key in entries)):
+        return False
+    place.collector.problems.clear()
+    place.refuse(message)
+    return True
+
+
 def refuse_unknown_keys(place: Place, known: Collection[str], elsewhere: Mapping[str, str] | None = None) -> set[str]:
     """Reports every key that is not known; returns the known keys that were probably meant by them."""
     assert isinstance(place.node, MappingNode)
