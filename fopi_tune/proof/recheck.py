@@ -173,8 +173,10 @@ def _side(certificate: Certificate, requirement: Requirement, side: SideProof) -
         problems += _records(no_crossover_claims(case, point), side.witness_records)
     elif side.verdict is Verdict.UNDECIDED and _breaks_the_limit(certificate, requirement, side):
         problems.append("undecided is stated, but the plant and the frequency stated break the limit")
+    if problems:
+        return problems
     place = place_problem(case, requirement, side, certificate.tolerance)
-    return problems if place is None else [*problems, place]
+    return [] if place is None else [place]
 
 
 def _contradiction(requirement: Requirement, side: SideProof, limit: float) -> str | None:
