@@ -87,7 +87,7 @@ def better() -> Case:
         Requirement("sensitivity_db", Relation.AT_MOST, (4.0,)),
         objective=Objective(Sense.MAXIMIZE, "ki"),
     )
-    return certified(spec, FoPi(1.0, 0.3, 0.9), gap=1e-3, most_boxes=20_000)
+    return certified(spec, FoPi(1.0, 0.3, 0.9), gap=1e-3, most_boxes=4000)
 
 
 def no_bound() -> Case:
@@ -98,7 +98,7 @@ def no_bound() -> Case:
 CASES: dict[str, Callable[[], Case]] = {
     "certified": lambda: certified(spec_named("throttle"), THROTTLE),
     "infeasible": infeasible,
-    "limit reached": lambda: certified(spec_named("brake_delay"), DELAYED, most_boxes=2000),
+    "limit reached": lambda: certified(spec_named("brake_delay"), DELAYED, most_boxes=1000),
     "better": better,
     "no bound": no_bound,
     "no design": lambda: certified(spec_named("throttle"), FoPi(0.09, 0.026, 0.8)),
