@@ -46,9 +46,16 @@ def commands(specs: list[str], systems: list[str]) -> Iterator[tuple[str, ...]]:
         yield "simulate", f"systems/{name}.yaml", "--json", "--out", f"out/simulate/{name}"
         yield "validate", f"systems/{name}.yaml", "--samples", "300", "--json", "--out", f"out/validate_{name}"
     yield "simulate", "systems/switching.yaml", "--exact", "--json", "--out", "out/exact"
+    yield "init", "out/started.yaml"
+    yield "run", "out/started.yaml", "--out", "out/started"
+    yield "simulate", "out/started.yaml", "--json", "--out", "out/started_simulation"
+    yield "prove", "specs/brake.yaml", "--kp", "0.4", "--ki", "0.3", "--alpha", "0.8", "--json", "--out", "out/prove"
+    yield "prove", "--recheck", "out/tune/brake/certificate.json", "specs/brake.yaml"
+    yield "prove", "--recheck", "out/optimum/optimum.json", "specs/throttle.yaml"
+    yield "tune", "specs/missing.yaml"
     for name in ("paper", "filters"):
         yield "study", f"studies/{name}.yaml", "--out", f"out/study/{name}"
-    yield from (("schema",), ("schema", "--system"), ("schema", "--study"), ("init", "out/started.yaml"), ("--help",))
+    yield from (("schema",), ("schema", "--system"), ("schema", "--study"), ("--help",))
     yield from ((command, "--help") for command in _COMMANDS)
 
 
@@ -78,7 +85,10 @@ def without(patterns: Sequence[tuple[re.Pattern[bytes], bytes]], content: bytes)
 
 
 def main() -> int:
-    """Compare two installations; 1 where they differ."""
+    """Compare two installations; 1 where they differ, 2 without two of them."""
+    if len(sys.argv) != 3:
+        print(__doc__)
+        return 2
     old, new = (Path(word).absolute() for word in sys.argv[1:3])
     with tempfile.TemporaryDirectory() as first, tempfile.TemporaryDirectory() as second:
         project = old.parents[2]

@@ -14,7 +14,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "fopi_tune"
 MODULES = {".".join(p.relative_to(ROOT).with_suffix("").parts): p for p in sorted(PACKAGE.rglob("*.py"))}
 
-#: from the ground up, as in CONTRIBUTING.md: a folder imports from itself and from those before it
+#: from the ground up, as in CONTRIBUTING.md: a folder imports from itself and from those before it.  A registry of
+#: claims and figures is named by text (`study/registry.py`), which is what travels to a worker: no import
 LAYERS = (
     "errors",
     "core",

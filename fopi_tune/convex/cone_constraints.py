@@ -34,6 +34,7 @@ from fopi_tune.convex.limits import Bound, Limit, Task
 from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response
+from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
@@ -285,6 +286,9 @@ class _Builder:
             value, slope = self.responses.read("phase_margin_deg", mine)
             nominal = int(np.flatnonzero(self.points.plant[mine] == 0)[0])
             self._two_sided(value - value[nominal], slope - slope[nominal])
+        elif kind not in (ObjectiveKind.KI, ObjectiveKind.DEPTH):
+            # those two are in the program itself
+            raise DomainError(f"the convex path has no rows for the objective {kind.value}")
 
     def _two_sided(self, value: Array, slope: Array) -> None:
         for sign in (1.0, -1.0):

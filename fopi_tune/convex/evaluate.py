@@ -258,7 +258,11 @@ def crossing_value(quantity: str, c: Crossings) -> Array:
     if quantity == "phase_slope_deg_per_decade":
         return c.slope_rad * math.log(10.0)
     margin = math.pi + c.phase_rad
-    return margin / c.omega_rad_s if quantity == "delay_margin_s" else margin
+    if quantity == "delay_margin_s":
+        return margin / c.omega_rad_s
+    if quantity == "phase_margin_deg":
+        return margin
+    raise DomainError(f"the convex path does not read {quantity} at a gain crossover")
 
 
 def at_inverse_horizon(task: Task, loops: Loops) -> tuple[Array, Array]:

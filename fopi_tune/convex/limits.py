@@ -55,7 +55,7 @@ class Limit:
     """One bound of one requirement, or a stability guard.
 
     Args:
-        requirement: index in the spec's list, or GUARD.
+        requirement: index in the spec's list, or STABILITY_GUARD.
         quantity: its name.
         where: at which frequencies it is evaluated.
         response: of a frequency function; else None.

@@ -45,7 +45,7 @@ class Constraint:
     """One bound of one requirement, or a stability guard.
 
     Args:
-        requirement: index in the spec's list, or GUARD.
+        requirement: index in the spec's list, or STABILITY_GUARD.
         quantity: what is bounded.
         bound: which way.
         limit: in natural units (neper or radian).

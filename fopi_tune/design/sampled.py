@@ -1,4 +1,4 @@
-"""Gains as they run on the target, and designs that are made for that:  `design: sampled`.
+"""Design of the loop on samples, `design: sampled`, through a continuous stand-in:  DesignSpec -> CheckedCandidate.
 
 The requirements are then about the loop with the real filter, the hold and the delays.  It is designed on a stand-in,
 the continuous loop with half a sample and the computing delay as dead time, whose limits are moved by what the stand-in

@@ -6,6 +6,7 @@ precisions that targets use, also as JSON.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
@@ -16,7 +17,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital.fit import FIT_UP_TO, fit
-from fopi_tune.digital.integrator import ZeroPoleGain, modified_oustaloup, oustaloup
+from fopi_tune.digital.oustaloup import ZeroPoleGain, modified_oustaloup, oustaloup
 from fopi_tune.digital.realise import Form, Precision, Realisation, checked_realisation, realise
 from fopi_tune.digital.transforms import matched, tustin
 from fopi_tune.errors import DomainError
@@ -50,6 +51,13 @@ class Rule(StrEnum):
 
     TUSTIN = "tustin"
     MATCHED = "matched"
+
+
+#: s^-alpha as zeros, poles and gain, from alpha, number of poles and band; `fit` approximates on samples instead
+APPROXIMATIONS: dict[Method, Callable[[float, int, tuple[float, float]], ZeroPoleGain]] = {
+    Method.OUSTALOUP: oustaloup,
+    Method.MODIFIED_OUSTALOUP: modified_oustaloup,
+}
 
 
 @dataclass(frozen=True)
@@ -147,8 +155,7 @@ def _sections(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None) 
         raise DomainError(f"the band begins at {low:g} rad/s, above Nyquist's frequency {nyquist:g} rad/s; lower it")
     if method is Method.FIT:
         return fit(gains, sample_time_s, digital.poles, digital.band_rad_s)
-    make = oustaloup if method is Method.OUSTALOUP else modified_oustaloup
-    integral: ZeroPoleGain = make(gains.alpha, digital.poles, digital.band_rad_s)
+    integral = APPROXIMATIONS[method](gains.alpha, digital.poles, digital.band_rad_s)
     middle = float(np.sqrt(low * min(high, nyquist)))
     at = crossover_rad_s if crossover_rad_s is not None and crossover_rad_s < nyquist else middle
     if Rule(digital.rule) is Rule.TUSTIN:

@@ -7,6 +7,7 @@ hour is in them.  Names and texts are untrusted: text in a comment cannot end th
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from dataclasses import dataclass
@@ -25,10 +26,10 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _WIDTH, _DESCRIPTION, _SHORT = 96, 600, 80
 #: of a comment's lines after its first
 _INDENT = 13
-#: C type, suffixes and largest number of each precision
+#: C type, suffixes and prefix of the limits in float.h of each precision
 _TYPES = {
-    Precision.FLOAT64: {"suffix": "f64", "type": "double", "largest": "DBL_MAX", "literal": ""},
-    Precision.FLOAT32: {"suffix": "f32", "type": "float", "largest": "FLT_MAX", "literal": "f"},
+    Precision.FLOAT64: {"suffix": "f64", "type": "double", "limit": "DBL", "literal": ""},
+    Precision.FLOAT32: {"suffix": "f32", "type": "float", "limit": "FLT", "literal": "f"},
 }
 
 
@@ -124,6 +125,10 @@ def literal(value: float, suffix: str = "") -> str:
     return f"{digits}p{exponent}{suffix}"
 
 
+def _power_of_two(value: float) -> str:
+    return f"2^{math.frexp(value)[1] - 1}"
+
+
 def _rendered(template: str, values: dict[str, Any]) -> str:
     # imported here: only the export of C needs templates
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -169,6 +174,9 @@ def _values(export: Export, runtime: Runtime) -> dict[str, Any]:
         "tracking_gain": numbers((runtime.tracking_gain,))[0],
         "low": numbers(runtime.limits)[0],
         "high": numbers(runtime.limits)[1],
+        "flush_below": literal(runtime.precision.flush_below, kind["literal"]),
+        "flush_text": _power_of_two(runtime.precision.flush_below),
+        "absorbing_text": _power_of_two(runtime.precision.absorbs_flushed),
         "rows": [(label, numbers(getattr(runtime, label))) for label in ("poles", "residues", "weights")],
     }
 

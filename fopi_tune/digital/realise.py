@@ -31,6 +31,21 @@ class Precision(StrEnum):
         """NumPy's type."""
         return np.float64 if self is Precision.FLOAT64 else np.float32
 
+    @property
+    def flush_below(self) -> float:
+        """F, below which a state at rest becomes 0:  smallest normal number/eps, 2^-970 in float64, 2^-103 in float32.
+
+        The last place of a state that is left is a normal number.
+        """
+        limits = np.finfo(self.dtype)
+        return float(limits.smallest_normal) / float(limits.eps)
+
+    @property
+    def absorbs_flushed(self) -> float:
+        """4 F/eps:  a number of this size or more plus one below F is the number itself, bit for bit."""
+        # half of the gap below a power of two b is eps b/4
+        return 4.0 * self.flush_below / float(np.finfo(self.dtype).eps)
+
 
 class Form(StrEnum):
     """Filter structure."""

@@ -32,6 +32,15 @@ difference to the applied output u,
 so that the next output with the same error is u, and stays u while the error is 0: errors during tracking are not
 integrated.
 
+A section that decays would end as a subnormal number and stay one, and some processors are slow with those.  With F =
+`Precision.flush_below`, after a sample at rest, |e| < F, and after one of tracking,
+
+    x_k <- 0 where |x_k| < F .                                                                                       (4)
+
+An error of F or more is always integrated.  A smaller one with r e < F is lost on an integrator at 0, where 10^23
+samples of it would make the last place of an output of 1 in float32 (F is 1e-31; 1e-292 in float64); on one that holds
+`Precision.absorbs_flushed` rounding loses it anyway.
+
 Source: back-calculation as in Astrom and Hagglund, Advanced PID Control, 2006; weights and (2) derived here.
 """
 
@@ -108,7 +117,8 @@ class Runtime:
         dtype = self.precision.dtype
         direct, gain, low, high = (dtype(number) for number in (self.direct, self.tracking_gain, *self.limits))
         poles, residues, weights = (np.array(row, dtype=dtype) for row in (self.poles, self.residues, self.weights))
-        return StoredCoefficients(direct, poles, residues, weights, gain, low, high, np.finfo(dtype).max)
+        largest, flush_below = np.finfo(dtype).max, dtype(self.precision.flush_below)
+        return StoredCoefficients(direct, poles, residues, weights, gain, low, high, largest, flush_below)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +133,7 @@ class StoredCoefficients:
     low: np.floating
     high: np.floating
     largest: np.floating
+    flush_below: np.floating
 
     def finite(self, value: np.floating) -> bool:
         """By comparison, as on the target, which has no isfinite."""
@@ -230,7 +241,7 @@ def replay(runtime: Runtime, operations: Iterable[Operation]) -> Array:
 
 @np.errstate(all="ignore")
 def _one_sample(runtime: Runtime, state: State, setpoint: float, measurement: float, applied: float | None) -> State:
-    """(1); the state itself when a number is not finite."""
+    """(1) or (3), and (4); the state itself when a number is not finite."""
     c, dtype = runtime.stored, runtime.precision.dtype
     e = dtype(setpoint) - dtype(measurement)
     v = c.direct * e
@@ -254,6 +265,8 @@ def _one_sample(runtime: Runtime, state: State, setpoint: float, measurement: fl
             following[0] = u - rest
     if not np.all(np.isfinite(following)):
         return state
+    if applied is not None or abs(e) < c.flush_below:
+        following[np.abs(following) < c.flush_below] = 0.0
     return State(following, u)
 
 

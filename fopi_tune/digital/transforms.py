@@ -18,7 +18,7 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Sections
-from fopi_tune.digital.integrator import ZeroPoleGain
+from fopi_tune.digital.oustaloup import ZeroPoleGain
 from fopi_tune.errors import DomainError
 
 

@@ -40,7 +40,7 @@ def vector_table(float64: Runtime, float32: Runtime, operations: Sequence[Operat
 
 
 def standard_operations(runtime: Runtime, seed: int = _SEED, mixed: int = 800) -> tuple[Operation, ...]:
-    """Steps, noise, saturation, numbers that are not finite or huge, hand-overs and resets; equal for equal arguments.
+    """Steps, noise, saturation, numbers not finite or huge, hand-overs, resets and rest; equal for equal arguments.
 
     Args:
         runtime: whose limits and gains scale the signals.
@@ -68,11 +68,27 @@ def standard_operations(runtime: Runtime, seed: int = _SEED, mixed: int = 800) -
         rows += [Operation(Op.TRACK, size, 0.5 * size, applied) for _ in range(60)]
         rows += _steps(40, lambda k: size, lambda k: 0.5 * size)
     rows += [_random_operation(draw, size) for _ in range(mixed)]
+    rows += _at_rest(runtime)
     return tuple(_in_float32(row) for row in rows)
 
 
 def _steps(count: int, setpoint: Callable[[int], float], measurement: Callable[[int], float]) -> Iterable[Operation]:
     return [Operation(Op.STEP, setpoint(k), measurement(k)) for k in range(count)]
+
+
+def _at_rest(runtime: Runtime) -> Iterable[Operation]:
+    """Rest after states around what float32 takes for 0: a state that is kept there is seen in the output.
+
+    float64's threshold is beyond float32's range, and so of these inputs.
+    """
+    gain, rows = sum(abs(residue) for residue in runtime.residues), []
+    for exponent in range(-120, -80, 8):
+        error = 2.0**exponent / (gain if gain > 0.0 else 1.0)
+        rows += [Operation(Op.RESET), *_steps(3, lambda k, e=error: e, lambda k: 0.0)]
+        rows += _steps(6, lambda k: 0.0, lambda k: 0.0)
+        rows += [Operation(Op.RESET), *_steps(3, lambda k, e=error: -e, lambda k: 0.0)]
+        rows += [Operation(Op.TRACK), *_steps(3, lambda k: 0.0, lambda k: 0.0)]
+    return rows
 
 
 def _random_operation(draw: random.Random, size: float) -> Operation:

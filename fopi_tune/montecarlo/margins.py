@@ -20,7 +20,7 @@ from fopi_tune.core.peaks import Response
 from fopi_tune.core.sampled_loops import SampledLoops, shifted
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.quantities.base import NEPER_PER_DB, highest_by_row, smallest_by_row
+from fopi_tune.quantities.base import NEPER_PER_DB, Measured, highest_by_row, smallest_by_row
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import Requirement
 
@@ -33,6 +33,13 @@ _NEWTON, _BRACKETS = 12, 24
 _PEAKS = 3
 _ROUNDING = 4e-15
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+#: quantity -> which of a loop's gain crossovers counts, and its value there
+_AT_GAIN_CROSSOVERS: dict[str, tuple[Callable[[Crossings, Array, int], Measured], Callable[[Crossings], Array]]] = {
+    "crossover_rad_s": (highest_by_row, lambda c: c.omega_rad_s),
+    "phase_slope_deg_per_decade": (highest_by_row, lambda c: np.degrees(c.slope_rad) * np.log(10.0)),
+    "phase_margin_deg": (smallest_by_row, lambda c: c.phase_margin_deg),
+    "delay_margin_s": (smallest_by_row, lambda c: c.delay_margin_s),
+}
 
 
 @dataclass(frozen=True)
@@ -135,12 +142,8 @@ class MarginScan:
             smallest = smallest_by_row(phase, margin_db, rows).value
             return np.where(np.isnan(smallest), np.inf, smallest)
         gain = self.gain_crossings
-        if requirement.quantity == "crossover_rad_s":
-            return highest_by_row(gain, gain.omega_rad_s, rows).value
-        if requirement.quantity == "phase_slope_deg_per_decade":
-            return highest_by_row(gain, np.degrees(gain.slope_rad) * np.log(10.0), rows).value
-        values = gain.phase_margin_deg if requirement.quantity == "phase_margin_deg" else gain.delay_margin_s
-        return smallest_by_row(gain, values, rows).value
+        chosen, values = _AT_GAIN_CROSSOVERS[requirement.quantity]
+        return chosen(gain, values(gain), rows).value
 
     def extreme(self, response: Response, from_rad_s: float, to_rad_s: float, largest: bool) -> Array:
         """ln of the largest (or smallest) value of a response over a band, shape (m,)."""

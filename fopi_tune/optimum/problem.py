@@ -1,4 +1,4 @@
-"""Problem of one search:  spec, level of the objective, conditions and coordinates; plant responses are cached."""
+"""What one branch and bound is about:  spec, objective level to beat, conditions, coordinates; responses are cached."""
 
 from __future__ import annotations
 

@@ -120,8 +120,7 @@ def run_scenario(
         limits: of the spec.
         index: of the plant; its noise depends on it.
     """
-    from fopi_tune.simulation.measures import horizon_of
-    from fopi_tune.simulation.sampled.reference import measures_of
+    from fopi_tune.simulation.measures import horizon_of, measures_of
     from fopi_tune.simulation.sampled.simulate import simulate
 
     traces = simulate(modes, run, 1, index)

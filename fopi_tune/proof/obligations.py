@@ -190,8 +190,6 @@ def _level_claims(case: Case, requirement: Requirement, upper: bool, level: floa
         return []
     crossing_quantity, scale = CROSSING_QUANTITIES[requirement.quantity]
     level = level / scale
-    if crossing_quantity is CrossingQuantity.PHASE_SLOPE and case.implementation is not None:
-        return []  # second derivatives are not implemented for loops on samples
     if crossing_quantity is CrossingQuantity.CROSSOVER:
         level = loop.inner_u_of(level, upper)
     some = SomeCrossover(loop, crossing_quantity, level, upper, domain, origin, case.evaluator)

@@ -1,7 +1,9 @@
 """The quantities a requirement can limit, one module a kind.
 
-To add one: write its class in a module here and list it below; the spec language, its schema, the design and the proof
-read it from `QUANTITIES`.
+To add one: write its class in a module here and list it below; the spec language, its schema, the verification and,
+for a function of frequency, design, proof, convex path and Monte Carlo read it from `QUANTITIES`.  What is read at a
+crossing also has its entry in the tables that CONTRIBUTING.md names; until then these stages refuse it or leave it
+undecided.
 """
 
 from fopi_tune.quantities.base import Quantity

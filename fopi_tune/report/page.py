@@ -74,7 +74,7 @@ def figure_files(figures: Sequence[RenderedFigure]) -> dict[str, str | bytes]:
 
 
 def render_template(template: str, values: Mapping[str, Any]) -> str:
-    """Fill a template; everything in `values` is escaped, except the SVG of figures (lists of `Drawn`)."""
+    """Fill a template; everything in `values` is escaped, except the SVG of figures (lists of `RenderedFigure`)."""
     # loaded here: only pages need it
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup

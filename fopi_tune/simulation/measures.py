@@ -1,4 +1,8 @@
-"""A spec's scenarios converted for the simulator, and the measures that its limits name."""
+"""A spec's scenarios on samples, and the measures that its limits name:  traces -> Measures -> word of the spec.
+
+`measures_of` reads them off whole traces, by their definitions in `simulation.scenario.Measures`; the compiled
+simulation collects the same sample by sample (`sampled.plant_stages`, `sampled.controller_stages`); tests compare them.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,22 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.parallel_form import Implementation
-from fopi_tune.simulation.scenario import Actuator, Horizon, InitialInput, Measures, Scenario, Sensor, Signals, Start
+from fopi_tune.digital.runtime import Runtime
+from fopi_tune.simulation.scenario import (
+    Actuator,
+    Horizon,
+    InitialInput,
+    Measures,
+    Scenario,
+    Sensor,
+    Signals,
+    Start,
+    Traces,
+)
 from fopi_tune.spec.model import Knot, ScenarioSpec
 
 #: km/h per m/s
@@ -84,3 +100,59 @@ def piecewise_signal(knots: Sequence[Knot], before: float, time_s: Array, *, jus
         # entries do not overlap: the next one starts from where this one ends
         start = knot.value
     return values
+
+
+def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenario, horizon: Horizon) -> Measures:
+    """The measures by their definitions, from whole traces."""
+    reference, first, Ts = scenario.signals.reference, horizon.first, scenario.sample_time_s
+    final = reference[-1]
+    direction = np.sign(final - (reference[first - 1] if first else scenario.start.output))
+    y, counted = traces.output[:, first:], slice(first, None)
+    with np.errstate(all="ignore"):
+        off, beyond = np.abs(y - final), y - final
+        outside = ~(off <= horizon.band)
+        last = np.where(outside.any(axis=1), y.shape[1] - np.argmax(outside[:, ::-1], axis=1), 0)
+        settled = np.where(last == y.shape[1], np.inf, last * Ts)
+        limits = np.array([controller.limits for controller in controllers])[traces.mode[:, counted] - 1]
+        at_limit = (traces.demanded[:, counted, None] == limits).any(axis=2)
+        error = reference[counted] - y
+        jumps = [np.flatnonzero(np.diff(row, prepend=scenario.first_mode)) for row in traces.mode]
+        finite = np.all(np.isfinite(traces.output) & np.isfinite(traces.rate), axis=1)
+
+        peak_rate = np.abs(traces.rate[:, counted]).max(axis=1)
+        # the rate after the last sample lies beyond the end
+        peak_rate = np.maximum(peak_rate, np.abs(traces.rate_after[:, first:-1]).max(axis=1, initial=0.0))
+
+        def known(values: Array) -> Array:
+            return np.where(finite, values, np.nan)
+
+        return Measures(
+            peak_rate=known(peak_rate),
+            overshoot=known((direction * beyond if direction else off).max(axis=1)),
+            settling_s=np.where(finite, settled, np.inf),
+            iae=known(Ts * np.abs(error).sum(axis=1)),
+            ise=known(Ts * (error**2).sum(axis=1)),
+            saturated_s=known(Ts * at_limit.sum(axis=1)),
+            peak_control=known(np.abs(traces.applied[:, counted]).max(axis=1)),
+            switches=np.array([len(found) for found in jumps]),
+            longest_run=np.array([_longest_run(found) for found in jumps]),
+            chattering=np.array([_chatters(found, scenario) for found in jumps]),
+            final_error=known(error[:, -1]),
+            finite=finite,
+        )
+
+
+def _longest_run(jumps: NDArray[np.int_]) -> int:
+    longest = run = 0
+    for n, k in enumerate(jumps):
+        run = run + 1 if n and k == jumps[n - 1] + 1 else 1
+        longest = max(longest, run)
+    return longest
+
+
+def _chatters(jumps: NDArray[np.int_], scenario: Scenario) -> bool:
+    hybrid = scenario.hybrid
+    if hybrid is None or len(jumps) <= hybrid.most_switches:
+        return False
+    within = np.floor(hybrid.window_s / scenario.sample_time_s + 1e-9)
+    return bool((jumps[hybrid.most_switches :] - jumps[: -hybrid.most_switches] <= within).any())

@@ -7,7 +7,8 @@ At sample k, in this order:
     u = the controller's output for e = r - y_m, by `fopi_tune.digital.runtime`                                      (3)
     applied = the last one moved towards u by at most rate Ts; u itself where it is within reach                     (4)
 
-and the plant runs to sample k + 1 under `applied`, delayed, plus the load.
+and the plant runs to sample k + 1 under `applied`, delayed, plus the load.  Its states below `Precision.flush_below`
+become 0, as the controller's do: at rest they would stay subnormal numbers, which are slow.
 
 Source: definitions of the spec's words.
 """
@@ -206,6 +207,11 @@ class Scenario:
     def __post_init__(self) -> None:
         if not 0.0 < self.sample_time_s < math.inf:
             raise DomainError(f"sample_time_s {self.sample_time_s!r} must be finite and greater than 0")
+
+    @property
+    def first_mode(self) -> int:
+        """The mode at the start; 1 where there is only one."""
+        return self.hybrid.first if self.hybrid else 1
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape, digital_shape
+from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
+from fopi_tune.spec.digital import digital_shape
 from fopi_tune.spec.model import DesignSpec, GainRange, Sense
 from fopi_tune.spec.plants import plant_shape
 from fopi_tune.spec.requirements import (

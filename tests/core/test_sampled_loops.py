@@ -22,7 +22,7 @@ from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.plant import Plant
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import unstable_closed_loop_poles
-from fopi_tune.digital.integrator import oustaloup
+from fopi_tune.digital.oustaloup import oustaloup
 from fopi_tune.digital.transforms import tustin
 from fopi_tune.proof import verify
 from fopi_tune.proof.results import Outcome

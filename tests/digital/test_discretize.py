@@ -10,8 +10,9 @@ import fopi_tune as ft
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital import discretize
+from fopi_tune.digital.discretize import APPROXIMATIONS, Method
 from fopi_tune.digital.fit import fit
-from fopi_tune.digital.integrator import modified_oustaloup, oustaloup
+from fopi_tune.digital.oustaloup import modified_oustaloup, oustaloup
 from fopi_tune.digital.realise import (
     Form,
     Precision,
@@ -24,6 +25,7 @@ from fopi_tune.digital.transforms import matched, tustin
 from fopi_tune.errors import DomainError
 from fopi_tune.report.text.digital import digital_text
 from fopi_tune.spec import parse_spec
+from fopi_tune.spec.digital import METHODS
 from fopi_tune.spec.model import DigitalSpec
 
 BAND, TS = (1e-3, 1e3), 0.2
@@ -306,3 +308,9 @@ def test_the_default_band_suits_the_crossovers_that_its_description_names(crosso
     assert bool(discretize(FoPi(0.4, 0.3, 0.6), digital, crossover).band_note) == noted
     # an integral of order one needs no band
     assert discretize(FoPi(0.4, 0.3, 1.0), digital, crossover).band_note == ""
+
+
+def test_every_method_of_the_spec_language_is_an_approximation_of_its_own() -> None:
+    assert set(METHODS) == {method.value for method in Method}
+    assert set(APPROXIMATIONS) == set(Method) - {Method.FIT}
+    assert len(set(APPROXIMATIONS.values())) == len(APPROXIMATIONS)

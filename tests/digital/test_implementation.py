@@ -158,7 +158,7 @@ def test_a_band_above_nyquists_frequency_is_never_met() -> None:
 def test_the_published_reference_loses_as_much_on_samples_as_was_measured_elsewhere() -> None:
     """|S| of PM 75 deg at 0.3 rad/s over the brake's family: 1.1637 in continuous time, 1.1948 at 0.2 s."""
     from fopi_tune.core.loops import Plants
-    from fopi_tune.digital.integrator import oustaloup
+    from fopi_tune.digital.oustaloup import oustaloup
     from fopi_tune.digital.transforms import tustin
 
     gains = ft.FoPi(0.24027, 0.39344, 0.9)

@@ -200,6 +200,13 @@ class Loop:
         """pi + arg L in (-pi, pi], rad."""
         return float(np.angle(-self.gain(np.array([omega]))[0]))
 
+    def phase_slope(self, omega: float) -> float:
+        """d arg L/d ln omega, rad, by a difference of the fourth order."""
+        step = 1e-3
+        gain = self.gain(omega * np.exp(step * np.array([-2.0, -1.0, 0.0, 1.0, 2.0])))
+        turns = np.angle(gain / gain[2])
+        return float((turns[0] - 8.0 * turns[1] + 8.0 * turns[3] - turns[4]) / (12.0 * step))
+
 
 def _root(function: Callable[[Array], float], low: float, high: float) -> float:
     """Bisection to the last digits."""

@@ -17,7 +17,7 @@ from fopi_tune.cli.commands import app
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital.implementation import implementation_of
-from fopi_tune.digital.integrator import oustaloup
+from fopi_tune.digital.oustaloup import oustaloup
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.montecarlo.draws import sample_points
 from fopi_tune.montecarlo.montecarlo import controller_of

@@ -10,7 +10,7 @@ import copy
 import itertools
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from scipy.optimize import minimize
 import fopi_tune as ft
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.digital.integrator import modified_oustaloup, oustaloup
+from fopi_tune.digital.oustaloup import modified_oustaloup, oustaloup
 from fopi_tune.digital.transforms import matched, tustin
 from fopi_tune.proof import certify, recheck, verify
 from fopi_tune.proof.documents import digest, to_document
@@ -39,6 +39,7 @@ ASKED = (
     *((name, False) for name in ("phase_margin_deg", "gain_margin_db", "delay_margin_s")),
     *(("crossover_rad_s", upper) for upper in (True, False)),
 )
+SLOPES = tuple(("phase_slope_deg_per_decade", upper) for upper in (True, False))
 
 
 def filter_of(gains: ft.FoPi, sample_time_s: float, kind: int) -> Sections:
@@ -75,12 +76,12 @@ def family(rng: np.random.Generator, sample_time_s: float) -> PlantFamily:
     return transfer_function(numerator, denominator, dead_time)
 
 
-def design(seed: int) -> tuple[DesignSpec, ft.FoPi, Implementation, bool]:
+def design(seed: int, choice: Sequence[tuple[str, bool]] = ASKED) -> tuple[DesignSpec, ft.FoPi, Implementation, bool]:
     """A random spec with one limit that is not set yet, gains, and a filter; and the limit's side."""
     rng = np.random.default_rng(seed)
     sample_time_s = float(10.0 ** rng.uniform(-1.3, 0.0))
     plants = family(rng, sample_time_s)
-    name, upper = ASKED[rng.integers(len(ASKED))]
+    name, upper = choice[int(rng.integers(len(choice)))]
     low, high = 0.0, math.inf
     nyquist = math.pi / sample_time_s
     if QUANTITIES[name].takes_band:
@@ -114,6 +115,8 @@ def badness(spec: DesignSpec, implementation: Implementation, point: np.ndarray,
         return math.nan
     if asked.quantity == "crossover_rad_s":
         return sign * math.log(crossovers[-1])
+    if asked.quantity == "phase_slope_deg_per_decade":
+        return sign * loop.phase_slope(crossovers[-1]) * math.log(10.0)
     margins = [loop.phase_margin(x) / (x if asked.quantity == "delay_margin_s" else 1.0) for x in crossovers]
     return sign * min(margins)
 
@@ -164,9 +167,9 @@ def verdict_at(spec: DesignSpec, gains: ft.FoPi, implementation: Implementation,
     return certificate
 
 
-def check_honesty(seed: int) -> str:
+def check_honesty(seed: int, choice: Sequence[tuple[str, bool]] = ASKED) -> str:
     """What was looked at: a bound, an unstable loop, or a quantity that a plant does not have."""
-    spec, gains, implementation, upper = design(seed)
+    spec, gains, implementation, upper = design(seed, choice)
     worst, radius = worst_of(spec, implementation)
     if abs(radius - 1.0) < 1e-4:
         return "marginal"
@@ -196,12 +199,23 @@ def check_honesty(seed: int) -> str:
 
 #: seeds of cheap designs, one uncertain number each: what CI has time for
 QUICK = (5, 12, 15, 26, 100, 104, 106, 113, 127, 2)
+QUICK_SLOPES = (2000, 2001, 2012)
 
 
 def test_limits_around_the_true_worst_case_are_told_apart() -> None:
     kinds = [check_honesty(seed) for seed in QUICK]
     assert kinds.count("bound") == 9
     assert kinds.count("unstable") == 1
+
+
+def test_phase_slopes_just_inside_and_just_outside_the_true_worst_one_are_told_apart() -> None:
+    assert [check_honesty(seed, SLOPES) for seed in QUICK_SLOPES].count("bound") == len(QUICK_SLOPES)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(10))
+def test_phase_slopes_of_a_hundred_designs_are_told_apart(block: int) -> None:
+    assert "bound" in [check_honesty(seed, SLOPES) for seed in range(2000 + 10 * block, 2010 + 10 * block)]
 
 
 @pytest.mark.long

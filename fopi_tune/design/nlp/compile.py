@@ -320,6 +320,7 @@ def _slot_rows(
 
 
 def _peak_value(objective: ObjectiveKind, at: SymbolicLoop) -> Any:
+    """ln of the response whose largest value is the objective; of others ln|S|, whose slots are never in play."""
     if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK:
         return at.log_controller - at.log_return_difference
     return -at.log_return_difference

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
 from flint import arb
 
 from fopi_tune.core.peaks import Response
@@ -205,14 +206,10 @@ def nominal_equality(spec: DesignSpec, quantity: str) -> Requirement | None:
 
 def rolls_off(family: PlantFamily) -> bool:
     """Whether |P| -> 0 as omega -> inf for every member."""
-    model_numbers = family.parameters
-    tops = [value for name, value in model_numbers.items() if name.startswith("numerator[")]
-    bottoms = [value for name, value in model_numbers.items() if name.startswith("denominator[")]
-    if not tops:
-        return True  # a lag or a pole
-    while tops and tops[0].min == tops[0].max == 0.0:
-        tops = tops[1:]
-    return len(tops) < len(bottoms)
+    # leading coefficients that are 0 for every corner are 0 for every member: each is affine in each number
+    top, bottom, _ = family.coefficients(family.corners())
+    leading = np.flatnonzero(np.any(top != 0.0, axis=0))
+    return len(leading) == 0 or top.shape[1] - leading[0] < bottom.shape[1]
 
 
 def _of_objective(spec: DesignSpec, beat: float | None) -> Iterator[Condition]:
@@ -237,6 +234,8 @@ def _of_objective(spec: DesignSpec, beat: float | None) -> Iterator[Condition]:
         yield Condition(Test.SPREAD, kind.value, True, degrees(beat), of_objective=True)
     elif kind is ObjectiveKind.CROSSOVER_SPREAD:
         yield Condition(Test.GAIN_SPREAD, kind.value, True, db(beat), of_objective=True)
+    elif kind is not ObjectiveKind.DEPTH:
+        raise ValueError(f"no condition is known for the objective {kind.value}")
     elif not any(r.relation is not Relation.EQUALS for r in spec.requirements):
         # depth without inequalities: minus ln of the largest |S|
         yield Condition(Test.RESPONSE, kind.value, True, -level, of_objective=True, response=Response.SENSITIVITY)

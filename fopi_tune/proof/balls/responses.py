@@ -335,3 +335,13 @@ class LoopEnclosure:
         for axis, slope in self.plant.dead_time.gradient.items():
             gradient[axis - 1] = gradient[axis - 1] - acb(0, self.omega * slope)
         return gradient
+
+    @cached_property
+    def phase_slope(self) -> arb:
+        """d arg L/d ln omega, rad; not in a tail."""
+        return self.log_slope.imag
+
+    @cached_property
+    def phase_slope_derivatives(self) -> list[arb]:
+        """Derivatives of `phase_slope` with respect to u and theta_k, k = 1 ... p; not in a tail."""
+        return [self.log_curvature.imag, *(g.imag for g in self.log_slope_gradient)]

@@ -19,14 +19,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from flint import acb, acb_poly, arb, arb_poly, ctx
+from flint import acb, arb, arb_poly, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.sampled_loops import MOST_DELAY_SAMPLES, WHOLE, SampledLoops
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.balls.argument_principle import count_right_half_plane_zeros
 from fopi_tune.proof.balls.box import Box, Interval
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import Dual, PlantEnclosure, own_derivative, polynomial
@@ -36,14 +35,10 @@ from fopi_tune.proof.balls.zero_order_hold import hold_equivalent
 
 #: bits next to Nyquist's frequency, where the tangent is unbounded
 _PLACE_PRECISION = 192
-#: for more closed-loop poles than this they are counted by the argument principle, not computed
-_MOST_ROOTS = 40
 
 
 #: d and (sigma_k, rho_k)
 _Sections = tuple[arb, tuple[tuple[arb, arb], ...]]
-#: bits for a polynomial's roots
-_ROOT_PRECISION = 256
 #: size of the cache of plants
 _MOST_KNOWN = 4096
 
@@ -68,7 +63,7 @@ class SampledBallLoop(BallLoop):
     @cached_property
     def sections(self) -> _Sections:
         """d and (sigma_k, rho_k) of (1)."""
-        return _sections_of(self.implementation)
+        return sections_of(self.implementation)
 
     @cached_property
     def has_integrator(self) -> bool:
@@ -115,6 +110,16 @@ class SampledBallLoop(BallLoop):
             value, slope = value + term, slope - w * part * term
         return value, slope
 
+    def controller_curvature(self, w: acb) -> acb:
+        """d2 ln C/du2, u = ln nu, at w = j nu:  d2/du2 rho/(w + sigma) = -rho w/(w + sigma)^2 (1 - 2 w/(w + sigma))."""
+        _, pairs = self.sections
+        value, slope = self.controller_and_derivative(w)
+        second = acb(0)
+        for sigma, rho in pairs:
+            part = 1 / (w + sigma)
+            second = second - rho * w * part * part * (1 - 2 * w * part)
+        return second / value - (slope / value) ** 2
+
     def controller_far_up(self, inverse: acb) -> acb:
         """C at w = 1/t:  rho/(w + sigma) = rho t/(1 + sigma t)."""
         direct, pairs = self.sections
@@ -143,7 +148,7 @@ class SampledBallLoop(BallLoop):
     @cached_property
     def numerator(self) -> tuple[arb, ...]:
         """C(w) prod_k (w + sigma_k), descending powers."""
-        return tuple(reversed(_coefficients(_numerator(self.sections))))
+        return tuple(reversed(coefficients_of(numerator_of(self.sections))))
 
     @cached_property
     def numerator_phase(self) -> PolynomialPhase:
@@ -309,8 +314,55 @@ class SampledLoopEnclosure(LoopEnclosure):
         slope = self.controller_slope + self._own_slope(plant.numerator, self.numerator)
         return slope - self._own_slope(plant.denominator, self.d) + self._delay_slope
 
+    # -- second derivatives, for the slope of the phase -----------------------------------------------------------
 
-def _sections_of(implementation: Implementation) -> _Sections:
+    def _own_curvature(self, coefficients: Sequence[Dual], value: acb) -> acb:
+        """d/du of w X'/X; for |w| > 1, with Y(t) = X(w)/w^degree and t = 1/w:  t (t Y')'/Y - (t Y'/Y)^2."""
+        if len(coefficients) < 3 or not self.omega > 1:
+            return super()._own_curvature(coefficients, value)
+        inverse, ascending = 1 / self.s, [c.value for c in reversed(coefficients)]
+        size = polynomial(ascending, inverse)
+        slope = own_derivative(ascending, inverse) / size
+        degree = len(ascending) - 1
+        weighted = [(degree - k) ** 2 * c for k, c in enumerate(ascending[:-1])]
+        return polynomial([*weighted, arb(0)], inverse) / size - slope * slope
+
+    @cached_property
+    def log_curvature(self) -> acb:
+        """d2 ln L/du2; not in a tail.
+
+        With g = nu/(1 + nu^2), dg/du = g (1 - nu^2)/(1 + nu^2), and d ln z^-late/du = -2j late g.
+        """
+        plant = self.plant
+        curvature = self.loop.controller_curvature(self.s)
+        curvature = curvature + self._own_curvature(plant.numerator, self.numerator)
+        curvature = curvature - self._own_curvature(plant.denominator, self.d)
+        return curvature + self._delay_slope * self._cosine
+
+    @cached_property
+    def _cosine(self) -> arb:
+        """(1 - nu^2)/(1 + nu^2) = cos(omega Ts)."""
+        return (2 * self.omega.atan()).cos()
+
+    @cached_property
+    def phase_slope(self) -> arb:
+        """d arg L/d ln omega, rad; not in a tail."""
+        return self.log_slope.imag / self.loop.stretch(self.omega)
+
+    @cached_property
+    def phase_slope_derivatives(self) -> list[arb]:
+        """Derivatives of `phase_slope` with respect to u and theta_k, k = 1 ... p; not in a tail.
+
+        With the stretch h = d ln omega/du = g/atan nu, h'/h = cos(omega Ts) - h:
+
+            d/du (Im (ln L)'/h) = Im (ln L)''/h - (Im (ln L)'/h) (cos(omega Ts) - h) .
+        """
+        stretch = self.loop.stretch(self.omega)
+        along = self.log_curvature.imag / stretch - self.phase_slope * (self._cosine - stretch)
+        return [along, *(g.imag / stretch for g in self.log_slope_gradient)]
+
+
+def sections_of(implementation: Implementation) -> _Sections:
     """Formula (1) at the current precision."""
     sections = implementation.sections
     direct, pairs = arb(sections.direct), []
@@ -321,7 +373,8 @@ def _sections_of(implementation: Implementation) -> _Sections:
     return direct, tuple(pairs)
 
 
-def _numerator(sections: _Sections) -> arb_poly:
+def numerator_of(sections: _Sections) -> arb_poly:
+    """C(w) prod_k (w + sigma_k)."""
     direct, pairs = sections
     top = arb_poly([direct])
     for sigma, _ in pairs:
@@ -334,51 +387,6 @@ def _numerator(sections: _Sections) -> arb_poly:
     return top
 
 
-def _coefficients(polynomial: arb_poly) -> list[arb]:
+def coefficients_of(polynomial: arb_poly) -> list[arb]:
     """Ascending powers."""
     return [polynomial[i] for i in range(polynomial.length())]
-
-
-def count_unstable_roots(loop: SampledBallLoop, theta: Sequence[float]) -> int | None:
-    """Closed-loop poles outside the unit circle of one plant, from the roots in w of
-
-        (1 + w)^late prod_k (w + sigma_k) D(w) + C(w) prod_k (w + sigma_k) N(w) (1 - w)^late ,
-
-    or, where these are many or coincide, by the argument principle.
-
-    Returns:
-        The number; None when a root cannot be separated from the circle.
-    """
-    with ctx.workprec(_ROOT_PRECISION):
-        plant = loop.plant([arb(value) for value in theta])
-        if plant.late + len(plant.denominator) + len(loop.implementation.sections.poles) <= _MOST_ROOTS:
-            count = _count_by_roots(loop, plant)
-            if count is not None:
-                return count
-    return count_right_half_plane_zeros(loop, loop.plant([arb(value) for value in theta]), loop.has_integrator)
-
-
-def _count_by_roots(loop: SampledBallLoop, plant: PlantEnclosure) -> int | None:
-    sections = _sections_of(loop.implementation)
-    bottom = arb_poly([c.value for c in reversed(plant.denominator)])
-    for sigma, _ in sections[1]:
-        bottom = bottom * arb_poly([sigma, 1])
-    top = arb_poly([plant.gain.value * c.value for c in reversed(plant.numerator)]) * _numerator(sections)
-    polynomial = bottom * arb_poly([1, 1]) ** plant.late + top * arb_poly([1, -1]) ** plant.late
-    return _right_roots(_coefficients(polynomial))
-
-
-def _right_roots(coefficients: list[arb]) -> int | None:
-    """Roots with Re w > 0 of a polynomial, ascending powers."""
-    # a root at w = 0 is one at z = 1, a root at w = infinity one at z = -1
-    ends = (coefficients[0], coefficients[-1]) if coefficients else ()
-    if not ends or not all(c.is_finite() for c in coefficients) or any(end.contains(0) for end in ends):
-        return None
-    if len(coefficients) == 1:
-        return 0
-    try:
-        roots = acb_poly([acb(c) for c in coefficients]).roots()
-    except ValueError:
-        # coinciding roots, as those of a fast filter at z = 0, cannot be isolated, but they can be counted
-        return PolynomialPhase.of(list(reversed(coefficients))).right_half_plane_roots
-    return None if any(root.real.contains(0) for root in roots) else sum(bool(root.real > 0) for root in roots)

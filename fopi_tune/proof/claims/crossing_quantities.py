@@ -98,7 +98,7 @@ class CrossingEvaluator:
         if quantity is CrossingQuantity.CROSSOVER:
             return ball_of(at.u)
         if quantity is CrossingQuantity.PHASE_SLOPE:
-            return at.log_slope.imag
+            return at.phase_slope
         margin = self.phase(at, theta) + arb.pi()
         return margin if quantity is CrossingQuantity.PHASE_MARGIN else margin / self.loop.frequency(at.omega)
 
@@ -119,7 +119,7 @@ def derivatives_of(
     if quantity is CrossingQuantity.CROSSOVER:
         return [arb(1), *(arb(0) for _ in over.log_gradient)]
     if quantity is CrossingQuantity.PHASE_SLOPE:
-        return [over.log_curvature.imag, *(g.imag for g in over.log_slope_gradient)]
+        return over.phase_slope_derivatives
     phase = [over.log_slope.imag, *(g.imag for g in over.log_gradient)]
     if quantity is CrossingQuantity.PHASE_MARGIN:
         return phase

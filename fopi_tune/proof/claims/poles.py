@@ -24,7 +24,8 @@ from fopi_tune.proof.balls.argument_principle import argument_change
 from fopi_tune.proof.balls.box import Box, ball_of
 from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
 from fopi_tune.proof.balls.plant import PlantEnclosure, assemble, polynomial
-from fopi_tune.proof.balls.sampled import SampledBallLoop, count_unstable_roots
+from fopi_tune.proof.balls.sampled import SampledBallLoop
+from fopi_tune.proof.balls.sampled_roots import count_unstable_roots
 from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim, longest_axis, longest_parameter_axis, tail_axis
 
 _STEP = 1.0

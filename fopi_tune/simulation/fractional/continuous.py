@@ -18,8 +18,7 @@ from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.quadrature import state_space
 from fopi_tune.simulation.fractional.time_stepping import InitialState, TimeResponse, simulate_fractional
-from fopi_tune.simulation.measures import horizon_of, piecewise_signal
-from fopi_tune.simulation.sampled.reference import measures_of
+from fopi_tune.simulation.measures import horizon_of, measures_of, piecewise_signal
 from fopi_tune.simulation.scenario import InitialInput, Measures, Scenario, Signals, Start, Traces
 from fopi_tune.spec.model import Knot, ScenarioSpec
 

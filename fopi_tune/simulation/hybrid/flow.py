@@ -37,7 +37,7 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.zero_order_hold import matrix_expm1
-from fopi_tune.digital.integrator import ZeroPoleGain
+from fopi_tune.digital.oustaloup import ZeroPoleGain
 from fopi_tune.errors import DomainError
 
 #: halvings of the longest step: 2^-44 = 6e-14

@@ -14,15 +14,14 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import Plant
-from fopi_tune.digital.integrator import oustaloup
+from fopi_tune.digital.oustaloup import oustaloup
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.continuous import ContinuousSimulation, refuse_samples_only, start_of
 from fopi_tune.simulation.hybrid.flow import PURE_INTEGRAL, ModeLoop
 from fopi_tune.simulation.hybrid.inclusion import simulate_hybrid
 from fopi_tune.simulation.hybrid.model import Corner, HybridCar, HybridOutcome, HybridStart, Memory, Mode, Watch
-from fopi_tune.simulation.measures import horizon_of, piecewise_signal
-from fopi_tune.simulation.sampled.reference import measures_of
+from fopi_tune.simulation.measures import horizon_of, measures_of, piecewise_signal
 from fopi_tune.simulation.scenario import Hybrid, InitialInput, Scenario, Signals, Traces
 from fopi_tune.spec.model import ScenarioSpec, SystemSpec
 

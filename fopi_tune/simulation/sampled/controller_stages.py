@@ -20,6 +20,7 @@ from fopi_tune.simulation.sampled.layout import (
     CHATTERING,
     DIRECT,
     EXCESS,
+    FLUSH_BELOW,
     HIGH,
     INTEGRATES,
     LAST_ERROR,
@@ -61,6 +62,18 @@ _compiled: Any = njit(error_model="numpy")
 def is_finite(x):
     """The mask of the finite lanes."""
     return absolute(x) <= broadcast(_BIG)
+
+
+@_inlined
+def is_tiny(x):
+    """The mask of the lanes below the threshold, whose states would end as subnormal numbers."""
+    return absolute(x) < broadcast(FLUSH_BELOW)
+
+
+@_inlined
+def flushed(x):
+    """0 in place of tiny states."""
+    return where(is_tiny(x), broadcast(0.0), x)
 
 
 @_inlined
@@ -130,10 +143,14 @@ def demand(s, c, other, second, states, sections, e):
 
 @_inlined
 def _next_state(s, c, other, second, state, i, e, d):
-    """p (x + w d) + r e."""
+    """p (x + w d) + r e, flushed in lanes at rest; elsewhere the test of e is all it costs."""
     row = SECTIONS + 3 * i
     x = coefficient(c, row, other, second) * (load(s, state) + coefficient(c, row + 1, other, second) * d)
-    return x + coefficient(c, row + 2, other, second) * e
+    x = x + coefficient(c, row + 2, other, second) * e
+    resting = is_tiny(e)
+    if bits(resting) != 0:
+        x = where(resting & is_tiny(x), broadcast(0.0), x)
+    return x
 
 
 @_inlined
@@ -175,13 +192,13 @@ def track_applied(s, c, other, second, old, new, sections, e, applied):
     rest, total = coefficient(c, DIRECT, other, second) * e, applied + v
     for i in range(1, sections):
         x = coefficient(c, SECTIONS + 3 * i, other, second) * load(s, old + i * WIDTH)
-        store(s, new + i * WIDTH, x)
+        store(s, new + i * WIDTH, flushed(x))
         rest, total = rest + x, total + x
     u = saturate(c, other, second, applied)
     if sections > 0:
         x = coefficient(c, SECTIONS, other, second) * load(s, old)
         x = where(coefficient(c, INTEGRATES, other, second) > broadcast(0.5), u - rest, x)
-        store(s, new, x)
+        store(s, new, flushed(x))
         total = total + x
     if bits(is_finite(total)) != _ALL:
         good = is_finite(e) & is_finite(v) & is_finite(applied)

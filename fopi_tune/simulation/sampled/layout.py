@@ -32,10 +32,12 @@ OLD_CONTROL, OLD_LOAD, OLD_ARRIVED_MODE, LAST_OUTPUT, OTHER_LAST_OUTPUT, LAST_ER
 #: four rows each, for the noise of four samples; a vector may be read from the last entry
 TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
 #: rows with a fixed offset
-FIXED_ROWS = 42
+FIXED_ROWS = LOGARITHMS // WIDTH + 5
 #: a controller's coefficients; from SECTIONS on p, w, r of every section
 DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, SECTIONS = range(7)
 HOLD, TRACK, RESET = 0, 1, 2
+#: `Precision.FLOAT64.flush_below`; stated here because the cache of what was compiled knows this module
+FLUSH_BELOW = 2.0**-970
 
 
 class Settings(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from fopi_tune.simulation.sampled.controller_stages import coefficient, resolve_mode, store_maximum
+from fopi_tune.simulation.sampled.controller_stages import coefficient, flushed, resolve_mode, store_maximum
 from fopi_tune.simulation.sampled.layout import (
     APPLIED,
     ARRIVED_MODE,
@@ -155,7 +155,7 @@ def advance_states(s, settings, offsets):
             x = x + load(s, row + n * WIDTH) * old
         if settings.loaded:
             x = x + load(s, row + 2 * n * WIDTH) * w + load(s, row + 3 * n * WIDTH) * old_w
-        store(s, offsets.following + i * WIDTH, x)
+        store(s, offsets.following + i * WIDTH, flushed(x))
     for i in range(n):
         store(s, offsets.x + i * WIDTH, load(s, offsets.following + i * WIDTH))
     store(s, PREVIOUS_INPUT, control + w)
@@ -177,6 +177,6 @@ def advance_hybrid_states(s, settings, offsets):
     pole = where(first, load(s, p + 4 * WIDTH), load(s, p + 10 * WIDTH))
     after = pole * x + where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH)) * before
     x = where(first, load(s, p + 2 * WIDTH), load(s, p + 8 * WIDTH)) * x
-    store(s, offsets.x, x + where(first, load(s, p + 3 * WIDTH), load(s, p + 9 * WIDTH)) * before)
+    store(s, offsets.x, flushed(x + where(first, load(s, p + 3 * WIDTH), load(s, p + 9 * WIDTH)) * before))
     store(s, PREVIOUS_INPUT, before)
     return after

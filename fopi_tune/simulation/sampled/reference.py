@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fopi_tune.core.bode_form import Array
 from fopi_tune.digital import runtime
+from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime, State
 from fopi_tune.simulation.sampled.noise import normal_deviates
 from fopi_tune.simulation.sampled.plants import DiscretePlants
-from fopi_tune.simulation.scenario import Horizon, Hybrid, InactiveController, Measures, Scenario, Traces
+from fopi_tune.simulation.scenario import Hybrid, InactiveController, Scenario, Traces
 
 
 def simulate_reference(
@@ -41,66 +40,6 @@ def simulate_reference(
     return Traces(time_s, y, rate, measured, error, demanded, applied, mode.astype(np.int64), after)
 
 
-def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenario, horizon: Horizon) -> Measures:
-    """The measures by their definitions, from whole traces."""
-    reference, first, Ts = scenario.signals.reference, horizon.first, scenario.sample_time_s
-    final = reference[-1]
-    direction = np.sign(final - (reference[first - 1] if first else scenario.start.output))
-    y, counted = traces.output[:, first:], slice(first, None)
-    with np.errstate(all="ignore"):
-        off, beyond = np.abs(y - final), y - final
-        outside = ~(off <= horizon.band)
-        last = np.where(outside.any(axis=1), y.shape[1] - np.argmax(outside[:, ::-1], axis=1), 0)
-        settled = np.where(last == y.shape[1], np.inf, last * Ts)
-        limits = np.array([controller.limits for controller in controllers])[traces.mode[:, counted] - 1]
-        at_limit = (traces.demanded[:, counted, None] == limits).any(axis=2)
-        error = reference[counted] - y
-        jumps = [np.flatnonzero(np.diff(row, prepend=_first(scenario))) for row in traces.mode]
-        finite = np.all(np.isfinite(traces.output) & np.isfinite(traces.rate), axis=1)
-
-        peak_rate = np.abs(traces.rate[:, counted]).max(axis=1)
-        # the rate after the last sample lies beyond the end
-        peak_rate = np.maximum(peak_rate, np.abs(traces.rate_after[:, first:-1]).max(axis=1, initial=0.0))
-
-        def known(values: Array) -> Array:
-            return np.where(finite, values, np.nan)
-
-        return Measures(
-            known(peak_rate),
-            known((direction * beyond if direction else off).max(axis=1)),
-            np.where(finite, settled, np.inf),
-            known(Ts * np.abs(error).sum(axis=1)),
-            known(Ts * (error**2).sum(axis=1)),
-            known(Ts * at_limit.sum(axis=1)),
-            known(np.abs(traces.applied[:, counted]).max(axis=1)),
-            np.array([len(found) for found in jumps]),
-            np.array([_longest_run(found) for found in jumps]),
-            np.array([_chatters(found, scenario) for found in jumps]),
-            known(error[:, -1]),
-            finite,
-        )
-
-
-def _first(scenario: Scenario) -> int:
-    return scenario.hybrid.first if scenario.hybrid else 1
-
-
-def _longest_run(jumps: NDArray[np.int_]) -> int:
-    longest = run = 0
-    for n, k in enumerate(jumps):
-        run = run + 1 if n and k == jumps[n - 1] + 1 else 1
-        longest = max(longest, run)
-    return longest
-
-
-def _chatters(jumps: NDArray[np.int_], scenario: Scenario) -> bool:
-    hybrid = scenario.hybrid
-    if hybrid is None or len(jumps) <= hybrid.most_switches:
-        return False
-    within = np.floor(hybrid.window_s / scenario.sample_time_s + 1e-9)
-    return bool((jumps[hybrid.most_switches :] - jumps[: -hybrid.most_switches] <= within).any())
-
-
 class _ReferenceLoop:
     """The state of one loop from sample to sample."""
 
@@ -112,7 +51,7 @@ class _ReferenceLoop:
         self.noise = (
             normal_deviates(scenario.sensor.seed, index, self.steps) if scenario.sensor.noise_std else np.zeros(0)
         )
-        self.mode = _first(scenario) - 1
+        self.mode = scenario.first_mode - 1
         states, past = plants[self.mode].initial_state(scenario.start)
         self.x, self.past = states[row], float(past[row])
         self.before = self.last = self.past
@@ -146,6 +85,7 @@ class _ReferenceLoop:
         self.modes.append(self.mode)
         after = self._rate_after(k, rate)
         arriving = self._advance(k)
+        self.x = np.where(np.abs(self.x) < Precision.FLOAT64.flush_below, 0.0, self.x)
         if scenario.hybrid is not None:
             after = arriving
         elif not self.plants[0].acts_at_samples[self.row] and self.plants[0].order == 1:

@@ -278,18 +278,18 @@ def _measures(rows: Array, scenario: Scenario, horizon: Horizon) -> Measures:
     outside = found["outside"]
     settled = np.where(outside >= steps - 1, np.inf, (outside + 1.0 - horizon.first) * Ts)
     return Measures(
-        known(found["peak_rate"]),
-        known(found["overshoot"]),
-        np.where(finite, settled, np.inf),
-        known(found["iae"] * Ts),
-        known(found["ise"] * Ts),
-        known(found["saturated"] * Ts),
-        known(found["peak_control"]),
-        found["switches"].astype(np.int64),
-        found["longest_run"].astype(np.int64),
-        found["chattering"] == 1.0,
-        known(found["final_error"]),
-        finite,
+        peak_rate=known(found["peak_rate"]),
+        overshoot=known(found["overshoot"]),
+        settling_s=np.where(finite, settled, np.inf),
+        iae=known(found["iae"] * Ts),
+        ise=known(found["ise"] * Ts),
+        saturated_s=known(found["saturated"] * Ts),
+        peak_control=known(found["peak_control"]),
+        switches=found["switches"].astype(np.int64),
+        longest_run=found["longest_run"].astype(np.int64),
+        chattering=found["chattering"] == 1.0,
+        final_error=known(found["final_error"]),
+        finite=finite,
     )
 
 

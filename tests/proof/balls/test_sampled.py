@@ -20,7 +20,8 @@ from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof import certify, verify
 from fopi_tune.proof.balls.argument_principle import count_right_half_plane_zeros
-from fopi_tune.proof.balls.sampled import SampledBallLoop, count_unstable_roots
+from fopi_tune.proof.balls.sampled import SampledBallLoop
+from fopi_tune.proof.balls.sampled_roots import count_unstable_roots
 from fopi_tune.proof.claims.bound import Bound
 from fopi_tune.proof.claims.branch_and_bound import search
 from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator
@@ -105,6 +106,42 @@ def test_values_and_derivatives_lie_in_the_balls_of_every_box(name: str) -> None
                 # a kink within the step is between the one-sided slopes, which the balls hold both
                 assert holds(over.log_gradient[axis], slope, DIFFERENCE)
     assert finite >= 10
+
+
+def phase_slopes(family: PlantFamily, implementation: Implementation, u: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """d arg L/d ln omega of one plant at places u, by differences of the fourth order."""
+    step = 2e-3
+    places = u[:, None] + step * np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+    omega = 2.0 * np.arctan(np.exp(places)) / implementation.sample_time_s
+    gain = oracle.Loop.of(family.member(theta), implementation).gain(omega.ravel()).reshape(omega.shape)
+    turns = np.angle(gain / gain[:, 2:3])
+    along = (turns[:, 0] - 8.0 * turns[:, 1] + 8.0 * turns[:, 3] - turns[:, 4]) / (12.0 * step)
+    nu = np.exp(u)
+    return along / (nu / (1.0 + nu * nu) / np.arctan(nu))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_phase_slope_and_its_derivatives_are_differences_of_the_loop_on_samples(name: str) -> None:
+    family, delay = CASES[name]
+    implementation = Implementation(SECTIONS, delay)
+    loop = SampledBallLoop(GAINS, family, implementation)
+    rng = np.random.default_rng(7)
+    low, high = family.low, family.high
+    h = 5e-4
+    for _ in range(8):
+        u, theta = float(rng.uniform(-4.0, 1.5)), low + rng.uniform(0.1, 0.9, size=len(low)) * (high - low)
+        at = loop.over(((u, u), *((float(v), float(v)) for v in theta)))
+        before, here, after = phase_slopes(family, implementation, u + h * np.array([-1.0, 0.0, 1.0]), theta)
+        size = 1.0 + abs(here)
+        # the difference quotients lose about 1e-11 to rounding; those of second order another h^2 of the value
+        assert abs(float(at.phase_slope.mid()) - here) < 1e-7 * size
+        along, *across = at.phase_slope_derivatives
+        assert abs(float(along.mid()) - (after - before) / (2.0 * h)) < 2e-5 * size
+        for axis, derivative in enumerate(across):
+            step = 1e-4 * (high[axis] - low[axis]) * np.eye(len(low))[axis]
+            ends = [phase_slopes(family, implementation, np.array([u]), theta + sign * step)[0] for sign in (1.0, -1.0)]
+            change = ends[0] - ends[1]
+            assert (derivative * 2.0 * float(step[axis])).overlaps(arb(change, 1e-3 * abs(change) + 1e-9 * size)), axis
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -15,7 +15,7 @@ from scipy.special import lambertw
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import Plant
-from fopi_tune.digital.integrator import ZeroPoleGain, oustaloup
+from fopi_tune.digital.oustaloup import ZeroPoleGain, oustaloup
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
 from fopi_tune.simulation.hybrid.flow import Flow, ModeLoop, Regime

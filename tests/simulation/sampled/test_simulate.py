@@ -28,9 +28,10 @@ from fopi_tune.digital.runtime import Op, Operation, Runtime, init, replay, rese
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
 from fopi_tune.simulation.fractional.time_stepping import simulate_fractional
+from fopi_tune.simulation.measures import measures_of
 from fopi_tune.simulation.sampled.noise import normal_deviates, normal_quantile, philox
 from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants
-from fopi_tune.simulation.sampled.reference import measures_of, simulate_reference
+from fopi_tune.simulation.sampled.reference import simulate_reference
 from fopi_tune.simulation.sampled.simulate import measure, measure_chunks, simulate
 from fopi_tune.simulation.scenario import (
     Actuator,
