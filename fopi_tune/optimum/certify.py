@@ -35,6 +35,8 @@ _LOOSEST, _CLOSE = 1.0, 1.15
 #: factor of the requested gap, as a margin for rounding
 _AIM = 1.0 - 1e-6
 _RANGE_ROOM = 1e-9
+#: the reason with which a search ends that has shown no level
+NOTHING_SHOWN = "no level could be shown"
 
 
 def certify_optimum(
@@ -75,6 +77,16 @@ def certify_optimum(
             return run.without_bound(reason)
     with ctx.workprec(PRECISION):
         return run.infeasible() if found is None else run.bounded(found)
+
+
+def met_reason(gains: FoPi) -> str:
+    """The reason with which a search for a proof that there are no gains ends at some that seem to meet the spec."""
+    return f"kp = {gains.kp:.6g}, ki = {gains.ki:.6g}, alpha = {gains.alpha:.6g} seem to meet every requirement"
+
+
+def better_gains_reason(objective: float) -> str:
+    """The reason with which a search ends at gains that are better than the incumbent."""
+    return f"there are better gains: their objective is {objective:.8g}"
 
 
 def why_no_bound(spec: DesignSpec) -> str:
@@ -134,10 +146,7 @@ class _Run:
             return self._result(OptimumStatus.INFEASIBLE, search, proof=_proof(search, None))
         if termination is Termination.BETTER and search.better is not None:
             gains = _gains(search)
-            words = (
-                f"kp = {gains.kp:.6g}, ki = {gains.ki:.6g}, alpha = {gains.alpha:.6g} seem to meet every requirement"
-            )
-            return self._result(OptimumStatus.LIMIT_REACHED, search, reason=words)
+            return self._result(OptimumStatus.LIMIT_REACHED, search, reason=met_reason(gains))
         return self._result(OptimumStatus.LIMIT_REACHED, search, reason=termination.words)
 
     def bounded(self, found: Verification) -> Optimum:
@@ -183,7 +192,7 @@ class _Run:
     ) -> Optimum:
         better, better_objective = self._better(search, found)
         if proof is None or proof.beat is None:
-            reason = termination.words or "no level could be shown"
+            reason = termination.words or NOTHING_SHOWN
             return self._result(OptimumStatus.LIMIT_REACHED, search, found, None, reason, better, better_objective)
         assert found.objective is not None
         reached = relative_gap(found.objective, proof.beat)
@@ -191,7 +200,7 @@ class _Run:
             return self._result(OptimumStatus.CERTIFIED, search, found, proof)
         reason = termination.words
         if better_objective is not None:
-            reason = f"there are better gains: their objective is {better_objective:.8g}"
+            reason = better_gains_reason(better_objective)
         return self._result(OptimumStatus.LIMIT_REACHED, search, found, proof, reason, better, better_objective)
 
     def _level(self, objective: float, gap: float) -> float:
@@ -205,7 +214,7 @@ class _Run:
             return None, None
         gains = _gains(search)
         checked = verify(self.spec, gains)
-        if not checked.all_met or checked.objective is None or found.objective is None:
+        if incumbent_refusal(self.spec, gains, checked) or checked.objective is None or found.objective is None:
             return None, None
         ahead = checked.objective - found.objective
         if not (ahead > 0.0 if is_maximized(self.spec) else ahead < 0.0):

@@ -99,15 +99,17 @@ class OptimumDocument:
         self.gap, self.wanted_gap = top.number_or_none("gap"), top.number("wanted_gap")
         self.gains = None if top.get("gains") is None else _read_gains(top.child("gains"))
         self.proof = None if top.get("proof") is None else _read_proof(top.child("proof"))
-        self.statement, self.advice, self.reason = top.text("statement"), top.text("advice"), top.text("reason")
+        self.reason = top.text("reason")
         self.better = None if top.get("better_gains") is None else _read_gains(top.child("better_gains"))
         self.better_objective = top.number_or_none("better_objective")
-        self.boxes, self.discarded_boxes = top.number("boxes"), top.number("discarded_boxes")
-        left_out = top.get("left_out")
-        self.left_out = tuple(left_out) if isinstance(left_out, list) else ()
+        boxes = top.count_or_none("boxes")
+        if boxes is None or boxes < 0 or not self.wanted_gap > 0.0:
+            raise CertificateError("boxes must be a number that is counted, and wanted_gap greater than 0")
+        self.boxes = boxes
+        self.left_out, self.versions = top.text_list("left_out"), top.texts("versions")
 
     def to_optimum(self) -> Optimum:
-        """The numbers as an Optimum, from which the sentences can be derived again."""
+        """The numbers as an Optimum, from which everything else can be derived again."""
         return Optimum(
             name=self.name,
             spec_sha256=self.spec_sha256,
@@ -119,7 +121,7 @@ class OptimumDocument:
             wanted_gap=self.wanted_gap,
             better=self.better,
             better_objective=self.better_objective,
-            boxes=int(self.boxes),
+            boxes=self.boxes,
             seconds=0.0,
             proof=self.proof,
             left_out=self.left_out,

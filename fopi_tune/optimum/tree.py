@@ -92,6 +92,12 @@ def to_cover(root: Node, reasons: Reasons) -> Cover:
     return Cover(root.box, tuple(tokens))
 
 
+def uses_every_reason(covers: Sequence[Cover], reasons: Sequence[Reason]) -> bool:
+    """Whether the reasons are those of the leaves, each once and in the order of its first use."""
+    used = dict.fromkeys(token for cover in covers for token in cover.tokens if token.startswith("#"))
+    return list(used) == [f"#{k}" for k in range(len(reasons))] and len(set(reasons)) == len(reasons)
+
+
 def walk(cover: Cover, reasons: Sequence[Reason]) -> Iterator[tuple[Box, Reason]]:
     """Every leaf of a cover with its reason.
 

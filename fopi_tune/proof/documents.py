@@ -66,9 +66,16 @@ def to_document(certificate: Certificate) -> dict[str, Any]:
 
 
 def digest(document: Mapping[str, Any]) -> str:
-    """SHA-256 of everything but the digest itself, in one canonical form."""
+    """SHA-256 of everything but the digest itself, in one canonical form.
+
+    Raises:
+        CertificateError: a number is not finite, which JSON does not have.
+    """
     content = {key: value for key, value in document.items() if key != "digest"}
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    try:
+        text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    except ValueError:
+        raise CertificateError("a number of the file is not finite: it is no JSON") from None
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -167,7 +174,6 @@ def from_document(document: object) -> Certificate:
     tolerance = top.number("tolerance")
     if not 0.0 < tolerance <= LARGEST_TOLERANCE:
         raise CertificateError(f"tolerance must be greater than 0 and at most {LARGEST_TOLERANCE:g}")
-    versions = {str(key): str(value) for key, value in top.child("versions").value.items()}
     return Certificate(
         name=top.text("name"),
         spec_sha256=top.text("spec_sha256"),
@@ -175,7 +181,7 @@ def from_document(document: object) -> Certificate:
         tolerance=tolerance,
         stability=_read_stability(top.child("stability"), case),
         requirements=tuple(_read_requirement(child, case) for child in top.children("requirements")),
-        versions=versions,
+        versions=top.texts("versions"),
     )
 
 

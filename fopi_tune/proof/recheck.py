@@ -1,7 +1,9 @@
 """Check a certificate without searching:  every claim is rebuilt, and every box of its record is tested again.
 
-Only the gains, the plants, the requirements, and the levels with their records are read from the file.  Everything else
-is derived from them again and compared.
+Only the gains, the plants, the requirements, and the levels with their places and records are read from the file.
+Everything else is derived from them again and compared.  `undecided` is accepted where the file decides nothing: where
+no record, and not the plant and the frequency that are named, show the opposite.  `versions` is not tested: it says
+what made the file.
 """
 
 from __future__ import annotations
@@ -26,7 +28,13 @@ from fopi_tune.proof.obligations import (
     stability_claims,
     violation_claims,
 )
+from fopi_tune.proof.places import place_problem, reaches
+from fopi_tune.proof.strict_json import first_difference
+from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import DesignSpec, Requirement, Scope
+
+#: natural units; an undecided side's place may be this much beyond the limit: a proof of less may have failed
+_CLEARLY = 1e-3
 
 
 @dataclass(frozen=True)
@@ -84,31 +92,10 @@ def _integrity(certificate: Certificate, document: dict[str, Any]) -> list[str]:
     for key in again:
         if key == "digest":
             continue
-        difference = _difference(document.get(key), again.get(key), key)
+        difference = first_difference(document.get(key), again.get(key), key)
         if difference is not None:
             problems.append(f"{difference} does not follow from the rest of the certificate")
     return problems
-
-
-def _difference(stated: object, derived: object, place: str) -> str | None:
-    """Path of the first difference of two documents beyond rounding; None when they agree."""
-    if isinstance(stated, dict) and isinstance(derived, dict):
-        for key in stated.keys() | derived.keys():
-            if key not in stated or key not in derived:
-                return f"{place}.{key}"
-            if (found := _difference(stated[key], derived[key], f"{place}.{key}")) is not None:
-                return found
-        return None
-    if isinstance(stated, list) and isinstance(derived, list):
-        if len(stated) != len(derived):
-            return place
-        pairs = zip(stated, derived, strict=True)
-        return next((d for k, (a, b) in enumerate(pairs) if (d := _difference(a, b, f"{place}[{k}]"))), None)
-    if isinstance(stated, bool) or isinstance(derived, bool):
-        return None if stated is derived else place
-    if isinstance(stated, int | float) and isinstance(derived, int | float):
-        return None if math.isclose(stated, derived, rel_tol=1e-12, abs_tol=1e-300) else place
-    return None if stated == derived else place
 
 
 def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
@@ -122,6 +109,8 @@ def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
     stated = [_meaning(proof.requirement) for proof in certificate.requirements]
     if stated != [_meaning(requirement) for requirement in spec.requirements]:
         problems.append("the requirements are not those of the spec")
+    if spec.digital is not None and spec.digital.designs_sampled and case.implementation is None:
+        problems.append("the spec is about the loop on samples (design: sampled), the certificate is not")
     return problems
 
 
@@ -132,16 +121,18 @@ def _meaning(requirement: Requirement) -> tuple[object, ...]:
 
 def _stability(certificate: Certificate) -> list[str]:
     proof, case = certificate.stability, certificate.case
-    if proof.verdict is Verdict.UNDECIDED and (proof.level is not None or proof.records):
+    if proof.verdict is not Verdict.PROVED and (proof.level is not None or proof.records):
         return ["stability: a bound of |S| is stated beside a verdict that has none"]
+    if proof.verdict is not Verdict.REFUTED and proof.point != case.nominal:
+        return ["stability: the plant stated is not the nominal one"]
     poles = count_unstable_poles(case.loop, proof.point, case.origin)
     if poles != proof.poles:
         return [f"stability: the plant stated has {poles} unstable poles"]
+    refuted = bool(poles) or (poles is None and is_structurally_unstable(case.loop, proof.point))
     if proof.verdict is Verdict.UNDECIDED:
-        return [] if not poles else ["stability: the plant stated refutes it"]
+        return ["stability: the plant stated refutes it"] if refuted else []
     if proof.verdict is Verdict.REFUTED:
-        structural = poles is None and is_structurally_unstable(case.loop, proof.point)
-        return [] if poles or structural else ["stability: the plant stated does not refute it"]
+        return [] if refuted else ["stability: the plant stated does not refute it"]
     if poles != 0:
         return ["stability: the plant stated is not stable"]
     if proof.level is None:
@@ -166,27 +157,55 @@ def _has_side(requirement: Requirement, upper: bool) -> bool:
 
 
 def _side(certificate: Certificate, requirement: Requirement, side: SideProof) -> list[str]:
-    case, point, omega = certificate.case, side.worst.point, side.worst.omega_rad_s
-    limit = relaxed_limit(requirement, side.upper, certificate.tolerance)
-    problems: list[str] = []
+    case, point = certificate.case, side.worst.point
     if requirement.scope is Scope.NOMINAL and point != case.nominal:
         return ["the plant stated is not the nominal one"]
-    if side.verdict is Verdict.PROVED and (side.level is None or _is_beyond(side, side.level, limit)):
-        return ["the level that is stated does not meet the limit"]
-    if side.level is not None and (side.records or side.verdict is Verdict.PROVED):
+    contradiction = _contradiction(requirement, side, relaxed_limit(requirement, side.upper, certificate.tolerance))
+    if contradiction is not None:
+        return [contradiction]
+    problems: list[str] = []
+    if side.level is not None:
         problems += _records(level_claims(case, requirement, side.upper, side.level), side.records)
-    if side.verdict is Verdict.REFUTED:
-        if side.witness is None:
-            if requirement.quantity not in CROSSING_QUANTITIES:
-                return [*problems, "no witness is stated"]
-            return problems + _records(no_crossover_claims(case, point), side.witness_records)
-        if not _is_beyond(side, side.witness, limit):
-            return [*problems, "the witness does not break the limit"]
     if side.witness is not None:
-        problems += _records(
-            violation_claims(case, requirement, side.upper, side.witness, point, omega), side.witness_records
-        )
-    return problems
+        claims = violation_claims(case, requirement, side.upper, side.witness, point, side.worst.omega_rad_s)
+        problems += _records(claims, side.witness_records)
+    elif side.verdict is Verdict.REFUTED:
+        problems += _records(no_crossover_claims(case, point), side.witness_records)
+    elif side.verdict is Verdict.UNDECIDED and _breaks_the_limit(certificate, requirement, side):
+        problems.append("undecided is stated, but the plant and the frequency stated break the limit")
+    if problems:
+        return problems
+    place = place_problem(case, requirement, side, certificate.tolerance)
+    return [] if place is None else [place]
+
+
+def _contradiction(requirement: Requirement, side: SideProof, limit: float) -> str | None:
+    """What a side's verdict, level and witness say against each other; their records are tested afterwards."""
+    verdict, level, witness = side.verdict, side.level, side.witness
+    if level is None and side.records:
+        return "records are stated without the level that they show"
+    if verdict is Verdict.PROVED and (level is None or _is_beyond(side, level, limit)):
+        return "the level that is stated does not meet the limit"
+    if verdict is Verdict.REFUTED and witness is None and requirement.quantity not in CROSSING_QUANTITIES:
+        return "no witness is stated"
+    if verdict is Verdict.REFUTED and witness is not None and not _is_beyond(side, witness, limit):
+        return "the witness does not break the limit"
+    if verdict is not Verdict.REFUTED and witness is None and side.witness_records:
+        return "records are stated without the witness that they show"
+    if verdict is not Verdict.PROVED and level is not None and not _is_beyond(side, level, limit):
+        return f"{verdict.value} is stated, but the level that is stated meets the limit"
+    if verdict is not Verdict.REFUTED and witness is not None and _is_beyond(side, witness, limit):
+        return f"{verdict.value} is stated, but the witness breaks the limit"
+    return None
+
+
+def _breaks_the_limit(certificate: Certificate, requirement: Requirement, side: SideProof) -> bool:
+    """Whether the response of the plant stated is shown to be clearly beyond the limit at the frequency stated."""
+    room = _CLEARLY if side.upper else -_CLEARLY
+    if not QUANTITIES[requirement.quantity].takes_band:
+        return False
+    level = relaxed_limit(requirement, side.upper, certificate.tolerance) + room
+    return reaches(certificate.case, requirement, side, level)
 
 
 def _is_beyond(side: SideProof, value: float, limit: float) -> bool:

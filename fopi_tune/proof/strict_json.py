@@ -1,4 +1,7 @@
-"""Strict reading of the JSON of certificates and results:  types are checked, and every error names the entry."""
+"""Strict reading of the JSON of certificates and results:  types are checked, and every error names the entry.
+
+`first_difference` compares a document with the one that is derived again from what was read.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,8 @@ from typing import Any, TypeVar
 
 from fopi_tune.errors import CertificateError
 
+#: relative; by how much a number may differ from the one derived again, which another machine rounds otherwise
+_ROUNDING = 1e-12
 #: beyond this a double would not hold it
 _LARGEST_INTEGER = 2**1000
 Word = TypeVar("Word", bound=StrEnum)
@@ -79,6 +84,18 @@ class JsonObject:
             raise CertificateError(f"{self.at(key)} is neither true nor false")
         return found
 
+    def texts(self, key: str) -> dict[str, str]:
+        """An object that holds texts."""
+        found = self.child(key)
+        for name in found.value:
+            if not name.isprintable():
+                raise CertificateError(f"{found.place} has a key with characters that cannot be printed")
+        return {name: found.text(name) for name in found.value}
+
+    def text_list(self, key: str) -> tuple[str, ...]:
+        """A list of texts."""
+        return tuple(JsonObject({key: item}, f"{self.place}[{k}]").text(key) for k, item in enumerate(self._list(key)))
+
     def child(self, key: str) -> JsonObject:
         """An object."""
         return JsonObject(self.get(key), self.at(key))
@@ -97,3 +114,22 @@ class JsonObject:
         if not isinstance(found, list):
             raise CertificateError(f"{self.at(key)} is no list")
         return found
+
+
+def first_difference(stated: object, derived: object, place: str) -> str | None:
+    """Path of the first difference of two documents beyond rounding; None when they agree."""
+    if isinstance(stated, dict) and isinstance(derived, dict):
+        if wrong := sorted(stated.keys() ^ derived.keys()):
+            return f"{place}[{wrong[0][:40]!r}]"
+        each = (first_difference(stated[key], derived[key], f"{place}.{key}") for key in derived)
+        return next((found for found in each if found is not None), None)
+    if isinstance(stated, list) and isinstance(derived, list):
+        if len(stated) != len(derived):
+            return place
+        pairs = zip(stated, derived, strict=True)
+        return next((d for k, (a, b) in enumerate(pairs) if (d := first_difference(a, b, f"{place}[{k}]"))), None)
+    if isinstance(stated, bool) or isinstance(derived, bool):
+        return None if stated is derived else place
+    if isinstance(stated, int | float) and isinstance(derived, int | float):
+        return None if math.isclose(stated, derived, rel_tol=_ROUNDING, abs_tol=1e-300) else place
+    return None if stated == derived else place

@@ -369,6 +369,7 @@ def test_what_discards_gains_off_the_line_of_a_fixed_margin_discards_none_on_it(
         "statement": "No gains in the box meet every requirement.",
         "advice": OptimumStatus.INFEASIBLE.advice,
         "discarded_boxes": 10,
+        "boxes": 18,
         "proof": {
             "beat": None,
             "reasons": [reason(lower, [], []), reason(lower - 1, [1.6], [0.02]), reason(1, [], [])],

@@ -15,6 +15,7 @@ from fopi_tune.proof.balls.box import Box, centre_of, split, with_interval
 from fopi_tune.proof.claims.claim import Claim
 
 _PIN = re.compile(r"(\d+)([+-])")
+_FACE = re.compile(r"p(?:\d+[+-])+")
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def check_record(claim: Claim, record: tuple[str, ...]) -> str | None:
             position += 1
         elif kind == "p":
             monotone_ends = [(_axis(digits, box), sign == "+") for digits, sign in _PIN.findall(token)]
-            if not monotone_ends or not set(monotone_ends) <= set(claim.examine(box).monotone_ends):
+            if not _FACE.fullmatch(token) or not set(monotone_ends) <= set(claim.examine(box).monotone_ends):
                 return f"token {position}, {token[:20]!r}, takes a face that need not be the worst"
             pending.append(_face(box, monotone_ends))
             position += 1

@@ -35,7 +35,7 @@ _LEAST_HALF_WIDTH = 1e-10
 _MORE = (0.0, 1e-7, 1e-4)
 _FARTHEST = 16.0
 #: tokens of the ends of the frequency axis, and u beyond which only the limit remains
-_LOW_END, _HIGH_END = "e-", "e+"
+LOW_END, HIGH_END = "e-", "e+"
 _FAR_OUT = 1e12
 
 
@@ -173,7 +173,7 @@ class SomePhaseCrossover(Claim):
     def _leaf(self, u: float, box: Box) -> str | None:
         """The leaf for a crossing of the central plant or an end of the axis; None if the claim does not hold."""
         if math.isinf(u):
-            end = _LOW_END if u < 0.0 else _HIGH_END
+            end = LOW_END if u < 0.0 else HIGH_END
             return end if self.holds(box, end) else None
         over = self.loop.over(((u, u), *box[1:]))
         reach = crossing_reach(over.log_slope.imag, [g.imag for g in over.log_gradient], box)
@@ -181,8 +181,8 @@ class SomePhaseCrossover(Claim):
         return next((leaf for leaf in leaves if self.holds(box, leaf)), None)
 
     def holds(self, box: Box, leaf: str) -> bool:
-        if leaf in (_LOW_END, _HIGH_END):
-            return self._is_negative_at_the_end(box, leaf == _HIGH_END)
+        if leaf in (LOW_END, HIGH_END):
+            return self._is_negative_at_the_end(box, leaf == HIGH_END)
         bracket = parse_bracket(leaf[1:]) if leaf[:1] == "x" else None
         if bracket is None:
             return False
