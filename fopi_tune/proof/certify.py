@@ -47,7 +47,7 @@ _LEAST_ROOM = 1e-8
 _WITNESS = 1e-10
 _MOST_ROUNDS = 6
 #: shares of the work that is left: for the tightest level, one between, and the last, which leaves some to the end
-_FIRST_SHARE, _NEXT_SHARE, _LAST_SHARE = 0.4, 0.25, 0.6
+_FIRST_SHARE, _NEXT_SHARE, _LAST_SHARE = 0.6, 0.2, 0.7
 #: neper above the peak of |S|; for stability any finite bound suffices
 _STABILITY_MARGINS = (0.7, 2.0, 6.0)
 #: share of the work that is left for each: half of it remains for the last

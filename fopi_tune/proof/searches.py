@@ -3,7 +3,7 @@
 Every statement (stability, each limit of a requirement) has one budget of work for all its searches: its levels, its
 rounds after a counterexample, and the witness.  A search may take a share of what is left, so that a level that
 cannot be proved leaves enough for a wider one.  Work is counted, not timed, so the outcome is the same on every
-machine.  Its unit is a box of a bound in continuous time, 0.05 to 0.1 ms; see `BoxVerdict`.
+machine.  Its unit is a box of a bound in continuous time, about 0.05 ms; see `BoxVerdict`.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from fopi_tune.proof.obligations import Case
 
 #: most boxes for a claim; for a claim that a crossing exists, whose boxes cost more; for a last attempt
 BUDGET, CROSSING_BUDGET, LAST_BUDGET = 40_000, 8_000, 4_000
-#: most work for a requirement, shared by its limits, and for stability: about 5 s each
-REQUIREMENT_WORK, STABILITY_WORK = 80_000, 80_000
+#: most work for a requirement, shared by its limits, and for stability: about 8 s and 4 s
+REQUIREMENT_WORK, STABILITY_WORK = 160_000, 80_000
 #: share of the work that is left for a search, unless its caller says otherwise
 _SHARE = 0.5
 

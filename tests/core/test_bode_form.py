@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from fopi_tune.core.bode_form import PORTION, Array, BodeForm, Rows
+from fopi_tune.core.bode_form import PORTION, Array, BodeForm, Complex, Rows
 
 FACTORS = 24
-FUNCTIONS: dict[str, Callable[[BodeForm, Rows, Array], Array]] = {
+FUNCTIONS: dict[str, Callable[[BodeForm, Rows, Array], Array | Complex]] = {
     "value": lambda form, rows, u: np.concatenate(form.value_and_derivative(rows, u)),
     "derivative": lambda form, rows, u: form.derivative(rows, u),
     "curvature": lambda form, rows, u: form.curvature_bound(rows, u - 0.1, u + 0.1),
