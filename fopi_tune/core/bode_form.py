@@ -33,6 +33,13 @@ Complex = NDArray[np.complex128]
 #: exponents are clipped here so that a double, and in bounds its square, stays finite
 _EXPONENT_CAP = 700.0
 _BOUND_EXPONENT_CAP = 300.0
+#: points evaluated together: a complex number for each of 30 factors of each point is 4 MB, and some ten are alive
+PORTION = 8_192
+
+
+def portions(count: int) -> list[slice]:
+    """Slices of at most `PORTION` points each that together are all of them; one when there are none."""
+    return [slice(start, start + PORTION) for start in range(0, max(count, 1), PORTION)]
 
 
 @dataclass(frozen=True)
@@ -92,11 +99,21 @@ class BodeForm:
 
     def derivative(self, rows: Rows, u: Array) -> Complex:
         """d ln f / du at u: the slope of ln|f| and, imaginary, that of the phase in rad."""
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            return self._derivative(rows, self._rays(rows, u), self.delay[rows] * np.exp(u))
+        found = [self._derivative_at_once(rows[part], u[part]) for part in portions(len(u))]
+        return found[0] if len(found) == 1 else np.concatenate(found)
 
     def value_and_derivative(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
         """ln f, unwrapped, and d ln f / du at u; rows and u of equal shape (n,)."""
+        found = [self._at_once(rows[part], u[part]) for part in portions(len(u))]
+        if len(found) == 1:
+            return found[0]
+        return np.concatenate([value for value, _ in found]), np.concatenate([slope for _, slope in found])
+
+    def _derivative_at_once(self, rows: Rows, u: Array) -> Complex:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            return self._derivative(rows, self._rays(rows, u), self.delay[rows] * np.exp(u))
+
+    def _at_once(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             w, turn = self._rays(rows, u), self.delay[rows] * np.exp(u)
             factors = (self.sign[rows] * np.log1p(w)).sum(axis=1)
@@ -118,6 +135,10 @@ class BodeForm:
 
     def gain_curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
         """An upper bound of |d2 ln|f| / du2| on [low, high]; a dead time changes only the phase."""
+        found = [self._gain_curvature_bound(rows[part], low[part], high[part]) for part in portions(len(rows))]
+        return found[0] if len(found) == 1 else np.concatenate(found)
+
+    def _gain_curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
         nu, corner, cosine = self.nu[rows], self.corner[rows], self._direction[rows].real
         rho_low = np.exp(np.clip(nu * (low[:, None] - corner), -_BOUND_EXPONENT_CAP, _BOUND_EXPONENT_CAP))
         rho_high = np.exp(np.clip(nu * (high[:, None] - corner), -_BOUND_EXPONENT_CAP, _BOUND_EXPONENT_CAP))

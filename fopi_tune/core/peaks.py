@@ -17,13 +17,14 @@ from enum import Enum
 
 import numpy as np
 
-from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
+from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows, portions
 from fopi_tune.core.loops import Loops
 from fopi_tune.errors import DomainError
 
 _FIRST_CELLS = 24
 _PIECES = 4
 _SMALLEST_WIDTH = 1e-10
+#: cells of a search in all
 _MOST_CELLS = 2_000_000
 #: the extreme is found to this many neper
 _TOLERANCE = 1e-10
@@ -232,38 +233,48 @@ def _branch_and_bound(inverse: _Sum, low: Array, high: Array, sign: float, floor
     r, a, b = _pieces(np.arange(m), low, high, _FIRST_CELLS)
     best, where = np.full(m, -np.inf), low.copy()
 
-    def offer(rows: Rows, u: Array) -> tuple[list[tuple[Complex, Complex]], Complex, Complex]:
-        logs = inverse.logs(rows, u)
-        k, slope = inverse.value_and_slope(logs)
-        with np.errstate(divide="ignore"):
-            value = -sign * np.log(np.abs(k))
+    def offer(rows: Rows, u: Array, value: Array) -> None:
         order = np.lexsort((value, rows))
         last = order[np.append(rows[order][1:] != rows[order][:-1], True)] if len(order) else order
         better = last[value[last] > best[rows[last]]]
         best[rows[better]], where[rows[better]] = value[better], u[better]
-        return logs, k, slope
 
-    offer(np.arange(m), low)
-    offer(np.arange(m), high)
+    for end in (low, high):
+        offer(np.arange(m), end, _value_and_bound(inverse, np.arange(m), end, end, sign)[0])
     work = 0
     while len(r):
         work += len(r)
         if work > _MOST_CELLS:
             raise DomainError("the response has too many peaks to search; the dead time is too long for this loop")
-        c, h = 0.5 * (a + b), 0.5 * (b - a)
-        logs, k, slope = offer(r, c)
-        curvature, smallest, largest = inverse.bounds(r, a, b, logs)
-        with np.errstate(over="ignore"):
-            slack = 0.5 * curvature * h**2
-        if sign > 0:
-            size = np.maximum(np.maximum(_distance_of_segment(k, slope * h) - slack, smallest), 0.0)
-        else:
-            size = np.minimum(np.maximum(np.abs(k + slope * h), np.abs(k - slope * h)) + slack, largest)
-        with np.errstate(divide="ignore"):
-            bound = -sign * np.log(size)
-        keep = (bound > np.maximum(best, floor)[r] + _TOLERANCE) & (h > _SMALLEST_WIDTH)
+        value, bound = _in_portions(inverse, r, a, b, sign)
+        offer(r, 0.5 * (a + b), value)
+        keep = (bound > np.maximum(best, floor)[r] + _TOLERANCE) & (0.5 * (b - a) > _SMALLEST_WIDTH)
         r, a, b = _pieces(r[keep], a[keep], b[keep], _PIECES)
     return best, where
+
+
+def _in_portions(inverse: _Sum, rows: Rows, low: Array, high: Array, sign: float) -> tuple[Array, Array]:
+    """`_value_and_bound` of many cells, so many at a time that the memory stays small."""
+    value, bound = np.empty(len(rows)), np.empty(len(rows))
+    for part in portions(len(rows)):
+        value[part], bound[part] = _value_and_bound(inverse, rows[part], low[part], high[part], sign)
+    return value, bound
+
+
+def _value_and_bound(inverse: _Sum, rows: Rows, low: Array, high: Array, sign: float) -> tuple[Array, Array]:
+    """sign * (-ln|K|) at each cell's centre, and what it cannot exceed on the cell."""
+    c, h = 0.5 * (low + high), 0.5 * (high - low)
+    logs = inverse.logs(rows, c)
+    k, slope = inverse.value_and_slope(logs)
+    curvature, smallest, largest = inverse.bounds(rows, low, high, logs)
+    with np.errstate(over="ignore"):
+        slack = 0.5 * curvature * h**2
+    if sign > 0:
+        size = np.maximum(np.maximum(_distance_of_segment(k, slope * h) - slack, smallest), 0.0)
+    else:
+        size = np.minimum(np.maximum(np.abs(k + slope * h), np.abs(k - slope * h)) + slack, largest)
+    with np.errstate(divide="ignore"):
+        return -sign * np.log(np.abs(k)), -sign * np.log(size)
 
 
 def _pieces(rows: Rows, low: Array, high: Array, count: int) -> tuple[Rows, Array, Array]:

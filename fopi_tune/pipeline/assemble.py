@@ -106,8 +106,8 @@ def _unproved_message(certificate: Certificate) -> str:
     """What the certificate leaves unproved."""
     parts = []
     if certificate.stability.verdict is not Verdict.PROVED:
-        parts.append(f"stability is {certificate.stability.verdict.value}: {certificate.stability.reason}")
+        parts.append(f"stability is {certificate.stability.verdict.value}: {certificate.stability.explanation}")
     for proof in certificate.requirements:
         if proof.verdict is not Verdict.PROVED:
-            parts.append(f"{proof.requirement.quantity} is {proof.verdict.value}: {proof.reason}")
+            parts.append(f"{proof.requirement.quantity} is {proof.verdict.value}: {proof.explanation}")
     return "the gains pass the check in floating point, but the proof is missing: " + "; ".join(parts)

@@ -7,7 +7,7 @@ requirements, tests every box of its record in ball arithmetic, and compares the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from fopi_tune.proof.obligations import Case
@@ -18,6 +18,8 @@ from fopi_tune.spec.model import Relation, Requirement
 
 #: the largest tolerance of a certificate, natural units: a proof with a larger one would say nothing useful
 LARGEST_TOLERANCE = 1e-2
+#: added to the reason of an undecided statement whose searches did not come to an end
+_BUDGET_SPENT = "the counted budget of its searches was spent"
 
 
 class Verdict(StrEnum):
@@ -74,6 +76,8 @@ class SideProof:
         worst: the plant and frequency of the witness.
         records: of the claims that prove the level, in the order of `obligations.level_claims`.
         witness_records: of the claims that prove the witness, in the order of `obligations.violation_claims`.
+        budget_spent: whether an undecided search ended because its counted budget was spent; unknown, False, of a
+            certificate that was read.
     """
 
     upper: bool
@@ -83,6 +87,7 @@ class SideProof:
     worst: Place
     records: tuple[Record, ...]
     witness_records: tuple[Record, ...]
+    budget_spent: bool = field(default=False, compare=False)
 
     @property
     def boxes(self) -> int:
@@ -116,6 +121,16 @@ class RequirementProof:
             elif side.verdict is Verdict.UNDECIDED:
                 parts.append("neither a bound nor a violation could be shown")
         return "; ".join(dict.fromkeys(parts))
+
+    @property
+    def budget_spent(self) -> bool:
+        """Whether a search that left it undecided ended because its counted budget was spent."""
+        return any(side.budget_spent for side in self.sides)
+
+    @property
+    def explanation(self) -> str:
+        """The reason, and whether the searches ended before they had an answer."""
+        return f"{self.reason}; {_BUDGET_SPENT}" if self.budget_spent else self.reason
 
     @property
     def bounds(self) -> tuple[float | None, float | None]:
@@ -164,6 +179,7 @@ class StabilityProof:
         point: the plant whose poles were counted.
         poles: its closed-loop poles in the right half-plane; None when they could not be counted.
         records: of the claims of `obligations.stability_claims`.
+        budget_spent: as of a `SideProof`.
     """
 
     verdict: Verdict
@@ -171,6 +187,7 @@ class StabilityProof:
     point: tuple[float, ...]
     poles: int | None
     records: tuple[Record, ...]
+    budget_spent: bool = field(default=False, compare=False)
 
     @property
     def reason(self) -> str:
@@ -185,6 +202,11 @@ class StabilityProof:
         if self.verdict is Verdict.REFUTED:
             return f"a plant has {self.poles} unstable closed-loop pole{'s' * (self.poles > 1)}"
         return "no bound of |S| over the family could be shown"
+
+    @property
+    def explanation(self) -> str:
+        """The reason, and whether the searches ended before they had an answer."""
+        return f"{self.reason}; {_BUDGET_SPENT}" if self.budget_spent else self.reason
 
 
 @dataclass(frozen=True)

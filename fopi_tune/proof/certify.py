@@ -27,21 +27,16 @@ from fopi_tune.proof.certificate import (
     relaxed_limit,
 )
 from fopi_tune.proof.claims.bound import response_of
-from fopi_tune.proof.claims.branch_and_bound import SearchResult, search
 from fopi_tune.proof.claims.claim import Claim
-from fopi_tune.proof.claims.crossing_quantities import CrossingQuantity
-from fopi_tune.proof.claims.crossings import EveryCrossover
-from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
-from fopi_tune.proof.claims.poles import NoAxisRoot, count_unstable_poles, is_structurally_unstable
+from fopi_tune.proof.claims.poles import count_unstable_poles, is_structurally_unstable
 from fopi_tune.proof.obligations import Case, level_claims, no_crossover_claims, stability_claims, violation_claims
 from fopi_tune.proof.results import Extreme, Outcome, Place, RequirementResult, Verification
+from fopi_tune.proof.searches import BUDGET, LAST_BUDGET, REQUIREMENT_WORK, STABILITY_WORK, Searches
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 
-#: most boxes for a claim; for a claim that a crossing exists, whose boxes cost more; for a last attempt
-BUDGET, CROSSING_BUDGET, LAST_BUDGET = 40_000, 8_000, 4_000
 #: relative distances from the worst value to the level to be proved, tried in turn
 _GAPS = (5e-7, 5e-5, 5e-4, 1e-2)
 #: the same for `equals`, which is about one plant: its bounds are the enclosure of the value
@@ -51,8 +46,12 @@ _LEAST_ROOM = 1e-8
 #: relative distance of the witness from the value in floating point
 _WITNESS = 1e-10
 _MOST_ROUNDS = 6
+#: shares of the work that is left: for the tightest level, one between, and the last, which leaves some to the end
+_FIRST_SHARE, _NEXT_SHARE, _LAST_SHARE = 0.6, 0.2, 0.7
 #: neper above the peak of |S|; for stability any finite bound suffices
 _STABILITY_MARGINS = (0.7, 2.0, 6.0)
+#: share of the work that is left for each: half of it remains for the last
+_STABILITY_SHARES = (0.25, 1 / 3, 1.0)
 
 
 def certify(
@@ -70,7 +69,7 @@ def certify(
     crossings = tuple(case.loop.u_of(math.log(omega)) for omega in found.nominal.gain_crossovers_rad_s)
     case = replace(case, origin=_origin(case, crossings), nominal_crossings=crossings)
     with ctx.workprec(PRECISION):
-        searches = _Searches()
+        searches = Searches(case)
         stability = _stability(case, found, searches)
         proofs = tuple(_requirement(case, result, found.tolerance, searches) for result in found.requirements)
     return Certificate(spec.name, spec.sha256, case, found.tolerance, stability, proofs, versions)
@@ -84,7 +83,8 @@ def _origin(case: Case, crossings: tuple[float, ...]) -> float:
     return float(0.5 * (low + high)) if math.isfinite(low + high) else 0.0
 
 
-def _stability(case: Case, found: Verification, searches: _Searches) -> StabilityProof:
+def _stability(case: Case, found: Verification, searches: Searches) -> StabilityProof:
+    searches.begin(STABILITY_WORK)
     if not found.stability.stable:
         worst = found.stability.worst.point
         poles = count_unstable_poles(case.loop, worst, case.origin)
@@ -94,21 +94,22 @@ def _stability(case: Case, found: Verification, searches: _Searches) -> Stabilit
     if poles:
         return StabilityProof(Verdict.REFUTED, None, case.nominal, poles, ())
     if poles == 0:
-        for margin in _STABILITY_MARGINS:
+        for margin, share in zip(_STABILITY_MARGINS, _STABILITY_SHARES, strict=True):
             level = found.stability.peak_sensitivity_db * NEPER_PER_DB + margin
-            records = searches.shown(stability_claims(case, level))
+            records = searches.shown(stability_claims(case, level), share=share)
             if records is not None:
                 return StabilityProof(Verdict.PROVED, level, case.nominal, 0, records)
-    return StabilityProof(Verdict.UNDECIDED, None, case.nominal, poles, ())
+    return StabilityProof(Verdict.UNDECIDED, None, case.nominal, poles, (), searches.were_cut)
 
 
-def _requirement(case: Case, result: RequirementResult, tolerance: float, searches: _Searches) -> RequirementProof:
+def _requirement(case: Case, result: RequirementResult, tolerance: float, searches: Searches) -> RequirementProof:
     requirement = result.requirement
     if result.outcome is Outcome.BEYOND_NYQUIST:
         ends = [upper for upper in (False, True) if math.isfinite(requirement.upper if upper else requirement.lower)]
         unknown = (SideProof(upper, Verdict.UNDECIDED, None, None, result.worst, (), ()) for upper in ends)
         return RequirementProof(requirement, tuple(unknown))
-    sides = tuple(_Side(case, requirement, extreme, tolerance, searches).proof() for extreme in result.extremes)
+    work = REQUIREMENT_WORK // max(len(result.extremes), 1)
+    sides = tuple(_Side(case, requirement, extreme, tolerance, searches, work).proof() for extreme in result.extremes)
     return RequirementProof(requirement, sides)
 
 
@@ -120,7 +121,8 @@ class _Side:
     requirement: Requirement
     extreme: Extreme
     tolerance: float
-    searches: _Searches
+    searches: Searches
+    work: int
 
     @property
     def upper(self) -> bool:
@@ -143,7 +145,8 @@ class _Side:
         return natural > other if self.upper else natural < other
 
     def proof(self) -> SideProof:
-        """Refuted, proved or undecided."""
+        """Refuted, proved or undecided; within the work of this side."""
+        self.searches.begin(self.work)
         place = self.extreme.worst
         if self.extreme.achieved is None:
             return self._without_crossover(place)
@@ -184,7 +187,8 @@ class _Side:
         records: tuple[Record, ...],
         witness_records: tuple[Record, ...],
     ) -> SideProof:
-        return SideProof(self.upper, verdict, level, witness, place, records, witness_records)
+        cut = verdict is Verdict.UNDECIDED and self.searches.were_cut
+        return SideProof(self.upper, verdict, level, witness, place, records, witness_records, cut)
 
     def _without_crossover(self, place: Place) -> SideProof:
         records = self.searches.shown(no_crossover_claims(self.case, place.point))
@@ -234,11 +238,13 @@ class _Side:
         levels = self._levels(worst)
         for level in levels:
             # full budget for the tightest and for the last level only
-            most = BUDGET if level in (levels[0], levels[-1]) else LAST_BUDGET
+            last, first = level == levels[-1], level == levels[0]
+            most = BUDGET if last or first else LAST_BUDGET
+            share = _LAST_SHARE if last else _FIRST_SHARE if first else _NEXT_SHARE
             claims = level_claims(self.case, self.requirement, self.upper, level)
             records: list[Record] = []
             for claim in claims:
-                found = self.searches.run(claim, most)
+                found = self.searches.run(claim, most, share)
                 if found.counterexample is not None:
                     return found.counterexample if len(found.counterexample) > 1 else self._with_plant(claim)
                 if not found.shown:
@@ -263,12 +269,10 @@ class _Side:
     def _undecided(
         self, worst: float, place: Place, reached: float | None, witness_records: tuple[Record, ...]
     ) -> SideProof:
-        """Undecided, with the tightest of a few wider levels that can be proved: it bounds the gap."""
-        for width in (0.0, 0.01, 0.1, 1.0):
+        """Undecided, with the tightest of a few levels beyond the limit that can be proved: it bounds the gap."""
+        for width in (0.01, 0.1, 1.0):
             level = self.beyond(self.relaxed, width * gap_scale(self.requirement, worst))
             records = self.searches.shown(level_claims(self.case, self.requirement, self.upper, level), LAST_BUDGET)
-            if records is not None and width == 0.0:
-                return self._result(Verdict.PROVED, level, reached, place, records, witness_records)
             if records is not None:
                 return self._result(Verdict.UNDECIDED, level, reached, place, records, witness_records)
         return self._result(Verdict.UNDECIDED, None, reached, place, (), witness_records)
@@ -289,41 +293,3 @@ def _array(point: tuple[float, ...]) -> Array:
     import numpy as np
 
     return np.array(point, dtype=float)
-
-
-class _Searches:
-    """Runs searches within their budgets; results that do not depend on a level are cached."""
-
-    def __init__(self) -> None:
-        self._known: dict[tuple[object, ...], SearchResult] = {}
-
-    def run(self, claim: Claim, most: int = BUDGET) -> SearchResult:
-        """Search result for one claim."""
-        listing = isinstance(claim, SomeCrossover | SomePhaseCrossover) or _lists_crossings(claim)
-        budget = min(CROSSING_BUDGET if listing else BUDGET, most)
-        if isinstance(claim, NoAxisRoot):
-            key: tuple[object, ...] = (NoAxisRoot, claim.denominator, claim.domain)
-        elif isinstance(claim, SomeCrossover) and claim.level is None:
-            key = (SomeCrossover, claim.domain)
-        else:
-            return search(claim, budget)
-        if key not in self._known:
-            self._known[key] = search(claim, budget)
-        return self._known[key]
-
-    def shown(self, claims: list[Claim], most: int = BUDGET) -> tuple[Record, ...] | None:
-        """Records of all claims; None when there are no claims or one was not proved."""
-        records: list[Record] = []
-        for claim in claims:
-            found = self.run(claim, most)
-            if not found.shown:
-                return None
-            records.append(Record(found.record))
-        return tuple(records) or None
-
-
-def _lists_crossings(claim: Claim) -> bool:
-    """Whether examining a box lists all crossings, because the highest of several decides."""
-    if not isinstance(claim, EveryCrossover) or claim.quantity is not CrossingQuantity.PHASE_SLOPE:
-        return False
-    return claim.evaluator.may_cross_often

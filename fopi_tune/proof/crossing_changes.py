@@ -112,11 +112,12 @@ def _signatures_at_once(loops: Loops) -> tuple[Array, Array]:
     m, log = len(loops), loops.log
     gains, phases, distance = np.zeros(m), np.zeros(m), np.full(m, np.inf)
     # |e^{-j omega L}| = 1: the dead time changes only the phase
-    rows, u, maximum = _turning_points(log.undelayed(), np.real)
+    grid = _Slopes.of(log)
+    rows, u, maximum = _turning_points(grid, log.undelayed(), np.real)
     gain = loops.log_response(rows, u).real
     np.add.at(gains, rows, np.where(maximum, 1.0, -1.0) * (gain > 0))
     np.minimum.at(distance, rows, np.abs(gain))
-    rows, u, maximum = _turning_points(log, np.imag)
+    rows, u, maximum = _turning_points(grid, log, np.imag)
     turns = (loops.log_response(rows, u).imag + np.pi) / (2.0 * np.pi)
     np.add.at(phases, rows, np.where(maximum, 1.0, -1.0) * np.floor(turns))
     np.minimum.at(distance, rows, 2.0 * np.pi * np.abs(turns - np.round(turns)))
@@ -128,14 +129,27 @@ def _signatures_at_once(loops: Loops) -> tuple[Array, Array]:
     return gains + _BOTH_IN_ONE * phases, distance
 
 
-def _turning_points(log: BodeForm, part: Part) -> tuple[Rows, Array, NDArray[np.bool_]]:
+@dataclass(frozen=True)
+class _Slopes:
+    """d ln f/du on the grid for turning points; all of shape (n,)."""
+
+    rows: Rows
+    u: Array
+    slope: Complex
+
+    @classmethod
+    def of(cls, log: BodeForm) -> _Slopes:
+        """Both parts at once: the gain's slope does not depend on the dead time."""
+        u = _places(log)
+        rows = np.repeat(np.arange(len(u)), u.shape[1])
+        return cls(rows, u.ravel(), log.derivative(rows, u.ravel()))
+
+
+def _turning_points(grid: _Slopes, log: BodeForm, part: Part) -> tuple[Rows, Array, NDArray[np.bool_]]:
     """Turning points of ln|f| or arg f: rows, u, and whether each is a maximum."""
-    u = _places(log)
-    rows = np.repeat(np.arange(len(u)), u.shape[1])
-    u = u.ravel()
-    slope = part(log.derivative(rows, u))
+    slope = part(grid.slope)
     steep = np.abs(slope) > _FLAT
-    rows, u, slope = rows[steep], u[steep], slope[steep]
+    rows, u, slope = grid.rows[steep], grid.u[steep], slope[steep]
     turns = np.flatnonzero((rows[1:] == rows[:-1]) & ((slope[1:] > 0) != (slope[:-1] > 0)))
     rows, ends, slopes = rows[turns], (u[turns], u[turns + 1]), (slope[turns], slope[turns + 1])
     return rows, _sign_change(lambda u: part(log.derivative(rows, u)), ends, slopes), slopes[0] > 0

@@ -9,9 +9,11 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops
+from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.sampled_loops import SampledLoops
-from fopi_tune.core.stability import unstable_closed_loop_poles
+from fopi_tune.core.stability import unstable_poles_from
+from fopi_tune.errors import DomainError
 from fopi_tune.proof.results import Stability
 from fopi_tune.proof.sample import Sample, evaluate
 from fopi_tune.proof.worst_case import find_worst_case, place_of
@@ -19,11 +21,19 @@ from fopi_tune.quantities.base import NEPER_PER_DB
 
 #: a loop with a larger |S| counts as one through -1
 _LARGEST_SENSITIVITY = 1e6
+#: turns of a loop's phase below its highest gain crossover: each has a ripple of every response and a crossing of -180
+#: deg, which are searched for every sampled member (about 5 s at this number)
+MOST_TURNS = 1_000
 
 
 def check_stability(sample: Sample) -> Stability:
-    """Whether every member of the family is stable, and where the loop comes closest to -1."""
-    counts = _counts(sample, sample.x)
+    """Whether every member of the family is stable, and where the loop comes closest to -1.
+
+    Raises:
+        DomainError: the phase of a member turns more than `MOST_TURNS` times below its gain crossover.
+    """
+    counts, turns = evaluate(sample.loops, _poles_and_turns)
+    _refuse_too_many_turns(sample, turns)
     if (counts > 0.5).any():
         row = sample.nominal if counts[sample.nominal] > 0.5 else int(np.argmax(counts))
         return _unstable(sample, sample.x[row], float(counts[row]))
@@ -46,11 +56,28 @@ def sensitivity_peak(loops: Loops) -> tuple[Array, Array]:
 
 
 def _counts(sample: Sample, x: Array) -> Array:
-    def count(loops: Loops) -> tuple[Array, Array]:
-        poles = unstable_closed_loop_poles(loops)
-        return poles, poles
+    return evaluate(sample.loops_at(x), _poles_and_turns)[0]
 
-    return evaluate(sample.loops_at(x), count)[0]
+
+def _poles_and_turns(loops: Loops) -> tuple[Array, Array]:
+    """Unstable closed-loop poles, and the largest number of turns of arg L at a gain crossover; shapes (m,)."""
+    crossings = gain_crossovers(loops)
+    turns = np.zeros(len(loops))
+    np.maximum.at(turns, crossings.row, np.abs(crossings.phase_rad) / (2.0 * np.pi))
+    return unstable_poles_from(loops, crossings), turns
+
+
+def _refuse_too_many_turns(sample: Sample, turns: Array) -> None:
+    row = int(np.argmax(turns))
+    if turns[row] <= MOST_TURNS:
+        return
+    place = place_of(sample, sample.x[row], np.nan)
+    plant = ", ".join(f"{name} = {value:.6g}" for name, value in place.plant.items())
+    raise DomainError(
+        f"the loop's phase turns {turns[row]:,.0f} times below its gain crossover{f' with {plant}' if plant else ''}; "
+        f"at most {MOST_TURNS:,} turns, with as many crossings, can be searched: take smaller gains or a shorter "
+        "dead time"
+    )
 
 
 def _unstable(sample: Sample, x: Array, count: float) -> Stability:

@@ -211,6 +211,13 @@ def test_prove_refutes_the_published_brake_gains() -> None:
     assert "multiplier" not in table
 
 
+def test_gains_whose_loop_turns_too_often_to_search_are_bad_input() -> None:
+    result = fopi("prove", str(ROOT / "specs" / "lag_gain_and_delay.yaml"), "--kp", "1e6", "--ki", "1", "--alpha", "1")
+    assert result.exit_code == 2
+    assert "turns 49,736 times below its gain crossover" in " ".join(result.stderr.split())
+    assert "take smaller gains or a shorter dead time" in " ".join(result.stderr.split())
+
+
 def test_prove_confirms_good_gains_within_the_tolerance() -> None:
     result = fopi("prove", BRAKE_FILE, *ROBUST)
     assert result.exit_code == 0

@@ -348,7 +348,7 @@ def test_a_refuted_requirement_goes_back_to_the_design_as_a_cut(monkeypatch: pyt
 
 
 def test_what_stays_undecided_is_not_called_solved(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["fopi_tune.proof.certify"], "BUDGET", 3)
+    monkeypatch.setattr(sys.modules["fopi_tune.proof.searches"], "BUDGET", 3)
     design = ft.tune(ROOT / "specs" / "brake.yaml")
     assert design.status is ft.Status.FAILED
     assert "the proof is missing" in design.message
@@ -360,7 +360,7 @@ def test_what_stays_undecided_is_not_called_solved(monkeypatch: pytest.MonkeyPat
 
 def test_an_undecided_requirement_states_the_gap_that_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     spec = spec_with(f"sensitivity_db: {{at_most: {decibel(1.16371)!r}}}")
-    monkeypatch.setattr(sys.modules["fopi_tune.proof.certify"], "BUDGET", 60)
+    monkeypatch.setattr(sys.modules["fopi_tune.proof.searches"], "BUDGET", 60)
     (proof,) = proved(spec, REFERENCE).requirements
     assert proof.verdict is ft.Verdict.UNDECIDED
     assert proof.gap is not None

@@ -18,8 +18,10 @@ from fopi_tune.proof.balls.box import Interval, ball_of
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import PlantEnclosure
 
+#: in u
 _NARROWEST = 1e-9
-_MOST_PIECES = 200_000
+#: pieces of the axis for one plant, about 5 s; a loop that turns once about the origin takes some ten
+_MOST_PIECES = 25_000
 _STEP = 1.0
 _FARTHEST = 100.0
 

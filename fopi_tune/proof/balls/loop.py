@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
-from flint import acb, arb
+from flint import acb, arb, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops, Plants
@@ -19,6 +20,16 @@ from fopi_tune.proof.balls.responses import LoopEnclosure, LoopParameters
 
 #: bits of the balls' centres
 PRECISION = 64
+#: plants in the cache of a loop; one of order 4 on samples takes some 20 kB
+_MOST_KNOWN = 4096
+
+
+@dataclass
+class _PlantCache:
+    """Enclosures of plants by precision and box, and the counted effort of all that were computed."""
+
+    known: dict[tuple[int, Box], PlantEnclosure] = field(default_factory=dict)
+    work: int = 0
 
 
 @dataclass(frozen=True)
@@ -96,8 +107,28 @@ class BallLoop(LoopParameters):
         return Loops.of(self.gains, Plants.members(self.family, points))
 
     def plants(self, box: Box) -> PlantEnclosure:
-        """The plants whose uncertain numbers lie in a box."""
-        return self.plant([ball_of(side) for side in box])
+        """The plants whose uncertain numbers lie in a box; cached, since splits along u do not change them."""
+        cache, key = self._cache, (ctx.prec, box)
+        if key not in cache.known:
+            if len(cache.known) >= _MOST_KNOWN:
+                cache.known.clear()
+            cache.known[key] = self.plant([ball_of(side) for side in box])
+            cache.work += self._plant_work
+        return cache.known[key]
+
+    @property
+    def work(self) -> int:
+        """Counted effort of all the plants computed so far, in boxes of a bound; see `BoxVerdict`."""
+        return self._cache.work
+
+    @property
+    def _plant_work(self) -> int:
+        """Of one more enclosure of the plants: in continuous time it is part of the box's own."""
+        return 0
+
+    @cached_property
+    def _cache(self) -> _PlantCache:
+        return _PlantCache()
 
     def enclosure(self, u: Interval, plant: PlantEnclosure) -> LoopEnclosure:
         """The loop with these plants over an interval of u."""

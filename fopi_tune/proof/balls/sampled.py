@@ -26,7 +26,7 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.sampled_loops import MOST_DELAY_SAMPLES, WHOLE, SampledLoops
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.balls.box import Box, Interval
+from fopi_tune.proof.balls.box import Interval, ball_of
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import Dual, PlantEnclosure, own_derivative, polynomial
 from fopi_tune.proof.balls.responses import LoopEnclosure
@@ -39,8 +39,6 @@ _PLACE_PRECISION = 192
 
 #: d and (sigma_k, rho_k)
 _Sections = tuple[arb, tuple[tuple[arb, arb], ...]]
-#: size of the cache of plants
-_MOST_KNOWN = 4096
 
 
 @dataclass(frozen=True)
@@ -164,22 +162,18 @@ class SampledBallLoop(BallLoop):
         plant = super().plant(theta)
         return hold_equivalent(plant, self.sample_time, self.samples(plant.dead_time), self.axes)
 
+    @property
+    def _plant_work(self) -> int:
+        """Measured: the exponentials of the plant and of its derivatives, n^2 (1 + p)/2 for p uncertain numbers."""
+        return max(self._order**2 * self.axes // 2, 1)
+
+    @cached_property
+    def _order(self) -> int:
+        return len(super().plant([ball_of(side) for side in self.family_box]).denominator) - 1
+
     def loops_at(self, points: Array) -> Loops:
         """The same loops in floating point for these plants, shape (m, p); used only to choose what to examine."""
         return SampledLoops.implemented(self.gains, self.implementation, Plants.members(self.family, points))
-
-    def plants(self, box: Box) -> PlantEnclosure:
-        """The plants whose uncertain numbers lie in a box; cached, since splits along u do not change them."""
-        key = (ctx.prec, box)
-        if key not in self._known:
-            if len(self._known) >= _MOST_KNOWN:
-                self._known.clear()
-            self._known[key] = super().plants(box)
-        return self._known[key]
-
-    @cached_property
-    def _known(self) -> dict[tuple[int, Box], PlantEnclosure]:
-        return {}
 
     def enclosure(self, u: Interval, plant: PlantEnclosure) -> LoopEnclosure:
         """The loop with these plants over an interval of u."""

@@ -26,11 +26,13 @@ from itertools import pairwise
 
 from flint import acb, arb
 
-from fopi_tune.proof.balls.box import ball_of
+from fopi_tune.proof.balls.box import ball_of, point_box
 from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
 from fopi_tune.proof.balls.plant import own_derivative, polynomial
 
 _NARROWEST = 1e-7
+#: pieces of the axis for one polynomial; one of degree 4 takes some 50
+_MOST_PIECES = 5_000
 _TAIL_STEP = 1.0
 _FARTHEST = 700.0
 
@@ -59,7 +61,7 @@ def unwrapped_phase(loop: BallLoop, at: LoopEnclosure, phases: tuple[PolynomialP
 
 def plant_phases(loop: BallLoop, theta: Sequence[float]) -> tuple[PolynomialPhase, PolynomialPhase]:
     """Phases of the numerator and denominator of one plant."""
-    plant = loop.plant([arb(value) for value in theta])
+    plant = loop.plants(point_box(theta))
     return PolynomialPhase.of([plant.gain.value * c.value for c in plant.numerator]), PolynomialPhase.of(
         [c.value for c in plant.denominator]
     )
@@ -152,7 +154,7 @@ class _Path:
                 places.append(b)
                 continue
             middle = 0.5 * (a + b)
-            if b - a < _NARROWEST:
+            if b - a < _NARROWEST or len(places) + len(pending) > _MOST_PIECES:
                 return None
             pending += [(middle, b), (a, middle)]
         values = [_value(coefficients, place) for place in places]

@@ -8,7 +8,7 @@ always split by the same rule, so the leaves cover the domain by construction.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from fopi_tune.proof.balls.box import Box, centre_of, split, with_interval
@@ -25,12 +25,14 @@ class SearchResult:
     Args:
         record: tokens of the tree; empty unless the claim was proved.
         boxes: number of examined boxes.
+        work: counted effort of these boxes, see `BoxVerdict`.
         counterexample: a point at which the claim is false.
         open_boxes: undecided boxes of a search that ran out of budget or could not split further.
     """
 
     record: tuple[str, ...]
     boxes: int
+    work: int
     counterexample: tuple[float, ...] | None = None
     open_boxes: tuple[Box, ...] = ()
 
@@ -40,37 +42,42 @@ class SearchResult:
         return bool(self.record)
 
 
-def search(claim: Claim, budget: int) -> SearchResult:
+def search(
+    claim: Claim, budget: int, most_work: int | None = None, plant_work: Callable[[], int] = lambda: 0
+) -> SearchResult:
     """Prove a claim on its whole domain, or find a counterexample.
 
     Args:
         claim: to be proved.
         budget: most boxes to examine.
+        most_work: the search ends with the box that reaches it; None for no limit but the budget.
+        plant_work: work of all plants computed so far, which is added to that of the boxes.
     """
     record: list[str] = []
     pending = [claim.domain]
-    boxes = 0
+    boxes, work, before = 0, 0, plant_work()
     while pending:
-        if boxes >= budget:
-            return SearchResult((), boxes, open_boxes=tuple(pending))
+        if boxes >= budget or (most_work is not None and work >= most_work):
+            return SearchResult((), boxes, work, open_boxes=tuple(pending))
         box = pending.pop()
         boxes += 1
         found = claim.examine(box)
+        work, before = work + found.work + plant_work() - before, plant_work()
         if found.leaf is not None:
             record.append(found.leaf)
             continue
         if found.counterexample:
-            return SearchResult((), boxes, counterexample=centre_of(box))
+            return SearchResult((), boxes, work, counterexample=centre_of(box))
         if found.monotone_ends:
             record.append("p" + "".join(f"{axis}{'+' if upper else '-'}" for axis, upper in found.monotone_ends))
             pending.append(_face(box, found.monotone_ends))
             continue
         pieces = split(box, found.axis, claim.origin) if found.axis >= 0 else None
         if pieces is None:
-            return SearchResult((), boxes, open_boxes=(box, *pending))
+            return SearchResult((), boxes, work, open_boxes=(box, *pending))
         record.append(f"s{found.axis}")
         pending += [pieces[1], pieces[0]]
-    return SearchResult(tuple(record), boxes)
+    return SearchResult(tuple(record), boxes, work)
 
 
 def check_record(claim: Claim, record: tuple[str, ...]) -> str | None:

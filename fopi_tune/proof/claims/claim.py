@@ -27,6 +27,8 @@ from fopi_tune.proof.balls.box import Box, ball_of, is_tail
 _FAR = 60.0
 #: the token of a box on which a claim holds by itself
 PLAIN = "."
+#: work of listing every crossing of one plant in floating point, in boxes of a bound: it takes about as long
+LISTING_WORK = 40
 
 
 @dataclass(frozen=True)
@@ -38,12 +40,15 @@ class BoxVerdict:
         axis: otherwise the axis to split; -1 when there is none left.
         monotone_ends: axes along which the box is monotone, with the worst end: (axis, whether the upper end).
         counterexample: whether the claim is false at the box's centre.
+        work: counted effort of the test, in boxes of a bound: 1 for an enclosure of the loop over the box and one at
+            its centre.
     """
 
     leaf: str | None
     axis: int = 0
     monotone_ends: tuple[tuple[int, bool], ...] = ()
     counterexample: bool = False
+    work: int = 1
 
 
 HOLDS = BoxVerdict(PLAIN)

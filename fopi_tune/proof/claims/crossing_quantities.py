@@ -16,7 +16,7 @@ import numpy as np
 from flint import arb
 
 from fopi_tune.core.margins import gain_crossovers
-from fopi_tune.proof.balls.box import ball_of
+from fopi_tune.proof.balls.box import ball_of, point_box
 from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
 from fopi_tune.proof.balls.unwrapped_phase import PolynomialPhase, plant_phases, unwrapped_phase
 
@@ -82,7 +82,7 @@ class CrossingEvaluator:
 
     def _follow(self, u: float, theta: tuple[float, ...]) -> float | None:
         """Newton's method from the nominal plant's crossover."""
-        plant = self.loop.plant([arb(value) for value in theta])
+        plant = self.loop.plants(point_box(theta))
         for _ in range(_MOST_STEPS):
             at = self.loop.enclosure((u, u), plant)
             value, slope = float(abs(at.gain).log().mid()), float(at.log_slope.real.mid())

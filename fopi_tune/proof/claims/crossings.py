@@ -15,7 +15,16 @@ from flint import arb
 
 from fopi_tune.proof.balls.box import Box, Interval, centre_of, is_tail
 from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
-from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim, deviations, longest_axis, max_smear_axis, tail_axis
+from fopi_tune.proof.claims.claim import (
+    HOLDS,
+    LISTING_WORK,
+    BoxVerdict,
+    Claim,
+    deviations,
+    longest_axis,
+    max_smear_axis,
+    tail_axis,
+)
 from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity, derivatives_of
 
 #: a larger multiplier of ln|L| would amplify rounding; the box is split instead
@@ -69,12 +78,14 @@ class EveryCrossover(Claim):
         total = value + multiplier * log_gain + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
         if total <= self.level if self.upper else total >= self.level:
             return HOLDS
-        slope = self.quantity is CrossingQuantity.PHASE_SLOPE
-        if slope and self.evaluator.may_cross_often and (leaf := self._not_the_highest(box)) is not None:
-            return BoxVerdict(leaf)
+        work = 1
+        if self.quantity is CrossingQuantity.PHASE_SLOPE and self.evaluator.may_cross_often:
+            work = LISTING_WORK
+            if (leaf := self._not_the_highest(box)) is not None:
+                return BoxVerdict(leaf, work=work)
         if not all(c.is_finite() for c in combined):
-            return BoxVerdict(None, max_smear_axis(box, [abs(g) for g in gradient]))
-        return BoxVerdict(None, max_smear_axis(box, combined))
+            return BoxVerdict(None, max_smear_axis(box, [abs(g) for g in gradient]), work=work)
+        return BoxVerdict(None, max_smear_axis(box, combined), work=work)
 
     def holds(self, box: Box, leaf: str) -> bool:
         if leaf[:1] != "h":

@@ -7,7 +7,7 @@ there the value meets the level.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,6 +18,7 @@ from fopi_tune.core.margins import phase_crossovers
 from fopi_tune.proof.balls.box import Box, Interval, centre_of
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.claims.claim import (
+    LISTING_WORK,
     BoxVerdict,
     Claim,
     deviations,
@@ -37,6 +38,12 @@ _FARTHEST = 16.0
 #: tokens of the ends of the frequency axis, and u beyond which only the limit remains
 LOW_END, HIGH_END = "e-", "e+"
 _FAR_OUT = 1e12
+#: work of following a crossing by Newton's method, in boxes of a bound
+_FOLLOWING_WORK = 2
+#: relative error that a value at a crossing found in floating point stays far below
+_DOUBT = 1e-9
+#: crossings in a list for which the work of listing one more time counts
+_LISTED_TOGETHER = 50
 
 
 @dataclass(frozen=True)
@@ -61,17 +68,37 @@ class SomeCrossover(Claim):
     evaluator: CrossingEvaluator = field(compare=False, repr=False)
 
     def examine(self, box: Box) -> BoxVerdict:
-        axis = longest_parameter_axis(box, self.domain)
-        for u in self._candidates(centre_of(box[1:])):
+        theta = centre_of(box[1:])
+        followed = self.evaluator.followed_crossing(theta)
+        leaf, axis, tried = self._first_leaf(followed, box)
+        work = _FOLLOWING_WORK + tried
+        if leaf is not None:
+            return BoxVerdict(leaf, work=work)
+        if followed and not self.evaluator.may_cross_often:
+            return BoxVerdict(None, axis, work=work)
+        listed = self._most_favourable(theta)
+        leaf, axis, tried = self._first_leaf(listed, box)
+        work += LISTING_WORK + tried
+        if leaf is not None:
+            return BoxVerdict(leaf, work=work)
+        # without a crossing that meets the level the claim is false at the centre, and no split can help
+        return BoxVerdict(None, axis if listed else -1, work=work)
+
+    def _first_leaf(self, candidates: Sequence[float], box: Box) -> tuple[str | None, int, int]:
+        """A leaf for one of these crossings of the central plant, or None; the axis to split; brackets tried."""
+        axis, tried = -1, 0
+        for u in candidates:
             over = self.loop.over(((u, u), *box[1:]))
             reach = crossing_reach(over.log_slope.real, [g.real for g in over.log_gradient], box)
             gradient = [g.real for g in over.log_gradient] if self._only_its_place else over.log_gradient
-            axis = axis_of(gradient, box, self.domain)
+            if u == candidates[0]:
+                axis = axis_of(gradient, box, self.domain)
             for bracket in self._brackets(u, reach):
                 leaf = f"x{bracket[0]!r}:{bracket[1]!r}"
+                tried += 1
                 if self.holds(box, leaf):
-                    return BoxVerdict(leaf)
-        return BoxVerdict(None, axis)
+                    return leaf, axis, tried
+        return None, axis, tried
 
     @property
     def _only_its_place(self) -> bool:
@@ -87,21 +114,25 @@ class SomeCrossover(Claim):
             return near
         return [near[0], *((self.level, max(u, self.level) + width) for width in _WIDTHS)]
 
-    def _candidates(self, theta: tuple[float, ...]) -> Iterator[float]:
-        """Gain crossovers of the central plant: first the continuation of the nominal one, then the most favourable."""
-        followed = self.evaluator.followed_crossing(theta)
-        yield from followed
-        if followed and not self.evaluator.may_cross_often:
-            return
+    def _most_favourable(self, theta: tuple[float, ...]) -> list[float]:
+        """Gain crossovers of one plant, the most favourable first: at most two, and only those that meet the level."""
         found = self.evaluator.all_crossings(theta)
-        if len(found) < 2 or self._only_its_place:
-            yield from found[-1:]
-            return
-        values = []
+        if self._only_its_place:
+            return found[-1:]
+        values: list[tuple[float, float]] = []
         for u in found:
             at = self.loop.at_centre(((u, u), *((value, value) for value in theta)))
-            values.append((float(self.evaluator.value(self.quantity, at, theta).mid()), u))
-        yield from [u for _, u in sorted(values, reverse=not self.upper)][:2]
+            value = float(self.evaluator.value(self.quantity, at, theta).mid())
+            if not self._misses_level(value):
+                values.append((value, u))
+        return [u for _, u in sorted(values, reverse=not self.upper)][:2]
+
+    def _misses_level(self, value: float) -> bool:
+        """Whether a value in floating point violates the level, beyond doubt."""
+        if self.level is None:
+            return False
+        beyond = value - self.level if self.upper else self.level - value
+        return beyond > _DOUBT * max(1.0, abs(self.level))
 
     def holds(self, box: Box, leaf: str) -> bool:
         bracket = parse_bracket(leaf[1:]) if leaf[:1] == "x" else None
@@ -158,17 +189,19 @@ class SomePhaseCrossover(Claim):
             return BoxVerdict(leaf)
         theta = centre_of(box[1:])
         crossings = phase_crossovers(self.loop.loops_at(np.array([theta], dtype=float)))
-        useful = crossings.gain < 1.0
+        work = LISTING_WORK * (2 + len(crossings.row) // _LISTED_TOGETHER)
+        useful = (crossings.gain < 1.0) & (np.log(crossings.gain) > -self.level - _DOUBT)
         if not useful.any():
-            return BoxVerdict(None, longest_parameter_axis(box, self.domain))
+            return BoxVerdict(None, -1, work=work)  # false at the centre
         k = int(np.argmax(np.where(useful, crossings.gain, -1.0)))
         u = float(crossings.u[k])
-        if math.isinf(u):
-            leaf = self._leaf(u, box)
-            return BoxVerdict(leaf) if leaf is not None else BoxVerdict(None, longest_parameter_axis(box, self.domain))
         leaf = self._leaf(u, box)
+        if leaf is not None:
+            return BoxVerdict(leaf, work=work)
+        if math.isinf(u):
+            return BoxVerdict(None, longest_parameter_axis(box, self.domain), work=work)
         gradient = self.loop.over(((u, u), *box[1:])).log_gradient
-        return BoxVerdict(leaf) if leaf is not None else BoxVerdict(None, axis_of(gradient, box, self.domain))
+        return BoxVerdict(None, axis_of(gradient, box, self.domain), work=work)
 
     def _leaf(self, u: float, box: Box) -> str | None:
         """The leaf for a crossing of the central plant or an end of the axis; None if the claim does not hold."""

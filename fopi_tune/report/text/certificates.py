@@ -78,7 +78,7 @@ def proof_lines(certificate: Certificate | None) -> Iterator[Line]:
         words += f"; each bound within {max(gaps):.1e} (relative) of a value that a plant reaches"
     open_ones = [proof for proof in certificate.requirements if proof.verdict is Verdict.UNDECIDED]
     for proof in open_ones:
-        words += f"; {requirement_phrase(proof.requirement)} is undecided: {proof.reason}"
+        words += f"; {requirement_phrase(proof.requirement)} is undecided: {proof.explanation}"
     if certificate.stability.verdict is Verdict.UNDECIDED:
-        words += f"; stability is undecided: {certificate.stability.reason}"
+        words += f"; stability is undecided: {certificate.stability.explanation}"
     yield from entry("proof", words, "" if verdict is Verdict.PROVED else BAD)

@@ -124,7 +124,7 @@ def test_the_empty_record_and_a_single_leaf_prove_nothing() -> None:
     for name in CLAIMS:
         assert check_record(CLAIMS[name](), ()) == "the record ends before the domain is covered"
         assert check_record(CLAIMS[name](), (".",)) == "leaf 0 does not hold on its box"
-    assert not SearchResult((), 1).shown
+    assert not SearchResult((), 1, 1).shown
 
 
 def test_a_record_does_not_prove_a_level_beyond_the_truth() -> None:
