@@ -21,6 +21,8 @@ from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
 from fopi_tune.proof.balls.unwrapped_phase import PolynomialPhase, plant_phases, unwrapped_phase
 
 _MOST_STEPS = 25
+#: plants whose crossovers are kept
+_MOST_LISTED = 4096
 _LONGEST_STEP, _SHORTEST_STEP = 3.0, 1e-13
 _FLAT = 1e-6
 
@@ -45,6 +47,7 @@ class CrossingEvaluator:
     def __init__(self, loop: BallLoop, nominal_crossings: Sequence[float] | None = None) -> None:
         self.loop = loop
         self._phases: dict[tuple[float, ...], tuple[PolynomialPhase, PolynomialPhase]] = {}
+        self._listed: dict[tuple[float, ...], list[float]] = {}
         self._known = None if nominal_crossings is None else list(nominal_crossings)
 
     def phase(self, at: LoopEnclosure, theta: tuple[float, ...]) -> arb:
@@ -63,7 +66,15 @@ class CrossingEvaluator:
 
     def all_crossings(self, theta: tuple[float, ...]) -> list[float]:
         """u of one plant's gain crossovers, ascending, in floating point; used only to choose brackets."""
-        return gain_crossovers(self.loop.loops_at(np.array([theta], dtype=float))).u.tolist()
+        if theta not in self._listed:
+            if len(self._listed) > _MOST_LISTED:
+                self._listed.clear()
+            self._listed[theta] = gain_crossovers(self.loop.loops_at(np.array([theta], dtype=float))).u.tolist()
+        return self._listed[theta]
+
+    def knows_crossings(self, theta: tuple[float, ...]) -> bool:
+        """Whether this plant's crossovers were listed before: splits along u do not change it."""
+        return theta in self._listed
 
     @cached_property
     def may_cross_often(self) -> bool:

@@ -80,7 +80,7 @@ class EveryCrossover(Claim):
             return HOLDS
         work = 1
         if self.quantity is CrossingQuantity.PHASE_SLOPE and self.evaluator.may_cross_often:
-            work = LISTING_WORK
+            work = 1 if self.evaluator.knows_crossings(centre_of(box[1:])) else LISTING_WORK
             if (leaf := self._not_the_highest(box)) is not None:
                 return BoxVerdict(leaf, work=work)
         if not all(c.is_finite() for c in combined):
