@@ -24,7 +24,7 @@ from fopi_tune.optimum.results import SMALLEST_OBJECTIVE, Optimum, OptimumProof,
 from fopi_tune.optimum.tree import Reasons, to_cover
 from fopi_tune.proof import verify
 from fopi_tune.proof.balls.loop import PRECISION
-from fopi_tune.proof.results import Verification
+from fopi_tune.proof.verification.results import Verification
 from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.spec.model import DesignSpec
 

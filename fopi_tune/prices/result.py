@@ -34,7 +34,7 @@ class TradeoffPoint:
 
     Args:
         limit: public unit.
-        status: `met` only after `fopi_tune.proof.verify` found every requirement met.
+        status: `met` only after `fopi_tune.proof.verification.verify` found every requirement met.
         objective: computed by the check, public unit; None unless met.
         gains: of a refused point the refused ones; None when infeasible.
         largest_score: of all requirements, dimensionless; None without gains.

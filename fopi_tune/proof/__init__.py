@@ -3,8 +3,8 @@
 from fopi_tune.proof.certificate import Certificate, Verdict
 from fopi_tune.proof.certify import certify
 from fopi_tune.proof.recheck import Recheck, recheck
-from fopi_tune.proof.results import Outcome, Place, RequirementResult, Stability, Verification
-from fopi_tune.proof.verify import reassess, verify
+from fopi_tune.proof.verification.results import Outcome, Place, RequirementResult, Stability, Verification
+from fopi_tune.proof.verification.verify import reassess, verify
 
 __all__ = [
     "Certificate",

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from fopi_tune.proof.obligations import Case
-from fopi_tune.proof.results import Place
+from fopi_tune.proof.verification.results import Place
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.spec.model import Relation, Requirement

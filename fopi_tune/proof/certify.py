@@ -30,8 +30,8 @@ from fopi_tune.proof.claims.bound import response_of
 from fopi_tune.proof.claims.claim import Claim
 from fopi_tune.proof.claims.poles import count_unstable_poles, is_structurally_unstable
 from fopi_tune.proof.obligations import Case, level_claims, no_crossover_claims, stability_claims, violation_claims
-from fopi_tune.proof.results import Extreme, Outcome, Place, RequirementResult, Verification
 from fopi_tune.proof.searches import BUDGET, LAST_BUDGET, REQUIREMENT_WORK, STABILITY_WORK, Searches
+from fopi_tune.proof.verification.results import Extreme, Outcome, Place, RequirementResult, Verification
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.responses import FrequencyFunction

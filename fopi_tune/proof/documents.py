@@ -29,8 +29,8 @@ from fopi_tune.proof.certificate import (
     Verdict,
 )
 from fopi_tune.proof.obligations import Case
-from fopi_tune.proof.results import Place
 from fopi_tune.proof.strict_json import JsonObject
+from fopi_tune.proof.verification.results import Place
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import Relation, Requirement, Scope
 

@@ -19,11 +19,11 @@ from fopi_tune.proof.certificate import SideProof, Verdict, gap_scale
 from fopi_tune.proof.claims.claim import Claim
 from fopi_tune.proof.claims.crossing_quantities import CrossingQuantity
 from fopi_tune.proof.claims.existence import HIGH_END, LOW_END, SomePhaseCrossover
-from fopi_tune.proof.crossing_changes import SamplePair
 from fopi_tune.proof.obligations import CROSSING_QUANTITIES, Case, violation_claims
-from fopi_tune.proof.requirements import check_requirement
-from fopi_tune.proof.results import Place
-from fopi_tune.proof.sample import Sample
+from fopi_tune.proof.verification.crossing_changes import SamplePair
+from fopi_tune.proof.verification.requirements import check_requirement
+from fopi_tune.proof.verification.results import Place
+from fopi_tune.proof.verification.sample import Sample
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.spec.model import Requirement

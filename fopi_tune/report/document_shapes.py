@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.certificate import Verdict
-from fopi_tune.proof.results import Outcome
 from fopi_tune.proof.strict_json import JsonObject
+from fopi_tune.proof.verification.results import Outcome
 from fopi_tune.results.design import RESULT_SCHEMA
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 

@@ -12,7 +12,7 @@ from fopi_tune.optimum.documents import to_document as optimum_to_document
 from fopi_tune.optimum.results import Optimum
 from fopi_tune.proof.certificate import Certificate, RequirementProof, Verdict
 from fopi_tune.proof.documents import to_document
-from fopi_tune.proof.results import RequirementResult, Stability, Verification
+from fopi_tune.proof.verification.results import RequirementResult, Stability, Verification
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.results.documents import (
     finite,

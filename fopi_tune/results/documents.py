@@ -9,7 +9,7 @@ from typing import Any
 from fopi_tune.core.margins import Margins
 from fopi_tune.proof.certificate import Certificate, RequirementProof
 from fopi_tune.proof.documents import to_document
-from fopi_tune.proof.results import Place, Stability
+from fopi_tune.proof.verification.results import Place, Stability
 from fopi_tune.results.status import Price, Relaxation
 from fopi_tune.spec.model import DesignSpec
 

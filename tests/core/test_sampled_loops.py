@@ -28,7 +28,7 @@ from fopi_tune.digital.discretize import sections_of
 from fopi_tune.digital.oustaloup import oustaloup
 from fopi_tune.digital.transforms import tustin
 from fopi_tune.proof import verify
-from fopi_tune.proof.results import Outcome
+from fopi_tune.proof.verification.results import Outcome
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import Relation, Requirement
 

@@ -12,7 +12,7 @@ from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.sample import LoopFunction, evaluate
+from fopi_tune.proof.verification.sample import LoopFunction, evaluate
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.report.figures.forbidden_regions import (
     fit_y_limits,

@@ -17,7 +17,7 @@ from fopi_tune.core.margins import gain_crossovers, phase_crossovers
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.sample import Sample
+from fopi_tune.proof.verification.sample import Sample
 from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
 from fopi_tune.report.text.formatting import number
 from fopi_tune.results.design import loop_name

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from fopi_tune.optimum import Optimum, OptimumStatus
-from fopi_tune.proof.results import Outcome, Place, RequirementResult, Stability
+from fopi_tune.proof.verification.results import Outcome, Place, RequirementResult, Stability
 from fopi_tune.report.text.certificates import proof_lines
 from fopi_tune.report.text.formatting import (
     BAD,

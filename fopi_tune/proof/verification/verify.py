@@ -11,12 +11,12 @@ from dataclasses import replace
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins_of
 from fopi_tune.core.parallel_form import Implementation
-from fopi_tune.proof.crossing_changes import SamplePair
-from fopi_tune.proof.objectives import evaluate_objective, smallest_slack
-from fopi_tune.proof.requirements import assess_requirement, check_requirement
-from fopi_tune.proof.results import Verification
-from fopi_tune.proof.sample import Sample
-from fopi_tune.proof.stability import check_stability
+from fopi_tune.proof.verification.crossing_changes import SamplePair
+from fopi_tune.proof.verification.objectives import evaluate_objective, smallest_slack
+from fopi_tune.proof.verification.requirements import assess_requirement, check_requirement
+from fopi_tune.proof.verification.results import Verification
+from fopi_tune.proof.verification.sample import Sample
+from fopi_tune.proof.verification.stability import check_stability
 from fopi_tune.spec.model import DesignSpec
 
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops
-from fopi_tune.proof.crossing_changes import SamplePair
-from fopi_tune.proof.results import Extreme, Outcome, Place, RequirementResult
-from fopi_tune.proof.worst_case import find_worst_case, place_of
+from fopi_tune.proof.verification.crossing_changes import SamplePair
+from fopi_tune.proof.verification.results import Extreme, Outcome, Place, RequirementResult
+from fopi_tune.proof.verification.worst_case import find_worst_case, place_of
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import Relation, Requirement, Scope
 

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fopi_tune.core.bode_form import Array, Rows
-from fopi_tune.proof.results import Place
-from fopi_tune.proof.sample import LoopFunction, Sample, evaluate
+from fopi_tune.proof.verification.results import Place
+from fopi_tune.proof.verification.sample import LoopFunction, Sample, evaluate
 
 _MOST_CANDIDATES = 6
 _MOST_ROUNDS = 80

@@ -11,11 +11,11 @@ from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.sampled_loops import SampledLoops
-from fopi_tune.proof.crossing_changes import SamplePair
-from fopi_tune.proof.results import Place, RequirementResult
-from fopi_tune.proof.sample import LoopFunction, Sample
-from fopi_tune.proof.stability import sensitivity_peak
-from fopi_tune.proof.worst_case import find_worst_case
+from fopi_tune.proof.verification.crossing_changes import SamplePair
+from fopi_tune.proof.verification.results import Place, RequirementResult
+from fopi_tune.proof.verification.sample import LoopFunction, Sample
+from fopi_tune.proof.verification.stability import sensitivity_peak
+from fopi_tune.proof.verification.worst_case import find_worst_case
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s

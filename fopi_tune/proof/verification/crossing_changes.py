@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
 from fopi_tune.core.loops import Loops
-from fopi_tune.proof.sample import LoopFunction, Sample, evaluate
-from fopi_tune.proof.worst_case import find_worst_case
+from fopi_tune.proof.verification.sample import LoopFunction, Sample, evaluate
+from fopi_tune.proof.verification.worst_case import find_worst_case
 
 #: np.real or np.imag
 Part = Callable[[Complex], Array]

@@ -12,7 +12,7 @@ from cases.project import ROOT
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 from fopi_tune.proof import verify
-from fopi_tune.proof.stability import MOST_TURNS
+from fopi_tune.proof.verification.stability import MOST_TURNS
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.model import DesignSpec
 

@@ -14,9 +14,9 @@ from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.results import Stability
-from fopi_tune.proof.sample import Sample, evaluate
-from fopi_tune.proof.worst_case import find_worst_case, place_of
+from fopi_tune.proof.verification.results import Stability
+from fopi_tune.proof.verification.sample import Sample, evaluate
+from fopi_tune.proof.verification.worst_case import find_worst_case, place_of
 from fopi_tune.quantities.base import NEPER_PER_DB
 
 #: a loop with a larger |S| counts as one through -1
