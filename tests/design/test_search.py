@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases.shipped_designs import design_of
 
 import fopi_tune as ft
 from fopi_tune.core.controller import FoPi
@@ -52,7 +53,7 @@ def test_a_multiplier_is_what_the_objective_gains_when_the_limit_gives(path: str
 
 
 def test_a_requirement_that_does_not_bind_costs_nothing() -> None:
-    tuned = ft.tune(BRAKE)
+    tuned = design_of("brake")
     assert tuned.requirements[2].multiplier == pytest.approx(0.0, abs=1e-6)
     assert tuned.requirements[3].multiplier == pytest.approx(0.0, abs=1e-6)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cases.project import SPECS
+from cases.shipped_designs import design_of
 from oracles.brute_loops import Gains, Loops
 
 import fopi_tune as ft
@@ -13,7 +14,7 @@ from fopi_tune.core.controller import FoPi
 
 @pytest.fixture(scope="module")
 def brake() -> ft.Design:
-    return ft.tune(SPECS / "brake.yaml")
+    return design_of("brake")
 
 
 def margins_deg(spec: ft.DesignSpec, gains: FoPi) -> np.ndarray:
@@ -25,7 +26,7 @@ def margins_deg(spec: ft.DesignSpec, gains: FoPi) -> np.ndarray:
 
 
 def test_the_throttle_spec_gives_the_gains_behind_the_published_ones() -> None:
-    design = ft.tune(SPECS / "throttle.yaml")
+    design = design_of("throttle")
     assert design.status is ft.Status.SOLVED
     assert design.gains is not None
     # Half a unit of the last digit PAPER.md prints is 6e-5 of kp and 2e-4 of ki; the bar is 1e-4.

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from cases.plants import PUBLISHED_BRAKE, PUBLISHED_THROTTLE, ROBUST_BRAKE
 from cases.project import ROOT
+from cases.shipped_designs import design_of
 from scipy import integrate, optimize, signal
 
 import fopi_tune as ft
@@ -328,7 +329,7 @@ def test_the_largest_acceleration_is_where_the_brakes_mode_begins() -> None:
 
 def test_the_pi_of_the_comparison_is_the_baseline_spec() -> None:
     found = design_pair(spec("brake"))
-    baseline = ft.tune(ROOT / "specs" / "pi_baseline.yaml", proof=False)
+    baseline = design_of("pi_baseline", proof=False)
     assert found.integer.objective == pytest.approx(baseline.objective, rel=1e-9)
     # crossover 0.3, 90 deg, tau 2.25: the PI's zero cancels the plant's pole
     assert found.gains[1].kp == pytest.approx(0.675, rel=1e-6)

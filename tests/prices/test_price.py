@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases.project import SPECS
+from cases.shipped_designs import design_of
 
 import fopi_tune as ft
 from fopi_tune.prices.price import price_of
@@ -47,7 +48,7 @@ def agree(multiplier: float | None, price: Price) -> None:
     ],
 )
 def test_solving_again_confirms_every_multiplier_of_a_shipped_spec(name: str) -> None:
-    design = ft.tune(SPECS / f"{name}.yaml", proof=False)
+    design = design_of(name, proof=False)
     priced = ft.price(design)
     found = [report for report in priced.requirements if report.price is not None]
     assert found
@@ -153,7 +154,7 @@ def test_what_costs_nothing_or_is_not_solved_has_no_price() -> None:
 
 
 def test_a_design_for_samples_has_no_prices() -> None:
-    design = ft.tune(SPECS / "throttle.yaml", proof=False)
+    design = design_of("throttle", proof=False)
     assert design.spec.digital is not None
     sampled = replace(design.spec, digital=replace(design.spec.digital, design="sampled"))
     with pytest.raises(ft.DomainError, match="design: continuous"):

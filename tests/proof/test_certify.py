@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from cases import plants
 from cases.project import ROOT
+from cases.shipped_designs import design_of
 
 import fopi_tune as ft
 from fopi_tune.core.loops import Loops, Plants
@@ -301,14 +302,14 @@ def test_a_tolerance_that_would_prove_anything_is_refused(tolerance: float) -> N
 
 
 def test_solved_means_proved() -> None:
-    design = ft.tune(ROOT / "specs" / "throttle.yaml")
+    design = design_of("throttle")
     assert design.certificate is not None
     assert design.to_dict()["proof"]["verdict"] == "proved"
     assert all(report.proof is not None for report in design.requirements)
 
 
 def test_without_a_proof_the_result_says_so() -> None:
-    design = ft.tune(ROOT / "specs" / "throttle.yaml", proof=False)
+    design = design_of("throttle", proof=False)
     assert design.status is ft.Status.SOLVED
     assert design.certificate is None
     assert design.certificate_document() is None

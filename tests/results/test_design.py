@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from cases import plants
 from cases.project import ROOT
+from cases.shipped_designs import design_of
 
 import fopi_tune as ft
 from fopi_tune.core.loops import Loops, Plants
@@ -28,7 +29,7 @@ pytestmark = pytest.mark.filterwarnings("default:::control")
 
 @pytest.fixture(scope="module")
 def brake() -> ft.Design:
-    return ft.tune(ROOT / "specs" / "brake.yaml")
+    return design_of("brake")
 
 
 def refuse(word: str) -> None:
