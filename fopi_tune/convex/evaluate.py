@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from fopi_tune.convex.limits import STABILITY_GUARD, Bound, Limit, Task
 from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.margins import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.peaks import Extremes, Response, extremes, log_response_at
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.errors import DomainError

@@ -1,10 +1,17 @@
-"""Crossovers and margins of loops:  every crossover, exactly.
+"""Margins of loops:  distances to -1 of stable loops.
 
-    gain crossover     |L(j omega)| = 1
-    phase crossover    arg L(j omega) = -180 deg (mod 360)
+With the angle from -1 to L at a gain crossover, b = 180 deg + arg L (mod 360), and over all gain crossovers,
 
-The phase is unwrapped from omega -> 0, where it is -90 deg alpha for the fractional integral, -90 deg per integrator of
-the plant, and -180 deg for a negative sign and for every open-loop pole in the right half-plane.
+    phase margin    min |b| , b in (-180, 180 deg]:  the smallest rotation of L, by lag or by lead, that meets -1    (1)
+    delay margin    min b/omega , b in [0, 360 deg):  the shortest additional dead time that meets -1                (2)
+    gain margin     min 1/|L| over the frequencies where L < 0 is real and |L| < 1                                   (3)
+
+Without a gain crossover the phase margin is infinite.  So is the delay margin where |L| < 1; where |L| does not fall
+below 1 at the upper end of the axis, it is 0:  any dead time makes infinitely many closed-loop poles unstable there
+(on samples: one more whole sample makes one unstable).  On samples (2) is about the rotation e^{-j omega t}; a plant
+with this dead time behind its hold differs between the samples.
+
+Stability decides the sign: an unstable loop has no margin.
 """
 
 from __future__ import annotations
@@ -17,212 +24,130 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import Plant
-from fopi_tune.core.roots import find_roots
+from fopi_tune.core.stability import unstable_poles_from
 
-#: |u| never exceeds this: omega stays inside what a double can hold
-_U_CAP = 600.0
-#: |ln|L|| is clipped here in results, so that |L| stays finite
-_GAIN_CAP = 700.0
-#: rad; phase lag of a dead time below this is neglected
-_SMALL_TURN = 1e-9
-#: an exponent of omega this small is 0 but for rounding
-_FLAT_SLOPE = 1e-12
-#: rad; a phase this close to 180 deg at an end of the axis is 180 deg
-_HALF_TURN = 1e-9
+#: neper; |L| this close to 1 at the upper end of the axis does not fall below it
+_AT_ONE = 1e-12
 
 
 @dataclass(frozen=True)
-class Crossings:
-    """Points where loops cross a line, sorted by row, then frequency; all of shape (n,).
+class Measured:
+    """The values of a quantity for m loops; shapes (m,).
 
     Args:
-        row: which loop.
-        u: the coordinate of the Bode form; see `Loops.omega_of`.
-        omega_rad_s: the frequency.
-        gain: |L| there.
-        phase_rad: unwrapped arg L there.
-        slope_rad: d arg L / d ln omega there.
+        value: nan where a loop has no such quantity: a margin of an unstable loop, a crossover where |L| never is 1;
+            inf for a margin that does not end.
+        omega_rad_s: the frequency at which that value occurs; 0, inf or nan where there is none.
     """
 
-    row: Rows
-    u: Array
+    value: Array
     omega_rad_s: Array
-    gain: Array
-    phase_rad: Array
-    slope_rad: Array
 
-    @property
-    def phase_margin_deg(self) -> Array:
-        """180 deg + arg L; negative where the unwrapped phase is below -180 deg."""
-        return np.degrees(np.pi + self.phase_rad)
-
-    @property
-    def delay_margin_s(self) -> Array:
-        """Phase margin over omega: the additional dead time that brings this crossing to -180 deg."""
-        return (np.pi + self.phase_rad) / self.omega_rad_s
+    def where(self, rows: NDArray[np.bool_]) -> Measured:
+        """The same, without a value in all other rows."""
+        return Measured(np.where(rows, self.value, np.nan), np.where(rows, self.omega_rad_s, np.nan))
 
 
-def _crossings(loops: Loops, rows: Rows, u: Array) -> Crossings:
-    value, slope = loops.log_response_and_slope(rows, u)
-    gain = np.exp(np.clip(value.real, -_GAIN_CAP, _GAIN_CAP))
-    return Crossings(rows, u, loops.omega_of(u), gain, value.imag, slope.imag / loops.stretch(u))
+def smallest_by_row(crossings: Crossings, values: Array, rows: int) -> Measured:
+    """The smallest value over the crossings of each loop."""
+    return _first_by_row(crossings, values, rows, np.lexsort((values, crossings.row)))
 
 
-def _gain_range(loops: Loops, level: Array) -> tuple[Array, Array]:
-    """An interval of u outside which |L| follows its asymptotes and does not cross e^level."""
-    log = loops.log
-    low, high = log.corners()
-    rows = np.arange(len(loops))
-    low, high = np.clip(low, -_U_CAP, _U_CAP), np.clip(high, -_U_CAP, _U_CAP)
-
-    def distance(u: Array, slope: Array) -> Array:
-        flat = np.abs(slope) < _FLAT_SLOPE
-        return np.where(flat, 0.0, (level - loops.log_response(rows, u).real) / np.where(flat, 1.0, slope))
-
-    # Beyond the corners the slope is constant to 1e-8, so this lands beyond the last possible crossing.
-    low = low + np.minimum(1.01 * distance(low, log.slope0), 0.0) - 1.0
-    high = high + np.maximum(1.01 * distance(high, log.slope_end()), 0.0) + 1.0
-    return np.maximum(low, -_U_CAP), np.minimum(high, _U_CAP)
+def highest_by_row(crossings: Crossings, values: Array, rows: int) -> Measured:
+    """The value at the highest crossing of each loop."""
+    return _first_by_row(crossings, values, rows, np.lexsort((-crossings.omega_rad_s, crossings.row)))
 
 
-def gain_crossovers(loops: Loops, level: Array | None = None) -> Crossings:
-    """Every frequency with |L| = e^level (level 0: the gain crossovers) of every loop.
+def _first_by_row(crossings: Crossings, values: Array, rows: int, order: Rows) -> Measured:
+    value, omega = np.full(rows, np.nan), np.full(rows, np.nan)
+    found, first = np.unique(crossings.row[order], return_index=True)
+    value[found], omega[found] = values[order][first], crossings.omega_rad_s[order][first]
+    return Measured(value, omega)
+
+
+def phase_margins(loops: Loops, crossovers: Crossings) -> Measured:
+    """(1) in rad of every loop, were it stable; inf without a gain crossover.
 
     Args:
         loops: m loops.
-        level: shape (m,), in neper; 0 when left out.
-
-    Returns:
-        The crossings; a loop without any has no row in it.
+        crossovers: their gain crossovers.
     """
-    level = np.zeros(len(loops)) if level is None else level
-    low, high = _gain_range(loops, level)
-
-    def function(rows: Rows, u: Array) -> tuple[Array, Array]:
-        value, slope = loops.log_response_and_slope(rows, u)
-        return value.real - level[rows], slope.real
-
-    # |e^{-j omega L}| = 1: the dead time bends only the phase.
-    rows, u = find_roots(function, loops.log.gain_curvature_bound, np.arange(len(loops)), low, high)
-    return _crossings(loops, rows, u)
+    found = smallest_by_row(crossovers, crossovers.phase_margin_rad, len(loops))
+    return Measured(np.where(np.isnan(found.value), np.inf, found.value), found.omega_rad_s)
 
 
-def phase_crossovers(loops: Loops) -> Crossings:
-    """Every phase crossover that stability or a gain margin can depend on.
+def delay_margins(loops: Loops, crossovers: Crossings) -> Measured:
+    """(2) in s of every loop, were it stable; inf where |L| < 1 everywhere, 0 where |L| stays at or above 1 at the end.
 
-    With a dead time there are infinitely many; those left out have a higher frequency and a smaller |L| than one that
-    is listed.  Where |L| tends to a constant below 1, their gains may approach it from below; that limit is listed too,
-    as a crossing at omega = inf.  The limits omega -> 0 and inf are listed where L tends to a negative number: there a
-    gain of 1/|L| puts a closed-loop pole at s = 0, at infinity, or, on samples, at z = -1.
-
-    Returns:
-        The crossings; a loop whose phase never meets -180 deg (mod 360) has no row in it.
+    Args:
+        loops: m loops.
+        crossovers: their gain crossovers.
     """
-    low, high = _gain_range(loops, np.zeros(len(loops)))
-    delay = loops.plants.dead_time_s
-    delayed = np.flatnonzero(delay > 0)
-    inner = _phase_crossings(loops, np.setdiff1d(np.arange(len(loops)), delayed), low, high)
-    crossings = _joined(inner, *negative_ends(loops))
-    if not len(delayed):
-        return crossings
-    low[delayed] = np.minimum(low[delayed], np.log(_SMALL_TURN / delay[delayed]))
-    # From the last gain crossover on, more than one turn of the phase holds at least one crossing with |L| < 1 ...
-    gain = gain_crossovers(loops)
-    last = np.full(len(loops), -np.inf)
-    np.maximum.at(last, gain.row, np.log(gain.omega_rad_s))
-    last = np.where(np.isfinite(last), last, low)
-    factor_turns = 2.0 * np.pi * (2.0 + loops.log.sign.shape[1])
-    first_stop, stop = high.copy(), high.copy()
-    first_stop[delayed] = np.log(np.exp(last[delayed]) + factor_turns / delay[delayed])
-    found = _phase_crossings(loops, delayed, low, first_stop)
-    # ... and nothing beyond the last frequency with a larger |L| than the largest such crossing can set the margin.
-    largest = np.full(len(loops), -np.inf)
-    small = found.gain < 1.0
-    np.maximum.at(largest, found.row[small], np.log(found.gain[small]))
-    known = delayed[np.isfinite(largest[delayed])]
-    level = gain_crossovers(loops.take(known), largest[known] - 1e-9)
-    stop[delayed] = -np.inf
-    np.maximum.at(stop, known[level.row], np.log(level.omega_rad_s))
-    further = np.flatnonzero(stop > first_stop)
-    return _joined(crossings, found, _phase_crossings(loops, further, first_stop, stop), _limit_crossings(loops))
+    found = smallest_by_row(crossovers, crossovers.delay_margin_s, len(loops))
+    value = np.where(np.isnan(found.value), np.inf, found.value)
+    large = stays_large(loops)
+    return Measured(np.where(large, 0.0, value), np.where(large, loops.highest_rad_s, found.omega_rad_s))
 
 
-def negative_ends(loops: Loops) -> tuple[Crossings, Crossings]:
-    """omega -> 0 and, without a dead time, omega -> inf of loops whose L tends to a negative number there."""
-    log, end = loops.log, loops.log.end()
-    first = np.flatnonzero((log.slope0 == 0) & _is_half_turn(log.phase0))
-    flat = np.abs(log.slope_end()) < _FLAT_SLOPE
-    last = np.flatnonzero(flat & (log.delay == 0) & _is_half_turn(end[1]))
-    return (
-        _end_crossings(first, -np.inf, 0.0, log.scale[first], log.phase0[first]),
-        _end_crossings(last, np.inf, loops.highest_rad_s, end[0][last], end[1][last]),
-    )
+def gain_margins(loops: Loops, phase: Crossings) -> Measured:
+    """(3), ln of it, of every loop, were it stable; inf where there is none.
+
+    Args:
+        loops: m loops.
+        phase: their phase crossovers.
+    """
+    with np.errstate(divide="ignore"):
+        margin = np.where(phase.gain <= 1.0, -np.log(phase.gain), np.inf)
+    found = smallest_by_row(phase, margin, len(loops))
+    infinite = ~np.isfinite(found.value)
+    return Measured(np.where(infinite, np.inf, found.value), np.where(infinite, np.nan, found.omega_rad_s))
 
 
-def _is_half_turn(phase: Array) -> NDArray[np.bool_]:
-    return np.abs(np.mod(phase, 2.0 * np.pi) - np.pi) < _HALF_TURN
-
-
-def _end_crossings(rows: Rows, u: float, omega_rad_s: float, log_gain: Array, phase: Array) -> Crossings:
-    one = np.ones(len(rows))
-    gain = np.exp(np.clip(log_gain, -_GAIN_CAP, _GAIN_CAP))
-    return Crossings(rows, u * one, omega_rad_s * one, gain, phase, np.zeros(len(rows)))
-
-
-def _limit_crossings(loops: Loops) -> Crossings:
-    """The limit omega -> inf of loops with a dead time whose |L| tends to a constant in (0, 1)."""
+def stays_large(loops: Loops) -> NDArray[np.bool_]:
+    """Whether |L| does not fall below 1 at the upper end of the frequency axis, shape (m,)."""
     log = loops.log
     gain, _ = log.end()
-    rows = np.flatnonzero((log.delay > 0) & (log.slope_end() >= -_FLAT_SLOPE) & (gain < 0))
-    inf = np.full(len(rows), np.inf)
-    return Crossings(rows, inf, inf, np.exp(gain[rows]), -inf, -inf)
-
-
-def _phase_crossings(loops: Loops, rows: Rows, low: Array, high: Array) -> Crossings:
-    def function(r: Rows, u: Array) -> tuple[Array, Array]:
-        value, slope = loops.log_response_and_slope(r, u)
-        return value.imag + np.pi, slope.imag
-
-    found, u = find_roots(function, loops.log.curvature_bound, rows, low[rows], high[rows], period=2.0 * np.pi)
-    return _crossings(loops, found, u)
-
-
-def _joined(*parts: Crossings) -> Crossings:
-    columns = [np.concatenate([getattr(part, n) for part in parts]) for n in Crossings.__dataclass_fields__]
-    order = np.lexsort((columns[1], columns[0]))
-    return Crossings(*(column[order] for column in columns))
+    slope = log.slope_end()
+    return (slope > _AT_ONE) | ((np.abs(slope) <= _AT_ONE) & (gain > -_AT_ONE))
 
 
 @dataclass(frozen=True)
 class Margins:
-    """The margins of one loop.  A margin that does not exist is None.
+    """The margins of one loop.
 
     Args:
+        stable: whether the loop is; without it there is no margin.
         crossover_rad_s: the highest gain crossover; None when |L| never is 1.
-        phase_margin_deg: the smallest over all gain crossovers.
-        phase_margin_rad_s: the crossover where it is smallest.
-        gain_margin_db: the smallest 1/|L| over the phase crossovers with |L| < 1; inf when there is none.
+        phase_margin_deg: the smallest over all gain crossovers; inf without one; None when unstable.
+        phase_margin_rad_s: the crossover where it is smallest; None without one.
+        gain_margin_db: the smallest 1/|L| over the phase crossovers with |L| < 1; inf when there is none; None when
+            unstable.
         gain_margin_rad_s: where; None when infinite.
         gain_reduction_margin_db: the smallest reduction, negative, that brings a phase crossover with |L| > 1 to 1;
-            -inf when there is none.
-        delay_margin_s: the smallest phase margin / omega.
-        delay_margin_rad_s: where.
+            -inf when there is none; None when unstable.
+        delay_margin_s: the smallest lag to -1 over omega; inf and 0 as in (2); None when unstable.
+        delay_margin_rad_s: where; None when there is no such crossover.
         phase_slope_deg_per_decade: d arg L / d log10 omega at the highest gain crossover.
         gain_crossovers_rad_s: all of them.
+        angles_from_minus_one_deg: 180 deg + arg L in (-180, 180] at each of them, also of an unstable loop: positive
+            where a lag brings L to -1, negative where a lead does.
     """
 
+    stable: bool
     crossover_rad_s: float | None
     phase_margin_deg: float | None
     phase_margin_rad_s: float | None
-    gain_margin_db: float
+    gain_margin_db: float | None
     gain_margin_rad_s: float | None
-    gain_reduction_margin_db: float
+    gain_reduction_margin_db: float | None
     delay_margin_s: float | None
     delay_margin_rad_s: float | None
     phase_slope_deg_per_decade: float | None
     gain_crossovers_rad_s: tuple[float, ...]
+    angles_from_minus_one_deg: tuple[float, ...]
 
 
 def margins(controller: FoPi, plant: Plant) -> Margins:
@@ -238,28 +163,25 @@ def margins_of(loops: Loops) -> Margins:
     """The margins of one loop, the first row's alone."""
     loops = loops.take(np.zeros(1, dtype=np.intp))
     gain, phase = gain_crossovers(loops), phase_crossovers(loops)
-    gain_db = -20.0 * np.log10(phase.gain)
-    # A loop through -1 itself has no margin: it counts as 0 dB, whichever side rounding puts it on.
-    above, below = gain_db >= 0.0, gain_db < 0.0
-    margin_db, margin_at = _smallest(gain_db[above], phase.omega_rad_s[above])
-    pm_deg, pm_at = _smallest(gain.phase_margin_deg, gain.omega_rad_s)
-    delay_s, delay_at = _smallest(gain.delay_margin_s, gain.omega_rad_s)
+    stable = unstable_poles_from(loops, gain) < 0.5
+    angle, lag = phase_margins(loops, gain).where(stable), delay_margins(loops, gain).where(stable)
+    room, last = gain_margins(loops, phase).where(stable), -1 if len(gain.row) else None
+    reduction_db = -20.0 * np.log10(phase.gain[phase.gain > 1.0])
     return Margins(
-        crossover_rad_s=float(gain.omega_rad_s[-1]) if len(gain.row) else None,
-        phase_margin_deg=pm_deg,
-        phase_margin_rad_s=pm_at,
-        gain_margin_db=math.inf if margin_db is None else margin_db,
-        gain_margin_rad_s=margin_at,
-        gain_reduction_margin_db=float(gain_db[below].max()) if below.any() else -math.inf,
-        delay_margin_s=delay_s,
-        delay_margin_rad_s=delay_at,
-        phase_slope_deg_per_decade=float(np.degrees(gain.slope_rad[-1]) * math.log(10.0)) if len(gain.row) else None,
+        stable=bool(stable[0]),
+        crossover_rad_s=None if last is None else float(gain.omega_rad_s[last]),
+        phase_margin_deg=_number(np.degrees(angle.value)),
+        phase_margin_rad_s=_number(angle.omega_rad_s),
+        gain_margin_db=_number(room.value * (20.0 / math.log(10.0))),
+        gain_margin_rad_s=_number(room.omega_rad_s),
+        gain_reduction_margin_db=float(reduction_db.max(initial=-np.inf)) if stable[0] else None,
+        delay_margin_s=_number(lag.value),
+        delay_margin_rad_s=_number(lag.omega_rad_s),
+        phase_slope_deg_per_decade=None if last is None else float(np.degrees(gain.slope_rad[last]) * math.log(10.0)),
         gain_crossovers_rad_s=tuple(gain.omega_rad_s.tolist()),
+        angles_from_minus_one_deg=tuple(np.degrees(gain.angle_from_minus_one_rad).tolist()),
     )
 
 
-def _smallest(values: Array, where: Array) -> tuple[float | None, float | None]:
-    if not len(values):
-        return None, None
-    k = int(np.argmin(values))
-    return float(values[k]), float(where[k])
+def _number(value: Array) -> float | None:
+    return None if np.isnan(value[0]) else float(value[0])

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.crossings import Crossings, gain_crossovers
 from fopi_tune.core.loops import Loops
-from fopi_tune.core.margins import Crossings, gain_crossovers
 
 #: rad; a loop whose phase at |L| = 1 is this close to -180 deg passes through -1 and counts as unstable
 _MARGINAL_RAD = 1e-9

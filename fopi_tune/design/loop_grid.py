@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.margins import gain_crossovers
 
 
 class Track(Enum):

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.crossings import gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.margins import gain_crossovers, phase_crossovers
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.constraints import Bound, Constraint, Scale
 from fopi_tune.design.loop_grid import numbers_at

@@ -15,12 +15,12 @@ from functools import cached_property
 import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex, Rows
-from fopi_tune.core.margins import Crossings, negative_ends
+from fopi_tune.core.crossings import Crossings, negative_ends
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.sampled_loops import SampledLoops, shifted
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.quantities.base import NEPER_PER_DB, Measured, highest_by_row, smallest_by_row
+from fopi_tune.quantities.base import NEPER_PER_DB, QuantityAtCrossings, EvaluatedAt
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import Requirement
 
@@ -33,13 +33,6 @@ _NEWTON, _BRACKETS = 12, 24
 _PEAKS = 3
 _ROUNDING = 4e-15
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
-#: quantity -> which of a loop's gain crossovers counts, and its value there
-_AT_GAIN_CROSSOVERS: dict[str, tuple[Callable[[Crossings, Array, int], Measured], Callable[[Crossings], Array]]] = {
-    "crossover_rad_s": (highest_by_row, lambda c: c.omega_rad_s),
-    "phase_slope_deg_per_decade": (highest_by_row, lambda c: np.degrees(c.slope_rad) * np.log(10.0)),
-    "phase_margin_deg": (smallest_by_row, lambda c: c.phase_margin_deg),
-    "delay_margin_s": (smallest_by_row, lambda c: c.delay_margin_s),
-}
 
 
 @dataclass(frozen=True)
@@ -126,24 +119,21 @@ class MarginScan:
         return unstable_poles_from(self.loops, self.gain_crossings)
 
     def measure(self, requirement: Requirement, largest: bool) -> Array:
-        """A requirement's quantity of every loop, public unit, shape (m,); nan without a gain crossover.
+        """A requirement's quantity of every loop, public unit, shape (m,); nan where it has none; see `Measured`.
 
         Args:
             requirement: gives quantity and band.
             largest: of a function of frequency, its largest value over the band, else its smallest.
         """
-        quantity, rows = QUANTITIES[requirement.quantity], len(self.loops)
+        quantity = QUANTITIES[requirement.quantity]
         if isinstance(quantity, FrequencyFunction):
             found = self.extreme(quantity.response, requirement.from_rad_s, requirement.to_rad_s, largest)
             return found / NEPER_PER_DB
-        if requirement.quantity == "gain_margin_db":
-            phase = self.phase_crossings
-            margin_db = np.where(phase.gain <= 1.0, -20.0 * np.log10(phase.gain), np.inf)
-            smallest = smallest_by_row(phase, margin_db, rows).value
-            return np.where(np.isnan(smallest), np.inf, smallest)
-        gain = self.gain_crossings
-        chosen, values = _AT_GAIN_CROSSOVERS[requirement.quantity]
-        return chosen(gain, values(gain), rows).value
+        if not isinstance(quantity, QuantityAtCrossings):
+            raise TypeError(f"{requirement.quantity} is neither a response nor read at a crossing")
+        at_phase = quantity.where is EvaluatedAt.PHASE_CROSSOVERS
+        found = quantity.at_crossings(self.loops, self.phase_crossings if at_phase else self.gain_crossings)
+        return (found.where(self.unstable_poles < 0.5) if quantity.is_margin else found).value
 
     def extreme(self, response: Response, from_rad_s: float, to_rad_s: float, largest: bool) -> Array:
         """ln of the largest (or smallest) value of a response over a band, shape (m,)."""

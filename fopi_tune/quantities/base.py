@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Protocol
 
-import numpy as np
-
-from fopi_tune.core.bode_form import Array, Rows
+from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops
-from fopi_tune.core.margins import Crossings
+from fopi_tune.core.margins import Measured
+from fopi_tune.core.stability import unstable_poles_from
 
 NEPER_PER_DB = math.log(10.0) / 20.0
 
@@ -40,7 +38,17 @@ class LoopSymbols(Protocol):
 
     @property
     def phase_rad(self) -> Any:
-        """arg L, unwrapped."""
+        """arg L; modulo a turn."""
+        ...
+
+    @property
+    def phase_margin_rad(self) -> Any:
+        """The angle between L and -1, on the side of -1 on which the loop is stable; negative on the other."""
+        ...
+
+    @property
+    def lag_to_minus_one_rad(self) -> Any:
+        """The lag that brings L to -1, less than a turn; negative where `phase_margin_rad` is, on that side."""
         ...
 
     @property
@@ -69,20 +77,6 @@ class LoopSymbols(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Measured:
-    """The values of a quantity for m loops; shapes (m,).
-
-    Args:
-        value: in the quantity's public unit; nan where a loop has no gain crossover and so no such quantity; inf for an
-            infinite gain margin.
-        omega_rad_s: the frequency at which that value occurs; 0, inf or nan where there is none.
-    """
-
-    value: Array
-    omega_rad_s: Array
-
-
 class Quantity(ABC):
     """One thing a requirement can limit.
 
@@ -95,6 +89,9 @@ class Quantity(ABC):
     name: str
     where: EvaluatedAt
     meaning: str
+
+    #: whether it is a distance to -1, which an unstable loop has not
+    is_margin = False
 
     @property
     def takes_band(self) -> bool:
@@ -136,20 +133,23 @@ class Quantity(ABC):
         return None
 
 
-def smallest_by_row(crossings: Crossings, values: Array, rows: int) -> Measured:
-    """The smallest value over the crossings of each loop."""
-    order = np.lexsort((values, crossings.row))
-    return _first_by_row(crossings, values, rows, order)
+class QuantityAtCrossings(Quantity):
+    """A quantity that is read at gain crossovers or phase crossovers."""
 
+    def measure(self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float) -> Measured:
+        crossovers = gain_crossovers(loops)
+        crossings = phase_crossovers(loops) if self.where is EvaluatedAt.PHASE_CROSSOVERS else crossovers
+        found = self.at_crossings(loops, crossings)
+        return found.where(unstable_poles_from(loops, crossovers) < 0.5) if self.is_margin else found
 
-def highest_by_row(crossings: Crossings, values: Array, rows: int) -> Measured:
-    """The value at the highest crossing of each loop."""
-    order = np.lexsort((-crossings.omega_rad_s, crossings.row))
-    return _first_by_row(crossings, values, rows, order)
+    @abstractmethod
+    def at_crossings(self, loops: Loops, crossings: Crossings) -> Measured:
+        """The value of every loop, public unit; of a margin, were the loop stable.
 
+        Args:
+            loops: m loops.
+            crossings: all of their gain crossovers or, of a quantity at these, phase crossovers.
 
-def _first_by_row(crossings: Crossings, values: Array, rows: int, order: Rows) -> Measured:
-    value, omega = np.full(rows, np.nan), np.full(rows, np.nan)
-    found, first = np.unique(crossings.row[order], return_index=True)
-    value[found], omega[found] = values[order][first], crossings.omega_rad_s[order][first]
-    return Measured(value, omega)
+        Returns:
+            Values and their frequencies, shape (m,).
+        """

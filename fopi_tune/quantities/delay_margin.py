@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
+from fopi_tune.core.crossings import Crossings
 from fopi_tune.core.loops import Loops
-from fopi_tune.core.margins import gain_crossovers
-from fopi_tune.quantities.base import EvaluatedAt, LoopSymbols, Measured, Quantity, smallest_by_row
+from fopi_tune.core.margins import Measured, delay_margins
+from fopi_tune.quantities.base import QuantityAtCrossings, EvaluatedAt, LoopSymbols
 
 
-class DelayMargin(Quantity):
+class DelayMargin(QuantityAtCrossings):
     name = "delay_margin_s"
     where = EvaluatedAt.GAIN_CROSSOVERS
-    meaning = "phase margin / omega, the smallest over all gain crossovers"
+    meaning = "the lag that brings L to -1, over omega, the smallest over all gain crossovers"
+    is_margin = True
 
     def to_natural(self, value: float) -> float:
         return value
@@ -24,12 +25,11 @@ class DelayMargin(Quantity):
     def check_limit(self, limit: float) -> str | None:
         return None if limit > 0 else "must be greater than 0 s"
 
-    def measure(self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float) -> Measured:
-        crossings = gain_crossovers(loops)
-        return smallest_by_row(crossings, crossings.delay_margin_s, len(loops))
+    def at_crossings(self, loops: Loops, crossings: Crossings) -> Measured:
+        return delay_margins(loops, crossings)
 
     def natural(self, loop: LoopSymbols) -> Any:
-        return (loop.phase_rad + math.pi) / loop.omega_rad_s
+        return loop.lag_to_minus_one_rad / loop.omega_rad_s
 
     def natural_scale(self, limit: float) -> float:
         return 1.0 / limit

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from fopi_tune.core.crossings import Crossings
 from fopi_tune.core.loops import Loops
-from fopi_tune.core.margins import gain_crossovers
-from fopi_tune.quantities.base import EvaluatedAt, LoopSymbols, Measured, Quantity, highest_by_row
+from fopi_tune.core.margins import Measured, highest_by_row
+from fopi_tune.quantities.base import QuantityAtCrossings, EvaluatedAt, LoopSymbols
 
 
-class PhaseSlope(Quantity):
+class PhaseSlope(QuantityAtCrossings):
     name = "phase_slope_deg_per_decade"
     where = EvaluatedAt.HIGHEST_GAIN_CROSSOVER
     meaning = "d arg L / d log10 omega at the highest gain crossover; 0 is iso-damping"
@@ -23,8 +24,7 @@ class PhaseSlope(Quantity):
     def from_natural(self, value: float) -> float:
         return math.degrees(value)
 
-    def measure(self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float) -> Measured:
-        crossings = gain_crossovers(loops)
+    def at_crossings(self, loops: Loops, crossings: Crossings) -> Measured:
         slope_deg_per_decade = np.degrees(crossings.slope_rad) * math.log(10.0)
         return highest_by_row(crossings, slope_deg_per_decade, len(loops))
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from fopi_tune.core.loops import Loops
+from fopi_tune.core.margins import Measured
 from fopi_tune.core.peaks import Response, extremes
-from fopi_tune.quantities.base import NEPER_PER_DB, EvaluatedAt, LoopSymbols, Measured, Quantity
+from fopi_tune.quantities.base import NEPER_PER_DB, EvaluatedAt, LoopSymbols, Quantity
 
 
 class FrequencyFunction(Quantity):

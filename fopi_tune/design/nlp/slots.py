@@ -10,8 +10,8 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.crossings import gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.margins import gain_crossovers, phase_crossovers
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
 from fopi_tune.design.nlp.compile import Block, Problem, SlotKind
 from fopi_tune.quantities.base import EvaluatedAt

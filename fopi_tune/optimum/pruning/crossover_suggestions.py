@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex, Rows
+from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.margins import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.errors import DomainError
 from fopi_tune.optimum.problem import Problem

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from flint import arb
 
-from fopi_tune.core.margins import gain_crossovers
+from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.proof.balls.box import ball_of, point_box
 from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
 from fopi_tune.proof.balls.unwrapped_phase import PolynomialPhase, plant_phases, unwrapped_phase

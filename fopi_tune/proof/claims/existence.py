@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from flint import acb, arb
 
-from fopi_tune.core.margins import phase_crossovers
+from fopi_tune.core.crossings import phase_crossovers
 from fopi_tune.proof.balls.box import Box, Interval, centre_of
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.claims.claim import (

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.core.loops import Loops
-from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.proof.verification.crossing_changes import SamplePair
@@ -70,13 +70,14 @@ def _integral_gain(objective: Objective, samples: SamplePair) -> Value:
 
 
 def _phase_margin_spread(objective: Objective, samples: SamplePair) -> Value:
-    """max |PM - PM(nominal)|, deg."""
+    """max |PM - PM(nominal)|, deg; none where a member's margin is infinite or missing."""
     measure = QUANTITIES["phase_margin_deg"].measure
     nominal = measure(samples.base.nominal_loop, False, 0.0, np.inf).value[0]
 
     def criterion(loops: Loops) -> tuple[Array, Array]:
         found = measure(loops, False, 0.0, np.inf)
-        return np.abs(found.value - nominal), found.omega_rad_s
+        apart = np.abs(found.value - nominal)
+        return np.where(np.isfinite(apart), apart, np.nan), found.omega_rad_s
 
     return _worst(samples.refined, criterion)
 

@@ -44,7 +44,8 @@ def assess_requirement(requirement: Requirement, extremes: tuple[Extreme, ...], 
     slacks = []
     for extreme in extremes:
         if extreme.achieved is None:
-            return RequirementResult(requirement, None, Outcome.NO_CROSSOVER, None, None, extreme.worst, extremes)
+            missing = Outcome.UNSTABLE if QUANTITIES[requirement.quantity].is_margin else Outcome.NO_CROSSOVER
+            return RequirementResult(requirement, None, missing, None, None, extreme.worst, extremes)
         slacks.append(_slack(requirement, extreme.achieved))
     k = int(np.argmin(slacks))
     achieved, slack = extremes[k].achieved, slacks[k]
@@ -101,6 +102,6 @@ def _score(requirement: Requirement, slack: float, tolerance: float) -> float:
 
 
 def _outcome(requirement: Requirement, achieved: float, score: float) -> Outcome:
-    if requirement.quantity == "gain_margin_db" and math.isinf(achieved):
+    if QUANTITIES[requirement.quantity].is_margin and math.isinf(achieved):
         return Outcome.INFINITE
     return Outcome.MET if score <= 1.0 else Outcome.VIOLATED

@@ -18,7 +18,9 @@ class Outcome(StrEnum):
     VIOLATED = "violated"
     #: the loop never crosses |L| = 1, so that the quantity does not exist; never met
     NO_CROSSOVER = "no_crossover"
-    #: a gain margin that does not end: more than any at_least, and never equal to or below anything
+    #: a margin of a loop that is not stable, so that it has none; never met
+    UNSTABLE = "unstable"
+    #: a margin that does not end: more than any at_least, and never equal to or below anything
     INFINITE = "infinite"
     #: a band of frequencies above Nyquist's, where a loop on samples has no response; never met
     BEYOND_NYQUIST = "beyond_nyquist"
@@ -45,7 +47,7 @@ class Extreme:
 
     Args:
         largest: the largest value, else the smallest.
-        achieved: in the quantity's public unit; None where a member has no gain crossover.
+        achieved: in the quantity's public unit; None where a member has none: no gain crossover, or of a margin, unstable.
         worst: where.
     """
 
@@ -60,13 +62,13 @@ class RequirementResult:
 
     Args:
         requirement: what the spec says.
-        achieved: the worst value, in the quantity's public unit; inf for a gain margin that does not end; None
-            without a gain crossover.
+        achieved: the worst value, in the quantity's public unit; inf for a margin that does not end; None where a
+            member has none: no gain crossover, or of a margin, unstable.
         outcome: whether it is met, and why not.
         slack: how far inside the limit, negative outside, in neper or radian (for a delay margin: relative to the
-            limit); for `equals` minus the distance; None without a gain crossover.
-        score: dimensionless, at most 1 exactly when the requirement holds within the tolerance; None without a gain
-            crossover.
+            limit); for `equals` minus the distance; None where `achieved` is.
+        score: dimensionless, at most 1 exactly when the requirement holds within the tolerance; None where `achieved`
+            is.
         worst: the member and the frequency that decide.
         extremes: the ends that the requirement limits, smallest first.
     """
@@ -115,7 +117,7 @@ class Verification:
         stability: of the whole family.
         requirements: in the order of the spec.
         objective: value of the spec's objective; without one the smallest slack of the inequalities, or -ln of the
-            largest |S| when there are none.  None where a member without a gain crossover leaves it undefined.
+            largest |S| when there are none.  None where a member without a crossover or a margin leaves it undefined.
         objective_worst: the member and frequency that decide the objective; None when none does.
         nominal: margins with the nominal plant.
         tolerance: allowed violation of a requirement, natural units.

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.core.loops import Loops
-from fopi_tune.core.margins import gain_crossovers
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import unstable_poles_from

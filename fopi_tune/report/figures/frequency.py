@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Complex
-from fopi_tune.core.margins import gain_crossovers
+from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.sample import LoopFunction, evaluate

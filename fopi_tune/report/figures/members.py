@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.crossings import gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.margins import gain_crossovers, phase_crossovers
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError

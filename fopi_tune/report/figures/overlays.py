@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.margins import gain_crossovers
+from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.errors import DomainError
 from fopi_tune.report.comparison import ComparedDesign, Comparison
 from fopi_tune.report.figures.forbidden_regions import fit_y_limits, forbid_values

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.margins import gain_crossovers
+from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.errors import DomainError
 from fopi_tune.report.figures.members import Members
 from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, Picture, label_axes, legend_below

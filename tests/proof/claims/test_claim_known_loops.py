@@ -12,7 +12,7 @@ from flint import ctx
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.margins import gain_crossovers
+from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, Interval
