@@ -115,12 +115,19 @@ class RequirementProof:
         for side in self.sides:
             if side.verdict is Verdict.REFUTED:
                 reached = None if side.witness is None else f"a plant reaches {from_natural(side.witness):.10g}"
-                parts.append(reached or "a plant has no gain crossover")
+                parts.append(reached or self._missing)
             elif side.verdict is Verdict.UNDECIDED and side.level is not None:
                 parts.append(f"shown only up to {from_natural(side.level):.6g}")
             elif side.verdict is Verdict.UNDECIDED:
                 parts.append("neither a bound nor a violation could be shown")
         return "; ".join(dict.fromkeys(parts))
+
+    @property
+    def _missing(self) -> str:
+        is_margin = QUANTITIES[self.requirement.quantity].is_margin
+        return (
+            "a plant's loop is not stable, so that it has no margin" if is_margin else "a plant has no gain crossover"
+        )
 
     @property
     def budget_spent(self) -> bool:

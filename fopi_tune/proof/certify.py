@@ -28,14 +28,21 @@ from fopi_tune.proof.certificate import (
 )
 from fopi_tune.proof.claims.bound import response_of
 from fopi_tune.proof.claims.claim import Claim
-from fopi_tune.proof.claims.poles import count_unstable_poles, is_structurally_unstable
-from fopi_tune.proof.obligations import Case, level_claims, no_crossover_claims, stability_claims, violation_claims
+from fopi_tune.proof.claims.poles import count_unstable_poles
+from fopi_tune.proof.obligations import (
+    Case,
+    is_unstable,
+    level_claims,
+    no_crossover_claims,
+    stability_claims,
+    violation_claims,
+)
 from fopi_tune.proof.searches import BUDGET, LAST_BUDGET, REQUIREMENT_WORK, STABILITY_WORK, Searches
 from fopi_tune.proof.verification.results import Extreme, Outcome, Place, RequirementResult, Verification
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.responses import FrequencyFunction
-from fopi_tune.spec.model import DesignSpec, Relation, Requirement
+from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Scope
 
 #: relative distances from the worst value to the level to be proved, tried in turn
 _GAPS = (5e-7, 5e-5, 5e-4, 1e-2)
@@ -71,7 +78,10 @@ def certify(
     with ctx.workprec(PRECISION):
         searches = Searches(case)
         stability = _stability(case, found, searches)
-        proofs = tuple(_requirement(case, result, found.tolerance, searches) for result in found.requirements)
+        proofs = tuple(
+            _requirement(case, result, found.tolerance, searches, _has_margins(case, stability, result.requirement))
+            for result in found.requirements
+        )
     return Certificate(spec.name, spec.sha256, case, found.tolerance, stability, proofs, versions)
 
 
@@ -87,9 +97,8 @@ def _stability(case: Case, found: Verification, searches: Searches) -> Stability
     searches.begin(STABILITY_WORK)
     if not found.stability.stable:
         worst = found.stability.worst.point
-        poles = count_unstable_poles(case.loop, worst, case.origin)
-        if poles or (poles is None and is_structurally_unstable(case.loop, worst)):
-            return StabilityProof(Verdict.REFUTED, None, worst, poles, ())
+        if is_unstable(case, worst):
+            return StabilityProof(Verdict.REFUTED, None, worst, count_unstable_poles(case.loop, worst, case.origin), ())
     poles = count_unstable_poles(case.loop, case.nominal, case.origin)
     if poles:
         return StabilityProof(Verdict.REFUTED, None, case.nominal, poles, ())
@@ -102,7 +111,16 @@ def _stability(case: Case, found: Verification, searches: Searches) -> Stability
     return StabilityProof(Verdict.UNDECIDED, None, case.nominal, poles, (), searches.were_cut)
 
 
-def _requirement(case: Case, result: RequirementResult, tolerance: float, searches: Searches) -> RequirementProof:
+def _has_margins(case: Case, stability: StabilityProof, requirement: Requirement) -> bool:
+    """Whether every loop in the requirement's scope is shown to be stable, where it asks for a margin."""
+    if not QUANTITIES[requirement.quantity].is_margin or stability.verdict is Verdict.PROVED:
+        return True
+    return requirement.scope is Scope.NOMINAL and count_unstable_poles(case.loop, case.nominal, case.origin) == 0
+
+
+def _requirement(
+    case: Case, result: RequirementResult, tolerance: float, searches: Searches, has_margins: bool
+) -> RequirementProof:
     requirement = result.requirement
     if result.outcome is Outcome.BEYOND_NYQUIST:
         ends = [upper for upper in (False, True) if math.isfinite(requirement.upper if upper else requirement.lower)]
@@ -110,6 +128,12 @@ def _requirement(case: Case, result: RequirementResult, tolerance: float, search
         return RequirementProof(requirement, tuple(unknown))
     work = REQUIREMENT_WORK // max(len(result.extremes), 1)
     sides = tuple(_Side(case, requirement, extreme, tolerance, searches, work).proof() for extreme in result.extremes)
+    if not has_margins:
+        # what is shown of the loop's distance to -1 is no margin of a loop that may be unstable
+        sides = tuple(
+            replace(side, verdict=Verdict.UNDECIDED, level=None, records=()) if side.verdict is Verdict.PROVED else side
+            for side in sides
+        )
     return RequirementProof(requirement, sides)
 
 
@@ -149,7 +173,7 @@ class _Side:
         self.searches.begin(self.work)
         place = self.extreme.worst
         if self.extreme.achieved is None:
-            return self._without_crossover(place)
+            return self._without_value(place)
         achieved = self.extreme.achieved
         if math.isinf(achieved):
             return self._infinite(achieved, place)
@@ -190,13 +214,16 @@ class _Side:
         cut = verdict is Verdict.UNDECIDED and self.searches.were_cut
         return SideProof(self.upper, verdict, level, witness, place, records, witness_records, cut)
 
-    def _without_crossover(self, place: Place) -> SideProof:
+    def _without_value(self, place: Place) -> SideProof:
+        if QUANTITIES[self.requirement.quantity].is_margin:
+            verdict = Verdict.REFUTED if is_unstable(self.case, place.point) else Verdict.UNDECIDED
+            return self._result(verdict, None, None, place, (), ())
         records = self.searches.shown(no_crossover_claims(self.case, place.point))
         verdict = Verdict.UNDECIDED if records is None else Verdict.REFUTED
         return self._result(verdict, None, None, place, (), records or ())
 
     def _infinite(self, achieved: float, place: Place) -> SideProof:
-        """An infinite gain margin: only the limit itself is proved.  An infinite response violates every limit."""
+        """An infinite margin: only the limit itself is proved.  An infinite response violates every limit."""
         natural = QUANTITIES[self.requirement.quantity].to_natural(self.limit)
         if (achieved > 0) is not self.upper:
             records = self.searches.shown(level_claims(self.case, self.requirement, self.upper, natural))

@@ -35,7 +35,9 @@ from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
 #: version of the file; it may only grow
-CERTIFICATE_SCHEMA = 1
+CERTIFICATE_SCHEMA = 2
+#: of the files before it: another meaning of the margins
+_UNWRAPPED_SCHEMA = 1
 KIND = "fopi_tune certificate"
 #: of a digital controller; the cost of its polynomials grows with the third power
 _MOST_SECTIONS = 200
@@ -158,6 +160,11 @@ def from_document(document: object) -> Certificate:
     top = JsonObject(document, "")
     if top.get("kind") != KIND:
         raise CertificateError("this is not a certificate of this tool: its kind is another")
+    if top.number("schema") == _UNWRAPPED_SCHEMA:
+        raise CertificateError(
+            "schema 1: this certificate was made when phase and delay margins were read from the unwrapped phase; they "
+            "are distances to -1 now, so that it has to be made again by `fopi prove`"
+        )
     if top.number("schema") != CERTIFICATE_SCHEMA:
         raise CertificateError(f"schema {top.number('schema'):g} is not known; this version reads {CERTIFICATE_SCHEMA}")
     gains = top.child("gains")

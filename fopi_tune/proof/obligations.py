@@ -14,7 +14,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.proof.balls.box import Box, Interval, ball_of, point_box
+from fopi_tune.proof.balls.box import Box, Interval, point_box
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.sampled import SampledBallLoop
 from fopi_tune.proof.claims.bound import Bound
@@ -23,7 +23,7 @@ from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, Crossi
 from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
 from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
 from fopi_tune.proof.claims.lag import closed_form
-from fopi_tune.proof.claims.poles import NoAxisRoot, NoPoleAtTheEnds
+from fopi_tune.proof.claims.poles import NoPoleAtTheEnds, count_unstable_poles, is_structurally_unstable
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.responses import FrequencyFunction
@@ -135,6 +135,12 @@ def _log_frequency(case: Case, omega: float) -> float:
     return math.inf if case.loop.is_beyond(omega) else case.loop.u_of(math.log(omega))
 
 
+def is_unstable(case: Case, point: tuple[float, ...]) -> bool:
+    """Whether this plant's loop is shown to be unstable."""
+    poles = count_unstable_poles(case.loop, point, case.origin)
+    return bool(poles) or (poles is None and is_structurally_unstable(case.loop, point))
+
+
 def no_crossover_claims(case: Case, point: tuple[float, ...]) -> list[Claim]:
     """Claims that together mean: this plant has no gain crossover."""
     domain = (_EVERYWHERE, *point_box(point))
@@ -202,24 +208,5 @@ def _level_claims(case: Case, requirement: Requirement, upper: bool, level: floa
         return [above, crosses] if upper else [some]
     if crossing_quantity is CrossingQuantity.PHASE_SLOPE:
         return [every, crosses]
-    continuity = _continuity_claims(case, plants)
-    return [*continuity, some] if upper else [*continuity, every, crosses]
-
-
-def _continuity_claims(case: Case, plants: Box) -> list[Claim]:
-    """Claims that no open-loop root crosses the imaginary axis: the unwrapped phase is then continuous over the family.
-
-    Not needed for a single plant, nor for a first-order denominator, whose pole is real.
-    """
-    if all(low == high for low, high in plants):
-        return []
-    whole = case.loop.plant([ball_of(side) for side in plants])
-    claims: list[Claim] = []
-    domain = (_EVERYWHERE, *plants)
-    # with a very uncertain delay behind a hold the whole box has no finite enclosure: require both claims
-    unknown = not all(c.value.is_finite() for c in (*whole.numerator, *whole.denominator))
-    if unknown or (len(whole.numerator) > 1 and any(c.gradient for c in whole.numerator)):
-        claims.append(NoAxisRoot(case.loop, False, domain, case.origin))
-    if unknown or (len(whole.denominator) > 2 and any(c.gradient for c in whole.denominator)):
-        claims.append(NoAxisRoot(case.loop, True, domain, case.origin))
-    return claims
+    # a margin: infinite without a crossover
+    return [some] if upper else [every]

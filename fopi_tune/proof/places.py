@@ -18,12 +18,13 @@ from fopi_tune.proof.balls.box import point_box
 from fopi_tune.proof.certificate import SideProof, Verdict, gap_scale
 from fopi_tune.proof.claims.claim import Claim
 from fopi_tune.proof.claims.crossing_quantities import CrossingQuantity
-from fopi_tune.proof.claims.existence import HIGH_END, LOW_END, SomePhaseCrossover
+from fopi_tune.proof.claims.existence import HIGH_END, LOW_END, SomeCrossover, SomePhaseCrossover
 from fopi_tune.proof.obligations import CROSSING_QUANTITIES, Case, violation_claims
 from fopi_tune.proof.verification.crossing_changes import SamplePair
 from fopi_tune.proof.verification.requirements import check_requirement
 from fopi_tune.proof.verification.results import Place
 from fopi_tune.proof.verification.sample import Sample
+from fopi_tune.proof.verification.stability import check_stability
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.spec.model import Requirement
@@ -56,7 +57,7 @@ def place_problem(case: Case, requirement: Requirement, side: SideProof, toleran
 def _place_problem(case: Case, requirement: Requirement, side: SideProof, tolerance: float) -> str | None:
     omega = side.worst.omega_rad_s
     if side.verdict is Verdict.REFUTED and side.witness is None:  # no frequency is a crossover
-        return None if omega is None else "a frequency is stated of a plant without a gain crossover"
+        return None if omega is None else "a frequency is stated of a plant that has no such value"
     if side.witness is None or _is_endless(case, requirement, side):
         return None if _is_where_the_search_ends(case, requirement, side, tolerance) else _NOT_THE_WORST
     if omega is None:
@@ -102,8 +103,10 @@ def _is_at_its_crossing(case: Case, requirement: Requirement, side: SideProof, o
     if QUANTITIES[requirement.quantity].where is EvaluatedAt.PHASE_CROSSOVERS and at_end:
         claim = SomePhaseCrossover(case.loop, high, ((0.0, 0.0), *box), case.origin)
         return claim.holds(claim.domain, LOW_END if omega == 0.0 else HIGH_END)
-    if at_end:
-        return False
+    if at_end:  # a delay margin of 0
+        claims = violation_claims(case, requirement, side.upper, high, side.worst.point, omega) if omega > 0.0 else []
+        stays_large = any(isinstance(claim, SomeCrossover) and claim.holds(claim.domain, HIGH_END) for claim in claims)
+        return stays_large and low <= 0.0 <= high
     u = case.loop.u_of(math.log(omega))
     if math.isinf(u):  # a sample time that no double resolves
         return False
@@ -116,7 +119,7 @@ def _is_at_its_crossing(case: Case, requirement: Requirement, side: SideProof, o
         if quantity is CrossingQuantity.CROSSOVER:
             value = arb(omega).log()
         else:
-            value = case.evaluator.value(quantity, at, side.worst.point) * unit
+            value = case.evaluator.value(quantity, at) * unit
     else:
         return False
     return bool(abs(distance) <= CROSSING_ROUNDING and value >= low and value <= high)
@@ -125,7 +128,7 @@ def _is_at_its_crossing(case: Case, requirement: Requirement, side: SideProof, o
 def _is_where_the_search_ends(case: Case, requirement: Requirement, side: SideProof, tolerance: float) -> bool:
     """Whether the search in floating point ends at this place, or at a value that is not worse than this place's."""
     samples = SamplePair(Sample.of(case.family, case.gains, case.implementation))
-    result = check_requirement(requirement, samples, tolerance)
+    result = check_requirement(requirement, samples, check_stability(samples.base), tolerance)
     extreme = next((found for found in result.extremes if found.largest == side.upper), None)
     place = side.worst
     if extreme is None:

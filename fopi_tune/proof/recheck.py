@@ -19,10 +19,10 @@ from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.certificate import Certificate, Record, RequirementProof, SideProof, Verdict, relaxed_limit
 from fopi_tune.proof.claims.branch_and_bound import check_record
 from fopi_tune.proof.claims.claim import Claim
-from fopi_tune.proof.claims.poles import count_unstable_poles, is_structurally_unstable
+from fopi_tune.proof.claims.poles import count_unstable_poles
 from fopi_tune.proof.documents import digest, from_document, to_document
 from fopi_tune.proof.obligations import (
-    CROSSING_QUANTITIES,
+    is_unstable,
     level_claims,
     no_crossover_claims,
     stability_claims,
@@ -128,7 +128,7 @@ def _stability(certificate: Certificate) -> list[str]:
     poles = count_unstable_poles(case.loop, proof.point, case.origin)
     if poles != proof.poles:
         return [f"stability: the plant stated has {poles} unstable poles"]
-    refuted = bool(poles) or (poles is None and is_structurally_unstable(case.loop, proof.point))
+    refuted = is_unstable(case, proof.point)
     if proof.verdict is Verdict.UNDECIDED:
         return ["stability: the plant stated refutes it"] if refuted else []
     if proof.verdict is Verdict.REFUTED:
@@ -164,19 +164,35 @@ def _side(certificate: Certificate, requirement: Requirement, side: SideProof) -
     if contradiction is not None:
         return [contradiction]
     problems: list[str] = []
+    is_margin = QUANTITIES[requirement.quantity].is_margin
+    if is_margin and side.verdict is Verdict.PROVED and not _is_stable(certificate, requirement.scope):
+        problems.append("a margin is stated of a loop that is not shown to be stable")
     if side.level is not None:
         problems += _records(level_claims(case, requirement, side.upper, side.level), side.records)
     if side.witness is not None:
         claims = violation_claims(case, requirement, side.upper, side.witness, point, side.worst.omega_rad_s)
         problems += _records(claims, side.witness_records)
+    elif side.verdict is Verdict.REFUTED and is_margin:
+        if side.witness_records or not is_unstable(case, point):
+            problems.append("the plant stated is not shown to be unstable, so that it has a margin")
     elif side.verdict is Verdict.REFUTED:
         problems += _records(no_crossover_claims(case, point), side.witness_records)
+    elif side.verdict is Verdict.UNDECIDED and is_margin and is_unstable(case, point):
+        problems.append("undecided is stated, but the plant stated is unstable, so that it has no margin")
     elif side.verdict is Verdict.UNDECIDED and _breaks_the_limit(certificate, requirement, side):
         problems.append("undecided is stated, but the plant and the frequency stated break the limit")
     if problems:
         return problems
     place = place_problem(case, requirement, side, certificate.tolerance)
     return [] if place is None else [place]
+
+
+def _is_stable(certificate: Certificate, scope: Scope) -> bool:
+    """Whether the loops in a scope are stable; of the family, by the certificate's own proof, which is tested too."""
+    case = certificate.case
+    if certificate.stability.verdict is Verdict.PROVED:
+        return True
+    return scope is Scope.NOMINAL and count_unstable_poles(case.loop, case.nominal, case.origin) == 0
 
 
 def _contradiction(requirement: Requirement, side: SideProof, limit: float) -> str | None:
@@ -186,7 +202,7 @@ def _contradiction(requirement: Requirement, side: SideProof, limit: float) -> s
         return "records are stated without the level that they show"
     if verdict is Verdict.PROVED and (level is None or _is_beyond(side, level, limit)):
         return "the level that is stated does not meet the limit"
-    if verdict is Verdict.REFUTED and witness is None and requirement.quantity not in CROSSING_QUANTITIES:
+    if verdict is Verdict.REFUTED and witness is None and QUANTITIES[requirement.quantity].takes_band:
         return "no witness is stated"
     if verdict is Verdict.REFUTED and witness is not None and not _is_beyond(side, witness, limit):
         return "the witness does not break the limit"

@@ -47,23 +47,6 @@ class BallLoop(LoopParameters):
         c = self.kp + integral
         return c, self.alpha * (self.kp / c - 1)
 
-    @property
-    def controller_is_negative(self) -> bool:
-        """Whether C < 0 as omega -> 0, without the phase of the integral."""
-        return (self.gains.ki if self.gains.ki != 0.0 else self.gains.kp) < 0.0
-
-    def controller_phase(self, u: arb) -> arb:
-        """arg C without the sign of `controller_is_negative`: -90 deg alpha as omega -> 0."""
-        if self.gains.ki == 0.0:
-            return arb(0)
-        # kp + ki s^-alpha = ki s^-alpha (1 + w), and w = (kp/ki) s^alpha runs along a ray from 0 that misses -1
-        w = (self.kp / self.ki) * ((self.alpha * u).exp() * self.turn)
-        return -self.alpha * arb.pi() / 2 + (1 + w).arg()
-
-    def delay_phase(self, at: LoopEnclosure) -> arb:
-        """arg of the delay factor, rad."""
-        return -at.omega * at.plant.dead_time.value
-
     # -- the frequency axis -------------------------------------------------------------------------------------------
 
     def u_of(self, log_omega: float) -> float:

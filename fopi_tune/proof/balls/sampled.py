@@ -30,7 +30,6 @@ from fopi_tune.proof.balls.box import Interval, ball_of
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import Dual, PlantEnclosure, own_derivative, polynomial
 from fopi_tune.proof.balls.responses import LoopEnclosure
-from fopi_tune.proof.balls.unwrapped_phase import PolynomialPhase
 from fopi_tune.proof.balls.zero_order_hold import hold_equivalent
 
 #: bits next to Nyquist's frequency, where the tangent is unbounded
@@ -122,36 +121,6 @@ class SampledBallLoop(BallLoop):
         """C at w = 1/t:  rho/(w + sigma) = rho t/(1 + sigma t)."""
         direct, pairs = self.sections
         return acb(direct) + sum((rho * inverse / (1 + sigma * inverse) for sigma, rho in pairs), acb(0))
-
-    def controller_phase(self, u: arb) -> arb:
-        """arg C without the sign of `controller_is_negative`."""
-        nu, top = u.exp(), self.numerator_phase
-        if top.right_half_plane_roots is None:
-            return arb.nan()
-        phase = top.change(float(u.mid()), nu)
-        for sigma, _ in self.sections[1]:
-            phase = phase - (arb.pi() / 2 if sigma.is_zero() else (nu / sigma).atan())
-        return phase
-
-    @property
-    def controller_is_negative(self) -> bool:
-        """Whether C < 0 as w -> 0, without the phase of the integral."""
-        top = self.numerator_phase
-        return (not top.leading_is_positive) != ((top.right_half_plane_roots or 0) % 2 == 1)
-
-    def delay_phase(self, at: LoopEnclosure) -> arb:
-        """-2 late atan nu."""
-        return -2 * at.plant.late * at.omega.atan()
-
-    @cached_property
-    def numerator(self) -> tuple[arb, ...]:
-        """C(w) prod_k (w + sigma_k), descending powers."""
-        return tuple(reversed(coefficients_of(numerator_of(self.sections))))
-
-    @cached_property
-    def numerator_phase(self) -> PolynomialPhase:
-        """Phase of the controller's numerator along the axis."""
-        return PolynomialPhase.of(self.numerator)
 
     def plant(self, theta: Sequence[arb]) -> PlantEnclosure:
         """The plants behind the hold, as polynomials in w without the whole samples of delay.

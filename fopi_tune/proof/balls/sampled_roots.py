@@ -12,7 +12,6 @@ from flint import acb, acb_poly, arb, arb_poly, ctx
 from fopi_tune.proof.balls.argument_principle import count_right_half_plane_zeros
 from fopi_tune.proof.balls.plant import PlantEnclosure
 from fopi_tune.proof.balls.sampled import SampledBallLoop, coefficients_of, numerator_of, sections_of
-from fopi_tune.proof.balls.unwrapped_phase import PolynomialPhase
 
 #: for more closed-loop poles than this they are counted by the argument principle, not computed
 _MOST_ROOTS = 40
@@ -60,6 +59,6 @@ def _right_roots(coefficients: list[arb]) -> int | None:
     try:
         roots = acb_poly([acb(c) for c in coefficients]).roots()
     except ValueError:
-        # coinciding roots, as those of a fast filter at z = 0, cannot be isolated, but they can be counted
-        return PolynomialPhase.of(list(reversed(coefficients))).right_half_plane_roots
+        # coinciding roots, as those of a fast filter at z = 0, cannot be isolated
+        return None
     return None if any(root.real.contains(0) for root in roots) else sum(bool(root.real > 0) for root in roots)

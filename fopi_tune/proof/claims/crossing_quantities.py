@@ -1,30 +1,41 @@
 """Quantities at a gain crossover:  a value psi(u, theta) with its derivatives, in ball arithmetic.
 
-phase margin    pi + arg L                  rad
-delay margin    (pi + arg L)/omega          s
-phase slope     d arg L/d ln omega          rad
-crossover       u = ln omega                neper
+With b the angle from -1 to L, modulo a turn,
+
+    phase margin    |b|, b in (-180, 180 deg]       rad
+    delay margin    b/omega, b in [0, 360 deg)      s
+    phase slope     d arg L/d ln omega              rad
+    crossover       u = ln omega                    neper
+
+On |L| = 1 a value equals its Lagrangian psi + lambda ln|L|.  The multiplier lambda is chosen so that the derivative
+along u vanishes at the box's centre: the rest varies as psi does along the curve |L| = 1, to second order in the size
+of the box.  Over a box on which ln L is bounded L has neither zeros nor poles, so that b is continuous there: one
+sheet, chosen at the centre, serves the whole box, and where b stays within [phi, 360 deg - phi] the phase margin is at
+least phi.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
-from flint import arb
+from flint import acb, arb
 
 from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.proof.balls.box import ball_of, point_box
 from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
-from fopi_tune.proof.balls.unwrapped_phase import PolynomialPhase, plant_phases, unwrapped_phase
 
 _MOST_STEPS = 25
 #: plants whose crossovers are kept
 _MOST_LISTED = 4096
 _LONGEST_STEP, _SHORTEST_STEP = 3.0, 1e-13
 _FLAT = 1e-6
+#: a larger multiplier of ln|L| would amplify rounding; the box is split instead
+_LARGEST_MULTIPLIER = 1e6
 
 
 class CrossingQuantity(StrEnum):
@@ -37,7 +48,7 @@ class CrossingQuantity(StrEnum):
 
 
 class CrossingEvaluator:
-    """Evaluates quantities at crossings of one loop; the phases of plants along the axis are cached.
+    """Evaluates quantities at crossings of one loop; the crossings of plants are cached.
 
     Args:
         loop: gains and family.
@@ -46,17 +57,8 @@ class CrossingEvaluator:
 
     def __init__(self, loop: BallLoop, nominal_crossings: Sequence[float] | None = None) -> None:
         self.loop = loop
-        self._phases: dict[tuple[float, ...], tuple[PolynomialPhase, PolynomialPhase]] = {}
         self._listed: dict[tuple[float, ...], list[float]] = {}
         self._known = None if nominal_crossings is None else list(nominal_crossings)
-
-    def phase(self, at: LoopEnclosure, theta: tuple[float, ...]) -> arb:
-        """arg L, unwrapped, at one frequency of one plant."""
-        if theta not in self._phases:
-            if len(self._phases) > 4096:
-                self._phases.clear()
-            self._phases[theta] = plant_phases(self.loop, theta)
-        return unwrapped_phase(self.loop, at, self._phases[theta])
 
     @cached_property
     def _nominal_crossings(self) -> list[float]:
@@ -104,38 +106,91 @@ class CrossingEvaluator:
                 return u
         return None
 
-    def value(self, quantity: CrossingQuantity, at: LoopEnclosure, theta: tuple[float, ...]) -> arb:
+    def value(self, quantity: CrossingQuantity, at: LoopEnclosure) -> arb:
         """psi at one frequency of one plant."""
         if quantity is CrossingQuantity.CROSSOVER:
             return ball_of(at.u)
         if quantity is CrossingQuantity.PHASE_SLOPE:
             return at.phase_slope
-        margin = self.phase(at, theta) + arb.pi()
-        return margin if quantity is CrossingQuantity.PHASE_MARGIN else margin / self.loop.frequency(at.omega)
+        lag = lag_to_minus_one(angle_from_minus_one(at.gain))
+        if quantity is CrossingQuantity.DELAY_MARGIN:
+            return lag / self.loop.frequency(at.omega)
+        return arb.pi() - abs(arb.pi() - lag)
 
 
-def derivatives_of(
-    loop: BallLoop, quantity: CrossingQuantity, over: LoopEnclosure, centre: arb, shifts: Sequence[arb], omega: arb
-) -> list[arb]:
-    """The derivatives of psi over a box.
+def angle_from_minus_one(gain: acb) -> arb:
+    """b, rad, on any sheet: by arg L where that of -L is close to its branch cut."""
+    return (-gain).arg() if gain.real < 0 else gain.arg() + arb.pi()
+
+
+def lag_to_minus_one(angle: arb) -> arb:
+    """b, rad, on the sheet on which its middle is in [0, 2 pi)."""
+    return angle - 2 * arb.pi() * math.floor(float(angle.mid()) / (2.0 * math.pi)) if angle.is_finite() else angle
+
+
+@dataclass(frozen=True)
+class ValueOnUnitCircle:
+    """Enclosures of what holds wherever |L| = 1 in a box.
 
     Args:
-        loop: the loop.
         quantity: psi.
-        over: the loop over the box.
-        centre: psi at the centre.
-        shifts: X_i - c_i.
-        omega: e^u at the centre.
+        value: psi; of a phase margin, b.
+        lag: of a margin, b, with its middle in [0, 2 pi).
+        slopes: derivatives of the Lagrangian of psi, which tell how to split the box.
     """
-    if quantity is CrossingQuantity.CROSSOVER:
-        return [arb(1), *(arb(0) for _ in over.log_gradient)]
-    if quantity is CrossingQuantity.PHASE_SLOPE:
-        return over.phase_slope_derivatives
-    phase = [over.log_slope.imag, *(g.imag for g in over.log_gradient)]
-    if quantity is CrossingQuantity.PHASE_MARGIN:
-        return phase
-    # d/du (phi/omega) = (phi_u - phi d ln omega/du)/omega, phi by its own mean-value form
-    frequency = loop.frequency(over.omega)
-    margin = centre * loop.frequency(omega) + sum((p * d for p, d in zip(phase, shifts, strict=True)), arb(0))
-    first = (phase[0] - margin * loop.stretch(over.omega)) / frequency
-    return [first, *(p / frequency for p in phase[1:])]
+
+    quantity: CrossingQuantity
+    value: arb
+    lag: arb
+    slopes: list[arb]
+
+    @classmethod
+    def of(
+        cls, loop: BallLoop, quantity: CrossingQuantity, over: LoopEnclosure, centre: LoopEnclosure, shifts: list[arb]
+    ) -> ValueOnUnitCircle:
+        """From the loop over a box, at its centre, and X_i - c_i; not for the crossover's frequency."""
+        gains = [over.log_slope.real, *(g.real for g in over.log_gradient)]
+        log_gain = abs(centre.gain).log()
+
+        def enclosed(value: arb, slopes: list[arb]) -> tuple[arb, list[arb]]:
+            combined, multiplier = with_multiplier(slopes, gains)
+            variation = sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
+            return value + multiplier * log_gain + variation, combined
+
+        if quantity is CrossingQuantity.PHASE_SLOPE:
+            value, slopes = enclosed(centre.phase_slope, over.phase_slope_derivatives)
+            return cls(quantity, value, arb.nan(), slopes)
+        at_centre = lag_to_minus_one(angle_from_minus_one(centre.gain))
+        phase = [over.log_slope.imag, *(g.imag for g in over.log_gradient)]
+        lag, slopes = enclosed(at_centre, phase)
+        if quantity is CrossingQuantity.PHASE_MARGIN:
+            return cls(quantity, lag, lag, slopes)
+        # d/du (b/omega) = (b_u - b d ln omega/du)/omega, b by its own mean-value form
+        frequency = loop.frequency(over.omega)
+        around = at_centre + sum((p * d for p, d in zip(phase, shifts, strict=True)), arb(0))
+        first = (phase[0] - around * loop.stretch(over.omega)) / frequency
+        value, slopes = enclosed(at_centre / loop.frequency(centre.omega), [first, *(p / frequency for p in phase[1:])])
+        return cls(quantity, value, lag, slopes)
+
+    def is_within(self, level: float, upper: bool) -> bool:
+        """Whether psi <= level (upper), or psi >= level, wherever |L| = 1."""
+        if self.quantity is CrossingQuantity.PHASE_SLOPE:
+            return bool(self.value <= level if upper else self.value >= level)
+        turn = 2 * arb.pi()
+        if self.quantity is CrossingQuantity.PHASE_MARGIN:
+            if upper:
+                return bool(abs(self.lag) <= level or abs(self.lag - turn) <= level)
+            return bool(self.lag >= level and turn - self.lag >= level)
+        # on the next sheet b/omega would jump by 2 pi/omega
+        if upper:
+            return bool(self.lag >= 0 and self.value <= level)
+        return bool(self.lag < turn and self.value >= level)
+
+
+def with_multiplier(slopes: Sequence[arb], gains: Sequence[arb]) -> tuple[list[arb], float]:
+    """Derivatives of psi + lambda ln|L|, and the multiplier lambda for which the first vanishes at the centre."""
+    steep = float(gains[0].mid())
+    multiplier = -float(slopes[0].mid()) / steep if steep != 0.0 else 0.0
+    if not abs(multiplier) < _LARGEST_MULTIPLIER:
+        multiplier = 0.0
+    return [s + multiplier * g for s, g in zip(slopes, gains, strict=True)], multiplier

@@ -1,8 +1,6 @@
-"""Claims about every gain crossover:  wherever |L| = 1, a value psi stays on its side of a level.
+"""Claims about every gain crossover and about every phase crossover of every plant.
 
-On |L| = 1 the value psi equals the Lagrangian psi + lambda ln|L|.  The multiplier lambda is chosen so that the
-derivative along u vanishes at the box's centre.  The rest varies as psi does along the curve |L| = 1, to second order
-in the size of the box.
+Wherever |L| = 1 a value psi stays on its side of a level, by `crossing_quantities.ValueOnUnitCircle`.
 """
 
 from __future__ import annotations
@@ -25,10 +23,12 @@ from fopi_tune.proof.claims.claim import (
     max_smear_axis,
     tail_axis,
 )
-from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity, derivatives_of
-
-#: a larger multiplier of ln|L| would amplify rounding; the box is split instead
-_LARGEST_MULTIPLIER = 1e6
+from fopi_tune.proof.claims.crossing_quantities import (
+    CrossingEvaluator,
+    CrossingQuantity,
+    ValueOnUnitCircle,
+    with_multiplier,
+)
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,10 @@ class EveryCrossover(Claim):
         if math.isinf(box[0][0]) and math.isinf(box[0][1]):
             return BoxVerdict(None, 0)
         over = self.loop.over(box)
-        if has_no_gain_crossover(over):
+        if self._is_settled(over):
             return HOLDS
         if is_tail(box[0]):
-            return BoxVerdict(None, tail_axis(box, self.domain, lambda far: has_no_gain_crossover(self.loop.over(far))))
+            return BoxVerdict(None, tail_axis(box, self.domain, lambda far: self._is_settled(self.loop.over(far))))
         shifts = deviations(box)
         gradient = [over.log_slope, *over.log_gradient]
         if not all(g.is_finite() for g in gradient):
@@ -72,20 +72,23 @@ class EveryCrossover(Claim):
         if self.quantity is CrossingQuantity.CROSSOVER:  # nothing but |L| = 1 itself is in question
             beyond = box[0][1] <= self.level if self.upper else box[0][0] >= self.level
             return HOLDS if beyond else BoxVerdict(None, max_smear_axis(box, [g.real for g in gradient]))
-        value = self.evaluator.value(self.quantity, centre, centre_of(box)[1:])
-        slopes = derivatives_of(self.loop, self.quantity, over, value, shifts, centre.omega)
-        combined, multiplier = with_multiplier(slopes, [g.real for g in gradient])
-        total = value + multiplier * log_gain + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
-        if total <= self.level if self.upper else total >= self.level:
+        found = ValueOnUnitCircle.of(self.loop, self.quantity, over, centre, shifts)
+        if found.is_within(self.level, self.upper):
             return HOLDS
         work = 1
         if self.quantity is CrossingQuantity.PHASE_SLOPE and self.evaluator.may_cross_often:
             work = 1 if self.evaluator.knows_crossings(centre_of(box[1:])) else LISTING_WORK
             if (leaf := self._not_the_highest(box)) is not None:
                 return BoxVerdict(leaf, work=work)
-        if not all(c.is_finite() for c in combined):
+        if not all(c.is_finite() for c in found.slopes):
             return BoxVerdict(None, max_smear_axis(box, [abs(g) for g in gradient]), work=work)
-        return BoxVerdict(None, max_smear_axis(box, combined), work=work)
+        return BoxVerdict(None, max_smear_axis(box, found.slopes), work=work)
+
+    def _is_settled(self, over: LoopEnclosure) -> bool:
+        """Whether |L| = 1 nowhere in the box; of a delay margin, at the axis' upper end, |L| < 1: else it is 0."""
+        if over.high_tail and self.quantity is CrossingQuantity.DELAY_MARGIN:
+            return bool(over.size < 1)
+        return has_no_gain_crossover(over)
 
     def holds(self, box: Box, leaf: str) -> bool:
         if leaf[:1] != "h":
@@ -120,15 +123,6 @@ def has_no_gain_crossover(over: LoopEnclosure) -> bool:
         return bool(over.size < 1 or gain.abs_lower() > 1)
     inverse = over.inverse_gain
     return bool(inverse.is_finite() and inverse.abs_upper() < 1)
-
-
-def with_multiplier(slopes: list[arb], gains: list[arb]) -> tuple[list[arb], float]:
-    """Derivatives of psi + lambda ln|L|, and the multiplier lambda for which the first vanishes at the centre."""
-    steep = float(gains[0].mid())
-    multiplier = -float(slopes[0].mid()) / steep if steep != 0.0 else 0.0
-    if not abs(multiplier) < _LARGEST_MULTIPLIER:
-        multiplier = 0.0
-    return [s + multiplier * g for s, g in zip(slopes, gains, strict=True)], multiplier
 
 
 def parse_bracket(ends: str) -> Interval | None:

@@ -1,7 +1,7 @@
 """Claims that every plant has a crossing:  each box comes with a bracket of two frequencies with a change of sign.
 
 A leaf `x-1.25:-1.2` states: every plant of the box has a crossing between these values of u, and at every crossing
-there the value meets the level.
+there the value meets the level.  A leaf `e+` is about the limit at the axis' upper end, `e-` about that at 0.
 """
 
 from __future__ import annotations
@@ -26,8 +26,13 @@ from fopi_tune.proof.claims.claim import (
     magnitude,
     max_smear_axis,
 )
-from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity, derivatives_of
-from fopi_tune.proof.claims.crossings import changes_sign, parse_bracket, with_multiplier
+from fopi_tune.proof.claims.crossing_quantities import (
+    CrossingEvaluator,
+    CrossingQuantity,
+    ValueOnUnitCircle,
+    with_multiplier,
+)
+from fopi_tune.proof.claims.crossings import changes_sign, parse_bracket
 
 #: widths in u of the brackets tried for a crossing whose value does not matter
 _WIDTHS = (1.0, 4.0, 16.0)
@@ -50,6 +55,8 @@ _LISTED_TOGETHER = 50
 class SomeCrossover(Claim):
     """Every plant has a gain crossover with psi <= level (or >= level); without a level, any.
 
+    Of a delay margin, which is 0 where |L| does not fall below 1 at the axis' upper end: that, or such a crossover.
+
     Args:
         loop: gains and family.
         quantity: psi.
@@ -68,6 +75,8 @@ class SomeCrossover(Claim):
     evaluator: CrossingEvaluator = field(compare=False, repr=False)
 
     def examine(self, box: Box) -> BoxVerdict:
+        if self.quantity is CrossingQuantity.DELAY_MARGIN and self.holds(box, HIGH_END):
+            return BoxVerdict(HIGH_END)
         theta = centre_of(box[1:])
         followed = self.evaluator.followed_crossing(theta)
         leaf, axis, tried = self._first_leaf(followed, box)
@@ -122,7 +131,7 @@ class SomeCrossover(Claim):
         values: list[tuple[float, float]] = []
         for u in found:
             at = self.loop.at_centre(((u, u), *((value, value) for value in theta)))
-            value = float(self.evaluator.value(self.quantity, at, theta).mid())
+            value = float(self.evaluator.value(self.quantity, at).mid())
             if not self._misses_level(value):
                 values.append((value, u))
         return [u for _, u in sorted(values, reverse=not self.upper)][:2]
@@ -135,6 +144,8 @@ class SomeCrossover(Claim):
         return beyond > _DOUBT * max(1.0, abs(self.level))
 
     def holds(self, box: Box, leaf: str) -> bool:
+        if leaf == HIGH_END:
+            return self._stays_large(box)
         bracket = parse_bracket(leaf[1:]) if leaf[:1] == "x" else None
         if bracket is None:
             return False
@@ -148,14 +159,18 @@ class SomeCrossover(Claim):
         return changes_sign(self.loop, bracket, box[1:]) and self._meets_level(self.level, (bracket, *box[1:]))
 
     def _meets_level(self, level: float, box: Box) -> bool:
-        over, centre, shifts = self.loop.over(box), self.loop.at_centre(box), deviations(box)
-        value = self.evaluator.value(self.quantity, centre, centre_of(box)[1:])
-        slopes = derivatives_of(self.loop, self.quantity, over, value, shifts, centre.omega)
-        gains = [over.log_slope.real, *(g.real for g in over.log_gradient)]
-        combined, multiplier = with_multiplier(slopes, gains)
-        total = value + multiplier * abs(centre.gain).log()
-        total = total + sum((c * d for c, d in zip(combined, shifts, strict=True)), arb(0))
-        return bool(total <= level if self.upper else total >= level)
+        over, centre = self.loop.over(box), self.loop.at_centre(box)
+        return ValueOnUnitCircle.of(self.loop, self.quantity, over, centre, deviations(box)).is_within(
+            level, self.upper
+        )
+
+    def _stays_large(self, box: Box) -> bool:
+        """Whether the delay margin of every plant is 0, because |L| > 1 at the axis' upper end."""
+        if self.quantity is not CrossingQuantity.DELAY_MARGIN or self.level is None or not self.upper or self.level < 0:
+            return False
+        over = self.loop.over(((_FAR_OUT, math.inf), *box[1:]))
+        gain, inverse = over.gain, over.inverse_gain
+        return bool(gain.abs_lower() > 1 if gain.is_finite() else inverse.is_finite() and inverse.abs_upper() < 1)
 
     def to_dict(self) -> dict[str, Any]:
         return {

@@ -20,7 +20,7 @@ are divided by |1 - w|: with theta = omega Ts/2, k = cos theta and y = t sin the
 
     k + jy in the place of 1 + jx,    G/|1 - w| = K C e^{-j (2l + 1) theta} in that of G .                          (1a)
 
-Gain crossovers.  |L| = 1 iff x = sqrt(|G|^2 - 1), hence  PM = pi + arg G - atan x  at that omega alone.             (2)
+Gain crossovers.  |L| = 1 iff x = sqrt(|G|^2 - 1), hence  b = pi + arg G - atan x  at that omega alone.              (2)
 
 Phase crossovers.  L = -m < 0 iff G = -m (1 + jx), hence  m = -Re G,  x = Im G/Re G.                                 (3)
 
@@ -45,7 +45,12 @@ from fopi_tune.proof.balls.plant import assemble
 from fopi_tune.proof.balls.sampled import SampledBallLoop
 from fopi_tune.proof.claims.bound import Bound
 from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim
-from fopi_tune.proof.claims.crossing_quantities import CrossingQuantity
+from fopi_tune.proof.claims.crossing_quantities import (
+    CrossingQuantity,
+    ValueOnUnitCircle,
+    angle_from_minus_one,
+    lag_to_minus_one,
+)
 from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
 from fopi_tune.proof.claims.lag_response import (
     LagNyquistTail,
@@ -256,16 +261,15 @@ class LagCrossover(_LagClaim):
         root = (square - 1).sqrt()
         if not (root.is_finite() and root > 0 and y > 0):
             return _CUT
-        value = arb.pi() + centre.g_phase - y.sqrt().atan()
+        at_centre = lag_to_minus_one(angle_from_minus_one(centre.g) - y.sqrt().atan())
         # d atan(sqrt y)/du = (dy/du)/(2 sqrt y (1 + y)), and dy/du = 2 (1 + y) Re d ln G/du
         slope = over.log_slope.imag - over.log_slope.real / root
+        value = lag = at_centre + slope * shift
         if self.general.quantity is CrossingQuantity.DELAY_MARGIN:
-            margin = value + slope * shift
-            value = value / centre.frequency
-            slope = (slope - margin * over.stretch) / over.frequency
-        total = value + slope * shift
-        level = self.general.level
-        return HOLDS if (total <= level if self.general.upper else total >= level) else _CUT
+            slope = (slope - lag * over.stretch) / over.frequency
+            value = at_centre / centre.frequency + slope * shift
+        found = ValueOnUnitCircle(self.general.quantity, value, lag, [slope])
+        return HOLDS if found.is_within(self.general.level, self.general.upper) else _CUT
 
 
 @dataclass(frozen=True)

@@ -40,13 +40,6 @@ def _delay_factor(loop: BallLoop, omega: arb, dead_time: arb) -> tuple[acb, acb]
     return acb(1, -omega) * acb(cosine, -sine), slope
 
 
-def _delay_phase(loop: BallLoop, omega: arb, dead_time: arb) -> arb:
-    """arg h."""
-    if not isinstance(loop, SampledBallLoop):
-        return -omega * dead_time
-    return -(2 * (loop.whole_samples or 0) + 1) * omega.atan()
-
-
 @dataclass(frozen=True)
 class ScaledTerms:
     """The summands of 1 + jx + G, or of the same by (1a).
@@ -82,7 +75,7 @@ class LagResponse:
     """G and its derivative over an interval of u."""
 
     def __init__(self, loop: BallLoop, u: arb, plant: tuple[arb, arb], tau: tuple[arb, arb]) -> None:
-        self._loop, self._u, self._tau = loop, u, tau
+        self._loop, self._tau = loop, tau
         self.gain, self.dead_time = plant
         self.omega = u.exp()
         c, slope = loop.controller(u)
@@ -128,13 +121,6 @@ class LagResponse:
         slope = g * (self.c_slope - acb(0, turns * sine * cosine))
         ends = self._tau[0] * sine, self._tau[1] * sine
         return ScaledTerms((cosine, -sine * sine * cosine), cosine * cosine, g, slope, ends)
-
-    @property
-    def g_phase(self) -> arb:
-        """arg G, unwrapped, at one frequency."""
-        phase = self._loop.controller_phase(self._u) + _delay_phase(self._loop, self.omega, self.dead_time)
-        # two minus signs cancel
-        return phase - arb.pi() if (self.gain < 0) != self._loop.controller_is_negative else phase
 
     @property
     def frequency(self) -> arb:

@@ -14,7 +14,6 @@ Source: derived from the argument principle.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,11 +21,11 @@ from flint import acb, arb
 
 from fopi_tune.proof.balls.argument_principle import argument_change
 from fopi_tune.proof.balls.box import Box, ball_of
-from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
-from fopi_tune.proof.balls.plant import PlantEnclosure, assemble, polynomial
+from fopi_tune.proof.balls.loop import BallLoop
+from fopi_tune.proof.balls.plant import PlantEnclosure, assemble
 from fopi_tune.proof.balls.sampled import SampledBallLoop
 from fopi_tune.proof.balls.sampled_roots import count_unstable_roots
-from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim, longest_axis, longest_parameter_axis, tail_axis
+from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim, longest_parameter_axis
 
 _STEP = 1.0
 _FARTHEST = 600.0
@@ -182,62 +181,3 @@ class NoPoleAtTheEnds(Claim):
 
     def to_dict(self) -> dict[str, Any]:
         return {"kind": "no_pole_at_the_ends"}
-
-
-@dataclass(frozen=True)
-class NoAxisRoot(Claim):
-    """The numerator (or the denominator) of no plant has a root j omega, omega > 0: roots keep their half-plane.
-
-    Args:
-        loop: gains and family.
-        denominator: which polynomial.
-        domain: frequencies and plants.
-        origin: u at which the whole frequency axis is split first.
-    """
-
-    loop: BallLoop
-    denominator: bool
-    domain: Box
-    origin: float
-
-    def examine(self, box: Box) -> BoxVerdict:
-        if box[0][0] == -math.inf and box[0][1] == math.inf:
-            return BoxVerdict(None, 0)
-        over = self.loop.over(box)
-        if self._is_not_0(over):
-            return HOLDS
-        if over.low_tail or over.high_tail:
-            return BoxVerdict(None, tail_axis(box, self.domain, lambda far: self._is_not_0(self.loop.over(far))))
-        return BoxVerdict(None, longest_axis(box, self.domain))
-
-    def _is_not_0(self, over: LoopEnclosure) -> bool:
-        coefficients = [c.value for c in (over.plant.denominator if self.denominator else over.plant.numerator)]
-        while len(coefficients) > 1 and coefficients[-1].is_zero():  # roots fixed at 0
-            coefficients.pop()
-        if over.high_tail:
-            # X(s)/s^k in 1/s, k its own degree; a leading 0 that stays there is no root
-            while len(coefficients) > 1 and coefficients[0].is_zero():
-                coefficients.pop(0)
-            coefficients.reverse()
-        value = polynomial(coefficients, over.s)
-        if value.is_finite() and not value.contains(0):
-            return True
-        if over.high_tail and not self.denominator:
-            # of X/s^k in 1/s: a real zero may pass through infinity, where the other part of X does not vanish
-            return _odd_part_is_not_0(coefficients, over.omega)
-        return over.low_tail and self.denominator and _odd_part_is_not_0(coefficients, over.omega)
-
-    def to_dict(self) -> dict[str, Any]:
-        return {"kind": "no_axis_root", "polynomial": "denominator" if self.denominator else "numerator"}
-
-
-def _odd_part_is_not_0(coefficients: list[arb], omega: arb) -> bool:
-    """Im X(j omega)/omega = x1 - x3 omega^2 + ... keeps away from 0: a real pole may pass through the origin.
-
-    In the high tail the same of X's reversed coefficients in 1/omega.
-    """
-    odd = [*reversed(coefficients)][1::2]
-    value = arb(0)
-    for coefficient in reversed(odd):
-        value = coefficient - omega * omega * value
-    return bool(odd) and not value.contains(0)

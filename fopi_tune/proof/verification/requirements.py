@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops
 from fopi_tune.proof.verification.crossing_changes import SamplePair
-from fopi_tune.proof.verification.results import Extreme, Outcome, Place, RequirementResult
+from fopi_tune.proof.verification.results import Extreme, Outcome, Place, RequirementResult, Stability
 from fopi_tune.proof.verification.worst_case import find_worst_case, place_of
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import Relation, Requirement, Scope
@@ -18,12 +19,15 @@ from fopi_tune.spec.model import Relation, Requirement, Scope
 _LARGEST_EXPONENT = 700.0
 
 
-def check_requirement(requirement: Requirement, samples: SamplePair, tolerance: float) -> RequirementResult:
+def check_requirement(
+    requirement: Requirement, samples: SamplePair, stability: Stability, tolerance: float
+) -> RequirementResult:
     """Find the worst value of the requirement's quantity and score it.
 
     Args:
         requirement: to be checked.
         samples: the family with the controller.
+        stability: of the family: an unstable member has no margin.
         tolerance: allowed violation, in natural units.
     """
     implementation = samples.base.implementation
@@ -31,6 +35,9 @@ def check_requirement(requirement: Requirement, samples: SamplePair, tolerance: 
         place = place_of(samples.base, samples.base.nominal_x, requirement.from_rad_s)
         return RequirementResult(requirement, None, Outcome.BEYOND_NYQUIST, None, None, place)
     sides = [largest for largest in (False, True) if _has_side(requirement, largest)]
+    if not stability.stable and QUANTITIES[requirement.quantity].is_margin and requirement.scope is Scope.FAMILY:
+        unstable = replace(stability.worst, omega_rad_s=None)
+        return assess_requirement(requirement, tuple(Extreme(s, None, unstable) for s in sides), tolerance)
     results = [_one_side(requirement, samples, largest) for largest in sides]
     extremes = tuple(
         Extreme(largest, None if math.isnan(achieved) else achieved, place)

@@ -47,7 +47,8 @@ class Extreme:
 
     Args:
         largest: the largest value, else the smallest.
-        achieved: in the quantity's public unit; None where a member has none: no gain crossover, or of a margin, unstable.
+        achieved: in the quantity's public unit; None where a member has none: no gain crossover, or, of a margin, an
+            unstable loop.
         worst: where.
     """
 

@@ -37,7 +37,9 @@ def verify(
     """
     samples = SamplePair(Sample.of(spec.plant, gains, implementation))
     stability = check_stability(samples.base)
-    requirements = tuple(check_requirement(requirement, samples, tolerance) for requirement in spec.requirements)
+    requirements = tuple(
+        check_requirement(requirement, samples, stability, tolerance) for requirement in spec.requirements
+    )
     objective, objective_worst = evaluate_objective(spec.objective, samples, requirements)
     return Verification(
         gains=gains,
