@@ -41,14 +41,16 @@ class Measured:
         value: nan where a loop has no such quantity: a margin of an unstable loop, a crossover where |L| never is 1;
             inf for a margin that does not end.
         omega_rad_s: the frequency at which that value occurs; 0, inf or nan where there is none.
+        work: counted effort for all rows together, in cells of a search for peaks.
     """
 
     value: Array
     omega_rad_s: Array
+    work: int = 0
 
     def where(self, rows: NDArray[np.bool_]) -> Measured:
         """The same, without a value in all other rows."""
-        return Measured(np.where(rows, self.value, np.nan), np.where(rows, self.omega_rad_s, np.nan))
+        return Measured(np.where(rows, self.value, np.nan), np.where(rows, self.omega_rad_s, np.nan), self.work)
 
 
 def smallest_by_row(crossings: Crossings, values: Array, rows: int) -> Measured:

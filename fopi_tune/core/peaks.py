@@ -50,10 +50,12 @@ class Extremes:
     Args:
         value: ln of the absolute value; -inf and inf are limits as omega -> 0 or inf.
         omega_rad_s: where; 0 or inf when it is approached in that limit.
+        cells: examined for all rows together: the effort of the search.
     """
 
     value: Array
     omega_rad_s: Array
+    cells: int = 0
 
 
 @dataclass(frozen=True)
@@ -149,11 +151,11 @@ def extremes(loops: Loops, response: Response, from_rad_s: float, to_rad_s: floa
     if to_rad_s == np.inf:
         limits.append((sign * _limit(inverse, at_zero=False, sign=sign), loops.highest_rad_s))
     floor = np.max([limit for limit, _ in limits], axis=0) if limits else np.full(len(loops), -np.inf)
-    best, u = _branch_and_bound(inverse, low, high, sign, floor)
+    best, u, cells = _branch_and_bound(inverse, low, high, sign, floor)
     where = loops.omega_of(u)
     for limit, omega in limits:
         best, where = _better(best, where, limit, omega)
-    return Extremes(sign * best, where)
+    return Extremes(sign * best, where, cells)
 
 
 def _better(best: Array, where: Array, candidate: Array, omega: float) -> tuple[Array, Array]:
@@ -227,8 +229,11 @@ def _limit(inverse: _Sum, at_zero: bool, sign: float) -> Array:
     return np.where(np.abs(leading) < 1e-12, constant, np.where(leading < 0, -np.inf, np.inf))
 
 
-def _branch_and_bound(inverse: _Sum, low: Array, high: Array, sign: float, floor: Array) -> tuple[Array, Array]:
-    """max over u of sign * (-ln|K|), and its u; a row an interval.  Cells with a bound below `floor` are dropped."""
+def _branch_and_bound(inverse: _Sum, low: Array, high: Array, sign: float, floor: Array) -> tuple[Array, Array, int]:
+    """max over u of sign * (-ln|K|), its u, and the number of cells; a row an interval.
+
+    Cells with a bound below `floor` are dropped.
+    """
     m = len(low)
     r, a, b = _pieces(np.arange(m), low, high, _FIRST_CELLS)
     best, where = np.full(m, -np.inf), low.copy()
@@ -250,7 +255,7 @@ def _branch_and_bound(inverse: _Sum, low: Array, high: Array, sign: float, floor
         offer(r, 0.5 * (a + b), value)
         keep = (bound > np.maximum(best, floor)[r] + _TOLERANCE) & (0.5 * (b - a) > _SMALLEST_WIDTH)
         r, a, b = _pieces(r[keep], a[keep], b[keep], _PIECES)
-    return best, where
+    return best, where, work
 
 
 def _in_portions(inverse: _Sum, rows: Rows, low: Array, high: Array, sign: float) -> tuple[Array, Array]:

@@ -24,7 +24,7 @@ class FrequencyFunction(Quantity):
 
     def measure(self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float) -> Measured:
         found = extremes(loops, self.response, from_rad_s, to_rad_s, largest)
-        return Measured(found.value / NEPER_PER_DB, found.omega_rad_s)
+        return Measured(found.value / NEPER_PER_DB, found.omega_rad_s, found.cells)
 
 
 class Sensitivity(FrequencyFunction):

@@ -13,7 +13,7 @@ from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.proof.verification.crossing_changes import SamplePair
 from fopi_tune.proof.verification.results import Place, RequirementResult
-from fopi_tune.proof.verification.sample import LoopFunction, Sample
+from fopi_tune.proof.verification.sample import LoopFunction, Sample, with_work
 from fopi_tune.proof.verification.stability import sensitivity_peak
 from fopi_tune.proof.verification.worst_case import find_worst_case
 from fopi_tune.quantities import QUANTITIES
@@ -74,10 +74,10 @@ def _phase_margin_spread(objective: Objective, samples: SamplePair) -> Value:
     measure = QUANTITIES["phase_margin_deg"].measure
     nominal = measure(samples.base.nominal_loop, False, 0.0, np.inf).value[0]
 
-    def criterion(loops: Loops) -> tuple[Array, Array]:
+    def criterion(loops: Loops) -> tuple[Array, Array, Array]:
         found = measure(loops, False, 0.0, np.inf)
         apart = np.abs(found.value - nominal)
-        return np.where(np.isfinite(apart), apart, np.nan), found.omega_rad_s
+        return with_work(np.where(np.isfinite(apart), apart, np.nan), found.omega_rad_s, found.work)
 
     return _worst(samples.refined, criterion)
 
@@ -101,9 +101,9 @@ def _peak(response: Response) -> Callable[[Objective, SamplePair], Value]:
     def value(objective: Objective, samples: SamplePair) -> Value:
         """The largest gain over all members and frequencies, dB."""
 
-        def criterion(loops: Loops) -> tuple[Array, Array]:
+        def criterion(loops: Loops) -> tuple[Array, Array, Array]:
             found = extremes(loops, response, 0.0, np.inf)
-            return found.value / NEPER_PER_DB, found.omega_rad_s
+            return with_work(found.value / NEPER_PER_DB, found.omega_rad_s, found.cells)
 
         return _worst(samples.base, criterion)
 

@@ -11,6 +11,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops
 from fopi_tune.proof.verification.crossing_changes import SamplePair
 from fopi_tune.proof.verification.results import Extreme, Outcome, Place, RequirementResult, Stability
+from fopi_tune.proof.verification.sample import with_work
 from fopi_tune.proof.verification.worst_case import find_worst_case, place_of
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import Relation, Requirement, Scope
@@ -70,15 +71,15 @@ def _one_side(requirement: Requirement, samples: SamplePair, largest: bool) -> t
     """The largest or the smallest value over the scope and the band; nan where a member has none."""
     quantity, sign = QUANTITIES[requirement.quantity], 1.0 if largest else -1.0
 
-    def criterion(loops: Loops) -> tuple[Array, Array]:
+    def criterion(loops: Loops) -> tuple[Array, Array, Array]:
         found = quantity.measure(loops, largest, requirement.from_rad_s, requirement.to_rad_s)
-        return sign * found.value, found.omega_rad_s
+        return with_work(sign * found.value, found.omega_rad_s, found.work)
 
     # Frequency functions are continuous over the box; values at crossings jump where the number of crossings changes.
     nominal = requirement.scope is Scope.NOMINAL
     sample = samples.base if nominal or quantity.takes_band else samples.refined
     if nominal:
-        value, omega = criterion(sample.nominal_loop)
+        value, omega, _ = criterion(sample.nominal_loop)
         return sign * float(value[0]), place_of(sample, sample.nominal_x, float(omega[0]))
     worst = find_worst_case(sample, criterion)
     return sign * worst.value, worst.place(sample)

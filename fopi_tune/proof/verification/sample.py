@@ -20,8 +20,9 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.errors import DomainError
 
-#: m loops -> (value (m,), frequency at which it is attained (m,)); nan where a loop has no such value
-LoopFunction = Callable[[Loops], tuple[Array, Array]]
+#: m loops -> arrays (m,): value, frequency at which it is attained and, where it is counted, the work of each; nan
+#: where a loop has no such value
+LoopFunction = Callable[[Loops], tuple[Array, ...]]
 
 #: grid points an axis, for one, two and three uncertain numbers
 _GRID = {1: 65, 2: 17, 3: 9}
@@ -29,6 +30,11 @@ _MOST_CORNERS = 256
 _SOBOL_POINTS = 1024
 #: rows evaluated together, to limit the memory for crossings
 _CHUNK = 1024
+
+
+def with_work(value: Array, omega_rad_s: Array, work: int) -> tuple[Array, Array, Array]:
+    """A `LoopFunction`'s result, from the work for all loops together."""
+    return value, omega_rad_s, np.full(len(value), work / max(len(value), 1))
 
 
 @dataclass(frozen=True)
@@ -122,7 +128,7 @@ class Sample:
         return replace(self, x=np.concatenate([self.x, x])) if len(x) else self
 
 
-def evaluate(loops: Loops, criterion: LoopFunction) -> tuple[Array, Array]:
+def evaluate(loops: Loops, criterion: LoopFunction) -> tuple[Array, ...]:
     """The function of every loop, in chunks; a chunk with too many crossings to list at once is halved."""
     if len(loops) > _CHUNK:
         return _halves(loops, criterion)
@@ -134,11 +140,11 @@ def evaluate(loops: Loops, criterion: LoopFunction) -> tuple[Array, Array]:
         return _halves(loops, criterion)
 
 
-def _halves(loops: Loops, criterion: LoopFunction) -> tuple[Array, Array]:
+def _halves(loops: Loops, criterion: LoopFunction) -> tuple[Array, ...]:
     rows, middle = np.arange(len(loops)), len(loops) // 2
     first = evaluate(loops.take(rows[:middle]), criterion)
     second = evaluate(loops.take(rows[middle:]), criterion)
-    return np.concatenate([first[0], second[0]]), np.concatenate([first[1], second[1]])
+    return tuple(np.concatenate(pair) for pair in zip(first, second, strict=True))
 
 
 def _corners(p: int) -> Array:

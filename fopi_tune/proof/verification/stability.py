@@ -15,7 +15,7 @@ from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.results import Stability
-from fopi_tune.proof.verification.sample import Sample, evaluate
+from fopi_tune.proof.verification.sample import Sample, evaluate, with_work
 from fopi_tune.proof.verification.worst_case import find_worst_case, place_of
 from fopi_tune.quantities.base import NEPER_PER_DB
 
@@ -49,10 +49,10 @@ def check_stability(sample: Sample) -> Stability:
     return Stability(True, peak_db, worst.place(sample), 0, reason)
 
 
-def sensitivity_peak(loops: Loops) -> tuple[Array, Array]:
-    """ln of the largest |S| over all frequencies, and where; shapes (m,)."""
+def sensitivity_peak(loops: Loops) -> tuple[Array, Array, Array]:
+    """ln of the largest |S| over all frequencies, where, and the work; shapes (m,)."""
     found = extremes(loops, Response.SENSITIVITY, 0.0, np.inf)
-    return found.value, found.omega_rad_s
+    return with_work(found.value, found.omega_rad_s, found.cells)
 
 
 def _counts(sample: Sample, x: Array) -> Array:
@@ -82,7 +82,7 @@ def _refuse_too_many_turns(sample: Sample, turns: Array) -> None:
 
 def _unstable(sample: Sample, x: Array, count: float) -> Stability:
     loop = sample.loops_at(x[None, :])
-    peak, omega = sensitivity_peak(loop)
+    peak, omega, _ = sensitivity_peak(loop)
     poles = round(count) if np.isfinite(count) else None
     place = place_of(sample, x, float(omega[0]))
     return Stability(False, float(peak[0]) / NEPER_PER_DB, place, poles, _reason(loop, count, float(omega[0])))
