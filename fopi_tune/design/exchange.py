@@ -91,6 +91,7 @@ class Exchange:
     box: ControllerSpec
     capacity: int = _FIRST_CAPACITY
     solves: int = 0
+    endless_margins: bool = False
     problem: Problem = field(init=False)
     oracle: Oracle = field(init=False)
 
@@ -203,6 +204,7 @@ class Exchange:
                 active,
                 relaxed,
                 trust_radius,
+                self.endless_margins,
             )
             solved = self._solve(task, gains)
             if not solved.success and cuts.peaks:

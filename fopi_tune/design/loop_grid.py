@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.crossings import gain_crossovers
+from fopi_tune.core.crossings import Crossings, gain_crossovers
 from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.design.margin_sides import Sides, sides_of
 
 
 class Track(Enum):
@@ -31,6 +32,8 @@ class LoopNumbers:
 
     log_gain: Array
     phase_rad: Array
+    phase_margin_rad: Array
+    lag_to_minus_one_rad: Array
     phase_slope_rad: Array
     log_return_difference: Array
     log_controller: Array
@@ -50,16 +53,16 @@ class LoopGrid:
         with np.errstate(divide="ignore"):
             controller = self.loops.controller_response(np.zeros(n, dtype=np.intp), omega)
             self.log_controller = np.log(np.abs(controller))
-        self._gain_crossings: tuple[Rows, Array] | None = None
+        self._gain_crossings: Crossings | None = None
+        self._sides: Sides | None = None
 
     def nominal(self) -> tuple[float, float]:
         """Phase margin (rad) and ln of the highest gain crossover of the first plant; nan and mid-grid without one."""
-        rows, u = self.gain_crossings()
-        mine = u[rows == 0]
-        if not len(mine):
+        found, sides = self.gain_crossings(), self.sides()
+        mine = found.row == 0
+        if not mine.any():
             return math.nan, float(0.5 * (self.u[0] + self.u[-1]))
-        phases = self.loops.log_response(np.zeros(len(mine), dtype=np.intp), mine).imag
-        return float(np.pi + phases.min()), float(mine.max())
+        return float((sides.side * sides.angle_rad)[mine].min()), float(found.u[mine].max())
 
     def in_band(
         self, slack: Callable[[LoopNumbers], Array], low_u: float, high_u: float, rows: Rows
@@ -69,11 +72,12 @@ class LoopGrid:
         z = self.log_l[rows][:, inside].ravel()
         u = np.tile(self.u[inside], len(rows))
         controller = np.tile(self.log_controller[inside], len(rows))
-        numbers = LoopNumbers(z.real, z.imag, np.zeros(len(z)), _log_one_plus(z), controller, u, np.exp(u))
+        no = np.zeros(len(z))
+        numbers = LoopNumbers(z.real, z.imag, no, no, no, _log_one_plus(z), controller, u, np.exp(u))
         return slack(numbers).reshape(len(rows), -1), self.u[inside]
 
-    def gain_crossings(self) -> tuple[Rows, Array]:
-        """(row, u) of the gain crossovers that are visible on the grid."""
+    def gain_crossings(self) -> Crossings:
+        """The gain crossovers that are visible on the grid."""
         if self._gain_crossings is None:
             rows, u = self._crossings(self.log_l.real >= 0, Track.GAIN_CROSSOVER)
             dip_rows, dip_u = self._dips()
@@ -85,8 +89,16 @@ class LoopGrid:
                 rows = np.concatenate([rows, missing[beyond.row]])
                 u = np.concatenate([u, np.log(beyond.omega_rad_s)])
             order = np.lexsort((u, rows))
-            self._gain_crossings = rows[order], u[order]
+            rows, u = rows[order], u[order]
+            z, slope = self.loops.log_response_and_slope(rows, u)
+            self._gain_crossings = Crossings(rows, u, np.exp(u), np.exp(z.real), z.imag, slope.imag)
         return self._gain_crossings
+
+    def sides(self) -> Sides:
+        """On which side of -1 each of these gain crossovers must stay, and which loops are stable."""
+        if self._sides is None:
+            self._sides = sides_of(self.loops, self.gain_crossings())
+        return self._sides
 
     def _dips(self) -> tuple[Rows, Array]:
         """Pairs of crossovers between grid points, where ln|L| has a minimum or maximum close to 0."""
@@ -123,9 +135,9 @@ class LoopGrid:
         return rows[small], u[small]
 
     def nearest_to_crossover(self) -> tuple[Array, Array]:
-        """The smallest | ln|L| | of each plant and its u."""
-        best = np.argmin(np.abs(self.log_l.real), axis=1)
-        return np.abs(self.log_l.real)[np.arange(len(best)), best], self.u[best]
+        """ln|L| of each plant where it is nearest to 0, and the u of that."""
+        rows, best = np.arange(len(self.log_l)), np.argmin(np.abs(self.log_l.real), axis=1)
+        return self.log_l.real[rows, best], self.u[best]
 
     def _crossings(self, cell: NDArray[Any], track: Track) -> tuple[Rows, Array]:
         """Where `cell` changes along the grid, refined by Newton's method."""
@@ -153,13 +165,36 @@ def tracked(loops: Loops, u: Array, track: Rows) -> Array:
     return u
 
 
-def numbers_at(loops: Loops, rows: Rows, u: Array) -> LoopNumbers:
-    """The values from which quantities are computed, at given rows and u."""
-    z = loops.log_response(rows, u)
+def numbers_at(
+    loops: Loops, rows: Rows, u: Array, side: Array | None = None, angle_near_rad: Array | None = None
+) -> LoopNumbers:
+    """The values from which quantities are computed.
+
+    Args:
+        loops: m loops.
+        rows: which of them, shape (n,).
+        u: ln omega, shape (n,).
+        side: on which side of -1 a gain crossover must stay, shape (n,); without it, where it is.
+        angle_near_rad: the angle from -1 is within half a turn of it, shape (n,); 0 when left out.
+    """
+    z, slope = loops.log_response_and_slope(rows, u)
     omega = np.exp(u)
     with np.errstate(divide="ignore"):
         log_controller = np.log(np.abs(loops.controller_response(rows, omega)))
-    return LoopNumbers(z.real, z.imag, loops.log.derivative(rows, u).imag, _log_one_plus(z), log_controller, u, omega)
+    near = 0.0 if angle_near_rad is None else angle_near_rad
+    angle = near + np.pi - np.mod(near - z.imag, 2.0 * np.pi)
+    side = np.where(angle < 0.0, -1.0, 1.0) if side is None else side
+    return LoopNumbers(
+        log_gain=z.real,
+        phase_rad=z.imag,
+        phase_margin_rad=side * angle,
+        lag_to_minus_one_rad=angle + np.pi * (1.0 - side),
+        phase_slope_rad=slope.imag,
+        log_return_difference=_log_one_plus(z),
+        log_controller=log_controller,
+        log_omega=u,
+        omega_rad_s=omega,
+    )
 
 
 def part_of(numbers: LoopNumbers, part: slice) -> LoopNumbers:

@@ -11,17 +11,19 @@ import copy
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.crossings import Crossings, gain_crossovers
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.design.constraints import STABILITY_GUARD, Bound, Constraint, Scale
+from fopi_tune.design.constraints import Bound, Constraint, Scale
 from fopi_tune.design.loop_grid import LoopGrid, LoopNumbers, Track, discounted_error, numbers_at, part_of, tracked
+from fopi_tune.design.margin_sides import Sides, sides_of
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
@@ -32,6 +34,8 @@ _CANDIDATES = 2
 #: the smallest few are refined
 _NEAR_DIP = 0.1
 _MOST_DIPS = 3
+#: natural units; a refined slack that differs more from the one of all crossovers was read at the wrong one
+_SAME_SLACK = 1e-6
 #: offsets in ln omega within a refinement star, as multiples of its radius
 _U_STAR = np.array([0.0, -1.0, -0.5, 0.5, 1.0])
 
@@ -45,12 +49,15 @@ class Finding:
         slack: of the constraint in natural units, negative where violated; of the objective, minus its value.
         theta: the plant, a point of the box, shape (p,).
         omega_rad_s: the frequency.
+        side, angle_rad: of a gain crossover, as in `fopi_tune.design.margin_sides`.
     """
 
     constraint: int | None
     slack: float
     theta: Array
     omega_rad_s: float
+    side: float = 1.0
+    angle_rad: float = 0.0
 
 
 class Oracle:
@@ -91,14 +98,38 @@ class Oracle:
         nominal_margin, nominal_u = table.nominal()
         rough: list[Finding] = []
         for probe in self.probes:
-            value, u = probe.on_grid(table, nominal_margin, nominal_u)
-            rows = [0] if probe.nominal else _distinct_worst(value, self.points, self.low, self.high)
-            places = [(i, w) for i in rows for w in probe.frequencies(table, nominal_margin, i, float(np.exp(u[i])))]
-            rough += [Finding(probe.constraint, float(value[i]), self.points[i], w) for i, w in places]
+            worst = probe.on_grid(table, nominal_margin, nominal_u)
+            rows = [0] if probe.nominal else _distinct_worst(worst.slack, self.points, self.low, self.high)
+            for i in rows:
+                found = worst.finding(probe.constraint, i, self.points[i])
+                places = probe.frequencies(table, nominal_margin, i, found.omega_rad_s)
+                rough += [replace(found, omega_rad_s=w) for w in places]
         exact = [f for f in rough if f.slack > within and f.constraint is not None]
-        return exact + self._refined(
-            gains, [f for f in rough if not (f.slack > within and f.constraint is not None)], nominal_margin
-        )
+        near = [f for f in rough if not (f.slack > within and f.constraint is not None)]
+        return exact + self._confirmed(gains, near, self._refined(gains, near, nominal_margin), nominal_margin)
+
+    def _confirmed(
+        self, gains: FoPi, rough: list[Finding], refined: list[Finding], nominal_margin: float
+    ) -> list[Finding]:
+        """The refined findings, those at gain crossovers compared with all crossovers of their plant.
+
+        From one plant of a star to the next a crossover may be lost for another one, or a loop become unstable.
+        """
+        by_constraint = {probe.constraint: probe for probe in self.probes}
+        asked = [i for i, f in enumerate(refined) if by_constraint[f.constraint].kind is _Kind.GAIN_CROSSOVER]
+        if not asked:
+            return refined
+        loops = Loops.of(gains, Plants.members(self.family, np.array([refined[i].theta for i in asked])))
+        crossings = gain_crossovers(loops)
+        sides = sides_of(loops, crossings)
+        best = list(refined)
+        for row, i in enumerate(asked):
+            found = refined[i]
+            worst = by_constraint[found.constraint].at_crossovers(loops, crossings, sides, nominal_margin)
+            if abs(worst.slack[row] - found.slack) > _SAME_SLACK:
+                again = worst.finding(found.constraint, row, found.theta)
+                best[i] = min(rough[i], again, key=lambda f: f.slack)
+        return best
 
     def _refined(self, gains: FoPi, rough: list[Finding], nominal_margin: float) -> list[Finding]:
         """Pattern search on shrinking stars in plant and frequency; all findings are one batch a round."""
@@ -126,14 +157,24 @@ class Oracle:
             u_all = tracked(
                 loops, u_all, np.concatenate([np.full(len(u), _TRACK[tasks[i][0].kind].value) for i, _, u in offers])
             )
-            numbers = numbers_at(loops, np.arange(len(loops)), u_all)
+            counts = [len(u) for _, _, u in offers]
+            side = np.repeat([best[i].side for i, _, _ in offers], counts)
+            angle = np.repeat([best[i].angle_rad for i, _, _ in offers], counts)
+            numbers = numbers_at(loops, np.arange(len(loops)), u_all, side, angle)
             for i, points, u in offers:
                 part = slice(first, first + len(u))
                 first += len(u)
                 value = tasks[i][0].slack_at(part_of(numbers, part), loops, part, nominal_margin)
                 q = int(np.argmin(value))
                 if value[q] < best[i].slack:
-                    best[i] = Finding(best[i].constraint, float(value[q]), points[q], float(np.exp(u_all[part][q])))
+                    angle_rad = best[i].side * float(numbers.phase_margin_rad[part][q])
+                    best[i] = replace(
+                        best[i],
+                        slack=float(value[q]),
+                        theta=points[q],
+                        omega_rad_s=float(np.exp(u_all[part][q])),
+                        angle_rad=angle_rad,
+                    )
             radius, u_radius = radius * _ZOOM_FACTOR, u_radius * _ZOOM_FACTOR
         return best
 
@@ -156,6 +197,28 @@ _TRACK = {
 
 
 @dataclass(frozen=True)
+class _Worst:
+    """The smallest slack of each of m plants, its u, and of a gain crossover its side and angle; shapes (m,)."""
+
+    slack: Array
+    u: Array
+    side: Array
+    angle_rad: Array
+
+    @classmethod
+    def at(cls, slack: Array, u: Array) -> _Worst:
+        """At frequencies that are no gain crossovers."""
+        return cls(slack, u, np.ones(len(u)), np.zeros(len(u)))
+
+    def finding(self, constraint: int | None, row: int, theta: Array) -> Finding:
+        """That of one plant."""
+        omega_rad_s = float(np.exp(self.u[row]))
+        return Finding(
+            constraint, float(self.slack[row]), theta, omega_rad_s, float(self.side[row]), float(self.angle_rad[row])
+        )
+
+
+@dataclass(frozen=True)
 class _Probe:
     """One constraint or the objective, as functions that the oracle evaluates; slacks are negative where violated."""
 
@@ -167,9 +230,11 @@ class _Probe:
     high_u: float
     slack: Callable[[LoopNumbers, float], Array]
     #: the quantity itself; of several crossings the one with the smallest value counts
-    value: Callable[[LoopNumbers], Array] = lambda numbers: numbers.phase_rad
+    value: Callable[[LoopNumbers], Array] = lambda numbers: numbers.phase_margin_rad
     horizon_s: float = 0.0
-    guard: bool = False
+    #: whether a stable loop without a gain crossover meets it where |L| < 1, and where |L| > 1
+    met_below_one: bool = False
+    met_above_one: bool = False
 
     @property
     def moves_u(self) -> bool:
@@ -198,30 +263,46 @@ class _Probe:
         deepest = near[np.argsort(grid[0][near])][:_MOST_DIPS]
         return [float(np.exp(band[i])) for i in deepest] or [worst_rad_s]
 
-    def on_grid(self, table: LoopGrid, nominal_margin: float, nominal_u: float) -> tuple[Array, Array]:
-        """The smallest slack of each of the table's plants, and its u."""
-        if self.kind is _Kind.BAND:
-            every = np.arange(len(table.loops))
-            grid, band = table.in_band(lambda n: self.slack(n, nominal_margin), self.low_u, self.high_u, every)
-            return grid.min(axis=1), band[np.argmin(grid, axis=1)]
+    def on_grid(self, table: LoopGrid, nominal_margin: float, nominal_u: float) -> _Worst:
+        """The smallest slack of each of the table's plants."""
         m = len(table.loops)
+        if self.kind is _Kind.BAND:
+            grid, band = table.in_band(lambda n: self.slack(n, nominal_margin), self.low_u, self.high_u, np.arange(m))
+            return _Worst.at(grid.min(axis=1), band[np.argmin(grid, axis=1)])
         if self.kind is _Kind.FIXED:
             u = np.full(m, -math.log(self.horizon_s) if self.horizon_s else nominal_u)
             numbers = numbers_at(table.loops, np.arange(m), u)
-            return self.slack_at(numbers, table.loops, slice(0, m), nominal_margin), u
-        rows, u = table.gain_crossings() if self.kind is _Kind.GAIN_CROSSOVER else table.phase_crossings()
-        numbers = numbers_at(table.loops, rows, u)
-        slack = self.slack(numbers, nominal_margin)
+            return _Worst.at(self.slack_at(numbers, table.loops, slice(0, m), nominal_margin), u)
+        if self.kind is _Kind.PHASE_CROSSOVER:
+            rows, u = table.phase_crossings()
+            numbers = numbers_at(table.loops, rows, u)
+            order = np.lexsort((self.value(numbers), rows))
+            value, where = np.full(m, np.inf), np.zeros(m)
+            found, first = np.unique(rows[order], return_index=True)
+            value[found], where[found] = self.slack(numbers, nominal_margin)[order][first], u[order][first]
+            return _Worst.at(value, where)
+        sides = table.sides()
+        worst = self.at_crossovers(table.loops, table.gain_crossings(), sides, nominal_margin)
+        # Without a gain crossover a constraint is violated the more, the farther |L| stays from 1; but there a margin
+        # of a stable loop is infinite.
+        away, where = table.nearest_to_crossover()
+        met = sides.stable & np.where(away > 0.0, self.met_above_one, self.met_below_one)
+        absent = np.setdiff1d(np.arange(m), table.gain_crossings().row)
+        worst.slack[absent] = np.where(met, np.inf, -1.0 - np.abs(away))[absent]
+        worst.u[absent] = where[absent]
+        return worst
+
+    def at_crossovers(self, loops: Loops, crossings: Crossings, sides: Sides, nominal_margin: float) -> _Worst:
+        """The slack at the crossover that decides of each loop; inf where there is none."""
+        m, rows, u = len(loops), crossings.row, crossings.u
+        numbers = numbers_at(loops, rows, u, sides.side, sides.angle_rad)
         order = np.lexsort((-u if self.highest else self.value(numbers), rows))
-        value, where = np.full(m, np.inf), np.zeros(m)
-        if self.kind is _Kind.GAIN_CROSSOVER and (not self.guard or np.any(table.loops.plants.unstable_poles > 0)):
-            # Without a gain crossover the constraint is violated, the more the farther |L| stays from 1.  A guard is
-            # violated by that only if the plant is unstable in open loop.
-            away, where = table.nearest_to_crossover()
-            value = -1.0 - away
         found, first = np.unique(rows[order], return_index=True)
-        value[found], where[found] = slack[order][first], u[order][first]
-        return value, where
+        at = order[first]
+        worst = _Worst(np.full(m, np.inf), np.zeros(m), np.ones(m), np.zeros(m))
+        worst.slack[found], worst.u[found] = self.slack(numbers, nominal_margin)[at], u[at]
+        worst.side[found], worst.angle_rad[found] = sides.side[at], sides.angle_rad[at]
+        return worst
 
 
 def _probe(k: int, constraint: Constraint) -> _Probe:
@@ -241,8 +322,19 @@ def _probe(k: int, constraint: Constraint) -> _Probe:
     high = math.log(constraint.to_rad_s) if constraint.to_rad_s < math.inf else math.inf
     return _Probe(
         k, kind, constraint.nominal, constraint.where is EvaluatedAt.HIGHEST_GAIN_CROSSOVER, low, high, slack,
-        quantity.natural, guard=constraint.requirement == STABILITY_GUARD,
+        quantity.natural, 0.0, *_met_without_crossover(constraint),
     )  # fmt: skip
+
+
+def _met_without_crossover(constraint: Constraint) -> tuple[bool, bool]:
+    """Whether a stable loop with |L| < 1 everywhere meets it, and one with |L| > 1 everywhere.
+
+    The phase margin of both is infinite; the delay margin of the first is, that of the second is 0.
+    """
+    if not constraint.quantity.is_margin or constraint.bound is Bound.EQUAL:
+        return False, False
+    lower, of_delay = constraint.bound is Bound.LOWER, constraint.quantity.name == "delay_margin_s"
+    return lower, lower is not of_delay
 
 
 def _objective_probe(objective: ObjectiveKind, horizon_s: float) -> tuple[_Probe, ...]:
@@ -253,7 +345,7 @@ def _objective_probe(objective: ObjectiveKind, horizon_s: float) -> tuple[_Probe
     if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK:
         return (_Probe(None, _Kind.BAND, False, False, *ends, lambda n, _: n.log_return_difference - n.log_controller),)
     if objective is ObjectiveKind.PHASE_MARGIN_SPREAD:
-        return (_Probe(None, _Kind.GAIN_CROSSOVER, False, False, *ends, lambda n, m: -np.abs(n.phase_rad + np.pi - m)),)
+        return (_Probe(None, _Kind.GAIN_CROSSOVER, False, False, *ends, lambda n, m: -np.abs(n.phase_margin_rad - m)),)
     if objective is ObjectiveKind.CROSSOVER_SPREAD:
         return (_Probe(None, _Kind.FIXED, False, False, *ends, lambda n, _: -np.abs(n.log_gain)),)
     if objective is ObjectiveKind.IAE_DISTURBANCE:

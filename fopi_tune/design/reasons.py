@@ -112,7 +112,11 @@ def _limit_at_zero_or_infinity(spec: DesignSpec, constraints: tuple[Constraint, 
 
 
 def _closed_form_out_of_range(spec: DesignSpec, constraints: tuple[Constraint, ...]) -> Reason | None:
-    """Crossover and phase margin of the nominal plant determine kp and ki for each alpha: are both ever in range?"""
+    """Crossover and phase margin of the nominal plant determine kp and ki for each alpha: are both ever in range?
+
+    Where |L| may have several crossovers the margin can be that of a lower one: at the highest the angle from -1 is
+    then anything from the margin to the lead of that size.
+    """
     crossover = next((s for s in constraints if s.quantity.name == "crossover_rad_s" and s.bound is Bound.EQUAL), None)
     margin = next((s for s in constraints if s.quantity.name == "phase_margin_deg" and s.bound is Bound.EQUAL), None)
     if crossover is None or margin is None or STABILITY_GUARD in (crossover.requirement, margin.requirement):
@@ -123,10 +127,17 @@ def _closed_form_out_of_range(spec: DesignSpec, constraints: tuple[Constraint, .
     response = plants.response(np.zeros(1, dtype=np.intp), np.array([omega]))
     response = response * np.exp(-1j * omega * plants.dead_time_s)
 
+    angles = np.linspace(margin.limit, 2.0 * np.pi - margin.limit, 2 if _has_one_crossover(spec, plants) else 361)
+
     def inside(alpha: Array) -> tuple[Array, NDArray[np.bool_]]:
-        n = len(alpha)
-        gains = closed_form_gains(np.repeat(response, n), np.full(n, omega), np.full(n, margin.limit), alpha)
-        return gains, _in_range(gains[:, 0], box.kp) & _in_range(gains[:, 1], box.ki)
+        """Gains with the margin by lag, and whether those with any of the angles are in their ranges."""
+        n, good = len(alpha), np.zeros(len(alpha), dtype=bool)
+        every = [
+            closed_form_gains(np.repeat(response, n), np.full(n, omega), np.full(n, angle), alpha) for angle in angles
+        ]
+        for gains in every:
+            good |= _in_range(gains[:, 0], box.kp) & _in_range(gains[:, 1], box.ki)
+        return every[0], good
 
     allowed = np.linspace(box.alpha.min, box.alpha.max, 1 if box.alpha.is_fixed else 801)
     gains, good = inside(allowed)
@@ -156,6 +167,13 @@ def _closed_form_out_of_range(spec: DesignSpec, constraints: tuple[Constraint, .
         f"{box.alpha.min:g} .. {box.alpha.max:g}"
     )
     return Reason(both, message)
+
+
+def _has_one_crossover(spec: DesignSpec, plants: Plants) -> bool:
+    """Whether |L| of these plants falls monotonically, whatever the gains are: |C| does, and no pole is resonant."""
+    box, poles = spec.controller, plants.poles
+    falls = box.kp.min >= 0.0 and box.ki.min >= 0.0 and box.alpha.max <= 1.0
+    return falls and not np.isfinite(plants.zeros).any() and bool(np.all(np.abs(poles.real) >= np.abs(poles.imag)))
 
 
 def _in_range(values: Array, bounds: GainRange) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from fopi_tune.design.constraints import STABILITY_GUARD, Bound, Constraint, Sca
 from fopi_tune.design.exchange import Cuts, Exchange, ExchangeResult
 from fopi_tune.design.nlp.slots import MarginPlant, Mode, Point
 from fopi_tune.design.nlp.solve import Solved
-from fopi_tune.design.starts import starts
+from fopi_tune.design.starts import small_starts, starts
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import NEPER_PER_DB, EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
@@ -116,6 +116,11 @@ class Search:
     def best(self) -> ExchangeResult | None:
         """The best of the local optima from all starts; None when no start leads to a feasible point."""
         found = self._from_all_starts(self.limits(TIGHTENING))
+        if found is None and self._margins_may_be_endless():
+            # Only now may plants have no gain crossover: a loop that does nothing has every margin.
+            self.exchange.endless_margins = True
+            self.starts += small_starts(self.spec, self.scale)
+            found = self._from_all_starts(self.limits(TIGHTENING))
         if found is not None:
             return found
         # Limits that leave no room at all (an inequality at an equality's value) are met without the tightening.
@@ -134,6 +139,14 @@ class Search:
         box = self.spec.controller
         free = sum(not gain.is_fixed for gain in (box.kp, box.ki, box.alpha))
         return relaxed if equalities >= free else None
+
+    def _margins_may_be_endless(self) -> bool:
+        """Whether a margin has to be at least so large, of plants that need no gain crossover otherwise."""
+        spreads = (ObjectiveKind.PHASE_MARGIN_SPREAD, ObjectiveKind.CROSSOVER_SPREAD)
+        return self.objective not in spreads and any(
+            s.requirement != STABILITY_GUARD and s.where is EvaluatedAt.GAIN_CROSSOVERS and s.bound is Bound.LOWER
+            for s in self.exchange.constraints
+        )
 
     def _from_all_starts(self, limits: tuple[float, ...]) -> ExchangeResult | None:
         cuts, best = self.first_cuts, None

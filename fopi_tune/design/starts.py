@@ -23,6 +23,7 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.constraints import Bound, Constraint, Scale
 from fopi_tune.design.loop_grid import numbers_at
+from fopi_tune.design.margin_sides import sides_of
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
@@ -43,7 +44,7 @@ def closed_form_gains(plant_response: Complex, omega_rad_s: Array, phase_margin_
     Args:
         plant_response: P(j omega), dead time included.
         omega_rad_s: the crossover.
-        phase_margin_rad: the margin there.
+        phase_margin_rad: the margin there; negative where it is one by lead.
         alpha: the order, in (0, 2).
     """
     x = np.exp(1j * (phase_margin_rad - np.pi)) / plant_response
@@ -153,6 +154,14 @@ def _clipped(values: Array, bounds: GainRange) -> Array:
     return np.where(at_end, np.maximum(inside - 1e-6 * np.abs(inside), bounds.min), inside)
 
 
+def small_starts(spec: DesignSpec, scale: Scale) -> list[FoPi]:
+    """Starts with small gains, with which the nominal loop is stable."""
+    box = spec.controller
+    rows = np.unique(_nearly_off(spec, scale, np.array([box.alpha.min, box.alpha.max])), axis=0)
+    rows = rows[(rows[:, 0] != 0.0) | (rows[:, 1] != 0.0)]
+    return [FoPi(*(float(v) for v in rows[i])) for i in _first_stable(spec, rows, 1)] if len(rows) else []
+
+
 def _nearly_off(spec: DesignSpec, scale: Scale, alphas: Array) -> Array:
     """Small gains (n, 3): what meets every bound of a sensitivity of a plant that is stable by itself."""
     box = spec.controller
@@ -186,7 +195,8 @@ def _phase_margins(constraints: tuple[Constraint, ...]) -> tuple[Array, bool]:
     for constraint in constraints:
         if constraint.quantity.name == "phase_margin_deg":
             if constraint.bound is Bound.EQUAL:
-                return np.array([constraint.limit]), True
+                # by lag or by lead
+                return np.array([constraint.limit, -constraint.limit]), True
             if constraint.bound is Bound.LOWER:
                 low = max(low, constraint.limit)
     return np.linspace(low, max(math.radians(130.0), low + 0.2), 8), False
@@ -246,7 +256,8 @@ def _exact_violation(spec: DesignSpec, constraints: tuple[Constraint, ...], cand
     except DomainError:
         # One of the candidates lies on |L| = 1 or on -180 deg over a whole range: the coarse look has to do.
         return np.zeros(n)
-    numbers = numbers_at(loops, crossings.row, np.log(crossings.omega_rad_s))
+    sides = sides_of(loops, crossings)
+    numbers = numbers_at(loops, crossings.row, crossings.u, sides.side, sides.angle_rad)
     total = np.zeros(n)
     for constraint in wanted:
         distance = (constraint.limit - constraint.quantity.natural(numbers)) * constraint.scale

@@ -151,6 +151,16 @@ def test_the_papers_alpha_is_refused_with_the_alpha_it_would_need() -> None:
     assert {give.requirement for give in tuned.clash} == {0, 1}
 
 
+def test_a_margin_by_lead_is_no_reason_to_refuse() -> None:
+    # P = 10 s/(s + 1)^2 rises through |L| = 1 at +90 deg - 2 atan(omega): only by lead is the margin below 180 deg
+    plant = "{model: transfer_function, numerator: [10, 0], denominator: [1, 2, 1]}"
+    rest = "requirements:\n  - crossover_rad_s: {equals: 5}\n  - phase_margin_deg: {at_least: 60}"
+    tuned = tuned_text(plant, rest, "controller: {kp: {min: 0, max: 10}, ki: 0, alpha: 1}\n")
+    assert tuned.status is Status.SOLVED
+    assert tuned.gains is not None
+    assert tuned.gains.kp == pytest.approx((1.0 + 25.0) / 50.0, rel=1e-5)
+
+
 def test_fixed_gains_are_checked_not_searched() -> None:
     plant = "plant: {model: lag, static_gain: 1, time_constant_s: 2.25}"
     text = f"schema: 1\nname: x\n{plant}\ncontroller: {{kp: 1, ki: 1, alpha: 1}}\n"
@@ -229,6 +239,19 @@ def test_a_gain_that_ends_on_the_unit_circle_is_no_crash() -> None:
     box = "controller: {kp: {min: 0, max: 1}, ki: 0, alpha: 1}\n"
     rest = "requirements: [{sensitivity_db: {at_most: 4}}]\nobjective: {minimize: sensitivity_peak_db}"
     assert tuned_text("{model: lag, static_gain: 1, time_constant_s: 2}", rest, box).status is Status.SOLVED
+
+
+def test_margins_of_plants_that_never_reach_a_gain_of_one_are_met() -> None:
+    # kp K < 1 for the smallest gains of the family, whatever kp is: no crossover, no end of a margin
+    plant = "{model: lag, static_gain: {min: 0.1, max: 2}, time_constant_s: 1, dead_time_s: 0.3}"
+    box = "controller: {kp: {min: 0.1, max: 5}, ki: 0, alpha: 1}\n"
+    rest = "requirements: [{phase_margin_deg: {at_least: 60}}]\nobjective: {minimize: iae_disturbance}"
+    tuned = ft.tune(parse_spec(f"schema: 1\nname: x\nplant: {plant}\n{box}{rest}\n"), proof=False)
+    assert tuned.status is Status.SOLVED
+    assert tuned.gains is not None
+    # the largest gain decides: 180 deg - atan(omega) - 0.3 omega = 60 deg where |L| = 1, at omega = sqrt((kp K)^2 - 1)
+    omega = np.sqrt((2.0 * tuned.gains.kp) ** 2 - 1.0)
+    assert np.degrees(np.pi - np.arctan(omega) - 0.3 * omega) == pytest.approx(60.0, abs=1e-3)
 
 
 _SPREAD_POLE = "plant: {model: pole, gain: 1, pole_rad_s: {min: -0.5, max: 0.5}}\n"

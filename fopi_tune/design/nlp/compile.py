@@ -1,8 +1,8 @@
 """DesignSpec -> one CasADi NLP with slots, built once and solved many times.
 
 Variables  z = (kp', ki', alpha, worst, depth, relaxation_1 .. relaxation_2n, v_1 .. v_m).  A slot is one plant and one
-frequency at which a constraint or the objective is evaluated.  Its plant, frequency and branch of the phase are
-parameters, so that exchange changes numbers only:
+frequency at which a constraint or the objective is evaluated.  Its plant, frequency, branch of the phase and side of -1
+are parameters, so that exchange changes numbers only:
 
     point      a constraint on a frequency function at a fixed (plant, frequency)
     peak       the same at the plant's own peak: a variable v with  d value / d v = 0
@@ -220,20 +220,21 @@ def compile_problem(
     for b, block in enumerate(blocks):
         first_frequency[b], first_parameter[b], first_row[b] = n_var, n_par, n_row
         for slot in range(block.capacity):
-            theta, v, near = ca.SX.sym(f"theta{b}_{slot}", p), ca.SX.sym(f"v{b}_{slot}"), ca.SX.sym(f"near{b}_{slot}")
-            symbols.parameters += [theta, near]
-            n_par += p + 1
+            theta, v = ca.SX.sym(f"theta{b}_{slot}", p), ca.SX.sym(f"v{b}_{slot}")
+            near, side = ca.SX.sym(f"near{b}_{slot}"), ca.SX.sym(f"side{b}_{slot}")
+            symbols.parameters += [theta, near, side]
+            n_par += p + 2
             if block.has_frequency:
                 symbols.variables.append(v)
                 n_var += 1
             else:
                 symbols.parameters.append(v)
                 n_par += 1
-            at = SymbolicLoop(*loop(ca.vertcat(kp, ki, alpha), theta, v, near))
+            at = SymbolicLoop(*loop(ca.vertcat(kp, ki, alpha), theta, v, near, side))
             if block.kind is SlotKind.CROSSING and slot == 0:
-                nominal = {"v": v, "phase": at.phase_rad}
+                nominal = {"v": v, "margin": at.phase_margin_rad}
             if block.kind is SlotKind.MEMBER and objective is ObjectiveKind.CROSSOVER_SPREAD:
-                at = SymbolicLoop(*loop(ca.vertcat(kp, ki, alpha), theta, nominal["v"], near))
+                at = SymbolicLoop(*loop(ca.vertcat(kp, ki, alpha), theta, nominal["v"], near, side))
             rows = _slot_rows(block, at, v, symbols, constraints, objective, nominal)
             if objective is ObjectiveKind.IAE_DISTURBANCE and block.kind is SlotKind.MEMBER:
                 error = log_discounted_error(family, theta, kp / scale.gain, ki_user, alpha, horizon_s)
@@ -311,7 +312,7 @@ def _slot_rows(
         elif name == "objective":
             rows.append(worst - _peak_value(objective, at))
         elif name in spread and block.kind is SlotKind.CROSSING:
-            rows.append(worst + spread[name] * (at.phase_rad - nominal["phase"]))
+            rows.append(worst + spread[name] * (at.phase_margin_rad - nominal["margin"]))
         elif name in spread:
             rows.append(worst + spread[name] * at.log_gain)
         else:

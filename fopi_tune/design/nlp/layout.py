@@ -37,7 +37,7 @@ class Layout:
         self.lbg = np.full(problem.n_rows, -np.inf)
         self.ubg = np.full(problem.n_rows, np.inf)
         self.p = np.zeros(problem.n_parameters)
-        self.width = len(problem.family.uncertain_names) + 1
+        self.width = len(problem.family.uncertain_names) + 2
 
     def fill(self, worst: float) -> None:
         """All vectors, from the task."""
@@ -47,12 +47,12 @@ class Layout:
         in_play = SlotsInPlay(self.problem, self.task, self.start)
         for b, block in enumerate(self.problem.blocks):
             for slot in range(block.capacity):
-                self._place(b, slot, nominal, 0.0, 0.0)
+                self._place(b, slot, Slot(nominal, 0.0, 0.0, {}))
             slots = in_play.of(block)
             if len(slots) > block.capacity:
                 raise TooManySlotsError
             for i, slot in enumerate(slots):
-                self._place(b, i, slot.theta, slot.v, slot.near)
+                self._place(b, i, slot)
                 self._open(b, block, i, slot)
 
     def _gains(self) -> None:
@@ -114,16 +114,16 @@ class Layout:
         head = pack_parameters(np.array(task.limits), weights)
         self.p[: len(head)] = head
 
-    def _place(self, b: int, slot: int, theta: tuple[float, ...], v: float, near: float) -> None:
+    def _place(self, b: int, place: int, slot: Slot) -> None:
         block = self.problem.blocks[b]
         width = self.width + (0 if block.has_frequency else 1)
-        first = self.problem.first_parameter[b] + slot * width
-        self.p[first : first + self.width] = (*theta, near)
+        first = self.problem.first_parameter[b] + place * width
+        self.p[first : first + self.width] = (*slot.theta, slot.near, slot.side)
         if block.has_frequency:
-            i = self.problem.first_frequency[b] + slot
-            self.x0[i] = self.lbx[i] = self.ubx[i] = v
+            i = self.problem.first_frequency[b] + place
+            self.x0[i] = self.lbx[i] = self.ubx[i] = slot.v
         else:
-            self.p[first + self.width] = v
+            self.p[first + self.width] = slot.v
 
     def _open(self, b: int, block: Block, place: int, slot: Slot) -> None:
         if block.has_frequency:

@@ -13,6 +13,8 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.crossings import gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
+from fopi_tune.design.loop_grid import numbers_at
+from fopi_tune.design.margin_sides import sides_of
 from fopi_tune.design.nlp.compile import Block, Problem, SlotKind
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
@@ -29,7 +31,16 @@ RowBounds = dict[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class Slot:
-    """One slot in use: its plant, its frequency (at first, and how far it may go), its sheet of the phase, its rows."""
+    """One slot in use.
+
+    Args:
+        theta: its plant.
+        v: its frequency at first.
+        near: its branch of the phase.
+        rows: its rows.
+        v_low, v_high: how far its frequency may go.
+        side: on which side of -1 a gain crossover must stay.
+    """
 
     theta: tuple[float, ...]
     v: float
@@ -37,6 +48,7 @@ class Slot:
     rows: RowBounds
     v_low: float = -_V_CAP
     v_high: float = _V_CAP
+    side: float = 1.0
 
 
 class Mode(Enum):
@@ -79,6 +91,8 @@ class Task:
         relaxed: requirements that are relaxed in an elastic solve.
         trust_radius: kp and ki may move this many times their own size, alpha a quarter of it: cuts that are not yet in
             play cannot hold them back.
+        endless_margins: whether a plant that has no gain crossover may stay without one where all that is asked of it
+            is margins that are at least so large.
     """
 
     points: tuple[Point, ...]
@@ -90,6 +104,7 @@ class Task:
     active: frozenset[int]
     relaxed: frozenset[int] = frozenset()
     trust_radius: float = 4.0
+    endless_margins: bool = False
 
 
 @dataclass(frozen=True)
@@ -138,28 +153,46 @@ class SlotsInPlay:
         plants = Plants.members(family, np.array(task.plants).reshape(len(task.plants), -1))
         loops = Loops.of(self.start, plants)
         crossings = gain_crossovers(loops)
+        sides = sides_of(loops, crossings)
+        numbers = numbers_at(loops, crossings.row, crossings.u, sides.side, sides.angle_rad)
         log_s = math.log(self.problem.scale.omega_rad_s)
         slots = []
         asked = self._asks_for_crossovers()
         for row, theta in enumerate(task.plants):
             mine = np.flatnonzero(crossings.row == row)
-            if not len(mine) and not asked:
-                continue
             if not len(mine):
-                # No crossover to start from: ask for one where the spec's own frequency scale is.
-                near = float(loops.log_response(np.array([row]), np.array([log_s]))[0].imag)
-                near += self.problem.scale.omega_rad_s * float(plants.dead_time_s[row])
-                slots.append(Slot(theta, 0.0, near, self._crossing_bounds(theta == nominal, True, True)))
+                if (asked and not self._may_be_endless(theta == nominal)) or not sides.stable[row]:
+                    slots.append(self._new_crossing(theta, loops.take(np.array([row]))))
                 continue
-            smallest = mine[np.argmin(crossings.phase_rad[mine])]
-            if not asked and crossings.phase_rad[smallest] + np.pi > _SAFE_MARGIN_RAD:
+            smallest = mine[np.argmin(numbers.phase_margin_rad[mine])]
+            if not asked and numbers.phase_margin_rad[smallest] > _SAFE_MARGIN_RAD:
                 continue
+            deciding = {
+                k: mine[np.argmin(constraint.quantity.natural(numbers)[mine])]
+                for k, constraint in enumerate(self.problem.constraints)
+                if constraint.where is EvaluatedAt.GAIN_CROSSOVERS
+            }
             for i in sorted(mine, key=lambda i: i != smallest):
                 omega = float(crossings.omega_rad_s[i])
-                near = float(crossings.phase_rad[i]) + omega * float(plants.dead_time_s[row])
-                bounds = self._crossing_bounds(theta == nominal, i == mine[-1], i == smallest)
-                slots.append(Slot(theta, math.log(omega) - log_s, near, bounds))
+                near = float(sides.angle_rad[i]) - np.pi + omega * float(plants.dead_time_s[row])
+                bounds = self._crossing_bounds(
+                    theta == nominal, i == mine[-1], i == smallest, {k for k, d in deciding.items() if d == i}
+                )
+                slots.append(Slot(theta, math.log(omega) - log_s, near, bounds, side=float(sides.side[i])))
         return slots
+
+    def _new_crossing(self, theta: tuple[float, ...], loop: Loops) -> Slot:
+        """A crossover where the spec's own frequency scale is, of a plant that has none to start from."""
+        omega = self.problem.scale.omega_rad_s
+        phase = float(loop.log_response(np.array([0]), np.array([math.log(omega)]))[0].imag)
+        # With |L| > 1 below it, it is on the stable side where the unwrapped phase is within (-180, 180 deg).
+        turns = max(math.ceil(phase / (2.0 * np.pi)), 0)
+        phase -= 2.0 * np.pi * turns
+        side = -1.0 if turns and phase < -np.pi else 1.0
+        near = phase + omega * float(loop.plants.dead_time_s[0])
+        nominal = theta == tuple(self.problem.family.nominal_point.tolist())
+        bounds = self._crossing_bounds(nominal, True, True, set(range(len(self.problem.constraints))))
+        return Slot(theta, 0.0, near, bounds, side=side)
 
     def _asks_for_crossovers(self) -> bool:
         """Whether anything that counts needs a crossover; a guard alone must not force one to exist."""
@@ -171,8 +204,24 @@ class SlotsInPlay:
         spread = self.problem.objective in (ObjectiveKind.PHASE_MARGIN_SPREAD, ObjectiveKind.CROSSOVER_SPREAD)
         return asked or self.problem.needs_crossover or (spread and self.task.mode is Mode.OBJECTIVE)
 
-    def _crossing_bounds(self, nominal: bool, highest: bool, smallest: bool) -> RowBounds:
-        """Which rows of a crossing's slot count, and as what."""
+    def _may_be_endless(self, nominal: bool) -> bool:
+        """Whether a plant meets all that is asked of its crossovers when it has none."""
+        kinds = (EvaluatedAt.GAIN_CROSSOVERS, EvaluatedAt.HIGHEST_GAIN_CROSSOVER)
+        return self.task.endless_margins and all(
+            constraint.quantity.is_margin and constraint.bound is Bound.LOWER
+            for k, constraint in enumerate(self.problem.constraints)
+            if constraint.where in kinds and self._counts(k) and (nominal or not constraint.nominal)
+        )
+
+    def _crossing_bounds(self, nominal: bool, highest: bool, smallest: bool, decides_for: set[int]) -> RowBounds:
+        """Which rows of a crossing's slot count, and as what.
+
+        Args:
+            nominal: whether the plant is the nominal one.
+            highest: whether it is the plant's highest crossing.
+            smallest: whether the phase margin is smallest there.
+            decides_for: constraints whose quantity is smallest there.
+        """
         bounds = {"equation": (0.0, 0.0)}
         elastic = self.task.mode is Mode.FEASIBILITY
         if not nominal and not elastic and self.problem.objective is ObjectiveKind.PHASE_MARGIN_SPREAD:
@@ -182,7 +231,7 @@ class SlotsInPlay:
             at_crossing = constraint.where in (EvaluatedAt.GAIN_CROSSOVERS, EvaluatedAt.HIGHEST_GAIN_CROSSOVER)
             if not at_crossing or not self._counts(k) or (constraint.nominal and not nominal):
                 continue
-            decides = highest if constraint.where is EvaluatedAt.HIGHEST_GAIN_CROSSOVER else smallest
+            decides = highest if constraint.where is EvaluatedAt.HIGHEST_GAIN_CROSSOVER else k in decides_for
             if decides:
                 bounds[f"constraint {k}"] = (0.0, 0.0) if constraint.bound is Bound.EQUAL else (0.0, np.inf)
             elif constraint.where is EvaluatedAt.GAIN_CROSSOVERS and constraint.bound is Bound.LOWER:

@@ -20,6 +20,8 @@ from fopi_tune.design.constraints import Scale
 OUTPUTS = (
     "log_gain",
     "phase_rad",
+    "phase_margin_rad",
+    "lag_to_minus_one_rad",
     "phase_slope_rad",
     "log_return_difference",
     "log_controller",
@@ -34,6 +36,8 @@ class SymbolicLoop:
 
     log_gain: Any
     phase_rad: Any
+    phase_margin_rad: Any
+    lag_to_minus_one_rad: Any
     phase_slope_rad: Any
     log_return_difference: Any
     log_controller: Any
@@ -58,12 +62,13 @@ def _log_size(a: tuple[Any, Any]) -> Any:
 
 
 def loop_function(family: PlantFamily, scale: Scale) -> ca.Function:
-    """(gains (3,), theta (p,), v, phase_near) -> `OUTPUTS`.
+    """(gains (3,), theta (p,), v, phase_near, side) -> `OUTPUTS`.
 
-    `phase_near` is the unwrapped phase (rad) of the delay-free loop near the point.  It selects the branch of the
-    phase, which is smooth as long as the phase stays within half a turn of it.
+    `phase_near` is the phase (rad) of the delay-free loop near the point.  It selects the branch of the phase, which is
+    smooth as long as the phase stays within half a turn of it.  Of a gain crossover 180 deg + that branch is the angle
+    from -1 of `fopi_tune.design.margin_sides`, and `side` the side on which it must stay.
     """
-    gains, v, near = ca.SX.sym("gains", 3), ca.SX.sym("v"), ca.SX.sym("near")
+    gains, v, near, side = ca.SX.sym("gains", 3), ca.SX.sym("v"), ca.SX.sym("near"), ca.SX.sym("side")
     theta = ca.SX.sym("theta", len(family.uncertain_names))
     kp, ki, alpha = gains[0], gains[1], gains[2]
     omega = scale.omega_rad_s * ca.exp(v)
@@ -85,10 +90,13 @@ def loop_function(family: PlantFamily, scale: Scale) -> ca.Function:
     outputs = [
         log_gain,
         phase,
+        side * (phase + ca.pi),
+        phase + ca.pi + ca.pi * (1.0 - side),
         ca.gradient(phase, v),
         log_return_difference,
         log_controller - ca.log(scale.gain),
         v + ca.log(scale.omega_rad_s),
         omega,
     ]
-    return ca.Function("loop", [gains, theta, v, near], outputs, ["gains", "theta", "v", "near"], list(OUTPUTS))
+    inputs = {"gains": gains, "theta": theta, "v": v, "near": near, "side": side}
+    return ca.Function("loop", list(inputs.values()), outputs, list(inputs), list(OUTPUTS))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
@@ -51,10 +52,11 @@ def spec(model: str) -> DesignSpec:
     alpha=st.floats(0.05, 1.95),
     place=st.floats(0, 1),
     log_omega=st.floats(-5, 4),
+    side=st.sampled_from([-1.0, 1.0]),
 )
 @settings(max_examples=60, deadline=None)
 def test_compiled_loop_agrees_with_core(
-    model: str, kp: float, ki: float, alpha: float, place: float, log_omega: float
+    model: str, kp: float, ki: float, alpha: float, place: float, log_omega: float, side: float
 ) -> None:
     family = spec(model).plant
     scale = scale_of(spec(model))
@@ -65,7 +67,8 @@ def test_compiled_loop_agrees_with_core(
     log_l, slope = loops.log_response(row, u)[0], loops.log.derivative(row, u)[0]
     omega = np.exp(log_omega)
     near = log_l.imag + omega * loops.plants.dead_time_s[0]
-    outputs = loop_function(family, scale)(scale.scaled(gains), theta, log_omega - np.log(scale.omega_rad_s), near)
+    v = log_omega - np.log(scale.omega_rad_s)
+    outputs = loop_function(family, scale)(scale.scaled(gains), theta, v, near, side)
     found = dict(zip(OUTPUTS, (float(v) for v in outputs), strict=True))
     sensitivity = log_response_at(loops, Response.SENSITIVITY, row, np.array([omega]))[0]
     control = log_response_at(loops, Response.CONTROL_SENSITIVITY, row, np.array([omega]))[0]
@@ -73,6 +76,9 @@ def test_compiled_loop_agrees_with_core(
     room = 1e-9 * (1.0 + np.exp(sensitivity) + abs(log_l))
     assert found["log_gain"] == pytest.approx(log_l.real, abs=room)
     assert found["phase_rad"] == pytest.approx(log_l.imag, abs=room)
+    assert found["phase_margin_rad"] == pytest.approx(side * (np.pi + log_l.imag), abs=room)
+    # a lag of that size, or one turn less, brings L to -1
+    assert np.mod(found["lag_to_minus_one_rad"] - np.pi - log_l.imag + 1.0, 2 * np.pi) == pytest.approx(1.0, abs=room)
     assert found["phase_slope_rad"] == pytest.approx(slope.imag, abs=10 * room)
     assert -found["log_return_difference"] == pytest.approx(sensitivity, abs=room)
     assert found["log_controller"] - found["log_return_difference"] == pytest.approx(control, abs=room)
@@ -81,16 +87,34 @@ def test_compiled_loop_agrees_with_core(
 
 @pytest.mark.parametrize("name", [n for n, q in QUANTITIES.items() if not q.takes_band])
 def test_symbolic_margins_agree_with_the_measured_ones(name: str) -> None:
-    quantity, family = QUANTITIES[name], spec("lag").plant
-    scale, gains = scale_of(spec("lag")), FoPi(0.9, 0.5, 0.8)
-    for theta in itertools.product((0.6, 1.7), (1.7, 3.0), (0.1, 0.4)):
+    check_margins(name, spec("lag"), FoPi(0.9, 0.5, 0.8), itertools.product((0.6, 1.7), (1.7, 3.0), (0.1, 0.4)), 1.0)
+
+
+@pytest.mark.parametrize("name", ["phase_margin_deg", "crossover_rad_s", "phase_slope_deg_per_decade"])
+def test_symbolic_margins_by_lead_agree_with_the_measured_ones(name: str) -> None:
+    # P = k s^2/(s + 1)^2 crosses 180 deg - 2 atan(omega) before -1
+    leading = parse_spec(
+        "schema: 1\nname: x\n"
+        "plant: {model: transfer_function, numerator: [{min: 2, max: 900}, 0, 0], denominator: [1, 2, 1]}\n"
+        "requirements: [{sensitivity_db: {at_most: 40}}]\n"
+    )
+    check_margins(name, leading, FoPi(1.0, 0.0, 1.0), [(2.0,), (30.0,), (900.0,)], -1.0)
+
+
+def check_margins(name: str, asked: DesignSpec, gains: FoPi, points: Iterable[tuple[float, ...]], side: float) -> None:
+    """A quantity in symbols at the crossing where it is measured."""
+    quantity, family, scale = QUANTITIES[name], asked.plant, scale_of(asked)
+    for theta in points:
         loops = Loops.of(gains, Plants.members(family, np.array([theta])))
         measured = quantity.measure(loops, True, 0.0, np.inf)
         omega = float(measured.omega_rad_s[0])
         log_l = loops.log_response(np.zeros(1, dtype=np.intp), np.array([np.log(omega)]))[0]
-        near = log_l.imag + omega * theta[2]
+        # the angle from -1 in (-180, 180] deg
+        phase = np.angle(-np.exp(1j * log_l.imag)) - np.pi
+        near = phase + omega * float(loops.plants.dead_time_s[0])
         v = np.log(omega / scale.omega_rad_s)
-        at = SymbolicLoop(*(float(x) for x in loop_function(family, scale)(scale.scaled(gains), theta, v, near)))
+        outputs = loop_function(family, scale)(scale.scaled(gains), theta, v, near, side)
+        at = SymbolicLoop(*(float(x) for x in outputs))
         assert quantity.from_natural(quantity.natural(at)) == pytest.approx(float(measured.value[0]), rel=1e-9)
 
 
@@ -129,7 +153,7 @@ def test_closed_form_gains_put_the_crossover_where_asked(alpha: float, margin: f
     crossings = gain_crossovers(loops)
     nearest = int(np.argmin(np.abs(np.log(crossings.omega_rad_s / omega))))
     assert crossings.omega_rad_s[nearest] == pytest.approx(omega, rel=1e-7)
-    assert np.mod(crossings.phase_margin_deg[nearest] - margin + 180, 360) - 180 == pytest.approx(0.0, abs=1e-5)
+    assert np.degrees(crossings.angle_from_minus_one_rad[nearest]) == pytest.approx(margin, abs=1e-5)
 
 
 def test_discounted_error_tends_to_one_over_ki_for_a_pi() -> None:
