@@ -129,11 +129,9 @@ def _requirement(
     work = REQUIREMENT_WORK // max(len(result.extremes), 1)
     sides = tuple(_Side(case, requirement, extreme, tolerance, searches, work).proof() for extreme in result.extremes)
     if not has_margins:
-        # what is shown of the loop's distance to -1 is no margin of a loop that may be unstable
-        sides = tuple(
-            replace(side, verdict=Verdict.UNDECIDED, level=None, records=()) if side.verdict is Verdict.PROVED else side
-            for side in sides
-        )
+        # what is shown of the loop's distance to -1 is no bound of the margin of a loop that may be unstable
+        undecided = (Verdict.REFUTED if side.verdict is Verdict.REFUTED else Verdict.UNDECIDED for side in sides)
+        sides = tuple(replace(s, verdict=v, level=None, records=()) for s, v in zip(sides, undecided, strict=True))
     return RequirementProof(requirement, sides)
 
 

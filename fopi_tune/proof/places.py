@@ -2,7 +2,7 @@
 
 With a witness they are tested in ball arithmetic.  A response is evaluated at the frequency itself, which must lie in
 the band.  Of a gain crossover |ln|L|| and of a phase crossover |arg(-L)| vanish up to rounding, and the value there
-reaches the witness.  Without a witness, and of a gain margin that does not end, they are the place at which the search
+reaches the witness.  Without a witness, and of a margin that does not end, they are the place at which the search
 in floating point found the worst value; that search is repeated.
 """
 
@@ -74,8 +74,8 @@ _NOT_THE_WORST = "the plant and the frequency stated are not those of the worst 
 
 
 def _is_endless(case: Case, requirement: Requirement, side: SideProof) -> bool:
-    """Whether an upper limit of the gain margin meets a plant whose margin is infinite, so that no crossing has it."""
-    if QUANTITIES[requirement.quantity].where is not EvaluatedAt.PHASE_CROSSOVERS or not side.upper:
+    """Whether an upper limit of a margin meets a plant whose margin is infinite, so that no crossing has it."""
+    if not QUANTITIES[requirement.quantity].is_margin or not side.upper:
         return False
     return math.isinf(_measured(case, requirement, side)[0])
 

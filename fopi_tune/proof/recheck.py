@@ -165,8 +165,8 @@ def _side(certificate: Certificate, requirement: Requirement, side: SideProof) -
         return [contradiction]
     problems: list[str] = []
     is_margin = QUANTITIES[requirement.quantity].is_margin
-    if is_margin and side.verdict is Verdict.PROVED and not _is_stable(certificate, requirement.scope):
-        problems.append("a margin is stated of a loop that is not shown to be stable")
+    if is_margin and side.level is not None and not _is_stable(certificate, requirement.scope):
+        problems.append("a bound of a margin is stated of a loop that is not shown to be stable")
     if side.level is not None:
         problems += _records(level_claims(case, requirement, side.upper, side.level), side.records)
     if side.witness is not None:

@@ -176,15 +176,15 @@ class ValueOnUnitCircle:
         """Whether psi <= level (upper), or psi >= level, wherever |L| = 1."""
         if self.quantity is CrossingQuantity.PHASE_SLOPE:
             return bool(self.value <= level if upper else self.value >= level)
-        turn = 2 * arb.pi()
         if self.quantity is CrossingQuantity.PHASE_MARGIN:
-            if upper:
-                return bool(abs(self.lag) <= level or abs(self.lag - turn) <= level)
-            return bool(self.lag >= level and turn - self.lag >= level)
+            # pi - |pi - b|: the margin for b in [0, 2 pi], and minus the margin up to half a turn beyond
+            opposite = arb.pi() - self.lag
+            least, most = arb.pi() - opposite.abs_upper(), arb.pi() - opposite.abs_lower()
+            return bool(most <= level and -least <= level if upper else least >= level)
         # on the next sheet b/omega would jump by 2 pi/omega
         if upper:
             return bool(self.lag >= 0 and self.value <= level)
-        return bool(self.lag < turn and self.value >= level)
+        return bool(self.lag < 2 * arb.pi() and self.value >= level)
 
 
 def with_multiplier(slopes: Sequence[arb], gains: Sequence[arb]) -> tuple[list[arb], float]:

@@ -27,6 +27,8 @@ from fopi_tune.proof.claims.crossing_quantities import (
     CrossingEvaluator,
     CrossingQuantity,
     ValueOnUnitCircle,
+    angle_from_minus_one,
+    lag_to_minus_one,
     with_multiplier,
 )
 
@@ -85,10 +87,25 @@ class EveryCrossover(Claim):
         return BoxVerdict(None, max_smear_axis(box, found.slopes), work=work)
 
     def _is_settled(self, over: LoopEnclosure) -> bool:
-        """Whether |L| = 1 nowhere in the box; of a delay margin, at the axis' upper end, |L| < 1: else it is 0."""
+        """Whether the claim holds by the range of L: |L| = 1 nowhere in the box, or towards an end of the axis far
+        from -1; of a delay margin, at the axis' upper end, |L| < 1: else it is 0.
+        """
         if over.high_tail and self.quantity is CrossingQuantity.DELAY_MARGIN:
             return bool(over.size < 1)
-        return has_no_gain_crossover(over)
+        return has_no_gain_crossover(over) or ((over.low_tail or over.high_tail) and self._is_far_from_minus_one(over))
+
+    def _is_far_from_minus_one(self, over: LoopEnclosure) -> bool:
+        """Whether the angle between -1 and L meets the level in all of a tail.
+
+        As omega -> 0 or inf |L| may tend to 1, so that plants with a crossover there and without one are neighbours.
+        """
+        lag = lag_to_minus_one(angle_from_minus_one(over.gain))
+        if self.quantity is CrossingQuantity.PHASE_MARGIN:
+            return ValueOnUnitCircle(self.quantity, lag, lag, []).is_within(self.level, self.upper)
+        if self.quantity is not CrossingQuantity.DELAY_MARGIN or self.upper:
+            return False
+        # b/omega >= level for every omega of the low tail, 0 included
+        return bool(lag < 2 * arb.pi() and lag >= self.level * self.loop.frequency(over.omega))
 
     def holds(self, box: Box, leaf: str) -> bool:
         if leaf[:1] != "h":

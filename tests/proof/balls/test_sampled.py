@@ -24,7 +24,6 @@ from fopi_tune.proof.balls.sampled import SampledBallLoop
 from fopi_tune.proof.balls.sampled_roots import count_unstable_roots
 from fopi_tune.proof.claims.bound import Bound
 from fopi_tune.proof.claims.branch_and_bound import search
-from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator
 from fopi_tune.proof.claims.lag import LagBound, closed_form
 from fopi_tune.proof.claims.poles import is_structurally_unstable
 from fopi_tune.proof.documents import from_document, to_document
@@ -160,22 +159,6 @@ def test_tails_hold_every_value_up_to_both_ends(name: str) -> None:
                 assert holds(over.gain, gain, ROUNDING)
                 assert holds(over.sensitivity, 1.0 / (1.0 + gain), ROUNDING)
                 assert holds(over.control_sensitivity, controller / (1.0 + gain), ROUNDING)
-
-
-@pytest.mark.parametrize("name", ["lag late by anything", "second order", "third order", "biproper"])
-def test_the_unwrapped_phase_is_that_of_the_crossings(name: str) -> None:
-    """Sheet included, wherever a fractional delay puts the held plant's zero."""
-    family, delay = CASES[name]
-    loop = SampledBallLoop(GAINS, family, Implementation(SECTIONS, delay))
-    evaluator, rng = CrossingEvaluator(loop), np.random.default_rng(7)
-    for _ in range(12):
-        theta = family.low + rng.uniform(size=len(family.low)) * (family.high - family.low)
-        u = float(rng.uniform(-4.0, 2.0))
-        point = tuple(theta.tolist())
-        phase = evaluator.phase(loop.over(((u, u), *((v, v) for v in point))), point)
-        found = loop.loops_at(theta[None, :]).log_response(np.zeros(1, dtype=np.intp), np.array([u]))[0].imag
-        assert holds(phase, complex(found), 1e-9)
-        assert phase.is_finite()
 
 
 # -- the lag in closed form -------------------------------------------------------------------------------------------

@@ -20,13 +20,14 @@ from fopi_tune.proof.balls.box import Interval
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.claims import lag as original
 from fopi_tune.proof.claims.bound import Bound
-from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity
+from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity, angle_from_minus_one
 from fopi_tune.proof.claims.crossings import EveryCrossover
 from fopi_tune.proof.claims.existence import SomeCrossover
 from fopi_tune.proof.claims.lag import LagBound, closed_form
 from fopi_tune.proof.claims.lag_response import LagResponse
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 EVERYWHERE: Interval = (-math.inf, math.inf)
 
 
@@ -44,11 +45,20 @@ def numbers(loop: BallLoop) -> tuple[float, float]:
     return loop.family.parameters["static_gain"].nominal, loop.family.parameters["dead_time_s"].nominal
 
 
-def log_response(loop: BallLoop, response: Response, u: Array, tau: Array) -> Array:
+def controller(loop: BallLoop, u: Array) -> Complex:
+    """C(j e^u)."""
+    return np.asarray(loop.gains.kp + loop.gains.ki * (1j * np.exp(u)) ** -loop.gains.alpha, dtype=complex)
+
+
+def loop_response(loop: BallLoop, u: Array, tau: Array) -> Complex:
+    """L."""
     gain, dead_time = numbers(loop)
     s = 1j * np.exp(u)
-    c = loop.gains.kp + loop.gains.ki * s**-loop.gains.alpha
-    value = c * gain * np.exp(-s * dead_time) / (tau * s + 1.0)
+    return np.asarray(controller(loop, u) * gain * np.exp(-s * dead_time) / (tau * s + 1.0), dtype=complex)
+
+
+def log_response(loop: BallLoop, response: Response, u: Array, tau: Array) -> Array:
+    c, value = controller(loop, u), loop_response(loop, u, tau)
     if response is Response.LOOP_GAIN:
         return np.log(np.abs(value))
     top = {Response.SENSITIVITY: np.ones_like(value), Response.COMPLEMENTARY_SENSITIVITY: value}
@@ -112,7 +122,7 @@ def test_the_quadratics_derivatives_are_those_of_its_values(response: Response) 
         assert abs(change / (2 * h) - original._discriminant_slope(q)).abs_upper() < 1e-6 * (1 + size)
 
 
-def test_a_gain_crossover_lies_where_formula_2_says_and_has_its_phase_margin() -> None:
+def test_a_gain_crossover_lies_where_formula_2_says_and_has_its_angle_from_minus_one() -> None:
     rng = np.random.default_rng(503)
     seen = 0
     for _ in range(80):
@@ -120,12 +130,15 @@ def test_a_gain_crossover_lies_where_formula_2_says_and_has_its_phase_margin() -
         tau = float(rng.uniform(loop.family.low[0], loop.family.high[0]))
         form = closed_form(bound(loop, Response.LOOP_GAIN, 0.0, True))
         found = gain_crossovers(Loops.of(loop.gains, Plants.members(loop.family, np.array([[tau]]))))
-        for omega, margin in zip(found.omega_rad_s.tolist(), found.phase_margin_deg.tolist(), strict=True):
+        for omega in found.omega_rad_s.tolist():
             g = at(form, math.log(omega))
             x = (g.g_squared[0] - 1).sqrt()
             # a crossover is known to 1e-12 in ln omega; where |L| is flat, x and the phase to less
             assert float(x.mid()) == pytest.approx(omega * tau, rel=1e-8, abs=1e-6)
-            assert float((arb.pi() + g.g_phase - x.atan()).mid()) == pytest.approx(math.radians(margin), abs=1e-6)
+            # b = arg(-L), modulo a turn
+            angle = float((angle_from_minus_one(g.g) - x.atan()).mid())
+            apart = np.exp(1j * angle) + complex(loop_response(loop, np.log(omega), np.array(tau)))
+            assert abs(apart) < 1e-6, (loop, omega, tau)
             seen += 1
     assert seen > 50
 

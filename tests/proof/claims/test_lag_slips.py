@@ -31,6 +31,7 @@ from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, Crossi
 from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 Rows = NDArray[np.intp]
 EVERYWHERE: Interval = (-math.inf, math.inf)
 PLAIN = BallLoop(FoPi(0.45, 0.6, 1.1), lag(1.3, (1.0, 2.2), 0.35))
@@ -38,6 +39,8 @@ TWICE_NEGATIVE = BallLoop(FoPi(-0.45, -0.6, 1.1), lag(-1.3, (1.0, 2.2), 0.35))
 #: their worst time constants lie inside the range
 WIDE = BallLoop(FoPi(0.45, 0.6, 1.1), lag(1.3, (0.2, 6.0), 0.35))
 NEGATIVE = BallLoop(FoPi(0.3, 0.5, 1.3), lag(-1.3, (0.2, 6.0), 0.2))
+#: crosses |L| = 1 beyond -180 deg, so that a lead is the shortest way to -1
+LATE = BallLoop(FoPi(0.45, 0.6, 1.1), lag(1.3, (1.0, 2.2), 3.0))
 S, T, CS, _ = Response
 MIDDLE, LOW, HIGH = (-1.5, 0.7), (-0.6, -0.2), (0.2, 0.6)
 BOUNDS = [
@@ -68,11 +71,18 @@ def numbers(loop: BallLoop) -> tuple[float, float]:
     return loop.family.parameters["static_gain"].nominal, loop.family.parameters["dead_time_s"].nominal
 
 
-def log_response(loop: BallLoop, response: Response, u: Array, tau: Array) -> Array:
+def controller(loop: BallLoop, u: Array) -> Complex:
+    return np.asarray(loop.gains.kp + loop.gains.ki * (1j * np.exp(u)) ** -loop.gains.alpha, dtype=complex)
+
+
+def loop_response(loop: BallLoop, u: Array, tau: Array) -> Complex:
     gain, dead_time = numbers(loop)
     s = 1j * np.exp(u)
-    c = loop.gains.kp + loop.gains.ki * s**-loop.gains.alpha
-    value = c * gain * np.exp(-s * dead_time) / (tau * s + 1.0)
+    return np.asarray(controller(loop, u) * gain * np.exp(-s * dead_time) / (tau * s + 1.0), dtype=complex)
+
+
+def log_response(loop: BallLoop, response: Response, u: Array, tau: Array) -> Array:
+    c, value = controller(loop, u), loop_response(loop, u, tau)
     if response is Response.LOOP_GAIN:
         return np.log(np.abs(value))
     top = {Response.SENSITIVITY: np.ones_like(value), Response.COMPLEMENTARY_SENSITIVITY: value}
@@ -119,13 +129,13 @@ def questions_about_bounds() -> Iterator[Question]:
         yield from around(claim, worst if upper else -worst, upper)
 
 
-def highest_over_tau(loop: BallLoop, values: Callable[[Loops], tuple[Rows, Array]]) -> float:
+def highest_over_tau(loop: BallLoop, values: Callable[[Loops, Array], tuple[Rows, Array]]) -> float:
     """The largest value at a crossing: on a grid of time constants, then on two finer ones around its best place."""
     low, high = tau = loop.family_box[0]
     best = -math.inf
     for _ in range(3):
         places = np.linspace(*tau, 201)
-        row, value = values(Loops.of(loop.gains, Plants.members(loop.family, places[:, None])))
+        row, value = values(Loops.of(loop.gains, Plants.members(loop.family, places[:, None])), places)
         k = int(np.argmax(value))
         best, step = max(best, float(value[k])), (tau[1] - tau[0]) / 100.0
         tau = max(low, places[row[k]] - step), min(high, places[row[k]] + step)
@@ -133,19 +143,18 @@ def highest_over_tau(loop: BallLoop, values: Callable[[Loops], tuple[Rows, Array
 
 
 def questions_about_crossings() -> Iterator[Question]:
-    for loop in (PLAIN, TWICE_NEGATIVE, WIDE, NEGATIVE):
+    for loop in (PLAIN, TWICE_NEGATIVE, WIDE, NEGATIVE, LATE):
         domain, evaluator = (EVERYWHERE, *loop.family_box), CrossingEvaluator(loop)
         for quantity in (CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN):
             for upper, sign in ((True, 1.0), (False, -1.0)):
 
                 def values(
-                    loops: Loops, quantity: CrossingQuantity = quantity, sign: float = sign
+                    loops: Loops, tau: Array, loop: BallLoop = loop, quantity: CrossingQuantity = quantity, sign=sign
                 ) -> tuple[Rows, Array]:
-                    found = gain_crossovers(loops)
-                    phase = np.radians(found.phase_margin_deg)
-                    return found.row, sign * (
-                        phase if quantity is CrossingQuantity.PHASE_MARGIN else found.delay_margin_s
-                    )
+                    row, omega = (found := gain_crossovers(loops)).row, found.omega_rad_s
+                    angle = np.angle(-loop_response(loop, np.log(omega), tau[row]))
+                    of_delay = quantity is CrossingQuantity.DELAY_MARGIN
+                    return row, sign * (np.mod(angle, 2.0 * np.pi) / omega if of_delay else np.abs(angle))
 
                 def claim(
                     level: float, loop=loop, quantity=quantity, up=upper, domain=domain, evaluator=evaluator
@@ -155,7 +164,7 @@ def questions_about_crossings() -> Iterator[Question]:
                 yield from around(claim, sign * highest_over_tau(loop, values), upper)
     for loop in (PLAIN, TWICE_NEGATIVE, WIDE):
 
-        def log_gains(loops: Loops) -> tuple[Rows, Array]:
+        def log_gains(loops: Loops, _: Array) -> tuple[Rows, Array]:
             found = phase_crossovers(loops)
             return found.row, np.where(found.gain < 1.0, np.log(found.gain), -np.inf)
 
@@ -184,8 +193,6 @@ SLIPS = [
     ("acb(0, -turn)", "acb(0, turn)"),
     ("2 * size * self.log_slope.real", "-2 * size * self.log_slope.real"),
     ("2 * size * self.c_slope.real", "-2 * size * self.c_slope.real"),
-    ("return -omega * dead_time", "return omega * dead_time"),
-    ("phase - arb.pi() if (self.gain < 0) !=", "phase - arb.pi() if (self.gain < 0) =="),
     # the quadratics (1)
     ("2 * (real * self.slope.real + imag * self.slope.imag)", "-2 * (real * self.slope.real + imag * self.slope.imag)"),
     ("(m2 * square - size, m2 * d_square - slope)", "(m2 * square + size, m2 * d_square + slope)"),
@@ -221,11 +228,14 @@ SLIPS = [
     ("(square_slope - 2 * wide * wide) * shift", "(square_slope + 2 * wide * wide) * shift"),
     ("apart > 0 if upper else apart < 0", "apart < 0 if upper else apart > 0"),
     ("root = (square - 1).sqrt()", "root = (square + 1).sqrt()"),
-    ("arb.pi() + centre.g_phase - y.sqrt().atan()", "arb.pi() + centre.g_phase + y.sqrt().atan()"),
-    ("arb.pi() + centre.g_phase - y.sqrt().atan()", "arb.pi() - centre.g_phase - y.sqrt().atan()"),
-    ("arb.pi() + centre.g_phase - y.sqrt().atan()", "-arb.pi() + centre.g_phase - y.sqrt().atan()"),
+    ("angle_from_minus_one(centre.g) - y.sqrt().atan()", "angle_from_minus_one(centre.g) + y.sqrt().atan()"),
+    ("angle_from_minus_one(centre.g) - y.sqrt().atan()", "-angle_from_minus_one(centre.g) - y.sqrt().atan()"),
+    ("lag_to_minus_one(angle_from_minus_one(centre.g)", "(angle_from_minus_one(centre.g)"),
+    ("value = lag = at_centre + slope * shift", "value = lag = at_centre + 0 * slope * shift"),
     ("over.log_slope.imag - over.log_slope.real / root", "over.log_slope.imag + over.log_slope.real / root"),
-    ("slope = (slope - margin * over.stretch)", "slope = (slope + margin * over.stretch)"),
+    ("slope = (slope - lag * over.stretch)", "slope = (slope + lag * over.stretch)"),
+    ("at_centre / centre.frequency + slope", "at_centre / over.frequency + slope"),
+    ("(self.general.quantity, value, lag, [slope])", "(self.general.quantity, lag, value, [slope])"),
     # phase crossovers (3)
     ("at.imag - centre.x(upper) * at.real", "at.imag + centre.x(upper) * at.real"),
     ("slope.imag - over.x(upper) * (slope.real", "slope.imag + over.x(upper) * (slope.real"),

@@ -7,18 +7,17 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from cases.plants import Number, brake, lag, lag_gain_and_delay, pole, transfer_function
+from cases.plants import brake, lag, lag_gain_and_delay, pole, transfer_function
 from flint import ctx
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.stability import unstable_closed_loop_poles
-from fopi_tune.proof.balls.box import Box
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.claims.branch_and_bound import check_record, search
 from fopi_tune.proof.claims.claim import Claim
-from fopi_tune.proof.claims.poles import NoAxisRoot, NoPoleAtTheEnds, count_unstable_poles
+from fopi_tune.proof.claims.poles import NoPoleAtTheEnds, count_unstable_poles
 
 #: rad; poles closer to the axis than this are nobody's certain knowledge in double precision
 NEAR_AXIS = 1e-5
@@ -194,60 +193,3 @@ def test_no_pole_comes_from_the_ends_of_the_half_plane(gains: FoPi, family: Plan
 )
 def test_a_pole_that_passes_an_end_of_the_half_plane_is_never_overlooked(gains: FoPi, family: PlantFamily) -> None:
     assert not shown(ends(gains, family), 200)
-
-
-# --- open-loop roots -----------------------------------------------------------------------------------------------
-
-
-def no_root(coefficients: list[Number], denominator: bool, band: tuple[float, float] = EVERYWHERE) -> NoAxisRoot:
-    if denominator:
-        family = transfer_function([1.0], coefficients)
-    else:
-        family = transfer_function(coefficients, [1.0, 3.0, 3.0, 1.0])
-    loop = BallLoop(FoPi(1.0, 0.5, 0.8), family)
-    domain: Box = (band, *loop.family_box)
-    return NoAxisRoot(loop, denominator, domain, 0.3)
-
-
-@pytest.mark.parametrize("denominator", [True, False])
-@pytest.mark.parametrize(
-    "coefficients",
-    [
-        [(0.5, 2.0), (1.0, 3.0)],
-        [1.0, (-3.0, -1.0)],
-        [1.0, (0.05, 0.2), (0.5, 2.0)],
-        [1.0, (-0.2, -0.05), (0.5, 2.0)],
-        [1.0, 0.0, (-2.0, -1.0)],
-        [1.0, (0.5, 1.0), 0.0],
-        [1.0, (2.0, 3.0), (2.0, 3.0), (1.0, 3.0)],
-    ],
-)
-def test_roots_that_keep_their_half_plane_are_shown_to(coefficients: list[Number], denominator: bool) -> None:
-    assert shown(no_root(coefficients, denominator))
-
-
-@pytest.mark.parametrize("denominator", [True, False])
-@pytest.mark.parametrize(
-    "coefficients",
-    [
-        [1.0, (-0.1, 0.2), 1.0],
-        [1.0, 0.0, (0.5, 2.0)],
-        # Routh: a1 a2 = a0 a3 inside
-        [1.0, 1.0, (0.5, 1.5), 1.0],
-        [1.0, (0.9, 1.1), (0.9, 1.1), (0.9, 1.1)],
-    ],
-)
-def test_a_pair_that_passes_the_axis_is_never_overlooked(coefficients: list[Number], denominator: bool) -> None:
-    assert not shown(no_root(coefficients, denominator))
-
-
-def test_a_pole_through_the_origin_does_not_count_and_a_zero_does() -> None:
-    # A pole takes -180 deg with it wherever it is, continuously; a zero's +-90 deg jumps by a turn of the sheet.
-    assert shown(no_root([1.0, 2.0, (-0.5, 0.5)], denominator=True))
-    assert not shown(no_root([1.0, 2.0, (-0.5, 0.5)], denominator=False))
-
-
-def test_a_root_on_the_axis_outside_the_band_does_not_count() -> None:
-    # s^2 + a s + 4: at omega = 2, u = 0.69
-    assert shown(no_root([1.0, (-0.1, 0.2), 4.0], True, band=(-1.0, 0.6)))
-    assert not shown(no_root([1.0, (-0.1, 0.2), 4.0], True, band=(-1.0, 0.7)))
