@@ -221,7 +221,7 @@ def test_a_continuous_loop_has_its_gain_margin_at_rest() -> None:
 
 def test_margins_are_those_of_the_control_package() -> None:
     rng, compared = np.random.default_rng(4), 0
-    for _ in range(25):
+    while compared < 20:
         ts = 0.3
         plant = Plant(
             (float(rng.uniform(0.5, 2.0)),), (1.0, float(rng.uniform(0.5, 2.0)), float(rng.uniform(0.3, 1.0)))
@@ -235,13 +235,16 @@ def test_margins_are_those_of_the_control_package() -> None:
         found = margins_of(loops_of(plant, sections))
         # control finds crossings as roots of expanded polynomials in z of degree 6: seven digits are left
         np.testing.assert_allclose(found.gain_crossovers_rad_s, np.sort(at_gain), rtol=1e-6)
-        if len(phase):
-            assert found.phase_margin_deg == pytest.approx(float(phase.min()), abs=1e-4)
+        np.testing.assert_allclose(found.angles_from_minus_one_deg, phase[np.argsort(at_gain)], atol=1e-4)
+        assert found.stable == bool(np.all(np.abs(control.feedback(loop, 1).poles()) < 1.0))
+        if not found.stable:
+            assert found.phase_margin_deg is found.delay_margin_s is found.gain_margin_db is None
+            continue
+        assert found.phase_margin_deg == pytest.approx(float(np.abs(phase).min(initial=math.inf)), abs=1e-4)
         useful = (gain > 1.0) & (at_phase < 0.999 * math.pi / ts)
         if useful.any():
             assert found.gain_margin_db == pytest.approx(20.0 * math.log10(float(gain[useful].min())), abs=1e-5)
             compared += 1
-    assert compared >= 20
 
 
 def test_a_delay_margin_of_whole_samples_can_be_added_as_dead_time() -> None:
@@ -258,6 +261,33 @@ def test_a_delay_margin_of_whole_samples_can_be_added_as_dead_time() -> None:
                 assert found.delay_margin_s == pytest.approx(late * ts, rel=1e-9)
                 checked += 1
     assert checked >= 8
+
+
+@pytest.mark.parametrize(("gain", "at"), [(0.5, math.pi / 0.5), (-0.5, 0.0)])
+def test_a_gain_below_one_on_samples_has_infinite_margins(gain: float, at: float) -> None:
+    """gain/z is -1/2 at z = -1 or at z = 1."""
+    found = margins_of(loops_of(Plant((1.0,), (1.0,)), Sections(0.5, gain, (), ())))
+    assert found.stable
+    assert (found.crossover_rad_s, found.phase_margin_deg, found.delay_margin_s) == (None, math.inf, math.inf)
+    assert found.gain_margin_db == pytest.approx(20.0 * math.log10(2.0), rel=1e-12)
+    assert found.gain_margin_rad_s == pytest.approx(at, rel=1e-12)
+
+
+def test_a_loop_that_ends_above_unit_gain_on_samples_bears_no_sample_more() -> None:
+    """0.5/(z (z + 0.9)) is 5 at z = -1; z^2 + 0.9 z + 0.5 is stable, z^3 + 0.9 z^2 + 0.5 has a root below -1."""
+    ts, plant, sections = 0.5, Plant((1.0,), (1.0,)), Sections(0.5, 0.0, (-0.9,), (0.5,))
+    found = margins_of(loops_of(plant, sections))
+    # |z + 0.9| = 0.5
+    turn = math.acos((0.25 - 1.81) / 1.8)
+    z = complex(math.cos(turn), math.sin(turn))
+    angle = math.degrees(np.angle(-0.5 / (z * (z + 0.9))))
+    assert found.stable
+    assert found.gain_crossovers_rad_s == pytest.approx((turn / ts,), rel=1e-12)
+    assert found.angles_from_minus_one_deg == pytest.approx((angle,), rel=1e-10)
+    assert found.phase_margin_deg == pytest.approx(abs(angle), rel=1e-10)
+    assert found.delay_margin_s == 0.0
+    assert found.delay_margin_rad_s == pytest.approx(math.pi / ts, rel=1e-12)
+    assert not margins_of(loops_of(plant, sections, 1.0)).stable
 
 
 def test_the_phase_slope_is_the_difference_quotient() -> None:
