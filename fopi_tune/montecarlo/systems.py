@@ -84,7 +84,7 @@ def hybrid_scenario(system: SystemSpec, scenario: ScenarioSpec, implementation: 
         _INACTIVE[system.inactive],
         1 + names.index(system.first),
         system.most_switches,
-        system.window_s,
+        system.chattering_window_s,
     )
     return replace(scenario_of(scenario, implementation, seed), hybrid=hybrid)
 

@@ -29,14 +29,15 @@ from fopi_tune.simulation.scenario import (
     Step,
     Traces,
 )
+from fopi_tune.spec.measures import ACCELERATION, PER_M_S, acceleration_problem, velocity_unit
 from fopi_tune.spec.model import Knot, ScenarioSpec
-from fopi_tune.spec.velocity import ACCELERATION, PER_M_S, acceleration_problem, velocity_unit
 
 #: settling band as a share of a step, where the spec gives none
 _SETTLED = 0.02
 
-#: word after `limits:` -> the measure, shape (m,); `measure_values` knows the acceleration too
+#: word after `limits:` -> the measure, shape (m,), in the output's unit, to which `measure_values` adds the velocity's
 MEASURE_VALUES: dict[str, Callable[[Measures], Array]] = {
+    ACCELERATION: lambda found: found.peak_rate,
     "peak_rate_per_s": lambda found: found.peak_rate,
     "overshoot": lambda found: found.overshoot,
     "settling_time_s": lambda found: found.settling_s,
@@ -80,12 +81,13 @@ def measure_values(measures: Measures, name: str, measurement_unit: str) -> Arra
     Raises:
         DomainError: an acceleration where the unit is no velocity.
     """
+    values = MEASURE_VALUES[name](measures)
     if name != ACCELERATION:
-        return MEASURE_VALUES[name](measures)
+        return values
     unit = velocity_unit(measurement_unit)
     if unit is None:
         raise DomainError(acceleration_problem(measurement_unit))
-    return measures.peak_rate / PER_M_S[unit]
+    return values / PER_M_S[unit]
 
 
 def horizon_of(scenario: ScenarioSpec, run: Scenario) -> Horizon:

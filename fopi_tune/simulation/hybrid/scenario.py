@@ -63,7 +63,7 @@ def simulate_inclusion(
     step = sample_time_s / _KEPT
     times = step * np.arange(round(scenario.duration_s / step) + 1)
     times = np.minimum(times, scenario.duration_s)
-    watch = Watch(system.most_switches, system.window_s)
+    watch = Watch(system.most_switches, system.chattering_window_s)
     found = simulate_hybrid(car, _corners(scenario), scenario.duration_s, np.unique(times), start=start, watch=watch)
     reference = piecewise_signal(scenario.reference, scenario.initial_output, found.time_s)
     rows = (found.output, found.rate, found.output, found.error, found.control, found.control)
