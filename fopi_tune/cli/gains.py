@@ -27,7 +27,7 @@ def gains_from_options(kp: float | None, ki: float | None, alpha: float | None) 
 
 
 def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | None:
-    """The gains that the spec fixes, or those of a solved design of the same design problem in the folder of results."""
+    """The gains that the spec fixes, or those of a solved design of the same problem in the folder of results."""
     from fopi_tune.spec.digests import is_of_spec
     from fopi_tune.spec.files import read_json
 
