@@ -34,11 +34,8 @@ def mode_notes(name: str, raises: bool, plant: Plant, limits: tuple[float, float
     side = "above" if (gain > 0.0) == raises else "below"
     if limits[1] > 0.0 if side == "above" else limits[0] < 0.0:
         return []
-    shown = ", ".join(f"{limit:g}" for limit in limits)
-    return [
-        f"{name}: its output_limits [{shown}] leave nothing {side} 0, so that it cannot {'raise' if raises else 'lower'} "
-        "the output"
-    ]
+    shown, does = ", ".join(f"{limit:g}" for limit in limits), "raise" if raises else "lower"
+    return [f"{name}: its output_limits [{shown}] leave nothing {side} 0: it cannot {does} the output"]
 
 
 def setpoint_notes(scenario: ScenarioSpec, plant: Plant, limits: tuple[float, float]) -> list[str]:
