@@ -278,7 +278,7 @@ def validate(
 @app.command()
 def simulate(
     spec: Annotated[
-        str, typer.Argument(metavar="SPEC", help="Spec file with sections `digital` and `scenarios`, or a system.")
+        str, typer.Argument(metavar="SPEC", help="Spec file, or a system; without scenarios a default one.")
     ],
     kp: Kp = None,
     ki: Ki = None,
@@ -291,6 +291,9 @@ def simulate(
     exact: Annotated[
         bool, typer.Option("--exact", help="The loop in continuous time instead, without filter and samples.")
     ] = False,
+    accuracy: Annotated[
+        float | None, typer.Option(metavar="VALUE", help="With --exact: refine it to this, in the output's unit.")
+    ] = None,
     samples: Annotated[int | None, typer.Option(help="For --replay: as `fopi validate` was given it.")] = None,
     seed: Annotated[int | None, typer.Option(help="In place of the spec's; as `fopi validate` was given it.")] = None,
     out: Out = None,
@@ -311,7 +314,9 @@ def simulate(
         raise bad_input("--replay makes a plant again that was drawn; leave --plant out")
     if replay is None and samples is not None:
         raise bad_input("--samples says of which draws --replay makes one again; give --replay, or leave --samples out")
-    selection = SimulationOptions(scenario, numbers, replay, samples, seed, exact)
+    if accuracy is not None and not exact:
+        raise bad_input("--accuracy is of the loop in continuous time; give --exact too, or leave it out")
+    selection = SimulationOptions(scenario, numbers, replay, samples, seed, exact, accuracy)
     raise typer.Exit(simulate_file(spec, gains_from_options(kp, ki, alpha), selection, options))
 
 

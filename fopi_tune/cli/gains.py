@@ -27,7 +27,8 @@ def gains_from_options(kp: float | None, ki: float | None, alpha: float | None) 
 
 
 def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | None:
-    """The gains that the spec fixes, or those of a solved design of exactly this spec in the folder of results."""
+    """The gains that the spec fixes, or those of a solved design of the same problem in the folder of results."""
+    from fopi_tune.spec.digests import is_of_spec
     from fopi_tune.spec.files import read_json
 
     box = spec.controller
@@ -36,7 +37,7 @@ def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | 
     path = options.folder(spec) / "design.json"
     try:
         document = read_json(path)
-        solved = document["status"] == "solved" and document["stamp"]["spec_sha256"] == spec.sha256
+        solved = document["status"] == "solved" and is_of_spec(document["stamp"], spec)
         gains = document["gains"] if solved else None
         found = FoPi(float(gains["kp"]), float(gains["ki"]), float(gains["alpha"])) if gains else None
     except (OSError, DomainError, KeyError, TypeError):

@@ -27,6 +27,7 @@ class SimulationOptions:
         replay: index of a draw, instead.
         samples, seed: what that draw was made with, in place of the file's.
         exact: in continuous time.
+        accuracy: of that, in the output's unit; None as it is.
     """
 
     scenario: str | None
@@ -35,6 +36,7 @@ class SimulationOptions:
     samples: int | None
     seed: int | None
     exact: bool
+    accuracy: float | None = None
 
 
 def parameters_from_options(pairs: Sequence[str]) -> dict[str, float]:
@@ -74,8 +76,8 @@ def simulate_file(file: str, given: FoPi | None, selection: SimulationOptions, o
     """Run `fopi simulate`: simulate one plant, or one of each mode, write and print the result."""
 
     def compute(loaded: DesignSpec | SystemSpec) -> Result:
-        from fopi_tune.pipeline.simulate import simulate
-        from fopi_tune.pipeline.systems import simulate_system
+        from fopi_tune.pipeline.simulate import refuse_simulation, simulate
+        from fopi_tune.pipeline.systems import refuse_system_simulation, simulate_system
         from fopi_tune.spec.model import SystemSpec
 
         arguments: dict[str, Any] = {
@@ -85,9 +87,12 @@ def simulate_file(file: str, given: FoPi | None, selection: SimulationOptions, o
             "samples": selection.samples,
             "seed": selection.seed,
             "exact": selection.exact,
+            "accuracy": selection.accuracy,
         }
         if isinstance(loaded, SystemSpec):
+            refuse_system_simulation(loaded, **arguments)
             return simulate_system(loaded, _gains_of_modes(loaded, given, options), **arguments)
+        refuse_simulation(loaded, **arguments)
         found = given if given is not None else earlier_or_tuned_gains(loaded, options)
         return found if not isinstance(found, FoPi) else simulate(loaded, found, **arguments)
 

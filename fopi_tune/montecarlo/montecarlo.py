@@ -145,9 +145,16 @@ def sample_block(
     done = split_progress(progress, end - first, 1 + len(scenarios))
     margins = _MarginSampler(spec, gains, implementation, sampler).margins(first, end, done[0])
     modes = [Mode(controller_of(spec, implementation), sampler.plants)]
+    unit = "" if spec.digital is None else spec.digital.measurement_unit
     simulated = [
         sampler.simulate_scenario(
-            spec.limits, scenario, modes, scenario_of(scenario, implementation, sampler.seed), each, (first, end)
+            spec.limits,
+            scenario,
+            modes,
+            scenario_of(scenario, implementation, sampler.seed),
+            each,
+            (first, end),
+            unit=unit,
         )
         for scenario, each in zip(scenarios, done[1:], strict=True)
     ]

@@ -18,7 +18,7 @@ from fopi_tune.montecarlo.membership import ClassifiedDraws, FamilyTally, family
 from fopi_tune.montecarlo.sampling import SamplingDesign
 from fopi_tune.montecarlo.statistics import Fraction, Histogram, Quantile, histogram
 from fopi_tune.montecarlo.tally import IndexedValue, Worst
-from fopi_tune.simulation.measures import MEASURE_VALUES, horizon_of
+from fopi_tune.simulation.measures import horizon_of, measure_values
 from fopi_tune.simulation.sampled.simulate import measure_chunks
 from fopi_tune.simulation.scenario import Mode, Scenario
 from fopi_tune.spec.model import Limit, Relation, Requirement, ScenarioSpec, ValidationSpec
@@ -170,6 +170,8 @@ class PlantSampler:
         run: Scenario,
         done: ChunkProgress,
         block: tuple[int, int] | None = None,
+        *,
+        unit: str = "",
     ) -> tuple[FamilyTally, ...]:
         """Simulate a scenario with draws, and tally: finite, without chattering, then every limit on it.
 
@@ -180,6 +182,7 @@ class PlantSampler:
             run: the scenario on the controllers' samples.
             done: called with the number of plants done.
             block: the draws, (first, end); None: all.
+            unit: of the measurement.
         """
         limits = limits_about(limits, scenario)
         parts: list[list[FamilyTally]] = []
@@ -191,7 +194,7 @@ class PlantSampler:
             counts = [_condition_tally(draws, measures.finite), _condition_tally(draws, ~measures.chattering)]
             for limit in limits:
                 upper = limit.relation is Relation.AT_MOST
-                values = MEASURE_VALUES[limit.measure](measures)
+                values = measure_values(measures, limit.measure, unit)
                 values = np.where(np.isnan(values), np.inf if upper else -np.inf, values)
                 met = values <= limit.limit if upper else values >= limit.limit
                 counts.append(outcome_tally(draws, values, met, upper))

@@ -84,7 +84,7 @@ def hybrid_scenario(system: SystemSpec, scenario: ScenarioSpec, implementation: 
         _INACTIVE[system.inactive],
         1 + names.index(system.first),
         system.most_switches,
-        system.window_s,
+        system.chattering_window_s,
     )
     return replace(scenario_of(scenario, implementation, seed), hybrid=hybrid)
 
@@ -107,6 +107,6 @@ def system_evidence(
     found = []
     for scenario, each in zip(system.scenarios, done, strict=True):
         run = hybrid_scenario(system, scenario, implementations[0], sampler.seed)
-        counts = sampler.simulate_scenario(system.limits, scenario, modes, run, each)
+        counts = sampler.simulate_scenario(system.limits, scenario, modes, run, each, unit=system.measurement_unit)
         found.append(sampler.scenario_statistics(system.limits, scenario, counts))
     return SystemEvidence(sampler.validation, tuple(found), outside, no_plants, system.family.uncertain_names)

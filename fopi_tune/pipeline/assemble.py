@@ -9,6 +9,7 @@ from fopi_tune.results.candidate import CheckedCandidate, Solver, Violation
 from fopi_tune.results.design import Design, RequirementReport
 from fopi_tune.results.stamp import stamp
 from fopi_tune.results.status import Relaxation, Status
+from fopi_tune.spec.digests import digests_of
 from fopi_tune.spec.model import DesignSpec
 
 
@@ -44,7 +45,7 @@ def assemble_design(spec: DesignSpec, checked: CheckedCandidate, proof: bool, so
         proof_wanted=proof,
         clash=clash,
         message=message,
-        stamp=stamp(spec.sha256, solver.value),
+        stamp=stamp(spec.sha256, solver.value, digests_of(spec)),
         solves=candidate.solves,
     )
 

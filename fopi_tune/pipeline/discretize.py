@@ -8,6 +8,7 @@ from fopi_tune.proof import certify, verify
 from fopi_tune.results.design import Discretized
 from fopi_tune.results.stamp import certificate_versions, stamp
 from fopi_tune.spec import load_spec
+from fopi_tune.spec.digests import digests_of
 from fopi_tune.spec.load import Source
 
 
@@ -32,4 +33,4 @@ def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:
     implementation = Implementation(controller.sections, digital.delay_samples)
     found = verify(spec, gains, implementation=implementation)
     certificate = certify(spec, found, certificate_versions(), implementation) if proof else None
-    return Discretized(spec, controller, found, certificate, stamp(spec.sha256, None))
+    return Discretized(spec, controller, found, certificate, stamp(spec.sha256, None, digests_of(spec)))

@@ -9,15 +9,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
-from fopi_tune.pipeline.simulate import continuous_result, plant_point, run_scenario, select_scenarios
+from fopi_tune.pipeline.scenario_results import (
+    continuous_result,
+    plant_point,
+    refuse_accuracy,
+    refuse_start,
+    run_scenario,
+    select_scenarios,
+)
 from fopi_tune.pipeline.tune import tune
 from fopi_tune.pipeline.validate import override_validation
 from fopi_tune.results.simulation import ScenarioResult
 from fopi_tune.results.stamp import stamp
 from fopi_tune.results.status import Status
 from fopi_tune.results.system import SimulatedSystem
+from fopi_tune.simulation.notes import mode_notes
 from fopi_tune.spec import load_system
 from fopi_tune.spec.load import SystemSource
 from fopi_tune.spec.model import ScenarioSpec, SystemSpec
@@ -37,6 +46,7 @@ def simulate_system(
     samples: int | None = None,
     seed: int | None = None,
     exact: bool = False,
+    accuracy: float | None = None,
 ) -> SimulatedSystem:
     """Simulate the scenarios of a system for one pair of plants, with both digital controllers.
 
@@ -48,7 +58,9 @@ def simulate_system(
         replay: index of a pair that `validate_system` drew; it and its noise are made again.
         samples: what was given to `validate_system`.
         seed: what was given to `validate_system`.
-        exact: simulate the hybrid inclusion in continuous time, with located jumps.
+        exact: simulate the hybrid inclusion in continuous time, with located jumps; in equal steps where there is a
+            computing delay or a load.
+        accuracy: of `exact`: refine until the output moves by less, in its unit; what is reached is said.
 
     Raises:
         SpecError: the file, or a spec it names, cannot be read, or has mistakes.
@@ -59,22 +71,78 @@ def simulate_system(
     system = load_system(source)
     validation = override_validation(system.validation, samples, seed)
     system = replace(system, validation=validation)
+    point = refuse_system_simulation(
+        system, gains, scenario=scenario, plant=plant, replay=replay, exact=exact, accuracy=accuracy
+    )
     mode_gains = _mode_gains(system, gains)
     implementations = _implementations(system, mode_gains)
-    point = plant_point(system.family, validation, plant, replay)
     scenarios = select_scenarios(system.scenarios, scenario)
     if exact:
-        results = [_inclusion_result(system, each, mode_gains, implementations, point) for each in scenarios]
+        results = [_inclusion_result(system, each, mode_gains, implementations, point, accuracy) for each in scenarios]
     else:
         modes = modes_of(system, implementations, lambda first, end: point[None, :])
         runs = [hybrid_scenario(system, each, implementations[0], validation.seed) for each in scenarios]
         results = [
-            run_scenario(each, modes, run, system.limits, replay or 0)
+            run_scenario(each, modes, run, system.limits, replay or 0, system.measurement_unit)
             for each, run in zip(scenarios, runs, strict=True)
         ]
     described = system.family.describe(point)
-    made = stamp(system.sha256, None)
-    return SimulatedSystem(system, mode_gains, described, replay, tuple(results), made, exact=exact)
+    made, notes = stamp(system.sha256, None), _system_notes(system)
+    return SimulatedSystem(system, mode_gains, described, replay, tuple(results), made, exact=exact, notes=notes)
+
+
+def refuse_system_simulation(
+    source: SystemSource,
+    gains: Mapping[str, FoPi] | None = None,
+    *,
+    scenario: str | None = None,
+    plant: Mapping[str, float] | None = None,
+    replay: int | None = None,
+    samples: int | None = None,
+    seed: int | None = None,
+    exact: bool = False,
+    accuracy: float | None = None,
+) -> np.ndarray:
+    """Refuse what `simulate_system` cannot, before gains are tuned and anything runs.
+
+    Args:
+        source, gains, scenario, plant, replay, samples, seed, exact, accuracy: as for `simulate_system`.
+
+    Returns:
+        The point of both plants, shape (p,).
+
+    Raises:
+        SpecError, DomainError: as `simulate_system`.
+    """
+    from fopi_tune.simulation.fractional.continuous import refuse_samples_only
+
+    system = load_system(source)
+    refuse_accuracy(accuracy, exact)
+    _refuse_unknown_modes(system, gains or {})
+    point = plant_point(system.family, override_validation(system.validation, samples, seed), plant, replay)
+    for each in select_scenarios(system.scenarios, scenario):
+        if exact:
+            refuse_samples_only(each)
+        for mode, family_point in zip(system.modes, _points(system, point), strict=True):
+            refuse_start(each, Plants.members(mode.spec.plant, family_point[None, :]), system.sample_time_s)
+    return point
+
+
+def _points(system: SystemSpec, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers of each mode's plant."""
+    split = len(system.modes[0].spec.plant.uncertain_names)
+    return point[:split], point[split:]
+
+
+def _system_notes(system: SystemSpec) -> tuple[str, ...]:
+    """What the modes' limits leave no room for; by the nominal plants."""
+    notes = []
+    for mode, raises in zip(system.modes, (True, False), strict=True):
+        limits = mode.spec.digital.output_limits if mode.spec.digital is not None else None
+        if limits is not None:
+            nominal = mode.spec.plant.member(mode.spec.plant.nominal_point)
+            notes += mode_notes(mode.name, raises, nominal, limits)
+    return tuple(notes)
 
 
 def validate_system(
@@ -102,10 +170,11 @@ def validate_system(
 
     system = load_system(source)
     system = replace(system, validation=override_validation(system.validation, samples, seed))
+    refuse_system_simulation(system, gains)
     mode_gains = _mode_gains(system, gains)
     evidence = system_evidence(system, _implementations(system, mode_gains), progress)
     made = replace(stamp(system.sha256, None), seed=evidence.validation.seed)
-    return ValidatedSystem(system, mode_gains, evidence, made)
+    return ValidatedSystem(system, mode_gains, evidence, made, _system_notes(system))
 
 
 def _mode_gains(system: SystemSpec, gains: Mapping[str, FoPi] | None) -> dict[str, FoPi]:
@@ -114,11 +183,8 @@ def _mode_gains(system: SystemSpec, gains: Mapping[str, FoPi] | None) -> dict[st
     Raises:
         DomainError: a mode that does not exist, or a spec that has no solution.
     """
-    given = dict(gains or {})
-    names = [mode.name for mode in system.modes]
-    if unknown := [name for name in given if name not in names]:
-        raise DomainError(f"there is no mode {unknown[0]!r}; there is {' and '.join(names)}")
-    found = {}
+    given, found = dict(gains or {}), {}
+    _refuse_unknown_modes(system, given)
     for mode in system.modes:
         wanted = given.get(mode.name, mode.gains)
         if wanted is None:
@@ -128,6 +194,12 @@ def _mode_gains(system: SystemSpec, gains: Mapping[str, FoPi] | None) -> dict[st
             wanted = design.gains
         found[mode.name] = wanted
     return found
+
+
+def _refuse_unknown_modes(system: SystemSpec, gains: Mapping[str, FoPi]) -> None:
+    names = [mode.name for mode in system.modes]
+    if unknown := [name for name in gains if name not in names]:
+        raise DomainError(f"there is no mode {unknown[0]!r}; there is {' and '.join(names)}")
 
 
 def _implementations(system: SystemSpec, gains: Mapping[str, FoPi]) -> list[Implementation]:
@@ -143,15 +215,15 @@ def _inclusion_result(
     gains: Mapping[str, FoPi],
     implementations: Sequence[Implementation],
     point: np.ndarray,
+    accuracy: float | None,
 ) -> ScenarioResult:
     """One scenario of the hybrid inclusion; `point` holds the numbers of the first mode's plant, then the second's."""
     from fopi_tune.montecarlo.montecarlo import controller_of
     from fopi_tune.simulation.hybrid.scenario import simulate_inclusion
 
-    split = len(system.modes[0].spec.plant.uncertain_names)
-    plants = [m.spec.plant.member(part) for m, part in zip(system.modes, (point[:split], point[split:]), strict=True)]
+    plants = [m.spec.plant.member(part) for m, part in zip(system.modes, _points(system, point), strict=True)]
     controllers = [controller_of(m.spec, i) for m, i in zip(system.modes, implementations, strict=True)]
     each = [gains[mode.name] for mode in system.modes]
     step = implementations[0].sample_time_s
-    found = simulate_inclusion(system, scenario, each, plants, controllers, step)
-    return continuous_result(scenario, found, system.limits)
+    found = simulate_inclusion(system, scenario, each, plants, controllers, step, accuracy)
+    return continuous_result(scenario, found, system.limits, system.measurement_unit, accuracy)

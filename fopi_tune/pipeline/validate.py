@@ -7,9 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.discretize import discretize
+from fopi_tune.pipeline.scenario_results import refuse_start
 from fopi_tune.results.design import Validated
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.load import Source
@@ -51,6 +53,10 @@ def validate(
 
     spec = load_spec(source)
     spec = replace(spec, validation=override_validation(spec.validation, samples, seed))
+    if spec.digital is not None:
+        nominal = Plants.of(spec.plant.member(spec.plant.nominal_point))
+        for scenario in spec.scenarios:
+            refuse_start(scenario, nominal, spec.digital.sample_time_s)
     digital = discretize(spec, gains)
     implementation = Implementation(digital.controller.sections, digital.controller.digital.delay_samples)
     evidence = evidence_of(spec, blocks) if blocks else monte_carlo(spec, gains, implementation, progress)

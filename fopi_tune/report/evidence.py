@@ -11,6 +11,7 @@ import numpy as np
 from fopi_tune.report.figures.picture import BLACK, BLUE, ORANGE, WIDE, Picture, label_axes
 from fopi_tune.report.requirement_rows import place_phrase
 from fopi_tune.report.text.formatting import number
+from fopi_tune.report.text.percentages import interval_phrase, share_phrase
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -107,8 +108,7 @@ def _phrase(judged: Mapping[str, Any]) -> str:
 
 
 def _share_and_interval(said: Mapping[str, Any]) -> tuple[str, str]:
-    share = f"{100.0 * said['met'] / said['total']:.4g} %"
-    return share, f"{100.0 * said['low']:.4g} .. {100.0 * said['high']:.4g} %"
+    return share_phrase(said["met"], said["total"]), interval_phrase(said["low"], said["high"])
 
 
 def _value(value: float | None) -> str:

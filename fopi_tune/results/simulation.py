@@ -18,6 +18,36 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class JudgedStep:
+    """The measures of one step of the reference, or of the load; nan for what belongs to another step.
+
+    Args:
+        at_s: its beginning.
+        before, value: the reference before it and at its end, output unit; equal where there is no step of it.
+        of_load: whether it is the load that changes.
+        overshoot, settling_time_s, final_error: as the words after `limits:`; infinite: it did not settle.
+    """
+
+    at_s: float
+    before: float
+    value: float
+    of_load: bool
+    overshoot: float
+    settling_time_s: float
+    final_error: float
+
+    def phrase(self) -> str:
+        """In words: "10 to 5 at 100 s"."""
+        if self.of_load:
+            return f"the load at {self.at_s:g} s"
+        return f"{self.before:g} to {self.value:g} at {self.at_s:g} s" if self.before != self.value else "no step"
+
+
+#: the measures of `JudgedStep`
+STEP_MEASURES = ("overshoot", "settling_time_s", "final_error")
+
+
+@dataclass(frozen=True)
 class ScenarioResult:
     """The simulation of one scenario with one plant.
 
@@ -25,30 +55,47 @@ class ScenarioResult:
         scenario: as the spec states it.
         reference: shape (steps,), output unit.
         traces: the signals, one row.
-        measures: word after `limits:` -> value; nan where the output did not stay finite.
-        limits: those of the spec for this scenario, and whether each is met.
+        measures: word after `limits:` -> value; nan where the output did not stay finite; the acceleration only of a
+            velocity.
+        limits: those of the spec for this scenario, and whether each is met; None where that is not known.
         chattering: whether the modes of a system switched too often within its window.
         switch_times_s: when the mode of a system changed.
-        accuracy: in continuous time, the largest difference of the output from that with steps twice as long.
+        accuracy: in continuous time, the largest difference of the output to a coarser run.
         outcome: of a system in continuous time, how the run ended; empty otherwise.
+        steps: each step that is judged; the worst one counts in `measures`.
+        notes: what to know about the run, a sentence each.
     """
 
     scenario: ScenarioSpec
     reference: np.ndarray
     traces: Traces
     measures: Mapping[str, float]
-    limits: tuple[tuple[Limit, bool], ...]
+    limits: tuple[tuple[Limit, bool | None], ...]
     chattering: bool = False
     switch_times_s: tuple[float, ...] = ()
     accuracy: float | None = None
     outcome: str = ""
+    steps: tuple[JudgedStep, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def worst_steps(self) -> dict[str, JudgedStep]:
+        """Which step counts in each of `STEP_MEASURES`, where there is more than one."""
+        found: dict[str, JudgedStep] = {}
+        for name in STEP_MEASURES if len(self.steps) > 1 else ():
+            known = [step for step in self.steps if not math.isnan(getattr(step, name))]
+            if known:
+                found[name] = max(
+                    known, key=lambda step: abs(step.final_error) if name == "final_error" else getattr(step, name)
+                )
+        return found
 
     def to_dict(self) -> dict[str, Any]:
         """Measures and limits as JSON; what is not finite is null."""
         return {
             "name": self.scenario.name,
             "samples": len(self.traces.time_s),
-            "measures": {k: v if math.isfinite(v) else None for k, v in self.measures.items()},
+            "measures": {k: _finite(v) for k, v in self.measures.items()},
             "limits": [
                 {"name": e.measure, "relation": e.relation.value, "limit": e.limit, "met": met}
                 for e, met in self.limits
@@ -57,6 +104,12 @@ class ScenarioResult:
             "switch_times_s": list(self.switch_times_s),
             "accuracy": self.accuracy,
             "outcome": self.outcome or None,
+            "steps": [
+                {name: _finite(value) if isinstance(value, float) else value for name, value in asdict(step).items()}
+                for step in self.steps
+            ],
+            "worst_steps": {name: self.steps.index(step) for name, step in self.worst_steps.items()},
+            "notes": list(self.notes),
         }
 
     def rows(self) -> Iterator[tuple[float, ...]]:
@@ -66,6 +119,10 @@ class ScenarioResult:
         yield from zip(
             t.time_s.tolist(), self.reference.tolist(), *(column[0].tolist() for column in columns), strict=True
         )
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 COLUMNS = (
@@ -94,6 +151,8 @@ class Simulated:
         driven: the results, a scenario each.
         stamp: provenance.
         exact: whether the loop was simulated in continuous time, without filter and samples.
+        left_out: what the loop has and this simulation has not, in words; empty for none.
+        notes: what to know about all scenarios.
     """
 
     spec: DesignSpec
@@ -103,6 +162,8 @@ class Simulated:
     driven: tuple[ScenarioResult, ...]
     stamp: Stamp
     exact: bool = False
+    left_out: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def status(self) -> str:
@@ -119,6 +180,8 @@ class Simulated:
             "plant": dict(self.plant),
             "index": self.index,
             "exact": self.exact,
+            "left_out": self.left_out or None,
+            "notes": list(self.notes),
             "scenarios": [each.to_dict() for each in self.driven],
             "stamp": {**asdict(self.stamp), **draw_stamp(self.index, self.spec.validation)},
         }

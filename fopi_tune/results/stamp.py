@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
@@ -33,6 +33,7 @@ class Stamp:
         platform: operating system and machine.
         solver: what found the gains; None when nothing was solved.
         seed: of random numbers; None when none were drawn.
+        digests: of the spec's parts, by their names; empty where the result depends on all of it.
     """
 
     spec_sha256: str
@@ -41,14 +42,16 @@ class Stamp:
     platform: str
     solver: str | None
     seed: int | None = None
+    digests: Mapping[str, str] = field(default_factory=dict)
 
 
-def stamp(spec_sha256: str, solver: str | None) -> Stamp:
+def stamp(spec_sha256: str, solver: str | None, digests: Mapping[str, str] | None = None) -> Stamp:
     """The stamp of a result made here and now; it holds no time, so that equal inputs give equal files."""
     versions = {"fopi-tune": __version__}
     names = _CONVEX_DISTRIBUTIONS if solver == "convex" else _DISTRIBUTIONS
     versions |= {name: _version_of(name) for name in names}
-    return Stamp(spec_sha256, versions, platform.python_version(), f"{platform.system()} {platform.machine()}", solver)
+    machine = f"{platform.system()} {platform.machine()}"
+    return Stamp(spec_sha256, versions, platform.python_version(), machine, solver, digests=dict(digests or {}))
 
 
 def numeric_versions() -> dict[str, str]:

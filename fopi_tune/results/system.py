@@ -29,6 +29,8 @@ class SimulatedSystem:
         driven: the results, a scenario each.
         stamp: provenance.
         exact: whether the hybrid inclusion was simulated in continuous time, without samples.
+        left_out: what the loops have and this simulation has not, in words; empty for none.
+        notes: what to know about all scenarios.
     """
 
     spec: SystemSpec
@@ -38,6 +40,8 @@ class SimulatedSystem:
     driven: tuple[ScenarioResult, ...]
     stamp: Stamp
     exact: bool = False
+    left_out: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def status(self) -> str:
@@ -56,6 +60,8 @@ class SimulatedSystem:
             "plant": dict(self.plant),
             "index": self.index,
             "exact": self.exact,
+            "left_out": self.left_out or None,
+            "notes": list(self.notes),
             "scenarios": [each.to_dict() for each in self.driven],
             "stamp": {**asdict(self.stamp), **draw_stamp(self.index, self.spec.validation)},
         }
@@ -70,12 +76,14 @@ class ValidatedSystem:
         gains: of each mode.
         evidence: how often each limit was met.
         stamp: provenance.
+        notes: what to know about all scenarios.
     """
 
     spec: SystemSpec
     gains: Mapping[str, FoPi]
     evidence: SystemEvidence
     stamp: Stamp
+    notes: tuple[str, ...] = ()
 
     @property
     def status(self) -> str:
@@ -92,6 +100,7 @@ class ValidatedSystem:
             "gains": {name: asdict(gains) for name, gains in self.gains.items()},
             "name": self.spec.name,
             **system_document(self.evidence),
+            "notes": list(self.notes),
             "stamp": {
                 **asdict(self.stamp),
                 "samples_file_sha256": self.evidence.validation.samples_file_sha256,

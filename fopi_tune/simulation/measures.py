@@ -7,7 +7,8 @@ simulation collects the same sample by sample (`sampled.plant_stages`, `sampled.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.digital.runtime import Runtime
+from fopi_tune.errors import DomainError
 from fopi_tune.simulation.scenario import (
     Actuator,
     Horizon,
@@ -24,18 +26,18 @@ from fopi_tune.simulation.scenario import (
     Sensor,
     Signals,
     Start,
+    Step,
     Traces,
 )
+from fopi_tune.spec.measures import ACCELERATION, PER_M_S, acceleration_problem, velocity_unit
 from fopi_tune.spec.model import Knot, ScenarioSpec
 
-#: km/h per m/s
-KMH_PER_M_S = 3.6
-#: settling band as a share of the last step, where the spec gives none
+#: settling band as a share of a step, where the spec gives none
 _SETTLED = 0.02
 
-#: word after `limits:` -> the measure, shape (m,)
+#: word after `limits:` -> the measure, shape (m,), in the output's unit, to which `measure_values` adds the velocity's
 MEASURE_VALUES: dict[str, Callable[[Measures], Array]] = {
-    "acceleration_m_s2": lambda found: found.peak_rate / KMH_PER_M_S,
+    ACCELERATION: lambda found: found.peak_rate,
     "peak_rate_per_s": lambda found: found.peak_rate,
     "overshoot": lambda found: found.overshoot,
     "settling_time_s": lambda found: found.settling_s,
@@ -68,15 +70,80 @@ def scenario_of(scenario: ScenarioSpec, implementation: Implementation, seed: in
     )
 
 
+def measure_values(measures: Measures, name: str, measurement_unit: str) -> Array:
+    """A measure by its word after `limits:`, shape (m,).
+
+    Args:
+        measures: of m plants.
+        name: a key of `spec.model.MEASURES`.
+        measurement_unit: of the output; an acceleration needs a velocity.
+
+    Raises:
+        DomainError: an acceleration where the unit is no velocity.
+    """
+    values = MEASURE_VALUES[name](measures)
+    if name != ACCELERATION:
+        return values
+    unit = velocity_unit(measurement_unit)
+    if unit is None:
+        raise DomainError(acceleration_problem(measurement_unit))
+    return values / PER_M_S[unit]
+
+
 def horizon_of(scenario: ScenarioSpec, run: Scenario) -> Horizon:
-    """The samples over which its measures are taken, and the settling band."""
+    """The samples over which its measures are taken, and the steps that are judged.
+
+    A step that is over at `judged_from_s` is none any more, one that is under way is judged from there on.
+    """
     reference = run.signals.reference
-    first = min(math.ceil(scenario.judged_from_s / run.sample_time_s - 1e-9), len(reference) - 1)
-    before = float(reference[first - 1]) if first else scenario.initial_output
-    band = scenario.settling_band
-    if band is None:
-        band = _SETTLED * (abs(float(reference[-1]) - before) or abs(float(reference[-1])))
-    return Horizon(band, first)
+    first = min(_first_sample(scenario.judged_from_s, run), len(reference) - 1)
+
+    def band(size: float) -> float:
+        return scenario.settling_band if scenario.settling_band is not None else _SETTLED * abs(size)
+
+    changes = _changes(scenario.reference, scenario.initial_output, run)
+    steps = [Step(k, at, before, value, band(value - before)) for k, at, before, value in changes]
+    last = next((step for step in reversed(steps) if step.first < first), None)
+    steps = [step for step in steps if step.first >= first]
+    under_way = last is not None and float(reference[first - 1]) != last.value
+    if under_way or not steps:
+        value = scenario.initial_output if last is None else last.value
+        before = float(reference[first - 1]) if under_way else value
+        width = band(value) if last is None else last.band
+        at = first * run.sample_time_s
+        if not steps or steps[0].first > first:
+            steps = [Step(first, at, before, value, width), *steps]
+    loads = [Step(k, at, 0.0, 0.0, 0.0, of_load=True) for k, at, *_ in _changes(scenario.load, 0.0, run)]
+    return Horizon(steps[-1].band, first, tuple(_with_loads(steps, loads)))
+
+
+def _with_loads(steps: Sequence[Step], loads: Sequence[Step]) -> Iterator[Step]:
+    """Both in the order of their samples; a step of the load is about the reference of the step before."""
+    starts = {step.first for step in steps}
+    last = steps[0]
+    for step in sorted([*steps, *(load for load in loads if load.first not in starts)], key=lambda step: step.first):
+        if step.of_load and step.first < steps[0].first:
+            continue
+        last = replace(last, first=step.first, at_s=step.at_s, of_load=True) if step.of_load else step
+        yield last
+
+
+def _changes(knots: Sequence[Knot], before: float, run: Scenario) -> list[tuple[int, float, float, float]]:
+    """(first sample, beginning, value before, value after) of a signal's steps and ramps; one within a sample."""
+    found: list[tuple[int, float, float, float]] = []
+    for knot in knots:
+        k = _first_sample(knot.at_s, run)
+        if knot.value != before and k < len(run.signals):
+            start = found.pop()[1:3] if found and found[-1][0] == k else (knot.at_s, before)
+            if start[1] != knot.value:
+                found.append((k, *start, knot.value))
+        before = knot.value
+    return found
+
+
+def _first_sample(time_s: float, run: Scenario) -> int:
+    """The first sample not before a time, in spite of rounding."""
+    return max(math.ceil(time_s / run.sample_time_s - 1e-9), 0)
 
 
 def piecewise_signal(knots: Sequence[Knot], before: float, time_s: Array, *, just_before: bool = False) -> Array:
@@ -105,31 +172,27 @@ def piecewise_signal(knots: Sequence[Knot], before: float, time_s: Array, *, jus
 def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenario, horizon: Horizon) -> Measures:
     """The measures by their definitions, from whole traces."""
     reference, first, Ts = scenario.signals.reference, horizon.first, scenario.sample_time_s
-    final = reference[-1]
-    direction = np.sign(final - (reference[first - 1] if first else scenario.start.output))
     y, counted = traces.output[:, first:], slice(first, None)
     with np.errstate(all="ignore"):
-        off, beyond = np.abs(y - final), y - final
-        outside = ~(off <= horizon.band)
-        last = np.where(outside.any(axis=1), y.shape[1] - np.argmax(outside[:, ::-1], axis=1), 0)
-        settled = np.where(last == y.shape[1], np.inf, last * Ts)
         limits = np.array([controller.limits for controller in controllers])[traces.mode[:, counted] - 1]
-        at_limit = (traces.demanded[:, counted, None] == limits).any(axis=2)
+        at_limit = (traces.demanded[:, counted, None] == limits).any(axis=2)[:, :-1]
         error = reference[counted] - y
         jumps = [np.flatnonzero(np.diff(row, prepend=scenario.first_mode)) for row in traces.mode]
         finite = np.all(np.isfinite(traces.output) & np.isfinite(traces.rate), axis=1)
-
         peak_rate = np.abs(traces.rate[:, counted]).max(axis=1)
         # the rate after the last sample lies beyond the end
         peak_rate = np.maximum(peak_rate, np.abs(traces.rate_after[:, first:-1]).max(axis=1, initial=0.0))
+        steps = step_measures(traces, scenario, horizon)
+        errors = np.where(np.isnan(steps.final_error), 0.0, steps.final_error)
+        worst = np.abs(errors).argmax(axis=0)
 
         def known(values: Array) -> Array:
             return np.where(finite, values, np.nan)
 
         return Measures(
             peak_rate=known(peak_rate),
-            overshoot=known((direction * beyond if direction else off).max(axis=1)),
-            settling_s=np.where(finite, settled, np.inf),
+            overshoot=known(steps.overshoot.max(axis=0)),
+            settling_s=np.where(finite, np.nanmax(steps.settling_s, axis=0), np.inf),
             iae=known(Ts * np.abs(error).sum(axis=1)),
             ise=known(Ts * (error**2).sum(axis=1)),
             saturated_s=known(Ts * at_limit.sum(axis=1)),
@@ -137,9 +200,48 @@ def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenar
             switches=np.array([len(found) for found in jumps]),
             longest_run=np.array([_longest_run(found) for found in jumps]),
             chattering=np.array([_chatters(found, scenario) for found in jumps]),
-            final_error=known(error[:, -1]),
+            final_error=known(np.take_along_axis(errors, worst[None, :], axis=0)[0]),
             finite=finite,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class StepMeasures:
+    """The measures of each step that is judged, shape (steps, m); nan for a step that goes on with the one before.
+
+    Args:
+        steps: their beginnings.
+        overshoot, settling_s, final_error: as in `Measures`.
+    """
+
+    steps: tuple[Step, ...]
+    overshoot: Array
+    settling_s: Array
+    final_error: Array
+
+
+def step_measures(traces: Traces, scenario: Scenario, horizon: Horizon) -> StepMeasures:
+    """Overshoot, settling time and final error, step by step."""
+    steps, reference, Ts = horizon.steps_of(scenario), scenario.signals.reference, scenario.sample_time_s
+    m, count = traces.output.shape
+    overshoot, settling, final = np.full((3, len(steps), m), np.nan)
+    #: of each plant: the step that its time belongs to
+    owner, columns = np.zeros(m, dtype=int), np.arange(m)
+    begun = np.array([step.first for step in steps])
+    for i, step in enumerate(steps):
+        end = steps[i + 1].first if i + 1 < len(steps) else count
+        y = traces.output[:, step.first : end]
+        beyond = y - step.value
+        outside = ~(np.abs(beyond) <= step.band)
+        overshoot[i] = (step.direction * beyond if step.direction else np.abs(beyond)).max(axis=1)
+        # a step of the load is its own only where the output had settled
+        goes_on = np.isinf(settling[owner, columns]) if step.of_load else np.zeros(m, dtype=bool)
+        owner = np.where(goes_on, owner, i)
+        last = np.where(outside.any(axis=1), y.shape[1] - np.argmax(outside[:, ::-1], axis=1), 0)
+        settling[owner, columns] = np.where(last == y.shape[1], np.inf, Ts * (step.first + last - begun[owner]))
+        if i + 1 == len(steps) or not steps[i + 1].of_load:
+            final[i] = reference[end - 1] - traces.output[:, end - 1]
+    return StepMeasures(steps, overshoot, settling, final)
 
 
 def _longest_run(jumps: NDArray[np.int_]) -> int:

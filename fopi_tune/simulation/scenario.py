@@ -215,20 +215,61 @@ class Scenario:
 
 
 @dataclass(frozen=True)
-class Horizon:
-    """The samples over which measures are taken, and the settling band.
+class Step:
+    """A step or ramp of the reference, or of the load, judged from its own beginning to the next one.
 
     Args:
-        band: half-width around the final reference, in the output's unit.
-        first: the first sample that counts; times are counted from there.
+        first: the first sample that sees it.
+        at_s: its beginning, s.
+        before: the reference before it, in the output's unit; equal to `value`: there is no step.
+        value: the reference at its end.
+        band: half-width around `value` that counts as settled, in the output's unit.
+        of_load: whether it is the load that changes; the reference is then the last step's.
     """
 
+    first: int
+    at_s: float
+    before: float
+    value: float
     band: float
-    first: int = 0
+    of_load: bool = False
 
     def __post_init__(self) -> None:
         if not (0.0 <= self.band < math.inf and self.first >= 0):
             raise DomainError(f"band {self.band!r} and first sample {self.first!r} must be finite and >= 0")
+
+    @property
+    def direction(self) -> float:
+        """1 upwards, -1 downwards, 0 without a step."""
+        return float(np.sign(self.value - self.before))
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """The samples over which measures are taken, and the steps that are judged.
+
+    Args:
+        band: half-width around the final reference that counts as settled, in the output's unit.
+        first: the first sample that counts.
+        steps: in the order of their first samples, the first one of the reference or no step; none: one, from the
+            reference before the horizon to the last one, with this band.
+    """
+
+    band: float
+    first: int = 0
+    steps: tuple[Step, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.band < math.inf and self.first >= 0):
+            raise DomainError(f"band {self.band!r} and first sample {self.first!r} must be finite and >= 0")
+
+    def steps_of(self, scenario: Scenario) -> tuple[Step, ...]:
+        """The steps that are judged, at least one."""
+        if self.steps:
+            return self.steps
+        reference, first = scenario.signals.reference, self.first
+        before = float(reference[first - 1]) if first else scenario.start.output
+        return (Step(first, scenario.sample_time_s * first, before, float(reference[-1]), self.band),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,8 +280,8 @@ class Traces:
         time_s: of the samples, shape (steps,).
         output: y just before the new control acts.
         rate: dy/dt there, per s, without the jumps of a direct path.
-        rate_after: dy/dt just after a new input arrives, at the sample or, for a plant of first order, between samples;
-            equal to `rate` for a plant of higher order whose input arrives between samples.
+        rate_after: dy/dt just after a new input arrives, at the sample or between samples; where control and load
+            arrive at different times, the larger of the two.
         measured: y_m, the controller's input.
         error: r - y_m.
         demanded: the controller's output.
@@ -261,25 +302,25 @@ class Traces:
 
 @dataclass(frozen=True, eq=False)
 class Measures:
-    """One number a plant, shape (m,), over the samples of a `Horizon`; y at the samples, r_f the last reference.
+    """One number a plant, shape (m,), over the samples of a `Horizon`; y at the samples.
 
-    Where an output did not stay finite the measures are nan, its settling time inf.
+    Overshoot, settling time and final error are the worst of the horizon's steps, each over the samples from its first
+    to the one before the next step's.  Where an output did not stay finite the measures are nan, its settling time inf.
 
     Args:
-        peak_rate: largest |dy/dt| just before and after the samples; for a plant of first order the largest at any time
-            (except for a load that arrives between samples).
-        overshoot: largest y - r_f in the direction of the step, which is from the reference before the horizon (the
-            initial output when it starts at sample 0) to r_f; negative when y stays short of r_f; without a
-            step, largest |y - r_f|.
-        settling_s: from the horizon's start to the first sample after which y stays within the band; inf: it does not.
+        peak_rate: largest |dy/dt| just before and after the samples, and just after an input arrives between them.
+        overshoot: largest y - value in the step's direction; negative when y stays short of it; without a step, largest
+            |y - value|.  A step of the load goes on with the direction of the reference's last one.
+        settling_s: from the step to the first sample after which y stays within the band; inf: it does not.  A step of
+            the load that comes before y is within the band goes on with the time of the step before.
         iae: Ts sum |r - y|.
         ise: Ts sum (r - y)^2.
-        saturated_s: time with the controller's output at a limit.
+        saturated_s: time with the controller's output at a limit; the last sample's acts after the end.
         peak_control: largest |applied|.
         switches: number of jumps, over all samples.
         longest_run: of jumps at consecutive samples, over all samples.
         chattering: whether too many jumps fell within the window of `Hybrid`, over all samples.
-        final_error: r - y at the last sample.
+        final_error: r - y at the last sample before the reference's next step, or the end.
         finite: whether output and rate stayed finite.
     """
 

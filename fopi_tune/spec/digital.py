@@ -27,7 +27,7 @@ def digital_shape() -> Shape:
         "prewarp": Key(Choice("where Tustin's rule is exact", _PREWARPS), required=False),
         "design": Key(Choice("which loop the requirements are about", _DESIGNS), required=False),
         "output_limits": Key(Pair("limits of the control, in its unit", Number("limit")), required=False),
-        "measurement_unit": Key(Text("unit of setpoint and measurement, for people"), required=False),
+        "measurement_unit": Key(Text("unit of the output; km/h, m/s and mph have an acceleration"), required=False),
         "output_unit": Key(Text("unit of the control, for people"), required=False),
     }
     prewarps = {"properties": {"prewarp": {"const": "crossover"}}, "required": ["prewarp"]}

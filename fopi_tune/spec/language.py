@@ -17,7 +17,13 @@ from fopi_tune.spec.requirements import (
     refuse_equalities_over_families,
     requirements_shape,
 )
-from fopi_tune.spec.scenarios import limits_shape, refuse_too_many_samples, refuse_unknown_scenarios, scenarios_shape
+from fopi_tune.spec.scenarios import (
+    limits_shape,
+    refuse_accelerations,
+    refuse_too_many_samples,
+    refuse_unknown_scenarios,
+    scenarios_shape,
+)
 from fopi_tune.spec.validation import FileReader, PlacedValidation, resolve_validation, validation_shape
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, refuse_foreign
@@ -115,6 +121,7 @@ def _check_scenarios(values: Values, place: Place) -> None:
         message = "scenarios are simulated with the digital controller; add digital: {sample_time_s: 0.2}"
         place.child("scenarios").refuse(message)
     elif digital is not None:
+        refuse_accelerations(limits or [], digital.measurement_unit)
         refuse_too_many_samples(scenarios, digital.sample_time_s, place)
 
 

@@ -11,6 +11,8 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.distributions import Distribution
 from fopi_tune.core.parameter_table import ParameterTable
 from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.spec.measures import MEASURES as MEASURES
+from fopi_tune.spec.measures import MeasureKind as MeasureKind
 
 
 class Relation(StrEnum):
@@ -117,8 +119,8 @@ class DigitalSpec:
         prewarp: where Tustin's rule is exact: "none" (omega -> 0) or "crossover" (the nominal gain crossover).
         design: which loop the requirements are about, the "continuous" one or the "sampled" one.
         output_limits: of the control, lower first; None without.
-        measurement_unit: text for people who read the exported code.
-        output_unit: the same, of the control.
+        measurement_unit: of the output and the setpoint; a velocity (`spec.measures`) has an acceleration.
+        output_unit: of the control, for people.
     """
 
     sample_time_s: float
@@ -163,9 +165,9 @@ class ScenarioSpec:
         noise_std: standard deviation of the measurement's noise, output unit.
         quantum: step of the measurement, output unit; 0 for none.
         rate_per_s: fastest change of the control.
-        settling_band: half-width around the last setpoint that counts as settled, output unit; None is 2 % of the last
-            step.
-        judged_from_s: from when on it is judged.
+        settling_band: half-width around a step's setpoint that counts as settled, output unit; None is 2 % of each
+            step, of the setpoint where there is no step.
+        judged_from_s: from when on it is judged: a step that is over by then counts as none.
     """
 
     name: str
@@ -180,43 +182,6 @@ class ScenarioSpec:
     rate_per_s: float = math.inf
     settling_band: float | None = None
     judged_from_s: float = 0.0
-
-
-@dataclass(frozen=True)
-class MeasureKind:
-    """A number that a simulation is judged by.
-
-    Args:
-        name: the word in the spec, unit included where it has one of its own.
-        unit: of the number.
-        meaning: one sentence.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-
-
-#: the words after `limits:`
-MEASURES: dict[str, MeasureKind] = {
-    kind.name: kind
-    for kind in (
-        MeasureKind("acceleration_m_s2", "m/s^2", "peak_rate_per_s of a velocity in km/h, over 3.6"),
-        MeasureKind("peak_rate_per_s", "output unit per s", "largest |dy/dt| just before and after the samples"),
-        MeasureKind(
-            "overshoot", "output unit", "how far the output goes beyond the last setpoint, in the step's direction"
-        ),
-        MeasureKind(
-            "settling_time_s", "s", "until the output stays within the settling band, up to the scenario's end"
-        ),
-        MeasureKind("iae", "output unit times s", "Ts times the sum of |r - y|"),
-        MeasureKind("ise", "output unit squared times s", "Ts times the sum of (r - y)^2"),
-        MeasureKind("saturation_time_s", "s", "time with the control at a limit"),
-        MeasureKind("peak_control", "control unit", "largest |u|"),
-        MeasureKind("final_error", "output unit", "|r - y| at the last sample"),
-        MeasureKind("switch_count", "1", "jumps between the modes of a system, over the whole scenario"),
-    )
-}
 
 
 @dataclass(frozen=True)
@@ -363,7 +328,7 @@ class SystemSpec:
         inactive: what the controller does that is not active: held, tracking or reset.
         first: name of the mode at the start.
         most_switches: more of them than this ...
-        window_s: ... within this time are chattering.
+        window_s: ... within this time are chattering; None is `chattering_window_s`.
         scenarios: what is driven.
         limits: what is judged.
         validation: how many plants are drawn, and how.
@@ -378,13 +343,30 @@ class SystemSpec:
     inactive: str = "held"
     first: str = "throttle"
     most_switches: int = 5
-    window_s: float = 2.0
+    window_s: float | None = None
     scenarios: tuple[ScenarioSpec, ...] = ()
     limits: tuple[Limit, ...] = ()
     validation: ValidationSpec | None = None
     description: str = ""
     sha256: str = ""
     schema: int = 1
+
+    @property
+    def sample_time_s(self) -> float:
+        """Of both modes' controllers; 0 without a section `digital`."""
+        digital = self.modes[0].spec.digital
+        return 0.0 if digital is None else digital.sample_time_s
+
+    @property
+    def chattering_window_s(self) -> float:
+        """The window of chattering; where the system gives none, twice `most_switches` samples."""
+        return 2.0 * self.most_switches * self.sample_time_s if self.window_s is None else self.window_s
+
+    @property
+    def measurement_unit(self) -> str:
+        """Of the output that both modes share; empty where no mode says it, or each another."""
+        units = {mode.spec.digital.measurement_unit.strip() for mode in self.modes if mode.spec.digital} - {""}
+        return units.pop() if len(units) == 1 else ""
 
     @property
     def family(self) -> JointFamily:

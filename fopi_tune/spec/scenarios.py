@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from fopi_tune.spec.measures import ACCELERATION, acceleration_problem, velocity_unit
 from fopi_tune.spec.model import MEASURES, Knot, Limit, MeasureKind, Relation, ScenarioSpec
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, with_defaults_of
@@ -17,7 +18,7 @@ from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Text
 MAX_SCENARIOS, MAX_KNOTS, MAX_SAMPLES = 100, 10_000, 1_000_000
 _NAME_PATTERN = "[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 _NAME_RULE = "a scenario's name has 1 to 64 letters, digits, '.', '_' or '-', the first a letter or digit"
-_LIMIT_EXAMPLE = "{acceleration_m_s2: {at_most: 2.0}}"
+_LIMIT_EXAMPLE = "{overshoot: {at_most: 0.1}}"
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,12 @@ def _scenario_shape() -> Record:
         ),
         "quantum": Key(Number("step of the measurement; 0 for none", at_least=0), required=False),
         "rate_per_s": Key(Number("fastest change of the control, per s", above=0), required=False),
-        "settling_band": Key(Number("half-width of what counts as settled, output unit", above=0), required=False),
-        "judged_from_s": Key(Number("from when on it is judged, s", at_least=0), required=False),
+        "settling_band": Key(
+            Number("half-width of what counts as settled, output unit; 2 % of each step when left out", above=0), False
+        ),
+        "judged_from_s": Key(
+            Number("from when on it is judged, s; a step that is over by then is none", at_least=0), required=False
+        ),
     }
     example = "{name: step, duration_s: 60, reference: [{at_s: 0, value: 1}]}"
     keys = with_defaults_of(ScenarioSpec, keys) | {"bumpless": replace(keys["bumpless"], default="no")}
@@ -142,6 +147,14 @@ def refuse_unknown_scenarios(scenarios: list[ScenarioSpec], limits: list[PlacedL
             each.place.child("scenario").refuse(f"no scenario has this name{known}")
         elif not names:
             each.place.refuse("there is no scenario to judge by it; add one under scenarios")
+
+
+def refuse_accelerations(limits: list[PlacedLimit], measurement_unit: str) -> None:
+    """Reports limits of the acceleration where the output is no velocity."""
+    if velocity_unit(measurement_unit) is None:
+        for each in limits:
+            if each.limit.measure == ACCELERATION:
+                each.place.child(ACCELERATION).refuse(acceleration_problem(measurement_unit))
 
 
 def refuse_too_many_samples(scenarios: list[ScenarioSpec], sample_time_s: float, place: Place) -> None:

@@ -10,8 +10,16 @@ from typing import Any
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
+from fopi_tune.spec.measures import ACCELERATION
 from fopi_tune.spec.model import DesignSpec, JointFamily, ModeSpec, SystemSpec
-from fopi_tune.spec.scenarios import limits_shape, refuse_too_many_samples, refuse_unknown_scenarios, scenarios_shape
+from fopi_tune.spec.scenarios import (
+    PlacedLimit,
+    limits_shape,
+    refuse_accelerations,
+    refuse_too_many_samples,
+    refuse_unknown_scenarios,
+    scenarios_shape,
+)
 from fopi_tune.spec.validation import FileReader, PlacedValidation, resolve_validation, validation_shape
 from fopi_tune.spec.yaml.nodes import MappingNode, Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, with_defaults_of
@@ -70,10 +78,8 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
     placed: PlacedValidation | None = values.get("validation")
     family = JointFamily.of({mode.name: mode.spec.plant for mode in (throttle, brake)})
     validation = None if placed is None else resolve_validation(placed, family, read)
-    if place.collector.problems:
-        return None
     plain = {key: value for key, value in modes_section.items() if key not in MODES}
-    return SystemSpec(
+    system = SystemSpec(
         name=values["name"],
         modes=(throttle, brake),
         **plain,
@@ -84,6 +90,31 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
         sha256=_digest(sha256, throttle, brake),
         schema=values["schema"],
     )
+    _refuse_short_window(system, place.child(SYSTEM))
+    _refuse_accelerations(system, values.get("limits") or [])
+    return None if place.collector.problems else system
+
+
+def _refuse_short_window(system: SystemSpec, place: Place) -> None:
+    """Reports a window in which more than `most_switches` jumps, one a sample, cannot happen."""
+    shortest = system.most_switches * system.sample_time_s
+    if system.chattering_window_s < shortest * (1.0 - 1e-9):
+        place.child("window_s").refuse(
+            f"{system.window_s:g} s cannot hold {system.most_switches + 1} samples of {system.sample_time_s:g} s, so "
+            f"that nothing would chatter; write at least {shortest:g}, or leave it out for {2 * shortest:g}"
+        )
+
+
+def _refuse_accelerations(system: SystemSpec, limits: list[PlacedLimit]) -> None:
+    """Reports limits of the acceleration where the output is no velocity, or two different ones."""
+    one, two = (mode.spec.digital.measurement_unit.strip() if mode.spec.digital else "" for mode in system.modes)
+    if not one or not two or one == two:
+        refuse_accelerations(limits, system.measurement_unit)
+        return
+    for each in limits:
+        if each.limit.measure == ACCELERATION:
+            said = f"measurement_unit is {one} in the throttle's spec and {two} in the brake's"
+            each.place.child(ACCELERATION).refuse(f"{said}; they share one output: make them equal")
 
 
 def _modes_shape() -> Shape:
@@ -93,7 +124,9 @@ def _modes_shape() -> Shape:
         "inactive": Key(Choice("what the inactive controller's memory does", _INACTIVE), required=False),
         "first": Key(Choice("mode at the start", MODES), required=False),
         "most_switches": Key(Number("more jumps than this within window_s chatter", at_least=1, whole=True), False),
-        "window_s": Key(Number("of chattering, s", above=0, at_most=1e9), required=False),
+        "window_s": Key(
+            Number("of chattering, s; 2 most_switches samples when left out", above=0, at_most=1e9), required=False
+        ),
     }
     keys = with_defaults_of(SystemSpec, keys)
     return Record("which loops take turns, and when", keys, lambda values, place: values, _EXAMPLE)

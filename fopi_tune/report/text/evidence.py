@@ -23,6 +23,7 @@ from fopi_tune.report.text.formatting import (
     to_text,
     wrapped,
 )
+from fopi_tune.report.text.percentages import interval_phrase, share_phrase
 from fopi_tune.spec.model import Relation
 
 if TYPE_CHECKING:
@@ -91,6 +92,8 @@ def system_evidence_text(result: ValidatedSystem) -> Text:
             misses = _missed_phrase(evidence, judged.fraction, judged.missed_inside)
             below = "; ".join(filter(None, (_details(replace(judged, scenario=None)), misses)))
             lines += wrapped(below, QUIET, indent=" " * (FIRST_COLUMN + 2))
+    for note in result.notes:
+        lines += [("", ""), *entry("note", note)]
     lines += [("", ""), *wrapped(_REPLAY.format("SYSTEM", "pair"), QUIET)]
     return to_text(lines)
 
@@ -136,8 +139,7 @@ def _header(drawn: ValidationSpec) -> list[Line]:
 
 def _row(what: str, found: Fraction) -> Iterator[Line]:
     met = found.met == found.total
-    share = f"{100 * found.met / found.total:.4g} %"
-    interval = f"{100 * found.low:.4g} .. {100 * found.high:.4g} %"
+    share, interval = share_phrase(found.met, found.total), interval_phrase(found.low, found.high)
     numbers = f"{share:>{_SHARE}}{interval:>{_INTERVAL}}"
     verdict = "met" if met else "violated"
     style = "" if met else "red"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -11,48 +12,78 @@ from fopi_tune.report.text.formatting import BAD, QUIET, Line, entry, gains_line
 from fopi_tune.spec.model import MEASURES, Relation
 
 if TYPE_CHECKING:
-    from fopi_tune.results.simulation import Simulated
+    from fopi_tune.results.simulation import ScenarioResult, Simulated
     from fopi_tune.results.system import SimulatedSystem
+    from fopi_tune.spec.model import Limit
 
 _NAME, _VALUE = 22, 14
+#: the measures of single steps, in words
+_WORDS = {"overshoot": "overshoot", "settling_time_s": "settling time", "final_error": "final error"}
 
 
 def simulation_text(result: Simulated | SimulatedSystem) -> Text:
     """Measures of every scenario, and whether their limits are met."""
     met = result.status == "met"
-    said = "Every limit of the scenarios is kept." if met else "Not every limit of the scenarios is kept."
-    if not any(driven.limits for driven in result.driven):
-        said = "The spec sets no limits for these scenarios."
-    if result.status == "chattering":
-        said = "The modes switch faster than the system allows."
-    lines: list[Line] = [*wrapped(f"{result.spec.name}, simulated: {result.status}. {said}", style_of(met)), ("", "")]
+    lines: list[Line] = [*wrapped(f"{result.spec.name}, simulated: {_headline(result)}", style_of(met)), ("", "")]
     lines += gains_lines(result.gains)
     named = ", ".join(f"{name} = {number(value)}" for name, value in result.plant.items()) or "known exactly"
     lines += entry("plant", named + (f" (draw {result.index})" if result.index is not None else ""))
+    for note in result.notes:
+        lines += entry("note", note)
     for driven in result.driven:
-        lines += [("", ""), (f"{driven.scenario.name}, {number(driven.scenario.duration_s)} s", "bold")]
-        if driven.chattering:
-            lines.append(("  CHATTERING: the modes switch faster than the system allows", BAD))
-        lines += wrapped(driven.outcome, QUIET, indent="  ")
-        for name, kind in MEASURES.items():
-            value = driven.measures[name]
-            shown = number(value) if math.isfinite(value) else "never" if name == "settling_time_s" else "-"
-            verdicts, unit = "", "" if kind.unit == "1" else kind.unit
-            for limit, kept in driven.limits:
-                if limit.measure == name:
-                    sign = "<=" if limit.relation is Relation.AT_MOST else ">="
-                    verdicts += f"   {'met' if kept else 'VIOLATED'}: {sign} {number(limit.limit)}"
-            lines.append(
-                (f"  {name:<{_NAME}}{shown:>{_VALUE}} {unit}{verdicts}", "red" if "VIOLATED" in verdicts else "")
-            )
+        lines += _scenario_lines(driven)
     if result.exact:
         lines += [("", ""), *wrapped(_exactness_note(result), QUIET)]
-    lines += [("", ""), *wrapped("Settling and overshoot are over the scenario's own length.", QUIET)]
+    lines += [("", ""), *wrapped("Each step is judged up to the next one, or the scenario's end.", QUIET)]
     return to_text(lines)
+
+
+def _headline(result: Simulated | SimulatedSystem) -> str:
+    """The status, and what it is about."""
+    status = result.status
+    if result.left_out and status != "chattering":
+        status += f", without {result.left_out}"
+    if result.status == "chattering":
+        return f"{status}. The modes switch faster than the system allows."
+    if not any(driven.limits for driven in result.driven):
+        return f"{status}. The spec sets no limits for these scenarios."
+    return f"{status}. " + (
+        "Every limit of the scenarios is kept."
+        if result.status == "met"
+        else "Not every limit of the scenarios is kept."
+    )
+
+
+def _scenario_lines(driven: ScenarioResult) -> Iterator[Line]:
+    """One scenario: its measures, which steps count in them, and its notes."""
+    yield "", ""
+    yield f"{driven.scenario.name}, {number(driven.scenario.duration_s)} s", "bold"
+    if driven.chattering:
+        yield "  CHATTERING: the modes switch faster than the system allows", BAD
+    yield from wrapped(driven.outcome, QUIET, indent="  ")
+    for name in driven.measures:
+        kind, value = MEASURES[name], driven.measures[name]
+        never = name == "settling_time_s" and math.isinf(value)
+        shown = number(value) if math.isfinite(value) else "never" if never else "unknown"
+        unit = "" if kind.unit == "1" or not math.isfinite(value) else kind.unit
+        verdicts = "".join(_verdict(limit, kept) for limit, kept in driven.limits if limit.measure == name)
+        yield f"  {name:<{_NAME}}{shown:>{_VALUE}} {unit}{verdicts}", "red" if "VIOLATED" in verdicts else ""
+    words = [f"{_WORDS[name]} of {step.phrase()}" for name, step in driven.worst_steps.items()]
+    if words:
+        yield from wrapped(f"Worst of {len(driven.steps)} steps: {', '.join(words)}.", QUIET, indent="  ")
+    for note in driven.notes:
+        yield from wrapped(note, "yellow", "    ", "  ! ")
+
+
+def _verdict(limit: Limit, kept: bool | None) -> str:
+    sign = "<=" if limit.relation is Relation.AT_MOST else ">="
+    word = "unknown" if kept is None else "met" if kept else "VIOLATED"
+    return f"   {word}: {sign} {number(limit.limit)}"
 
 
 def _exactness_note(result: Simulated | SimulatedSystem) -> str:
     """What a simulation in continuous time leaves out, and its accuracy."""
-    said = "In continuous time: without filter, samples, computing delay and anti-windup."
+    delay = ", computing delay" if result.left_out else ""
+    said = f"In continuous time: without filter, samples{delay} and anti-windup."
     known = [driven.accuracy for driven in result.driven if driven.accuracy is not None]
-    return f"{said} Steps twice as long move the output by {number(max(known), 2)} at most." if known else said
+    return f"{said} A coarser run moves the output by {number(max(known), 2)} at most." if known else said

@@ -18,12 +18,14 @@ from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.quadrature import state_space
 from fopi_tune.simulation.fractional.time_stepping import InitialState, TimeResponse, simulate_fractional
-from fopi_tune.simulation.measures import horizon_of, measures_of, piecewise_signal
+from fopi_tune.simulation.measures import StepMeasures, horizon_of, measures_of, piecewise_signal, step_measures
 from fopi_tune.simulation.scenario import InitialInput, Measures, Scenario, Signals, Start, Traces
 from fopi_tune.spec.model import Knot, ScenarioSpec
 
 #: steps of the coarser of the two runs: about the first number, never more than the second
 _USUAL_STEPS, _MOST_STEPS = 3000, 12_000
+#: steps of the finest run where an accuracy is asked for
+_FINEST_STEPS = 60_000
 #: steps per sample, at most
 _MOST_PARTS = 40
 
@@ -36,22 +38,25 @@ class ContinuousSimulation:
         reference: the setpoint at the times of the traces.
         traces: one row; `demanded` is the control within its limits.
         measures: of the traces.
-        switch_times_s: when the modes changed, located to 1e-9 s.
-        accuracy: largest difference of the output to the run with steps twice as long; None for a system.
+        steps: those of each step that is judged.
+        switch_times_s: when the modes changed; located to 1e-9 s, or to a step where `accuracy` is known.
+        accuracy: largest difference of the output to a coarser run; None for a system whose run is exact.
         outcome: one sentence on how a system's run ended; empty for a loop.
     """
 
     reference: Array
     traces: Traces
     measures: Measures
+    steps: StepMeasures
     switch_times_s: tuple[float, ...] = ()
     accuracy: float | None = None
     outcome: str = ""
 
 
 def simulate_loop(
-    scenario: ScenarioSpec, gains: FoPi, plant: Plant, controller: Runtime, sample_time_s: float
-) -> ContinuousSimulation:
+    scenario: ScenarioSpec, gains: FoPi, plant: Plant, controller: Runtime, sample_time_s: float,
+    accuracy: float | None = None,
+) -> ContinuousSimulation:  # fmt: skip
     """Simulate one loop.
 
     Args:
@@ -60,16 +65,23 @@ def simulate_loop(
         plant: the plant.
         controller: gives the control's limits.
         sample_time_s: of the digital controller; a scenario's times are its multiples.
+        accuracy: halve the step until the output moves by less than this, in its unit, or there are too many steps;
+            None: as it is.
 
     Raises:
         DomainError: something only a sampled loop has, a start without solution, or too many samples.
     """
     refuse_samples_only(scenario)
-    coarse = _step(scenario.duration_s, sample_time_s, plant.dead_time_s)
-    runs = [_simulate(scenario, gains, plant, controller.limits, coarse / halves) for halves in (1, 2)]
-    fine = runs[1]
-    shared = min(len(fine.output[::2]), len(runs[0].output))
-    accuracy = float(np.abs(fine.output[::2][:shared] - runs[0].output[:shared]).max())
+    step = _step(scenario.duration_s, sample_time_s, plant.dead_time_s)
+    coarse = _simulate(scenario, gains, plant, controller.limits, step)
+    while True:
+        step /= 2
+        fine = _simulate(scenario, gains, plant, controller.limits, step)
+        shared = min(len(fine.output[::2]), len(coarse.output))
+        reached = float(np.abs(fine.output[::2][:shared] - coarse.output[:shared]).max())
+        if accuracy is None or reached <= accuracy or 4 * len(coarse.output) > _FINEST_STEPS:
+            break
+        coarse = fine
     reference = piecewise_signal(scenario.reference, scenario.initial_output, fine.time_s)
     rows = (fine.output, fine.rate, fine.output, fine.error, fine.control, fine.control)
     traces = Traces(
@@ -78,10 +90,21 @@ def simulate_loop(
         mode=np.ones((1, len(reference)), dtype=np.int64),
         rate_after=fine.rate[None, :],
     )
-    run = Scenario(coarse / 2, Signals(reference), start=start_of(scenario))
-    return ContinuousSimulation(
-        reference, traces, measures_of(traces, [controller], run, horizon_of(scenario, run)), (), accuracy
-    )
+    run = Scenario(step, Signals(reference), start=start_of(scenario))
+    horizon = horizon_of(scenario, run)
+    measures = measures_of(traces, [controller], run, horizon)
+    return ContinuousSimulation(reference, traces, measures, step_measures(traces, run, horizon), (), reached)
+
+
+def refuse_loop(scenario: ScenarioSpec, plant: Plant, sample_time_s: float) -> None:
+    """Refuse, before anything runs, what `simulate_loop` cannot.
+
+    Raises:
+        DomainError: as there.
+    """
+    refuse_samples_only(scenario)
+    _step(scenario.duration_s, sample_time_s, plant.dead_time_s)
+    _initial_input(scenario, plant)
 
 
 def refuse_samples_only(scenario: ScenarioSpec) -> None:
@@ -98,21 +121,27 @@ def refuse_samples_only(scenario: ScenarioSpec) -> None:
 
 
 def _step(duration_s: float, sample_time_s: float, dead_time_s: float) -> float:
-    """A fraction 1/k of the sample time; if possible one that divides the dead time."""
+    """A fraction or a multiple of the sample time; if possible one that divides the dead time."""
     samples = duration_s / sample_time_s
     if samples > _MOST_STEPS:
-        raise DomainError(f"{samples:.0f} samples are more than {_MOST_STEPS} in continuous time; end earlier")
+        # then a scenario's steps act late, by less than one of these steps
+        whole = sample_time_s * math.ceil(samples / _MOST_STEPS)
+        step = dead_time_s / math.ceil(dead_time_s / whole) if dead_time_s else whole
+        return _checked_step(step, duration_s, dead_time_s)
     usual = max(1, min(_MOST_PARTS, math.ceil(_USUAL_STEPS / samples)))
     for parts in range(usual, usual + _MOST_PARTS):
         lag = dead_time_s * parts / sample_time_s
         if abs(lag - round(lag)) <= 1e-9 * max(1.0, lag) and parts * samples <= _MOST_STEPS:
             return sample_time_s / parts
     # no such fraction: then a scenario's steps act late, by less than one of these steps
-    step = dead_time_s / math.ceil(dead_time_s * usual / sample_time_s)
-    if duration_s / step > _MOST_STEPS:
+    return _checked_step(dead_time_s / math.ceil(dead_time_s * usual / sample_time_s), duration_s, dead_time_s)
+
+
+def _checked_step(step: float, duration_s: float, dead_time_s: float) -> float:
+    if duration_s / step > 2 * _MOST_STEPS:
         raise DomainError(
             f"a dead time of {dead_time_s:g} s is too short for {duration_s:g} s in continuous time: more than "
-            f"{_MOST_STEPS} steps; end earlier"
+            f"{2 * _MOST_STEPS} steps; end earlier"
         )
     return step
 
@@ -127,15 +156,16 @@ def _simulate(
         return piecewise_signal(knots, before, times, just_before=True), piecewise_signal(knots, before, times)
 
     past = _initial_input(scenario, plant)
-    if scenario.bumpless and past != 0.0 and gains.ki == 0.0:
-        raise DomainError(f"scenario {scenario.name}: without ki no controller starts at {past:.6g}; drop bumpless")
     model = state_space(plant)
     state = np.zeros(len(model.a))
-    if past != 0.0:
-        state = np.linalg.solve(model.a, -model.b * past)
-    elif len(state):
+    if scenario.initial_output and scenario.before == InitialInput.FREE.value:
         state[0] = scenario.initial_output
-    integral = past / gains.ki if scenario.bumpless and past != 0.0 else 0.0
+    elif scenario.initial_output and len(state):
+        # at rest: A x + B u = 0 and C x + g u = y0; an integrator's A is singular
+        rest = np.concatenate([-model.b * past, [scenario.initial_output - model.direct * past]])
+        state = np.linalg.lstsq(np.vstack([model.a, model.c]), rest)[0]
+    # without ki there is no integral to start from: the loop on samples starts at kp e too
+    integral = past / gains.ki if scenario.bumpless and gains.ki != 0.0 else 0.0
     start = InitialState(tuple(state.tolist()), integral, past)
     load = sides(scenario.load, 0.0)
     reference = sides(scenario.reference, scenario.initial_output)
@@ -151,8 +181,8 @@ def _initial_input(scenario: ScenarioSpec, plant: Plant) -> float:
         if order != 1:
             raise DomainError(f"an initial output without input needs plants of order 1, not {order}")
         return 0.0
-    if plant.denominator[-1] == 0.0 or plant.numerator[-1] == 0.0:
-        raise DomainError(f"no input holds a plant at {y0!r}: P(0) is 0 or not finite; start it at 0 or free")
+    if plant.numerator[-1] == 0.0:
+        raise DomainError(f"no input holds a plant at {y0!r}, because P(0) is 0; start it at initial_output: 0")
     return y0 * plant.denominator[-1] / plant.numerator[-1]
 
 

@@ -288,7 +288,7 @@ class _Simulation:
         memory = self.memory[self.mode]
         if self.car.memory is Memory.RESET:
             memory = np.zeros_like(memory)
-        elif self.car.memory is Memory.TRACKING:
+        elif self.car.memory is Memory.TRACKING and len(memory):
             memory = self.loop.memory_for(self.loop.saturate(control), r - y, memory)
         self.w = np.concatenate([[y], memory, self.w[-_TAIL:]])
         self._choose_regime()

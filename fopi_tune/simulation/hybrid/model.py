@@ -40,7 +40,7 @@ class Memory(Enum):
     """States of a controller while the other one acts.
 
     TRACKING sets the integrator's state at the jump so that the new demand is the control before the jump, as far as
-    the new mode's limits let it.
+    the new mode's limits let it; a controller without an integral has no state to set.
     """
 
     HELD = "kept as they were"
@@ -66,7 +66,7 @@ class HybridCar:
         memory: of the inactive controller; the paper keeps it.
 
     Raises:
-        DomainError: eps is negative or not finite, or TRACKING of a controller that has no integral.
+        DomainError: eps is negative or not finite, or TRACKING where no controller has an integral.
     """
 
     throttle: ModeLoop
@@ -77,8 +77,8 @@ class HybridCar:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.eps) and self.eps >= 0.0):
             raise DomainError(f"hybrid car: eps = {self.eps!r} is no half-width; it must be finite and >= 0")
-        if self.memory is Memory.TRACKING and not (self.throttle.gains.ki and self.brake.gains.ki):
-            raise DomainError("hybrid car: TRACKING needs ki in both controllers; take HELD or RESET")
+        if self.memory is Memory.TRACKING and not (self.throttle.gains.ki or self.brake.gains.ki):
+            raise DomainError("hybrid car: TRACKING needs ki in one of the controllers; take HELD or RESET")
 
     def loop(self, mode: Mode) -> ModeLoop:
         """The loop of a mode."""

@@ -19,6 +19,7 @@ from fopi_tune.simulation.sampled import controller_stages, layout, noise, noise
 from fopi_tune.simulation.sampled.layout import (
     APPLIED,
     ARRIVED_MODE,
+    BEGUN,
     CONTROL,
     EXCESS,
     FINITE,
@@ -59,7 +60,8 @@ def _initialise(s, block, table, controllers, settings, offsets):
         past = table[0, plant]
         for row in range(1, table.shape[0]):
             s[offsets.x + (row - 1) * WIDTH + lane] = table[row, plant]
-        s[OVERSHOOT + lane], s[OUTSIDE + lane], s[FINITE + lane] = -np.inf, settings.horizon - 1.0, 1.0
+        s[OVERSHOOT + lane], s[OUTSIDE + lane], s[FINITE + lane] = -np.inf, settings.judged - 1.0, 1.0
+        s[BEGUN + lane] = float(settings.judged)
         s[APPLIED + lane] = s[PREVIOUS_INPUT + lane] = s[CONTROL + lane] = past
         s[MODE + lane] = s[ARRIVED_MODE + lane] = settings.first_mode
         s[LAST_SWITCH + lane] = -np.inf
@@ -108,7 +110,22 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measur
 
 @_inlined
 def _sample(
-    s, history, modes, c, other, block, k, settings, offsets, jumps, delay, reference, signal, traces, check_finite
+    s,
+    history,
+    modes,
+    c,
+    other,
+    block,
+    k,
+    settings,
+    offsets,
+    jumps,
+    delay,
+    reference,
+    signal,
+    steps,
+    traces,
+    check_finite,
 ):
     """Sample k and the plant's step to the next one."""
     r, track = reference[k], settings.hybrid and settings.inactive == TRACK
@@ -136,7 +153,7 @@ def _sample(
         idle, either = controller_stages.resolve_mode(c, other, first)
         controller_stages.track_applied(s, idle, either, first, other_old, other_new, settings.sections, e, applied)
     if k >= settings.horizon:
-        plant_stages.accumulate_measures(s, k, y, rate, r, u, applied, settings, c, other)
+        plant_stages.accumulate_measures(s, k, y, rate, r, u, applied, settings, c, other, steps)
     if settings.keep:
         for row, value in enumerate((y, rate, measured, e, u, applied, load(s, MODE))):
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
@@ -145,9 +162,9 @@ def _sample(
         after = plant_stages.advance_hybrid_states(s, settings, offsets)
     else:
         after = plant_stages.rate_after(s, settings, offsets, rate)
+        if settings.acts_at_samples == 0:
+            after = plant_stages.rate_on_arrival(s, settings, offsets, after)
         plant_stages.advance_states(s, settings, offsets)
-        if settings.order == 1 and settings.acts_at_samples == 0:
-            after = plant_stages.rate_on_arrival(s, offsets, after)
     if k >= settings.horizon and k < settings.steps - 1:
         controller_stages.store_maximum(s, PEAK_RATE, absolute(after))
     if settings.keep:
@@ -166,12 +183,14 @@ def _source_stamp() -> tuple[int, ...]:
 
 def _compile(stamp: tuple[int, ...]) -> Callable[..., int]:
     def run_blocks(
-        begin, stop, settings, offsets, table, delay, controllers, reference, signal, results, traces, scratch, jumps
+        begin, stop, settings, offsets, table, delay, controllers, reference, signal, steps, results, traces, scratch,
+        jumps,
     ):  # fmt: skip
         s, rings = pointer(scratch), max(settings.ring, 1) * WIDTH
         history, modes = pointer(scratch[offsets.size :]), pointer(scratch[offsets.size + rings :])
         c, other = pointer(controllers), controllers.shape[1] if settings.hybrid else 0
-        inputs = pointer(jumps), pointer(delay), pointer(reference), pointer(signal), pointer(traces)
+        inputs = pointer(jumps), pointer(delay), pointer(reference), pointer(signal)
+        inputs = *inputs, pointer(steps), pointer(traces)
         for block in range(begin, stop):
             _initialise(s, block, table, controllers, settings, offsets)
             for place in range(rings):

@@ -12,10 +12,11 @@ import numpy as np
 #: lanes: four of the widest registers, so that independent chains of operations hide each other's latency
 WIDTH = 32
 
-#: results, one row each, in the order of the first twelve offsets below
+#: results, one row each, in the order of the first fifteen offsets below; `outside` is the last sample outside the
+#: band, `begun` the first of the step that is judged, `settled` and `step_error` the worst of the steps before it
 RESULTS = (
     "peak_rate", "overshoot", "outside", "iae", "ise", "saturated", "peak_control", "switches", "longest_run",
-    "chattering", "final_error", "finite",
+    "chattering", "final_error", "finite", "begun", "settled", "step_error",
 )  # fmt: skip
 #: traces, one row each
 TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", "rate_after")
@@ -24,15 +25,18 @@ TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", 
 #: just before the sample, control and load that act now, mode of that control, the same three one sample before, last
 #: output of the active and of the inactive controller, last error, excess u - v, switches in the window
 PEAK_RATE, OVERSHOOT, OUTSIDE, IAE, ISE, SATURATED, PEAK_CONTROL = (WIDTH * i for i in range(7))
-SWITCHES, LONGEST_RUN, CHATTERING, FINAL_ERROR, FINITE = (WIDTH * i for i in range(7, 12))
-RUN, LAST_SWITCH, APPLIED, MODE, PREVIOUS_INPUT, CONTROL, LOAD, ARRIVED_MODE = (WIDTH * i for i in range(12, 20))
+SWITCHES, LONGEST_RUN, CHATTERING, FINAL_ERROR, FINITE, BEGUN, SETTLED, STEP_ERROR = (WIDTH * i for i in range(7, 15))
+RUN, LAST_SWITCH, APPLIED, MODE, PREVIOUS_INPUT, CONTROL, LOAD, ARRIVED_MODE = (WIDTH * i for i in range(15, 23))
 OLD_CONTROL, OLD_LOAD, OLD_ARRIVED_MODE, LAST_OUTPUT, OTHER_LAST_OUTPUT, LAST_ERROR, EXCESS, RECENT_SWITCHES, NOISE = (
-    WIDTH * i for i in range(20, 29)
+    WIDTH * i for i in range(23, 32)
 )
 #: four rows each, for the noise of four samples; a vector may be read from the last entry
 TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
 #: rows with a fixed offset
 FIXED_ROWS = LOGARITHMS // WIDTH + 5
+#: rows of `steps`, one number a sample: the reference that is judged, direction, band, and what begins there
+VALUE, DIRECTION, BAND, BEGINS = range(4)
+GOES_ON, REFERENCE_BEGINS, LOAD_BEGINS = 0.0, 1.0, 2.0
 #: a controller's coefficients; from SECTIONS on p, w, r of every section
 DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, SECTIONS = range(7)
 HOLD, TRACK, RESET = 0, 1, 2
@@ -47,9 +51,6 @@ class Settings(NamedTuple):
     quantum: float
     most_change: float
     half_width: float
-    band: float
-    final: float
-    direction: float
     seed: np.uint64
     first_index: int
     order: int
@@ -60,6 +61,7 @@ class Settings(NamedTuple):
     most_switches: int
     window: int
     horizon: int
+    judged: int
     bumpless: int
     delayed: int
     ring: int

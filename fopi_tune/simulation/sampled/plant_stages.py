@@ -14,12 +14,18 @@ from fopi_tune.simulation.sampled.controller_stages import coefficient, flushed,
 from fopi_tune.simulation.sampled.layout import (
     APPLIED,
     ARRIVED_MODE,
+    BAND,
+    BEGINS,
+    BEGUN,
     CONTROL,
+    DIRECTION,
     FINAL_ERROR,
+    GOES_ON,
     HIGH,
     IAE,
     ISE,
     LOAD,
+    LOAD_BEGINS,
     LOW,
     MODE,
     OLD_ARRIVED_MODE,
@@ -31,6 +37,9 @@ from fopi_tune.simulation.sampled.layout import (
     PEAK_RATE,
     PREVIOUS_INPUT,
     SATURATED,
+    SETTLED,
+    STEP_ERROR,
+    VALUE,
     WIDTH,
 )
 from fopi_tune.simulation.sampled.vectors import absolute, broadcast, load, store, where
@@ -66,11 +75,21 @@ def rate_after(s, settings, offsets, rate):
 
 
 @_inlined
-def rate_on_arrival(s, offsets, after):
-    """The same for a plant of first order whose control arrives between samples: from dy/dt at the next sample."""
-    c = offsets.plant + 5 * WIDTH
-    later = load(s, c + WIDTH) * load(s, offsets.x) + load(s, c + 3 * WIDTH) * load(s, PREVIOUS_INPUT)
-    return where(absolute(load(s, c + 4 * WIDTH)) > broadcast(0.0), after, later * load(s, c + 5 * WIDTH))
+def rate_on_arrival(s, settings, offsets, after):
+    """The same where an input arrives between samples: `DiscretePlants.arrivals`; before the states advance."""
+    n = settings.order
+    flag = offsets.plant + (n * n + 6 * n + 3) * WIDTH
+    row, found = flag + WIDTH, broadcast(0.0)
+    for instant in range(1 + settings.loaded):
+        value = load(s, row + n * WIDTH) * load(s, CONTROL) + load(s, row + (n + 1) * WIDTH) * load(s, OLD_CONTROL)
+        if settings.loaded:
+            value = value + load(s, row + (n + 2) * WIDTH) * load(s, LOAD)
+            value = value + load(s, row + (n + 3) * WIDTH) * load(s, OLD_LOAD)
+        for i in range(n):
+            value = value + load(s, row + i * WIDTH) * load(s, offsets.x + i * WIDTH)
+        found = value if instant == 0 else where(absolute(value) > absolute(found), value, found)
+        row += (n + 4) * WIDTH
+    return where(load(s, flag) > broadcast(0.5), after, found)
 
 
 @_inlined
@@ -86,25 +105,54 @@ def rate_limited(s, u, most):
 
 
 @_inlined
-def accumulate_measures(s, k, y, rate, reference, u, applied, settings, c, other):
+def accumulate_measures(s, k, y, rate, reference, u, applied, settings, c, other, steps):
     """Add one sample to the measures."""
-    second = load(s, MODE) > broadcast(0.5)
-    own, select = resolve_mode(c, other, second)
     store_maximum(s, PEAK_RATE, absolute(rate))
     store_maximum(s, PEAK_CONTROL, absolute(applied))
-    beyond = y - broadcast(settings.final)
-    off = absolute(beyond)
-    if settings.direction == 0.0:
-        store_maximum(s, OVERSHOOT, off)
-    else:
-        store_maximum(s, OVERSHOOT, broadcast(settings.direction) * beyond)
-    store(s, OUTSIDE, where(off <= broadcast(settings.band), load(s, OUTSIDE), broadcast(float(k))))
     error = broadcast(reference) - y
+    if k >= settings.judged:
+        _judge_step(s, k, y, settings, steps)
     store(s, FINAL_ERROR, error)
     store(s, IAE, load(s, IAE) + absolute(error))
     store(s, ISE, load(s, ISE) + error * error)
-    inside = (u > coefficient(own, LOW, select, second)) & (u < coefficient(own, HIGH, select, second))
-    store(s, SATURATED, load(s, SATURATED) + where(inside, broadcast(0.0), broadcast(1.0)))
+    if k < settings.steps - 1:
+        second = load(s, MODE) > broadcast(0.5)
+        own, select = resolve_mode(c, other, second)
+        inside = (u > coefficient(own, LOW, select, second)) & (u < coefficient(own, HIGH, select, second))
+        store(s, SATURATED, load(s, SATURATED) + where(inside, broadcast(0.0), broadcast(1.0)))
+
+
+@_inlined
+def _judge_step(s, k, y, settings, steps):
+    """Overshoot and settling of the step that is judged at this sample."""
+    if k > settings.judged and steps[BEGINS * settings.steps + k] != GOES_ON:
+        _begin_step(s, k, steps[BEGINS * settings.steps + k] == LOAD_BEGINS)
+    beyond = y - broadcast(steps[VALUE * settings.steps + k])
+    off, direction = absolute(beyond), steps[DIRECTION * settings.steps + k]
+    store_maximum(s, OVERSHOOT, off if direction == 0.0 else broadcast(direction) * beyond)
+    inside = off <= broadcast(steps[BAND * settings.steps + k])
+    store(s, OUTSIDE, where(inside, load(s, OUTSIDE), broadcast(float(k))))
+
+
+@_inlined
+def _begin_step(s, k, of_load):
+    """End the step that was judged so far, and begin the next one at this sample.
+
+    A step of the load begins only in the lanes that are within the band; in the others the step before goes on.
+    """
+    before, outside, begun = broadcast(float(k - 1)), load(s, OUTSIDE), load(s, BEGUN)
+    unsettled = outside >= before
+    lasted = outside + broadcast(1.0) - begun
+    if of_load:
+        store_maximum(s, SETTLED, where(unsettled, broadcast(0.0), lasted))
+        store(s, BEGUN, where(unsettled, begun, broadcast(float(k))))
+        store(s, OUTSIDE, where(unsettled, outside, before))
+    else:
+        store_maximum(s, SETTLED, where(unsettled, broadcast(np.inf), lasted))
+        store(s, BEGUN, broadcast(float(k)))
+        store(s, OUTSIDE, before)
+        error, worst = load(s, FINAL_ERROR), load(s, STEP_ERROR)
+        store(s, STEP_ERROR, where(absolute(error) > absolute(worst), error, worst))
 
 
 @_inlined

@@ -62,6 +62,9 @@ class DiscretePlants:
         rate_input: shape (m,).
         static_gain: P(0), inf where there is an integrator, shape (m,).
         equilibrium: the state that a constant input of 1 holds, shape (m, n); not finite where there is an integrator.
+        arrivals: dy/dt just after the control arrives, and just after the load does, from the sample's start state, the
+            control that arrives, the one before, and the same two of the load; shape (m, 2, n + 4); used where an input
+            arrives between samples.
     """
 
     control: DelayedInput
@@ -72,6 +75,7 @@ class DiscretePlants:
     rate_input: Array
     static_gain: Array
     equilibrium: Array
+    arrivals: Array
 
     def __len__(self) -> int:
         return len(self.direct)
@@ -91,16 +95,10 @@ class DiscretePlants:
         """Jump of dy/dt at a sample per unit jump of the input; shape (m,)."""
         return np.where(self.acts_at_samples, self.rate_input, 0.0)
 
-    @property
-    def rate_growth(self) -> Array:
-        """Ratio of dy/dt when the control arrives to dy/dt just before the next sample, for first order; shape (m,)."""
-        if self.order != 1:
-            return np.ones(len(self))
-        with np.errstate(divide="ignore"):
-            return 1.0 / self.control.transition[1, :, 0, 0]
-
     def initial_state(self, start: Start) -> tuple[Array, Array]:
         """States, shape (m, n), and the input before the first sample, shape (m,), that give the initial output.
+
+        An integrator is held anywhere by the input 0.
 
         Raises:
             DomainError: no input holds a plant there, or "free" is asked of a plant that is not of first order.
@@ -112,10 +110,14 @@ class DiscretePlants:
             if self.order != 1:
                 raise DomainError(f"an initial output without input needs plants of order 1, not {self.order}")
             return np.full((m, 1), y0), np.zeros(m)
-        if not np.all(np.isfinite(self.static_gain) & (self.static_gain != 0.0)):
-            raise DomainError(f"no input holds a plant at {y0!r}: P(0) is 0 or not finite; start it at 0 or free")
-        held = y0 / self.static_gain
-        return self.equilibrium * held[:, None], held
+        integrates = np.isinf(self.static_gain)
+        if not np.all(integrates | (np.isfinite(self.static_gain) & (self.static_gain != 0.0))):
+            raise DomainError(f"no input holds a plant at {y0!r}, because P(0) is 0; start it at initial_output: 0")
+        held = np.where(integrates, 0.0, y0 / np.where(integrates, 1.0, self.static_gain))
+        states = np.where(integrates[:, None], 0.0, self.equilibrium) * held[:, None]
+        with np.errstate(divide="ignore"):
+            states[:, -1] = np.where(integrates, y0 / self.output[:, -1], states[:, -1])
+        return states, held
 
 
 def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float = 0.0) -> DiscretePlants:
@@ -151,14 +153,44 @@ def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float
         if n == 1:
             control, load = _scaled(control, c), _scaled(load, c)
             equilibrium, rate_state, c = equilibrium * c, a[:, 0, :] / sample_time_s, np.ones_like(c)
-    return DiscretePlants(control, load, c, direct, rate_state, rate_input, gain, equilibrium)
+    parts = samples + delay_samples, samples
+    scale = rate_input[:, None] * sample_time_s if n == 1 else np.ones((len(c), 1))
+    arrivals = _arrivals(a, tuple(_part(part) for part in parts), scale, rate_state, rate_input)
+    return DiscretePlants(control, load, c, direct, rate_state, rate_input, gain, equilibrium, arrivals)
+
+
+def _arrivals(
+    a: Array, parts: tuple[Array, Array], scale: Array, rate_state: Array, rate_input: Array
+) -> Array:  # fmt: skip
+    """`DiscretePlants.arrivals`; `parts` has the fractions of a sample after which control and load arrive."""
+    m, n = a.shape[:2]
+    found = np.zeros((m, 2, n + 4))
+    if n == 0 or not any(part.any() for part in parts):
+        return found
+    for row, instant in enumerate(parts):
+        found[:, row, :n] = np.einsum("mi,mij->mj", rate_state, constant_input_step(a, instant)[0])
+        for column, part in zip((n, n + 2), parts, strict=True):
+            # the old input acts until `part`, the new one from there to `instant`
+            late = np.maximum(instant - part, 0.0)
+            transition, new = constant_input_step(a, late)
+            old = np.einsum("mij,mj->mi", transition, constant_input_step(a, np.minimum(instant, part))[1])
+            arrived = instant >= part
+            for place, weight, acts in ((column, new, arrived), (column + 1, old, ~arrived)):
+                effect = np.einsum("mi,mi->m", rate_state, weight * scale)
+                found[:, row, place] = effect + np.where(acts, rate_input, 0.0)
+    return found
+
+
+def _part(samples: Array) -> Array:
+    """The fraction of a sample in a delay."""
+    return np.clip(samples - np.floor(samples + _WHOLE), 0.0, 1.0)
 
 
 def _delayed(a: Array, samples: Array) -> DelayedInput:
     if np.any(samples > _MOST_DELAY_SAMPLES):
         raise DomainError(f"the delay is {samples.max():.3g} samples long; take a longer sample time")
     whole = np.floor(samples + _WHOLE)
-    part = np.clip(samples - whole, 0.0, 1.0)
+    part = _part(samples)
     m, n = a.shape[:2]
     # most delays are whole, and usually 0
     none = np.broadcast_to(np.eye(n), (m, n, n)), np.zeros((m, n))

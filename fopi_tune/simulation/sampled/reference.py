@@ -88,15 +88,17 @@ class _ReferenceLoop:
         self.x = np.where(np.abs(self.x) < Precision.FLOAT64.flush_below, 0.0, self.x)
         if scenario.hybrid is not None:
             after = arriving
-        elif not self.plants[0].acts_at_samples[self.row] and self.plants[0].order == 1:
-            after = self._rate() * float(self.plants[0].rate_growth[self.row])
         return y, rate, measured, reference - measured, demanded, self.last, self.mode + 1.0, after
 
     def _rate_after(self, k: int, rate: float) -> float:
-        """dy/dt just after a sample at which a new input arrives."""
+        """dy/dt just after a new input arrives, the larger one of control and load."""
         i, held = self.row, self.plants[0]
         if not held.acts_at_samples[i]:
-            return rate
+            now, late = k - int(held.control.delay[i]), k - int(held.load.delay[i])
+            inputs = self._control(now), self._control(now - 1), self._load(late), self._load(late - 1)
+            control, load = held.arrivals[i] @ np.concatenate([self.x, inputs])
+            loaded = self.scenario.signals.load is not None
+            return float(load if loaded and abs(load) > abs(control) else control)
         new = self._control(k - int(held.control.delay[i])) + self._load(k - int(held.load.delay[i]))
         return rate + float(held.rate_input[i]) * (new - self.before)
 

@@ -18,7 +18,20 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital.runtime import Runtime, init
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.sampled.layout import RESULTS, SECTIONS, TRACES, WIDTH, Settings, scratch_layout
+from fopi_tune.simulation.sampled.layout import (
+    BAND,
+    BEGINS,
+    DIRECTION,
+    LOAD_BEGINS,
+    REFERENCE_BEGINS,
+    RESULTS,
+    SECTIONS,
+    TRACES,
+    VALUE,
+    WIDTH,
+    Settings,
+    scratch_layout,
+)
 from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants
 from fopi_tune.simulation.scenario import Horizon, Hybrid, Measures, Mode, Scenario, Traces
 
@@ -53,7 +66,7 @@ def measure(
     """The measures of every plant; `measure_chunks` bounds the memory of the results as well."""
     parts = list(measure_chunks(modes, scenario, horizon, count, chunk=chunk, threads=threads))
     if not parts:
-        return _measures(np.zeros((len(RESULTS), 0)), scenario, horizon)
+        return _measures(np.zeros((len(RESULTS), 0)), scenario)
     names = [field.name for field in fields(Measures)]
     return Measures(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
@@ -91,7 +104,7 @@ def _chunks(
     modes: Sequence[Mode], scenario: Scenario, horizon: Horizon, begins: range, end: int, workers: int
 ) -> Iterator[Measures]:
     def work(parts: list[Plants], begin: int) -> Measures:
-        return _measures(_run(modes, _discretized(parts, scenario), scenario, horizon, begin)[0], scenario, horizon)
+        return _measures(_run(modes, _discretized(parts, scenario), scenario, horizon, begin)[0], scenario)
 
     waiting: deque[Future[Measures]] = deque()
     with ThreadPoolExecutor(workers) as pool:
@@ -156,10 +169,10 @@ def _run(
     begin: int,
     keep: bool = False,
 ) -> tuple[Array, Array]:
-    """Results, shape (12, m), and traces, shape (8, m, steps) when they are kept."""
+    """Results, shape (15, m), and traces, shape (8, m, steps) when they are kept."""
     from fopi_tune.simulation.sampled.kernel import run_blocks
 
-    m, steps = len(held[0]), len(scenario.signals)
+    m, count = len(held[0]), len(scenario.signals)
     blocks = -(-m // WIDTH)
     delay = np.zeros((2, blocks * WIDTH), dtype=np.int64)
     delay[0, :m], delay[1, :m] = held[0].control.delay, held[0].load.delay
@@ -168,14 +181,15 @@ def _run(
     offsets = scratch_layout(settings.order, len(table) - 1 - settings.order, settings.sections)
     signal = scenario.signals.load if scenario.signals.load is not None else np.zeros(0)
     results = np.zeros((len(RESULTS), blocks * WIDTH))
-    traces = np.zeros(len(TRACES) * steps * blocks * WIDTH if keep else 0)
+    traces = np.zeros(len(TRACES) * count * blocks * WIDTH if keep else 0)
     controllers = np.array([_coefficients(mode.controller, settings.sections) for mode in modes])
-    scratch, jumps = _aligned(offsets.size + 2 * max(settings.ring, 1) * WIDTH), np.zeros(steps, dtype=np.int64)
-    reference = scenario.signals.reference
+    scratch, jumps = _aligned(offsets.size + 2 * max(settings.ring, 1) * WIDTH), np.zeros(count, dtype=np.int64)
+    reference, steps = scenario.signals.reference, _step_rows(scenario, horizon)
     run_blocks(
-        0, blocks, settings, offsets, table, delay, controllers, reference, signal, results, traces, scratch, jumps
+        0, blocks, settings, offsets, table, delay, controllers, reference, signal, steps, results, traces, scratch,
+        jumps,
     )  # fmt: skip
-    kept = traces.reshape(len(TRACES), steps if keep else 0, blocks * WIDTH)[:, :, :m].transpose(0, 2, 1)
+    kept = traces.reshape(len(TRACES), count if keep else 0, blocks * WIDTH)[:, :, :m].transpose(0, 2, 1)
     return results[:, :m], kept
 
 
@@ -207,7 +221,7 @@ def _table(held: list[DiscretePlants], scenario: Scenario, width: int) -> Array:
         _, load_new, load_old = first.load.whole
         plant = [transition.reshape(m, n * n), new, old, load_new, load_old, first.output, first.rate_state]
         plant += [first.direct[:, None], first.rate_input[:, None]]
-        plant += [first.rate_step[:, None], first.rate_growth[:, None]]
+        plant += [first.rate_step[:, None], first.acts_at_samples[:, None], first.arrivals.reshape(m, 2 * (n + 4))]
     else:
         plant = []
         for part in held:
@@ -228,15 +242,11 @@ def _settings(
     delay = int(held[0].control.delay.max(initial=0))
     delayed = delay > 0 or any(bool(np.any(part.control.weight[0] != 0.0)) for part in held)
     load_delayed = bool(np.any(held[0].load.delay > 0))
-    final, before = _reference_step(scenario, horizon)
     return Settings(
         noise_std=float(sensor.noise_std),
         quantum=float(sensor.quantum),
         most_change=float(scenario.actuator.rate_per_s * Ts),
         half_width=float(hybrid.half_width),
-        band=float(horizon.band),
-        final=final,
-        direction=float(np.sign(final - before)),
         seed=np.uint64(sensor.seed),
         first_index=int(begin),
         order=held[0].order,
@@ -247,6 +257,7 @@ def _settings(
         most_switches=int(hybrid.most_switches),
         window=int(np.floor(hybrid.window_s / Ts + 1e-9)),
         horizon=int(horizon.first),
+        judged=horizon.steps_of(scenario)[0].first,
         bumpless=int(scenario.start.bumpless),
         delayed=int(delayed),
         ring=delay + 1 if delay else 0,
@@ -260,13 +271,17 @@ def _settings(
     )
 
 
-def _reference_step(scenario: Scenario, horizon: Horizon) -> tuple[float, float]:
-    """The last reference and the one before the horizon."""
-    reference = scenario.signals.reference
-    return float(reference[-1]), float(reference[horizon.first - 1] if horizon.first else scenario.start.output)
+def _step_rows(scenario: Scenario, horizon: Horizon) -> Array:
+    """What is judged at each sample, in the order of `layout`."""
+    steps, count = horizon.steps_of(scenario), len(scenario.signals)
+    rows = np.zeros((4, count))
+    for step in steps:
+        rows[[VALUE, DIRECTION, BAND], step.first :] = np.array([[step.value], [step.direction], [step.band]])
+        rows[BEGINS, step.first] = LOAD_BEGINS if step.of_load else REFERENCE_BEGINS
+    return rows.ravel()
 
 
-def _measures(rows: Array, scenario: Scenario, horizon: Horizon) -> Measures:
+def _measures(rows: Array, scenario: Scenario) -> Measures:
     """The kernel's results, in the measures' units."""
     Ts, steps = scenario.sample_time_s, len(scenario.signals)
     found = dict(zip(RESULTS, rows, strict=True))
@@ -275,8 +290,9 @@ def _measures(rows: Array, scenario: Scenario, horizon: Horizon) -> Measures:
     def known(values: Array) -> Array:
         return np.where(finite, values, np.nan)
 
-    outside = found["outside"]
-    settled = np.where(outside >= steps - 1, np.inf, (outside + 1.0 - horizon.first) * Ts)
+    outside, at_end, before = found["outside"], found["final_error"], found["step_error"]
+    lasted = np.where(outside >= steps - 1, np.inf, outside + 1.0 - found["begun"])
+    settled = Ts * np.maximum(found["settled"], lasted)
     return Measures(
         peak_rate=known(found["peak_rate"]),
         overshoot=known(found["overshoot"]),
@@ -288,7 +304,7 @@ def _measures(rows: Array, scenario: Scenario, horizon: Horizon) -> Measures:
         switches=found["switches"].astype(np.int64),
         longest_run=found["longest_run"].astype(np.int64),
         chattering=found["chattering"] == 1.0,
-        final_error=known(found["final_error"]),
+        final_error=known(np.where(np.abs(before) > np.abs(at_end), before, at_end)),
         finite=finite,
     )
 

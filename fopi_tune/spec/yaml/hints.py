@@ -96,9 +96,8 @@ def _unit_hint(key: str, known: Collection[str]) -> Hint | None:
         meant = stems[stem]
         return Hint(f"the unit is wrong; write {meant} ({_unit(meant)})", meant)
     meant = closest(stem + right, same_unit)
-    if meant is not None:
-        return Hint(f"{conversion} and write {meant}", meant)
-    return Hint(f"{conversion}; the key is not known here: write {one_of(known)}", None)
+    # an ending alone is no unit: `output_min` is a least value
+    return None if meant is None else Hint(f"{conversion} and write {meant}", meant)
 
 
 def _unit(name: str) -> str | None:

@@ -189,7 +189,10 @@ def is_caught(of: Any) -> bool:
 
 MODULES = {"quantities": crossing_quantities, "crossings": crossings, "existence": existence}
 PHASE = "bool(most <= level and -least <= level if upper else least >= level)"
-DELAY_UPPER, DELAY_LOWER = "bool(self.lag >= 0 and self.value <= level)", "bool(self.lag < 2 * arb.pi() and self.value >= level)"
+DELAY_UPPER, DELAY_LOWER = (
+    "bool(self.lag >= 0 and self.value <= level)",
+    "bool(self.lag < 2 * arb.pi() and self.value >= level)",
+)
 TAIL = "bool(lag < 2 * arb.pi() and lag >= self.level * self.loop.frequency(over.omega))"
 #: what a slip would change, and into what
 SLIPS = [
@@ -265,7 +268,9 @@ def test_the_battery_is_answered_without_a_mistake() -> None:
 @pytest.mark.parametrize(("old", "new"), SLIPS)
 def test_a_slip_is_caught(old: str, new: str, monkeypatch: pytest.MonkeyPatch) -> None:
     sources = {key: inspect.getsource(module) for key, module in MODULES.items()}
-    assert sum(source.count(old) for source in sources.values()) == 1, "this line was rewritten: bring the slip up to date"
+    assert sum(source.count(old) for source in sources.values()) == 1, (
+        "this line was rewritten: bring the slip up to date"
+    )
     mutants = {key: ModuleType(f"{key}_with_a_slip") for key in MODULES}
     for key, mutant in mutants.items():
         # dataclasses look their module up by name, and each module is to find the slip in those before it

@@ -45,6 +45,7 @@ from fopi_tune.simulation.scenario import (
     Sensor,
     Signals,
     Start,
+    Step,
     Traces,
 )
 from fopi_tune.spec.model import DigitalSpec
@@ -148,7 +149,14 @@ def test_a_hybrid_loop_switches_in_the_kernel_as_in_the_plain_simulation(
 
 def assert_same_measures(modes: list[Mode], scenario: Scenario) -> None:
     controllers = [mode.controller for mode in modes]
-    for horizon in (Horizon(0.5), Horizon(0.2, 100)):
+    steps = tuple(
+        Step(first, TS * first, before, value, band, of_load)
+        for first, before, value, band, of_load in (
+            (10, 0.0, 18.0, 2.0, False), (41, 0.0, 18.0, 2.0, True), (50, 18.0, 6.0, 3.0, False),
+            (70, 0.0, 6.0, 0.5, True), (100, 6.0, 10.0, 4.0, False), (101, 6.0, 10.0, 4.0, True),
+        )
+    )  # fmt: skip
+    for horizon in (Horizon(0.5), Horizon(0.2, 100), Horizon(2.0, 5, steps)):
         found = measure(modes, scenario, horizon)
         expected = measures_of(plainly(modes, scenario), controllers, scenario, horizon)
         for name in NAMES:
@@ -280,6 +288,49 @@ def test_the_largest_rate_of_a_lag_is_where_its_control_arrives(delay: float) ->
     scenario = Scenario(TS, Signals(np.full(30, 1e3)), actuator=Actuator(delay_samples=delay))
     found = measure([Mode(controller, plants)], scenario, Horizon(0.1))
     np.testing.assert_allclose(found.peak_rate, 1.5 / np.array([0.2, 0.4]), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("delay", "late"), [(0.4, 0.0), (1.3, 0.07), (0.0, 0.07)])
+def test_the_rate_jumps_where_an_input_arrives_between_samples(delay: float, late: float) -> None:
+    # plants of relative degree 1 and orders 2 and 3; control and load each arrive with a delay of their own
+    for order in (2, 3):
+        plants = random_plants(order, 3, order, late=False)
+        plants = Plants(plants.numerator, plants.denominator, np.full(3, late))
+        scenario = Scenario(TS, Signals(levels(), LOADED), actuator=Actuator(delay_samples=delay))
+        modes = [Mode(made(FoPi(0.3, 0.1, 0.7), (-4.0, 30.0)), plants)]
+        traces = simulate(modes, scenario)
+        assert_same_traces(traces, plainly(modes, scenario))
+        for i in range(3):
+            found = rates_after_arrivals(plants, i, traces.applied[i], late, late + delay * TS)
+            # both by matrix exponentials, of rates up to 20
+            np.testing.assert_allclose(traces.rate_after[i], found, atol=1e-9)
+
+
+def rates_after_arrivals(plants: Plants, i: int, applied: np.ndarray, late: float, delay: float) -> np.ndarray:
+    """dy/dt just after control and load arrive in each sample, the larger one, by SciPy's exponentials."""
+    matrices: Any = scipy.signal.tf2ss(plants.numerator[i], plants.denominator[i])
+    a, b, c = (np.asarray(matrix) for matrix in matrices[:3])
+
+    def value(signal: np.ndarray, time: float) -> float:
+        k = int(np.floor(time / TS + 1e-9))
+        return float(signal[k]) if k >= 0 else 0.0
+
+    state, rates = np.zeros(len(a)), []
+    for k in range(STEPS):
+        arrivals = sorted({(delay / TS % 1.0) * TS, (late / TS % 1.0) * TS})
+        time, after = 0.0, []
+        for instant in (*arrivals, TS):
+            middle = (k * TS + 0.5 * (time + instant)) if instant > time else k * TS + instant
+            u = value(applied, middle - delay) + value(LOADED, middle - late)
+            block = scipy.linalg.expm(np.block([[a, b], [np.zeros((1, len(a) + 1))]]) * (instant - time))
+            state = block[:-1, :-1] @ state + block[:-1, -1] * u
+            if instant < TS:
+                held = k * TS + instant + 1e-7
+                u = value(applied, held - delay) + value(LOADED, held - late)
+                after.append(float((c @ (a @ state + b[:, 0] * u))[0]))
+            time = instant
+        rates.append(max(after, key=abs))
+    return np.array(rates)
 
 
 def test_a_sine_s_steady_state_is_the_frequency_response_of_the_sampled_loop() -> None:
@@ -446,6 +497,20 @@ def test_a_plant_starts_at_rest_or_free() -> None:
         np.testing.assert_allclose(traces.output, 8.0, rtol=1e-11)
 
 
+def test_an_integrator_is_held_anywhere_by_no_input() -> None:
+    # 1/s, (s + 2)/(s^2 + s) and 3/(s^3 + s^2), each at 8 with the input 0; beside a lag, which needs 8/2
+    late = Actuator(delay_samples=99)
+    still = Scenario(TS, Signals(np.full(50, 8.0)), actuator=late, start=Start(8.0))
+    for top, bottom in (([1.0], [1.0, 0.0]), ([1.0, 2.0], [1.0, 1.0, 0.0]), ([3.0], [1.0, 1.0, 0.0, 0.0])):
+        lag = np.pad(np.array([4.0]), (len(top) - 1, 0)), np.poly(np.r_[-2.0, -np.ones(len(bottom) - 2)])
+        plants = Plants(np.array([top, lag[0]]), np.array([bottom, lag[1]]), np.zeros(2))
+        traces = simulate(
+            [Mode(constant(0.0), plants)], dataclasses.replace(still, actuator=Actuator(delay_samples=99))
+        )
+        np.testing.assert_allclose(traces.output, 8.0, rtol=1e-12)
+        np.testing.assert_allclose(traces.rate, 0.0, atol=1e-12)
+
+
 def test_the_actuator_moves_no_faster_than_its_rate() -> None:
     traces = simulate([Mode(THROTTLE, throttle_plants(4))], Scenario(TS, Signals(levels()), actuator=Actuator(0.25)))
     change = np.diff(traces.applied, axis=1, prepend=0.0)
@@ -604,7 +669,7 @@ def scenario_of(**changes: object) -> Scenario:
         ([Mode(THROTTLE, lambda begin, end: ONE)], scenario_of(), "count"),
         ([Mode(THROTTLE, random_plants(2, 1, 0))], scenario_of(start=Start(1.0, InitialInput.FREE)), "order 1"),
         (
-            [Mode(THROTTLE, Plants(np.ones((1, 1)), np.array([[1.0, 0.0]]), np.zeros(1)))],
+            [Mode(THROTTLE, Plants(np.array([[1.0, 0.0]]), np.array([[1.0, 2.0, 1.0]]), np.zeros(1)))],
             scenario_of(start=Start(1.0)),
             "no input holds",
         ),

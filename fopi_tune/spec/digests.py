@@ -1,0 +1,75 @@
+"""Digests of a spec's parts, with defaults filled in:  a part that changes invalidates what depends on it, no more.
+
+Comments, descriptions, the order of keys and how numbers are written change no digest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from typing import Any
+
+from fopi_tune.spec.model import DesignSpec
+
+#: parts that gains and their proof depend on, and the digital controller besides
+DESIGN_PARTS = ("plant", "controller", "requirements", "objective", "loop")
+DIGITAL_PARTS = (*DESIGN_PARTS, "digital")
+#: fields that say where something is written, or are for people
+_LEFT_OUT = ("line", "measurement_unit", "output_unit")
+#: fields of the section `digital` that the loop of the requirements does not depend on
+_BESIDE_LOOP = ("output_limits", "measurement_unit", "output_unit")
+
+
+def digests_of(spec: DesignSpec) -> dict[str, str]:
+    """SHA-256 of each part of a spec: plant, controller, requirements, objective, loop, digital, scenarios.
+
+    `loop` is the one that the requirements are about: the continuous one, or that on samples with its controller.
+    """
+    loop: Any = "continuous"
+    if spec.digital is not None and spec.digital.designs_sampled:
+        loop = {name: value for name, value in _plain(spec.digital).items() if name not in _BESIDE_LOOP}
+    parts = {
+        "plant": spec.plant,
+        "controller": spec.controller,
+        "requirements": spec.requirements,
+        "objective": spec.objective,
+        "loop": loop,
+        "digital": spec.digital,
+        "scenarios": (spec.scenarios, spec.limits),
+    }
+    return {
+        name: hashlib.sha256(json.dumps(_plain(part), sort_keys=True).encode()).hexdigest()
+        for name, part in parts.items()
+    }
+
+
+def is_of_spec(stamp: object, spec: DesignSpec, parts: tuple[str, ...] = DESIGN_PARTS) -> bool:
+    """Whether a stored result depends on nothing that differs in this spec.
+
+    Args:
+        stamp: the result's JSON `stamp`; one without digests is of the spec with the same text only.
+        spec: the spec.
+        parts: those that the result depends on.
+    """
+    if not isinstance(stamp, Mapping):
+        return False
+    if stamp.get("spec_sha256") == spec.sha256 and spec.sha256:
+        return True
+    known, wanted = stamp.get("digests"), digests_of(spec)
+    return isinstance(known, Mapping) and all(known.get(part) == wanted[part] for part in parts)
+
+
+def _plain(value: Any) -> Any:
+    """What JSON can hold; equal numbers are equal texts, infinite ones included."""
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name not in _LEFT_OUT}
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, Enum):
+        return value.value
+    return value if value is None or isinstance(value, str | bool) else repr(float(value))
