@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.steady_state import largest_steady_state_error
 from fopi_tune.proof import Certificate, Verdict, Verification
 from fopi_tune.results.candidate import CheckedCandidate, Solver, Violation
 from fopi_tune.results.design import Design, RequirementReport
@@ -47,7 +49,15 @@ def assemble_design(spec: DesignSpec, checked: CheckedCandidate, proof: bool, so
         message=message,
         stamp=stamp(spec.sha256, solver.value, digests_of(spec)),
         solves=candidate.solves,
+        steady_state_error=_steady_state_error(spec, candidate.gains, found),
     )
+
+
+def _steady_state_error(spec: DesignSpec, gains: FoPi | None, found: Verification | None) -> float | None:
+    """Of a stable design; None without one."""
+    if gains is None or found is None or not found.stability.stable:
+        return None
+    return largest_steady_state_error(spec.plant, gains)
 
 
 def new_violations(checked: CheckedCandidate, known: tuple[Violation, ...]) -> tuple[Violation, ...]:

@@ -3,7 +3,8 @@
 1. A search finds gains, for the plants and frequencies that it knows of.
 2. The verification checks them for the whole family, without the search's help, and the certificate proves them.
 3. Where either refutes the gains, the plant and frequency become a cut and the search runs again.
-4. Of an infeasible spec, each relaxation of a limit is confirmed by tuning the relaxed spec.
+4. A term of the controller that has vanished is fixed at 0, and the rest is tuned again.
+5. Of an infeasible spec, each relaxation of a limit is confirmed by tuning the relaxed spec.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.pipeline.assemble import assemble_design, new_violations
+from fopi_tune.pipeline.degenerate import design_notes, without_vanished_terms
 from fopi_tune.proof import certify, verify
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.results.candidate import CheckedCandidate, Solver, Violation
@@ -22,6 +24,7 @@ from fopi_tune.results.design import Design
 from fopi_tune.results.stamp import certificate_versions
 from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec import load_spec
+from fopi_tune.spec.default_objective import with_default_objective
 from fopi_tune.spec.load import Source
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 
@@ -61,45 +64,69 @@ def tune(
         DomainError: a dead time so long that the loop's crossings cannot be listed, or a digital controller that the
             spec asks for and that cannot be made.
     """
-    spec = load_spec(source)
-    design = _unconfirmed_design(spec, proof, solver, start)
+    asked = load_spec(source)
+    spec = with_default_objective(asked)
+    design = _without_vanished_terms(spec, _unconfirmed_design(spec, spec, proof, solver, start), proof, solver)
 
     def is_met(relaxed: DesignSpec) -> bool:
         # from the gains that come nearest first, and from every start where these lead nowhere
-        return _unconfirmed_design(relaxed, False, solver, design.gains).status is Status.SOLVED
+        return _unconfirmed_design(relaxed, relaxed, False, solver, design.gains).status is Status.SOLVED
 
-    return replace(design, clash=_confirm_relaxations(spec, design.clash, is_met))
+    return replace(design, clash=_confirm_relaxations(spec, design.clash, is_met), notes=design_notes(asked, design))
 
 
-def _unconfirmed_design(spec: DesignSpec, proof: bool, solver: Solver, start: FoPi | Neighbour | None) -> Design:
-    """Search, check and search again with what the check refuted; relaxations are the search's estimates."""
+def _without_vanished_terms(spec: DesignSpec, design: Design, proof: bool, solver: Solver) -> Design:
+    """The design with a vanished term fixed at 0 and the rest tuned again; itself where that is no solution."""
+    if design.status is not Status.SOLVED or design.gains is None or design.nominal is None:
+        return design
+    box = without_vanished_terms(spec.controller, design.gains, design.nominal.crossover_rad_s)
+    if box is spec.controller:
+        return design
+    gains = design.gains
+    start = replace(gains, kp=0.0) if box.kp.is_fixed and not spec.controller.kp.is_fixed else replace(gains, ki=0.0)
+    again = _unconfirmed_design(spec, replace(spec, controller=box), proof, solver, start)
+    return again if again.status is Status.SOLVED else design
+
+
+def _unconfirmed_design(
+    spec: DesignSpec, searched: DesignSpec, proof: bool, solver: Solver, start: FoPi | Neighbour | None
+) -> Design:
+    """Search, check and search again with what the check refuted; relaxations are the search's estimates.
+
+    `searched` is the spec with the box of gains that is searched.
+    """
     if solver is Solver.IPOPT and spec.digital is not None and spec.digital.designs_sampled:
         from fopi_tune.design.sampled import sampled_attempt
 
-        return assemble_design(spec, sampled_attempt(spec, proof), proof)
+        return assemble_design(spec, sampled_attempt(searched, proof), proof)
     violations: tuple[Violation, ...] = ()
-    checked = _checked_candidate(spec, violations, proof, solver, start)
+    checked = _checked_candidate(spec, searched, violations, proof, solver, start)
     for _ in range(_MOST_REFUTATIONS):
         new = new_violations(checked, violations)
         if not new:
             break
         violations += new
-        checked = _checked_candidate(spec, violations, proof, solver, start)
+        checked = _checked_candidate(spec, searched, violations, proof, solver, start)
     return assemble_design(spec, checked, proof, solver)
 
 
 def _checked_candidate(
-    spec: DesignSpec, violations: tuple[Violation, ...], proof: bool, solver: Solver, start: FoPi | Neighbour | None
+    spec: DesignSpec,
+    searched: DesignSpec,
+    violations: tuple[Violation, ...],
+    proof: bool,
+    solver: Solver,
+    start: FoPi | Neighbour | None,
 ) -> CheckedCandidate:
     """One run of the search, with the violations found so far as cuts, then verification and certificate."""
     if solver is Solver.CONVEX:
         from fopi_tune.convex import convex_design
 
-        candidate = convex_design(spec, violations)
+        candidate = convex_design(searched, violations)
     else:
         from fopi_tune.design import design  # loads CasADi
 
-        candidate = design(spec, violations, start)
+        candidate = design(searched, violations, start)
     gains = candidate.gains
     if gains is None or (gains.kp == 0.0 and gains.ki == 0.0):
         return CheckedCandidate(candidate)

@@ -100,6 +100,10 @@ class Design:
         stamp: provenance.
         solves: runs of the solver.
         optimum: what is proved of the best gains; None when that was not asked for.
+        steady_state_error: the largest that a constant reference leaves over the family, as a part of it; None without
+            stable gains.
+        notes: what a user should know besides the table: a default objective, a term that vanished, a gain at an end
+            of its range.
     """
 
     spec: DesignSpec
@@ -116,6 +120,8 @@ class Design:
     stamp: Stamp
     solves: int
     optimum: Optimum | None = None
+    steady_state_error: float | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def advice(self) -> str:
@@ -138,6 +144,8 @@ class Design:
             "objective_quantity": objective_name(self.spec),
             "message": self.message,
             "advice": self.advice,
+            "steady_state_error": finite(self.steady_state_error),
+            "notes": list(self.notes),
             "stability": stability_dict(self.stability),
             "nominal": margins_dict(self.nominal),
             "clash": [relaxation_dict(relaxation, self.spec) for relaxation in self.clash],

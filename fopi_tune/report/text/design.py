@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 _WHAT, _ACHIEVED, _SCORE, _MULTIPLIER = 38, 12, 9, 11
 #: a multiplier that changes the objective by less than this part of it is rounding
 _ROUNDING = 1e-6
+#: a steady-state error below this is none
+_NO_ERROR = 1e-9
 #: headings of gains that are no solution
 _GAINS_TITLES = {
     "infeasible": "These gains come nearest; they are no solution:",
@@ -64,7 +66,10 @@ def design_text(design: Design) -> Text:
     if design.gains is not None or not design.clash:
         lines += requirement_lines(design.requirements, design.objective)
     lines += summary_lines(objective_name(design.spec), design.objective, design.stability, design.nominal)
+    lines += steady_state_lines(design.steady_state_error)
     lines += proof_lines(design.certificate)
+    for note in design.notes:
+        lines += entry("note", f"{note}.", "yellow")
     lines += optimum_lines(design.optimum)
     return to_text(lines)
 
@@ -234,6 +239,12 @@ def summary_lines(
         yield from entry("stability", f"NOT STABLE: {stability.reason}{_plant(stability.worst.plant)}", BAD)
     if nominal is not None:
         yield from entry("nominal", _margins(nominal))
+
+
+def steady_state_lines(error: float | None) -> Iterator[Line]:
+    """The steady-state error of a constant reference; nothing where there is none."""
+    if error is not None and error > _NO_ERROR:
+        yield from entry("steady", f"a constant reference leaves an error of up to {100.0 * error:.3g} %", "yellow")
 
 
 def _margins(found: Margins) -> str:

@@ -49,6 +49,8 @@ def scope_phrase(requirement: Requirement) -> str:
 
 def gains_line(gains: FoPi, width: int = 56) -> str:
     """The gains, padded to a width, and the controller's formula in one line."""
+    if gains.ki == 0.0:
+        return f"{f'kp = {number(gains.kp)}   ki = 0':<{width}}C(s) = kp"
     values = "   ".join(f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha"))
     return f"{values:<{width}}C(s) = kp + ki / s^alpha"
 

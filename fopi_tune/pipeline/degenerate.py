@@ -1,0 +1,83 @@
+"""Degenerate designs:  terms of the controller that vanish, gains at an end of their range, and what to say of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.results.design import Design
+from fopi_tune.results.status import Status
+from fopi_tune.spec.default_objective import default_notes
+from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
+
+#: a term smaller than this part of the whole controller at the crossover is gone
+_VANISHED = 1e-6
+#: a gain this close, relative to its range, to an end of the range has reached it
+_AT_END = 1e-6
+#: a steady-state error below this is none
+_NO_ERROR = 1e-9
+
+
+def without_vanished_terms(controller: ControllerSpec, gains: FoPi, crossover_rad_s: float | None) -> ControllerSpec:
+    """The box of gains with a term that has vanished fixed at 0; itself where none has, or where it may not be 0.
+
+    Args:
+        controller: the box.
+        gains: those found.
+        crossover_rad_s: where the sizes of both terms are compared; None for 1 rad/s.
+    """
+    omega = 1.0 if crossover_rad_s is None else crossover_rad_s
+    proportional, integral = abs(gains.kp), abs(gains.ki) * omega**-gains.alpha
+    if not (math.isfinite(integral) and proportional + integral > 0.0):
+        return controller
+    if integral <= _VANISHED * proportional and not controller.ki.is_fixed and _holds_zero(controller.ki):
+        # without its term the order has no meaning; 1 where the range allows it
+        order = min(max(1.0, controller.alpha.min), controller.alpha.max)
+        return replace(controller, ki=GainRange(0.0, 0.0), alpha=GainRange(order, order))
+    if proportional <= _VANISHED * integral and not controller.kp.is_fixed and _holds_zero(controller.kp):
+        return replace(controller, kp=GainRange(0.0, 0.0))
+    return controller
+
+
+def _holds_zero(gain: GainRange) -> bool:
+    return gain.min <= 0.0 <= gain.max
+
+
+def design_notes(asked: DesignSpec, design: Design) -> tuple[str, ...]:
+    """What a user should know of a solved design besides its table; empty for an ordinary one.
+
+    Args:
+        asked: the spec as written.
+        design: solved for what it was completed to.
+    """
+    notes = list(default_notes(asked))
+    if design.status is Status.SOLVED and design.gains is not None:
+        notes += [*_vanished(asked, design.gains, design.steady_state_error), *_at_ends(asked.controller, design.gains)]
+    return tuple(notes)
+
+
+def _vanished(asked: DesignSpec, gains: FoPi, error: float | None) -> Iterator[str]:
+    if gains.ki == 0.0 and not asked.controller.ki.is_fixed:
+        if error is not None and error > _NO_ERROR:
+            yield (
+                f"no integral action: the steady-state error of a constant reference is up to {100.0 * error:.2g} %; "
+                "for none, give ki a lower end (controller: ki: {min: ...}) or ask for "
+                "sensitivity_db: {at_most: ...} at low frequencies (to_rad_s: ...)"
+            )
+        else:
+            yield "no integral action: the best gains have ki = 0, so that alpha has no meaning"
+    if gains.kp == 0.0 and not asked.controller.kp.is_fixed:
+        yield "no proportional action: the best gains have kp = 0"
+
+
+def _at_ends(controller: ControllerSpec, gains: FoPi) -> Iterator[str]:
+    for name in ("kp", "ki", "alpha"):
+        side: GainRange = getattr(controller, name)
+        value = getattr(gains, name)
+        if side.is_fixed or (name == "alpha" and gains.ki == 0.0):
+            continue
+        for word, end in (("lower", side.min), ("upper", side.max)):
+            if value != 0.0 and math.isfinite(end) and abs(value - end) <= _AT_END * max(abs(end), abs(value)):
+                yield f"{name} is at the {word} end of its range, {end:g}: a wider range may give a better design"

@@ -1,0 +1,73 @@
+"""What is optimised where a spec names no objective.
+
+The deepest point inside bounds of robustness alone is a controller that is switched off: every margin grows as the
+gains fall.  Where no requirement asks the loop to act, the objective is therefore the best rejection of disturbances
+that the bounds allow, `iae_disturbance`.  That needs something which bounds the peak of |S|; where nothing does, a
+usual limit is added.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from fopi_tune.quantities.objectives import ObjectiveKind
+from fopi_tune.spec.model import DesignSpec, Objective, Relation, Requirement, Sense
+
+#: dB; the limit of |S| that is added: the modulus margin is 0.5
+ADDED_SENSITIVITY_DB = 6.0
+#: quantities that a lower limit of makes the loop act
+_ACTING = ("crossover_rad_s", "complementary_sensitivity_db", "loop_gain_db")
+#: quantities that keep L away from -1
+_ROBUST = ("sensitivity_db", "phase_margin_deg")
+
+
+def asks_to_act(requirement: Requirement) -> bool:
+    """Whether a requirement bounds the loop's speed from below, so that a controller that is off misses it."""
+    if requirement.quantity in _ACTING:
+        return math.isfinite(requirement.lower)
+    return requirement.quantity == "sensitivity_db" and requirement.upper < 0.0
+
+
+def with_default_objective(spec: DesignSpec) -> DesignSpec:
+    """The spec that is designed for; itself where it names an objective, or where a requirement asks the loop to act.
+
+    Args:
+        spec: as written.
+
+    Returns:
+        With `minimize: iae_disturbance`, and with |S| <= 6 dB where neither |S| nor the phase margin is bounded.
+    """
+    if spec.objective is not None or any(asks_to_act(requirement) for requirement in spec.requirements):
+        return spec
+    added: tuple[Requirement, ...] = ()
+    if not any(_keeps_away(requirement) for requirement in spec.requirements):
+        added = (Requirement("sensitivity_db", Relation.AT_MOST, (ADDED_SENSITIVITY_DB,)),)
+    objective = Objective(Sense.MINIMIZE, ObjectiveKind.IAE_DISTURBANCE.value)
+    return replace(spec, objective=objective, requirements=(*spec.requirements, *added))
+
+
+def default_notes(spec: DesignSpec) -> tuple[str, ...]:
+    """What `with_default_objective` decides for a spec, in words."""
+    used = with_default_objective(spec)
+    if used is spec:
+        return ()
+    notes = [
+        "the spec names no objective and asks for no least speed: the gains are those of the best disturbance "
+        "rejection that its bounds allow (objective: {minimize: iae_disturbance})"
+    ]
+    if len(used.requirements) > len(spec.requirements):
+        notes.append(
+            f"nothing bounds |S| or the phase margin: sensitivity_db: {{at_most: {ADDED_SENSITIVITY_DB:g}}} was added"
+        )
+    return tuple(notes)
+
+
+def _keeps_away(requirement: Requirement) -> bool:
+    """Whether a requirement over all frequencies keeps L away from -1."""
+    if requirement.quantity not in _ROBUST:
+        return False
+    if requirement.quantity == "phase_margin_deg":
+        return math.isfinite(requirement.lower)
+    everywhere = requirement.from_rad_s == 0.0 and math.isinf(requirement.to_rad_s)
+    return everywhere and math.isfinite(requirement.upper)
