@@ -31,6 +31,7 @@ from fopi_tune.proof.obligations import (
 from fopi_tune.proof.places import place_problem, reaches
 from fopi_tune.proof.strict_json import first_difference
 from fopi_tune.quantities import QUANTITIES
+from fopi_tune.spec.default_objective import with_default_objective
 from fopi_tune.spec.model import DesignSpec, Requirement, Scope
 
 #: natural units; an undecided side's place may be this much beyond the limit: a proof of less may have failed
@@ -107,7 +108,9 @@ def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
     if case.family.model != spec.plant.model or dict(case.family.parameters) != dict(spec.plant.parameters):
         problems.append("the plants are not those of the spec")
     stated = [_meaning(proof.requirement) for proof in certificate.requirements]
-    if stated != [_meaning(requirement) for requirement in spec.requirements]:
+    # a design of a spec without an objective may have a limit of |S| added to it
+    asked = [[_meaning(r) for r in each.requirements] for each in (spec, with_default_objective(spec))]
+    if stated not in asked:
         problems.append("the requirements are not those of the spec")
     if spec.digital is not None and spec.digital.designs_sampled and case.implementation is None:
         problems.append("the spec is about the loop on samples (design: sampled), the certificate is not")
