@@ -162,13 +162,32 @@ def test_instability_hidden_between_stable_members_is_refuted() -> None:
     assert certificate.verdict is ft.Verdict.REFUTED
 
 
-def test_a_plant_without_gain_crossover_refutes_a_phase_margin() -> None:
-    spec = spec_with(
-        "phase_margin_deg: {at_least: 30}", "{model: lag, static_gain: {min: 0.4, max: 4.0}, time_constant_s: 1}"
-    )
-    certificate = proved(spec, ft.FoPi(1.0, 0.0, 1.0))
-    assert certificate.requirements[0].verdict is ft.Verdict.REFUTED
-    assert "no gain crossover" in certificate.requirements[0].reason
+SOME_WITHOUT = "{model: lag, static_gain: {min: 0.4, max: 4.0}, time_constant_s: 1}"
+
+
+@pytest.mark.parametrize("quantity", ["phase_margin_deg", "delay_margin_s"])
+def test_plants_without_a_gain_crossover_have_infinite_margins(quantity: str) -> None:
+    # k/(s + 1): no crossover for k < 1, and the smallest margins at k = 4, where omega^2 = 15
+    angle, omega = math.pi - math.atan(math.sqrt(15.0)), math.sqrt(15.0)
+    least = math.degrees(angle) if quantity == "phase_margin_deg" else angle / omega
+    for relation, limit, verdict in (
+        ("at_least", 0.999 * least, ft.Verdict.PROVED),
+        ("at_least", 1.001 * least, ft.Verdict.REFUTED),
+        ("at_most", 1.001 * least, ft.Verdict.REFUTED),
+        ("at_most", 179.0, ft.Verdict.REFUTED),
+    ):
+        spec = spec_with(f"{quantity}: {{{relation}: {limit!r}}}", SOME_WITHOUT)
+        (proof,) = proved(spec, ft.FoPi(1.0, 0.0, 1.0)).requirements
+        assert proof.verdict is verdict, (relation, limit)
+        if verdict is ft.Verdict.PROVED:
+            assert proof.bounds[0] == pytest.approx(least, rel=1e-5)
+
+
+@pytest.mark.parametrize("relation", ["at_least: 0.1", "at_most: 9"])
+def test_a_plant_without_gain_crossover_refutes_any_limit_of_it(relation: str) -> None:
+    (proof,) = proved(spec_with(f"crossover_rad_s: {{{relation}}}", SOME_WITHOUT), ft.FoPi(1.0, 0.0, 1.0)).requirements
+    assert proof.verdict is ft.Verdict.REFUTED
+    assert "no gain crossover" in proof.reason
 
 
 @pytest.mark.parametrize(

@@ -20,14 +20,15 @@ from fopi_tune.report.text.certificates import proof_lines
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import DesignSpec
 
-#: two resonances and a dead time: up to three gain crossovers, only the highest of which has the small phase margin
+#: two resonances and a dead time: three gain crossovers, only the highest of which has the small phase margin
 RESONANT = """
   model: transfer_function
   numerator: [57.94, 319.5]
-  denominator: [1.0, {min: 1.219, max: 2.332, nominal: 2.009}, 67.12, 21.38, {min: 135.4, max: 381.6, nominal: 248.6}]
+  denominator: [1.0, {min: 0.8, max: 1.0, nominal: 0.9}, 67.12, 21.38, {min: 370.0, max: 420.0, nominal: 390.0}]
   dead_time_s: 0.03684"""
 RESONANT_GAINS = FoPi(0.1267, 0.4437, 1.311)
-RESONANT_LIMIT = "phase_margin_deg: {at_most: 9.079557698698375}"
+#: by bisection of |L| = 1: 31.6518 deg at (0.8, 420) is the largest of the family, 14.2425 deg at (1, 370) the least
+RESONANT_LIMIT = "phase_margin_deg: {at_most: 31.652}"
 #: three uncertain numbers, so that hundreds to thousands of boxes are needed
 LAG = """
   model: lag
@@ -76,13 +77,14 @@ def test_a_phase_margin_that_only_one_of_three_crossovers_has_is_proved_in_some_
     certificate = certify(spec, verify(spec, RESONANT_GAINS), {})
     assert certificate.requirements[0].verdict is ft.Verdict.PROVED
     assert recheck(to_document(certificate), spec).problems == ()
-    assert sum(result.boxes for result in searched) < 2_000
+    of_stability = sum(record.boxes for record in certificate.stability.records)
+    assert sum(result.boxes for result in searched) - of_stability < 1_000
     assert sum(result.work for result in searched) < REQUIREMENT_WORK + STABILITY_WORK
 
 
-@pytest.mark.parametrize(("level", "most"), [(-1.0, 1), (-0.3, 400)])
+@pytest.mark.parametrize(("level", "most"), [(0.05, 1), (0.3, 400)])
 def test_a_claim_that_is_false_at_the_centre_of_a_box_ends_there(level: float, most: int) -> None:
-    """The family's phase margins lie from -0.79 to 0.16 rad: below that no plant meets the level, then some."""
+    """The family's phase margins lie from 0.249 to 0.552 rad: below that no plant meets the level, then some."""
     spec = spec_of(RESONANT_LIMIT, RESONANT)
     claim = level_claims(Case(RESONANT_GAINS, spec.plant, 0.0), spec.requirements[0], True, level)[-1]
     result = search(claim, 8_000)

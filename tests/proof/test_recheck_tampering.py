@@ -93,13 +93,19 @@ def on_samples() -> Case:
 
 
 def unstable() -> Case:
-    """Refuted stability, and plants without a gain crossover."""
+    """Refuted stability, and margins that no plant has."""
     spec = spec_named("brake_delay", Requirement("crossover_rad_s", Relation.AT_LEAST, (0.1,)))
     return certified(spec, ft.FoPi(9.0, 4.0, 1.2))
 
 
 def without_crossover() -> Case:
-    return certified(spec_named("brake_delay"), ft.FoPi(0.05, 0.0, 1.0))
+    """|L| < 1: no crossover to limit, and infinite margins, which break every upper limit."""
+    more = (
+        Requirement("crossover_rad_s", Relation.AT_LEAST, (0.1,)),
+        Requirement("phase_margin_deg", Relation.AT_MOST, (90.0,)),
+        Requirement("delay_margin_s", Relation.BETWEEN, (0.1, 10.0)),
+    )
+    return certified(spec_named("brake_delay", *more), ft.FoPi(0.05, 0.0, 1.0))
 
 
 def undecided() -> Case:
@@ -243,7 +249,10 @@ AIMED: dict[str, tuple[str, Callable[[Document], object], str]] = {
     ),
     "a frequency without a crossing": ("proved", placed(3, omega_rad_s=1.0), "worst value"),
     "a margin that does not end at infinity": ("refuted", placed(5, omega_tends_to_infinity=True), "worst value"),
-    "a frequency of no crossover": ("without a crossover", placed(0, omega_rad_s=1.0), "without a gain crossover"),
+    "a frequency of no crossover": ("without a crossover", placed(4, omega_rad_s=1.0), "no such value"),
+    "a frequency of an infinite margin": ("without a crossover", placed(5, omega_rad_s=1.0), "worst value"),
+    "a frequency of an infinite delay margin": ("without a crossover", placed(6, 1, omega_rad_s=1.0), "worst value"),
+    "a frequency of a margin that no plant has": ("unstable", placed(0, omega_rad_s=1.0), "no such value"),
     "a phase crossover elsewhere": ("without a crossover", placed(1, omega_rad_s=5.7), "not the crossing"),
     "a phase crossover at 0": ("without a crossover", placed(1, omega_rad_s=0.0), "not the crossing"),
     "above Nyquist's frequency": ("on samples", placed(4, omega_rad_s=15.8), "Nyquist"),

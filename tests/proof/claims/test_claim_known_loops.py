@@ -11,8 +11,6 @@ from cases.plants import Number, brake, lag, pole, transfer_function
 from flint import ctx
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.crossings import gain_crossovers
-from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, Interval
@@ -120,9 +118,9 @@ def test_a_pole_may_pass_the_origin_and_the_phase_margin_with_it() -> None:
 
 @pytest.mark.parametrize("alpha", [0.1, 0.9, 1.1, 1.9])
 def test_a_fractional_integral_alone_has_its_closed_form(alpha: float) -> None:
-    # |ki (jw)^-alpha k/(jw)| = 1: w = (ki k)^(1/(1 + alpha)), PM = 90 - 90 alpha deg, slope 0
+    # |ki (jw)^-alpha k/(jw)| = 1: w = (ki k)^(1/(1 + alpha)), 90 - 90 alpha deg from -1, slope 0
     case = Case(FoPi(0.0, 3.0, alpha), pole((0.5, 2.0), 0.0))
-    margin = 0.5 * math.pi * (1.0 - alpha)
+    margin = abs(0.5 * math.pi * (1.0 - alpha))
     for upper in (True, False):
         assert_sharp(case.every(CrossingQuantity.PHASE_MARGIN, upper), margin, upper)
         assert_sharp(case.every(CrossingQuantity.PHASE_SLOPE, upper), 0.0, upper)
@@ -178,16 +176,28 @@ def test_the_published_brake_design_keeps_its_margins_over_all_time_constants() 
 
 
 def resonant(gain: Number, damping: float = 0.06) -> PlantFamily:
-    """k 9/((s + 0.1)(s^2 + damping s + 9)): past its crossover near k it comes back around 3 rad/s."""
+    """k/((s + 0.1)(s^2 + damping s + 9)): past its crossover near k/9 it comes back around 3 rad/s."""
     return transfer_function([gain], np.polymul([1.0, 0.1], [1.0, damping, 9.0]).tolist())
 
 
 def over_the_family(case: Case, places: int = 801) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Row, u, phase margin and phase slope of every crossover of so many members; the ends are among them."""
-    low, high = case.loop.family_box[0]
-    members = Plants.members(case.loop.family, np.linspace(low, high, places)[:, None])
-    found = gain_crossovers(Loops.of(case.loop.gains, members))
-    return found.row, np.log(found.omega_rad_s), np.radians(found.phase_margin_deg), found.slope_rad
+    """Row, u, phase margin and phase slope of every crossover of so many `resonant` members; the ends are among them.
+
+    |k/X| = 1 with X = (s + 0.1)(s^2 + d s + 9): |X|^2 = k^2 is a cubic in omega^2.
+    """
+    (low, high), damping = case.loop.family_box[0], case.loop.family.parameters["denominator[1]"].nominal - 0.1
+    rows, omegas = [], []
+    for row, k in enumerate(np.linspace(low, high, places)):
+        square = np.polymul([1.0, 0.01], [1.0, damping**2 - 18.0, 81.0])
+        roots = np.roots(np.polysub(square, [k * k]))
+        omegas += sorted(math.sqrt(root.real) for root in roots if abs(root.imag) < 1e-9 and root.real > 0.0)
+        rows += [row] * (len(omegas) - len(rows))
+    row, s = np.array(rows), 1j * np.array(omegas)
+    resonance = s * s + damping * s + 9.0
+    # b = arg(-L);  d ln L/du = -s/(s + 0.1) - s (2 s + d)/(s^2 + d s + 9)
+    angle = np.angle(-1.0 / ((s + 0.1) * resonance))
+    slope = -(s / (s + 0.1) + s * (2.0 * s + damping) / resonance).imag
+    return row, np.log(omegas), np.abs(angle), slope
 
 
 def test_every_one_of_three_crossovers_counts_for_a_phase_margin() -> None:

@@ -313,16 +313,57 @@ def test_a_gain_margin_that_ends_for_some_members_only_is_reported_for_those():
 
 def test_a_loop_without_a_crossover_says_so():
     family, gains = lag((0.9, 0.5, 2.0), 1.0), FoPi(0.6, 0.0, 1.0)
-    for name in ("phase_margin_deg", "crossover_rad_s", "delay_margin_s", "phase_slope_deg_per_decade"):
-        result = only(one(family, name, AT_LEAST, -1e9 if "slope" in name else 1e-9), gains)
-        assert (result.outcome, result.achieved, result.score, result.is_met) == (
-            Outcome.NO_CROSSOVER,
-            None,
-            None,
-            False,
-        )
-        assert result.worst.plant["static_gain"] * 0.6 < 1.0
-    assert verify(one(family, "phase_margin_deg", AT_LEAST, 1.0), gains).objective is None
+    for name in ("crossover_rad_s", "phase_slope_deg_per_decade"):
+        for relation in (AT_LEAST, AT_MOST):
+            limit = 1e9 if relation is AT_MOST else -1e9 if "slope" in name else 1e-9
+            result = only(one(family, name, relation, limit), gains)
+            missing = (Outcome.NO_CROSSOVER, None, None, False)
+            assert (result.outcome, result.achieved, result.score, result.is_met) == missing
+            assert result.worst.plant["static_gain"] * 0.6 < 1.0
+    assert verify(one(family, "crossover_rad_s", AT_LEAST, 1.0), gains).objective is None
+
+
+def test_the_margins_of_a_loop_without_a_crossover_are_infinite():
+    # 0.6 k/(s + 1): the smallest margins are those of k = 2, where omega = sqrt(0.44) and arg L = -atan(omega)
+    family, gains = lag((0.9, 0.5, 2.0), 1.0), FoPi(0.6, 0.0, 1.0)
+    omega = math.sqrt(0.44)
+    angle = math.pi - math.atan(omega)
+    for name, least in (("phase_margin_deg", math.degrees(angle)), ("delay_margin_s", angle / omega)):
+        smallest, largest = (only(one(family, name, relation, 1.0), gains) for relation in (AT_LEAST, AT_MOST))
+        assert smallest.achieved == pytest.approx(least, rel=1e-9)
+        assert smallest.is_met
+        assert (largest.achieved, largest.outcome, largest.is_met) == (math.inf, Outcome.INFINITE, False)
+        assert largest.worst.plant["static_gain"] * 0.6 < 1.0
+        never = only(one(lag((0.9, 0.5, 1.5), 1.0), name, AT_LEAST, 1.0), gains)
+        assert (never.achieved, never.outcome, never.is_met) == (math.inf, Outcome.INFINITE, True)
+        for relation, limits in ((EQUALS, (1.0,)), (BETWEEN, (1.0, 2.0))):
+            exact = one(lag(0.9, 1.0), name, relation, *limits)
+            assert not only(exact, gains).is_met
+
+
+def test_an_unstable_member_has_no_margin_and_misses_every_limit_of_it():
+    # k/(s + 1)^3 is unstable for k > 8
+    family, gains = transfer_function([(7.0, 6.0, 9.0)], [1.0, 3.0, 3.0, 1.0]), FoPi(1.0, 0.0, 1.0)
+    for name in ("phase_margin_deg", "delay_margin_s", "gain_margin_db"):
+        for relation in (AT_LEAST, AT_MOST):
+            result = only(one(family, name, relation, 1e-3 if relation is AT_LEAST else 100.0), gains)
+            assert (result.outcome, result.achieved, result.is_met) == (Outcome.UNSTABLE, None, False)
+            assert result.worst.plant["numerator[0]"] > 8.0
+            spec = spec_of(family, Requirement(name, relation, (1e-3 if relation is AT_LEAST else 100.0,), Scope.NOMINAL))
+            assert only(spec, gains).is_met
+
+
+def test_a_direct_path_of_more_than_1_leaves_no_delay_margin():
+    # (a s + 3)/(4 s + 1): any dead time makes infinitely many poles unstable where a >= 4
+    gains = FoPi(1.0, 0.0, 1.0)
+    result = only(one(transfer_function([(3.0, 5.0), 3.0], [4.0, 1.0]), "delay_margin_s", AT_LEAST, 0.1), gains)
+    assert (result.achieved, result.worst.omega_rad_s, result.is_met) == (0.0, math.inf, False)
+    assert result.worst.plant["numerator[0]"] >= 4.0
+    # a = 3: omega^2 = 8/7, lag 180 deg + atan(omega) - atan(4 omega)
+    omega = math.sqrt(8.0 / 7.0)
+    lag_rad = math.pi + math.atan(omega) - math.atan(4.0 * omega)
+    result = only(one(transfer_function([(2.0, 3.0), 3.0], [4.0, 1.0]), "delay_margin_s", AT_LEAST, 0.1), gains)
+    assert result.achieved == pytest.approx(lag_rad / omega, rel=1e-9)
 
 
 def test_nominal_requirements_look_at_the_nominal_member_alone():
