@@ -27,6 +27,8 @@ _GAIN_CAP = 700.0
 _SMALL_TURN = 1e-9
 #: an exponent of omega this small is 0 but for rounding
 _FLAT_SLOPE = 1e-12
+#: neper; levels of |L| this close are not told apart, nor is an excess of 2^-30
+_SAME_GAIN, _HALVINGS = 1e-9, 31
 #: rad; a phase this close to 180 deg at an end of the axis is 180 deg
 _HALF_TURN = 1e-9
 
@@ -145,11 +147,44 @@ def phase_crossovers(loops: Loops) -> Crossings:
     small = found.gain < 1.0
     np.maximum.at(largest, found.row[small], np.log(found.gain[small]))
     known = delayed[np.isfinite(largest[delayed])]
-    level = gain_crossovers(loops.take(known), largest[known] - 1e-9)
+    level = gain_crossovers(loops.take(known), largest[known] - _SAME_GAIN)
     stop[delayed] = -np.inf
     np.maximum.at(stop, known[level.row], np.log(level.omega_rad_s))
     further = np.flatnonzero(stop > first_stop)
-    return _joined(crossings, found, _phase_crossings(loops, further, first_stop, stop), _limit_crossings(loops))
+    limits = _limit_crossings(loops)
+    # Where |L| tends to a constant that none of them exceeds, it may still exceed that constant on its way.
+    risen = limits.row[np.log(limits.gain) > largest[limits.row] - 2.0 * _SAME_GAIN]
+    beyond = _phase_crossings(loops, further, first_stop, stop)
+    return _joined(crossings, found, beyond, limits, *_above_limit(loops, risen, first_stop))
+
+
+def _above_limit(loops: Loops, rows: Rows, start: Array) -> list[Crossings]:
+    """Crossings about the largest |L| beyond `start` of loops with a dead time whose |L| tends to a smaller constant.
+
+    With an excess e over the limit that |L| reaches, but not 2 e, what lies outside the range of |L| > limit e^e has a
+    smaller |L| than what lies within.  So the first e, falling, whose range holds a crossing tells the largest.
+    """
+    found: list[Crossings] = []
+    limit = loops.log.end()[0]
+
+    def ranges(rows: Rows, excess: float) -> tuple[Rows, Array, Array]:
+        level = gain_crossovers(loops.take(rows), limit[rows] + excess)
+        row, u = rows[level.row], np.log(level.omega_rad_s)
+        low, high = np.full(len(loops), np.inf), np.full(len(loops), -np.inf)
+        np.minimum.at(low, row, np.maximum(u, start[row]))
+        np.maximum.at(high, row, u)
+        above = rows[loops.log_response(rows, start[rows]).real > limit[rows] + excess]
+        low[above] = start[above]
+        return rows[high[rows] > start[rows]], low, high
+
+    left = ranges(rows, _SAME_GAIN)[0] if len(rows) else rows
+    for excess in 0.5 ** np.arange(1.0, _HALVINGS):
+        if not len(left):
+            break
+        there, low, high = ranges(left, float(excess))
+        found.append(_phase_crossings(loops, there, low, high))
+        left = np.setdiff1d(left, found[-1].row)
+    return found
 
 
 def negative_ends(loops: Loops) -> tuple[Crossings, Crossings]:

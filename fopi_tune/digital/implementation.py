@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.margins import margins
+from fopi_tune.core.crossings import gain_crossovers
+from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.digital import sections_of
 from fopi_tune.errors import DomainError
@@ -52,5 +53,7 @@ def digital_section_of(spec: DesignSpec) -> DigitalSpec:
 
 
 def nominal_crossover(spec: DesignSpec, gains: FoPi) -> float | None:
-    """The nominal gain crossover of the ideal controller, rad/s; None without one."""
-    return margins(gains, spec.plant.member(spec.plant.nominal_point)).crossover_rad_s
+    """The highest nominal gain crossover of the ideal controller, rad/s; None without one."""
+    plant = Plants.of(spec.plant.member(spec.plant.nominal_point))
+    found = gain_crossovers(Loops.of(gains, plant)).omega_rad_s
+    return float(found[-1]) if len(found) else None

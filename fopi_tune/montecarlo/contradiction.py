@@ -22,19 +22,21 @@ def contradictions(evidence: Evidence, certificate: Certificate | None) -> tuple
     if certificate is None:
         return ()
     found = []
-    if certificate.stability.verdict is Verdict.PROVED and evidence.unstable_inside:
+    stable = certificate.stability.verdict is Verdict.PROVED
+    if stable and evidence.unstable_inside:
         found.append("a drawn plant's loop is unstable, though the stability of all of them is proved")
-    proofs = {id(proof.requirement): proof for proof in certificate.requirements}
-    by_requirement = {_key(proof.requirement): proof for proof in proofs.values()}
+    by_requirement = {_key(proof.requirement): proof for proof in certificate.requirements}
     for outcome in evidence.requirements:
         assert outcome.requirement is not None
-        proof = by_requirement.get(_key(outcome.requirement))
-        bound = None if proof is None else _bound(proof, outcome.upper)
-        if proof is None or bound is None:
+        proof, worst = by_requirement.get(_key(outcome.requirement)), outcome.worst_inside
+        if proof is None or worst is None:
             continue
-        worst = outcome.worst_inside
-        if worst is not None and math.isfinite(worst.value) and _is_beyond(outcome, worst.value, bound):
-            name = outcome.requirement.quantity
+        bound, name = _bound(proof, outcome.upper), outcome.requirement.quantity
+        if math.isinf(worst.value):
+            # a margin that does not end, or none, where all plants are proved to have one within the limit
+            if stable and proof.verdict is Verdict.PROVED and (worst.value > 0.0) == outcome.upper:
+                found.append(f"plant {worst.index} has no {name} within the limit, though that is proved of all plants")
+        elif bound is not None and _is_beyond(outcome, worst.value, bound):
             found.append(f"plant {worst.index} has {name} = {worst.value!r}, beyond the proved {bound!r}")
     return tuple(found)
 

@@ -230,8 +230,8 @@ class _MarginSampler:
             counts = [outcome_tally(draws, np.where(stable, 0.0, 1.0), stable, True)]
             for requirement, upper in sides:
                 values = found.measure(requirement, upper)
-                # without a gain crossover there is no such value and the requirement is not met;
-                # an unstable loop meets none
+                # a value that does not exist is the worst there is: a crossover that |L| never makes, a margin of an
+                # unstable loop, which meets nothing.  An infinite margin stays what it is
                 values = np.where(np.isnan(values) | ~stable, np.inf if upper else -np.inf, values)
                 counts.append(outcome_tally(draws, values, _meets(requirement, upper, values), upper))
             return counts

@@ -40,7 +40,7 @@ class WorstPlant:
 
     Args:
         index: of the draw; index and seed reproduce it.
-        value: of the quantity or measure, in its public unit; infinite where there is none.
+        value: of the quantity or measure, in its public unit; infinite, on the side of the worst, where there is none.
         plant: the uncertain numbers by name.
         inside: whether it lies in the family's box.
     """

@@ -108,8 +108,11 @@ def _result(top: JsonObject, spec: DesignSpec) -> None:
         _prose(stability, "reason")
     if top.get("nominal") is not None:
         nominal = top.child("nominal")
-        for key in ("crossover_rad_s", "phase_margin_deg", "gain_margin_db"):
+        nominal.flag("stable")
+        for key in ("phase_margin_deg", "gain_margin_db", "gain_reduction_margin_db", "delay_margin_s"):
             nominal.number_or_none(key)
+        crossovers, angles = (nominal.numbers(key) for key in ("gain_crossovers_rad_s", "angles_from_minus_one_deg"))
+        _require(len(crossovers) == len(angles), nominal, "angles_from_minus_one_deg", "not one for each crossover")
     _proof(top.child("proof"))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from fopi_tune.report.figures.picture import BLACK, BLUE, ORANGE, WIDE, Picture, label_axes
 from fopi_tune.report.requirement_rows import place_phrase
-from fopi_tune.report.text.formatting import number
+from fopi_tune.report.text.formatting import drawn_phrase, number
 from fopi_tune.report.text.percentages import interval_phrase, share_phrase
 
 if TYPE_CHECKING:
@@ -86,11 +86,14 @@ def _tested(evidence: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
 
 def _row(judged: Mapping[str, Any]) -> EvidenceRow:
     middle = [each["value"] for each in judged["quantiles"] if each["probability"] == 0.5]
+    met, total = judged["fraction"]["met"], judged["fraction"]["total"]
+    # of what is infinite the worst is met only if all are, and the median (a value that is reached) if most are
+    median = _value(middle[0], judged, 2 * met > total) if middle else ""
     worst = judged["worst"][0] if judged["worst"] else None
-    told = "" if worst is None else f"{_value(worst['value'])} {place_phrase(worst)} (plant {worst['index']})"
-    return EvidenceRow(
-        _phrase(judged), *_share_and_interval(judged["fraction"]), _value(middle[0]) if middle else "", told
-    )
+    told = ""
+    if worst is not None:
+        told = f"{_value(worst['value'], judged, met == total)} {place_phrase(worst)} (plant {worst['index']})"
+    return EvidenceRow(_phrase(judged), *_share_and_interval(judged["fraction"]), median, told)
 
 
 def _side(judged: Mapping[str, Any]) -> str:
@@ -111,5 +114,5 @@ def _share_and_interval(said: Mapping[str, Any]) -> tuple[str, str]:
     return share_phrase(said["met"], said["total"]), interval_phrase(said["low"], said["high"])
 
 
-def _value(value: float | None) -> str:
-    return "infinite" if value is None else number(value)
+def _value(value: float | None, judged: Mapping[str, Any], met: bool) -> str:
+    return drawn_phrase(judged["name"], _side(judged) == "at_most", met) if value is None else number(value)

@@ -20,7 +20,14 @@ from fopi_tune.report.figures.slider import HEIGHT, WIDTH, critical_point_mark, 
 from fopi_tune.report.figures.step_responses import step_responses
 from fopi_tune.report.page import figure_files, render_figures, render_template
 from fopi_tune.report.requirement_rows import place_phrase, requirement_rows
-from fopi_tune.report.text.formatting import exact_limit, number, requirement_phrase, scope_phrase, sentence
+from fopi_tune.report.text.formatting import (
+    exact_limit,
+    margins_phrase,
+    number,
+    requirement_phrase,
+    scope_phrase,
+    sentence,
+)
 from fopi_tune.results.design import loop_name
 
 #: the report's file
@@ -151,11 +158,7 @@ def _summary(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         stable = "stable" if stability["stable"] else "NOT STABLE"
         yield "stability", f"{stable}: {stability['reason']}; closest to -1 {place_phrase(stability['worst'])}"
     if nominal is not None:
-        names = (("crossover", "crossover_rad_s", "rad/s"), ("phase margin", "phase_margin_deg", "deg"))
-        parts = [f"{word} {number(nominal[key])} {unit}" for word, key, unit in names if nominal[key] is not None]
-        gain = nominal["gain_margin_db"]
-        parts.append("gain margin infinite" if gain is None else f"gain margin {number(gain)} dB")
-        yield "nominal plant", ", ".join(parts)
+        yield "nominal plant", margins_phrase(nominal)
 
 
 def _digital_words(documents: ResultDocuments, digital: Mapping[str, Any]) -> str:

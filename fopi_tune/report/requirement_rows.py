@@ -7,7 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from fopi_tune.report.documents import ReportedRequirement
-from fopi_tune.report.text.formatting import TIE, number, requirement_phrase, scope_phrase, with_unit
+from fopi_tune.report.text.formatting import (
+    NO_MARGIN,
+    TIE,
+    endless_phrase,
+    number,
+    requirement_phrase,
+    scope_phrase,
+    with_unit,
+)
 
 #: verdict -> a symbol that is readable without colour
 _SIGNS = {"proved": "✓", "met": "✓", "refuted": "✗", "missed": "✗", "undecided": "?"}
@@ -75,17 +83,25 @@ def _row(found: ReportedRequirement, objective: float | None) -> RequirementRow:
         scope=scope_phrase(requirement),
         achieved=_achieved(said),
         score=_score(said["score"]),
-        worst="no phase crossover sets it" if outcome == "infinite" else place_phrase(said["worst"]),
+        worst=_worst(found),
         proved="" if proof is None else _proved(proof),
         cost=_cost(said["multiplier"], found, objective),
         checked=_checked(said["multiplier_checked"]),
     )
 
 
+def _worst(found: ReportedRequirement) -> str:
+    place = place_phrase(found.reported["worst"])
+    if found.reported["outcome"] != "infinite":
+        return place
+    endless = endless_phrase(found.requirement.quantity)
+    return endless if found.reported["met"] else f"{endless} {place}".rstrip()
+
+
 def _achieved(said: Mapping[str, Any]) -> str:
     if said["achieved"] is not None:
         return number(said["achieved"], 5 if said["met"] else 9)
-    names = {"infinite": "infinite", "no_crossover": "no crossover", "beyond_nyquist": "beyond Nyquist"}
+    names = {"no_crossover": "no crossover", "unstable": NO_MARGIN, "beyond_nyquist": "beyond Nyquist"}
     return names.get(said["outcome"], "infinite" if said["outcome"] else "–")
 
 

@@ -72,11 +72,13 @@ def proof_dict(certificate: Certificate | None, wanted: bool) -> dict[str, Any]:
 
 
 def margins_dict(nominal: Margins | None) -> dict[str, Any] | None:
-    """Margins; an infinite gain margin is null."""
+    """Margins; null is an infinite one where the loop is stable, and none where it is not."""
     if nominal is None:
         return None
-    plain = asdict(nominal)
-    return {k: list(v) if isinstance(v, tuple) else finite(v) for k, v in plain.items()}
+    return {
+        key: list(value) if isinstance(value, tuple) else value if isinstance(value, bool) else finite(value)
+        for key, value in asdict(nominal).items()
+    }
 
 
 def price_dict(price: Price | None) -> dict[str, Any] | None:

@@ -313,6 +313,37 @@ def test_a_dead_time_far_slower_than_the_crossover_loses_no_low_phase_crossing(d
     np.testing.assert_allclose(found.omega_rad_s, expected, rtol=1e-12)
 
 
+@pytest.mark.parametrize("delay", [30.0, 100.0, 300.0])
+def test_a_gain_that_rises_above_its_limit_late_has_its_largest_crossing_listed(delay: float) -> None:
+    # 0.5 s/(s + 0.3) (s + 1)^2/(s^2 + 1.6 s + 1): 0.6 at 1 rad/s, after many turns below the limit of 0.5
+    controller = FoPi(0.5, 0.0, 1.0)
+    plant = Plant((1.0, 2.0, 1.0, 0.0), tuple(np.polymul([1.0, 0.3], [1.0, 1.6, 1.0]).tolist()), delay)
+    found = phase_crossovers(loops_of(controller, plant))
+    omega = np.linspace(0.01, 20.0, 2_000_001)
+    value = response(controller, plant, omega)
+    at = np.flatnonzero((value.imag[1:] > 0.0) != (value.imag[:-1] > 0.0))
+    largest = np.abs(value[at][value[at].real < 0.0]).max()
+    assert largest > 0.58
+    # |L| changes by less than a part in 1e5 from point to point
+    assert found.gain.max() == pytest.approx(largest, rel=1e-5)
+
+
+def test_a_gain_that_rises_above_its_limit_and_falls_slowly_has_its_largest_crossing_listed() -> None:
+    # the fractional integral leaves an excess of omega^-0.62 over the limit: ten million turns, few of them listed
+    controller = FoPi(2.1765032311961443, 0.1228023298257233, 0.6239263227981185)
+    numerator = (0.3955274214270597, 0.20598367926985037, 0.02522263704676973)
+    plant = Plant(numerator, (1.0, 6.29181562258844, 1.6791750989540666), 0.4097789597311663)
+    found = phase_crossovers(loops_of(controller, plant))
+    omega = np.linspace(1.0, 2000.0, 4_000_001)
+    value = response(controller, plant, omega)
+    at = np.flatnonzero((value.imag[1:] > 0.0) != (value.imag[:-1] > 0.0))
+    largest = np.abs(value[at][value[at].real < 0.0]).max()
+    # |L| changes by less than a part in 1e6 from point to point near its largest value
+    assert found.gain.max() == pytest.approx(largest, rel=1e-6)
+    assert largest > controller.kp * numerator[0] * 1.0005
+    assert len(found.row) < 200
+
+
 def test_fifty_thousand_turns_below_the_crossover_are_listed() -> None:
     loops = loops_of(FoPi(30.0, 1e-3, 0.5), Plant((1.0,), (1.0, 1.0), 1e4))
     found, last = phase_crossovers(loops), gain_crossovers(loops).phase_rad[-1]

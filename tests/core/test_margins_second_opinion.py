@@ -85,8 +85,9 @@ def four_of_control(loop: Any, limits: tuple[float, ...], stays_large: bool, cur
 
 
 def largest_difference(one: Four, other: Four) -> float:
-    """Relative; infinite where only one of them is."""
-    pairs = [(a, b) for a, b in zip(one, other, strict=True) if a != b]
+    """Relative; infinite where only one of them is.  A grid ends before what a gain margin of 1e8 is about."""
+    ends = [(*values[:2], values[2] if values[2] < 1e8 else math.inf, values[3]) for values in (one, other)]
+    pairs = [(a, b) for a, b in zip(*ends, strict=True) if a != b]
     return max((abs(a - b) / max(abs(a), abs(b)) if math.isfinite(a + b) else math.inf for a, b in pairs), default=0.0)
 
 

@@ -224,6 +224,11 @@ class Loops:
         np.minimum.at(margin, row[at > 0], at[at > 0])
         return margin
 
+    def phase_margins(self, crossings):
+        """The smallest angle between L and -1 over the gain crossovers of every member; inf without one."""
+        row, _, phase = crossings
+        return np.nan_to_num(smallest(row, np.abs(np.angle(-np.exp(1j * phase))), len(self.top)), nan=np.inf)
+
     def slope(self, gains: Gains, row, omega):
         """d arg L / d log10 omega by a central difference."""
         h = 1e-5
@@ -277,7 +282,8 @@ class Loops:
                 if not np.isfinite(limit):
                     continue
                 value = self.value(r, gains, grid, crossings, loop, largest=sign > 0)
-                distance = np.nan_to_num(sign * scale * (value - natural(r.quantity, limit)), nan=FAR)
+                distance = sign * scale * (value - natural(r.quantity, limit))
+                distance = np.nan_to_num(distance, nan=FAR, posinf=FAR, neginf=-FAR)
                 (equal if r.relation is Relation.EQUALS else depth).append(distance)
         rows = [*depth] or [np.array([-FAR])]
         objective = self._objective(gains, crossings, loop, np.concatenate(rows))
@@ -296,13 +302,19 @@ class Loops:
         return np.array(rows)
 
     def value(self, r: Requirement, gains: Gains, grid, crossings, loop, largest: bool) -> np.ndarray:
-        """A quantity of every member the requirement is about, in natural units; nan without a crossover."""
+        """A quantity of every member the requirement is about, in natural units; margins as of a stable loop.
+
+        nan for a crossover that does not exist, inf for a margin that does not end.
+        """
         row, omega, phase = crossings
         m = len(self.top)
         if r.quantity == "gain_margin_db":
             value = self.gain_margins(gains, grid)
-        elif r.quantity in ("phase_margin_deg", "delay_margin_s"):
-            value = smallest(row, (np.pi + phase) / (omega if r.quantity == "delay_margin_s" else 1.0), m)
+        elif r.quantity == "phase_margin_deg":
+            value = self.phase_margins(crossings)
+        elif r.quantity == "delay_margin_s":
+            value = smallest(row, np.mod(np.pi + phase, 2 * np.pi) / omega, m)
+            value = np.where(grid[0][:, -1] >= 0, 0.0, np.nan_to_num(value, nan=np.inf))
         elif r.quantity in ("crossover_rad_s", "phase_slope_deg_per_decade"):
             highest = -smallest(row, -omega, m)
             some = np.flatnonzero(np.isfinite(highest))
@@ -328,10 +340,11 @@ class Loops:
         if quantity.endswith("peak_db"):
             name = quantity.replace("_peak", "")
             return self.extreme(name, gains, loop, (0.0, np.inf), True) / NEPER_PER_DB
-        row, omega, phase = crossings
+        row, omega, _ = crossings
         if quantity == "phase_margin_spread_deg":
-            margin = np.degrees(smallest(row, np.pi + phase, len(rows)))
-            return np.nan_to_num(np.abs(margin - margin[0]), nan=1e3)
+            margin = np.degrees(self.phase_margins(crossings))
+            with np.errstate(invalid="ignore"):
+                return np.nan_to_num(np.abs(margin - margin[0]), nan=1e3, posinf=1e3)
         at = omega[row == 0].max(initial=self.omega[0])
         return np.abs(np.log(np.abs(self._loop(gains, rows, np.full(len(rows), at))))) / NEPER_PER_DB
 

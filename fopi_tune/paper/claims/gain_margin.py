@@ -34,6 +34,7 @@ def _published() -> Row:
     omega = np.geomspace(1e-6, 1e6, 2401)
     controller = BRAKE.gains.kp + BRAKE.gains.ki * (1j * omega) ** -BRAKE.gains.alpha
     least = float(np.degrees(np.angle(controller) - np.arctan(TAU_NOMINAL_S * omega)).min())
+    assert found.gain_margin_db is not None
     margin = "infinite" if math.isinf(found.gain_margin_db) else f"{found.gain_margin_db:.2f} dB"
     return Row(
         f"The brake's gain margin is {SPECIFIED_GAIN_MARGIN.text}",
@@ -63,6 +64,7 @@ def _equality() -> Row:
 def _with_dead_time() -> Row:
     gains = BRAKE.gains
     found = margins(gains, brake_plant(PLANT_GAIN, dead_time_s=_DEAD_TIME_S))
+    assert found.gain_margin_db is not None
     return Row(
         "The brake's gain margin is finite and large enough",
         f"Mg = {SPECIFIED_GAIN_MARGIN.text} (12.04 dB)",
@@ -78,6 +80,7 @@ def _formula() -> Row:
     plant = brake_plant(PLANT_GAIN, dead_time_s=_DEAD_TIME_S)
     first = margins(BRAKE.gains, plant)
     assert first.gain_margin_rad_s is not None
+    assert first.gain_margin_db is not None
     factor = 10.0 ** ((first.gain_margin_db - _MARGIN_DB) / 20.0)
     gains = replace(BRAKE.gains, kp=factor * BRAKE.gains.kp, ki=factor * BRAKE.gains.ki)
     gain_db = 20.0 * math.log10(_loop_gain(gains, PLANT_GAIN, first.gain_margin_rad_s))
@@ -98,12 +101,11 @@ def _loop_gain(gains: FoPi, static_gain: float, omega: float) -> float:
 
 
 def _crossover_terms() -> Row:
-    found = margins(THROTTLE.gains, THROTTLE_PLANT)
-    assert found.phase_margin_deg is not None
+    (angle_deg,) = margins(THROTTLE.gains, THROTTLE_PLANT).angles_from_minus_one_deg
     return Row(
         "omega_cp is the phase crossover, omega_cg the gain crossover",
         "omega_cp: phase crossover; omega_cg: gain crossover",
-        f"at the throttle's omega_cp |L| = 1 and arg L = {found.phase_margin_deg - 180.0:.1f} deg",
-        verdict_of(math.isclose(found.phase_margin_deg, 0.0, abs_tol=1e-6)),
+        f"at the throttle's omega_cp |L| = 1 and arg L = {angle_deg - 180.0:.1f} deg",
+        verdict_of(math.isclose(angle_deg, 0.0, abs_tol=1e-6)),
         "The words are swapped where the gain margin is defined: at a phase crossover arg L is -180 deg.",
     )

@@ -112,7 +112,7 @@ def filter_responses() -> Picture:
 def _margins_words(gains: FoPi, plant: Plant) -> str:
     found = margins(gains, plant)
     if found.crossover_rad_s is None or found.phase_margin_deg is None:
-        return "no crossover"
+        return "no crossover" if found.stable else "unstable"
     return f"crossover {found.crossover_rad_s:.3g} rad/s, phase margin {found.phase_margin_deg:.1f} deg"
 
 
@@ -141,6 +141,6 @@ def _bode(figure: Figure, families: Sequence[Sequence[Curve]], names: Sequence[s
 
 def _mark(gain: Axes, phase: Axes, gains: FoPi, plant: Plant, colour: str) -> None:
     found = margins(gains, plant)
-    if found.crossover_rad_s is not None and found.phase_margin_deg is not None:
-        gain.plot([found.crossover_rad_s], [0.0], "o", color=colour, markersize=4)
-        phase.plot([found.crossover_rad_s], [found.phase_margin_deg - 180.0], "o", color=colour, markersize=4)
+    for omega, angle_deg in zip(found.gain_crossovers_rad_s, found.angles_from_minus_one_deg, strict=True):
+        gain.plot([omega], [0.0], "o", color=colour, markersize=4)
+        phase.plot([omega], [angle_deg - 180.0], "o", color=colour, markersize=4)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
 if TYPE_CHECKING:
@@ -88,29 +89,77 @@ def forbid_discs(axes: Axes, requirements: Sequence[Requirement]) -> None:
         axes.add_patch(Circle((-1.0, 0.0), radius, hatch=_HATCH[scope], **_STYLE))
 
 
+def forbid_arcs(axes: Axes, requirements: Sequence[Requirement]) -> None:
+    """Thicken the arcs of the unit circle about -1 that a phase margin forbids; crosses for an equality."""
+    for r in requirements:
+        if r.quantity != "phase_margin_deg":
+            continue
+        if r.relation is Relation.EQUALS:
+            angle = math.radians(180.0 - r.limits[0])
+            axes.plot([math.cos(angle)] * 2, [math.sin(angle), -math.sin(angle)], "kx", markersize=7, zorder=4)
+        elif r.lower > 0.0:
+            angle = np.radians(180.0 + np.linspace(-r.lower, r.lower, 181))
+            dashes = "--" if r.scope is Scope.NOMINAL else "-"
+            axes.plot(np.cos(angle), np.sin(angle), color="0.45", linewidth=3.0, linestyle=dashes, zorder=0.5)
+
+
+def critical_phases(phase_deg: Array) -> Array:
+    """The phase of -1 nearest to each phase, -180 deg or whole turns from it; deg, shape (n,)."""
+    return -180.0 - 360.0 * np.floor(-np.asarray(phase_deg, dtype=float) / 360.0)
+
+
+def mark_critical_phases(axes: Axes, phase_deg: Array) -> None:
+    """Show -180 deg and the other phases of -1 that phase margins of these crossovers are distances to.
+
+    Args:
+        axes: of the phase, deg; its limits are widened where needed.
+        phase_deg: at gain crossovers; shape (n,).
+    """
+    lines = np.unique(np.append(critical_phases(phase_deg), -180.0))
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, float(lines.min()) - 10.0), max(high, float(lines.max()) + 10.0))
+    for line in lines.tolist():
+        axes.axhline(line, color="black", linewidth=0.6)
+
+
 def forbid_phases(
-    axes: Axes, requirements: Sequence[Requirement], crossovers: tuple[float, float], nominal: np.ndarray
+    axes: Axes, requirements: Sequence[Requirement], crossovers: tuple[float, float], nominal: tuple[Array, Array]
 ) -> None:
     """Hatch the phases that a phase margin forbids, over the range of gain crossovers; a cross for an equality.
+
+    These are the phases within the margin of -180 deg and of whole turns from it.
 
     Args:
         axes: of the phase, deg.
         requirements: all of them.
         crossovers: lowest and highest of the family, rad/s.
-        nominal: those of the nominal plant, rad/s; shape (n,).
+        nominal: those of the nominal plant, rad/s, and its unwrapped phase there, deg; shape (n,) each.
     """
-    own = (float(nominal.min()), float(nominal.max())) if len(nominal) else crossovers
+    omega, phase = nominal
+    own = (float(omega.min()), float(omega.max())) if len(omega) else crossovers
+    low, high = axes.get_ylim()
+    turns = 360.0 * np.arange(math.floor((low - 180.0) / 360.0), math.ceil((high + 180.0) / 360.0) + 1)
     for r in requirements:
         if r.quantity != "phase_margin_deg":
             continue
         if r.relation is Relation.EQUALS:
-            axes.plot([own[1]], [r.limits[0] - 180.0], "kx", markersize=7)
+            axes.plot(*_exact_margin(r.limits[0], omega, phase, own[1]), "kx", markersize=7)
             continue
         ends = own if r.scope is Scope.NOMINAL else crossovers
         # a rectangle needs a width, also with a single plant
         band = (ends[0] / _WIDEN, ends[1] * _WIDEN)
-        forbid(axes, band, (-math.inf, r.lower - 180.0), r.scope)
-        forbid(axes, band, (r.upper - 180.0, math.inf), r.scope)
+        for centre in (turns - 180.0).tolist():
+            forbid(axes, band, (centre - r.lower, centre + r.lower), r.scope)
+            forbid(axes, band, (centre + r.upper, centre + 360.0 - r.upper), r.scope)
+
+
+def _exact_margin(margin_deg: float, omega: Array, phase: Array, usual: float) -> tuple[list[float], list[float]]:
+    """Where the crossover that sets the phase margin has to lie: on its own side of the phase of -1 next to it."""
+    if not len(omega):
+        return [usual], [margin_deg - 180.0]
+    critical = critical_phases(phase)
+    k = int(np.argmin(np.abs(phase - critical)))
+    return [float(omega[k])], [float(critical[k] + math.copysign(margin_deg, phase[k] - critical[k]))]
 
 
 def fit_y_limits(axes: Axes, values: Sequence[np.ndarray], most: float) -> None:

@@ -6,21 +6,22 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.crossings import gain_crossovers
-from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.sample import LoopFunction, evaluate
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.report.figures.forbidden_regions import (
+    critical_phases,
     fit_y_limits,
     forbid_along,
+    forbid_arcs,
     forbid_crossovers,
     forbid_discs,
     forbid_phases,
     forbid_values,
+    mark_critical_phases,
     sensitivity_discs,
 )
 from fopi_tune.report.figures.members import Members
@@ -47,7 +48,7 @@ def bode(members: Members) -> Picture:
     family, named = members.family_log_loop, members.named_log_loop
     requirements = members.documents.spec.requirements
     crossings, of_named = _crossovers(members), gain_crossovers(members.named_loops)
-    nominal = of_named.omega_rad_s[of_named.row == 0]
+    phases, own = np.degrees(of_named.phase_rad), of_named.row == 0
 
     def draw(figure: Figure) -> None:
         gain, phase = figure.subplots(2, 1, sharex=True)
@@ -58,18 +59,19 @@ def bode(members: Members) -> Picture:
             _plot_family(axes, members, band, lines)
         fit_y_limits(gain, [_DB * family.real, _DB * named.real], 160.0)
         fit_y_limits(phase, [np.degrees(family.imag), np.degrees(named.imag)], 300.0)
+        mark_critical_phases(phase, phases)
         low, high = phase.get_ylim()
         exact = [r.limits[0] - 160.0 for r in requirements if _is_exact(r, "phase_margin_deg")]
-        phase.set_ylim(min([low, -190.0, *(each - 40.0 for each in exact)]), max([high, *exact]))
+        phase.set_ylim(min([low, *(each - 40.0 for each in exact)]), max([high, *exact]))
         gain.axhline(0.0, color="black", linewidth=0.6)
-        phase.axhline(-180.0, color="black", linewidth=0.6)
         forbid_values(gain, requirements, "loop_gain_db")
         forbid_crossovers(gain, requirements)
         if crossings is not None:
-            forbid_phases(phase, requirements, crossings, nominal)
-        for row, omega, arg in zip(of_named.row, of_named.omega_rad_s, of_named.phase_rad, strict=True):
-            for axes, height in ((gain, 0.0), (phase, math.degrees(arg))):
+            forbid_phases(phase, requirements, crossings, (of_named.omega_rad_s[own], phases[own]))
+        for row, omega, arg in zip(of_named.row, of_named.omega_rad_s, phases, strict=True):
+            for axes, height in ((gain, 0.0), (phase, arg)):
                 axes.plot([omega], [height], "o", color=STYLES[row][0], markersize=5, zorder=4)
+            phase.plot([omega] * 2, [arg, float(critical_phases(arg))], color=STYLES[row][0], linewidth=0.8)
         label_axes(gain, "|L|, dB")
         label_axes(phase, "arg L, deg", "omega, rad/s")
         legend_below(figure, gain)
@@ -78,8 +80,9 @@ def bode(members: Members) -> Picture:
     title = f"{members.documents.spec.name}: Bode, the loop L = C P"
     said = (
         f"Gain and phase of the loop over frequency, {_plants_phrase(members)}; {at}. {_hatching(members)} Dots: "
-        "each line at its gain crossovers, where its phase margin is read: a dot may not lie in a hatched part, its "
-        "line may pass there. A cross marks what has to be met exactly."
+        "each line at its gain crossovers, where its phase margin is read, the distance to the nearest of -180 deg and "
+        "of whole turns from it: a dot may not lie in a hatched part, its line may pass there. A cross marks what has "
+        "to be met exactly."
     )
     return Picture(title, said, draw, TWO_PANELS)
 
@@ -107,6 +110,7 @@ def nyquist(members: Members) -> Picture:
         if radius is not None:
             axes.add_patch(Circle((-1.0, 0.0), radius, fill=False, linestyle=":", edgecolor="0.3", linewidth=1.0))
         forbid_discs(axes, members.documents.spec.requirements)
+        forbid_arcs(axes, members.documents.spec.requirements)
         axes.plot([-1.0], [0.0], "k+", markersize=9)
         axes.set_xlim(*_NYQUIST_VIEW[:2])
         axes.set_ylim(*_NYQUIST_VIEW[2:])
@@ -119,9 +123,10 @@ def nyquist(members: Members) -> Picture:
         f"than {number(radius or 0.0)}, the dotted circle around it."
     )  # fmt: skip
     title = f"{members.documents.spec.name}: Nyquist, the loop L = C P"
-    asked = "; hatched: where |S| would be above its limit at any frequency" if sensitivity_discs(
-        members.documents.spec.requirements
-    ) else ""  # fmt: skip
+    requirements = members.documents.spec.requirements
+    asked = "; hatched: where |S| would be above its limit at any frequency" if sensitivity_discs(requirements) else ""
+    if any(r.quantity == "phase_margin_deg" and r.lower > 0.0 for r in requirements):
+        asked += "; thick or crossed, on the unit circle: where a phase margin would be missed, or is to be met exactly"
     said = f"The loop in the complex plane near -1 (marked +), positive frequencies; grey: other plants{asked}.{kept}"
     return Picture(title, said, draw, (6.4, 6.4))
 
@@ -173,7 +178,7 @@ def margins_along(members: Members) -> Picture | None:
             if np.any(np.isfinite(curve)):
                 axes.plot(values, np.where(np.isfinite(curve), curve, np.nan), color=STYLES[0][0], marker=".")
             else:
-                axes.text(0.5, 0.7, _without_a_curve(found), transform=axes.transAxes, ha="center")
+                axes.text(0.5, 0.7, without_a_curve(curve), transform=axes.transAxes, ha="center")
             axes.set_xlim(values[0], values[-1])
             fit_y_limits(axes, [curve, np.array(bounds or [0.0])], math.inf)
             forbid_along(axes, requirements, word, nominal)
@@ -195,9 +200,7 @@ def margin_curves(members: Members) -> dict[str, Array]:
         DomainError: more crossings than can be listed.
     """
     loops = members.loops_at(members.points_along(members.parameter_values))
-    stable = is_stable(loops)
-    words = ("phase_margin_deg", "gain_margin_db")
-    return {word: np.where(stable, evaluate(loops, _measure_of(word))[0], np.nan) for word in words}
+    return {word: evaluate(loops, _measure_of(word))[0] for word in ("phase_margin_deg", "gain_margin_db")}
 
 
 _WORDS = ("sensitivity_db", "complementary_sensitivity_db", "control_sensitivity_db")
@@ -236,20 +239,17 @@ def _margin_ranges(found: dict[str, Array]) -> str:
         finite = curve[np.isfinite(curve)]
         name, unit = word.rsplit("_", 1)
         if len(finite):
-            parts.append(_range_phrase(name.replace("_", " "), (float(finite.min()), float(finite.max())), unit))
+            endless = int(np.isinf(curve).sum())
+            some = f" (infinite for {endless} of {len(curve)} plants)" if endless else ""
+            parts.append(_range_phrase(name.replace("_", " "), (float(finite.min()), float(finite.max())), unit) + some)
         else:
-            parts.append(f"{name.replace('_', ' ')} {'none' if np.all(_unstable(found)) else 'infinite'}")
+            parts.append(f"{name.replace('_', ' ')} {'none' if np.all(np.isnan(curve)) else 'infinite'}")
     return ", ".join(parts)
 
 
-def _unstable(found: dict[str, Array]) -> NDArray[np.bool_]:
-    """Which plants are unstable: a stable loop's gain margin is a number or infinite."""
-    return np.isnan(found["gain_margin_db"])
-
-
-def _without_a_curve(found: dict[str, Array]) -> str:
-    """The text in place of a curve without finite values."""
-    unstable = _unstable(found)
+def without_a_curve(margins: Array) -> str:
+    """The text in place of a curve of margins none of which is finite; nan is that of an unstable loop."""
+    unstable = np.isnan(margins)
     if np.all(unstable):
         return "every loop is unstable"
     return "infinite for every stable plant" if np.any(unstable) else "infinite for every plant"
@@ -257,7 +257,8 @@ def _without_a_curve(found: dict[str, Array]) -> str:
 
 def _unstable_note(found: dict[str, Array]) -> str:
     """The sentence about unstable plants; empty without any."""
-    many, unstable = len(_unstable(found)), int(_unstable(found).sum())
+    curve = found["gain_margin_db"]
+    many, unstable = len(curve), int(np.isnan(curve).sum())
     if not unstable:
         return ""
     return (

@@ -14,8 +14,8 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.errors import DomainError
 from fopi_tune.report.comparison import ComparedDesign, Comparison
-from fopi_tune.report.figures.forbidden_regions import fit_y_limits, forbid_values
-from fopi_tune.report.figures.frequency import decibels, margin_curves
+from fopi_tune.report.figures.forbidden_regions import fit_y_limits, forbid_values, mark_critical_phases
+from fopi_tune.report.figures.frequency import decibels, margin_curves, without_a_curve
 from fopi_tune.report.figures.members import Members, members_of
 from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, WIDE, Picture, label_axes, legend_below, log_axes
 from fopi_tune.report.figures.step_responses import step_response, times_s
@@ -103,7 +103,7 @@ def _bode(overlay: Overlay) -> Picture | None:
 
     def draw(figure: Figure) -> None:
         gain, phase = figure.subplots(2, 1, sharex=True)
-        gains, phases = [], []
+        gains, phases, at_crossovers = [], [], [np.zeros(0)]
         for each in overlay.designs:
             family, nominal = each.members.family_log_loop, each.members.named_log_loop[0]
             _plot_family(gain, each, _DB * family.real, _DB * nominal.real)
@@ -112,13 +112,14 @@ def _bode(overlay: Overlay) -> Picture | None:
             phases.append(np.degrees(nominal.imag))
             crossings = gain_crossovers(each.members.named_loops)
             own = crossings.row == 0
-            for omega, arg in zip(crossings.omega_rad_s[own], crossings.phase_rad[own], strict=True):
+            at_crossovers.append(np.degrees(crossings.phase_rad[own]))
+            for omega, arg in zip(crossings.omega_rad_s[own], at_crossovers[-1], strict=True):
                 gain.plot([omega], [0.0], "o", color=STYLES[each.style][0], markersize=5)
-                phase.plot([omega], [math.degrees(arg)], "o", color=STYLES[each.style][0], markersize=5)
+                phase.plot([omega], [arg], "o", color=STYLES[each.style][0], markersize=5)
         fit_y_limits(gain, gains, 160.0)
         fit_y_limits(phase, [*phases, np.array([-180.0])], 300.0)
         gain.axhline(0.0, color="black", linewidth=0.6)
-        phase.axhline(-180.0, color="black", linewidth=0.6)
+        mark_critical_phases(phase, np.concatenate(at_crossovers))
         label_axes(gain, "|L|, dB")
         label_axes(phase, "arg L, deg", "omega, rad/s")
         legend_below(figure, gain)
@@ -225,7 +226,8 @@ def _margins(overlay: Overlay) -> Picture | None:
                 curve = np.where(np.isfinite(curves[word]), curves[word], np.nan)
                 axes.plot(values, curve, color=colour, linestyle=dashes, label=each.label)
             if not finite[word]:
-                axes.text(0.5, 0.5, "infinite for every plant", transform=axes.transAxes, ha="center")
+                every_curve = np.concatenate([np.zeros(0), *(curves[word] for _, _, curves in found)])
+                axes.text(0.5, 0.5, without_a_curve(every_curve), transform=axes.transAxes, ha="center")
                 axes.set_yticks([])
             label_axes(axes, label)
         every[-1].set_xlabel(name)
@@ -282,5 +284,5 @@ def _crossover(members: Members) -> str:
 def _range(curve: Array, unit: str) -> str:
     finite: Sequence[float] = curve[np.isfinite(curve)].tolist()
     if not finite:
-        return "infinite"
+        return "none: unstable" if np.all(np.isnan(curve)) else "infinite"
     return f"{number(min(finite), 4)} to {number(max(finite), 4)} {unit}"

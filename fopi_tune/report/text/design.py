@@ -17,12 +17,15 @@ from fopi_tune.report.text.certificates import proof_lines
 from fopi_tune.report.text.formatting import (
     BAD,
     FIRST_COLUMN,
+    NO_MARGIN,
     QUIET,
     TIE,
     Line,
+    endless_phrase,
     entry,
     exact_limit,
     gains_line,
+    margins_phrase,
     number,
     requirement_phrase,
     scope_phrase,
@@ -34,6 +37,7 @@ from fopi_tune.report.text.formatting import (
 )
 from fopi_tune.report.text.tradeoff import price_lines
 from fopi_tune.results.design import Check, Design, RequirementReport, loop_name, objective_name
+from fopi_tune.results.documents import margins_dict
 from fopi_tune.spec.model import Requirement, Scope
 
 if TYPE_CHECKING:
@@ -151,7 +155,7 @@ def _achieved(requirement: Requirement, result: RequirementResult | None) -> str
     if result is None or result.outcome is Outcome.BEYOND_NYQUIST:
         return "-"
     if result.achieved is None:
-        return "no crossover"
+        return "no margin" if result.outcome is Outcome.UNSTABLE else "no crossover"
     if math.isinf(result.achieved):
         return "infinite" if result.achieved > 0 else "-infinite"
     # Never print a missed limit as if it were reached.
@@ -181,7 +185,9 @@ def _multiplier(report: RequirementReport, objective: float | None) -> str:
 
 def _worst(requirement: Requirement, result: RequirementResult) -> str:
     if result.outcome is Outcome.INFINITE:
-        return "no phase crossover sets it"
+        return endless_phrase(requirement.quantity) + ("" if result.is_met else _plant(result.worst.plant))
+    if result.outcome is Outcome.UNSTABLE:
+        return f"{NO_MARGIN}{_plant(result.worst.plant)}"
     if result.outcome is Outcome.BEYOND_NYQUIST:
         return "its band lies above Nyquist's frequency: sample faster"
     if result.outcome is Outcome.NO_CROSSOVER:
@@ -231,40 +237,22 @@ def summary_lines(
     if stability is None:
         return
     yield "", ""
-    value = "undefined: a plant has no gain crossover" if objective is None else number(objective)
+    why = "a plant has no gain crossover" if stability.stable else "the loop is not stable for every plant"
+    value = f"undefined: {why}" if objective is None else "infinite" if math.isinf(objective) else number(objective)
     yield from entry("objective", f"{objective_name}: {value}")
     if stability.stable:
         yield from entry("stability", f"stable: {stability.reason}; closest to -1 {_place(stability.worst)}")
     else:
         yield from entry("stability", f"NOT STABLE: {stability.reason}{_plant(stability.worst.plant)}", BAD)
-    if nominal is not None:
-        yield from entry("nominal", _margins(nominal))
+    plain = margins_dict(nominal)
+    if plain is not None:
+        yield from entry("nominal", margins_phrase(plain))
 
 
 def steady_state_lines(error: float | None) -> Iterator[Line]:
     """The steady-state error of a constant reference; nothing where there is none."""
     if error is not None and error > _NO_ERROR:
         yield from entry("steady", f"a constant reference leaves an error of up to {100.0 * error:.3g} %", "yellow")
-
-
-def _margins(found: Margins) -> str:
-    parts = []
-    if found.crossover_rad_s is None or found.phase_margin_deg is None or found.delay_margin_s is None:
-        parts.append("no gain crossover")
-    else:
-        all_of_them = ", ".join(number(omega) for omega in found.gain_crossovers_rad_s)
-        plural = "s" if len(found.gain_crossovers_rad_s) > 1 else ""
-        parts += [
-            f"crossover{plural} {all_of_them}{TIE}rad/s",
-            f"phase margin {with_unit(found.phase_margin_deg, 'deg')}",
-        ]
-    infinite = math.isinf(found.gain_margin_db)
-    parts.append("gain margin infinite" if infinite else f"gain margin {with_unit(found.gain_margin_db, 'dB')}")
-    if math.isfinite(found.gain_reduction_margin_db):
-        parts.append(f"gain reduction margin {with_unit(found.gain_reduction_margin_db, 'dB')}")
-    if found.delay_margin_s is not None:
-        parts.append(f"delay margin {with_unit(found.delay_margin_s, 's')}")
-    return ", ".join(parts)
 
 
 def optimum_lines(optimum: Optimum | None) -> Iterator[Line]:

@@ -14,6 +14,7 @@ from fopi_tune.report.text.formatting import (
     FIRST_COLUMN,
     QUIET,
     Line,
+    drawn_phrase,
     entry,
     gains_line,
     gains_lines,
@@ -166,13 +167,16 @@ def _details(judged: OutcomeStatistics) -> str:
     parts = [] if judged.scenario is None else [judged.scenario]
     middle = next((q for q in judged.quantiles if q.probability == 0.5), None)
     if middle is not None:
-        parts.append(f"median {_value(middle.value)}")
+        parts.append(f"median {_value(middle.value, judged)}")
     if judged.worst:
         worst = judged.worst[0]
         named = ", ".join(f"{name} = {number(value)}" for name, value in worst.plant.items())
-        parts.append(f"worst {_value(worst.value)} (plant {worst.index}" + (f": {named})" if named else ")"))
+        parts.append(f"worst {_value(worst.value, judged)} (plant {worst.index}" + (f": {named})" if named else ")"))
     return "; ".join(parts)
 
 
-def _value(value: float) -> str:
-    return number(value) if math.isfinite(value) else "infinite" if value > 0 else "none"
+def _value(value: float, judged: OutcomeStatistics) -> str:
+    if math.isfinite(value):
+        return number(value)
+    asked = judged.requirement.quantity if judged.requirement is not None else ""
+    return drawn_phrase(asked, judged.upper, met=value > 0.0)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
+from fopi_tune.quantities import QUANTITIES
+from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
 if TYPE_CHECKING:
@@ -22,6 +24,8 @@ GOOD, BAD, QUIET = "bold green", "bold red", "dim"
 TIE = "\N{NO-BREAK SPACE}"
 _SIGNS = {Relation.EQUALS: "=", Relation.AT_LEAST: ">=", Relation.AT_MOST: "<="}
 
+#: of a requirement or a loop whose margin does not exist
+NO_MARGIN = "no margin: unstable"
 #: a line and its style
 Line = tuple[str, str]
 
@@ -45,6 +49,52 @@ def scope_phrase(requirement: Requirement) -> str:
     if low > 0.0:
         return f"{plants}, from {with_unit(low, 'rad/s')} on"
     return f"{plants}, up to {with_unit(high, 'rad/s')}" if math.isfinite(high) else plants
+
+
+def endless_phrase(quantity: str) -> str:
+    """Why a margin is infinite."""
+    at_phase = QUANTITIES[quantity].where is EvaluatedAt.PHASE_CROSSOVERS
+    return f"no {'phase' if at_phase else 'gain'} crossover sets it"
+
+
+def drawn_phrase(name: str, upper: bool, met: bool) -> str:
+    """An infinite value of a drawn plant in words.
+
+    Args:
+        name: the requirement's quantity or the limit's measure.
+        upper: whether large values are the worst; a value that does not exist is then counted as infinitely large.
+        met: whether the plant meets the requirement or limit.
+    """
+    if not upper:
+        return "infinite" if met else "none"
+    quantity = QUANTITIES.get(name)
+    if quantity is None or quantity.takes_band:
+        return "infinite"
+    return "infinite or none" if quantity.is_margin else "none"
+
+
+def margins_phrase(nominal: Mapping[str, Any]) -> str:
+    """A loop's margins, from a result's JSON: "crossover 0.3 rad/s, ..."; of an unstable loop what it crosses."""
+    omega, angles = nominal["gain_crossovers_rad_s"], nominal["angles_from_minus_one_deg"]
+    if not nominal["stable"]:
+        at = [
+            f"at {with_unit(w, 'rad/s')}, {with_unit(angle, 'deg')} from{TIE}-1"
+            for w, angle in zip(omega, angles, strict=True)
+        ]
+        return f"{NO_MARGIN}; {'crosses |L| = 1 ' + ', and '.join(at) if at else '|L| never crosses 1'}"
+    plural = "s" if len(omega) > 1 else ""
+    parts = [f"crossover{plural} {', '.join(map(number, omega))}{TIE}rad/s" if omega else "no gain crossover"]
+    for name, key, unit in (
+        ("phase margin", "phase_margin_deg", "deg"),
+        ("gain margin", "gain_margin_db", "dB"),
+        ("gain reduction margin", "gain_reduction_margin_db", "dB"),
+        ("delay margin", "delay_margin_s", "s"),
+    ):
+        if nominal[key] is not None:
+            parts.append(f"{name} {with_unit(nominal[key], unit)}")
+        elif key != "gain_reduction_margin_db":
+            parts.append(f"{name} infinite")
+    return ", ".join(parts)
 
 
 def gains_line(gains: FoPi, width: int = 56) -> str:
