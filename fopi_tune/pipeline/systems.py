@@ -88,6 +88,8 @@ def simulate_system(
         ]
     described = system.family.describe(point)
     made, notes = stamp(system.sha256, None), _system_notes(system)
+    if exact and system.inactive == "tracking" and any(each.accuracy is None for each in results):
+        notes = (*notes, "inactive: tracking is set at the jump in continuous time: without the kick of kp at a step")
     return SimulatedSystem(system, mode_gains, described, replay, tuple(results), made, exact=exact, notes=notes)
 
 

@@ -4,8 +4,9 @@ The control of mode i reaches its plant, and the mode with it, after the dead ti
 
     y' = -p_i y + g_i (v(t - L) + load),    i the mode at t - L,    v = u within the limits of its mode.            (1)
 
-Controllers and jumps are those of `inclusion`.  Over one step e, v and the load are lines between their values just
-after and just before the nodes, and the states follow exactly:
+Controllers and jumps are those of `inclusion`, but that TRACKING is what it is on samples: the idle integral follows
+the control until just before the jump, so that a step of the reference that causes it still acts by kp.  Over one step
+e, v and the load are lines between their values just after and just before the nodes, and the states follow exactly:
 
     x' = p x + f:   x_{n+1} = e^{ph} x_n + I_1 f_n + I_2 (f_{n+1} - f_n),
     I_1 = (e^{ph} - 1)/p,   I_2 = (e^{ph} - 1 - ph)/(p^2 h).                                                         (2)
@@ -104,6 +105,7 @@ class _Run:
         if start.control is not None and len(self.memory[start.mode]):
             error = float(signals.reference[1][0]) - start.output
             self.memory[start.mode] = self.loop.memory_for(start.control, error, self.memory[start.mode])
+        self.idle_since = dict.fromkeys(Mode, 0)
         self.output[0] = start.output
         self.outcome, self.reason = HybridOutcome.FINISHED, f"ran to the end at {step * (count - 1):g} s"
 
@@ -161,7 +163,7 @@ class _Run:
         if not abs(y) <= self.watch.most_output:
             self._stop(n, HybridOutcome.DIVERGED, f"the output goes beyond {self.watch.most_output:g}")
         elif self.active.outwards * (y - r) >= self.car.eps:
-            self._jump(n, y, r)
+            self._jump(n)
         self.after[n] = self._control(r - y, self.memory[self.active])
         self.mode[n] = self.active
         mode, control = self._arriving(n)
@@ -170,14 +172,18 @@ class _Run:
         if n == 0:
             self.rate[0] = -self.loops[mode].pole_rad_s * y + self.loops[mode].gain * self.past
 
-    def _jump(self, n: int, y: float, r: float) -> None:
-        control = self._control(r - y, self.memory[self.active])
-        self.active = self.active.other
+    def _jump(self, n: int) -> None:
+        y, left = float(self.output[n]), self.active
+        error = float(self.signals.reference[0][n]) - y
+        control = self._control(error, self.memory[left])
+        self.idle_since[left], self.active = n, left.other
         memory = self.memory[self.active]
         if self.car.memory is Memory.RESET:
             self.memory[self.active] = np.zeros_like(memory)
         elif self.car.memory is Memory.TRACKING and len(memory):
-            self.memory[self.active] = self.loop.memory_for(self.loop.saturate(control), r - y, memory)
+            # as on samples: the idle integral followed the control until just before, the other states decayed
+            decayed = memory * np.exp(self.loop.poles * (n - self.idle_since[self.active]) * self.step)
+            self.memory[self.active] = self.loop.memory_for(self.loop.saturate(control), error, decayed)
         self.jumps.append(n)
         count = self.watch.most_jumps
         if len(self.jumps) > count and (n - self.jumps[-1 - count]) * self.step <= self.watch.window_s:
