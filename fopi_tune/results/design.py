@@ -250,7 +250,8 @@ class Discretized:
         """The digital controller, the nominal plant behind its hold and the loop as discrete `control` objects."""
         from fopi_tune.results.to_control import to_sampled
 
-        return to_sampled(self.controller.sections, self.spec.plant, self.controller.digital.delay_samples)
+        crossover = self.verification.nominal.crossover_rad_s
+        return to_sampled(self.controller.sections, self.spec.plant, self.controller.digital.delay_samples, crossover)
 
 
 @dataclass(frozen=True)

@@ -9,22 +9,16 @@ import subprocess
 import sys
 from typing import Any
 
-import numpy as np
 import pytest
 from cases import plants
 from cases.project import ROOT
 from cases.shipped_designs import design_of
 
 import fopi_tune as ft
-from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.report.text.design import design_text, requirement_phrase, scope_phrase
 from fopi_tune.results.design import RequirementReport
 from fopi_tune.results.status import Relaxation
-from fopi_tune.results.to_control import to_control
 from fopi_tune.spec.model import Relation, Requirement, Scope
-
-#: `control` warns of its own future; nothing here depends on it
-pytestmark = pytest.mark.filterwarnings("default:::control")
 
 
 @pytest.fixture(scope="module")
@@ -113,37 +107,6 @@ def test_results_are_frozen(brake: ft.Design) -> None:
         field = dataclasses.fields(thing)[0].name
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(thing, field, None)
-
-
-@pytest.mark.parametrize("alpha", [0.2, 0.82, 1.0, 1.3, 1.8])
-@pytest.mark.parametrize("dead_time_s", [0.0, 0.3])
-def test_control_objects_respond_as_the_exact_loop_does(alpha: float, dead_time_s: float) -> None:
-    gains, family = ft.FoPi(0.385, 0.388, alpha), plants.brake(dead_time_s=dead_time_s)
-    objects = to_control(gains, family)
-    low, high = objects.band_rad_s
-    omega = np.geomspace(low, min(high, 3.0 / dead_time_s) if dead_time_s else high, 300)
-    plant = family.member(family.nominal_point)
-    value = Loops.of(gains, Plants.of(plant)).log_response(np.zeros(300, dtype=np.intp), np.log(omega))
-    # the filter's stated error: 1 % of |C|; Pade's of order 5 at omega = 3/dead time is 2e-5
-    assert np.abs(objects.loop(1j * omega) / np.exp(value) - 1.0).max() < 0.01
-    controller = gains.kp + gains.ki * (1j * omega) ** -alpha
-    assert np.abs(objects.controller(1j * omega) / controller - 1.0).max() < (1e-9 if alpha == 1.0 else 0.01)
-    # a true integrator: the gain at low frequencies has no end
-    assert 0.0 in np.round(objects.controller.poles(), 12)
-
-
-def test_a_tuned_brake_has_its_margins_in_control_too(brake: ft.Design) -> None:
-    import control
-
-    _, phase_margin_deg, _, crossover_rad_s = control.margin(brake.to_control().loop)
-    # in the middle of its band the filter's error is below 5e-4 of |C|: 0.03 deg, and 5e-4 of the crossover
-    assert phase_margin_deg == pytest.approx(90.0, abs=0.05)
-    assert crossover_rad_s == pytest.approx(0.3, rel=1e-3)
-
-
-def test_there_is_nothing_to_convert_without_gains(brake: ft.Design) -> None:
-    with pytest.raises(ft.DomainError, match="no gains"):
-        dataclasses.replace(brake, gains=None).to_control()
 
 
 @pytest.mark.parametrize(
