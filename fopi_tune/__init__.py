@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from fopi_tune.core.margins import Margins, margins
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
+    from fopi_tune.identification import Identified, identify
     from fopi_tune.optimum import Optimum, OptimumRecheck, OptimumStatus
     from fopi_tune.pipeline.discretize import discretize
     from fopi_tune.pipeline.optimum import certify_optimum, recheck_optimum
@@ -47,6 +48,7 @@ _PUBLIC = {
     "DomainError": "fopi_tune.errors",
     "FoPi": "fopi_tune.core.controller",
     "FopiError": "fopi_tune.errors",
+    "Identified": "fopi_tune.identification",
     "Margins": "fopi_tune.core.margins",
     "Optimum": "fopi_tune.optimum",
     "OptimumRecheck": "fopi_tune.optimum",
@@ -69,6 +71,7 @@ _PUBLIC = {
     "Verification": "fopi_tune.proof",
     "certify_optimum": "fopi_tune.pipeline.optimum",
     "discretize": "fopi_tune.pipeline.discretize",
+    "identify": "fopi_tune.identification",
     "load_spec": "fopi_tune.spec",
     "load_system": "fopi_tune.spec",
     "margins": "fopi_tune.core.margins",
@@ -96,6 +99,7 @@ __all__ = [
     "DomainError",
     "FoPi",
     "FopiError",
+    "Identified",
     "Margins",
     "Optimum",
     "OptimumRecheck",
@@ -118,6 +122,7 @@ __all__ = [
     "Verification",
     "certify_optimum",
     "discretize",
+    "identify",
     "load_spec",
     "load_system",
     "margins",

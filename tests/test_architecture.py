@@ -21,7 +21,7 @@ LAYERS = (
     "core",
     "quantities",
     "spec",
-    "identify",
+    "identification",
     "digital",
     "simulation",
     "proof",

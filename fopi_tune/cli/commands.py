@@ -11,7 +11,23 @@ import typer
 from fopi_tune import __version__
 from fopi_tune.cli.batch import OutputOptions, process_specs
 from fopi_tune.cli.gains import earlier_or_tuned_gains, gains_from_options
-from fopi_tune.cli.init import InitOptions, NameArgument, NoSchemaOption, PlantOption, StepDataOption, write_spec
+from fopi_tune.cli.init import (
+    FittedOption,
+    FromOption,
+    InitOptions,
+    InputOption,
+    NameArgument,
+    NoSchemaOption,
+    OutputOption,
+    PlantOption,
+    RecordingOptions,
+    SampleTimeOption,
+    StepDataOption,
+    TimeOption,
+    ToOption,
+    UnitOption,
+    write_spec,
+)
 from fopi_tune.cli.output import bad_input, print_out, report_failure, to_json
 from fopi_tune.cli.recheck import recheck_file
 from fopi_tune.cli.simulations import SimulationOptions, parameters_from_options, simulate_file, validate_file
@@ -346,6 +362,14 @@ def init(
     words: NameArgument = None,
     plant: PlantOption = None,
     from_step_data: StepDataOption = None,
+    model: FittedOption = None,
+    time: TimeOption = None,
+    input: InputOption = None,
+    output: OutputOption = None,
+    sample_time: SampleTimeOption = None,
+    time_unit: UnitOption = None,
+    start: FromOption = None,
+    end: ToOption = None,
     out: Annotated[str | None, typer.Option("--out", "-o", metavar="FILE", help="File, instead of NAME.yaml.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
     no_schema: NoSchemaOption = False,
@@ -353,9 +377,12 @@ def init(
     """Write a commented spec to start from.
 
     Beside it the JSON Schema, with which editors complete and check it.
+
+    With --from-step-data its plant is fitted to recordings: CSV files with any columns and any input that moves.
     """
     recordings = tuple(from_step_data or ())
-    write_spec(InitOptions(tuple(words or ()), plant, recordings, out, force, not no_schema))
+    reading = RecordingOptions(model, time, input, output, sample_time, time_unit, start, end)
+    write_spec(InitOptions(tuple(words or ()), plant, recordings, reading, out, force, not no_schema))
 
 
 def main() -> None:

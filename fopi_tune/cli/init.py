@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import textwrap
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -15,7 +14,7 @@ from fopi_tune.cli.output import bad_input, reason_of, say, to_json, write_file
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
-    from fopi_tune.identify import Interval, LagFit, Recording
+    from fopi_tune.identification import FitModel, ReadOptions, Recording
     from fopi_tune.spec.template_sections import TemplateSections
 
 #: file of the JSON Schema beside a spec, which the spec's first line names
@@ -28,6 +27,25 @@ class Model(Enum):
     LAG = "lag"
     POLE = "pole"
     TRANSFER_FUNCTION = "transfer_function"
+
+
+class Fitted(Enum):
+    """The models of `--model`; a test compares them with those that can be fitted."""
+
+    LAG = "lag"
+    SECOND_ORDER = "second_order"
+    INTEGRATOR = "integrator"
+    AUTO = "auto"
+
+
+class Unit(Enum):
+    """The words of `--time-unit`; a test compares them with the units that are known."""
+
+    SECONDS = "s"
+    MILLISECONDS = "ms"
+    MICROSECONDS = "us"
+    MINUTES = "min"
+    HOURS = "h"
 
 
 NameArgument = Annotated[
@@ -44,10 +62,62 @@ StepDataOption = Annotated[
     typer.Option(
         "--from-step-data",
         metavar="CSV",
-        help="Fit a lag with dead time to a step response, columns time_s,input,output; several files: a family.",
+        help="Fit the plant to a recording of its input and output; several files: a family.",
     ),
 ]
+FittedOption = Annotated[
+    Fitted | None,
+    typer.Option("--model", help="Model to fit; lag when left out, auto: the one with the least AICc."),
+]
+TimeOption = Annotated[
+    str | None, typer.Option("--time", metavar="COLUMN", help="Column of the times, by name or number from 1.")
+]
+InputOption = Annotated[
+    str | None, typer.Option("--input", metavar="COLUMN", help="Column of the plant's input, by name or number.")
+]
+OutputOption = Annotated[
+    str | None, typer.Option("--output", metavar="COLUMN", help="Column of the plant's output, by name or number.")
+]
+SampleTimeOption = Annotated[
+    float | None,
+    typer.Option("--sample-time", metavar="TIME", help="Time from each line to the next, for files without times."),
+]
+UnitOption = Annotated[
+    Unit | None,
+    typer.Option("--time-unit", help="Unit of the times and of these options; the header's or s when left out."),
+]
+FromOption = Annotated[
+    float | None, typer.Option("--from", metavar="TIME", help="Fit the outputs from this time of the recording on.")
+]
+ToOption = Annotated[float | None, typer.Option("--to", metavar="TIME", help="Fit the outputs until this time.")]
 NoSchemaOption = Annotated[bool, typer.Option("--no-schema", help="Leave out the JSON Schema that editors read.")]
+
+
+@dataclass(frozen=True)
+class RecordingOptions:
+    """What the command line says of recordings."""
+
+    model: Fitted | None = None
+    time: str | None = None
+    input: str | None = None
+    output: str | None = None
+    sample_time: float | None = None
+    time_unit: Unit | None = None
+    start: float | None = None
+    end: float | None = None
+
+    def to_read(self) -> ReadOptions:
+        """The same for `parse_recording`."""
+        from fopi_tune.identification import ReadOptions, TimeUnit
+
+        unit = None if self.time_unit is None else TimeUnit(self.time_unit.value)
+        return ReadOptions(self.time, self.input, self.output, self.sample_time, unit, self.start, self.end)
+
+    def to_fit(self) -> FitModel:
+        """The model to fit."""
+        from fopi_tune.identification import FitModel
+
+        return FitModel((self.model or Fitted.LAG).value)
 
 
 @dataclass(frozen=True)
@@ -57,6 +127,7 @@ class InitOptions:
     words: tuple[str, ...]
     model: Model | None
     recordings: tuple[str, ...]
+    reading: RecordingOptions
     out: str | None
     force: bool
     schema: bool
@@ -80,7 +151,7 @@ def write_spec(options: InitOptions) -> None:
     if options.schema:
         _check_schema_file(beside, options.force)
     try:
-        text = template(name, _plant_sections(options.model, recordings), SCHEMA_FILE if options.schema else None)
+        text = template(name, _plant_sections(options, recordings), SCHEMA_FILE if options.schema else None)
     except DomainError as error:
         raise bad_input(str(error)) from None
     if options.schema:
@@ -97,7 +168,9 @@ def _name_and_recordings(options: InitOptions) -> tuple[str, tuple[str, ...]]:
         hint = "" if options.recordings else "; recordings go after --from-step-data"
         raise bad_input(f"{len(names)} names are given, {names[0]} and {names[1]}; a spec has one{hint}")
     if options.recordings and options.model not in (None, Model.LAG):
-        raise bad_input("--from-step-data fits a lag; leave --plant out")
+        raise bad_input("--from-step-data fits the plant; leave --plant out, and say with --model what to fit")
+    if not options.recordings and options.reading != RecordingOptions():
+        raise bad_input("--model, --time, --input, --output and the like are about recordings; give --from-step-data")
     name = names[0] if names else Path(options.out).stem if options.out else "design"
     return name.removesuffix(".yaml"), options.recordings + more
 
@@ -105,31 +178,23 @@ def _name_and_recordings(options: InitOptions) -> tuple[str, tuple[str, ...]]:
 # -- from recordings ---------------------------------------------------------------------------------------------------
 
 
-def _plant_sections(model: Model | None, recordings: tuple[str, ...]) -> TemplateSections:
-    from fopi_tune.spec.template_sections import SECTIONS_BY_MODEL, sections_for_fitted_lag
+def _plant_sections(options: InitOptions, recordings: tuple[str, ...]) -> TemplateSections:
+    from fopi_tune.spec.template_sections import SECTIONS_BY_MODEL
 
     if not recordings:
-        return SECTIONS_BY_MODEL[(model or Model.LAG).value]
-    from fopi_tune.identify import identify_lag
+        return SECTIONS_BY_MODEL[(options.model or Model.LAG).value]
+    from fopi_tune.identification import identify_recordings
 
-    family = identify_lag([_recording(file) for file in recordings])
-    about = [line for fit in family.fits for line in _fit_summary(fit)]
-    for line in about:
+    reading = options.reading.to_read()
+    found = identify_recordings([_recording(file, reading) for file in recordings], options.reading.to_fit())
+    for line in found.summary():
         say(line)
-    hull = "Each range holds the 95 % intervals of these fits, y0 + static_gain step (1 - e^(-(t - dead_time_s) / "
-    lines = [
-        *about,
-        f"{hull}time_constant_s)) after the step; nominal is the median of the fitted values.",
-        "The dead time's upper end is for a step right after the last line with the old input, its fitted value for "
-        "one at the first line with the new input: the recording does not show which.",
-    ]
-    wrapped = [part for line in lines for part in textwrap.wrap(_printable(line), 116, subsequent_indent="  ")]
-    return sections_for_fitted_lag(family.static_gain, family.time_constant_s, family.dead_time_s, wrapped)
+    return found.sections()
 
 
-def _recording(file: str) -> Recording:
-    from fopi_tune.identify import parse_recording
-    from fopi_tune.identify.recording import MAX_BYTES
+def _recording(file: str, reading: ReadOptions) -> Recording:
+    from fopi_tune.identification import parse_recording
+    from fopi_tune.identification.table import MAX_BYTES
     from fopi_tune.spec.files import read_text
 
     try:
@@ -138,23 +203,7 @@ def _recording(file: str) -> Recording:
         raise bad_input(f"cannot read {file} ({reason_of(error)}); give CSV files with --from-step-data") from None
     except DomainError as error:
         raise bad_input(f"{file}: {error}; give CSV files with --from-step-data") from None
-    return parse_recording(text, file)
-
-
-def _fit_summary(fit: LagFit) -> list[str]:
-    def shown(value: Interval, unit: str = "") -> str:
-        return f"{value.value:.5g} ({value.low:.5g} ... {value.high:.5g}){unit}"
-
-    numbers = (
-        f"{fit.name}: static gain {shown(fit.static_gain)}, time constant {shown(fit.time_constant_s, ' s')}, "
-        f"dead time {shown(fit.dead_time_s, ' s')}, noise {fit.residual_std:.3g}"
-    )
-    return [numbers, *(f"{fit.name}: {note}" for note in fit.notes)]
-
-
-def _printable(line: str) -> str:
-    """A line with its control characters escaped."""
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
+    return parse_recording(text, file, reading)
 
 
 # -- files -------------------------------------------------------------------------------------------------------------

@@ -18,14 +18,15 @@ from typer.testing import CliRunner, Result
 from fopi_tune.cli import app
 from fopi_tune.cli.init import Model
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.plant import PLANT_MODELS, Plant, Uncertain
+from fopi_tune.core.plant import PLANT_MODELS, Plant, PlantFamily, Uncertain
 from fopi_tune.pipeline.tune import tune
 from fopi_tune.results.status import Status
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.language import json_schema
 from fopi_tune.spec.template import template
-from fopi_tune.spec.template_sections import SECTIONS_BY_MODEL, sections_for_fitted_lag
+from fopi_tune.spec.template_fitted import sections_for_fitted
+from fopi_tune.spec.template_sections import SECTIONS_BY_MODEL
 
 
 @pytest.fixture(autouse=True)
@@ -49,6 +50,10 @@ def recorded(
     text = "".join(f"{t!r},{1 if t < 2.0 else 3},{y!r}\n" for t, y in rows)
     Path(file).write_text("time_s,input,output\n" + text, encoding="utf-8")
     return file
+
+
+def lags(gain: Uncertain, tau: Uncertain, dead: Uncertain) -> PlantFamily:
+    return PlantFamily("lag", {"static_gain": gain, "time_constant_s": tau, "dead_time_s": dead})
 
 
 def plain(path: str) -> Any:
@@ -160,7 +165,7 @@ def test_ranges_are_rounded_outwards() -> None:
         middle = 10.0 ** rng.uniform(-5, 5)
         low, high = middle * (1 - 10.0 ** rng.uniform(-9, -1)), middle * (1 + 10.0 ** rng.uniform(-9, -1))
         number = Uncertain(middle, low, high)
-        start = sections_for_fitted_lag(number, number, Uncertain(0.0, 0.0, high), [])
+        start = sections_for_fitted(lags(number, number, Uncertain(0.0, 0.0, high)), [])
         family = parse_spec(template("a", start)).plant
         for name in ("static_gain", "time_constant_s"):
             found = family.parameters[name]
@@ -234,7 +239,7 @@ def settled_s(gains: FoPi, plant: Plant, longest_s: float) -> tuple[float, float
 def test_the_design_of_a_fitted_family_settles_in_a_few_times_of_its_plant(
     gain: Uncertain, tau: Uncertain, dead: Uncertain, most: float
 ) -> None:
-    design = tune(parse_spec(template("a", sections_for_fitted_lag(gain, tau, dead, []))), proof=False)
+    design = tune(parse_spec(template("a", sections_for_fitted(lags(gain, tau, dead), []))), proof=False)
     assert design.gains is not None
     assert design.status is Status.SOLVED
     # what an engineer expects of a PI: 2 % within 8 to 10 times of time constant and dead time.  Without bounds on slow

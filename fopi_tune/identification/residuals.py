@@ -1,0 +1,135 @@
+"""What a fit leaves:  correlation, a trend, a step, a limit of the sensor, each a note with numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.errors import DomainError
+from fopi_tune.identification.covariance import ROUNDING_SHARE, Spread, spread_of
+from fopi_tune.identification.models import Structure
+from fopi_tune.identification.recording import Recording
+from fopi_tune.identification.scaling import Scaled
+
+#: residuals with a larger lag-one correlation are not independent noise
+_MAX_CORRELATION = 0.5
+#: share of the output's range, and deviations, beyond which a trend or a step in the residuals is one
+_SHARE, _DEVIATIONS = 0.03, 4.0
+#: equal outputs in a row, at an end of their range, that are a limit where other outputs in a row differ
+_LEAST_EQUAL, _FEW_EQUAL = 5, 0.3
+#: share of the output's range that residuals of a noisy sensor have
+_NOISY_SHARE = 0.002
+_PLACES = 60
+
+
+def residual_notes(
+    recording: Recording, problem: Scaled, structure: Structure, parameters: Array, spread: Spread
+) -> list[str]:
+    """Notes about a fit's residuals, in the recording's units."""
+    modelled = structure.output(problem.signals, parameters)
+    jacobian = structure.jacobian(problem.signals, parameters)
+    residuals = problem.signals.output - modelled
+    notes = _limits(recording, problem, modelled)
+    if float(residuals @ residuals) <= problem.n * ROUNDING_SHARE**2:
+        return notes
+    if abs(spread.correlation) > _MAX_CORRELATION:
+        share = 100 * spread.residual_std
+        notes.append(
+            f"what the curve leaves, {share:.2g} % of the output's range, is no independent noise (correlation "
+            f"{spread.correlation:.2f} from one sample to the next): the plant is not quite of this model, or is "
+            "disturbed; the intervals are wider for it"
+        )
+    if spread.quantum > 0:
+        notes.append(
+            f"the output is read in steps of {spread.quantum * problem.height:.3g}, "
+            f"{100 * spread.quantum:.2g} % of its range; the intervals hold what this hides"
+        )
+    step = _step(recording, problem, jacobian, residuals)
+    trend = _added(jacobian, residuals, problem.signals.time)
+    if trend is not None and (step is None or abs(trend[0]) / trend[1] > step[1]):
+        slope = trend[0] * problem.height / problem.length_s
+        notes.append(
+            f"what the curve leaves has a trend of {slope:.3g} per s, {100 * abs(trend[0]):.2g} % of the output's "
+            "range over the record: the plant drifts, or does not end where this model does"
+        )
+    elif step is not None:
+        notes.append(step[0])
+    return notes
+
+
+def _added(jacobian: Array, residuals: Array, column: Array) -> tuple[float, float] | None:
+    """What a further column explains, and its standard deviation, if it is much and certain."""
+    basis = np.linalg.qr(jacobian)[0]
+    # a column that the model has nearly itself says nothing
+    left = column - basis @ (basis.T @ column)
+    if float(left @ left) < 1e-4 * float(np.sum((column - column.mean()) ** 2)):
+        return None
+    try:
+        both = np.column_stack([jacobian, column])
+        change = np.linalg.lstsq(both / np.sqrt((both**2).sum(axis=0)), residuals, rcond=None)[0]
+        change /= np.sqrt((both**2).sum(axis=0))
+        after = residuals - both @ change
+        deviation = float(spread_of(both, after, residuals, np.ones(1) + column).deviations[-1])
+    except DomainError:
+        return None
+    size = float(change[-1])
+    return (size, deviation) if abs(size) > max(_SHARE, _DEVIATIONS * deviation) else None
+
+
+def _step(recording: Recording, problem: Scaled, jacobian: Array, residuals: Array) -> tuple[str, float] | None:
+    """The step in the residuals that explains most, and how many deviations it is; None where there is none."""
+    n = problem.n
+    if n < 4 * _LEAST_EQUAL:
+        return None
+    basis = np.linalg.qr(jacobian)[0]
+    explained: list[tuple[float, int]] = []
+    for place in np.unique(np.linspace(_LEAST_EQUAL, n - _LEAST_EQUAL, _PLACES).astype(int)).tolist():
+        column = (np.arange(n) >= place).astype(float)
+        left = column - basis @ (basis.T @ column)
+        power = float(left @ left)
+        if power > 1e-3 * n:
+            explained.append((float(left @ residuals) ** 2 / power, place))
+    if not explained:
+        return None
+    place = max(explained)[1]
+    found = _added(jacobian, residuals, (np.arange(n) >= place).astype(float))
+    # the best of many places is looked at
+    if found is None or abs(found[0]) < 1.5 * _DEVIATIONS * found[1]:
+        return None
+    size = found[0] * problem.height
+    where = recording.where(problem.rows[place : place + 1])
+    at = float(recording.time_s[problem.rows[place]])
+    text = (
+        f"what the curve leaves steps by {size:.3g} at about {at:.4g} s ({where}), {100 * abs(found[0]):.2g} % of the "
+        "output's range, without the input: a disturbance? keep what is before or after (--to, --from)"
+    )
+    return text, abs(found[0]) / found[1]
+
+
+def _limits(recording: Recording, problem: Scaled, modelled: Array) -> list[str]:
+    """Outputs that stay at an end of their range where the model moves on, or where a noisy sensor would not."""
+    output = recording.output[problem.rows]
+    equal = np.diff(output) == 0
+    notes: list[str] = []
+    for end, word in ((output.max(), "largest"), (output.min(), "smallest")):
+        at = output == end
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
+        first, last = max(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True), key=lambda e: e[1] - e[0])
+        others = equal[~(at[1:] & at[:-1])]
+        in_a_row = last - first + 1
+        if in_a_row < max(_LEAST_EQUAL, 0.02 * len(output)) or others.mean() > _FEW_EQUAL:
+            continue
+        run = modelled[first : last + 1]
+        moves = float(np.ptp(run)) > _SHARE or abs(float(run.mean() - problem.signals.output[first])) > _SHARE
+        # a plant that stands still may have no noise
+        starts = float(np.abs(problem.signals.output[first])) < 0.1
+        noisy = float(np.std(problem.signals.output[~at] - modelled[~at])) > _NOISY_SHARE
+        if (starts and first == 0) or (not moves and (starts or not noisy)):
+            continue
+        places = problem.rows[[first, last]]
+        notes.append(
+            f"the output stays at its {word} value, {end:.4g}, {int(at.sum())} times, {in_a_row} of them in a row "
+            f"({recording.where(places[:1])} to {recording.lines[places[1]]}): a limit of the sensor or plant, which "
+            "the model does not have; leave it out with --from and --to, or record a smaller step"
+        )
+    return notes
