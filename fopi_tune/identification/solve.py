@@ -165,7 +165,7 @@ def _solve_from(
         ftol=tolerance,
         xtol=tolerance,
         gtol=tolerance,
-        max_nfev=300,
+        max_nfev=150,
         loss="soft_l1" if robust_scale > 0 else "linear",
         f_scale=robust_scale or 1.0,
     )
