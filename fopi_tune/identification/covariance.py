@@ -136,7 +136,9 @@ def _factors(autocovariance: Array) -> Array:
     from scipy.linalg import solve_toeplitz
 
     order = len(autocovariance) - 1
-    return solve_toeplitz(autocovariance[:order], autocovariance[1:]) if order else np.zeros(0)
+    if order == 0:
+        return np.zeros(0)
+    return np.asarray(solve_toeplitz(autocovariance[:order], autocovariance[1:]), dtype=float)
 
 
 def _extended(autocovariance: Array, n: int) -> Array:

@@ -29,7 +29,7 @@ def without_outliers(problem: Scaled, model: FitModel) -> tuple[Scaled, NDArray[
     The model is fitted with the loss soft_l1, which spikes hardly move.  An outlier is far from the model by more than
     its neighbours are.  Fast motions that a lag does not follow look alike; so a second order has to say the same.
     """
-    found = _outliers(problem, model)
+    found = _returning(_outliers(problem, model), problem.signals.output)
     if found.any() and model is not FitModel.SECOND_ORDER:
         found &= _outliers(problem, FitModel.SECOND_ORDER)
     if not found.any() or found.mean() > _MOST:
@@ -50,6 +50,17 @@ def _outliers(problem: Scaled, model: FitModel) -> NDArray[np.bool_]:
     scale = max(_NORMAL * float(np.median(np.abs(residuals - np.median(residuals)))), 1e-3)
     parameters = least_squares_fit(problem, structure, [guess], robust_scale=1.5 * scale)
     return _apart(problem.signals.output - structure.output(problem.signals, parameters), least)
+
+
+def _returning(found: NDArray[np.bool_], output: Array) -> NDArray[np.bool_]:
+    """Those beyond both what comes before and what comes after: a plant on its way lies between them."""
+    least = max(_FAR_SHARE, _FAR_QUANTA * quantum_of(output))
+    spikes = found.copy()
+    for k in np.flatnonzero(found).tolist():
+        sides = [output[max(k - _WINDOW, 0) : k], output[k + 1 : k + 1 + _WINDOW]]
+        middles = [float(np.median(side)) for side in sides if side.size]
+        spikes[k] = not min(middles) - least <= output[k] <= max(middles) + least
+    return spikes
 
 
 def _apart(residuals: Array, least: float) -> NDArray[np.bool_]:

@@ -146,7 +146,7 @@ def _parse(table: Table, columns: Columns, options: ReadOptions, name: str) -> R
         assert options.sample_time is not None
         if not options.sample_time > 0:
             raise DomainError(f"a sample time of {options.sample_time!r} is not greater than 0")
-        time = _in_seconds(options.sample_time * np.arange(len(lines)), unit)
+        time = _in_seconds(np.arange(len(lines), dtype=float) * options.sample_time, unit)
     time, moved, output, used, lines, merged = _merged(time, moved, output, lines, True)
     missing = np.flatnonzero(np.isnan(output))
     recording = Recording(name, time, moved, output, used, lines)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+from dataclasses import dataclass
+
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.covariance import ROUNDING_SHARE, Spread, spread_of
-from fopi_tune.identification.models import Structure
+from fopi_tune.identification.models import FitModel, Structure
 from fopi_tune.identification.recording import Recording
 from fopi_tune.identification.scaling import Scaled
+from fopi_tune.identification.solve import initial_guesses, least_squares_fit
 
 #: residuals with a larger lag-one correlation are not independent noise
 _MAX_CORRELATION = 0.5
@@ -20,6 +25,10 @@ _LEAST_EQUAL, _FEW_EQUAL = 5, 0.3
 #: share of the output's range that residuals of a noisy sensor have
 _NOISY_SHARE = 0.002
 _PLACES = 60
+#: of the model, with a column that explains its residuals
+_REFITS = 3
+#: share of a lag's residuals from which a second order is worth a note
+_MUCH_LESS = 0.8
 
 
 def residual_notes(
@@ -27,7 +36,6 @@ def residual_notes(
 ) -> list[str]:
     """Notes about a fit's residuals, in the recording's units."""
     modelled = structure.output(problem.signals, parameters)
-    jacobian = structure.jacobian(problem.signals, parameters)
     residuals = problem.signals.output - modelled
     notes = _limits(recording, problem, modelled)
     if float(residuals @ residuals) <= problem.n * ROUNDING_SHARE**2:
@@ -44,43 +52,64 @@ def residual_notes(
             f"the output is read in steps of {spread.quantum * problem.height:.3g}, "
             f"{100 * spread.quantum:.2g} % of its range; the intervals hold what this hides"
         )
-    step = _step(recording, problem, jacobian, residuals)
-    trend = _added(jacobian, residuals, problem.signals.time)
-    if trend is not None and (step is None or abs(trend[0]) / trend[1] > step[1]):
-        slope = trend[0] * problem.height / problem.length_s
-        notes.append(
-            f"what the curve leaves has a trend of {slope:.3g} per s, {100 * abs(trend[0]):.2g} % of the output's "
-            "range over the record: the plant drifts, or does not end where this model does"
+    if notes and notes[0].startswith("the output stays at"):
+        return notes
+    reasons = [
+        reason
+        for reason in (
+            _second_order(problem, structure, spread),
+            _trend(problem, structure, parameters, spread),
+            _step(recording, problem, structure, parameters, spread),
         )
-    elif step is not None:
-        notes.append(step[0])
-    return notes
+        if reason is not None
+    ]
+    # what explains most of it
+    return notes + [reason.text for reason in sorted(reasons, key=lambda each: each.left)[:1]]
 
 
-def _added(jacobian: Array, residuals: Array, column: Array) -> tuple[float, float] | None:
-    """What a further column explains, and its standard deviation, if it is much and certain."""
-    basis = np.linalg.qr(jacobian)[0]
-    # a column that the model has nearly itself says nothing
-    left = column - basis @ (basis.T @ column)
-    if float(left @ left) < 1e-4 * float(np.sum((column - column.mean()) ** 2)):
+@dataclass(frozen=True)
+class _Reason:
+    """What would explain residuals, in words, and the standard deviation of what it leaves of them."""
+
+    text: str
+    left: float
+
+
+def _second_order(problem: Scaled, structure: Structure, spread: Spread) -> _Reason | None:
+    """That a second order leaves much less, where a lag leaves correlated residuals."""
+    if structure.model is not FitModel.LAG or spread.correlation <= _MAX_CORRELATION:
         return None
-    try:
-        both = np.column_stack([jacobian, column])
-        change = np.linalg.lstsq(both / np.sqrt((both**2).sum(axis=0)), residuals, rcond=None)[0]
-        change /= np.sqrt((both**2).sum(axis=0))
-        after = residuals - both @ change
-        deviation = float(spread_of(both, after, residuals, np.ones(1) + column).deviations[-1])
-    except DomainError:
+    other = Structure(FitModel.SECOND_ORDER, structure.at_rest)
+    parameters = least_squares_fit(problem, other, initial_guesses(problem, other))
+    left = math.sqrt(other.squares(problem.signals, parameters) / max(problem.n - other.size, 1))
+    if left > _MUCH_LESS * spread.residual_std:
         return None
-    size = float(change[-1])
-    return (size, deviation) if abs(size) > max(_SHARE, _DEVIATIONS * deviation) else None
+    return _Reason(f"a second order leaves {100 * left:.2g} % of the output's range: --model second_order", left)
 
 
-def _step(recording: Recording, problem: Scaled, jacobian: Array, residuals: Array) -> tuple[str, float] | None:
-    """The step in the residuals that explains most, and how many deviations it is; None where there is none."""
+def _trend(problem: Scaled, structure: Structure, parameters: Array, spread: Spread) -> _Reason | None:
+    if structure.model is FitModel.INTEGRATOR:
+        # which drifts by itself
+        return None
+    found = _added(problem, structure, parameters, problem.signals.time, spread.quantum)
+    if found is None:
+        return None
+    size, _, left = found
+    text = (
+        f"what the curve leaves has a trend of {size * problem.height / problem.length_s:.3g} per s, "
+        f"{100 * abs(size):.2g} % of the output's range over the record: the plant drifts, or does not end where this "
+        "model does"
+    )
+    return _Reason(text, left)
+
+
+def _step(
+    recording: Recording, problem: Scaled, structure: Structure, parameters: Array, spread: Spread
+) -> _Reason | None:
+    """The step in the residuals that explains most of them."""
     n = problem.n
-    if n < 4 * _LEAST_EQUAL:
-        return None
+    jacobian = structure.jacobian(problem.signals, parameters)
+    residuals = problem.signals.output - structure.output(problem.signals, parameters)
     basis = np.linalg.qr(jacobian)[0]
     explained: list[tuple[float, int]] = []
     for place in np.unique(np.linspace(_LEAST_EQUAL, n - _LEAST_EQUAL, _PLACES).astype(int)).tolist():
@@ -92,18 +121,52 @@ def _step(recording: Recording, problem: Scaled, jacobian: Array, residuals: Arr
     if not explained:
         return None
     place = max(explained)[1]
-    found = _added(jacobian, residuals, (np.arange(n) >= place).astype(float))
+    found = _added(problem, structure, parameters, (np.arange(n) >= place).astype(float), spread.quantum)
     # the best of many places is looked at
     if found is None or abs(found[0]) < 1.5 * _DEVIATIONS * found[1]:
         return None
-    size = found[0] * problem.height
+    size, _, remaining = found
     where = recording.where(problem.rows[place : place + 1])
     at = float(recording.time_s[problem.rows[place]])
     text = (
-        f"what the curve leaves steps by {size:.3g} at about {at:.4g} s ({where}), {100 * abs(found[0]):.2g} % of the "
-        "output's range, without the input: a disturbance? keep what is before or after (--to, --from)"
+        f"what the curve leaves steps by {size * problem.height:.3g} at about {at:.4g} s ({where}), "
+        f"{100 * abs(size):.2g} % of the output's range, without the input: a disturbance? keep what is before or "
+        "after (--to, --from)"
     )
-    return text, abs(found[0]) / found[1]
+    return _Reason(text, remaining)
+
+
+def _added(
+    problem: Scaled, structure: Structure, parameters: Array, column: Array, quantum: float
+) -> tuple[float, float, float] | None:
+    """How much of a further column explains, its deviation and what it leaves, if it is much and certain; scaled."""
+    signals, size, deviation = problem.signals, 0.0, 0.0
+    without = problem
+    for _ in range(_REFITS):
+        jacobian = structure.jacobian(signals, parameters)
+        residuals = signals.output - size * column - structure.output(signals, parameters)
+        basis = np.linalg.qr(jacobian)[0]
+        # a column that the model has nearly itself says nothing
+        left = column - basis @ (basis.T @ column)
+        if float(left @ left) < 1e-4 * float(np.sum((column - column.mean()) ** 2)):
+            return None
+        change = float(left @ residuals) / float(left @ left)
+        size += change
+        try:
+            after = residuals - basis @ (basis.T @ residuals) - change * left
+            deviation = float(
+                spread_of(np.column_stack([jacobian, column]), after, after, signals.output).deviations[-1]
+            )
+        except DomainError:
+            return None
+        if abs(size) <= max(_SHARE, quantum, _DEVIATIONS * deviation):
+            return None
+        without = dataclasses.replace(
+            problem, signals=dataclasses.replace(signals, output=signals.output - size * column)
+        )
+        parameters = least_squares_fit(without, structure, [parameters])
+    left_over = structure.squares(without.signals, parameters) / max(problem.n - structure.size - 1, 1)
+    return size, deviation, math.sqrt(left_over)
 
 
 def _limits(recording: Recording, problem: Scaled, modelled: Array) -> list[str]:

@@ -18,6 +18,8 @@ from fopi_tune.identification.table import counted
 _MEDIAN_OF = 5
 #: changes of the input below this share of its range are noise of a measured one, where messages speak of a step
 _INPUT_NOISE = 0.02
+#: more outputs are thinned out
+_MOST_OUTPUTS = 50_000
 #: fewest outputs after the first step of the input
 _MIN_AFTER = 6
 
@@ -74,6 +76,8 @@ def scaled(recording: Recording) -> Scaled:
             f"column 'input': there is no step, it is {moved[0]:g} on every line; record from before the step on"
         )
     rows = np.flatnonzero(recording.used)
+    # every so many-th output tells as much as can be told; the input is kept whole
+    rows = rows[:: 1 + (len(rows) - 1) // _MOST_OUTPUTS]
     output = recording.output[rows]
     smoothed = median_filter(output, _MEDIAN_OF, mode="nearest")
     height = float(np.ptp(smoothed)) or float(np.ptp(output))

@@ -22,7 +22,7 @@ _MAX_SEARCH_SAMPLES = 1000
 #: kinks in the dead time are searched one by one up to this many samples
 _MAX_KINK_SAMPLES = 1500
 #: with few samples, of which the dead time is less certain, further ones are searched too
-_FEW_SAMPLES, _FAR_KINKS = 80, 8
+_FEW_SAMPLES, _FAR_KINKS = 150, 4
 _GUESSES = 3
 _DAMPINGS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 #: logarithmic limits of time constants over the record's length; of squared ones twice these
@@ -165,7 +165,7 @@ def _solve_from(
         ftol=tolerance,
         xtol=tolerance,
         gtol=tolerance,
-        max_nfev=300,
+        max_nfev=150,
         loss="soft_l1" if robust_scale > 0 else "linear",
         f_scale=robust_scale or 1.0,
     )

@@ -12,13 +12,15 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
+from cases.field_recordings import FIELD_FILES, integrator, levels, second_order, simulated
 from ruamel.yaml import YAML
 from typer.testing import CliRunner, Result
 
 from fopi_tune.cli import app
-from fopi_tune.cli.init import Model
+from fopi_tune.cli.init import Fitted, Model, Unit
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PLANT_MODELS, Plant, PlantFamily, Uncertain
+from fopi_tune.identification import FitModel, TimeUnit
 from fopi_tune.pipeline.tune import tune
 from fopi_tune.results.status import Status
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
@@ -208,6 +210,103 @@ def test_what_cannot_be_used_ends_with_2_and_writes_nothing(arguments: tuple[str
     assert sorted(os.listdir()) == before
 
 
+# -- recordings as people have them ------------------------------------------------------------------------------------
+
+
+def test_the_words_of_the_command_are_those_that_can_be_fitted_and_read() -> None:
+    assert {each.value for each in Fitted} == {each.value for each in FitModel}
+    assert {each.value for each in Unit} == {each.value for each in TimeUnit}
+
+
+@pytest.mark.parametrize("kind", FIELD_FILES)
+def test_a_file_of_the_field_becomes_a_spec_whose_ranges_hold_its_plant(kind: str) -> None:
+    file = FIELD_FILES[kind](5)
+    Path("given.csv").write_text(file.text, encoding="utf-8")
+    result = fopi("init", "rig", "--from-step-data", "given.csv", *file.options)
+    assert result.exit_code == 0, result.stderr
+    assert "given.csv: static gain " in result.stderr
+    plant = load_spec("rig.yaml").plant
+    assert plant.model == "lag"
+    for name, true in file.plant.numbers.items():
+        assert plant.parameters[name].min <= true <= plant.parameters[name].max
+    jsonschema.Draft202012Validator(named_schema("rig.yaml")).validate(plain("rig.yaml"))
+
+
+def written(plant: Any, file: str = "given.csv") -> str:
+    moved = levels((0.0, 1.0, 0.0, 2.0), (40, 60, 60, 80))
+    output = simulated(plant, 0.25, moved)
+    output += 0.005 * np.ptp(output) * np.random.default_rng(3).standard_normal(240)
+    rows = "".join(
+        f"{250 * k},{u!r},{y:.5f}\n" for k, (u, y) in enumerate(zip(moved.tolist(), output.tolist(), strict=True))
+    )
+    Path(file).write_text("t_ms,u,y\n" + rows, encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("plant", "model"),
+    [
+        (second_order(2.0, 4.0, 1.6, 0.6), "second_order"),
+        (second_order(-1.0, 6.0, 5.0, 0.5), "auto"),
+        (integrator(0.3, 0.7), "integrator"),
+        (integrator(-3.0, 0.1), "auto"),
+    ],
+)
+def test_other_models_become_specs_too(plant: Any, model: str) -> None:
+    result = fopi("init", "rig", "--from-step-data", written(plant), "--model", model)
+    assert result.exit_code == 0, result.stderr
+    assert ("the model is" in result.stderr) == (model == "auto")
+    spec = load_spec("rig.yaml")
+    assert spec.plant.model == {"second_order": "transfer_function", "integrator": "pole"}[plant.model]
+    for name, true in plant.numbers.items():
+        assert spec.plant.parameters[name].min <= true <= spec.plant.parameters[name].max
+    jsonschema.Draft202012Validator(named_schema("rig.yaml")).validate(plain("rig.yaml"))
+
+
+def test_a_window_and_a_unit_are_given_on_the_command_line() -> None:
+    file = written(integrator(0.3, 0.7))
+    given = ("--from-step-data", file, "--model", "integrator", "--time", "t_ms", "--time-unit", "ms", "--input", "2")
+    assert fopi("init", "all", *given).exit_code == 0
+    assert fopi("init", "part", *given, "--output", "y", "--from", "8000", "--to", "40000").exit_code == 0
+    every, part = (load_spec(f"{name}.yaml").plant.parameters["gain"] for name in ("all", "part"))
+    assert part.min < 0.3 < part.max
+    assert part.max - part.min > every.max - every.min
+    refused = fopi("init", "none", *given, "--from", "59000")
+    assert refused.exit_code == 2
+    assert "has 4 samples in the window; the record is from 0 s to 59.75 s" in refused.stderr
+
+
+def test_what_a_recording_shows_stands_in_the_spec_and_on_the_screen() -> None:
+    Path("given.csv").write_text(FIELD_FILES["spikes_and_a_cut_line"](2).text, encoding="utf-8")
+    result = fopi("init", "rig", "--from-step-data", "given.csv")
+    comment = " ".join(Path("rig.yaml").read_text(encoding="utf-8").replace("\n#", "").split())
+    for said in ("lines 49, 83: far from the others (655.35, 655.35), left out", "line 122, the last, is cut short"):
+        assert said in result.stderr
+        assert said in comment
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            ("--from-step-data", "wide.csv"),
+            "wide.csv: line 1 has 4 columns, 1 'time', 2 'a', 3 'b', 4 'c': say which with",
+        ),
+        (("--from-step-data", "wide.csv", "--input", "d"), "there is no column 'd', which --input names"),
+        (("--from-step-data", "wide.csv", "--time-unit", "days"), "days"),
+        (("--from-step-data", "wide.csv", "--model", "pt2"), "pt2"),
+        (("--sample-time", "1"), "are about recordings; give --from-step-data"),
+        (("--model", "auto"), "are about recordings; give --from-step-data"),
+    ],
+)
+def test_options_of_recordings_that_cannot_be_followed_end_with_2(arguments: tuple[str, ...], said: str) -> None:
+    Path("wide.csv").write_text("time,a,b,c\n" + "".join(f"{k},{k // 9},0,{k}\n" for k in range(20)), encoding="utf-8")
+    result = fopi("init", *arguments)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert os.listdir() == ["wide.csv"]
+
+
 # -- the specs run -----------------------------------------------------------------------------------------------------
 
 
@@ -262,6 +361,26 @@ def test_a_spec_from_a_model_is_solved(model: str) -> None:
 def test_every_stage_succeeds_on_a_spec_from_a_model(model: str) -> None:
     assert fopi("init", "x", "--plant", model).exit_code == 0
     result = fopi("run", "x.yaml", "-q")
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", FIELD_FILES)
+def test_every_stage_succeeds_on_a_spec_from_a_file_of_the_field(kind: str) -> None:
+    file = FIELD_FILES[kind](5)
+    Path("given.csv").write_text(file.text, encoding="utf-8")
+    assert fopi("init", "rig", "--from-step-data", "given.csv", *file.options).exit_code == 0
+    result = fopi("run", "rig.yaml", "-q")
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "plant", [second_order(2.0, 4.0, 1.6, 0.6), second_order(-1.0, 6.0, 5.0, 0.5), integrator(0.3, 0.7)]
+)
+def test_every_stage_succeeds_on_a_spec_of_another_fitted_model(plant: Any) -> None:
+    assert fopi("init", "rig", "--from-step-data", written(plant), "--model", plant.model).exit_code == 0
+    result = fopi("run", "rig.yaml", "-q")
     assert result.exit_code == 0, result.output
 
 

@@ -8,6 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy.optimize import curve_fit
+from scipy.stats import t as student
+
+from fopi_tune.errors import DomainError
 from fopi_tune.identification import (
     CONFIDENCE,
     Fit,
@@ -17,11 +22,6 @@ from fopi_tune.identification import (
     identify_recordings,
     parse_recording,
 )
-from numpy.typing import NDArray
-from scipy.optimize import curve_fit
-from scipy.stats import t as student
-
-from fopi_tune.errors import DomainError
 
 Array = NDArray[np.float64]
 HEADER = "time_s,input,output\n"
@@ -67,7 +67,12 @@ def later(given: Recording, rows: int) -> Recording:
     return replace(given, input=np.concatenate([np.zeros(rows), given.input[:-rows]]))
 
 
-STEP_AT_S, GAP_S = 40.0 * 10 / 99, 40.0 / 99
+GAP_S = 40.0 / 99
+
+
+def since(given: Recording) -> Array:
+    """Times from the first line with the new input on."""
+    return given.time_s - given.time_s[np.flatnonzero(given.input)[0]]
 
 
 # -- exact data --------------------------------------------------------------------------------------------------------
@@ -128,7 +133,7 @@ def test_the_intervals_are_those_of_scipys_curve_fit() -> None:
     rng = np.random.default_rng(4)
     given = recording(noise=0.02 * rng.standard_normal(100))
     fit = fit_plant(given)
-    time = given.time_s - STEP_AT_S
+    time = since(given)
 
     def with_own_motion(time: Array, y0: float, change: float, tau: float, dead: float, own: float) -> Array:
         return response(time, y0, change, tau, dead) + own * np.exp(-(time - time[0]) / tau)
@@ -164,8 +169,8 @@ def test_the_intervals_hold_the_truth_wherever_between_two_lines_the_step_comes(
     for phase in rng.uniform(0, 1, count):
         given = recording(dead=dead, noise=0.02 * rng.standard_normal(100))
         # the output of a step that came before the first line with the new input by a share of the gap
-        earlier = response(given.time_s - STEP_AT_S + phase * GAP_S, 3.0, 1.0, 5.0, dead)
-        now = response(given.time_s - STEP_AT_S, 3.0, 1.0, 5.0, dead)
+        earlier = response(since(given) + phase * GAP_S, 3.0, 1.0, 5.0, dead)
+        now = response(since(given), 3.0, 1.0, 5.0, dead)
         fits.append(fit_plant(replace(given, output=given.output - now + earlier)))
     # a step may also come on a line, where the dead time's lower end misses in 2.5 %; so at least 95 %, less four
     # standard deviations of the count, sqrt(0.95 0.05/200) = 1.5 %.
@@ -179,7 +184,7 @@ def test_no_other_dead_time_fits_better() -> None:
         given = recording(n=60, noise=0.1 * rng.standard_normal(60))
         fit = fit_plant(given)
         least = fit.residual_std**2 * 55
-        time = given.time_s - STEP_AT_S
+        time = since(given)
         for dead in np.linspace(0, 3, 61):
             for tau in fit["time_constant_s"].value * np.linspace(0.7, 1.3, 61):
                 own = np.exp(-(time - time[0]) / tau)
