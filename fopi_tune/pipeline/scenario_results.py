@@ -81,7 +81,8 @@ def scenario_result(
             JudgedStep(s.at_s, s.before, s.value, s.of_load, *(float(number) for number in values))
             for s, *values in rows
         ),
-        notes=tuple(step_notes(steps)),
+        notes=tuple(step_notes(steps)) if numbers.finite[0] else (),
+        finite=bool(numbers.finite[0] or numbers.chattering[0]),
     )
 
 

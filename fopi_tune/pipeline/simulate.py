@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -153,7 +154,8 @@ def _sample_time(spec: DesignSpec, gains: FoPi) -> float:
     plant = spec.plant.member(spec.plant.nominal_point)
     poles = np.abs(np.roots(plant.denominator)) if len(plant.denominator) > 1 else np.zeros(0)
     fastest = nominal_crossover(spec, gains) or float(poles.max(initial=0.0)) or 1.0
-    return float(f"{0.05 / fastest:.1g}")
+    power = 10.0 ** math.floor(math.log10(0.05 / fastest))
+    return power * max(step for step in (1.0, 2.0, 5.0) if step * power <= 0.05 / fastest)
 
 
 def _sampled_results(

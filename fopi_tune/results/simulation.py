@@ -64,6 +64,7 @@ class ScenarioResult:
         outcome: of a system in continuous time, how the run ended; empty otherwise.
         steps: each step that is judged; the worst one counts in `measures`.
         notes: what to know about the run, a sentence each.
+        finite: whether the output stayed finite; a run that did not meets nothing.
     """
 
     scenario: ScenarioSpec
@@ -77,6 +78,12 @@ class ScenarioResult:
     outcome: str = ""
     steps: tuple[JudgedStep, ...] = ()
     notes: tuple[str, ...] = ()
+    finite: bool = True
+
+    @property
+    def all_met(self) -> bool:
+        """Whether the output stayed finite and every limit is met."""
+        return self.finite and all(met for _, met in self.limits)
 
     @property
     def worst_steps(self) -> dict[str, JudgedStep]:
@@ -102,7 +109,7 @@ class ScenarioResult:
             ],
             "chattering": self.chattering,
             "switch_times_s": list(self.switch_times_s),
-            "accuracy": self.accuracy,
+            "accuracy": None if self.accuracy is None else _finite(self.accuracy),
             "outcome": self.outcome or None,
             "steps": [
                 {name: _finite(value) if isinstance(value, float) else value for name, value in asdict(step).items()}
@@ -110,6 +117,7 @@ class ScenarioResult:
             ],
             "worst_steps": {name: self.steps.index(step) for name, step in self.worst_steps.items()},
             "notes": list(self.notes),
+            "finite": self.finite,
         }
 
     def rows(self) -> Iterator[tuple[float, ...]]:
@@ -167,8 +175,8 @@ class Simulated:
 
     @property
     def status(self) -> str:
-        """`met` when every limit is, else `violated`."""
-        return "met" if all(met for each in self.driven for _, met in each.limits) else "violated"
+        """`met` when the output stays finite and every limit is met, else `violated`."""
+        return "met" if all(each.all_met for each in self.driven) else "violated"
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON, without the signals: they are in the CSV files."""

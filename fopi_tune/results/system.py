@@ -48,7 +48,7 @@ class SimulatedSystem:
         """`chattering` where the modes do, `met` when every limit is, else `violated`."""
         if any(driven.chattering for driven in self.driven):
             return "chattering"
-        return "met" if all(met for each in self.driven for _, met in each.limits) else "violated"
+        return "met" if all(each.all_met for each in self.driven) else "violated"
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON, without the signals: they are in the CSV files."""

@@ -1,7 +1,7 @@
 """The scenario of a spec that has none:  a step of the reference, then of the load, over a time that suits the loop.
 
 The step is 1, or half of what the control's limits reach.  The load asks for half of the control that holds the
-setpoint, of the largest control of the step where the plant integrates.  Each part lasts as long as the output takes to
+setpoint, of the largest control at the step's beginning where the plant integrates.  Each part lasts as long as the output takes to
 settle at where it ends, and half as long again.
 """
 
@@ -98,7 +98,7 @@ def _load_size(plant: Plant, step: float, found: Traces) -> float:
     gain = static_gain(plant)
     if math.isfinite(gain) and gain != 0.0:
         return float(f"{-0.5 * step / gain:.2g}")
-    control = found.applied[0]
+    control = found.applied[0, :_FEWEST]
     largest = float(control[np.argmax(np.abs(control))]) if np.isfinite(control).all() else 0.0
     return float(f"{-0.5 * largest:.2g}")
 

@@ -268,10 +268,11 @@ def test_what_cannot_be_simulated_is_bad_input(spec_file: str, options: list[str
     assert words in result.stderr
 
 
-def test_a_spec_without_scenarios_cannot_be_simulated_but_validated() -> None:
+def test_a_spec_without_scenarios_is_driven_through_a_default_one_and_validated() -> None:
     spec = brake(more="", samples=50)
-    with pytest.raises(DomainError, match="no scenario"):
-        simulate(spec, GAINS)
+    (driven,) = simulate(spec, GAINS).driven
+    assert [driven.scenario.reference[0].at_s, driven.scenario.load[0].at_s] == [0.0, driven.scenario.duration_s / 2]
+    assert driven.measures["settling_time_s"] < driven.scenario.duration_s / 2
     assert validate(spec, GAINS).status == "met"
     with pytest.raises(DomainError, match="samples"):
         validate(spec, GAINS, samples=0)

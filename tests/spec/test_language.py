@@ -86,7 +86,7 @@ def test_the_brake_spec_says_what_its_file_says() -> None:
         Requirement("sensitivity_db", Relation.AT_MOST, (-20.0,), to_rad_s=0.02, line=20),
     )
     assert spec.objective == Objective(Sense.MINIMIZE, "phase_margin_spread_deg")
-    assert spec.digital == DigitalSpec(0.2, "oustaloup", 7, (1e-3, 1e3), "tustin", 0.0)
+    assert spec.digital == DigitalSpec(0.2, "oustaloup", 7, (1e-3, 1e3), "tustin", 0.0, measurement_unit="km/h")
     assert spec.validation == ValidationSpec(10_000, 1)
     assert spec.schema == 1
 

@@ -93,7 +93,7 @@ def _tracking(driven: ScenarioResult) -> Row:
     return Row(
         f"{_TITLE[driven.scenario.name]} tracks its reference",
         "a figure; the reference is not printed",
-        f"mean |r - y| = {mean:.2f} km/h, {measures['final_error']:.1f} km/h at the end",
+        f"mean |r - y| = {mean:.2f} km/h, {abs(driven.traces.error[0, -1]):.1f} km/h at the end",
         Verdict.NOT_PRINTED,
         "On a plausible reference (systems/car.yaml), nominal brake.",
     )

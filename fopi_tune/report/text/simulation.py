@@ -45,6 +45,8 @@ def _headline(result: Simulated | SimulatedSystem) -> str:
         status += f", without {result.left_out}"
     if result.status == "chattering":
         return f"{status}. The modes switch faster than the system allows."
+    if not all(driven.finite for driven in result.driven):
+        return f"{status}. The output does not stay finite."
     if not any(driven.limits for driven in result.driven):
         return f"{status}. The spec sets no limits for these scenarios."
     return f"{status}. " + (
@@ -60,6 +62,8 @@ def _scenario_lines(driven: ScenarioResult) -> Iterator[Line]:
     yield f"{driven.scenario.name}, {number(driven.scenario.duration_s)} s", "bold"
     if driven.chattering:
         yield "  CHATTERING: the modes switch faster than the system allows", BAD
+    if not driven.finite:
+        yield "  UNSTABLE: the output does not stay finite", BAD
     yield from wrapped(driven.outcome, QUIET, indent="  ")
     for name in driven.measures:
         kind, value = MEASURES[name], driven.measures[name]
@@ -85,5 +89,5 @@ def _exactness_note(result: Simulated | SimulatedSystem) -> str:
     """What a simulation in continuous time leaves out, and its accuracy."""
     delay = ", computing delay" if result.left_out else ""
     said = f"In continuous time: without filter, samples{delay} and anti-windup."
-    known = [driven.accuracy for driven in result.driven if driven.accuracy is not None]
+    known = [d.accuracy for d in result.driven if d.accuracy is not None and math.isfinite(d.accuracy)]
     return f"{said} A coarser run moves the output by {number(max(known), 2)} at most." if known else said
