@@ -40,6 +40,7 @@ from fopi_tune.report.figures.picture import Picture
 from fopi_tune.report.figures.slider import slider_of
 from fopi_tune.report.figures.step_responses import step_responses
 from fopi_tune.report.html import report_files
+from fopi_tune.results.documents import margins_dict
 from fopi_tune.spec import parse_spec
 
 
@@ -528,6 +529,15 @@ def test_an_unstable_loop_is_drawn_too() -> None:
     found = brake_documents()
     text = BRAKE.replace("dead_time_s: 0.0", "dead_time_s: 20.0")
     stamp = {**found.design["stamp"], "spec_sha256": parse_spec(text).sha256}
-    members = loop_of(documents_of(parse_spec(text), {**found.design, "stamp": stamp}))
-    assert margins(members.gains, lag(1.0, 2.25, 20.0).member(np.zeros(0))).phase_margin_deg < 0  # pyright: ignore[reportOptionalOperand]
-    assert "figures/bode.svg" in report_files(members.documents)
+    gains = found.gains
+    assert gains is not None
+    nominal = margins(gains, lag(1.0, 2.25, 20.0).member(np.zeros(0)))
+    assert not nominal.stable
+    design = {**found.design, "stamp": stamp, "nominal": margins_dict(nominal)}
+    files = report_files(documents_of(parse_spec(text), design))
+    assert "figures/bode.svg" in files
+    page = files["report.html"]
+    assert isinstance(page, str)
+    # 0.3 rad/s and -90 deg, less 20 s of dead time: 343.8 deg, or 253.8 deg from -1 by a lead
+    assert "no margin: unstable; crosses |L| = 1 at\u00a00.3" in page.replace("at ", "at\u00a0")
+    assert "106.23" in page

@@ -1,0 +1,106 @@
+"""Margins in words: finite, infinite, and those that an unstable loop has not."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.margins import margins
+from fopi_tune.core.plant import Plant
+from fopi_tune.report.text.formatting import TIE, drawn_phrase, endless_phrase, margins_phrase
+from fopi_tune.results.documents import margins_dict
+
+LAG = Plant((1.0,), (1.0, 1.0))
+
+
+def phrase(controller: FoPi, plant: Plant) -> str:
+    # as it is read back from a file
+    plain = json.loads(json.dumps(margins_dict(margins(controller, plant)), allow_nan=False))
+    return margins_phrase(plain).replace(TIE, " ")
+
+
+@pytest.mark.parametrize(
+    ("controller", "plant", "words"),
+    [
+        # 2/s: 90 deg and pi/4 s at 2 rad/s
+        (
+            FoPi(2.0, 0.0, 1.0),
+            Plant((1.0,), (1.0, 0.0)),
+            "crossover 2 rad/s, phase margin 90 deg, gain margin infinite, delay margin 0.7854 s",
+        ),
+        (
+            FoPi(0.5, 0.0, 1.0),
+            LAG,
+            "no gain crossover, phase margin infinite, gain margin infinite, delay margin infinite",
+        ),
+        (
+            FoPi(-3.0, 0.0, 1.0),
+            Plant((1.0, 2.0), (1.0, 1.0)),
+            "no gain crossover, phase margin infinite, gain margin infinite, gain reduction margin -9.5424 dB, "
+            "delay margin 0 s",
+        ),
+        # an unstable plant is told as any other once its loop is stable
+        (
+            FoPi(2.0, 0.0, 1.0),
+            Plant((1.0,), (1.0, -1.0)),
+            "crossover 1.7321 rad/s, phase margin 60 deg, gain margin infinite, gain reduction margin -6.0206 dB, "
+            "delay margin 0.6046 s",
+        ),
+        # s^-1.9/s: -171 - 90 deg
+        (
+            FoPi(0.0, 1.0, 1.9),
+            Plant((1.0,), (1.0, 0.0)),
+            "no margin: unstable; crosses |L| = 1 at 1 rad/s, -81 deg from -1",
+        ),
+        (FoPi(0.5, 0.0, 1.0), Plant((1.0,), (1.0, -1.0)), "no margin: unstable; |L| never crosses 1"),
+    ],
+)
+def test_margins_are_told_as_what_they_are(controller: FoPi, plant: Plant, words: str) -> None:
+    assert phrase(controller, plant) == words
+
+
+def test_every_crossing_of_an_unstable_loop_is_told() -> None:
+    # an undamped plant: |L| = 1 on both sides of its pole, and below
+    words = phrase(FoPi(0.1, 0.05, 0.5), Plant((1.0,), (1.0, 0.0, 1.0)))
+    assert words.startswith("no margin: unstable; crosses |L| = 1 at ")
+    assert words.count("deg from -1") == 3
+    assert words.count(", and at ") == 2
+
+
+def test_an_infinite_margin_says_which_crossover_is_missing() -> None:
+    assert endless_phrase("gain_margin_db") == "no phase crossover sets it"
+    assert endless_phrase("phase_margin_deg") == endless_phrase("delay_margin_s") == "no gain crossover sets it"
+
+
+@pytest.mark.parametrize(
+    ("name", "upper", "met", "words"),
+    [
+        ("phase_margin_deg", False, True, "infinite"),
+        ("phase_margin_deg", False, False, "none"),
+        ("phase_margin_deg", True, False, "infinite or none"),
+        ("crossover_rad_s", False, False, "none"),
+        ("crossover_rad_s", True, False, "none"),
+        ("settling_time_s", True, False, "infinite"),
+        ("sensitivity_db", True, False, "infinite"),
+    ],
+)
+def test_what_a_drawn_plant_lacks_is_told_apart_from_what_does_not_end(
+    name: str, upper: bool, met: bool, words: str
+) -> None:
+    assert drawn_phrase(name, upper, met) == words
+
+
+def test_no_number_that_is_infinite_reaches_the_json_and_a_flag_stays_one() -> None:
+    stable, unstable = (margins_dict(margins(FoPi(k, 0.0, 1.0), Plant((1.0,), (1.0, -1.0)))) for k in (2.0, 0.5))
+    endless = margins_dict(margins(FoPi(0.5, 0.0, 1.0), LAG))
+    assert stable is not None
+    assert unstable is not None
+    assert endless is not None
+    assert (stable["stable"], unstable["stable"], endless["stable"]) == (True, False, True)
+    assert type(stable["stable"]) is bool
+    assert stable["angles_from_minus_one_deg"] == pytest.approx([60.0])
+    assert unstable["phase_margin_deg"] is unstable["gain_margin_db"] is endless["phase_margin_deg"] is None
+    assert not any(isinstance(value, float) and math.isinf(value) for value in endless.values())
