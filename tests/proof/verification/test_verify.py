@@ -349,7 +349,9 @@ def test_an_unstable_member_has_no_margin_and_misses_every_limit_of_it():
             result = only(one(family, name, relation, 1e-3 if relation is AT_LEAST else 100.0), gains)
             assert (result.outcome, result.achieved, result.is_met) == (Outcome.UNSTABLE, None, False)
             assert result.worst.plant["numerator[0]"] > 8.0
-            spec = spec_of(family, Requirement(name, relation, (1e-3 if relation is AT_LEAST else 100.0,), Scope.NOMINAL))
+            spec = spec_of(
+                family, Requirement(name, relation, (1e-3 if relation is AT_LEAST else 100.0,), Scope.NOMINAL)
+            )
             assert only(spec, gains).is_met
 
 
