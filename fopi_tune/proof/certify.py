@@ -224,7 +224,7 @@ class _Side:
         """An infinite margin: only the limit itself is proved.  An infinite response violates every limit."""
         natural = QUANTITIES[self.requirement.quantity].to_natural(self.limit)
         if (achieved > 0) is not self.upper:
-            records = self.searches.shown(level_claims(self.case, self.requirement, self.upper, natural))
+            records = self.searches.shown(level_claims(self.case, self.requirement, self.upper, natural), share=1.0)
             if records is not None:
                 return self._result(Verdict.PROVED, natural, None, place, records, ())
             return self._result(Verdict.UNDECIDED, None, None, place, (), ())

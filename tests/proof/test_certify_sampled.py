@@ -117,8 +117,12 @@ def badness(spec: DesignSpec, implementation: Implementation, point: np.ndarray,
         return sign * math.log(crossovers[-1])
     if asked.quantity == "phase_slope_deg_per_decade":
         return sign * loop.phase_slope(crossovers[-1]) * math.log(10.0)
-    margins = [loop.phase_margin(x) / (x if asked.quantity == "delay_margin_s" else 1.0) for x in crossovers]
-    return sign * min(margins)
+    angles = [loop.phase_margin(x) for x in crossovers]
+    if asked.quantity == "phase_margin_deg":
+        return sign * min(abs(angle) for angle in angles)
+    if abs(loop.gain(np.array([loop.nyquist]))[0]) >= 1.0:
+        return 0.0
+    return sign * min(angle % (2.0 * math.pi) / x for angle, x in zip(angles, crossovers, strict=True))
 
 
 def radius_of(spec: DesignSpec, implementation: Implementation, point: np.ndarray) -> float:

@@ -1,9 +1,10 @@
-"""Certificates of margins that were changed towards a false statement, each entry in keeping with the others: refused."""
+"""Certificates of margins, changed towards a false statement with each entry in keeping with the others: refused."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Callable
 
@@ -154,7 +155,7 @@ def crossovers() -> list[float]:
 
     found = []
     steps = [omega * 10.0 ** (-4.0 * k / 20000.0) for k in range(20001)][::-1]
-    for low, high in zip(steps, steps[1:], strict=False):
+    for low, high in itertools.pairwise(steps):
         if size(low) * size(high) < 0.0:
             for _ in range(60):
                 middle = 0.5 * (low + high)

@@ -245,11 +245,15 @@ class SomePhaseCrossover(Claim):
         """Whether L tends to a number from -1 to -e^-level as omega -> 0, or at the axis' upper end."""
         u = (_FAR_OUT, math.inf) if high else (-math.inf, -_FAR_OUT)
         over = self.loop.over((u, *box[1:]))
-        # with a dead time in continuous time L has no limit; else the limit is real
+        smallest = (-arb(self.level)).exp()
         if high and not self.loop.has_upper_limit(over):
-            return False
+            # a dead time turns L without end, through -180 deg at any |C N/D|, which does not vanish and so turns little
+            size = over.c * over.numerator / over.d
+            late = bool(over.plant.dead_time.value > 0)
+            return late and size.is_finite() and bool(size.abs_upper() < 1 and size.abs_lower() >= smallest)
+        # else the limit is real
         gain = over.gain.real
-        return bool(gain < 0 and gain > -1 and -gain >= (-arb(self.level)).exp())
+        return bool(gain < 0 and gain > -1 and -gain >= smallest)
 
     def _turn(self, box: Box) -> tuple[arb, arb]:
         """b = arg(-L) over a box, and ln|L| + lambda b."""

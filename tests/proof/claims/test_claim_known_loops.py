@@ -156,6 +156,21 @@ def test_a_direct_path_around_a_dead_time_is_bounded_by_its_circle() -> None:
     assert not shown(case.bound(Response.SENSITIVITY, upper=False)(-math.log(1.0 + 0.2) + HAIR))
 
 
+def test_a_direct_path_around_a_dead_time_has_the_gain_margin_of_its_circle() -> None:
+    # |L| = |(k s + 0.1)/(s + 3)| rises towards k, where the dead time turns L through -180 deg without end
+    case = Case(P, transfer_function([(0.4, 0.6), 0.1], [1.0, 3.0], (0.2, 0.3)))
+    assert_sharp(case.gain_margin(upper=False), -math.log(0.6), upper=False, gap=1e-6)
+    assert_sharp(case.gain_margin(upper=True), -math.log(0.4), upper=True)
+    # without a dead time L(inf) is positive, and there is no crossing
+    maybe_late = Case(P, transfer_function([(0.4, 0.6), 0.1], [1.0, 3.0], (0.0, 0.3)))
+    assert not shown(maybe_late.gain_margin(upper=True)(50.0), 300)
+    # a circle outside of the unit circle, and one that passes it, hold no gain margin
+    for low, high in ((1.1, 1.2), (0.9, 1.1)):
+        outside = Case(P, transfer_function([(low, high), 0.1], [1.0, 3.0], 0.3))
+        record = ("e+",)
+        assert check_record(outside.gain_margin(upper=True)(50.0), record) == "leaf 0 does not hold on its box"
+
+
 def test_the_published_brake_design_keeps_its_margins_over_all_time_constants() -> None:
     # PAPER.md: 106.5, 100.0 and 95.6 deg at 1.6, 2.35 and 3.1 s, to the digits printed
     case = Case(FoPi(0.3976732, 0.6527344, 0.55), lag(1.0, (1.6, 3.1)))

@@ -194,6 +194,15 @@ DELAY_UPPER, DELAY_LOWER = (
     "bool(self.lag < 2 * arb.pi() and self.value >= level)",
 )
 TAIL = "bool(lag < 2 * arb.pi() and lag >= self.level * self.loop.frequency(over.omega))"
+ANGLE_SLOPE, ANGLE_RATE = (
+    "(phase[0] - around * loop.stretch(over.omega))",
+    "(phase[0] + around * loop.stretch(over.omega))",
+)
+HIGH_TAIL = "if over.high_tail and self.quantity is CrossingQuantity.DELAY_MARGIN"
+FAR = "((over.low_tail or over.high_tail) and self._is_far_from_minus_one(over))"
+NO_UPPER = "is not CrossingQuantity.DELAY_MARGIN{}:\n            return False\n        # b"
+LARGE_AT_END = "bool(gain.abs_lower() {} 1 if gain.is_finite() else inverse"
+FAR_OUT = "over = self.loop.over((({}), *box[1:]))"
 #: what a slip would change, and into what
 SLIPS = [
     # the sheet
@@ -214,8 +223,8 @@ SLIPS = [
     ("*(g.imag for g in over.log_gradient)]\n        lag,", "*(g.real for g in over.log_gradient)]\n        lag,"),
     ("gains = [over.log_slope.real", "gains = [over.log_slope.imag"),
     ("around = at_centre + sum(", "around = -at_centre + sum("),
-    ("(phase[0] - around * loop.stretch(over.omega)) / frequency", "(phase[0] + around * loop.stretch(over.omega)) / frequency"),
-    ("(phase[0] - around * loop.stretch(over.omega)) / frequency", "(phase[0] - around * loop.stretch(over.omega))"),
+    (ANGLE_SLOPE + " / frequency", ANGLE_RATE + " / frequency"),
+    (ANGLE_SLOPE + " / frequency", ANGLE_SLOPE),
     ("[first, *(p / frequency for p in phase[1:])]", "[first, *(p for p in phase[1:])]"),
     ("enclosed(at_centre / loop.frequency(centre.omega)", "enclosed(at_centre * loop.frequency(centre.omega)"),
     ("return cls(quantity, value, lag, slopes)", "return cls(quantity, lag, value, slopes)"),
@@ -240,12 +249,12 @@ SLIPS = [
     # towards the ends of the axis
     ("return bool(over.size < 1)", "return has_no_gain_crossover(over)"),
     ("return bool(over.size < 1)", "return bool(over.size > 1)"),
-    ("if over.high_tail and self.quantity is CrossingQuantity.DELAY_MARGIN", "if over.low_tail and self.quantity is CrossingQuantity.DELAY_MARGIN"),
-    ("if over.high_tail and self.quantity is CrossingQuantity.DELAY_MARGIN", "if over.high_tail and self.quantity is CrossingQuantity.PHASE_MARGIN"),
-    ("((over.low_tail or over.high_tail) and self._is_far_from_minus_one(over))", "over.low_tail or over.high_tail"),
-    ("((over.low_tail or over.high_tail) and self._is_far_from_minus_one(over))", "(over.high_tail and self._is_far_from_minus_one(over))"),
-    ("((over.low_tail or over.high_tail) and self._is_far_from_minus_one(over))", "(over.low_tail and self._is_far_from_minus_one(over))"),
-    ("is not CrossingQuantity.DELAY_MARGIN or self.upper:\n            return False\n        # b", "is not CrossingQuantity.DELAY_MARGIN:\n            return False\n        # b"),
+    (HIGH_TAIL, HIGH_TAIL.replace("high", "low")),
+    (HIGH_TAIL, HIGH_TAIL.replace("DELAY", "PHASE")),
+    (FAR, "over.low_tail or over.high_tail"),
+    (FAR, "(over.high_tail and self._is_far_from_minus_one(over))"),
+    (FAR, "(over.low_tail and self._is_far_from_minus_one(over))"),
+    (NO_UPPER.format(" or self.upper"), NO_UPPER.format("")),
     (TAIL, "bool(lag >= self.level * self.loop.frequency(over.omega))"),
     (TAIL, "bool(lag < 2 * arb.pi() and lag >= self.level)"),
     (TAIL, "bool(lag < 2 * arb.pi() and lag <= self.level * self.loop.frequency(over.omega))"),
@@ -253,8 +262,8 @@ SLIPS = [
     ("or self.level is None or not self.upper or self.level < 0:", "or self.level is None or not self.upper:"),
     ("or self.level is None or not self.upper or self.level < 0:", "or self.level is None or self.level < 0:"),
     ("if self.quantity is not CrossingQuantity.DELAY_MARGIN or self.level is None", "if self.level is None"),
-    ("bool(gain.abs_lower() > 1 if gain.is_finite() else inverse", "bool(gain.abs_lower() < 1 if gain.is_finite() else inverse"),
-    ("over = self.loop.over(((_FAR_OUT, math.inf), *box[1:]))", "over = self.loop.over(((-math.inf, -_FAR_OUT), *box[1:]))"),
+    (LARGE_AT_END.format(">"), LARGE_AT_END.format("<")),
+    (FAR_OUT.format("_FAR_OUT, math.inf"), FAR_OUT.format("-math.inf, -_FAR_OUT")),
     ("return BoxVerdict(HIGH_END)", "return BoxVerdict(None)"),
 ]  # fmt: skip
 
