@@ -82,7 +82,7 @@ def _row(found: ReportedRequirement, objective: float | None) -> RequirementRow:
         what=requirement_phrase(requirement),
         scope=scope_phrase(requirement),
         achieved=_achieved(said),
-        score=_score(said["score"]),
+        score=_score(None if outcome == "infinite" and not said["met"] else said["score"]),
         worst=_worst(found),
         proved="" if proof is None else _proved(proof),
         cost=_cost(said["multiplier"], found, objective),

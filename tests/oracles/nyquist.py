@@ -141,7 +141,7 @@ def unstable_poles(loop: Loop) -> float:
     (but at the origin) are not allowed; with a dead time and |L| -> 1 or more there are infinitely many.
 
     Raises:
-        TooLongError: the grid would need too many points.
+        TooLongError: the grid would need too many points, or to go on too far.
     """
     if loop.dead_time_s and abs(loop.at_infinity) >= 1.0:
         return math.inf
@@ -176,6 +176,8 @@ def unstable_poles(loop: Loop) -> float:
     else:
         raise TooLongError
     turn = (float(step.sum()) - (float(np.angle(value[-1])) if returns else 0.0)) / np.pi
+    if abs(1.0 + loop.at_infinity) < 1e-3 and abs(turn - round(turn)) >= 0.05:
+        raise TooLongError  # a fractional tail hides on which side of 0 the path ends
     # both ends of the contour are real: anything else means that the path was lost
     assert abs(turn - round(turn)) < 0.05, (loop, turn)
     return int(np.sum(loop.roots[1].real > 0.0)) - round(turn)

@@ -61,6 +61,8 @@ def test_outcomes_of_margins_are_told(
     shown = row(found)
     assert (shown.verdict, shown.achieved) == ("met" if met else "missed", words)
     assert shown.worst.startswith(worst)
+    # beyond any limit there is no score
+    assert shown.score == ("–" if not met else "0.000" if achieved == math.inf else shown.score)
     text = terminal(found)
     assert words.partition(":")[0] in text
     assert worst in text or outcome == "no_crossover"

@@ -224,6 +224,30 @@ def test_every_number_is_reported_at_its_own_place(where: str, place: str) -> No
         ),
         ("equals: 0.3", "equals: 0", "14:31: requirements[0].crossover_rad_s.equals: must be greater than 0 rad/s"),
         (
+            "{at_least: 80}",
+            "{at_least: 180.5}",
+            "18:34: requirements[2].phase_margin_deg.at_least: must be at most 180 deg, "
+            "the largest angle between L and -1",
+        ),
+        (
+            "{at_least: 80}",
+            "{at_most: 400}",
+            "18:33: requirements[2].phase_margin_deg.at_most: must be at most 180 deg, "
+            "the largest angle between L and -1",
+        ),
+        (
+            "{at_least: 80}",
+            "{between: [80, 190]}",
+            "18:38: requirements[2].phase_margin_deg.between[1]: must be at most 180 deg, "
+            "the largest angle between L and -1",
+        ),
+        (
+            "equals: 90",
+            "equals: 270",
+            "16:32: requirements[1].phase_margin_deg.equals: must be at most 180 deg, "
+            "the largest angle between L and -1",
+        ),
+        (
             "at_most: -20",
             "equals: -20",
             "20:30: requirements[4].sensitivity_db.equals: no controller keeps a function of frequency at one value; "
@@ -254,6 +278,19 @@ def test_every_number_is_reported_at_its_own_place(where: str, place: str) -> No
 )
 def test_a_mistake_is_reported_with_its_place_and_what_to_do(old: str, new: str, expected: str) -> None:
     assert lines(brake_with(old, new)) == [f"s.yaml:{expected}"]
+
+
+def test_both_ends_of_a_range_of_phase_margins_above_180_deg_are_reported() -> None:
+    found = lines(brake_with("{at_least: 80}", "{between: [181, 190]}"))
+    assert [line.partition(": must")[0] for line in found] == [
+        "s.yaml:18:34: requirements[2].phase_margin_deg.between[0]",
+        "s.yaml:18:39: requirements[2].phase_margin_deg.between[1]",
+    ]
+
+
+@pytest.mark.parametrize("words", ["{at_least: 180}", "{at_most: 180}", "{between: [0, 180]}"])
+def test_a_phase_margin_of_180_deg_can_be_asked_for(words: str) -> None:
+    assert parse_spec(requirements(f"phase_margin_deg: {words}"), "s.yaml").requirements[0].limits[-1] == 180.0
 
 
 @pytest.mark.parametrize(

@@ -80,9 +80,9 @@ def bode(members: Members) -> Picture:
     title = f"{members.documents.spec.name}: Bode, the loop L = C P"
     said = (
         f"Gain and phase of the loop over frequency, {_plants_phrase(members)}; {at}. {_hatching(members)} Dots: "
-        "each line at its gain crossovers, where its phase margin is read, the distance to the nearest of -180 deg and "
-        "of whole turns from it: a dot may not lie in a hatched part, its line may pass there. A cross marks what has "
-        "to be met exactly."
+        "each line at its gain crossovers, and from there the distance to the nearest of -180 deg and of whole turns "
+        "from it: the smallest is its phase margin. A dot may not lie in a hatched part, its line may pass there. A "
+        "cross marks what has to be met exactly."
     )
     return Picture(title, said, draw, TWO_PANELS)
 

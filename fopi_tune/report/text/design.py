@@ -166,7 +166,7 @@ def _achieved(requirement: Requirement, result: RequirementResult | None) -> str
 
 
 def _score(result: RequirementResult | None) -> str:
-    if result is None or result.score is None:
+    if result is None or result.score is None or (result.outcome is Outcome.INFINITE and not result.is_met):
         return "-"
     score = result.score
     if 0.9995 <= score < 1.0005:
