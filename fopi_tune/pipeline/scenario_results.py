@@ -96,6 +96,8 @@ def continuous_result(
     """
     result = scenario_result(scenario, found.reference, found.traces, (found.measures, found.steps), limits, unit)
     if not found.measures.finite[0]:
+        jumps = {"switch_count": float(len(found.switch_times_s))} if result.chattering else {}
+        result = replace(result, measures={**result.measures, **jumps})
         verdicts = [(limit, _verdict_at_end(limit, result)) for limit, _ in result.limits]
         result = replace(result, limits=tuple(verdicts), steps=(), notes=())
     notes = list(result.notes)

@@ -1,8 +1,8 @@
 """The scenario of a spec that has none:  a step of the reference, then of the load, over a time that suits the loop.
 
 The step is 1, or half of what the control's limits reach.  The load asks for half of the control that holds the
-setpoint, of the largest control at the step's beginning where the plant integrates.  Each part lasts as long as the output takes to
-settle at where it ends, and half as long again.
+setpoint, of the largest control at the step's beginning where the plant integrates.  Each part lasts as long as the
+output takes to settle at where it ends, and half as long again.
 """
 
 from __future__ import annotations

@@ -7,7 +7,9 @@ plant and reads the file of samples.
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -276,6 +278,31 @@ def _from_samples_file(
     return ValidationSpec(samples=values.get("samples", rows), samples_file=listed, **plain)
 
 
+def _own_columns(text: str, family: PlantFamily) -> str:
+    """The file's columns that are numbers of the plant, separated by commas.
+
+    Columns may also be separated by semicolons or tabs; numbers may then have decimal commas.  Other columns are left
+    out; a file without any of the plant's is returned as it is, to be refused.
+    """
+    header = text.partition("\n")[0]
+    separator = next((mark for mark in ("\t", ";") if mark in header), ",")
+    if separator != ",":
+        text = text.replace(",", ".").replace(separator, ",")
+    reader = csv.reader(io.StringIO(text.removeprefix("\ufeff"), newline=""))
+    names = [name.strip() for name in next(reader, [])]
+    kept = [i for i, name in enumerate(names) if name in family.parameters]
+    if not kept or len(kept) == len(names):
+        return text
+    found = io.StringIO()
+    writer = csv.writer(found, lineterminator="\n")
+    writer.writerow(names[i] for i in kept)
+    for row in reader:
+        if len(row) != len(names):
+            raise DomainError(f"line {reader.line_num} has {len(row)} fields; its header has {len(names)}")
+        writer.writerow(row[i] for i in kept)
+    return found.getvalue()
+
+
 def _read_table(data: bytes, family: PlantFamily) -> ParameterTable:
     if len(data) > MAX_SAMPLES_BYTES:
         raise DomainError(f"is larger than {MAX_SAMPLES_BYTES // 2**20} MiB; keep fewer rows or digits")
@@ -288,7 +315,7 @@ def _read_table(data: bytes, family: PlantFamily) -> ParameterTable:
         raise DomainError(f"line {line} has a byte that is not UTF-8; save the file as CSV in UTF-8") from None
     if not family.uncertain_names:
         raise DomainError("the plant has no uncertain number that a file could list; remove samples_file")
-    table = parse_table(text, family.uncertain_names)
+    table = parse_table(_own_columns(text, family), family.uncertain_names)
     points = table.rows[:, table.columns(family)]
     refused = impossible(points, family)
     if refused.any():

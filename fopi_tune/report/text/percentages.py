@@ -19,12 +19,11 @@ def interval_phrase(low: float, high: float) -> str:
 
 def _percent(share: Decimal, rounding: str) -> str:
     """100 times a share, with four digits, or as many as keep what lies below 1 below 100."""
-    exact = 100 * share
-    for digits in range(_DIGITS, _MOST_DIGITS):
+    exact, digits = 100 * share, _DIGITS
+    shown = Context(digits, rounding).create_decimal(exact)
+    while shown >= 100 > exact and digits < _MOST_DIGITS:
+        digits += 1
         shown = Context(digits, rounding).create_decimal(exact)
-        if shown < 100 or share >= 1:
-            break
         if rounding == ROUND_HALF_EVEN:
-            shown = Context(digits, ROUND_DOWN).create_decimal(exact)
-            break
+            shown = Context(_DIGITS, ROUND_DOWN).create_decimal(exact)
     return f"{shown.normalize():f}"

@@ -17,7 +17,12 @@ from fopi_tune.core.plant import Plant
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.quadrature import state_space
-from fopi_tune.simulation.fractional.time_stepping import InitialState, TimeResponse, simulate_fractional
+from fopi_tune.simulation.fractional.time_stepping import (
+    InitialState,
+    StepTooLongError,
+    TimeResponse,
+    simulate_fractional,
+)
 from fopi_tune.simulation.measures import StepMeasures, horizon_of, measures_of, piecewise_signal, step_measures
 from fopi_tune.simulation.scenario import InitialInput, Measures, Scenario, Signals, Start, Traces
 from fopi_tune.spec.model import Knot, ScenarioSpec
@@ -72,8 +77,15 @@ def simulate_loop(
         DomainError: something only a sampled loop has, a start without solution, or too many samples.
     """
     refuse_samples_only(scenario)
-    step = _step(scenario.duration_s, sample_time_s, plant.dead_time_s)
-    coarse = _simulate(scenario, gains, plant, controller.limits, step)
+    step, coarse = _step(scenario.duration_s, sample_time_s, plant.dead_time_s), None
+    while coarse is None:
+        try:
+            coarse = _simulate(scenario, gains, plant, controller.limits, step)
+        except StepTooLongError:
+            step /= 2
+            if scenario.duration_s / step > _FINEST_STEPS:
+                said = f"the loop is too fast for {_FINEST_STEPS} steps in {scenario.duration_s:g} s of continuous time"
+                raise DomainError(f"scenario {scenario.name}: {said}; end earlier") from None
     while True:
         step /= 2
         fine = _simulate(scenario, gains, plant, controller.limits, step)

@@ -48,6 +48,10 @@ TimeSignal = float | Sequence[float] | Array | Callable[[Array], Array] | tuple[
 _WHOLE = 1e-9
 
 
+class StepTooLongError(DomainError):
+    """A step in which the control cannot follow: a shorter one may do."""
+
+
 @dataclass(frozen=True)
 class InitialState:
     """The loop's state at t = 0.
@@ -209,7 +213,9 @@ class _Simulation:
     def _solve(self, constant: float, slope: float) -> float:
         """u = constant - slope cut(u): the only solution for slope > -1."""
         if not slope > -1.0:
-            raise DomainError("the step is too long for this loop's gain: no control solves it; take a smaller step_s")
+            raise StepTooLongError(
+                "the step is too long for this loop's gain: no control solves it; take a smaller step_s"
+            )
         demand = constant / (1.0 + slope)
         cut = self._saturate(demand)
         return demand if cut == demand else constant - slope * cut

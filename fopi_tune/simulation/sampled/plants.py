@@ -153,9 +153,9 @@ def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float
         if n == 1:
             control, load = _scaled(control, c), _scaled(load, c)
             equilibrium, rate_state, c = equilibrium * c, a[:, 0, :] / sample_time_s, np.ones_like(c)
-    parts = samples + delay_samples, samples
+    parts = _part(samples + delay_samples), _part(samples)
     scale = rate_input[:, None] * sample_time_s if n == 1 else np.ones((len(c), 1))
-    arrivals = _arrivals(a, tuple(_part(part) for part in parts), scale, rate_state, rate_input)
+    arrivals = _arrivals(a, parts, scale, rate_state, rate_input)
     return DiscretePlants(control, load, c, direct, rate_state, rate_input, gain, equilibrium, arrivals)
 
 
