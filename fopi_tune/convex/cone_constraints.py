@@ -126,6 +126,7 @@ class _Responses:
     u: Array
     integral: Complex
     unit: Array
+    side: Array
 
     @classmethod
     def at(cls, task: Task, found: Evaluation, plants: Plants, points: ConstraintPoints) -> _Responses:
@@ -140,8 +141,9 @@ class _Responses:
             plant = np.exp(plants.log.value(rows, u))
             d_log_loop: Complex = d_controller / controller[:, None]
         return cls(
-            plant, controller, d_controller, log_loop, d_log_loop, slope, loops, rows, u, gains.ki * integral, unit
-        )
+            plant, controller, d_controller, log_loop, d_log_loop, slope, loops, rows, u, gains.ki * integral, unit,
+            points.side,
+        )  # fmt: skip
 
     def parts(self, response: Response, at: Rows) -> tuple[Complex, Complex, Complex, Complex]:
         """N, dN/dx, D, dD/dx of a response."""
@@ -169,12 +171,14 @@ class _Responses:
             return self.u[at], moves
         if quantity == "phase_slope_deg_per_decade":
             return self._phase_slope(at, moves)
-        margin = np.pi + self.log_loop[at].imag
-        d_margin = d_loop.imag + slope.imag[:, None] * moves
+        # the angle from -1 to L, in (-pi, pi]
+        angle = np.pi - np.mod(-self.log_loop[at].imag, 2.0 * np.pi)
+        d_angle = d_loop.imag + slope.imag[:, None] * moves
+        side = self.side[at]
         if quantity == "phase_margin_deg":
-            return margin, d_margin
-        omega = np.exp(self.u[at])
-        return margin / omega, (d_margin - margin[:, None] * moves) / omega[:, None]
+            return side * angle, side[:, None] * d_angle
+        omega, lag = np.exp(self.u[at]), angle + np.pi * (1.0 - side)
+        return lag / omega, (d_angle - lag[:, None] * moves) / omega[:, None]
 
     def _phase_slope(self, at: Rows, moves: Array) -> tuple[Array, Array]:
         alpha, c, dc = self.loops.alpha[self.rows[at]], self.controller[at], self.d_controller[at]

@@ -16,9 +16,11 @@ from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.margins import stays_large
 from fopi_tune.core.peaks import Extremes, Response, extremes, log_response_at
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.errors import DomainError
+from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
@@ -42,6 +44,7 @@ class ConstraintPoints:
         u: ln omega, of quantities at crossings the crossing's.
         slack: natural units; of the objective, minus its value.
         missing: whether the plant has no such crossing; u is then where |L| is closest to 1.
+        side: of gain crossovers, the side of -1 on which L belongs, 1 by lag and -1 by lead; see `sides_of_minus_one`.
     """
 
     limit: Rows
@@ -49,13 +52,17 @@ class ConstraintPoints:
     u: Array
     slack: Array
     missing: NDArray[np.bool_]
+    side: Array
 
     @classmethod
-    def of(cls, limit: int, plant: Rows, u: Array, slack: Array, missing: bool = False) -> ConstraintPoints:
+    def of(
+        cls, limit: int, plant: Rows, u: Array, slack: Array, missing: bool = False, side: Array | None = None
+    ) -> ConstraintPoints:
         """Points of one limit."""
         n = len(plant)
         clipped = np.clip(np.nan_to_num(u, nan=0.0), -_FAR, _FAR)
-        return cls(np.full(n, limit, dtype=np.intp), plant, clipped, slack, np.full(n, missing))
+        sides = np.ones(n) if side is None else side
+        return cls(np.full(n, limit, dtype=np.intp), plant, clipped, slack, np.full(n, missing), sides)
 
     @classmethod
     def joined(cls, parts: list[ConstraintPoints]) -> ConstraintPoints:
@@ -115,8 +122,9 @@ def evaluate(task: Task, gains: FoPi, plants: Plants) -> Evaluation:
 def _evaluate(task: Task, gains: FoPi, plants: Plants) -> Evaluation:
     loops = Loops.of(gains, plants)
     crossings = gain_crossovers(loops)
-    stable = bool((unstable_poles_from(loops, crossings) < 0.5).all())
-    evaluator = _Evaluator(task, loops, crossings)
+    every_stable = unstable_poles_from(loops, crossings) < 0.5
+    stable = bool(every_stable.all())
+    evaluator = _Evaluator(task, loops, crossings, sides_of_minus_one(crossings, every_stable))
     parts = [part for k, limit in enumerate(task.limits) for part in evaluator.of(k, limit)]
     limits = ConstraintPoints.joined(parts)
     violation = max(0.0, float(-limits.slack.min(initial=math.inf)))
@@ -136,11 +144,26 @@ def nominal_violations(task: Task, gains: list[FoPi]) -> Array:
     kp, ki, alpha = np.array([(g.kp, g.ki, g.alpha) for g in gains]).T
     loops = Loops(kp, ki, alpha, nominal)
     crossings = gain_crossovers(loops)
-    evaluator = _Evaluator(task, loops, crossings, all_nominal=True)
+    stable = unstable_poles_from(loops, crossings) < 0.5
+    evaluator = _Evaluator(task, loops, crossings, sides_of_minus_one(crossings, stable), all_nominal=True)
     limits = ConstraintPoints.joined([part for k, limit in enumerate(task.limits) for part in evaluator.of(k, limit)])
     violation = np.zeros(len(gains))
     np.maximum.at(violation, limits.plant, -limits.slack)
-    return violation + np.where(unstable_poles_from(loops, crossings) < 0.5, 0.0, _UNSTABLE)
+    return violation + np.where(stable, 0.0, _UNSTABLE)
+
+
+def sides_of_minus_one(crossings: Crossings, stable: NDArray[np.bool_]) -> Array:
+    """At each gain crossover the side of -1 on which L belongs: 1 where a lag brings it there, -1 where a lead does.
+
+    That is where a stable loop has it.  Of an unstable loop the crossover nearest to -1 has to come over.
+
+    Args:
+        crossings: n gain crossovers.
+        stable: shape (m,), whether each loop is.
+    """
+    side = np.where(crossings.angle_from_minus_one_rad >= 0.0, 1.0, -1.0)
+    nearest = _first_of_row(crossings.row, crossings.phase_margin_rad)
+    return np.where(nearest & ~stable[crossings.row], -side, side)
 
 
 @dataclass(frozen=True)
@@ -148,6 +171,7 @@ class _Evaluator:
     task: Task
     loops: Loops
     crossings: Crossings
+    side: Array
     all_nominal: bool = False
 
     def of(self, k: int, limit: Limit) -> list[ConstraintPoints]:
@@ -173,16 +197,22 @@ class _Evaluator:
 
     def _crossing(self, k: int, limit: Limit, rows: Rows) -> list[ConstraintPoints]:
         c = self.crossings
-        value = crossing_value(limit.quantity, c)
+        value = crossing_value(limit.quantity, c, self.side)
         mine = np.isin(c.row, rows)
         if limit.where is EvaluatedAt.HIGHEST_GAIN_CROSSOVER:
             mine &= _first_of_row(c.row, -c.u)
         elif limit.bound is not Bound.LOWER:
             mine &= _first_of_row(c.row, value)
-        parts = [ConstraintPoints.of(k, c.row[mine], c.u[mine], limit.slack(value[mine]))]
+        parts = [ConstraintPoints.of(k, c.row[mine], c.u[mine], limit.slack(value[mine]), side=self.side[mine])]
         lacking = np.setdiff1d(rows, c.row)
         if limit.requirement == STABILITY_GUARD or not len(lacking):
             return parts
+        if limit.bound is Bound.LOWER and QUANTITIES[limit.quantity].is_margin:
+            # without a crossover the margin is infinite; but a delay margin is 0 where |L| stays above 1
+            bad = stays_large(self.loops.take(lacking)) if limit.quantity == "delay_margin_s" else lacking < 0
+            lacking = lacking[bad]
+            if not len(lacking):
+                return parts
         top = extremes(self.loops.take(lacking), Response.LOOP_GAIN, 0.0, math.inf)
         bottom = extremes(self.loops.take(lacking), Response.LOOP_GAIN, 0.0, math.inf, largest=False)
         small = top.value < 0.0
@@ -235,9 +265,10 @@ class _Evaluator:
         if kind is ObjectiveKind.CROSSOVER_SPREAD:
             u = np.full(len(rows), c.u[nominal[-1]])
             return ConstraintPoints.of(OBJECTIVE, rows, u, -np.abs(self.loops.log_response(rows, u).real))
-        smallest = _first_of_row(c.row, c.phase_rad)
-        margin = c.phase_rad[smallest]
-        return ConstraintPoints.of(OBJECTIVE, c.row[smallest], c.u[smallest], -np.abs(margin - margin[0]))
+        value = crossing_value("phase_margin_deg", c, self.side)
+        smallest = _first_of_row(c.row, value)
+        apart, side = np.abs(value[smallest] - value[smallest][0]), self.side[smallest]
+        return ConstraintPoints.of(OBJECTIVE, c.row[smallest], c.u[smallest], -apart, side=side)
 
 
 PEAKS = {
@@ -251,17 +282,17 @@ def counts_in_depth(limit: Limit) -> bool:
     return limit.requirement != STABILITY_GUARD and limit.bound is not Bound.EQUAL
 
 
-def crossing_value(quantity: str, c: Crossings) -> Array:
-    """The values of a quantity at gain crossovers, natural units."""
+def crossing_value(quantity: str, c: Crossings, side: Array) -> Array:
+    """The values of a quantity at gain crossovers, natural units; margins by `sides_of_minus_one`."""
     if quantity == "crossover_rad_s":
         return np.log(c.omega_rad_s)
     if quantity == "phase_slope_deg_per_decade":
         return c.slope_rad * math.log(10.0)
-    margin = math.pi + c.phase_rad
+    angle = c.angle_from_minus_one_rad
     if quantity == "delay_margin_s":
-        return margin / c.omega_rad_s
+        return (angle + math.pi * (1.0 - side)) / c.omega_rad_s
     if quantity == "phase_margin_deg":
-        return margin
+        return side * angle
     raise DomainError(f"the convex path does not read {quantity} at a gain crossover")
 
 
