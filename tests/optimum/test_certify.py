@@ -30,8 +30,9 @@ from fopi_tune.optimum import Optimum, OptimumStatus, certify_optimum, recheck_o
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Test as Kind
-from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded, quadratic
+from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds
+from fopi_tune.optimum.pruning.response_bounds import quadratic
 from fopi_tune.optimum.pruning.screen import gains_at
 from fopi_tune.proof import verify
 from fopi_tune.proof.balls.loop import PRECISION
@@ -370,14 +371,14 @@ def test_what_discards_gains_off_the_line_of_a_fixed_margin_discards_none_on_it(
         "status": "infeasible",
         "statement": "No gains in the box meet every requirement.",
         "advice": OptimumStatus.INFEASIBLE.advice,
-        "discarded_boxes": 10,
-        "boxes": 18,
+        "discarded_boxes": 11,
+        "boxes": 19,
         "proof": {
             "beat": None,
             "reasons": [reason(lower, [], []), reason(lower - 1, [1.6], [0.02]), reason(1, [], [])],
             "covers": [
                 {"root": [list(side) for side in problem.roots[0]], "tokens": OFF_THE_LINE},
-                {"root": [list(side) for side in problem.roots[1]], "tokens": "#0"},
+                *({"root": [list(side) for side in root], "tokens": "#0"} for root in problem.roots[1:]),
             ],
         },
     }
