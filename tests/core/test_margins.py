@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.margins import margins
 from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError

@@ -11,8 +11,8 @@ from cases.plants import Number, brake, lag, pole, transfer_function
 from flint import ctx
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, Interval
