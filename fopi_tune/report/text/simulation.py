@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -87,7 +87,10 @@ def _verdict(limit: Limit, kept: bool | None) -> str:
 
 def _exactness_note(result: Simulated | SimulatedSystem) -> str:
     """What a simulation in continuous time leaves out, and its accuracy."""
-    delay = ", computing delay" if result.left_out else ""
-    said = f"In continuous time: without filter, samples{delay} and anti-windup."
+    of_system = isinstance(result.gains, Mapping)
+    said = f"In continuous time: without filter, samples{'' if of_system else ', computing delay'} and anti-windup."
     known = [d.accuracy for d in result.driven if d.accuracy is not None and math.isfinite(d.accuracy)]
-    return f"{said} A coarser run moves the output by {number(max(known), 2)} at most." if known else said
+    if not known:
+        return said
+    coarser = "A coarser run moves" if of_system else "Steps twice as long move"
+    return f"{said} {coarser} the output by {number(max(known), 2)} at most."
