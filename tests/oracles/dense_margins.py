@@ -154,8 +154,9 @@ class Continuous:
     def _polynomial(self) -> Array:
         top, bottom = np.array(self.plant.numerator), np.array(self.plant.denominator)
         if not self.ki:
-            return np.polyadd(bottom, self.kp * top)
-        return np.polyadd(np.append(bottom, 0.0), np.polymul(top, [self.kp, self.ki]))
+            return np.asarray(np.polyadd(bottom, self.kp * top), dtype=float)
+        integral = np.polyadd(np.append(bottom, 0.0), np.polymul(top, [self.kp, self.ki]))
+        return np.asarray(integral, dtype=float)
 
     def _poles_by_contour(self) -> int:
         """Zeros of F(s) = s^alpha D + (kp s^alpha + ki) N e^{-Ls} (without ki: D + kp N e^{-Ls}) on the right.
