@@ -56,10 +56,10 @@ class ReadOptions:
         time: name of the column of times, or its number from 1; seen from the header when None.
         input: the same of the plant's input.
         output: the same of its output.
-        sample_time: time from each line to the next, in `time_unit`, where the file has no times.
+        sample_time: time from each line to the next, in the unit `time_unit`, where the file has no times.
         time_unit: of the times, of `sample_time`, `start` and `end`; seen from the header when None, else s.
-        start: the fit is about the outputs from this time on, in `time_unit`.
-        end: and until this time, in `time_unit`.
+        start: the fit is about the outputs from this time on, in the unit `time_unit`.
+        end: and until this time, in the unit `time_unit`.
     """
 
     time: str | None = None
