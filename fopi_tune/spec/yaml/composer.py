@@ -25,6 +25,7 @@ from ruamel.yaml.events import (
 
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, RejectedNode, ScalarNode, SequenceNode
 from fopi_tune.spec.yaml.problems import Mark, ProblemCollector, item_path, key_path
+from fopi_tune.spec.yaml.syntax import CHECK, syntax_problem
 
 MAX_DEPTH = 20
 MAX_NODES = 5_000
@@ -100,21 +101,24 @@ class _Composer:
         self.collector = collector
         # no plug-ins: the search for them reads the disk
         self.events: Iterator[Any] = YAML(typ="safe", pure=True, plug_ins=[]).parse(text)
+        self.text = text
         self.here = Mark(1, 1)
+        self.last: ScalarEvent | None = None
         self.nodes = 0
 
     def advance(self) -> Any:
         try:
             event = next(self.events)
         except MarkedYAMLError as error:
-            place = error.problem_mark or error.context_mark
-            parser_message = ", ".join(str(part) for part in (error.context, error.problem) if part)
-            self.collector.stop(_mark_of(place) if place else self.here, "", _syntax_message(parser_message))
+            mark, message = syntax_problem(error, self.text, self.last)
+            self.collector.stop(mark, "", message)
         # The reader is pure Python and sometimes raises other exceptions on malformed text (ValueError for
         # an escape beyond Unicode).  All of them mean that the text cannot be read.
         except Exception as error:
-            self.collector.stop(self.here, "", _syntax_message(str(error)))
+            reason = " ".join(str(error).split())[:160]
+            self.collector.stop(self.here, "", f"not valid YAML ({reason}); {CHECK}")
         self.here = _mark_of(event.start_mark)
+        self.last = event if isinstance(event, ScalarEvent) else self.last
         return event
 
     def document(self) -> Node:
@@ -197,10 +201,3 @@ class _Composer:
             self.collector.add(node.mark, path, "a key is missing before the colon; write one or remove the line")
             return None
         return node
-
-
-def _syntax_message(parser_message: str) -> str:
-    reason = " ".join(parser_message.split())[:160]
-    if "'\\t'" in reason:
-        return f"not valid YAML ({reason}); indent with spaces, not with tabs"
-    return f"not valid YAML ({reason}); check the indentation, colons, quotes and brackets here"
