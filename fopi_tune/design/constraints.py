@@ -72,6 +72,19 @@ class Constraint:
         """At which frequencies the quantity is evaluated."""
         return self.quantity.where
 
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """Of 0 and inf, the frequencies whose limits count: of a band, and of margins that have a lower limit.
+
+        1/|L| where L tends to a negative number is a gain margin, and where |L| stays above 1 there is no delay margin.
+        """
+        if self.where is EvaluatedAt.BAND:
+            both = (0.0, self.from_rad_s == 0.0), (math.inf, self.to_rad_s == math.inf)
+            return tuple(end for end, counts in both if counts)
+        if self.bound is not Bound.LOWER:
+            return ()
+        return {"gain_margin_db": (0.0, math.inf), "delay_margin_s": (math.inf,)}.get(self.quantity.name, ())
+
     def slack(self, natural: float) -> float:
         """Distance of a value from the limit, positive inside; of an equality, minus the absolute distance."""
         if self.bound is Bound.EQUAL:

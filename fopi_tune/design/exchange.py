@@ -17,18 +17,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound, Constraint, Scale
-from fopi_tune.design.loop_grid import numbers_at, part_of
-from fopi_tune.design.nlp.compile import PEAKS, Problem, compiled_problem
+from fopi_tune.design.nlp.compile import Problem, compiled_problem
 from fopi_tune.design.nlp.layout import TooManySlotsError
-from fopi_tune.design.nlp.slots import MarginPlant, Mode, Point, Task
+from fopi_tune.design.nlp.rows import PEAKS
+from fopi_tune.design.nlp.slots import PEAKS_OF, MarginPlant, Mode, Point, Task, peak_reaches
 from fopi_tune.design.nlp.solve import Solved, solve
-from fopi_tune.design.oracle import Finding, Oracle
+from fopi_tune.design.oracle import Oracle
+from fopi_tune.design.probes import Finding
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
+from fopi_tune.results.candidate import Violation
 from fopi_tune.spec.model import ControllerSpec
 
 #: a requirement is violated beyond this, in natural units
@@ -41,9 +42,6 @@ _MOST_ROUNDS_WITHOUT_CUT = 4
 _TRUST_RADIUS = 4.0
 _SMALLEST_TRUST_RADIUS = 0.1
 _SMALLEST_FEASIBLE_RADIUS = 1e-4
-#: ln omega; points of a plant this close belong to the same peak
-_SAME_PEAK = 0.7
-_PEAK_OBJECTIVES = (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK)
 _FIRST_CAPACITY = 8
 
 
@@ -110,6 +108,11 @@ class Exchange:
         other.constraints, other.oracle = constraints, self.oracle.with_constraints(constraints)
         return other
 
+    def look_at(self, violations: Sequence[Violation]) -> None:
+        """Let the oracle look at the plants and frequencies of these too, from now on."""
+        frequencies = [v.omega_rad_s for v in violations if 0.0 < v.omega_rad_s < math.inf]
+        self.oracle = self.oracle.with_places([v.theta for v in violations], frequencies)
+
     def first_cuts(self) -> Cuts:
         """The cuts of the first solve.
 
@@ -146,17 +149,11 @@ class Exchange:
 
     def binding(self, cuts: Cuts, gains: FoPi) -> Cuts:
         """The cuts without the fixed points that are far from binding at these gains."""
-        points = [p for p in cuts.points if p.constraint is not None]
-        if not points:
-            return cuts
-        loops = Loops.of(
-            gains, Plants.members(self.family, np.array([p.theta for p in points]).reshape(len(points), -1))
-        )
-        numbers = numbers_at(loops, np.arange(len(points)), np.log([p.omega_rad_s for p in points]))
         far = {
             point
-            for i, point in enumerate(points)
-            if self.oracle.probes[point.constraint or 0].slack(part_of(numbers, slice(i, i + 1)), math.nan)[0] > _NEAR
+            for point in cuts.points
+            if point.constraint is not None
+            and self.oracle.slack(point.constraint, point.theta, point.omega_rad_s, gains) > _NEAR
         }
         return replace(cuts, points=tuple(p for p in cuts.points if p not in far))
 
@@ -302,8 +299,9 @@ class Exchange:
             theta = tuple(float(v) for v in finding.theta)
             if constraint is None:
                 self._add_objective_member(points, plants, finding, theta)
-            elif constraint.where is EvaluatedAt.BAND:
-                points.append(Point(finding.constraint, theta, finding.omega_rad_s))
+            elif constraint.where is EvaluatedAt.BAND or not 0.0 < finding.omega_rad_s < math.inf:
+                if finding.slack < math.inf:
+                    points.append(Point(finding.constraint, theta, finding.omega_rad_s))
             elif constraint.where is EvaluatedAt.PHASE_CROSSOVERS:
                 if not first or constraint.bound is not Bound.LOWER:
                     # First as a level; if violated again, as a phase crossing: the phase fell below -180 deg earlier.
@@ -319,17 +317,18 @@ class Exchange:
         """The moving peaks: those of before, and each new point that is close to an earlier one of the same plant."""
         peaks = list(before.peaks)
         for new in set(after.points) - set(before.points):
-            if new.constraint is None and self.objective not in _PEAK_OBJECTIVES:
+            if new.is_limit or (new.constraint is None and self.objective not in PEAKS_OF):
                 continue
             if new.constraint is not None:
                 constraint = self.constraints[new.constraint]
                 ends = (constraint.from_rad_s, constraint.to_rad_s)
                 if any(0.0 < w < math.inf and abs(math.log(w / new.omega_rad_s)) < 1e-6 for w in ends):
                     continue
-            same = [p for p in before.points if p.constraint == new.constraint and _beside(p, new)]
+            reach = float(peak_reaches(self.family, [new])[0])
+            same = [p for p in before.points if _beside(p, new, reach)]
             if not same:
                 continue
-            peaks = [p for p in peaks if not (p.constraint == new.constraint and _beside(p, new))]
+            peaks = [p for p in peaks if not _beside(p, new, reach)]
             if sum(p.constraint == new.constraint for p in peaks) < PEAKS:
                 peaks.append(new)
         return tuple(peaks)
@@ -343,6 +342,7 @@ class Exchange:
             points.append(Point(None, theta, finding.omega_rad_s))
 
 
-def _beside(a: Point, b: Point) -> bool:
-    """Whether two points are of the same plant and, judged by frequency, of the same peak."""
-    return a.theta == b.theta and abs(math.log(a.omega_rad_s / b.omega_rad_s)) < _SAME_PEAK
+def _beside(a: Point, b: Point, reach: float) -> bool:
+    """Whether two points are of the same constraint and plant and, judged by frequency, of the same peak."""
+    same = a.constraint == b.constraint and a.theta == b.theta and not a.is_limit
+    return same and abs(math.log(a.omega_rad_s / b.omega_rad_s)) < reach

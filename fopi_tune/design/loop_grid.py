@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,11 @@ from fopi_tune.design.margin_sides import Sides, sides_of
 
 
 class Track(Enum):
-    """To which crossover a frequency is moved before it is evaluated."""
+    """To where a frequency is moved before it is evaluated: |L| = 1, or a phase of L."""
 
     STAY = 0
     GAIN_CROSSOVER = 1
-    PHASE_CROSSOVER = 2
+    PHASE = 2
 
 
 @dataclass(frozen=True)
@@ -65,16 +66,37 @@ class LoopGrid:
         return float((sides.side * sides.angle_rad)[mine].min()), float(found.u[mine].max())
 
     def in_band(
-        self, slack: Callable[[LoopNumbers], Array], low_u: float, high_u: float, rows: Rows
+        self, slack: Callable[[LoopNumbers], Array], low_u: float, high_u: float, rows: Rows, ripples: bool = False
     ) -> tuple[Array, Array]:
-        """Slacks of some plants over the grid's part in a band, shape (rows, n), and that part's u, shape (n,)."""
+        """Slacks of some plants over the grid's part in a band, shape (rows, n), and that part's u, shape (n,).
+
+        With `ripples`, where the grid is too coarse for the turns of a dead time and |L| < 1, L is taken for -|L|: what
+        the slack comes to within the next turn.
+        """
         inside = np.flatnonzero((self.u >= low_u - 1e-12) & (self.u <= high_u + 1e-12))
-        z = self.log_l[rows][:, inside].ravel()
+        z: Complex = self.log_l[rows][:, inside].ravel()
         u = np.tile(self.u[inside], len(rows))
         controller = np.tile(self.log_controller[inside], len(rows))
         no = np.zeros(len(z))
+        if ripples:
+            turned = (self.is_coarse[rows][:, inside].ravel()) & (z.real < 0.0)
+            z = np.where(turned, z.real - 1j * np.pi, z)
         numbers = LoopNumbers(z.real, z.imag, no, no, no, _log_one_plus(z), controller, u, np.exp(u))
         return slack(numbers).reshape(len(rows), -1), self.u[inside]
+
+    @cached_property
+    def is_coarse(self) -> NDArray[np.bool_]:
+        """Where the dead time of a plant turns L by more than a radian from one frequency to the next, shape (m, n)."""
+        step = np.gradient(np.exp(self.u)) if len(self.u) > 1 else np.zeros(1)
+        return np.asarray(self.loops.plants.dead_time_s[:, None] * step > 1.0)
+
+    def next_ripple(self, row: int, u: float) -> float | None:
+        """The nearest u where L of a plant is negative, where the grid is too coarse to show it; else None."""
+        i = int(np.argmin(np.abs(self.u - u)))
+        if not self.is_coarse[row, i] or self.log_l[row, i].real >= 0.0:
+            return None
+        found = tracked(self.loops.take(np.array([row])), np.array([u]), np.array([Track.PHASE.value]))
+        return float(found[0])
 
     def gain_crossings(self) -> Crossings:
         """The gain crossovers that are visible on the grid."""
@@ -130,7 +152,7 @@ class LoopGrid:
 
     def phase_crossings(self) -> tuple[Rows, Array]:
         """(row, u) of the phase crossovers with |L| < 1 that are visible on the grid."""
-        rows, u = self._crossings(np.floor((self.log_l.imag + np.pi) / (2.0 * np.pi)), Track.PHASE_CROSSOVER)
+        rows, u = self._crossings(np.floor((self.log_l.imag + np.pi) / (2.0 * np.pi)), Track.PHASE)
         small = self.loops.log_response(rows, u).real < 0
         return rows[small], u[small]
 
@@ -147,16 +169,24 @@ class LoopGrid:
         return rows, np.clip(polished, self.u[i], self.u[i + 1])
 
 
-def tracked(loops: Loops, u: Array, track: Rows) -> Array:
-    """Newton's method to the crossover that `track` (values of `Track`) names; u itself where it says to stay."""
+def tracked(loops: Loops, u: Array, track: Rows, phase_rad: Array | None = None) -> Array:
+    """Newton's method to what `track` (values of `Track`) names; u itself where it says to stay.
+
+    Args:
+        loops: m loops.
+        u: ln omega at first, shape (m,).
+        track: shape (m,).
+        phase_rad: the phase that is tracked, modulo a turn, shape (m,); -180 deg when left out.
+    """
     rows = np.flatnonzero(track)
     if not len(rows):
         return u
     u = u.copy()
     gain = track[rows] == Track.GAIN_CROSSOVER.value
+    wanted = -np.pi if phase_rad is None else phase_rad[rows]
     for _ in range(6):
         z, slope = loops.log_response(rows, u[rows]), loops.log.derivative(rows, u[rows])
-        turned = z.imag + np.pi
+        turned = z.imag - wanted
         error = np.where(gain, z.real, turned - 2 * np.pi * np.round(turned / (2 * np.pi)))
         rate = np.where(gain, slope.real, slope.imag)
         with np.errstate(divide="ignore", invalid="ignore"):

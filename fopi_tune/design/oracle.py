@@ -1,63 +1,46 @@
 """The oracle of the exchange:  gains -> the plants and frequencies where each constraint is violated most.
 
-Every constraint is evaluated on a grid of plants times frequencies.  The worst plants are then refined by pattern
-search on shrinking stars, and the worst frequencies by Newton's method or on the same stars.  The result is a set of
-cuts, not a proof: `fopi_tune.proof` checks the gains by other means, and the violations it finds are added as cuts.
+Every constraint is evaluated on a grid of plants times frequencies, and at the ends of the frequency axis.  The worst
+plants are then refined by pattern search on shrinking stars, and the worst frequencies by Newton's method or on the
+same stars.  The result is a set of cuts, not a proof: `fopi_tune.proof` checks the gains by other means, and the
+violations it finds are added as cuts, and as places where the oracle looks from then on.
 """
 
 from __future__ import annotations
 
 import copy
-import itertools
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from enum import Enum
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.crossings import Crossings, gain_crossovers
+from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.design.constraints import Bound, Constraint, Scale
-from fopi_tune.design.loop_grid import LoopGrid, LoopNumbers, Track, discounted_error, numbers_at, part_of, tracked
-from fopi_tune.design.margin_sides import Sides, sides_of
-from fopi_tune.quantities.base import EvaluatedAt
+from fopi_tune.design.box_grid import BoxGrid
+from fopi_tune.design.constraints import Constraint, Scale
+from fopi_tune.design.loop_grid import LoopGrid, Track, numbers_at, part_of, tracked
+from fopi_tune.design.margin_sides import sides_of
+from fopi_tune.design.polish import minimised
+from fopi_tune.design.probes import Finding, Kind, Probe, objective_probes, probes_of
 from fopi_tune.quantities.objectives import ObjectiveKind
 
-_ZOOM_ROUNDS = 8
+#: how often a refinement star shrinks, by how much, and how many rounds there are
+_MOST_SHRINKS = 8
 _ZOOM_FACTOR = 0.35
-_CANDIDATES = 2
-#: neper; local minima of a plant's slack this close to the smallest on the grid may be smaller between the grid points;
-#: the smallest few are refined
-_NEAR_DIP = 0.1
-_MOST_DIPS = 3
+_MOST_ROUNDS = 20
+#: natural units; a star of full size that finds less is not moved again
+_SAME_PLACE = 1e-6
 #: natural units; a refined slack that differs more from the one of all crossovers was read at the wrong one
 _SAME_SLACK = 1e-6
 #: offsets in ln omega within a refinement star, as multiples of its radius
 _U_STAR = np.array([0.0, -1.0, -0.5, 0.5, 1.0])
 
-
-@dataclass(frozen=True)
-class Finding:
-    """A plant and a frequency where a constraint (or the objective) is worst.
-
-    Args:
-        constraint: its index; None for the objective.
-        slack: of the constraint in natural units, negative where violated; of the objective, minus its value.
-        theta: the plant, a point of the box, shape (p,).
-        omega_rad_s: the frequency.
-        side, angle_rad: of a gain crossover, as in `fopi_tune.design.margin_sides`.
-    """
-
-    constraint: int | None
-    slack: float
-    theta: Array
-    omega_rad_s: float
-    side: float = 1.0
-    angle_rad: float = 0.0
+#: a probe and what it found at first
+Task = tuple[Probe, Finding]
 
 
 class Oracle:
@@ -71,21 +54,34 @@ class Oracle:
         objective: ObjectiveKind,
         horizon_s: float,
     ) -> None:
-        self.family, self.scale = family, scale
-        self.low, self.high = family.low, family.high
-        self.points, self.spacing = _box_points(family)
-        self.plants = Plants.members(family, self.points)
-        self.probes = tuple(_probe(k, constraint) for k, constraint in enumerate(constraints)) + _objective_probe(
-            objective, horizon_s
-        )
+        self.family, self.omega_grid = family, scale.omega_grid
+        self.box = BoxGrid.of(family)
+        self.plants = Plants.members(family, self.box.points)
+        self.of_constraints, self.of_objective = probes_of(constraints), objective_probes(objective, horizon_s)
 
     def with_constraints(self, constraints: tuple[Constraint, ...]) -> Oracle:
         """The same search with other limits of the same constraints."""
         other = copy.copy(self)
-        other.probes = (
-            tuple(_probe(k, constraint) for k, constraint in enumerate(constraints)) + self.probes[len(constraints) :]
-        )
+        other.of_constraints = probes_of(constraints)
         return other
+
+    def with_places(self, points: Sequence[tuple[float, ...]], omega_rad_s: Sequence[float]) -> Oracle:
+        """The same search, which looks at these plants and frequencies too."""
+        other = copy.copy(self)
+        other.box = self.box.with_points(np.array(points, dtype=float))
+        other.plants = Plants.members(self.family, other.box.points)
+        other.omega_grid = np.unique(np.concatenate([self.omega_grid, omega_rad_s]))
+        return other
+
+    def slack(self, constraint: int, theta: tuple[float, ...], omega_rad_s: float, gains: FoPi) -> float:
+        """The slack of a function of frequency at one plant and frequency."""
+        loops = Loops.of(gains, Plants.members(self.family, np.array([theta]).reshape(1, -1)))
+        at_end = not 0.0 < omega_rad_s < math.inf
+        for probe in self.of_constraints:
+            if probe.constraint == constraint and (not at_end or probe.at_omega_rad_s == omega_rad_s):
+                u = np.zeros(1) if at_end else np.log([omega_rad_s])
+                return float(probe.slack_at(numbers_at(loops, np.zeros(1, dtype=np.intp), u), loops, math.nan)[0])
+        return math.inf
 
     def worst(self, gains: FoPi, within: float = math.inf) -> list[Finding]:
         """The worst plants and frequencies of every constraint and of the objective.
@@ -94,29 +90,26 @@ class Oracle:
             gains: the controller.
             within: constraints whose slack on the grid is at least this are not refined.
         """
-        table = LoopGrid(gains, self.plants, self.scale.omega_grid)
+        table = LoopGrid(gains, self.plants, self.omega_grid)
         nominal_margin, nominal_u = table.nominal()
-        rough: list[Finding] = []
-        for probe in self.probes:
+        rough: list[Task] = []
+        for probe in (*self.of_constraints, *self.of_objective):
             worst = probe.on_grid(table, nominal_margin, nominal_u)
-            rows = [0] if probe.nominal else _distinct_worst(worst.slack, self.points, self.low, self.high)
-            for i in rows:
-                found = worst.finding(probe.constraint, i, self.points[i])
-                places = probe.frequencies(table, nominal_margin, i, found.omega_rad_s)
-                rough += [replace(found, omega_rad_s=w) for w in places]
-        exact = [f for f in rough if f.slack > within and f.constraint is not None]
-        near = [f for f in rough if not (f.slack > within and f.constraint is not None)]
+            for i in [0] if probe.nominal else self.box.worst_rows(worst.slack, few=probe.kind is Kind.END):
+                found = worst.finding(probe.constraint, i, self.box.points[i])
+                rough += [(probe, each) for each in probe.places(table, nominal_margin, i, found)]
+        exact = [f for _, f in rough if f.slack > within and f.constraint is not None]
+        near = [(probe, f) for probe, f in rough if not (f.slack > within and f.constraint is not None)]
         return exact + self._confirmed(gains, near, self._refined(gains, near, nominal_margin), nominal_margin)
 
     def _confirmed(
-        self, gains: FoPi, rough: list[Finding], refined: list[Finding], nominal_margin: float
+        self, gains: FoPi, tasks: list[Task], refined: list[Finding], nominal_margin: float
     ) -> list[Finding]:
         """The refined findings, those at gain crossovers compared with all crossovers of their plant.
 
         From one plant of a star to the next a crossover may be lost for another one, or a loop become unstable.
         """
-        by_constraint = {probe.constraint: probe for probe in self.probes}
-        asked = [i for i, f in enumerate(refined) if by_constraint[f.constraint].kind is _Kind.GAIN_CROSSOVER]
+        asked = [i for i, (probe, _) in enumerate(tasks) if probe.kind is Kind.GAIN_CROSSOVER]
         if not asked:
             return refined
         loops = Loops.of(gains, Plants.members(self.family, np.array([refined[i].theta for i in asked])))
@@ -124,273 +117,113 @@ class Oracle:
         sides = sides_of(loops, crossings)
         best = list(refined)
         for row, i in enumerate(asked):
-            found = refined[i]
-            worst = by_constraint[found.constraint].at_crossovers(loops, crossings, sides, nominal_margin)
-            if abs(worst.slack[row] - found.slack) > _SAME_SLACK:
-                again = worst.finding(found.constraint, row, found.theta)
-                best[i] = min(rough[i], again, key=lambda f: f.slack)
+            probe, rough = tasks[i]
+            worst = probe.at_crossovers(loops, crossings, sides, nominal_margin)
+            if abs(worst.slack[row] - refined[i].slack) > _SAME_SLACK:
+                best[i] = min(rough, worst.finding(rough.constraint, row, refined[i].theta), key=lambda f: f.slack)
         return best
 
-    def _refined(self, gains: FoPi, rough: list[Finding], nominal_margin: float) -> list[Finding]:
-        """Pattern search on shrinking stars in plant and frequency; all findings are one batch a round."""
-        by_constraint = {probe.constraint: probe for probe in self.probes}
-        tasks = [(by_constraint[f.constraint], f) for f in rough]
-        if not tasks:
-            return []
-        p = len(self.low)
-        star, u_radius = _star(p), float(np.diff(np.log(self.scale.omega_grid)).max())
-        radius = self.spacing.copy()
-        best = [f for _, f in tasks]
-        for _ in range(_ZOOM_ROUNDS):
-            offers: list[tuple[int, Array, Array]] = []
-            for i, (probe, _) in enumerate(tasks):
-                around = star[:1] if probe.nominal else star
-                points = np.clip(best[i].theta + around * radius, self.low, self.high)
-                u = probe.clipped(
-                    math.log(best[i].omega_rad_s) + (_U_STAR * u_radius if probe.moves_u else np.zeros(1))
-                )
-                offers.append((i, np.repeat(points, len(u), axis=0), np.tile(u, len(points))))
-            plants = Plants.members(self.family, np.concatenate([points for _, points, _ in offers]))
-            loops = Loops.of(gains, plants)
-            first = 0
-            u_all = np.concatenate([u for _, _, u in offers])
-            u_all = tracked(
-                loops, u_all, np.concatenate([np.full(len(u), _TRACK[tasks[i][0].kind].value) for i, _, u in offers])
+    def _refined(self, gains: FoPi, tasks: list[Task], nominal_margin: float) -> list[Finding]:
+        """Pattern search on stars in plant and frequency, all of a round in one batch.
+
+        A star shrinks unless it found something worse on its rim.
+        """
+        best, shrinks = [found for _, found in tasks], [0] * len(tasks)
+        widest = float(np.diff(np.log(self.omega_grid)).max())
+        u_radius = [self._u_radius(probe, found, widest) for probe, found in tasks]
+        for _ in range(_MOST_ROUNDS):
+            active = [i for i, count in enumerate(shrinks) if count < _MOST_SHRINKS]
+            if not active:
+                break
+            sizes = [_ZOOM_FACTOR ** shrinks[i] for i in active]
+            offers = [
+                self._offer(tasks[i][0], best[i], size, size * u_radius[i])
+                for i, size in zip(active, sizes, strict=True)
+            ]
+            found = self._best_of(gains, [(tasks[i][0], best[i]) for i in active], offers, nominal_margin)
+            for i, size, (better, on_rim) in zip(active, sizes, found, strict=True):
+                moved = better.slack < best[i].slack - _SAME_PLACE * size
+                best[i], shrinks[i] = better, shrinks[i] + (not (moved and on_rim))
+        return [
+            self._polished(gains, probe, found, widest, nominal_margin)
+            for (probe, _), found in zip(tasks, best, strict=True)
+        ]
+
+    def _polished(self, gains: FoPi, probe: Probe, found: Finding, widest: float, nominal_margin: float) -> Finding:
+        """A plant inside of the box and its frequency, moved together to where the slack is smallest."""
+        free = (found.theta > self.box.low) & (found.theta < self.box.high)
+        if not probe.moves_u or probe.nominal or found.track is not Track.STAY or not free.any():
+            return found
+
+        def places(offsets: Array) -> tuple[Array, Array]:
+            steps = np.zeros((len(offsets), len(free)))
+            steps[:, free] = offsets[:, :-1]
+            u = probe.clipped(math.log(found.omega_rad_s) + widest * offsets[:, -1])
+            return self.box.around(found.theta, steps * self.box.spacing), u
+
+        def slack(offsets: Array) -> Array:
+            points, u = places(offsets)
+            loops = Loops.of(gains, Plants.members(self.family, points))
+            return probe.slack_at(numbers_at(loops, np.arange(len(u)), u), loops, nominal_margin)
+
+        best = minimised(slack, int(free.sum()) + 1)[None, :]
+        if not best.any():
+            return found
+        points, u = places(best)
+        return replace(found, slack=float(slack(best)[0]), theta=points[0], omega_rad_s=float(np.exp(u[0])))
+
+    def _best_of(
+        self, gains: FoPi, tasks: list[Task], offers: list[tuple[Array, Array, Array]], nominal_margin: float
+    ) -> list[tuple[Finding, bool]]:
+        """The worst of each star with what was known, and whether that is on the star's rim."""
+        loops = Loops.of(gains, Plants.members(self.family, np.concatenate([points for points, _, _ in offers])))
+        counts = [len(points) for points, _, _ in offers]
+        known = [found for _, found in tasks]
+        track = np.repeat([f.track.value for f in known], counts)
+        side, angle = np.repeat([f.side for f in known], counts), np.repeat([f.angle_rad for f in known], counts)
+        u = np.repeat([_finite_u(f) for f in known], counts)
+        u = tracked(loops, u, track, angle - np.pi) + np.concatenate([offsets for _, offsets, _ in offers])
+        split = zip(tasks, np.split(u, np.cumsum(counts)[:-1]), strict=True)
+        u = np.concatenate([probe.clipped(part) for (probe, _), part in split])
+        numbers = numbers_at(loops, np.arange(len(loops)), u, side, angle)
+        result, first = [], 0
+        for (probe, best), (points, _, on_rim), count in zip(tasks, offers, counts, strict=True):
+            part = slice(first, first + count)
+            first += count
+            mine = loops if probe.of_loops is None else loops.take(np.arange(part.start, part.stop))
+            value = probe.slack_at(part_of(numbers, part), mine, nominal_margin)
+            q = int(np.argmin(value))
+            if not value[q] < best.slack:
+                result.append((best, False))
+                continue
+            worse = replace(
+                best,
+                slack=float(value[q]),
+                theta=points[q],
+                omega_rad_s=best.omega_rad_s if probe.kind is Kind.END else float(np.exp(u[part][q])),
+                angle_rad=best.side * float(numbers.phase_margin_rad[part][q]),
             )
-            counts = [len(u) for _, _, u in offers]
-            side = np.repeat([best[i].side for i, _, _ in offers], counts)
-            angle = np.repeat([best[i].angle_rad for i, _, _ in offers], counts)
-            numbers = numbers_at(loops, np.arange(len(loops)), u_all, side, angle)
-            for i, points, u in offers:
-                part = slice(first, first + len(u))
-                first += len(u)
-                value = tasks[i][0].slack_at(part_of(numbers, part), loops, part, nominal_margin)
-                q = int(np.argmin(value))
-                if value[q] < best[i].slack:
-                    angle_rad = best[i].side * float(numbers.phase_margin_rad[part][q])
-                    best[i] = replace(
-                        best[i],
-                        slack=float(value[q]),
-                        theta=points[q],
-                        omega_rad_s=float(np.exp(u_all[part][q])),
-                        angle_rad=angle_rad,
-                    )
-            radius, u_radius = radius * _ZOOM_FACTOR, u_radius * _ZOOM_FACTOR
-        return best
+            result.append((worse, bool(on_rim[q])))
+        return result
+
+    def _u_radius(self, probe: Probe, found: Finding, widest: float) -> float:
+        """How far in ln omega the refinement of a finding goes at first."""
+        if not probe.moves_u:
+            return 0.0
+        if found.track is Track.STAY:
+            return widest
+        dead_time_s = Plants.members(self.family, found.theta[None, :]).dead_time_s[0]
+        return float(np.pi / (2.0 * found.omega_rad_s * dead_time_s))
+
+    def _offer(self, probe: Probe, best: Finding, size: float, u_radius: float) -> tuple[Array, Array, Array]:
+        """Plants, offsets in ln omega, and which are on the rim, of one star; shapes (n, p), (n,) and (n,)."""
+        around = self.box.star[:1] if probe.nominal else self.box.star
+        points = self.box.around(best.theta, around * (size * self.box.spacing))
+        steps = _U_STAR if u_radius > 0.0 else np.zeros(1)
+        on_rim = (np.abs(around).max(axis=1, initial=0.0) >= 1.0)[:, None] | (np.abs(steps) >= 1.0)
+        return np.repeat(points, len(steps), axis=0), np.tile(u_radius * steps, len(points)), on_rim.ravel()
 
 
-class _Kind(Enum):
-    """How the frequency of a probe is found."""
-
-    BAND = "the worst of a band"
-    GAIN_CROSSOVER = "|L| = 1"
-    PHASE_CROSSOVER = "arg L = -180 deg"
-    FIXED = "given"
-
-
-_TRACK = {
-    _Kind.BAND: Track.STAY,
-    _Kind.GAIN_CROSSOVER: Track.GAIN_CROSSOVER,
-    _Kind.PHASE_CROSSOVER: Track.PHASE_CROSSOVER,
-    _Kind.FIXED: Track.STAY,
-}
-
-
-@dataclass(frozen=True)
-class _Worst:
-    """The smallest slack of each of m plants, its u, and of a gain crossover its side and angle; shapes (m,)."""
-
-    slack: Array
-    u: Array
-    side: Array
-    angle_rad: Array
-
-    @classmethod
-    def at(cls, slack: Array, u: Array) -> _Worst:
-        """At frequencies that are no gain crossovers."""
-        return cls(slack, u, np.ones(len(u)), np.zeros(len(u)))
-
-    def finding(self, constraint: int | None, row: int, theta: Array) -> Finding:
-        """That of one plant."""
-        omega_rad_s = float(np.exp(self.u[row]))
-        return Finding(
-            constraint, float(self.slack[row]), theta, omega_rad_s, float(self.side[row]), float(self.angle_rad[row])
-        )
-
-
-@dataclass(frozen=True)
-class _Probe:
-    """One constraint or the objective, as functions that the oracle evaluates; slacks are negative where violated."""
-
-    constraint: int | None
-    kind: _Kind
-    nominal: bool
-    highest: bool
-    low_u: float
-    high_u: float
-    slack: Callable[[LoopNumbers, float], Array]
-    #: the quantity itself; of several crossings the one with the smallest value counts
-    value: Callable[[LoopNumbers], Array] = lambda numbers: numbers.phase_margin_rad
-    horizon_s: float = 0.0
-    #: whether a stable loop without a gain crossover meets it where |L| < 1, and where |L| > 1
-    met_below_one: bool = False
-    met_above_one: bool = False
-
-    @property
-    def moves_u(self) -> bool:
-        """Whether the refinement moves the frequency freely."""
-        return self.kind is _Kind.BAND and self.low_u < self.high_u
-
-    def clipped(self, u: Array) -> Array:
-        """Clip to the band."""
-        return np.clip(u, self.low_u, self.high_u) if self.kind is _Kind.BAND else u
-
-    def slack_at(self, numbers: LoopNumbers, loops: Loops, rows: slice, nominal_margin: float) -> Array:
-        """Slacks at given plants and frequencies."""
-        if self.horizon_s:
-            return -np.log(discounted_error(loops, self.horizon_s)[rows])
-        return self.slack(numbers, nominal_margin)
-
-    def frequencies(self, table: LoopGrid, nominal_margin: float, row: int, worst_rad_s: float) -> list[float]:
-        """Frequencies to refine: in a band, every local minimum of the slack that is close to the smallest."""
-        if not self.moves_u:
-            return [worst_rad_s]
-        one = np.array([row])
-        grid, band = table.in_band(lambda n: self.slack(n, nominal_margin), self.low_u, self.high_u, one)
-        padded = np.concatenate([[np.inf], grid[0], [np.inf]])
-        dips = np.flatnonzero((padded[1:-1] <= padded[:-2]) & (padded[1:-1] < padded[2:]))
-        near = dips[grid[0][dips] < grid[0].min() + _NEAR_DIP]
-        deepest = near[np.argsort(grid[0][near])][:_MOST_DIPS]
-        return [float(np.exp(band[i])) for i in deepest] or [worst_rad_s]
-
-    def on_grid(self, table: LoopGrid, nominal_margin: float, nominal_u: float) -> _Worst:
-        """The smallest slack of each of the table's plants."""
-        m = len(table.loops)
-        if self.kind is _Kind.BAND:
-            grid, band = table.in_band(lambda n: self.slack(n, nominal_margin), self.low_u, self.high_u, np.arange(m))
-            return _Worst.at(grid.min(axis=1), band[np.argmin(grid, axis=1)])
-        if self.kind is _Kind.FIXED:
-            u = np.full(m, -math.log(self.horizon_s) if self.horizon_s else nominal_u)
-            numbers = numbers_at(table.loops, np.arange(m), u)
-            return _Worst.at(self.slack_at(numbers, table.loops, slice(0, m), nominal_margin), u)
-        if self.kind is _Kind.PHASE_CROSSOVER:
-            rows, u = table.phase_crossings()
-            numbers = numbers_at(table.loops, rows, u)
-            order = np.lexsort((self.value(numbers), rows))
-            value, where = np.full(m, np.inf), np.zeros(m)
-            found, first = np.unique(rows[order], return_index=True)
-            value[found], where[found] = self.slack(numbers, nominal_margin)[order][first], u[order][first]
-            return _Worst.at(value, where)
-        sides = table.sides()
-        worst = self.at_crossovers(table.loops, table.gain_crossings(), sides, nominal_margin)
-        # Without a gain crossover a constraint is violated the more, the farther |L| stays from 1; but there a margin
-        # of a stable loop is infinite.
-        away, where = table.nearest_to_crossover()
-        met = sides.stable & np.where(away > 0.0, self.met_above_one, self.met_below_one)
-        absent = np.setdiff1d(np.arange(m), table.gain_crossings().row)
-        worst.slack[absent] = np.where(met, np.inf, -1.0 - np.abs(away))[absent]
-        worst.u[absent] = where[absent]
-        return worst
-
-    def at_crossovers(self, loops: Loops, crossings: Crossings, sides: Sides, nominal_margin: float) -> _Worst:
-        """The slack at the crossover that decides of each loop; inf where there is none."""
-        m, rows, u = len(loops), crossings.row, crossings.u
-        numbers = numbers_at(loops, rows, u, sides.side, sides.angle_rad)
-        order = np.lexsort((-u if self.highest else self.value(numbers), rows))
-        found, first = np.unique(rows[order], return_index=True)
-        at = order[first]
-        worst = _Worst(np.full(m, np.inf), np.zeros(m), np.ones(m), np.zeros(m))
-        worst.slack[found], worst.u[found] = self.slack(numbers, nominal_margin)[at], u[at]
-        worst.side[found], worst.angle_rad[found] = sides.side[at], sides.angle_rad[at]
-        return worst
-
-
-def _probe(k: int, constraint: Constraint) -> _Probe:
-    quantity = constraint.quantity
-
-    def slack(numbers: LoopNumbers, _: float) -> Array:
-        distance = (constraint.limit - quantity.natural(numbers)) * constraint.scale
-        return -np.abs(distance) if constraint.bound is Bound.EQUAL else constraint.bound.value * distance
-
-    kind = {
-        EvaluatedAt.BAND: _Kind.BAND,
-        EvaluatedAt.GAIN_CROSSOVERS: _Kind.GAIN_CROSSOVER,
-        EvaluatedAt.HIGHEST_GAIN_CROSSOVER: _Kind.GAIN_CROSSOVER,
-        EvaluatedAt.PHASE_CROSSOVERS: _Kind.PHASE_CROSSOVER,
-    }[constraint.where]
-    low = math.log(constraint.from_rad_s) if constraint.from_rad_s > 0 else -math.inf
-    high = math.log(constraint.to_rad_s) if constraint.to_rad_s < math.inf else math.inf
-    return _Probe(
-        k, kind, constraint.nominal, constraint.where is EvaluatedAt.HIGHEST_GAIN_CROSSOVER, low, high, slack,
-        quantity.natural, 0.0, *_met_without_crossover(constraint),
-    )  # fmt: skip
-
-
-def _met_without_crossover(constraint: Constraint) -> tuple[bool, bool]:
-    """Whether a stable loop with |L| < 1 everywhere meets it, and one with |L| > 1 everywhere.
-
-    The phase margin of both is infinite; the delay margin of the first is, that of the second is 0.
-    """
-    if not constraint.quantity.is_margin or constraint.bound is Bound.EQUAL:
-        return False, False
-    lower, of_delay = constraint.bound is Bound.LOWER, constraint.quantity.name == "delay_margin_s"
-    return lower, lower is not of_delay
-
-
-def _objective_probe(objective: ObjectiveKind, horizon_s: float) -> tuple[_Probe, ...]:
-    """The objective as a probe whose slack is minus its value; none for those without a worst member."""
-    ends = (-math.inf, math.inf)
-    if objective is ObjectiveKind.SENSITIVITY_PEAK:
-        return (_Probe(None, _Kind.BAND, False, False, *ends, lambda n, _: n.log_return_difference),)
-    if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK:
-        return (_Probe(None, _Kind.BAND, False, False, *ends, lambda n, _: n.log_return_difference - n.log_controller),)
-    if objective is ObjectiveKind.PHASE_MARGIN_SPREAD:
-        return (_Probe(None, _Kind.GAIN_CROSSOVER, False, False, *ends, lambda n, m: -np.abs(n.phase_margin_rad - m)),)
-    if objective is ObjectiveKind.CROSSOVER_SPREAD:
-        return (_Probe(None, _Kind.FIXED, False, False, *ends, lambda n, _: -np.abs(n.log_gain)),)
-    if objective is ObjectiveKind.IAE_DISTURBANCE:
-        return (_Probe(None, _Kind.FIXED, False, False, *ends, lambda n, _: -n.log_gain, horizon_s=horizon_s),)
-    return ()
-
-
-def _star(p: int) -> Array:
-    """Offsets of a refinement star in p dimensions, the centre first; shape (k, p)."""
-    if p <= 2:
-        steps = (-1.0, -0.5, 0.0, 0.5, 1.0) if p == 1 else (-1.0, 0.0, 1.0)
-        return np.array(sorted(itertools.product(steps, repeat=p), key=lambda x: sum(abs(v) for v in x)))
-    axes = np.concatenate([np.eye(p), -np.eye(p)])
-    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=p))) if p <= 4 else np.zeros((0, p))
-    return np.concatenate([np.zeros((1, p)), axes, corners])
-
-
-def _box_points(family: PlantFamily) -> tuple[Array, Array]:
-    """Grid points of the box, the nominal one first, and the grid's spacing; shapes (m, p) and (p,)."""
-    low, high, p = family.low, family.high, len(family.low)
-    if p == 0:
-        return np.zeros((1, 0)), np.zeros(0)
-    per_axis = {1: 17, 2: 7, 3: 5, 4: 3}.get(p, 2)
-    axes = [np.linspace(a, b, per_axis) for a, b in zip(low, high, strict=True)]
-    if p <= 8:
-        grid = np.array(list(itertools.product(*axes))).reshape(-1, p)
-    else:
-        generator = np.random.default_rng(0)
-        grid = low + generator.integers(0, 2, (256, p)) * (high - low)
-    inner = np.zeros((0, p))
-    if p >= 4:
-        inner = low + np.random.default_rng(1).random((64, p)) * (high - low)
-    points = np.concatenate([family.nominal_point[None, :], grid, inner])
-    return points, (high - low) / max(per_axis - 1, 1)
-
-
-def _distinct_worst(slack: Array, points: Array, low: Array, high: Array) -> list[int]:
-    """The worst row, and the worst of the rows far from it in the box."""
-    order = np.argsort(slack)
-    chosen: list[int] = []
-    width = np.where(high > low, high - low, 1.0)
-    for row in order:
-        far = all(np.max(np.abs(points[row] - points[c]) / width, initial=0.0) > 0.3 for c in chosen)
-        if far:
-            chosen.append(int(row))
-        if len(chosen) == _CANDIDATES:
-            break
-    return chosen
+def _finite_u(found: Finding) -> float:
+    """ln omega; 0 at the ends of the axis, whose slacks need none."""
+    return math.log(found.omega_rad_s) if 0.0 < found.omega_rad_s < math.inf else 0.0

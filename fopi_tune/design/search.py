@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.stability import is_stable
@@ -13,7 +15,7 @@ from fopi_tune.design.constraints import STABILITY_GUARD, Bound, Constraint, Sca
 from fopi_tune.design.exchange import Cuts, Exchange, ExchangeResult
 from fopi_tune.design.nlp.slots import MarginPlant, Mode, Point
 from fopi_tune.design.nlp.solve import Solved
-from fopi_tune.design.starts import small_starts, starts
+from fopi_tune.design.starts import has_no_integral, small_starts, starts
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import NEPER_PER_DB, EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
@@ -91,7 +93,8 @@ class Search:
         first = [gains] if isinstance(gains, FoPi) else starts(spec, scale, constraints, objective, _STARTS)
         known = near.cuts if near is not None and near.fits(spec) else None
         cuts = exchange.first_cuts() if known is None else known
-        cuts = with_violations(cuts, constraints, violations, (float(scale.omega_grid[0]), float(scale.omega_grid[-1])))
+        cuts = with_violations(cuts, constraints, violations)
+        exchange.look_at(violations)
         if first and known is None:
             cuts = exchange.with_worst_of(cuts, first[0])
         return cls(spec, scale, objective, exchange, first, cuts)
@@ -130,8 +133,8 @@ class Search:
         if relaxed is None or relaxed.solved.relaxations.sum() > MEETS:
             return None
         # From a point that meets everything, ever smaller steps.
-        for trust_radius in (4.0, 0.5, 0.05):
-            run = self._run(relaxed.solved.gains, relaxed.cuts, limits, trust_radius=trust_radius)
+        for tried, trust_radius in ((self.limits(TIGHTENING), 4.0), (limits, 4.0), (limits, 0.5), (limits, 0.05)):
+            run = self._run(relaxed.solved.gains, relaxed.cuts, tried, trust_radius=trust_radius)
             if run is not None and run.ok and run.solved.depth >= -TIGHTENING:
                 return run
         # As many equalities as unknowns leave nothing to optimise: the feasible point is the answer.
@@ -141,12 +144,23 @@ class Search:
         return relaxed if equalities >= free else None
 
     def _margins_may_be_endless(self) -> bool:
-        """Whether a margin has to be at least so large, of plants that need no gain crossover otherwise."""
-        spreads = (ObjectiveKind.PHASE_MARGIN_SPREAD, ObjectiveKind.CROSSOVER_SPREAD)
-        return self.objective not in spreads and any(
-            s.requirement != STABILITY_GUARD and s.where is EvaluatedAt.GAIN_CROSSOVERS and s.bound is Bound.LOWER
+        """Whether plants without a gain crossover can meet what is asked of crossovers, and such plants can be.
+
+        With integral action |L| falls from infinity, and through 1 unless the plant has a direct path.
+        """
+        at_crossovers = [
+            s
             for s in self.exchange.constraints
-        )
+            if s.requirement != STABILITY_GUARD
+            and not s.nominal
+            and s.where in (EvaluatedAt.GAIN_CROSSOVERS, EvaluatedAt.HIGHEST_GAIN_CROSSOVER)
+        ]
+        spreads = (ObjectiveKind.PHASE_MARGIN_SPREAD, ObjectiveKind.CROSSOVER_SPREAD)
+        if not at_crossovers or self.objective in spreads:
+            return False
+        direct = bool(np.any(self.exchange.oracle.plants.log.slope_end() > -1e-9))
+        lower_margins = all(s.quantity.is_margin and s.bound is Bound.LOWER for s in at_crossovers)
+        return lower_margins and (direct or has_no_integral(self.spec.controller))
 
     def _from_all_starts(self, limits: tuple[float, ...]) -> ExchangeResult | None:
         cuts, best = self.first_cuts, None
@@ -277,24 +291,26 @@ def limits_of(constraints: Sequence[Constraint], tightening: float) -> tuple[flo
     return tuple(moved)
 
 
-def with_violations(
-    cuts: Cuts, constraints: tuple[Constraint, ...], violations: Sequence[Violation], ends: tuple[float, float]
-) -> Cuts:
+def with_violations(cuts: Cuts, constraints: tuple[Constraint, ...], violations: Sequence[Violation]) -> Cuts:
     """The cuts with those a check has found."""
     points, plants, margin_plants = list(cuts.points), list(cuts.plants), list(cuts.margin_plants)
     for violation in violations:
+        omega, theta = violation.omega_rad_s, violation.theta
+        at_end = omega == 0.0 or math.isinf(omega)
+        asked = STABILITY_GUARD if violation.requirement is None else violation.requirement
         for k, constraint in enumerate(constraints):
-            if constraint.requirement != violation.requirement:
+            if constraint.requirement != asked:
                 continue
-            if constraint.where is EvaluatedAt.BAND and not math.isnan(violation.omega_rad_s):
-                # What is approached in a limit is asked for at the end of the grid.
-                omega = min(max(violation.omega_rad_s, float(ends[0])), float(ends[1]))
-                points.append(Point(k, violation.theta, omega))
+            if at_end and omega in constraint.ends:
+                points.append(Point(k, theta, omega))
+            elif constraint.where is EvaluatedAt.BAND:
+                if not math.isnan(omega) and not at_end:
+                    points.append(Point(k, theta, min(max(omega, constraint.from_rad_s), constraint.to_rad_s)))
             elif constraint.where is EvaluatedAt.PHASE_CROSSOVERS:
-                crossing = constraint.bound is not Bound.LOWER
-                margin_plants.append(MarginPlant(k, violation.theta, crossing))
-            elif constraint.where is not EvaluatedAt.BAND:
-                plants.append(violation.theta)
+                level = MarginPlant(k, theta, crossing=constraint.bound is not Bound.LOWER)
+                margin_plants.append(replace(level, crossing=True) if level in margin_plants else level)
+            else:
+                plants.append(theta)
     return replace(
         cuts,
         points=tuple(dict.fromkeys(points)),

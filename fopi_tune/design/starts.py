@@ -338,3 +338,8 @@ def fixed_gains(box: ControllerSpec) -> FoPi | None:
     if box.kp.is_fixed and box.ki.is_fixed and box.alpha.is_fixed:
         return FoPi(box.kp.min, box.ki.min, box.alpha.min)
     return None
+
+
+def has_no_integral(box: ControllerSpec) -> bool:
+    """Whether ki is fixed at 0."""
+    return box.ki.is_fixed and box.ki.min == 0.0

@@ -19,7 +19,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.design.constraints import Bound, Constraint, constraints_of
 from fopi_tune.design.exchange import Cuts, Exchange, ExchangeResult
 from fopi_tune.design.nlp.layout import TooManySlotsError
-from fopi_tune.design.nlp.slots import Mode, Point, Task
+from fopi_tune.design.nlp.slots import PEAKS_OF, Mode, Point, Task
 from fopi_tune.design.nlp.solve import Solved, solve
 from fopi_tune.design.reasons import branches, reason_without_solving
 from fopi_tune.design.search import TIGHTENING, Search, Violation, limits_of, with_violations
@@ -33,7 +33,6 @@ from fopi_tune.spec.model import DesignSpec
 _NEAR = 0.05
 #: cuts of a kind that are handed on
 _MOST_KEPT = 12
-_PEAK_OBJECTIVES = (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK)
 
 
 @dataclass(frozen=True)
@@ -227,17 +226,16 @@ class Warm:
 
     def _with_seen(self, exchange: Exchange, seen: Sequence[Seen]) -> Cuts:
         """The cuts in play and the places where a check found the neighbour's gains worst."""
-        grid = self.search.scale.omega_grid
         asked = [Violation(s.requirement, s.theta, s.omega_rad_s) for s in seen if s.requirement is not None]
-        cuts = with_violations(self.cuts, exchange.constraints, asked, (float(grid[0]), float(grid[-1])))
+        cuts = with_violations(self.cuts, exchange.constraints, asked)
         points, plants = list(cuts.points), list(cuts.plants)
         for place in seen:
             if place.requirement is not None:
                 continue
             if self.search.objective is ObjectiveKind.PHASE_MARGIN_SPREAD:
                 plants.append(place.theta)
-            elif self.search.objective in _PEAK_OBJECTIVES:
-                if _is_a_frequency(place.omega_rad_s):
+            elif self.search.objective in PEAKS_OF:
+                if not math.isnan(place.omega_rad_s):
                     points.append(Point(None, place.theta, place.omega_rad_s))
             elif self.search.objective in (ObjectiveKind.CROSSOVER_SPREAD, ObjectiveKind.IAE_DISTURBANCE):
                 points.append(Point(None, place.theta, self.search.scale.omega_rad_s))
@@ -249,7 +247,7 @@ class Warm:
         for place in seen:
             if not _is_a_frequency(place.omega_rad_s) or place.slack > _NEAR:
                 continue
-            if place.requirement is None and self.search.objective in _PEAK_OBJECTIVES:
+            if place.requirement is None and self.search.objective in PEAKS_OF:
                 peaks.append(Point(None, place.theta, place.omega_rad_s))
             for k, constraint in enumerate(constraints):
                 inside = constraint.from_rad_s * (1 + 1e-6) < place.omega_rad_s < constraint.to_rad_s * (1 - 1e-6)

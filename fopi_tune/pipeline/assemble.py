@@ -3,20 +3,38 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+
+import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.steady_state import largest_steady_state_error
-from fopi_tune.proof import Certificate, Verdict, Verification
+from fopi_tune.proof import Certificate, Place, Verdict, Verification
+from fopi_tune.quantities import QUANTITIES
 from fopi_tune.results.candidate import CheckedCandidate, Solver, Violation
 from fopi_tune.results.design import Design, RequirementReport
 from fopi_tune.results.stamp import stamp
 from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec.digests import digests_of
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, Requirement
 
 
-def assemble_design(spec: DesignSpec, checked: CheckedCandidate, proof: bool, solver: Solver = Solver.IPOPT) -> Design:
-    """The design of a checked candidate: `solved` only if every requirement is verified, and proved where wanted."""
+def assemble_design(
+    spec: DesignSpec,
+    checked: CheckedCandidate,
+    proof: bool,
+    solver: Solver = Solver.IPOPT,
+    refuted: CheckedCandidate | None = None,
+) -> Design:
+    """The design of a checked candidate: `solved` only if every requirement is verified, and proved where wanted.
+
+    Args:
+        spec: that was designed.
+        checked: the last candidate.
+        proof: whether a certificate was wanted.
+        solver: which search found it.
+        refuted: the one before it, which verification or certificate refuted.
+    """
     candidate, found, certificate = checked.candidate, checked.verification, checked.certificate
     status, message, clash = candidate.status, candidate.message, candidate.clash
     if status is Status.SOLVED and (found is None or not found.all_met):
@@ -26,7 +44,9 @@ def assemble_design(spec: DesignSpec, checked: CheckedCandidate, proof: bool, so
             status, clash = Status.INFEASIBLE, _missed_limits(found)
             message = f"the spec fixes kp, ki and alpha, and {_fixed_gains_problem(found)}"
     if status is Status.SOLVED and certificate is not None and certificate.verdict is not Verdict.PROVED:
-        status, message = Status.FAILED, _unproved_message(certificate)
+        status, message = Status.FAILED, _unproved_message(spec, certificate)
+    if candidate.status is not Status.SOLVED and refuted is not None:
+        message = f"{message}; {_objection(spec, refuted)}, and with that known the search found no others"
     results = found.requirements if found else (None,) * len(spec.requirements)
     proofs = certificate.requirements if certificate else (None,) * len(spec.requirements)
     reports = tuple(
@@ -62,21 +82,25 @@ def _steady_state_error(spec: DesignSpec, gains: FoPi | None, found: Verificatio
 
 def new_violations(checked: CheckedCandidate, known: tuple[Violation, ...]) -> tuple[Violation, ...]:
     """Where verification or certificate refute a candidate that the search found to be right; without known ones."""
-    if checked.candidate.status is not Status.SOLVED or checked.verification is None:
+    found, certificate = checked.verification, checked.certificate
+    if checked.candidate.status is not Status.SOLVED or found is None:
         return ()
-    places = [(i, result.worst) for i, result in enumerate(checked.verification.requirements) if not result.is_met]
-    if checked.certificate is not None:
-        places += [
-            (i, side.worst)
-            for i, proved in enumerate(checked.certificate.requirements)
+    violations = [] if found.stability.stable else [_violation(None, found.stability.worst)]
+    violations += [_violation(i, result.worst) for i, result in enumerate(found.requirements) if not result.is_met]
+    if certificate is not None:
+        if certificate.stability.verdict is Verdict.REFUTED:
+            violations.append(Violation(None, certificate.stability.point, math.nan))
+        violations += [
+            _violation(i, side.worst)
+            for i, proved in enumerate(certificate.requirements)
             for side in proved.sides
             if side.verdict is Verdict.REFUTED
         ]
-    violations = (
-        Violation(i, place.point, place.omega_rad_s if place.omega_rad_s is not None else math.nan)
-        for i, place in places
-    )
-    return tuple(v for v in violations if v not in known)
+    return tuple(v for v in dict.fromkeys(violations) if v not in known)
+
+
+def _violation(requirement: int | None, place: Place) -> Violation:
+    return Violation(requirement, place.point, math.nan if place.omega_rad_s is None else place.omega_rad_s)
 
 
 def _missed_limits(found: Verification) -> tuple[Relaxation, ...]:
@@ -103,22 +127,60 @@ def _fixed_gains_problem(found: Verification) -> str:
     return "they do not meet it" if missed == 1 else f"they miss {missed} requirements at once"
 
 
+def _objection(spec: DesignSpec, refuted: CheckedCandidate) -> str:
+    """Why a candidate is no design."""
+    found, certificate = refuted.verification, refuted.certificate
+    if certificate is None or found is None or not found.all_met:
+        return _refuted_message(found)
+    return _unproved_message(spec, certificate)
+
+
 def _refuted_message(found: Verification | None) -> str:
-    """Why the verification refutes what the search found."""
+    """Why the verification refutes what the search found, and with which plant."""
     if found is None:
         return "the best gains found are kp = ki = 0: switched off; add a requirement that needs a controller"
     if not found.stability.stable:
-        return f"the check refuted the best gains found: {found.stability.reason}"
-    names = ", ".join(r.requirement.quantity for r in found.requirements if not r.is_met)
-    return f"the check refuted the best gains found: {names}"
+        where = _place_in_words(found.stability.worst.plant, None)
+        return f"the check refuted the best gains found: {found.stability.reason}{where}"
+    missed = (_missed_in_words(r.requirement, r.achieved, r.worst) for r in found.requirements if not r.is_met)
+    return f"the check refuted the best gains found: {'; '.join(missed)}"
 
 
-def _unproved_message(certificate: Certificate) -> str:
-    """What the certificate leaves unproved."""
-    parts = []
-    if certificate.stability.verdict is not Verdict.PROVED:
-        parts.append(f"stability is {certificate.stability.verdict.value}: {certificate.stability.explanation}")
+def _unproved_message(spec: DesignSpec, certificate: Certificate) -> str:
+    """What the certificate leaves unproved, and what refutes it."""
+    parts, stability = [], certificate.stability
+    if stability.verdict is not Verdict.PROVED:
+        where = ""
+        if stability.verdict is Verdict.REFUTED:
+            where = _place_in_words(spec.plant.describe(np.array(stability.point)), None)
+        parts.append(f"stability is {stability.verdict.value}: {stability.explanation}{where}")
     for proof in certificate.requirements:
-        if proof.verdict is not Verdict.PROVED:
+        refuted = [side for side in proof.sides if side.verdict is Verdict.REFUTED]
+        if refuted:
+            from_natural = QUANTITIES[proof.requirement.quantity].from_natural
+            reached = [None if side.witness is None else from_natural(side.witness) for side in refuted]
+            pairs = zip(refuted, reached, strict=True)
+            counterexamples = (_missed_in_words(proof.requirement, value, side.worst) for side, value in pairs)
+            parts.append(f"refuted: {'; '.join(counterexamples)}")
+        elif proof.verdict is not Verdict.PROVED:
             parts.append(f"{proof.requirement.quantity} is {proof.verdict.value}: {proof.explanation}")
     return "the gains pass the check in floating point, but the proof is missing: " + "; ".join(parts)
+
+
+def _missed_in_words(requirement: Requirement, value: float | None, place: Place) -> str:
+    """A counterexample: what is reached, what was asked, the frequency and the plant."""
+    limits = " .. ".join(f"{limit:g}" for limit in requirement.limits)
+    reached = "has no value" if value is None else f"is {value:.9g}"
+    where = _place_in_words(place.plant, place.omega_rad_s)
+    return f"{requirement.quantity} {reached} ({requirement.relation.value} {limits}){where}"
+
+
+def _place_in_words(plant: Mapping[str, float], omega_rad_s: float | None) -> str:
+    if omega_rad_s is None:
+        at = ""
+    elif 0.0 < omega_rad_s < math.inf:
+        at = f" at {omega_rad_s:.6g} rad/s"
+    else:
+        at = f" as omega tends to {'0' if omega_rad_s == 0.0 else 'infinity'}"
+    numbers = ", ".join(f"{name} = {value:.9g}" for name, value in plant.items())
+    return f"{at}{f' with {numbers}' if numbers else ''}"

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from fopi_tune.design import Neighbour
 
 #: how often a refuted design is made again
-_MOST_REFUTATIONS = 5
+_MOST_REFUTATIONS = 8
 #: relaxed limits are moved this much further than where the search ended, natural units: there rounding decides
 _CLEARANCE = 1e-5
 #: significant digits of the limits that are tried: those that a table prints, then fewer, as an approximation of the
@@ -100,14 +100,17 @@ def _unconfirmed_design(
 
         return assemble_design(spec, sampled_attempt(searched, proof), proof)
     violations: tuple[Violation, ...] = ()
+    refuted: CheckedCandidate | None = None
     checked = _checked_candidate(spec, searched, violations, proof, solver, start)
-    for _ in range(_MOST_REFUTATIONS):
+    box = searched.controller
+    is_free = not all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha))
+    for _ in range(_MOST_REFUTATIONS if is_free else 0):
         new = new_violations(checked, violations)
         if not new:
             break
-        violations += new
+        violations, refuted = violations + new, checked
         checked = _checked_candidate(spec, searched, violations, proof, solver, start)
-    return assemble_design(spec, checked, proof, solver)
+    return assemble_design(spec, checked, proof, solver, refuted)
 
 
 def _checked_candidate(

@@ -53,12 +53,12 @@ class Violation:
     """A plant and frequency at which a check refuted an earlier candidate: a cut for the next design.
 
     Args:
-        requirement: index in the spec's list.
+        requirement: index in the spec's list; None for stability.
         theta: the plant's point in the box of uncertain numbers, shape (p,).
-        omega_rad_s: the frequency; nan where no single one decides.
+        omega_rad_s: the frequency; 0 and inf are limits, nan where no single one decides.
     """
 
-    requirement: int
+    requirement: int | None
     theta: tuple[float, ...]
     omega_rad_s: float
 

@@ -115,3 +115,77 @@ def test_without_a_crossover_an_unstable_loop_has_no_margin() -> None:
     assert slack < -1.0
     (slack,) = slacks(spec, FoPi(0.95, 0.0, 1.0))
     assert slack == np.inf
+
+
+def dense_worst(spec: DesignSpec, gains: FoPi, per_axis: int, low: float, high: float, count: int) -> dict[str, float]:
+    """The largest |S|, |T| and |C S| over a grid of plants and frequencies, neper."""
+    w = np.geomspace(low, high, count)
+    s = 1j * w
+    found = {"sensitivity_db": -np.inf, "complementary_sensitivity_db": -np.inf, "control_sensitivity_db": -np.inf}
+    controller = gains.kp + gains.ki * s**-gains.alpha
+    axes = [np.geomspace(a, b, per_axis) for a, b in zip(spec.plant.low, spec.plant.high, strict=True)]
+    for theta in itertools.product(*axes):
+        (top,), (bottom,), (late,) = spec.plant.coefficients(np.array([theta]))
+        loop = controller * np.polyval(top, s) / np.polyval(bottom, s) * np.exp(-late * s)
+        sizes = (1.0 / (1.0 + loop), loop / (1.0 + loop), controller / (1.0 + loop))
+        for name, value in zip(found, sizes, strict=True):
+            found[name] = max(found[name], float(np.log(np.abs(value)).max()))
+    return found
+
+
+@pytest.mark.parametrize("name", ["complementary_sensitivity_db", "control_sensitivity_db"])
+def test_ripples_behind_a_dead_time_are_not_missed(name: str) -> None:
+    # |L| = 0.55 and the phase turns 3 times between frequencies of the grid: |T| and |C S| reach |L|/(1 - |L|)
+    plant = "{model: transfer_function, numerator: [0.5, 1.0], denominator: [1, 1], dead_time_s: {min: 2, max: 4}}"
+    spec = spec_of(plant, f"{name}: {{at_most: 0}}, from_rad_s: 30, to_rad_s: 90")
+    gains = FoPi(1.1, 0.2, 1.0)
+    found = dense_worst(spec, gains, 61, 30.0, 90.0, 200_001)
+    assert slacks(spec, gains) == pytest.approx([-found[name]], abs=1e-5)
+
+
+def test_a_worst_plant_inside_of_a_wide_range_is_found() -> None:
+    spec = spec_of(
+        "{model: transfer_function, numerator: [{min: 1, max: 10}], "
+        "denominator: [1, {min: 21, max: 35}, {min: 20, max: 40}]}",
+        "complementary_sensitivity_db: {at_most: 0}",
+    )
+    gains = FoPi(36.0, 69.8, 1.0)
+    # one axis at a time is dense enough: the worst denominator is a corner, its numerator near 1.1 (a scan of all)
+    s = 1j * np.geomspace(0.5, 3.0, 20_001)
+    values = []
+    for gain in np.linspace(1.0, 1.5, 101):
+        loop = (gains.kp + gains.ki / s) * gain / (s**2 + 35.0 * s + 20.0)
+        values.append(np.log(np.abs(loop / (1.0 + loop))).max())
+    assert 0 < int(np.argmax(values)) < 100
+    (slack,) = slacks(spec, gains)
+    assert slack == pytest.approx(-max(values), abs=1e-6)
+
+
+def test_what_is_reached_only_in_a_limit_is_found_there() -> None:
+    # |C S| rises to kp as omega -> inf, where alpha > 1, and |T| falls from 1 as omega -> 0
+    spec = spec_of(
+        "{model: lag, static_gain: {min: 1.79, max: 2.33}, time_constant_s: {min: 1.82, max: 2.72}}",
+        "control_sensitivity_db: {at_most: 8.16}",
+        "complementary_sensitivity_db: {at_most: -1}",
+    )
+    constraints = constraints_of(spec)
+    found = Oracle(spec.plant, scale_of(spec), constraints, ObjectiveKind.KI, 1.0).worst(FoPi(2.55878, 3.00395, 1.4))
+    control = min((f for f in found if f.constraint == 0), key=lambda f: f.slack)
+    assert control.omega_rad_s == np.inf
+    assert control.slack == pytest.approx(np.log(10.0) * 8.16 / 20.0 - np.log(2.55878), abs=1e-12)
+    tracking = min((f for f in found if f.constraint == 1 and f.omega_rad_s == 0.0), key=lambda f: f.slack)
+    assert tracking.slack == pytest.approx(-np.log(10.0) / 20.0, abs=1e-12)
+
+
+def test_a_direct_path_of_more_than_one_leaves_no_delay_margin() -> None:
+    # |L| = 2 at 0, passes 1 and rises to 1.2: there are gain crossovers, and any dead time makes the loop unstable
+    plant = "{model: transfer_function, numerator: [1.2, 0.2, 2], denominator: [1, 2, 1]}"
+    spec = spec_of(plant, "delay_margin_s: {at_least: 0.01}")
+    assert slacks(spec, FoPi(1.0, 0.0, 1.0))[0] < 0.0
+    assert slacks(spec, FoPi(0.5, 0.0, 1.0))[0] > 0.0
+
+
+def test_a_gain_margin_is_also_where_the_loop_tends_to_a_negative_number() -> None:
+    # positive feedback around a lag: L(0) = -0.4, and the phase never meets -180 deg at a frequency of its own
+    spec = spec_of("{model: lag, static_gain: -0.4, time_constant_s: 1}", "gain_margin_db: {at_least: 6}")
+    assert slacks(spec, FoPi(1.0, 0.0, 1.0)) == pytest.approx([-np.log(0.4) - np.log(10.0) * 6.0 / 20.0])

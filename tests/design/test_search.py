@@ -14,11 +14,9 @@ import fopi_tune as ft
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.stability import is_stable
-from fopi_tune.design import design
 from fopi_tune.design.nlp.slots import Mode
 from fopi_tune.design.search import Search
 from fopi_tune.proof import verify
-from fopi_tune.results.candidate import Violation
 from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.model import DesignSpec
@@ -92,14 +90,6 @@ def test_every_member_of_a_solved_family_is_stable() -> None:
     low, high = spec.plant.low, spec.plant.high
     points = low + np.random.default_rng(7).random((200, len(low))) * (high - low)
     assert is_stable(Loops.of(tuned.gains, Plants.members(spec.plant, points))).all()
-
-
-def test_a_violation_found_by_the_check_enters_the_next_design() -> None:
-    spec = load_spec(DELAY)
-    violation = Violation(2, (1.6,), 4.2)
-    search = Search.of(spec, (violation,))
-    assert any(point.constraint == 2 and point.omega_rad_s == 4.2 for point in search.first_cuts.points)
-    assert design(spec, (violation,)).status is Status.SOLVED
 
 
 def test_peaks_that_move_converge_in_few_rounds() -> None:

@@ -2,14 +2,7 @@
 
 Variables  z = (kp', ki', alpha, worst, depth, relaxation_1 .. relaxation_2n, v_1 .. v_m).  A slot is one plant and one
 frequency at which a constraint or the objective is evaluated.  Its plant, frequency, branch of the phase and side of -1
-are parameters, so that exchange changes numbers only:
-
-    point      a constraint on a frequency function at a fixed (plant, frequency)
-    peak       the same at the plant's own peak: a variable v with  d value / d v = 0
-    crossing   a plant with its own variable v:  ln|L(v)| = 0,  and every quantity evaluated at gain crossovers
-    level      ln|L(v)| = -limit and arg L(v) >= -180 deg: a gain margin at a plant, also where the margin is infinite
-    phase      arg L(v) = -180 deg: an upper limit or equality of a gain margin
-    member     a member of the objective's maximum without a frequency of its own
+are parameters, so that exchange changes numbers only; `fopi_tune.design.nlp.rows` has the kinds of slots.
 
 An unused slot has infinite bounds and a fixed v.  Every inequality reads  slack - depth + relaxation >= 0  in natural
 units: `depth` is the smallest slack when that is the objective, `relaxation` the elastic variable of an elastic solve.
@@ -20,7 +13,6 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from typing import Any
 
 import casadi as ca
@@ -29,46 +21,26 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.design.constraints import Bound, Constraint, Scale
+from fopi_tune.design.constraints import Constraint, Scale
+from fopi_tune.design.nlp import ends
+from fopi_tune.design.nlp.rows import (
+    ALPHA,
+    DEPTH,
+    FIRST_RELAXATION,
+    KI,
+    KP,
+    WEIGHTS,
+    WORST,
+    Block,
+    SlotKind,
+    Symbols,
+    limit_row,
+    slot_rows,
+    wanted_blocks,
+)
 from fopi_tune.design.nlp.symbols import SymbolicLoop, loop_function
 from fopi_tune.design.reasons import low_frequency_control_gain
-from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
-
-KP, KI, ALPHA, WORST, DEPTH, FIRST_RELAXATION = range(6)
-
-
-class SlotKind(Enum):
-    """The kinds of slots; see the module's docstring."""
-
-    POINT = "point"
-    PEAK = "peak"
-    CROSSING = "crossing"
-    LEVEL = "level"
-    PHASE = "phase"
-    MEMBER = "member"
-
-
-@dataclass(frozen=True)
-class Block:
-    """A group of equal slots.
-
-    Args:
-        kind: of all of them.
-        constraints: indices of their constraints; empty for the objective.
-        capacity: how many there are.
-        rows: names of a slot's rows, by which bounds are set: "equation", "constraint <k>", "objective".
-    """
-
-    kind: SlotKind
-    constraints: tuple[int, ...]
-    capacity: int
-    rows: tuple[str, ...]
-
-    @property
-    def has_frequency(self) -> bool:
-        """Whether each slot has a variable v of its own."""
-        return self.kind in (SlotKind.PEAK, SlotKind.CROSSING, SlotKind.LEVEL, SlotKind.PHASE)
 
 
 @dataclass(frozen=True)
@@ -94,59 +66,6 @@ class Problem:
     first_row: dict[int, int] = field(repr=False)
 
 
-#: moving peaks at a time, of each constraint and of the objective
-PEAKS = 3
-#: parameters before the slots': limits of all constraints, then these weights
-WEIGHTS = ("worst", "ki", "depth", "relaxation", "ki_scale")
-
-
-def wanted_blocks(constraints: tuple[Constraint, ...], objective: ObjectiveKind, capacity: int) -> list[Block]:
-    """The groups of slots that the constraints and the objective need."""
-    crossing = tuple(
-        k
-        for k, constraint in enumerate(constraints)
-        if constraint.where in (EvaluatedAt.GAIN_CROSSOVERS, EvaluatedAt.HIGHEST_GAIN_CROSSOVER)
-    )
-    blocks = []
-    spread = objective is ObjectiveKind.PHASE_MARGIN_SPREAD
-    if crossing or spread or objective is ObjectiveKind.CROSSOVER_SPREAD:
-        rows = ("equation", *(f"constraint {k}" for k in crossing), *(("spread up", "spread down") if spread else ()))
-        blocks.append(Block(SlotKind.CROSSING, crossing, capacity + 2, rows))
-    for k, constraint in enumerate(constraints):
-        if constraint.where is EvaluatedAt.BAND:
-            blocks.append(Block(SlotKind.POINT, (k,), capacity, (f"constraint {k}",)))
-            if constraint.from_rad_s < constraint.to_rad_s:
-                blocks.append(Block(SlotKind.PEAK, (k,), PEAKS, ("equation", f"constraint {k}")))
-        elif constraint.where is EvaluatedAt.PHASE_CROSSOVERS and constraint.bound is Bound.LOWER:
-            blocks.append(Block(SlotKind.LEVEL, (k,), capacity, ("equation", f"constraint {k}")))
-        if constraint.where is EvaluatedAt.PHASE_CROSSOVERS:
-            blocks.append(Block(SlotKind.PHASE, (k,), capacity, ("equation", f"constraint {k}")))
-    if objective in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK):
-        blocks.append(Block(SlotKind.POINT, (), 2 * capacity, ("objective",)))
-        blocks.append(Block(SlotKind.PEAK, (), PEAKS, ("equation", "objective")))
-    elif objective is ObjectiveKind.CROSSOVER_SPREAD:
-        blocks.append(Block(SlotKind.MEMBER, (), capacity, ("spread up", "spread down")))
-    elif objective is ObjectiveKind.IAE_DISTURBANCE:
-        blocks.append(Block(SlotKind.MEMBER, (), capacity, ("objective",)))
-    return blocks
-
-
-class _Symbols:
-    """The growing lists of symbols while a problem is built."""
-
-    def __init__(self, constraints: tuple[Constraint, ...]) -> None:
-        self.head = ca.SX.sym("z", FIRST_RELAXATION + 2 * len(constraints))
-        self.variables: list[Any] = [self.head]
-        self.limits = ca.SX.sym("limit", len(constraints))
-        self.weights = ca.SX.sym("weight", len(WEIGHTS))
-        self.parameters: list[Any] = [self.limits, self.weights]
-        self.rows: list[Any] = []
-
-    def relaxation(self, k: int) -> tuple[Any, Any]:
-        """The elastic variables of constraint k, upwards and downwards."""
-        return self.head[FIRST_RELAXATION + 2 * k], self.head[FIRST_RELAXATION + 2 * k + 1]
-
-
 #: cache of compiled problems by what they depend on, least recently used first; about ten megabytes each
 _kept: OrderedDict[tuple[object, ...], Problem] = OrderedDict()
 _MOST_KEPT = 4
@@ -167,7 +86,7 @@ def compiled_problem(
     """
     numbers = tuple((name, value.min if value.is_exact else None) for name, value in family.parameters.items())
     # a delay margin's scale is its limit's, and compiled in
-    kinds = tuple((s.quantity, s.bound, s.scale, s.from_rad_s < s.to_rad_s, s.in_depth) for s in constraints)
+    kinds = tuple((s.quantity, s.bound, s.scale, s.from_rad_s < s.to_rad_s, s.in_depth, s.ends) for s in constraints)
     key = (family.model, numbers, scale.omega_rad_s, scale.gain, kinds, objective, horizon_s, capacity)
     problem = _kept.pop(key, None)
     if problem is None:
@@ -203,8 +122,8 @@ def compile_problem(
     Returns:
         The problem; its solver is IPOPT with MUMPS.
     """
-    symbols = _Symbols(constraints)
-    loop = loop_function(family, scale)
+    symbols = Symbols(constraints)
+    loop, limit_loop = loop_function(family, scale), ends.limit_loop(scale)
     blocks = tuple(wanted_blocks(constraints, objective, capacity))
     first_frequency: dict[int, int] = {}
     first_parameter: dict[int, int] = {}
@@ -220,6 +139,12 @@ def compile_problem(
     for b, block in enumerate(blocks):
         first_frequency[b], first_parameter[b], first_row[b] = n_var, n_par, n_row
         for slot in range(block.capacity):
+            if block.kind is SlotKind.LIMIT:
+                end = ca.SX.sym(f"end{b}_{slot}", ends.WIDTH)
+                symbols.parameters.append(end)
+                symbols.rows.append(limit_row(block, limit_loop, kp, end, symbols, constraints, objective))
+                n_par, n_row = n_par + ends.WIDTH, n_row + 1
+                continue
             theta, v = ca.SX.sym(f"theta{b}_{slot}", p), ca.SX.sym(f"v{b}_{slot}")
             near, side = ca.SX.sym(f"near{b}_{slot}"), ca.SX.sym(f"side{b}_{slot}")
             symbols.parameters += [theta, near, side]
@@ -235,7 +160,7 @@ def compile_problem(
                 nominal = {"v": v, "margin": at.phase_margin_rad}
             if block.kind is SlotKind.MEMBER and objective is ObjectiveKind.CROSSOVER_SPREAD:
                 at = SymbolicLoop(*loop(ca.vertcat(kp, ki, alpha), theta, nominal["v"], near, side))
-            rows = _slot_rows(block, at, v, symbols, constraints, objective, nominal)
+            rows = slot_rows(block, at, v, symbols, constraints, objective, nominal)
             if objective is ObjectiveKind.IAE_DISTURBANCE and block.kind is SlotKind.MEMBER:
                 error = log_discounted_error(family, theta, kp / scale.gain, ki_user, alpha, horizon_s)
                 rows = [symbols.head[WORST] - error]
@@ -284,73 +209,6 @@ IPOPT_OPTIONS: dict[str, Any] = {
     "ipopt.max_iter": 100,
     "ipopt.max_wall_time": 10.0,
 }
-
-
-def _slot_rows(
-    block: Block,
-    at: SymbolicLoop,
-    v: Any,
-    symbols: _Symbols,
-    constraints: tuple[Constraint, ...],
-    objective: ObjectiveKind,
-    nominal: dict[str, Any],
-) -> list[Any]:
-    """The rows of one slot; bounds are [0, 0] for an equation and [0, inf) else."""
-    worst = symbols.head[WORST]
-    spread = {"spread up": 1.0, "spread down": -1.0}
-    rows: list[Any] = []
-    for name in block.rows:
-        if name == "equation" and block.kind is SlotKind.PEAK:
-            value = (
-                constraints[block.constraints[0]].quantity.natural(at)
-                if block.constraints
-                else _peak_value(objective, at)
-            )
-            rows.append(ca.gradient(value, v))
-        elif name == "equation":
-            rows.append(_equation(block, at, symbols, constraints))
-        elif name == "objective":
-            rows.append(worst - _peak_value(objective, at))
-        elif name in spread and block.kind is SlotKind.CROSSING:
-            rows.append(worst + spread[name] * (at.phase_margin_rad - nominal["margin"]))
-        elif name in spread:
-            rows.append(worst + spread[name] * at.log_gain)
-        else:
-            rows.append(_side_row(int(name.split()[1]), block, at, symbols, constraints))
-    return rows
-
-
-def _peak_value(objective: ObjectiveKind, at: SymbolicLoop) -> Any:
-    """ln of the response whose largest value is the objective; of others ln|S|, whose slots are never in play."""
-    if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK:
-        return at.log_controller - at.log_return_difference
-    return -at.log_return_difference
-
-
-def _equation(block: Block, at: SymbolicLoop, symbols: _Symbols, constraints: tuple[Constraint, ...]) -> Any:
-    if block.kind is SlotKind.CROSSING:
-        return at.log_gain
-    if block.kind is SlotKind.PHASE:
-        return at.phase_rad + ca.pi
-    k = block.constraints[0]
-    up, _ = symbols.relaxation(k)
-    # |L| = 1/(the required gain margin, increased by the depth)
-    return at.log_gain + symbols.limits[k] + _depth(symbols, constraints[k]) - up
-
-
-def _side_row(k: int, block: Block, at: SymbolicLoop, symbols: _Symbols, constraints: tuple[Constraint, ...]) -> Any:
-    constraint = constraints[k]
-    up, down = symbols.relaxation(k)
-    if block.kind is SlotKind.LEVEL:
-        return at.phase_rad + ca.pi
-    distance = (symbols.limits[k] - constraint.quantity.natural(at)) * constraint.scale
-    if constraint.bound is Bound.EQUAL:
-        return distance + up - down
-    return constraint.bound.value * distance - _depth(symbols, constraint) + up
-
-
-def _depth(symbols: _Symbols, constraint: Constraint) -> Any:
-    return symbols.head[DEPTH] if constraint.in_depth else 0.0
 
 
 def log_discounted_error(family: PlantFamily, theta: Any, kp: Any, ki: Any, alpha: Any, horizon_s: float) -> Any:

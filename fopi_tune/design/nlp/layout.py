@@ -9,8 +9,11 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design.constraints import Bound
-from fopi_tune.design.nlp.compile import ALPHA, DEPTH, FIRST_RELAXATION, KI, KP, WORST, Block, Problem, pack_parameters
+from fopi_tune.design.nlp.compile import Problem, pack_parameters
+from fopi_tune.design.nlp.ends import WIDTH
+from fopi_tune.design.nlp.rows import ALPHA, DEPTH, FIRST_RELAXATION, KI, KP, WORST, Block, SlotKind
 from fopi_tune.design.nlp.slots import Mode, Slot, SlotsInPlay, Task
+from fopi_tune.design.starts import has_no_integral
 from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.spec.model import ControllerSpec
 
@@ -44,7 +47,7 @@ class Layout:
         self._gains()
         self._head(worst)
         nominal = tuple(self.problem.family.nominal_point.tolist())
-        in_play = SlotsInPlay(self.problem, self.task, self.start)
+        in_play = SlotsInPlay(self.problem, self.task, self.start, not has_no_integral(self.box))
         for b, block in enumerate(self.problem.blocks):
             for slot in range(block.capacity):
                 self._place(b, slot, Slot(nominal, 0.0, 0.0, {}))
@@ -92,8 +95,7 @@ class Layout:
         spread = objective in (ObjectiveKind.PHASE_MARGIN_SPREAD, ObjectiveKind.CROSSOVER_SPREAD)
         self.lbx[WORST] = -_WORST_CAP if named and not spread else 0.0
         self.ubx[WORST] = _WORST_CAP if named else 0.0
-        integral = not (self.box.ki.is_fixed and self.box.ki.min == 0.0)
-        if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK and named and integral:
+        if objective is ObjectiveKind.CONTROL_SENSITIVITY_PEAK and named and not has_no_integral(self.box):
             # With integral action |C S| tends to 1/|P(0)| as omega -> 0, below all cuts.
             self.lbx[WORST] = max(self.lbx[WORST], problem.control_floor)
         self.x0[WORST] = worst if named else 0.0
@@ -116,6 +118,10 @@ class Layout:
 
     def _place(self, b: int, place: int, slot: Slot) -> None:
         block = self.problem.blocks[b]
+        if block.kind is SlotKind.LIMIT:
+            first = self.problem.first_parameter[b] + place * WIDTH
+            self.p[first : first + WIDTH] = slot.end
+            return
         width = self.width + (0 if block.has_frequency else 1)
         first = self.problem.first_parameter[b] + place * width
         self.p[first : first + self.width] = (*slot.theta, slot.near, slot.side)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -12,16 +13,27 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.crossings import gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.peaks import Response
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
 from fopi_tune.design.loop_grid import numbers_at
 from fopi_tune.design.margin_sides import sides_of
-from fopi_tune.design.nlp.compile import Block, Problem, SlotKind
+from fopi_tune.design.nlp import ends
+from fopi_tune.design.nlp.compile import Problem
+from fopi_tune.design.nlp.rows import Block, SlotKind
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.objectives import ObjectiveKind
 
 _V_CAP = 40.0
 #: how far (in ln omega) a peak may move in one solve
 _PEAK_REACH = 0.7
+#: rad; from here on a dead time makes ripples that lie close to each other
+_FEW_TURNS = 7.0
+#: objectives that are the largest value of a response
+PEAKS_OF = {
+    ObjectiveKind.SENSITIVITY_PEAK: Response.SENSITIVITY,
+    ObjectiveKind.CONTROL_SENSITIVITY_PEAK: Response.CONTROL_SENSITIVITY,
+}
 #: crossovers with more margin than this are no danger to stability
 _SAFE_MARGIN_RAD = 0.5
 
@@ -40,6 +52,7 @@ class Slot:
         rows: its rows.
         v_low, v_high: how far its frequency may go.
         side: on which side of -1 a gain crossover must stay.
+        end: of a limit, its plant as `fopi_tune.design.nlp.ends` wants it.
     """
 
     theta: tuple[float, ...]
@@ -49,6 +62,7 @@ class Slot:
     v_low: float = -_V_CAP
     v_high: float = _V_CAP
     side: float = 1.0
+    end: tuple[float, ...] = (0.0,) * ends.WIDTH
 
 
 class Mode(Enum):
@@ -60,11 +74,16 @@ class Mode(Enum):
 
 @dataclass(frozen=True)
 class Point:
-    """A cut: a plant, and for frequency functions a frequency.  `constraint` None belongs to the objective."""
+    """A cut: a plant and a frequency; 0 and inf are limits.  `constraint` None belongs to the objective."""
 
     constraint: int | None
     theta: tuple[float, ...]
     omega_rad_s: float
+
+    @property
+    def is_limit(self) -> bool:
+        """Whether it is at an end of the frequency axis."""
+        return not 0.0 < self.omega_rad_s < math.inf
 
 
 @dataclass(frozen=True)
@@ -109,11 +128,15 @@ class Task:
 
 @dataclass(frozen=True)
 class SlotsInPlay:
-    """The slots that a task needs, started from the crossings of the loops at given gains."""
+    """The slots that a task needs, started from the crossings of the loops at given gains.
+
+    `integral` is whether ki is anything but 0.
+    """
 
     problem: Problem
     task: Task
     start: FoPi
+    integral: bool = True
 
     def of(self, block: Block) -> list[Slot]:
         """(theta, v, phase_near, bounds of rows) of the block's slots in use."""
@@ -131,12 +154,32 @@ class SlotsInPlay:
         if constraint is not None and self.problem.constraints[constraint].bound is Bound.EQUAL:
             bound = (0.0, 0.0)
         rows = {name: (0.0, 0.0) if name == "equation" else bound for name in block.rows}
+        if block.kind is SlotKind.LIMIT:
+            return self._limit_slots(constraint, rows)
         chosen = self.task.peaks if block.kind is SlotKind.PEAK else self.task.points
+        mine = [point for point in chosen if point.constraint == constraint and not point.is_limit]
+        reaches = peak_reaches(self.problem.family, mine)
         slots = []
-        for point in chosen:
-            if point.constraint == constraint:
-                v = float(np.clip(math.log(point.omega_rad_s) - log_s, -600.0, 600.0))
-                slots.append(Slot(point.theta, v, 0.0, rows, v - _PEAK_REACH, v + _PEAK_REACH))
+        for point, reach in zip(mine, reaches, strict=True):
+            v = float(np.clip(math.log(point.omega_rad_s) - log_s, -600.0, 600.0))
+            slots.append(Slot(point.theta, v, 0.0, rows, v - reach, v + reach))
+        return slots
+
+    def _limit_slots(self, constraint: int | None, rows: RowBounds) -> list[Slot]:
+        """A slot for every cut at an end of the frequency axis."""
+        problem, slots = self.problem, []
+        peak = PEAKS_OF.get(problem.objective)
+        points = [point for point in self.task.points if point.constraint == constraint and point.is_limit]
+        plants = _plants_of(problem.family, points)
+        for row, point in enumerate(points):
+            end, scale, asked = point.omega_rad_s, problem.scale, None
+            if constraint is not None:
+                limited = problem.constraints[constraint]
+                asked = ends.asked_of(limited, plants, row, scale, end, self.integral, self.start.kp)
+            elif peak is not None:
+                asked = ends.end_of(plants, row, scale, end, self.integral, peak, True)
+            if asked is not None:
+                slots.append(Slot(point.theta, 0.0, 0.0, rows, end=asked.parameters))
         return slots
 
     def _counts(self, constraint: int) -> bool:
@@ -276,6 +319,16 @@ class SlotsInPlay:
             ends = _between_neighbours(np.log(found.omega_rad_s) - log_s, v) if plant.crossing else (-_V_CAP, _V_CAP)
             slots.append(Slot(theta, v, near, rows, *ends))
         return slots
+
+
+def peak_reaches(family: PlantFamily, peaks: Sequence[Point]) -> Array:
+    """How far in ln omega each peak may move in one solve: with a dead time not to the next ripple."""
+    turn = _plants_of(family, peaks).dead_time_s * np.array([peak.omega_rad_s for peak in peaks])
+    return np.where(turn <= _FEW_TURNS, _PEAK_REACH, np.minimum(_PEAK_REACH, np.pi / np.maximum(turn, 1.0)))
+
+
+def _plants_of(family: PlantFamily, points: Sequence[Point]) -> Plants:
+    return Plants.members(family, np.array([point.theta for point in points]).reshape(len(points), len(family.low)))
 
 
 def _between_neighbours(crossings: Array, v: float) -> tuple[float, float]:

@@ -17,8 +17,9 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.design.nlp.compile import ALPHA, DEPTH, FIRST_RELAXATION, WORST, Problem
+from fopi_tune.design.nlp.compile import Problem
 from fopi_tune.design.nlp.layout import Layout
+from fopi_tune.design.nlp.rows import ALPHA, DEPTH, FIRST_RELAXATION, WORST
 from fopi_tune.design.nlp.slots import Task
 from fopi_tune.spec.model import ControllerSpec
 
