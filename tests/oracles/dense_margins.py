@@ -8,7 +8,6 @@ and neper.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from oracles import sampled_loops
 
-from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
-from fopi_tune.core.plant import Plant, PlantFamily
+from fopi_tune.core.plant import Plant
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -350,67 +348,3 @@ def _polished(function: Callable[[Array], Array], low: Array, high: Array, f_low
         f_low = np.where(same, f, np.where(side < 0, 0.5 * f_low, f_low))
         low, high, side = np.where(same, middle, low), np.where(same, high, middle), np.where(same, 1.0, -1.0)
     return np.where(np.abs(f_low) < np.abs(f_high), low, high)
-
-
-# --- families ------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Family:
-    """The members of a family with one controller.
-
-    Args:
-        plants: the family.
-        gains: the ideal controller.
-        implementation: the digital one; None in continuous time.
-    """
-
-    plants: PlantFamily
-    gains: FoPi
-    implementation: Implementation | None = None
-
-    def loop(self, point: Array) -> Loop:
-        """The loop with the plant at a place of the box."""
-        plant = self.plants.member(point)
-        if self.implementation is not None:
-            return OnSamples.of(plant, self.implementation)
-        return Continuous(plant, self.gains.kp, self.gains.ki, self.gains.alpha)
-
-    @cached_property
-    def _shares(self) -> Array:
-        """Places of the box, shape (m, p), from 0 to 1; its ends are among them."""
-        per_axis = {0: 1, 1: 13, 2: 6}.get(len(self.plants.low), 3)
-        axes = np.linspace(0.0, 1.0, per_axis)
-        return np.array(list(itertools.product(axes, repeat=len(self.plants.low))), dtype=float)
-
-    def _point(self, share: Array) -> Array:
-        return self.plants.low + share * (self.plants.high - self.plants.low)
-
-    def unstable_point(self) -> Array | None:
-        """A place where the loop is not stable; None when none of the places is."""
-        nominal = self.plants.nominal_point
-        points = [nominal, *(self._point(share) for share in self._shares)]
-        return next((point for point in points if not self.loop(point).is_stable), None)
-
-    def worst(self, quantity: str, largest: bool) -> tuple[float, Array]:
-        """The largest or the smallest margin, were all members stable, and where: on a grid, then by pattern search."""
-        sign = 1.0 if largest else -1.0
-
-        def badness(share: Array) -> float:
-            return sign * value(self.loop(self._point(share)), quantity)
-
-        values = [badness(share) for share in self._shares]
-        best = max(values)
-        places = [self._shares[k] for k in np.argsort(values)[::-1][:2]]
-        where = places[0]
-        for start, height in zip(places, sorted(values, reverse=True)[:2], strict=False):
-            here, step = start, 0.5 / max(len(self._shares) ** (1.0 / max(len(start), 1)) - 1.0, 1.0)
-            while step > 2e-4 and math.isfinite(height) and len(start):
-                axes = [sign * step * axis for axis in np.eye(len(start)) for sign in (1.0, -1.0)]
-                tried = [np.clip(here + move, 0.0, 1.0) for move in axes]
-                reached = [badness(share) for share in tried]
-                k = int(np.argmax(reached))
-                here, height, step = (tried[k], reached[k], step) if reached[k] > height else (here, height, 0.5 * step)
-            if height > best:
-                best, where = height, here
-        return sign * best, self._point(where)

@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from cases.plants import lag, pole, spec_of, transfer_function
-from oracles.dense_margins import Family, UncertainError, value
+from oracles.dense_families import Family
+from oracles.dense_margins import UncertainError, value
 
 import fopi_tune as ft
 from fopi_tune.core.parallel_form import Implementation
@@ -199,7 +200,7 @@ def question(seed: int, sampled: bool) -> Question:
     asked = Requirement(quantity, relation, (1.0,), scope)
     if whole.unstable_point() is not None:
         return Question(family, limited(asked, ANY[quantity], 3.0 * ANY[quantity]), Verdict.REFUTED, "unstable")
-    ends = [whole.worst(quantity, largest)[0] for largest in (False, True)]
+    ends = [whole.worst(quantity, largest) for largest in (False, True)]
     return _around(family, asked, ends, rng)
 
 
