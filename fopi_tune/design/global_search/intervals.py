@@ -175,6 +175,8 @@ def collect_runs(kind, limit, below, i, table, work):
             inside = now
         elif now:
             low, high = min(low, at), max(high, at)
+        elif below and 1 < j < table.alias[i]:
+            count = _passage_between(kind, limit, i, j, count, table, work)
         last = e
     if inside and count < len(work.allowed):
         if work.gain[i, n - 1] < -END + 5.0 or table.delay[i] > 0.0:
@@ -182,6 +184,23 @@ def collect_runs(kind, limit, below, i, table, work):
         work.allowed[count, 0], work.allowed[count, 1] = low, high
         count += 1
     return count
+
+
+@compiled
+def _passage_between(kind, limit, i, j, count, table, work):
+    """Add what is too close to -1 where the phase passes it between columns j - 1 and j, both beyond the limit."""
+    a, b = work.phase[i, j - 1] + _PI, work.phase[i, j] + _PI
+    turn = math.floor(a / (2.0 * _PI))
+    if turn == math.floor(b / (2.0 * _PI)) or count >= len(work.allowed):
+        return count
+    level = 2.0 * _PI * (turn if b < a else turn + 1)
+    upper, lower = (limit, -limit) if kind == PHASE_MARGIN else (limit * table.omega[j], 0.0)
+    first = min(max((a - level - upper) / (a - b), 0.0), 1.0)
+    second = min(max((a - level - lower) / (a - b), 0.0), 1.0)
+    step = work.gain[i, j] - work.gain[i, j - 1]
+    x, y = -work.gain[i, j - 1] - first * step, -work.gain[i, j - 1] - second * step
+    work.allowed[count, 0], work.allowed[count, 1] = min(x, y), max(x, y)
+    return count + 1
 
 
 @compiled
@@ -220,6 +239,9 @@ def forbid_slopes(side, limit, i, table, work, count):
             near = top if g > top else bottom
             count = forbid(work, count, min(-g, -near), max(-g, -near))
         top, bottom = max(top, g), min(bottom, g)
+    if side * (limit - slope_at(i, 1, table, work)) < 0.0:
+        # crossovers below the grid, where the slope no longer changes
+        count = forbid(work, count, -BEYOND, -top)
     return count
 
 

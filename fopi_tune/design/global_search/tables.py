@@ -27,7 +27,7 @@ _LAST_TURN = 40.0
 #: rad; beyond this turn between columns the grid no longer shows the phase
 _ALIAS = 1.2
 #: offsets of columns around a lightly damped root, in widths of its resonance
-_AROUND = (-8, -4, -2, -1, -0.5, 0, 0.5, 1, 2, 4, 8)
+_AROUND = (-9, -6, -4, -3, -2, -1.5, -1, -0.75, -0.5, -0.25, 0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 9)
 _NARROWEST = 1e-3
 
 
@@ -164,7 +164,7 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
     end_gain, end_phase = form.end()
     high_slope = form.slope_end()
     at_end = np.where(np.abs(high_slope) < 1e-9, end_gain - log_gain, np.sign(high_slope) * END)
-    at_zero = np.where(form.slope0 == 0, form.scale - log_gain, -np.sign(-form.slope0) * END)
+    at_zero = np.where(form.slope0 == 0, form.scale - log_gain, -np.sign(form.slope0) * END)
     gain = np.clip(np.column_stack([at_zero, gain, at_end]), -END, END)
     end_phase = np.where(plants.dead_time_s > 0, phase[:, -1], end_phase)
     phase = np.column_stack([form.phase0, phase, end_phase])
