@@ -10,15 +10,12 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER,
-    CROSSOVER_SPREAD,
     CS,
     DELAY_MARGIN,
-    DEPTH,
     DISCOUNTED_ERROR,
     GAIN_AT_REFERENCE,
     GAIN_MARGIN,
     LOOP_GAIN,
-    MARGIN_SPREAD,
     PHASE_MARGIN,
     PHASE_SLOPE,
     S,
@@ -82,7 +79,7 @@ def reference_slot(plant: Array, x: Array, v: float, near: float) -> Slot:
     return Slot(slot.p, v, -1)
 
 
-def slots_of(findings: Array, x: Array, rows: Rows, affine: Array, code: int, in_t: Array) -> list[Slot]:
+def slots_of(findings: list[Array], x: Array, rows: Rows, affine: Array, in_t: Array, spread: int) -> list[Slot]:
     """The slots of findings, except those of the discounted error.
 
     Args:
@@ -90,8 +87,8 @@ def slots_of(findings: Array, x: Array, rows: Rows, affine: Array, code: int, in
         x: the gains at which they were found.
         rows: as in `worst_cases`.
         affine: the plants' coefficients.
-        code: of the objective.
         in_t: of each row, whether its slack has to exceed t (1), t is at least minus its slack (-1), or neither (0).
+        spread: rows from this one on are angles measured from the first slot's.
     """
     slots = []
     for finding in findings:
@@ -100,6 +97,10 @@ def slots_of(findings: Array, x: Array, rows: Rows, affine: Array, code: int, in
             continue
         plant = affine[0] + finding[FIELDS:] @ affine[1:]
         slots.append(_slot(finding, q, plant, x, rows, float(in_t[q])))
+        if q >= spread:
+            #  t - side (angle - reference) >= 0
+            p = slots[-1].p
+            p[INDEX["limit"]], p[INDEX["with_reference"]] = 0.0, float(rows.side[q])
         if rows.kind[q] == GAIN_AT_REFERENCE:
             other = slots[-1].p.copy()
             other[INDEX["sign"]] = -other[INDEX["sign"]]
@@ -112,7 +113,7 @@ def slots_of(findings: Array, x: Array, rows: Rows, affine: Array, code: int, in
     return slots
 
 
-def error_rows(findings: Array, rows: Rows, affine: Array, log_horizon: float) -> Array:
+def error_rows(findings: list[Array], rows: Rows, affine: Array, log_horizon: float) -> Array:
     """Parameters of the rows of the discounted error, shape (ERRORS, 3)."""
     parameters = np.zeros((ERRORS, 3))
     parameters[:, 0], parameters[:, 1] = 1.0, -log_horizon
@@ -198,22 +199,3 @@ def _gain_margin(
 def order_of(findings: list[Array], rows: Rows, real_rows: int) -> list[Array]:
     """The findings by importance: those of the objective, then the smallest slacks."""
     return sorted(findings, key=lambda f: f[SLACK] if f[ROW] < real_rows else -9.0)
-
-
-def with_spread(slots: list[Slot], rows: Rows, code: int) -> list[Slot]:
-    """Rows of a spread measured from the first slot's angle:  t - side (angle - reference) >= 0."""
-    if code != MARGIN_SPREAD:
-        return slots
-    changed = []
-    for slot in slots:
-        if slot.row >= 0 and math.isnan(float(rows.scale[slot.row])):
-            side = float(rows.side[slot.row])
-            p = slot.p.copy()
-            p[INDEX["sign"]], p[INDEX["limit"]] = side, 0.0
-            p[INDEX["with_t"]], p[INDEX["with_reference"]] = 1.0, side
-            slot = Slot(p, slot.v, slot.row)
-        changed.append(slot)
-    return changed
-
-
-__all__ = ["CROSSOVER_SPREAD", "DEPTH"]
