@@ -24,7 +24,7 @@ def random_spec(seed: int) -> str:
     plant, gain, unit = _plant(kind, chance, scale)
     slow = round(chance.uniform(0.3, 0.8), 2)
     controller = (
-        f"{{kp: {{min: 0, max: {50 / gain:.6g}}}, ki: {{min: 0, max: {50 / gain / unit ** 1.5:.6g}}}, "
+        f"{{kp: {{min: 0, max: {50 / gain:.6g}}}, ki: {{min: 0, max: {50 / gain / unit**1.5:.6g}}}, "
         f"alpha: {{min: {slow}, max: {chance.uniform(1.1, 1.6):.2f}}}}}"
     )
     requirements = _requirements(objective, chance, gain, unit)
@@ -92,7 +92,11 @@ def _requirements(objective: str, chance: random.Random, gain: float, time: floa
         return [margin, crossover, f"sensitivity_db: {{at_most: {-chance.uniform(4, 8):.4g}}}, {slow}"]
     peak = f"sensitivity_db: {{at_most: {chance.uniform(3.5, 6):.4g}}}"
     if not objective:
-        return [peak, "phase_margin_deg: {at_least: 35}", f"sensitivity_db: {{at_most: {-chance.uniform(4, 8):.4g}}}, {slow}"]
+        return [
+            peak,
+            "phase_margin_deg: {at_least: 35}",
+            f"sensitivity_db: {{at_most: {-chance.uniform(4, 8):.4g}}}, {slow}",
+        ]
     more = [
         [],
         [f"phase_margin_deg: {{at_least: {chance.uniform(30, 60):.4g}}}"],

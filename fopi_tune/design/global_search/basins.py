@@ -9,17 +9,18 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.design.constraints import Bound
-from fopi_tune.design.global_search.compiled import CROSSOVER, KI, IAE, NOTHING, Rows, work_for
+from fopi_tune.design.global_search.compiled import CROSSOVER, IAE, KI, NOTHING, Rows, work_for
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.scan import best_of_order, compass, direction, scan_rays
+from fopi_tune.design.global_search.tables import DECADES_BEYOND
 
 #: rays: orders this far apart, and so many directions
 _ALPHA_STEP = 0.07
 _FEWEST_ALPHAS = 7
 _DIRECTIONS = 33
 _ORDERS_WITH_TWO_EQUALITIES = 61
-#: neper: how far beyond the plants' corners the frequency is looked for where both terms of the controller are equal
-_BASE = 2.5
+#: ln of how far from the grid's ends the frequency stays where both terms of the controller are equal
+_INSIDE = 1.0
 #: natural units; inequalities are relaxed by these where the coarse grid shows nothing that meets them
 RELAXED = (0.0, 0.05, 0.3)
 #: of flat minima: this part of the cost (or of 0.05) away from the best still counts
@@ -59,12 +60,11 @@ class Scan:
 
 
 def reach_of(problem: Problem) -> tuple[float, float]:
-    """Base and span of `direction`."""
+    """Most and span of `direction`."""
     v = problem.scan_table.v
-    corners = np.concatenate([v[1:2], v[-2:-1]])
-    beyond = 3.0 * math.log(10.0)
-    span = max(0.25 * (float(np.abs(corners).max()) - beyond), 1.0)
-    return _BASE, span
+    most = float(min(-v[1], v[-2])) - _INSIDE
+    span = max(0.25 * (float(max(-v[1], v[-2])) - math.log(10.0) * (DECADES_BEYOND + 3.0)), 1.0)
+    return max(most, 1.0), span
 
 
 def quadrants_of(problem: Problem) -> Array:
@@ -77,7 +77,7 @@ def quadrants_of(problem: Problem) -> Array:
 
 def equalities_of(problem: Problem, rows: Rows) -> Array:
     """Indices of the equalities, a crossover's first, whose kappa is unique."""
-    equal = [k for k, c in enumerate(problem.constraints) if c.bound is Bound.EQUAL]
+    equal = [k for k, c in enumerate(problem.constraints) if c.bound is Bound.EQUAL and not rows.soft[k]]
     return np.array(sorted(equal, key=lambda k: (rows.kind[k] != CROSSOVER, k)), dtype=np.int64)
 
 
@@ -101,7 +101,7 @@ def scan_box(problem: Problem, most: int, coarse: float = 1.0) -> Scan:
     """
     box = problem.box
     taus, fixed = directions_of(problem)
-    quadrants, (base, span) = quadrants_of(problem), reach_of(problem)
+    quadrants, (most_ratio, span) = quadrants_of(problem), reach_of(problem)
     alphas = _orders(problem, _ALPHA_STEP * coarse, _FEWEST_ALPHAS)
     table, rays = problem.scan_table, 0
     work = work_for(table)
@@ -115,7 +115,7 @@ def scan_box(problem: Problem, most: int, coarse: float = 1.0) -> Scan:
                 return Scan(found, relaxed, rays, 1.0)
             continue
         costs, kappas = scan_rays(
-            problem.code, alphas, taus, quadrants, equal, base, span, table, rows, box, work
+            problem.code, alphas, taus, quadrants, equal, most_ratio, span, table, rows, box, work
         )  # fmt: skip
         rays += costs.size
         if (costs < NOTHING).any():
@@ -127,11 +127,11 @@ def scan_box(problem: Problem, most: int, coarse: float = 1.0) -> Scan:
     for value, z, i, j in _minima(costs)[: 3 * most]:
         alpha, tau, value, kappa = compass(
             problem.code, np.array([alphas[i], taus[j], value + 1e-15]), np.array(steps), fixed, quadrants[z], equal,
-            base, span, _LEAST_STEP, _ROUNDS, table, rows, box, work,
+            most_ratio, span, _LEAST_STEP, _ROUNDS, table, rows, box, work,
         )  # fmt: skip
         if kappa == 0.0:
             kappa = kappas[z, i, j]
-        _offer(found, Basin(value, _gains(alpha, tau, kappa, quadrants[z], base, span)))
+        _offer(found, Basin(value, _gains(alpha, tau, kappa, quadrants[z], most_ratio, span)))
     found = sorted(found, key=lambda basin: basin.cost)[:most]
     if problem.code not in (KI, IAE) and len(alphas) > 3:
         found += _flat_valley(problem, found[0].cost, costs, kappas, alphas, taus, quadrants)
@@ -146,8 +146,8 @@ def _orders(problem: Problem, step: float, fewest: int) -> Array:
     return np.linspace(box.alpha_low, box.alpha_high, count)
 
 
-def _gains(alpha: float, tau: float, kappa: float, signs: Array, base: float, span: float) -> Array:
-    c, s = direction(alpha, tau, base, span)
+def _gains(alpha: float, tau: float, kappa: float, signs: Array, most_ratio: float, span: float) -> Array:
+    c, s = direction(alpha, tau, most_ratio, span)
     k = math.exp(kappa)
     return np.array([k * c * signs[0], k * s * signs[1], alpha])
 
@@ -178,20 +178,20 @@ def _flat_valley(
     problem: Problem, best: float, costs: Array, kappas: Array, alphas: Array, taus: Array, quadrants: Array
 ) -> list[Basin]:
     """One more start from each third of the orders: minima of a largest value are flat along a valley."""
-    base, span = reach_of(problem)
+    most_ratio, span = reach_of(problem)
     more = []
     for part in np.array_split(np.arange(len(alphas)), 3):
         z, i, j = np.unravel_index(np.argmin(costs[:, part, :]), costs[:, part, :].shape)
         value = float(costs[z, part[i], j])
         if value < best + _NEARLY * max(abs(best), 0.05):
-            gains = _gains(alphas[part[i]], taus[j], float(kappas[z, part[i], j]), quadrants[z], base, span)
+            gains = _gains(alphas[part[i]], taus[j], float(kappas[z, part[i], j]), quadrants[z], most_ratio, span)
             more.append(Basin(value, gains))
     return more
 
 
 def _with_two_equalities(problem: Problem, rows: Rows, equal: Array, taus: Array, most: int) -> tuple[Basin, ...]:
     """Minima over alpha where two equalities leave one ray for each order."""
-    base, span = reach_of(problem)
+    most_ratio, span = reach_of(problem)
     box, table = problem.box, problem.scan_table
     work = work_for(table)
     alphas = _orders(problem, 1.0, _ORDERS_WITH_TWO_EQUALITIES)
@@ -199,7 +199,7 @@ def _with_two_equalities(problem: Problem, rows: Rows, equal: Array, taus: Array
     for signs in quadrants_of(problem):
 
         def best(alpha: float, signs: Array = signs) -> tuple[float, float, float]:
-            return best_of_order(problem.code, alpha, signs, taus, equal, base, span, table, rows, box, work)
+            return best_of_order(problem.code, alpha, signs, taus, equal, most_ratio, span, table, rows, box, work)
 
         costs = np.array([best(alpha)[0] for alpha in alphas])
         padded = np.pad(costs, 1, constant_values=NOTHING)
@@ -217,7 +217,5 @@ def _with_two_equalities(problem: Problem, rows: Rows, equal: Array, taus: Array
                     step *= 0.5
             value, kappa, tau = best(alpha)
             if value < NOTHING:
-                _offer(found, Basin(float(value), _gains(alpha, tau, kappa, signs, base, span)))
+                _offer(found, Basin(float(value), _gains(alpha, tau, kappa, signs, most_ratio, span)))
     return tuple(sorted(found, key=lambda basin: basin.cost)[:most])
-
-

@@ -41,6 +41,8 @@ CODE_OF_OBJECTIVE = {
 END = 40.0
 #: a cost or a value that does not exist
 NOTHING = 1e9
+#: a slack that counts as endless
+ENDLESS = 9.0
 #: |1 + L| stays above this, as in STABILITY_GUARD_DB
 CLOSEST = 0.01
 
@@ -87,7 +89,7 @@ class Rows(NamedTuple):
     """What is asked, a row each:  side (limit - value) scale >= 0, with side -1, 1, or 0 for an equality.
 
     Limits are natural and scaled (neper, radian; times in 1/omega_s, |C| in 1/g_s).  `first` and `last` are columns of
-    a table, `low_v` and `high_v` the band itself.
+    a table, `low_v` and `high_v` the band itself.  `soft` rows need not hold: they only count in the depth.
     """
 
     kind: Any
@@ -100,6 +102,7 @@ class Rows(NamedTuple):
     in_depth: Any
     low_v: Any
     high_v: Any
+    soft: Any
 
 
 class Box(NamedTuple):

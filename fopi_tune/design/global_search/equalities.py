@@ -66,5 +66,3 @@ def equality_gains(q, table, rows, work, out):
             count = _keep(q, -g, count, table, rows, work, out)
         last = value
     return count
-
-

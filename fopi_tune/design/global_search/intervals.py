@@ -315,7 +315,7 @@ def allowed_on_ray(low, high, table, rows, work):
     for i in range(table.gain.shape[0]):
         count = forbid_unstable(i, table, work, count)
         for q in range(len(rows.kind)):
-            if rows.side[q] != 0 and (i == 0 or not rows.nominal[q]):
+            if rows.side[q] != 0 and not rows.soft[q] and (i == 0 or not rows.nominal[q]):
                 count = forbid_row(q, i, table, rows, work, count)
     order = np.argsort(work.forbidden[:count, 0])
     found, reached = 0, low

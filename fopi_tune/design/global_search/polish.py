@@ -19,15 +19,16 @@ from fopi_tune.design.global_search.compiled import (
     CS_PEAK,
     DEPTH,
     DISCOUNTED_ERROR,
+    ENDLESS,
     GAIN_AT_REFERENCE,
     IAE,
     KI,
     MARGIN_SPREAD,
     NOTHING,
     PHASE_MARGIN,
-    S,
     S_PEAK,
     Rows,
+    S,
     work_for,
 )
 from fopi_tune.design.global_search.problem import Problem
@@ -96,13 +97,15 @@ class Polished:
         prices: d cost/d limit of each row.
         rounds: of exchange.
         cuts: plants and frequencies in the last solve.
+        settled: whether the last solve ended inside its region.
     """
 
     cost: float
     x: Array
     prices: Array
-    rounds: int
-    cuts: int
+    rounds: int = 0
+    cuts: int = 0
+    settled: bool = False
 
 
 @dataclass
@@ -119,25 +122,22 @@ class Polish:
 
     Args:
         problem: the problem.
-        free: of each constraint, whether it may be missed: then the largest miss is minimised instead of the objective
-            (all others hold); None optimises the objective.
+        counts: the work done.
     """
 
     problem: Problem
-    free: Array | None = None
     counts: Counts = field(default_factory=Counts)
 
     def __post_init__(self) -> None:
         problem = self.problem
-        self.code = problem.code if self.free is None else DEPTH
+        self.code = problem.code
         self.table = problem.fine_table
         own = problem.rows(self.table)
         self.real_rows = len(own.kind)
-        self.rows = _with_objective(own, () if self.free is not None else _OBJECTIVE_ROWS.get(self.code, ()), self.table)
-        in_depth = own.in_depth if self.free is None else self.free
+        self.rows = _with_objective(own, _OBJECTIVE_ROWS.get(self.code, ()), self.table)
         self.in_t = np.concatenate(
             [
-                in_depth * 1.0 if self.code == DEPTH else np.zeros(self.real_rows),
+                own.in_depth * 1.0 if self.code == DEPTH else np.zeros(self.real_rows),
                 -np.ones(len(self.rows.kind) - self.real_rows),
             ]
         )
@@ -170,13 +170,34 @@ class Polish:
         must = self.in_t[findings[:, ROW].astype(int)] == 0.0
         return max(0.0, float(np.max(-findings[must, SLACK], initial=0.0)))
 
+    def misses(self, x: Array) -> Array:
+        """By how much each requirement's row is missed at gains, natural units, 0 where it is met; shape (rows,)."""
+        found, missed = self.look(x), np.zeros(self.real_rows)
+        for finding in [] if found is None else found:
+            q = int(finding[ROW])
+            if q < self.real_rows:
+                missed[q] = max(missed[q], -finding[SLACK])
+        return missed
+
+    def is_closer(self, x: Array, row: int, side: float) -> bool:
+        """Whether an equality's limit moved to a side (1 up, -1 down) would be missed by less."""
+        before = self.misses(x)[row]
+        rows = self.rows
+        step = side * min(1e-3, 0.5 * before) / float(rows.scale[row])
+        limit = rows.limit.copy()
+        limit[row] += step
+        self.rows = rows._replace(limit=limit)
+        after = self.misses(x)[row]
+        self.rows = rows
+        return bool(after < before)
+
     def cost(self, findings: Array, x: Array) -> float:
         """The exact cost of gains from their worst cases."""
         if self.code == KI:
             return -self.problem.scale.controller(x).ki
         rows = findings[:, ROW].astype(int)
         if self.code == DEPTH:
-            return -float(np.min(findings[self.in_t[rows] > 0.0, SLACK], initial=9.0))
+            return -float(np.min(findings[self.in_t[rows] > 0.0, SLACK], initial=ENDLESS))
         return float(np.max(-findings[self.in_t[rows] < 0.0, SLACK], initial=-NOTHING))
 
     def run(self, x: Array, radius: float = FIRST_RADIUS, hopeless: float = math.inf) -> Polished | None:
@@ -192,7 +213,7 @@ class Polish:
             return None
         t, known, pool = self._t_of(self.cost(found, x)), None, []
         if self.violation(found) <= MEETS:
-            known = Polished(self.cost(found, x), x, np.full(self.real_rows, np.nan), 0, 0)
+            known = Polished(self.cost(found, x), x, np.full(self.real_rows, np.nan))
         for count in range(1, _ROUNDS + 1):
             pool = _merged(pool, found)
             solved, cuts = self._solve(pool, x, t, radius)
@@ -206,10 +227,11 @@ class Polish:
             gap = 0.0 if self.code == KI else self._t_of(cost) - solved.t if self.code != DEPTH else solved.t + cost
             if violation <= MEETS and gap <= MEETS:
                 if known is None or cost <= known.cost + 1e-9 * max(1.0, abs(cost)):
-                    known = Polished(cost, solved.x, solved.prices, count, cuts)
+                    known = Polished(cost, solved.x, solved.prices, count, cuts, not solved.on_boundary)
                 x, found, t = solved.x, after, solved.t
                 if not solved.on_boundary or cost > hopeless:
                     break
+                radius = min(2.0 * radius, FIRST_RADIUS)
                 continue
             if violation > _TOO_FAR:
                 radius, pool = 0.4 * radius, _merged(pool, after)
@@ -259,6 +281,7 @@ def _with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) ->
         joined(own.limit, [0.0] * count), joined(own.nominal, [False] * count), joined(own.first, [0] * count),
         joined(own.last, [last] * count), joined(own.scale, [1.0] * count), joined(own.in_depth, [False] * count),
         joined(own.low_v, [-math.inf] * count), joined(own.high_v, [math.inf] * count),
+        joined(own.soft, [False] * count),
     )  # fmt: skip
 
 
@@ -330,4 +353,3 @@ def _prices(slots: list[Slot], lam: Array, size: int, real_rows: int) -> Array:
             else:
                 prices[slot.row] += lam[1 + k] * slot.p[INDEX["sign"]]
     return prices
-

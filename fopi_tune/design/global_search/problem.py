@@ -20,10 +20,11 @@ from fopi_tune.design.constraints import (
 )
 from fopi_tune.design.global_search.compiled import (
     CODE_OF_OBJECTIVE,
+    CROSSOVER,
     CS,
     CS_PEAK,
-    CROSSOVER,
     DELAY_MARGIN,
+    DEPTH,
     KIND_OF_QUANTITY,
     Box,
     Rows,
@@ -54,6 +55,7 @@ class Problem:
         code: its code in the compiled parts.
         horizon_s: of the discounted error.
         tightening: of the inequalities, natural units.
+        free: requirements that may be missed: the objective is then that the largest miss be smallest.
     """
 
     spec: DesignSpec
@@ -64,6 +66,7 @@ class Problem:
     code: int
     horizon_s: float
     tightening: float = TIGHTENING
+    free: frozenset[int] | None = None
 
     @classmethod
     def of(cls, spec: DesignSpec) -> Problem:
@@ -75,10 +78,10 @@ class Problem:
         scaled = Scaled.of(spec.plant, scale)
         return cls(spec, scale, scaled, _needed(constraints_of(spec)), objective, CODE_OF_OBJECTIVE[objective], horizon)
 
-    def with_limits_of(self, spec: DesignSpec, tightening: float | None = None) -> Problem:
-        """The same plants and tables with another spec's limits."""
-        other = replace(self, spec=spec, constraints=_needed(constraints_of(spec)))
-        other = replace(other, tightening=self.tightening if tightening is None else tightening)
+    def missing(self, free: frozenset[int], dropped: frozenset[int]) -> Problem:
+        """The problem of how little the requirements in `free` have to be missed, those in `dropped` left out."""
+        kept = tuple(c for c in self.constraints if c.requirement not in dropped)
+        other = replace(self, constraints=kept, free=free, objective=ObjectiveKind.DEPTH, code=DEPTH)
         for name in ("scan_table", "fine_table", "fine_points", "_named"):
             if name in self.__dict__:
                 other.__dict__[name] = self.__dict__[name]
@@ -132,9 +135,10 @@ class Problem:
             np.array([e[0] for e in ends], dtype=np.int64),
             np.array([e[1] for e in ends], dtype=np.int64),
             np.array(scales),
-            np.array([c.in_depth for c in self.constraints]),
+            np.array([c.in_depth if self.free is None else c.requirement in self.free for c in self.constraints]),
             np.array(low),
             np.array(high),
+            np.array([self.free is not None and c.requirement in self.free for c in self.constraints]),
         )
 
     def _limit(self, constraint: Constraint, kind: int, tighter: float) -> float:

@@ -2,10 +2,10 @@
 
 A ray's direction is given by tau in [-1, 1]: the scaled gains have the ratio ki'/kp' = e^t with
 
-    t = reach(alpha) tau/sqrt(1 - tau^2),    reach = base + alpha span ,
+    t = reach(alpha) tau/sqrt(1 - tau^2),    reach = base + alpha span ,    |t| <= alpha most ,
 
 so that tau = -1 is ki = 0, tau = 1 is kp = 0, and the frequency where both terms are equal, t/alpha, runs over the
-plants' corners.  Equalities of the nominal plant: the first fixes kappa on each ray, the second the direction for each
+plants' corners and stays on the grid.  Equalities of the nominal plant: the first fixes kappa on each ray, the second the direction for each
 order, and what is left of a third is the cost.
 """
 
@@ -26,18 +26,21 @@ _LEAST_KAPPA, _LARGEST_KAPPA = -25.0, 30.0
 _LONGEST = 10.0
 _SAMPLES = 6
 _GOLDEN = 0.381966
+#: neper: the part of the reach that does not depend on the order
+_BASE = 2.5
 #: cost of a neper or radian by which a third equality is missed
 _MISSED = 1e3
 
 
 @compiled
-def direction(alpha, tau, base, span):
+def direction(alpha, tau, most, span):
     """(c, s) in the first quadrant."""
     if tau <= -1.0:
         return 1.0, 0.0
     if tau >= 1.0:
         return 0.0, 1.0
-    ratio = math.exp((base + alpha * span) * tau / math.sqrt(1.0 - tau * tau))
+    t = (_BASE + alpha * span) * tau / math.sqrt(1.0 - tau * tau)
+    ratio = math.exp(min(max(t, -alpha * most), alpha * most))
     size = math.sqrt(1.0 + ratio * ratio)
     return 1.0 / size, ratio / size
 
@@ -150,25 +153,25 @@ def missed_on_ray(pick, alpha, c, s, equal, table, rows, work):
 
 
 @compiled
-def best_of_order(code, alpha, signs, taus, equal, base, span, table, rows, box, work):
+def best_of_order(code, alpha, signs, taus, equal, most, span, table, rows, box, work):
     """(cost, kappa, tau) of the best ray of an order on which two equalities hold."""
     best, at, where = NOTHING, 0.0, 0.0
     for pick in range(2):
         last, known = 0.0, False
         for j in range(len(taus)):
-            c, s = direction(alpha, taus[j], base, span)
+            c, s = direction(alpha, taus[j], most, span)
             off, there = missed_on_ray(pick, alpha, c * signs[0], s * signs[1], equal, table, rows, work)
             if there and known and (off > 0.0) != (last > 0.0) and abs(off - last) < 2.0:
                 a, b, at_a = taus[j - 1], taus[j], last
                 for _ in range(40):
                     middle = 0.5 * (a + b)
-                    c, s = direction(alpha, middle, base, span)
+                    c, s = direction(alpha, middle, most, span)
                     value, _ = missed_on_ray(pick, alpha, c * signs[0], s * signs[1], equal, table, rows, work)
                     if (value > 0.0) == (at_a > 0.0):
                         a = middle
                     else:
                         b = middle
-                c, s = direction(alpha, a, base, span)
+                c, s = direction(alpha, a, most, span)
                 value, kappa, _ = best_on_ray(
                     code, alpha, c * signs[0], s * signs[1], equal, pick, 0, table, rows, box, work
                 )
@@ -179,14 +182,14 @@ def best_of_order(code, alpha, signs, taus, equal, base, span, table, rows, box,
 
 
 @compiled
-def scan_rays(code, alphas, taus, quadrants, equal, base, span, table, rows, box, work):
+def scan_rays(code, alphas, taus, quadrants, equal, most, span, table, rows, box, work):
     """Costs and kappas, shapes (quadrants, alphas, taus), NOTHING where a ray has nothing that meets everything."""
     shape = (len(quadrants), len(alphas), len(taus))
     costs, kappas = np.full(shape, NOTHING), np.zeros(shape)
     for z in range(shape[0]):
         for i in range(shape[1]):
             for j in range(shape[2]):
-                c, s = direction(alphas[i], taus[j], base, span)
+                c, s = direction(alphas[i], taus[j], most, span)
                 c, s = c * quadrants[z, 0], s * quadrants[z, 1]
                 costs[z, i, j], kappas[z, i, j], _ = best_on_ray(
                     code, alphas[i], c, s, equal, -1, 0, table, rows, box, work
@@ -195,7 +198,7 @@ def scan_rays(code, alphas, taus, quadrants, equal, base, span, table, rows, box
 
 
 @compiled
-def compass(code, start, steps, fixed, signs, equal, base, span, least, rounds, table, rows, box, work):
+def compass(code, start, steps, fixed, signs, equal, most, span, least, rounds, table, rows, box, work):
     """Compass search on (alpha, tau) from a ray: (alpha, tau, cost, kappa).
 
     Args:
@@ -205,11 +208,13 @@ def compass(code, start, steps, fixed, signs, equal, base, span, least, rounds, 
         signs: of kp and ki.
         least: steps smaller than this end the search.
         rounds: at most so many.
-        code, equal, base, span, table, rows, box, work: as in `best_on_ray` and `direction`.
+        code, equal, most, span, table, rows, box, work: as in `best_on_ray` and `direction`.
     """
     alpha, tau, best, kappa = start[0], start[1], start[2], 0.0
     da, dt, pa, pt = steps[0], steps[1], 0.0, 0.0
-    ways = np.array(((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)))
+    ways = np.array(
+        ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0))
+    )
     for _ in range(rounds):
         moved = False
         for d in range(-1, 8):
@@ -223,7 +228,7 @@ def compass(code, start, steps, fixed, signs, equal, base, span, least, rounds, 
             y = tau if fixed else min(max(y, -1.0), 1.0)
             if x == alpha and y == tau:
                 continue
-            c, s = direction(x, y, base, span)
+            c, s = direction(x, y, most, span)
             value, at, _ = best_on_ray(code, x, c * signs[0], s * signs[1], equal, -1, 8, table, rows, box, work)
             if value < best:
                 pa, pt = (2.0 * pa, 2.0 * pt) if d < 0 else (x - alpha, y - tau)

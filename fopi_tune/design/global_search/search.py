@@ -10,7 +10,9 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
 from fopi_tune.design.global_search.basins import Scan, scan_box
-from fopi_tune.design.global_search.polish import Polish, Polished
+from fopi_tune.design.global_search.compiled import DEPTH, ENDLESS
+from fopi_tune.design.global_search.infeasible import explain
+from fopi_tune.design.global_search.polish import MEETS, Polish, Polished
 from fopi_tune.design.global_search.problem import LARGEST_GAIN, Problem
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.objectives import ObjectiveKind
@@ -47,9 +49,8 @@ def search_globally(spec: DesignSpec) -> Candidate:
     scan = scan_box(problem, _BASINS)
     polish = Polish(problem)
     best = polish_basins(polish, scan)
-    if best is None:
-        nothing = tuple(None for _ in spec.requirements)
-        return Candidate(Status.INFEASIBLE, None, nothing, (), "", polish.counts.solves)
+    if best is None or (problem.code == DEPTH and best.cost > MEETS):
+        return explain(problem, "", polish.counts)
     return candidate_of(polish, best)
 
 
@@ -62,9 +63,9 @@ def polish_basins(polish: Polish, scan: Scan) -> Polished | None:
             continue
         found = polish.run(basin.gains)
         for radius in _NEARER:
-            if found is not None and found.cost <= basin.cost + worth:
+            if found is not None and found.settled and found.cost <= basin.cost + worth:
                 break
-            nearer = polish.run(basin.gains, radius)
+            nearer = polish.run(basin.gains if found is None else found.x, radius)
             if nearer is not None and (found is None or nearer.cost < found.cost):
                 found = nearer
         if found is not None and (best is None or found.cost < best.cost) and _is_stable(polish.problem, found):
@@ -86,6 +87,8 @@ def candidate_of(polish: Polish, best: Polished) -> Candidate:
         name for name, gain, value in (("kp", box.kp, best.x[0]), ("ki", box.ki, best.x[1]))
         if (math.isinf(gain.max) and value > 0.99 * LARGEST_GAIN) or (math.isinf(gain.min) and -value > 0.99 * LARGEST_GAIN)
     ]  # fmt: skip
+    if problem.code == DEPTH and -best.cost > ENDLESS - 1e-6:
+        grown.append("the smallest slack")
     if grown:
         status = Status.UNBOUNDED
         verb = "grow" if len(grown) > 1 else "grows"

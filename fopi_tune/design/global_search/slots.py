@@ -18,9 +18,9 @@ from fopi_tune.design.global_search.compiled import (
     LOOP_GAIN,
     PHASE_MARGIN,
     PHASE_SLOPE,
+    Rows,
     S,
     T,
-    Rows,
 )
 from fopi_tune.design.global_search.program import COEFFICIENTS, ERRORS, INDEX, PARAMETERS
 from fopi_tune.design.global_search.responses import (

@@ -26,6 +26,8 @@ _TURN = 0.6
 _LAST_TURN = 40.0
 #: rad; beyond this turn between columns the grid no longer shows the phase
 _ALIAS = 1.2
+#: sparse columns beyond the constraints' grid, where only the controller changes
+DECADES_BEYOND, _BEYOND_STEP = 5.0, 1.5
 #: offsets of columns around a lightly damped root, in widths of its resonance
 _AROUND = (-9, -6, -4, -3, -2, -1.5, -1, -0.75, -0.5, -0.25, 0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 9)
 _NARROWEST = 1e-3
@@ -117,7 +119,10 @@ def frequency_grid(scaled: Scaled, named: Array, per_decade: int, per_decade_bey
     delays = plants.dead_time_s[plants.dead_time_s > 0]
     corners = np.concatenate([np.abs(roots), 1.0 / delays, named[(named > low) & (named < high)], [scale.omega_rad_s]])
     first, last = max(float(corners.min()) / 10.0, low), min(float(corners.max()) * 10.0, high)
+    more = np.exp(np.arange(_BEYOND_STEP, DECADES_BEYOND * math.log(10.0), _BEYOND_STEP))
     parts = [
+        low / more,
+        high * more,
         _logarithmic(first, last, per_decade),
         _logarithmic(low, first, per_decade_beyond),
         _logarithmic(last, high, per_decade_beyond),

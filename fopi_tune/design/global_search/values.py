@@ -15,6 +15,7 @@ from fopi_tune.design.global_search.compiled import (
     CS,
     CS_PEAK,
     DELAY_MARGIN,
+    ENDLESS,
     GAIN_MARGIN,
     IAE,
     KI,
@@ -22,16 +23,17 @@ from fopi_tune.design.global_search.compiled import (
     MARGIN_SPREAD,
     NOTHING,
     PHASE_MARGIN,
-    S,
+    PHASE_SLOPE,
     S_PEAK,
+    S,
     T,
     compiled,
 )
 from fopi_tune.design.global_search.intervals import slope_at
 
 _PI = math.pi
-#: a slack that counts as endless
-_ENDLESS = 9.0
+#: the slack of a quantity that a loop should have and has not
+_MISSING = -3.0
 
 
 @compiled
@@ -98,6 +100,8 @@ def measured(q, kappa, i, table, rows, work):
 def slack(q, kappa, i, table, rows, work):
     """Of an inequality: how far inside, natural units; of an equality: the signed distance from the limit."""
     value = measured(q, kappa, i, table, rows, work)
+    if value == NOTHING and (rows.kind[q] == CROSSOVER or rows.kind[q] == PHASE_SLOPE or rows.side[q] == 0):
+        return _MISSING
     if rows.side[q] == 0:
         return (rows.limit[q] - value) * rows.scale[q]
     return rows.side[q] * (rows.limit[q] - value) * rows.scale[q]
@@ -106,12 +110,13 @@ def slack(q, kappa, i, table, rows, work):
 @compiled
 def depth(kappa, table, rows, work):
     """The smallest slack of the inequalities that count."""
-    least = _ENDLESS
+    least = ENDLESS
     for q in range(len(rows.kind)):
         if not rows.in_depth[q]:
             continue
         for i in range(1 if rows.nominal[q] else table.gain.shape[0]):
-            least = min(least, slack(q, kappa, i, table, rows, work))
+            value = slack(q, kappa, i, table, rows, work)
+            least = min(least, -abs(value) if rows.side[q] == 0 else value)
     return least
 
 

@@ -239,7 +239,9 @@ def _ripple(kind, side, x, plant, v, near, target):
 
 
 @compiled
-def _worst_plant(kind, side, limit, scale, mode, x, point, plant, v, near, target, low_v, high_v, horizon, affine, low, high, spacing):
+def _worst_plant(
+    kind, side, limit, scale, mode, x, point, plant, v, near, target, low_v, high_v, horizon, affine, low, high, spacing
+):
     """Compass search over the box from a plant of the grid: (slack, v); `point` and `plant` are moved."""
     p = len(point)
     value, v = settle(kind, side, mode, x, plant, v, near, target, low_v, high_v, horizon)
@@ -357,8 +359,24 @@ def worst_cases(x, table, rows, affine, low, high, spacing, horizon, within, rea
                 limit, scale = 0.0, 1.0
             if p > 0 and not rows.nominal[q]:
                 best, v = _worst_plant(
-                    kind, int(way), limit, scale, mode, x, point, plant, v, near, target, low_v, high_v, horizon,
-                    affine, low, high, spacing,
+                    kind,
+                    int(way),
+                    limit,
+                    scale,
+                    mode,
+                    x,
+                    point,
+                    plant,
+                    v,
+                    near,
+                    target,
+                    low_v,
+                    high_v,
+                    horizon,
+                    affine,
+                    low,
+                    high,
+                    spacing,
                 )
             else:
                 value, v = settle(kind, int(way), mode, x, plant, v, near, target, low_v, high_v, horizon)

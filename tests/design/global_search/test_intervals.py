@@ -48,14 +48,24 @@ REQUIREMENTS = [
     "phase_slope_deg_per_decade: {at_least: -60}",
     "phase_slope_deg_per_decade: {at_most: -10}",
 ]
-RAYS = [(0.5, 1.0, 0.3), (1.0, 0.3, 1.0), (1.3, 1.0, 1.0), (0.9, 1.0, 0.0), (1.0, 0.0, 1.0), (0.7, -0.4, 1.0), (1.1, -1.0, -0.5)]
+RAYS = [
+    (0.5, 1.0, 0.3),
+    (1.0, 0.3, 1.0),
+    (1.3, 1.0, 1.0),
+    (0.9, 1.0, 0.0),
+    (1.0, 0.0, 1.0),
+    (0.7, -0.4, 1.0),
+    (1.1, -1.0, -0.5),
+]
 #: neper; the grid shows the ends of intervals this exactly; of a slope it has differences only
 NEAR, NEAR_OF_A_SLOPE = 0.04, 0.3
 
 
 def spec_of(plant: str, requirement: str) -> DesignSpec:
     ranges = "{kp: {min: -100, max: 100}, ki: {min: -100, max: 100}, alpha: {min: 0.3, max: 1.6}}"
-    return ft.parse_spec(f"schema: 1\nname: x\nplant: {plant}\ncontroller: {ranges}\nrequirements:\n  - {{{requirement}}}\n")
+    return ft.parse_spec(
+        f"schema: 1\nname: x\nplant: {plant}\ncontroller: {ranges}\nrequirements:\n  - {{{requirement}}}\n"
+    )
 
 
 def meets(problem: Problem, alpha: float, c: float, s: float, kappas: np.ndarray) -> np.ndarray:
@@ -102,4 +112,12 @@ def test_the_allowed_intervals_are_those_of_the_exact_quantities(plant: str, req
         ends = np.concatenate([low, high, [-99.0]])
         clear = np.abs(kappas[:, None] - ends).min(axis=1) > near
         wrong = clear & (found != exact)
-        assert not wrong.any(), (alpha, c, s, kappas[wrong], found[wrong], np.round(work.found[:count], 4), exact[wrong])
+        assert not wrong.any(), (
+            alpha,
+            c,
+            s,
+            kappas[wrong],
+            found[wrong],
+            np.round(work.found[:count], 4),
+            exact[wrong],
+        )

@@ -1,0 +1,127 @@
+"""Why a spec has no answer:  the requirements that clash, and by how much each has to be relaxed.
+
+The scan and the polish answer one more question: by how little some requirements (`free`) can be missed while the
+others hold and some are left out.  A requirement without which the others still clash is dropped; of those that are
+left, each is relaxed alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+from fopi_tune.core.loops import Plants
+from fopi_tune.design.constraints import Bound
+from fopi_tune.design.global_search.basins import scan_box
+from fopi_tune.design.global_search.polish import Counts, Polish, Polished
+from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.reasons import Reason, describe, has_negative_gain
+from fopi_tune.results.candidate import Candidate
+from fopi_tune.results.status import Relaxation, Status
+from fopi_tune.spec.model import DesignSpec
+
+#: natural units; requirements that are missed by no more can hold together
+_MET = 1e-6
+_BASINS = 2
+_COARSE = 2.0
+_UNSTABLE = "no gains within their ranges were found that give every plant of the family a stable loop"
+_NEAREST = "the requirements can be met, but Ipopt did not converge on the objective; try narrower gain ranges"
+
+
+def explain(problem: Problem, excluded: str, counts: Counts) -> Candidate:
+    """The candidate of a spec for which the search found no gains.
+
+    Args:
+        problem: the problem.
+        excluded: how completely the box was searched, in words; empty when it was not asked.
+        counts: of the search so far.
+    """
+    spec, everything = problem.spec, frozenset(range(len(problem.spec.requirements)))
+    nothing = tuple(None for _ in spec.requirements)
+    nearest = least_missed(problem, everything, frozenset(), counts)
+    if nearest is None:
+        return Candidate(Status.INFEASIBLE, None, nothing, (), _unstable(problem), counts.solves)
+    gains = problem.gains(nearest.x)
+    if nearest.cost <= _MET:
+        return Candidate(Status.FAILED, gains, nothing, (), _NEAREST, counts.solves)
+    clash = everything
+    for requirement in sorted(everything):
+        rest = clash - {requirement}
+        without = least_missed(problem, rest, everything - rest, counts) if rest else None
+        if without is not None and without.cost > _MET:
+            clash = rest
+    relaxations = tuple(relaxation_alone(problem, requirement, counts) for requirement in sorted(clash))
+    message = _message(spec, clash) + (f"; {excluded}" if excluded else "")
+    return Candidate(Status.INFEASIBLE, gains, nothing, relaxations, message, counts.solves)
+
+
+def explain_reason(problem: Problem, reason: Reason) -> Candidate:
+    """The candidate of a spec that a formula refuses: its nearest gains and the relaxations needed."""
+    counts, spec = Counts(), problem.spec
+    everything = frozenset(range(len(spec.requirements)))
+    nearest = least_missed(problem, everything - reason.unattainable, reason.unattainable, counts)
+    relaxations = tuple(
+        Relaxation(r, None, None) if r in reason.unattainable else relaxation_alone(problem, r, counts)
+        for r in sorted(reason.requirements)
+    )
+    gains = problem.gains(nearest.x) if nearest else None
+    nothing = tuple(None for _ in spec.requirements)
+    return Candidate(Status.INFEASIBLE, gains, nothing, relaxations, reason.message, counts.solves)
+
+
+def least_missed(
+    problem: Problem, free: frozenset[int], dropped: frozenset[int], counts: Counts
+) -> Polished | None:  # fmt: skip
+    """The gains at which the largest miss of the requirements in `free` is smallest; its cost is that miss.
+
+    None where no gains were found at which all others hold.
+    """
+    question = problem.missing(free, dropped)
+    polish = Polish(question, counts)
+    best: Polished | None = None
+    for basin in scan_box(question, _BASINS, _COARSE).basins:
+        found = polish.run(basin.gains)
+        if found is not None and (best is None or found.cost < best.cost):
+            best = found
+        if best is not None and best.cost <= _MET:
+            break
+    return best
+
+
+def relaxation_alone(problem: Problem, requirement: int, counts: Counts) -> Relaxation:
+    """The smallest change of one limit with which all requirements can be met."""
+    found = least_missed(problem, frozenset({requirement}), frozenset(), counts)
+    if found is None:
+        return Relaxation(requirement, None, None)
+    polish = Polish(problem.missing(frozenset({requirement}), frozenset()), counts)
+    worst = polish.misses(found.x)
+    changes = []
+    for k, constraint in enumerate(polish.problem.constraints):
+        if constraint.requirement != requirement or worst[k] <= 0.0:
+            continue
+        # of an equality the value decides on which side the limit has to move
+        sides = (1.0, -1.0) if constraint.bound is Bound.EQUAL else (float(constraint.bound.value),)
+        for side in sides:
+            limit = constraint.quantity.from_natural(constraint.limit + side * worst[k] / constraint.scale)
+            moved = abs(limit - constraint.limit_public)
+            if constraint.bound is not Bound.EQUAL or polish.is_closer(found.x, k, side):
+                changes.append((worst[k], limit, moved))
+    if not changes:
+        return Relaxation(requirement, None, None)
+    _, limit, amount = max(changes)
+    return Relaxation(requirement, amount, limit) if math.isfinite(limit) else Relaxation(requirement, None, None)
+
+
+def _unstable(problem: Problem) -> str:
+    box = problem.spec.controller
+    plants = Plants.members(problem.spec.plant, problem.fine_points[0])
+    if has_negative_gain(plants) and box.kp.min >= 0.0 and box.ki.min >= 0.0:
+        return _UNSTABLE + "; the plant's gain is negative, so allow negative kp and ki"
+    return _UNSTABLE
+
+
+def _message(spec: DesignSpec, clash: frozenset[int]) -> str:
+    if not clash:
+        return "every point that meets the requirements is unstable for some plant of the family"
+    names = " and ".join(describe(spec.requirements[i]) for i in sorted(clash))
+    verb = "cannot be met" if len(clash) == 1 else "cannot hold together"
+    return f"{names} {verb} within the gains' ranges"
