@@ -20,7 +20,7 @@ from fopi_tune.core.peaks import Response
 from fopi_tune.core.sampled_loops import SampledLoops, shifted
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.quantities.base import NEPER_PER_DB, QuantityAtCrossings, EvaluatedAt
+from fopi_tune.quantities.base import NEPER_PER_DB, EvaluatedAt, QuantityAtCrossings
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import Requirement
 

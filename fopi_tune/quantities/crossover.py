@@ -8,7 +8,7 @@ from typing import Any
 from fopi_tune.core.crossings import Crossings
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import Measured, highest_by_row
-from fopi_tune.quantities.base import QuantityAtCrossings, EvaluatedAt, LoopSymbols
+from fopi_tune.quantities.base import EvaluatedAt, LoopSymbols, QuantityAtCrossings
 
 
 class Crossover(QuantityAtCrossings):

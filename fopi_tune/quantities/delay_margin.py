@@ -7,7 +7,7 @@ from typing import Any
 from fopi_tune.core.crossings import Crossings
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import Measured, delay_margins
-from fopi_tune.quantities.base import QuantityAtCrossings, EvaluatedAt, LoopSymbols
+from fopi_tune.quantities.base import EvaluatedAt, LoopSymbols, QuantityAtCrossings
 
 
 class DelayMargin(QuantityAtCrossings):

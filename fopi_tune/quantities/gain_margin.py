@@ -7,7 +7,7 @@ from typing import Any
 from fopi_tune.core.crossings import Crossings
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import Measured, gain_margins
-from fopi_tune.quantities.base import NEPER_PER_DB, QuantityAtCrossings, EvaluatedAt, LoopSymbols
+from fopi_tune.quantities.base import NEPER_PER_DB, EvaluatedAt, LoopSymbols, QuantityAtCrossings
 
 
 class GainMargin(QuantityAtCrossings):

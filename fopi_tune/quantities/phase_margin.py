@@ -10,7 +10,7 @@ import numpy as np
 from fopi_tune.core.crossings import Crossings
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import Measured, phase_margins
-from fopi_tune.quantities.base import QuantityAtCrossings, EvaluatedAt, LoopSymbols
+from fopi_tune.quantities.base import EvaluatedAt, LoopSymbols, QuantityAtCrossings
 
 
 class PhaseMargin(QuantityAtCrossings):

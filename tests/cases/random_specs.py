@@ -1,4 +1,4 @@
-"""Random specs by seed:  every kind of plant, objective and time scale, with limits a loop of that kind can often meet."""
+"""Random specs by seed:  every kind of plant, objective and time scale, with limits that can often be met."""
 
 from __future__ import annotations
 

@@ -278,7 +278,7 @@ def forbid_row(q, i, table, rows, work, count):
                 high = min(high, limit - work.gain[i, j])
             else:
                 low = max(low, limit - work.gain[i, j])
-    elif kind == PHASE_MARGIN or kind == DELAY_MARGIN or kind == GAIN_MARGIN:
+    elif kind in (PHASE_MARGIN, DELAY_MARGIN, GAIN_MARGIN):
         if kind == GAIN_MARGIN:
             found = collect_gain_margins(limit, i, table, work)
         else:

@@ -32,7 +32,7 @@ from fopi_tune.design.global_search.compiled import (
     work_for,
 )
 from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.program import ERRORS, INDEX, SIZES, solver_of
+from fopi_tune.design.global_search.program import ERRORS, INDEX, SIZES, raising_interrupts, solver_of
 from fopi_tune.design.global_search.rays import fill_ray
 from fopi_tune.design.global_search.slots import (
     Slot,
@@ -51,7 +51,6 @@ from fopi_tune.design.global_search.worst_case import (
     smallest_margin,
     worst_cases,
 )
-from fopi_tune.design.nlp.solve import raising_interrupts
 
 #: natural units; requirements that are missed by less are met, an objective that is this exact is known
 MEETS = 2e-7
@@ -310,8 +309,11 @@ def solve(
     low[0], high[0] = box.kp_low / units[0], box.kp_high / units[0]
     if box.ki_low == 0.0:
         low[1] = 0.0
-    if box.ki_high == 0.0:
+    if box.ki_high == 0.0 or x[1] == 0.0:
+        # with ki = 0 the limits omega -> 0 are others: a start there stays
         high[1] = 0.0
+    if x[1] == 0.0:
+        low[1] = 0.0
     low[2], high[2] = box.alpha_low, box.alpha_high
     reach = radius * np.array([0.3 + abs(z[0]), 0.3 + abs(z[1]), 0.5])
     low[:3], high[:3] = np.maximum(low[:3], z - reach), np.minimum(high[:3], z + reach)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -32,6 +33,7 @@ from fopi_tune.design.global_search.compiled import (
 )
 from fopi_tune.design.global_search.tables import Scaled, box_grid, frequency_grid, table_of, vertices
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
+from fopi_tune.results.candidate import Violation
 from fopi_tune.spec.model import DesignSpec, GainRange
 
 #: inequalities are designed this much tighter (natural units), so that rounding does not undo them
@@ -56,6 +58,7 @@ class Problem:
         horizon_s: of the discounted error.
         tightening: of the inequalities, natural units.
         free: requirements that may be missed: the objective is then that the largest miss be smallest.
+        violations: plants and frequencies at which a check refuted gains.
     """
 
     spec: DesignSpec
@@ -67,24 +70,35 @@ class Problem:
     horizon_s: float
     tightening: float = TIGHTENING
     free: frozenset[int] | None = None
+    violations: tuple[Violation, ...] = ()
 
     @classmethod
-    def of(cls, spec: DesignSpec) -> Problem:
-        """Scale the spec and choose its grids."""
+    def of(cls, spec: DesignSpec, violations: Sequence[Violation] = ()) -> Problem:
+        """Scale the spec; its grids hold the plants and frequencies of violations that a check found."""
         scale = scale_of(spec)
         objective = ObjectiveKind(spec.objective.quantity) if spec.objective else ObjectiveKind.DEPTH
         given = spec.objective.horizon_s if spec.objective else None
         horizon = given if given is not None else default_horizon_s(spec.plant)
         scaled = Scaled.of(spec.plant, scale)
-        return cls(spec, scale, scaled, _needed(constraints_of(spec)), objective, CODE_OF_OBJECTIVE[objective], horizon)
+        return cls(
+            spec, scale, scaled, _needed(constraints_of(spec)), objective, CODE_OF_OBJECTIVE[objective], horizon,
+            violations=tuple(violations),
+        )  # fmt: skip
+
+    def with_limits_of(self, spec: DesignSpec) -> Problem:
+        """The same plants and tables with the limits of another spec."""
+        other = replace(self, spec=spec, constraints=_needed(constraints_of(spec)))
+        return self._share_tables(other)
 
     def missing(self, free: frozenset[int], dropped: frozenset[int]) -> Problem:
         """The problem of how little the requirements in `free` have to be missed, those in `dropped` left out."""
         kept = tuple(c for c in self.constraints if c.requirement not in dropped)
         other = replace(self, constraints=kept, free=free, objective=ObjectiveKind.DEPTH, code=DEPTH)
-        for name in ("scan_table", "fine_table", "fine_points", "_named"):
-            if name in self.__dict__:
-                other.__dict__[name] = self.__dict__[name]
+        return self._share_tables(other)
+
+    def _share_tables(self, other: Problem) -> Problem:
+        for name in ("scan_table", "fine_table", "fine_points"):
+            other.__dict__[name] = getattr(self, name)
         return other
 
     @cached_property
@@ -102,12 +116,15 @@ class Problem:
     @cached_property
     def fine_points(self) -> tuple[Array, Array]:
         """Plants of the whole box and their spacing."""
-        return box_grid(self.spec.plant)
+        points, spacing = box_grid(self.spec.plant)
+        seen = [v.theta for v in self.violations]
+        return (np.vstack([points, np.array(seen).reshape(len(seen), points.shape[1])]) if seen else points), spacing
 
     @cached_property
     def fine_table(self) -> Table:
         """Plants of the whole box on a fine grid."""
-        omega = frequency_grid(self.scaled, self._named, *_FINE_GRID)
+        seen = [v.omega_rad_s for v in self.violations if 0.0 < v.omega_rad_s < math.inf]
+        omega = frequency_grid(self.scaled, np.union1d(self._named, seen), *_FINE_GRID)
         return table_of(self.scaled, self.fine_points[0], omega, self.horizon_s)
 
     def rows(self, table: Table, relaxed: float = 0.0, tightening: float | None = None) -> Rows:

@@ -4,17 +4,25 @@ Unknown are the gains (kp' = u0 z0, ki' = u1 z1, alpha), the value t of an objec
 member, and a frequency v of each slot.  A slot is one plant at one frequency (its parameters: the coefficients of N
 and D, the dead time, weights), with
 
-    an equation   that keeps v at a peak, at |L| = e^-(level + level_t t), at a given phase, at v0, or at the first slot's
+    an equation   that keeps v at a peak, at |L| = e^-(level + level_t t), at a phase, at v0, or at the first v
     a row         sign (limit - value) + with_t t + with_reference (angle of the first slot) >= 0  (or = 0) ,
 
 where `value` is a weighted sum of ln|C|, ln|L|, ln|1 + L|, the angle arg L + offset, that angle over omega, the slope
 of arg L, v, and ln|kp'|.  Nothing is compiled for a spec.  The controller enters through `controller_parts` alone.
+
+CasADi takes Ctrl-C during a solve for a failure of the solver; `raising_interrupts` raises KeyboardInterrupt
+nevertheless.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
+import signal
+import threading
+from collections.abc import Iterator
 from functools import lru_cache
+from types import FrameType
 from typing import Any
 
 import casadi as ca
@@ -139,3 +147,29 @@ def solver_of(size: int) -> Any:
         "g": ca.vertcat(public_ki, *rows, *equations),
     }
     return ca.nlpsol(f"global_{size}", "ipopt", program, OPTIONS)
+
+
+@contextlib.contextmanager
+def raising_interrupts() -> Iterator[None]:
+    """Raise KeyboardInterrupt at the end of the block if Ctrl-C came inside it and was swallowed.
+
+    Nothing is changed where the handler is not Python's own, or outside the main thread, which alone gets signals.
+    """
+    usual = signal.default_int_handler
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not usual:
+        yield
+        return
+    received: list[int] = []
+
+    def on_interrupt(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        usual(number, frame)
+
+    signal.signal(signal.SIGINT, on_interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
+    if received:
+        raise KeyboardInterrupt

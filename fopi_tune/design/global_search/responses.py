@@ -1,7 +1,7 @@
 """The loop of one plant at any frequency, and its peaks and crossings by Newton's method (compiled).
 
-A plant is its 19 scaled coefficients, gains are x = (kp', ki', alpha).  Derivatives in v = ln(omega/omega_s) are central
-differences: of a peak only the place suffers, whose error enters its value squared.
+A plant is its 19 scaled coefficients, gains are x = (kp', ki', alpha).  Derivatives in v = ln(omega/omega_s) are
+central differences: of a peak only the place suffers, whose error enters its value squared.
 """
 
 from __future__ import annotations
@@ -50,16 +50,16 @@ def loop_at(x, plant, v, near):
 def value_at(kind, x, plant, v, near):
     """A quantity's natural value at a frequency; margins are angles and lags to -1."""
     gain, phase, log_c = loop_at(x, plant, v, near)
-    if kind == LOOP_GAIN or kind == GAIN_AT_REFERENCE:
+    if kind in (LOOP_GAIN, GAIN_AT_REFERENCE):
         return gain
     if kind == GAIN_MARGIN:
         return -gain
     if kind == CROSSOVER:
         return v
-    if kind == PHASE_MARGIN or kind == DELAY_MARGIN:
+    if kind in (PHASE_MARGIN, DELAY_MARGIN):
         lag = (phase + _PI) % (2.0 * _PI)
         return min(lag, 2.0 * _PI - lag) if kind == PHASE_MARGIN else lag * math.exp(-v)
-    if kind == S or kind == T or kind == CS:
+    if kind in (S, T, CS):
         linear = math.exp(gain)
         log_s = -0.5 * math.log(max(1.0 + linear * (linear + 2.0 * math.cos(phase)), 1e-300))
         return log_s + (0.0 if kind == S else (gain if kind == T else log_c))

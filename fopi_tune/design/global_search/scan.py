@@ -5,8 +5,8 @@ A ray's direction is given by tau in [-1, 1]: the scaled gains have the ratio ki
     t = reach(alpha) tau/sqrt(1 - tau^2),    reach = base + alpha span ,    |t| <= alpha most ,
 
 so that tau = -1 is ki = 0, tau = 1 is kp = 0, and the frequency where both terms are equal, t/alpha, runs over the
-plants' corners and stays on the grid.  Equalities of the nominal plant: the first fixes kappa on each ray, the second the direction for each
-order, and what is left of a third is the cost.
+plants' corners and stays on the grid.  Equalities of the nominal plant: the first fixes kappa on each ray, the second
+the direction for each order, and what is left of a third is the cost.
 """
 
 from __future__ import annotations
@@ -16,10 +16,9 @@ import math
 import numpy as np
 
 from fopi_tune.design.global_search.compiled import IAE, KI, NOTHING, compiled
-from fopi_tune.design.global_search.equalities import equality_gains
 from fopi_tune.design.global_search.intervals import allowed_on_ray
 from fopi_tune.design.global_search.rays import fill_ray, find_passages
-from fopi_tune.design.global_search.values import cost, slack
+from fopi_tune.design.global_search.values import cost, equality_gains, slack
 
 _LEAST_KAPPA, _LARGEST_KAPPA = -25.0, 30.0
 #: neper; the part of a long interval that is looked at, from its upper end

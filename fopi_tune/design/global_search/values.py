@@ -1,4 +1,4 @@
-"""Values of a ray's loops at one kappa, read off a table:  quantities and objectives (compiled).
+"""Values of a ray's loops at one kappa, read off a table:  quantities, objectives, places of equalities (compiled).
 
 They decide between rays and between starts, to the accuracy of the grid; `worst_case` has them exactly.
 """
@@ -29,11 +29,13 @@ from fopi_tune.design.global_search.compiled import (
     T,
     compiled,
 )
-from fopi_tune.design.global_search.intervals import slope_at
+from fopi_tune.design.global_search.intervals import band_interval, excess, slope_at
 
 _PI = math.pi
 #: the slack of a quantity that a loop should have and has not
 _MISSING = -3.0
+#: natural units; a value this far from the equality's limit is another crossing's
+_NEAR = 0.1
 
 
 @compiled
@@ -68,7 +70,7 @@ def at_crossovers(kind, kappa, i, table, work):
         v = table.v[j] + part * (table.v[j + 1] - table.v[j])
         if kind == CROSSOVER:
             return v
-        if kind == PHASE_MARGIN or kind == DELAY_MARGIN:
+        if kind in (PHASE_MARGIN, DELAY_MARGIN):
             if j >= table.alias[i]:
                 return 0.0
             angle = work.phase[i, j] + part * (work.phase[i, j + 1] - work.phase[i, j]) + _PI
@@ -138,7 +140,7 @@ def cost(code, kappa, alpha, c, s, table, rows, box, work):
             p = table.error_gain[i]
             worst = max(worst, abs(p / (1.0 + controller * p)))
         return math.log(worst) if worst > 0.0 else -NOTHING
-    if code == S_PEAK or code == CS_PEAK:
+    if code in (S_PEAK, CS_PEAK):
         worst = -NOTHING
         for i in range(m):
             kind = S if code == S_PEAK else CS
@@ -162,3 +164,51 @@ def cost(code, kappa, alpha, c, s, table, rows, box, work):
             worst = max(worst, abs(g))
         return worst
     return -depth(kappa, table, rows, work)
+
+
+@compiled
+def _keep(q, kappa, count, table, rows, work, out):
+    if count < len(out) and abs(measured(q, kappa, 0, table, rows, work) - rows.limit[q]) * rows.scale[q] < _NEAR:
+        out[count] = kappa
+        return count + 1
+    return count
+
+
+@compiled
+def _keep_roots(kind, limit, j, count, table, work, out):
+    """The one or two k with |S|, |T| or |C S| = e^limit at a frequency."""
+    low, high = band_interval(kind, limit, 0, j, table, work)
+    for k in (low, high):
+        if 0.0 < k < math.inf and low < high and count < len(out):
+            out[count] = math.log(k)
+            count += 1
+    return count
+
+
+@compiled
+def equality_gains(q, table, rows, work, out):
+    """The kappa with (limit = value) in row q for the nominal plant, on the ray in the scratch arrays; their number."""
+    kind, limit, n, count = rows.kind[q], rows.limit[q], work.gain.shape[1], 0
+    if kind == CROSSOVER:
+        return _keep(q, -work.gain[0, rows.first[q]] - 1e-9, 0, table, rows, work, out)
+    if kind == LOOP_GAIN:
+        out[0] = limit - work.gain[0, rows.first[q]]
+        return 1
+    if kind <= CS:
+        return _keep_roots(kind, limit, rows.first[q], 0, table, work, out)
+    if kind == GAIN_MARGIN:
+        for r in range(work.cross_count[0]):
+            count = _keep(q, -limit - work.cross_gain[0, r], count, table, rows, work, out)
+        return count
+    last = 0.0
+    for j in range(1, n - 1):
+        if kind in (PHASE_MARGIN, DELAY_MARGIN):
+            value = excess(kind, limit, 0, j, table, work)
+        else:
+            value = limit - slope_at(0, j, table, work)
+        if j > 1 and (value < 0.0) != (last < 0.0) and abs(value - last) < 3.0:
+            part = last / (last - value)
+            g = work.gain[0, j - 1] + part * (work.gain[0, j] - work.gain[0, j - 1])
+            count = _keep(q, -g, count, table, rows, work, out)
+        last = value
+    return count

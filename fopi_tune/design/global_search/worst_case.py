@@ -134,7 +134,7 @@ def _crossover_dips(q, i, table, rows, work, found, count):
             a, b = max(j, 1), min(j + 1, n - 2)
             value = (work.phase[i, b] - work.phase[i, a]) / (table.v[b] - table.v[a]) * math.log(10.0)
         slack = inner_slack(side, rows.limit[q], rows.scale[q], value)
-        margin = kind == PHASE_MARGIN or kind == DELAY_MARGIN
+        margin = kind in (PHASE_MARGIN, DELAY_MARGIN)
         if margin and side >= 0 and count > first:
             # an upper limit is about the smallest alone
             if value >= least:
@@ -146,7 +146,7 @@ def _crossover_dips(q, i, table, rows, work, found, count):
             break
     if count > first:
         return count
-    margin = kind == PHASE_MARGIN or kind == DELAY_MARGIN
+    margin = kind in (PHASE_MARGIN, DELAY_MARGIN)
     return count if margin and side < 0 else -1
 
 

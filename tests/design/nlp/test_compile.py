@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.crossings import gain_crossovers
+from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import margins
 from fopi_tune.core.peaks import Response, log_response_at
 from fopi_tune.core.plant import PlantFamily, Uncertain
