@@ -15,8 +15,8 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design import design
-from fopi_tune.design.nlp.slots import Mode
-from fopi_tune.design.search import Search
+from fopi_tune.design.global_search.basins import scan_box
+from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.proof import verify
 from fopi_tune.results.candidate import Violation
 from fopi_tune.results.status import Status
@@ -96,38 +96,23 @@ def test_every_member_of_a_solved_family_is_stable() -> None:
 
 def test_a_violation_found_by_the_check_enters_the_next_design() -> None:
     spec = load_spec(DELAY)
-    violation = Violation(2, (1.6,), 4.2)
-    search = Search.of(spec, (violation,))
-    assert any(point.constraint == 2 and point.omega_rad_s == 4.2 for point in search.first_cuts.points)
+    violation = Violation(2, (1.7123,), 4.2)
+    problem = Problem.of(spec, (violation,))
+    assert (problem.fine_table.points == 1.7123).any()
+    omega = np.exp(problem.fine_table.v) * problem.scale.omega_rad_s
+    assert np.abs(np.log(omega / 4.2)).min() < 1e-9
     assert design(spec, (violation,)).status is Status.SOLVED
 
 
-def test_peaks_that_move_converge_in_few_rounds() -> None:
-    spec = parse_spec(
-        "schema: 1\nname: x\n"
-        "plant: {model: lag, static_gain: 1, time_constant_s: {min: 1.6, max: 3.1}, dead_time_s: 0.3}\n"
-        "controller: {kp: {min: 0, max: 10}, ki: {min: 0, max: 10}, alpha: {min: 0.3, max: 1.5}}\n"
-        "requirements: [{sensitivity_db: {at_most: -20}, to_rad_s: 0.05}]\n"
-        "objective: {minimize: control_sensitivity_peak_db}\n"
-    )
-    search = Search.of(spec, ())
-    run = search.exchange.run(
-        search.starts[0], search.first_cuts, Mode.OBJECTIVE, search.all_requirements, frozenset(), search.limits(0.0)
-    )
-    assert run.ok
-    # With fixed frequencies alone the same exchange needs a dozen rounds: its cuts chase the peak.
-    assert run.rounds <= 8
-
-
 def test_starts_lie_in_the_box_and_apart() -> None:
-    search = Search.of(load_spec(DELAY), ())
-    box = search.spec.controller
-    assert len(search.starts) >= 3
-    for start in search.starts:
+    problem = Problem.of(load_spec(DELAY))
+    box, starts = problem.spec.controller, [problem.gains(basin.gains) for basin in scan_box(problem, 3).basins]
+    assert starts
+    for start in starts:
         assert box.kp.min <= start.kp <= box.kp.max
         assert box.ki.min <= start.ki <= box.ki.max
         assert box.alpha.min <= start.alpha <= box.alpha.max
-    assert len(set(search.starts)) == len(search.starts)
+    assert len(set(starts)) == len(starts)
 
 
 def test_the_gain_margin_as_an_equality_without_delay_is_refused_in_words() -> None:

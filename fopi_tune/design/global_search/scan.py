@@ -24,6 +24,8 @@ _LEAST_KAPPA, _LARGEST_KAPPA = -25.0, 30.0
 #: neper; the part of a long interval that is looked at, from its upper end
 _LONGEST = 10.0
 _SAMPLES = 6
+#: kappa of one ray that meet an equality
+_MOST_GAINS = 6
 _GOLDEN = 0.381966
 #: neper: the part of the reach that does not depend on the order
 _BASE = 2.5
@@ -120,7 +122,7 @@ def best_on_ray(code, alpha, c, s, equal, pick, deep, table, rows, box, work):
             if value < best:
                 best, at = value, kappa
         return best, at, missed
-    gains = np.empty(8)
+    gains = np.empty(_MOST_GAINS)
     count = equality_gains(equal[0], table, rows, work, gains)
     for r in range(count):
         kappa = gains[r]
@@ -144,7 +146,7 @@ def missed_on_ray(pick, alpha, c, s, equal, table, rows, work):
     """(what the second equality misses at the kappa of the first, whether there is one)."""
     fill_ray(alpha, c, s, table, work)
     find_passages(alpha, c, s, table, work)
-    gains = np.empty(8)
+    gains = np.empty(_MOST_GAINS)
     if equality_gains(equal[0], table, rows, work, gains) <= pick:
         return 0.0, False
     value = slack(equal[1], gains[pick], 0, table, rows, work)
@@ -155,7 +157,7 @@ def missed_on_ray(pick, alpha, c, s, equal, table, rows, work):
 def best_of_order(code, alpha, signs, taus, equal, most, span, table, rows, box, work):
     """(cost, kappa, tau) of the best ray of an order on which two equalities hold."""
     best, at, where = NOTHING, 0.0, 0.0
-    for pick in range(2):
+    for pick in range(_MOST_GAINS):
         last, known = 0.0, False
         for j in range(len(taus)):
             c, s = direction(alpha, taus[j], most, span)
