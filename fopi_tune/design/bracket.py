@@ -22,9 +22,9 @@ from fopi_tune.design.global_search.compiled import (
     LOOP_GAIN,
     MARGIN_SPREAD,
     PHASE_MARGIN,
-    S,
     S_PEAK,
     Rows,
+    S,
     Table,
     work_for,
 )
@@ -92,9 +92,9 @@ def excluded_share(problem: Problem, budget: int = BUDGET) -> float:
 
 
 def _table(polish: Polish, x: Array) -> Table:
-    """Vertices and the worst plants at x, at the fine grid's frequencies and around the worst ones."""
+    """Vertices and the worst plants at x, at the scan's frequencies and around the worst ones."""
     problem, found = polish.problem, polish.look(x)
-    points, omega = vertices(problem.spec.plant), polish.table.omega[1:-1] * problem.scale.omega_rad_s
+    points, omega = vertices(problem.spec.plant), problem.scan_table.omega[1:-1] * problem.scale.omega_rad_s
     if found is not None and len(found):
         near = found[found[:, SLACK] < _ACTIVE]
         v = np.add.outer(near[:, V], _BESIDE).ravel()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.stability import is_stable
+from fopi_tune.design.bracket import bracket_of, excluded_share
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
 from fopi_tune.design.global_search.basins import Basin, scan_box
 from fopi_tune.design.global_search.compiled import DEPTH, ENDLESS
@@ -39,6 +40,8 @@ _PUBLIC_UNIT = {
     ObjectiveKind.SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
     ObjectiveKind.CONTROL_SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
 }
+#: brackets that are made, and the part by which gains from the last one have to be better for another
+_MOST_BRACKETS, _BETTER = 3, 1e-4
 #: multipliers beyond this say only that limits coincide
 _NO_PRICE = 1e5
 
@@ -56,18 +59,48 @@ class Neighbour:
     gains: FoPi
 
 
-def search(problem: Problem, start: FoPi | None = None) -> Candidate:
+def search(problem: Problem, start: FoPi | None = None, bracket: bool = False) -> Candidate:
     """The best gains of the whole box, or why there are none.
 
     Args:
         problem: with at least one free gain.
         start: gains close to the optimum.
+        bracket: whether to bound what anything else can reach, and to polish where the bound leaves room.
     """
     polish = Polish(problem)
     best = best_of_box(polish, start)
     if best is None or (problem.code == DEPTH and best.cost > MEETS):
-        return explain(problem, "", polish.counts)
-    return candidate_of(polish, best)
+        return explain(problem, share_in_words(excluded_share(problem)) if bracket else "", polish.counts)
+    if not bracket:
+        return candidate_of(polish, best)
+    best, gap = beyond_doubt(polish, best)
+    return replace(candidate_of(polish, best), gap=gap)
+
+
+def beyond_doubt(polish: Polish, best: Polished) -> tuple[Polished, float | None]:
+    """The best gains once gains in cells that the bound cannot discard were polished too, and the gap it closes."""
+    for _ in range(_MOST_BRACKETS):
+        bracket = bracket_of(polish, best.cost, best.x)
+        if bracket is None:
+            return best, None
+        gap = bracket.gap if math.isfinite(bracket.gap) else None
+        far = [basin for basin in bracket.starts if _is_far(basin.gains, best.x)]
+        better = polish_basins(polish, far, best) or best
+        if better.cost >= best.cost - _BETTER * max(abs(best.cost), 0.05):
+            return (better if better.cost < best.cost else best), gap
+        best = better
+    return best, None
+
+
+def _is_far(one: Array, other: Array) -> bool:
+    return bool(np.any(np.abs(one - other) > 0.05 + 0.1 * np.abs(other)))
+
+
+def share_in_words(excluded: float) -> str:
+    """How completely the box was searched."""
+    if excluded >= 1.0:
+        return "the whole box was excluded, in floating point"
+    return f"{math.floor(100.0 * excluded):d} % of the box was excluded, and nothing was found in the rest"
 
 
 def best_of_box(polish: Polish, start: FoPi | None = None) -> Polished | None:

@@ -14,13 +14,19 @@ from fopi_tune.results.status import Status
 from fopi_tune.spec.model import ControllerSpec, DesignSpec
 
 
-def design(spec: DesignSpec, violations: Sequence[Violation] = (), start: FoPi | Neighbour | None = None) -> Candidate:
+def design(
+    spec: DesignSpec,
+    violations: Sequence[Violation] = (),
+    start: FoPi | Neighbour | None = None,
+    bracket: bool = False,
+) -> Candidate:
     """Search for the gains that meet a spec over its whole family and optimise its objective.
 
     Args:
         spec: what the loop must do.
         violations: points that a check found; they are among the plants and frequencies that are looked at.
         start: gains close to the optimum, or a solved spec; polished beside the basins of a coarser scan.
+        bracket: whether to bound in floating point what no gains can beat (`Candidate.gap`), which takes longer.
 
     Returns:
         A candidate; `fopi_tune.proof` has to check it.
@@ -35,7 +41,7 @@ def design(spec: DesignSpec, violations: Sequence[Violation] = (), start: FoPi |
     reason = reason_without_solving(spec)
     if reason is not None:
         return explain_reason(problem, reason)
-    return search(problem, start.gains if isinstance(start, Neighbour) else start)
+    return search(problem, start.gains if isinstance(start, Neighbour) else start, bracket)
 
 
 def fixed_gains(box: ControllerSpec) -> FoPi | None:

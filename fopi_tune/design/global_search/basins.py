@@ -9,7 +9,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.design.constraints import Bound
-from fopi_tune.design.global_search.compiled import CROSSOVER, IAE, KI, NOTHING, Rows, work_for
+from fopi_tune.design.global_search.compiled import CROSSOVER, IAE, KI, NOTHING, PHASE_SLOPE, Rows, work_for
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.scan import best_of_order, compass, direction, scan_rays
 from fopi_tune.design.global_search.tables import DECADES_BEYOND
@@ -76,9 +76,14 @@ def quadrants_of(problem: Problem) -> Array:
 
 
 def equalities_of(problem: Problem, rows: Rows) -> Array:
-    """Indices of the equalities, a crossover's first, whose kappa is unique."""
+    """Indices of the equalities in the order in which they are solved.
+
+    A crossover has one kappa a ray.  A slope of the phase comes before a margin: where both hold the margin's kappa is
+    a double one (the phase touches its limit), which no change of sign shows.
+    """
     equal = [k for k, c in enumerate(problem.constraints) if c.bound is Bound.EQUAL and not rows.soft[k]]
-    return np.array(sorted(equal, key=lambda k: (rows.kind[k] != CROSSOVER, k)), dtype=np.int64)
+    first = {CROSSOVER: 0, PHASE_SLOPE: 1}
+    return np.array(sorted(equal, key=lambda k: (first.get(int(rows.kind[k]), 2), k)), dtype=np.int64)
 
 
 def directions_of(problem: Problem) -> tuple[Array, bool]:

@@ -182,9 +182,11 @@ def _unstable_cell(i, passages, table, work, count):
         if clear and abs(z) > 0.75:
             count = forbid(work, count, ends[e], ends[e + 1])
     if table.delay[i] > 0.0:
+        low = BEYOND
         for j in range(table.alias[i], work.gain.shape[1] - 1):
             if work.high[j] < 1.0:
-                count = forbid(work, count, -work.gain[i, j] - math.log(1.0 - work.high[j]), BEYOND)
+                low = min(low, -work.gain[i, j] - math.log(1.0 - work.high[j]))
+        count = forbid(work, count, low, BEYOND)
     return count
 
 
@@ -196,16 +198,28 @@ def _row_cell(q, i, passages, table, rows, work, count):
     if kind in (S, T, CS):
         if side <= 0:
             return count
+        # neighbouring columns overlap: their union is one interval
+        union_low, union_high = 0.0, -np.inf
         for j in range(first, last + 1):
             if work.high[j] < 1.0 and j < table.alias[i]:
                 low, high = _band_cell(kind, limit, i, j, work.high[j], table, work)
-                count = forbid(work, count, low, high)
+                if high <= low:
+                    continue
+                if low <= union_high and high >= union_low:
+                    union_low, union_high = min(low, union_low), max(high, union_high)
+                else:
+                    count = forbid(work, count, union_low, union_high)
+                    union_low, union_high = low, high
+        count = forbid(work, count, union_low, union_high)
     elif kind == LOOP_GAIN:
+        low, high = -BEYOND, BEYOND
         for j in range(first, last + 1):
             if side >= 0 and work.high[j] < 1.0:
-                count = forbid(work, count, limit - work.gain[i, j] - math.log(1.0 - work.high[j]), BEYOND)
+                high = min(high, limit - work.gain[i, j] - math.log(1.0 - work.high[j]))
             if side <= 0:
-                count = forbid(work, count, -BEYOND, limit - work.gain[i, j] - math.log(1.0 + work.high[j]))
+                low = max(low, limit - work.gain[i, j] - math.log(1.0 + work.high[j]))
+        count = forbid(work, count, -BEYOND, low)
+        count = forbid(work, count, high, BEYOND)
     elif kind in (PHASE_MARGIN, DELAY_MARGIN):
         if side <= 0:
             count = _margin_cell(kind, limit - (1e-9 if side == 0 else 0.0), i, table, work, count)
@@ -214,11 +228,12 @@ def _row_cell(q, i, passages, table, rows, work, count):
             if work.cross_turn[i, r] != 0.0:
                 count = forbid(work, count, -limit - work.allowed[r, 0], -work.allowed[r, 1])
     elif kind == CROSSOVER:
-        most = -np.inf
+        most, top = -np.inf, BEYOND
         for j in range(first, n - 1):
             most = max(most, work.gain[i, j] + math.log(1.0 + work.high[j]))
             if side >= 0 and work.high[j] < 1.0 and j > first:
-                count = forbid(work, count, -work.gain[i, j] - math.log(1.0 - work.high[j]), BEYOND)
+                top = min(top, -work.gain[i, j] - math.log(1.0 - work.high[j]))
+        count = forbid(work, count, top, BEYOND)
         if side <= 0:
             count = forbid(work, count, -BEYOND, -most)
         if side == 0 and work.high[first] < 1.0:

@@ -34,6 +34,7 @@ from fopi_tune.design.global_search.compiled import (
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.program import ERRORS, INDEX, SIZES, raising_interrupts, solver_of
 from fopi_tune.design.global_search.rays import fill_ray
+from fopi_tune.design.global_search.responses import AT_GAIN, AT_PHASE
 from fopi_tune.design.global_search.slots import (
     Slot,
     error_rows,
@@ -44,6 +45,7 @@ from fopi_tune.design.global_search.slots import (
 )
 from fopi_tune.design.global_search.worst_case import (
     FIELDS,
+    MODE,
     ROW,
     SLACK,
     V,
@@ -58,7 +60,7 @@ MEETS = 2e-7
 _WITHIN = 0.25
 _MOST_FINDINGS, _MOST_KEPT = 96, 28
 #: |v| within which a finding replaces an older one of the same row and plant
-_SAME_PEAK = 0.5
+_SAME_PEAK, _SAME_CROSSING = 0.5, 0.2
 _ROUNDS = 16
 FIRST_RADIUS = 0.5
 _SMALLEST_RADIUS = 0.005
@@ -288,7 +290,8 @@ def _merged(pool: list[Array], new: Array) -> list[Array]:
     """New findings, and those older ones of which none is the same row, plant and peak."""
     merged = list(new)
     for old in pool:
-        near = new[(new[:, ROW] == old[ROW]) & (np.abs(new[:, V] - old[V]) < _SAME_PEAK)]
+        apart = _SAME_CROSSING if old[MODE] in (AT_GAIN, AT_PHASE) else _SAME_PEAK
+        near = new[(new[:, ROW] == old[ROW]) & (np.abs(new[:, V] - old[V]) < apart)]
         same = np.all(np.abs(near[:, FIELDS:] - old[FIELDS:]) < 1e-6 * (1.0 + np.abs(old[FIELDS:])), axis=1)
         if not same.any():
             merged.append(old)

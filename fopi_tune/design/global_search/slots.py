@@ -39,6 +39,7 @@ _PI = math.pi
 _STEEP = 0.3
 _EQUATION = {AT_PEAK: "peak", AT_FIXED: "fixed", AT_GAIN: "gain", AT_PHASE: "phase", AT_REFERENCE: "reference"}
 _STEP = 1e-5
+_MARGINS = (PHASE_MARGIN, GAIN_MARGIN, DELAY_MARGIN)
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,18 @@ def slots_of(findings: list[Array], x: Array, rows: Rows, affine: Array, in_t: A
             other = slots[-1].p.copy()
             other[INDEX["sign"]] = -other[INDEX["sign"]]
             slots.append(Slot(other, slots[-1].v, q))
+        elif slots[-1].is_equal and rows.kind[q] in _MARGINS and _is_another_crossing(finding, findings):
+            # the smallest margin equals the limit, so that of another crossing is no smaller:  value - limit >= 0
+            other = slots[-1].p.copy()
+            other[INDEX["sign"]] = -other[INDEX["sign"]]
+            slots[-1] = Slot(other, slots[-1].v, q)
     return slots
+
+
+def _is_another_crossing(finding: Array, findings: list[Array]) -> bool:
+    """Whether another finding of the same row and plant is closer to the limit."""
+    same = [f for f in findings if f[ROW] == finding[ROW] and np.array_equal(f[FIELDS:], finding[FIELDS:])]
+    return any(f[SLACK] > finding[SLACK] for f in same)
 
 
 def error_rows(findings: list[Array], rows: Rows, affine: Array, log_horizon: float) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -20,7 +22,7 @@ PLANTS = [
 ]
 
 
-def slot_value(problem: Problem, gains: FoPi, theta: np.ndarray, v: float, near: float, weights: dict) -> float:
+def slot_value(problem: Problem, gains: FoPi, theta: np.ndarray, v: float, near: float, **weights: float) -> float:
     """The quantity of a slot with these weights: its row with sign -1 and limit 0."""
     p = np.zeros(PARAMETERS)
     p[:COEFFICIENTS] = problem.scaled.members(theta[None, :])[0]
@@ -50,8 +52,7 @@ def test_the_slots_quantities_are_those_of_core(plant: str) -> None:
         control = log_response_at(loops, Response.CONTROL_SENSITIVITY, row, np.array([omega]))[0]
         v, near = u - np.log(problem.scale.omega_rad_s), log_l.imag + omega * loops.plants.dead_time_s[0]
 
-        def value(**weights: float) -> float:
-            return slot_value(problem, gains, theta, v, near, weights)
+        value = partial(slot_value, problem, gains, theta, v, near)
 
         # rounding of some hundred operations; near -1 or a zero of C the logarithms magnify it
         room = 1e-9 * (1.0 + np.exp(sensitivity) + abs(log_l))
