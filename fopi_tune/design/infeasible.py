@@ -1,124 +1,134 @@
-"""Explain infeasibility:  an irreducible infeasible set of requirements, and how far each limit must be relaxed.
+"""Why a spec has no answer:  the requirements that clash, and by how much each has to be relaxed.
 
-The set comes from a deletion filter over elastic solves: a requirement is dropped where the others are infeasible
-without it.  The relaxation of each requirement in the set is found by relaxing it alone, with all others held.
+The scan and the polish answer one more question: by how little some requirements (`free`) can be missed while the
+others hold and some are left out.  A requirement without which the others still clash is dropped; of those that are
+left, each is relaxed alone.
 """
 
 from __future__ import annotations
 
-from fopi_tune.core.bode_form import Array
+import math
+
+from fopi_tune.core.loops import Plants
 from fopi_tune.design.constraints import Bound
+from fopi_tune.design.global_search.basins import scan_box
+from fopi_tune.design.global_search.polish import Counts, Polish, Polished
+from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.reasons import Reason, describe, has_negative_gain
-from fopi_tune.design.search import MEETS, Search
 from fopi_tune.results.candidate import Candidate
 from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec.model import DesignSpec
 
+#: natural units; requirements that are missed by no more can hold together
+_MET = 1e-6
+_BASINS = 2
+_COARSE = 2.0
 _UNSTABLE = "no gains within their ranges were found that give every plant of the family a stable loop"
+_NEAREST = "the requirements can be met, but Ipopt did not converge on the objective; try narrower gain ranges"
 
 
-def explain_infeasibility(search: Search) -> Candidate:
-    """The irreducible infeasible set by deletion, and the relaxation that each of its requirements needs."""
-    everything, limits = search.all_requirements, search.limits(0.0)
-    nothing = tuple(None for _ in search.spec.requirements)
-    relaxed = search.relaxed
-    if relaxed is None:
-        return _without_any_solution(search)
-    near = relaxed.solved.gains
-    if not search.stable(near) and _no_start_is_stable(search):
-        return Candidate(Status.INFEASIBLE, near, nothing, (), _UNSTABLE, search.exchange.solves, relaxed.rounds)
-    if relaxed.solved.relaxations.sum() <= MEETS:
-        message = "the requirements can be met, but Ipopt did not converge on the objective; try narrower gain ranges"
-        return Candidate(Status.FAILED, near, nothing, (), message, search.exchange.solves)
+def explain(problem: Problem, excluded: str, counts: Counts) -> Candidate:
+    """The candidate of a spec for which the search found no gains.
+
+    Args:
+        problem: the problem.
+        excluded: how completely the box was searched, in words; empty when it was not asked.
+        counts: of the search so far.
+    """
+    spec, everything = problem.spec, frozenset(range(len(problem.spec.requirements)))
+    nothing = tuple(None for _ in spec.requirements)
+    nearest = least_missed(problem, everything, frozenset(), counts)
+    if nearest is None:
+        return Candidate(Status.INFEASIBLE, None, nothing, (), _unstable(problem), counts.solves)
+    gains = problem.gains(nearest.x)
+    if nearest.cost <= _MET:
+        return Candidate(Status.FAILED, gains, nothing, (), _NEAREST, counts.solves)
     clash = everything
-    relaxation = _total_relaxation(search, relaxed.solved.relaxations)
-    for requirement in sorted(everything, key=lambda r: relaxation.get(r, 0.0)):
+    for requirement in sorted(everything):
         rest = clash - {requirement}
-        without = search.elastic(rest, rest, limits)
-        if without is not None and without.solved.relaxations.sum() > MEETS:
+        without = least_missed(problem, rest, everything - rest, counts) if rest else None
+        if without is not None and without.cost > _MET:
             clash = rest
-    relaxations = tuple(_relaxation_alone(search, requirement, limits) for requirement in sorted(clash))
-    return Candidate(
-        Status.INFEASIBLE,
-        near,
-        nothing,
-        relaxations,
-        _message(search.spec, clash),
-        search.exchange.solves,
-        relaxed.rounds,
-    )
+    relaxations = tuple(relaxation_alone(problem, requirement, counts) for requirement in sorted(clash))
+    message = _message(spec, clash) + (f"; {excluded}" if excluded else "")
+    return Candidate(Status.INFEASIBLE, gains, nothing, relaxations, message, counts.solves)
 
 
-def explain_reason(search: Search, reason: Reason) -> Candidate:
-    """The candidate of a spec that `reason_without_solving` refuses: its nearest gains and the relaxations needed."""
-    limits, rest = search.limits(0.0), search.all_requirements - reason.unattainable
-    search.relaxed = search.elastic(rest, rest, limits)
+def explain_reason(problem: Problem, reason: Reason) -> Candidate:
+    """The candidate of a spec that a formula refuses: its nearest gains and the relaxations needed."""
+    counts, spec = Counts(), problem.spec
+    everything = frozenset(range(len(spec.requirements)))
+    nearest = least_missed(problem, everything - reason.unattainable, reason.unattainable, counts)
     relaxations = tuple(
-        Relaxation(r, None, None) if r in reason.unattainable else _relaxation_alone(search, r, limits)
+        Relaxation(r, None, None) if r in reason.unattainable else relaxation_alone(problem, r, counts)
         for r in sorted(reason.requirements)
     )
-    gains = search.relaxed.solved.gains if search.relaxed else None
-    nothing = tuple(None for _ in search.spec.requirements)
-    return Candidate(Status.INFEASIBLE, gains, nothing, relaxations, reason.message, search.exchange.solves)
+    gains = problem.gains(nearest.x) if nearest else None
+    nothing = tuple(None for _ in spec.requirements)
+    return Candidate(Status.INFEASIBLE, gains, nothing, relaxations, reason.message, counts.solves)
 
 
-def _without_any_solution(search: Search) -> Candidate:
-    """No solution with all requirements relaxed: tell instability of every start from failure of the solver."""
-    nothing = tuple(None for _ in search.spec.requirements)
-    box = search.spec.controller
-    wrong_sign = has_negative_gain(search.exchange.oracle.plants) and box.kp.min >= 0.0 and box.ki.min >= 0.0
-    if wrong_sign or _no_start_is_stable(search):
-        message = _UNSTABLE
-        if wrong_sign:
-            message += "; the plant's gain is negative, so allow negative kp and ki"
-        return Candidate(Status.INFEASIBLE, None, nothing, (), message, search.exchange.solves)
-    message = "Ipopt found no point that could be confirmed from any start, even with every requirement relaxed"
-    return Candidate(Status.FAILED, None, nothing, (), message, search.exchange.solves)
+def least_missed(
+    problem: Problem, free: frozenset[int], dropped: frozenset[int], counts: Counts
+) -> Polished | None:  # fmt: skip
+    """The gains at which the largest miss of the requirements in `free` is smallest; its cost is that miss.
+
+    None where no gains were found at which all others hold.
+    """
+    question = problem.missing(free, dropped)
+    polish = Polish(question, counts)
+    best: Polished | None = None
+    for basin in scan_box(question, _BASINS, _COARSE).basins:
+        found = polish.run(basin.gains)
+        if found is not None and (best is None or found.cost < best.cost):
+            best = found
+        if best is not None and best.cost <= _MET:
+            break
+    return best
 
 
-def _no_start_is_stable(search: Search) -> bool:
-    """Whether no start of the search stabilises the family."""
-    return not any(search.stable(gains) for gains in (*search.starts, *search.stable_starts()))
-
-
-def _total_relaxation(search: Search, relaxations: Array) -> dict[int, float]:
-    totals: dict[int, float] = {}
-    for k, constraint in enumerate(search.exchange.constraints):
-        totals[constraint.requirement] = totals.get(constraint.requirement, 0.0) + float(
-            relaxations[2 * k] + relaxations[2 * k + 1]
-        )
-    return totals
-
-
-def _relaxation_alone(search: Search, requirement: int, limits: tuple[float, ...]) -> Relaxation:
+def relaxation_alone(problem: Problem, requirement: int, counts: Counts) -> Relaxation:
     """The smallest change of one limit with which all requirements can be met."""
-    run = search.elastic(search.all_requirements, frozenset({requirement}), limits)
-    if run is None:
+    found = least_missed(problem, frozenset({requirement}), frozenset(), counts)
+    if found is None:
         return Relaxation(requirement, None, None)
-    changes = []
-    for k, constraint in enumerate(search.exchange.constraints):
-        up, down = float(run.solved.relaxations[2 * k]), float(run.solved.relaxations[2 * k + 1])
-        if constraint.requirement != requirement or max(up, down) <= 0.0:
+    polish = Polish(problem.missing(frozenset({requirement}), frozenset()), counts)
+    moved = moved_limit(polish, found, requirement)
+    return Relaxation(requirement, None, None) if moved is None else Relaxation(requirement, moved[1], moved[0])
+
+
+def moved_limit(polish: Polish, found: Polished, requirement: int) -> tuple[float, float] | None:
+    """The limit that gains meet instead of the requirement's own, and its change, public unit; None if none is missed.
+
+    Args:
+        polish: of a problem in which the requirement may be missed.
+        found: its answer.
+        requirement: index in the spec's list.
+    """
+    missed, best = polish.misses(found.x), (0.0, 0.0, 0.0)
+    for k, constraint in enumerate(polish.problem.constraints):
+        if constraint.requirement != requirement or missed[k] <= best[0]:
             continue
-        # slack = bound (limit - value) scale + up - down; an equality reads limit - value + up - down = 0.
-        direction = 1.0 if constraint.bound is Bound.EQUAL else float(constraint.bound.value)
-        changes.append(
-            (
-                abs(up - down),
-                constraint,
-                constraint.quantity.from_natural(constraint.limit + direction * (up - down) / constraint.scale),
-            )
-        )
-    if not changes:
-        return Relaxation(requirement, None, None)
-    _, constraint, new_limit = max(changes, key=lambda change: change[0])
-    return Relaxation(requirement, abs(new_limit - constraint.limit_public), new_limit)
+        side = float(constraint.bound.value)
+        if constraint.bound is Bound.EQUAL:
+            side = 1.0 if polish.is_closer(found.x, k, 1.0) else -1.0
+        limit = constraint.quantity.from_natural(constraint.limit + side * missed[k] / constraint.scale)
+        if math.isfinite(limit):
+            best = float(missed[k]), limit, abs(limit - constraint.limit_public)
+    return None if best[0] == 0.0 else (best[1], best[2])
+
+
+def _unstable(problem: Problem) -> str:
+    box = problem.spec.controller
+    plants = Plants.members(problem.spec.plant, problem.fine_points[0])
+    if has_negative_gain(plants) and box.kp.min >= 0.0 and box.ki.min >= 0.0:
+        return _UNSTABLE + "; the plant's gain is negative, so allow negative kp and ki"
+    return _UNSTABLE
 
 
 def _message(spec: DesignSpec, clash: frozenset[int]) -> str:
     if not clash:
         return "every point that meets the requirements is unstable for some plant of the family"
     names = " and ".join(describe(spec.requirements[i]) for i in sorted(clash))
-    if len(clash) == 1:
-        return f"{names} cannot be met within the gains' ranges"
-    return f"{names} cannot hold together within the gains' ranges"
+    verb = "cannot be met" if len(clash) == 1 else "cannot hold together"
+    return f"{names} {verb} within the gains' ranges"

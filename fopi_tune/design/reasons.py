@@ -7,24 +7,22 @@ The limits as omega -> 0 depend on integral action.  With ki != 0 on a plant wit
 
     |C S| -> 1/|P(0)| ,     |T| -> 1 ,     |L| -> infinity ,     |S| -> 0      as omega -> 0 ,
 
-but not with ki = 0.  A solver cannot see this jump, so `branches` makes a search of its own for ki = 0.
+but not with ki = 0.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.bode_form import Array
+from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.loops import Plants
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound, Constraint, constraints_of
-from fopi_tune.design.starts import closed_form_gains
 from fopi_tune.quantities.base import EvaluatedAt
-from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.spec.model import DesignSpec, GainRange, Requirement
 
 
@@ -111,6 +109,21 @@ def _limit_at_zero_or_infinity(spec: DesignSpec, constraints: tuple[Constraint, 
     return None
 
 
+def closed_form_gains(plant_response: Complex, omega_rad_s: Array, phase_margin_rad: Array, alpha: Array) -> Array:
+    """(kp, ki) that give this crossover and margin; all arguments of shape (n,), result (n, 2).
+
+    Args:
+        plant_response: P(j omega), dead time included.
+        omega_rad_s: the crossover.
+        phase_margin_rad: the margin there.
+        alpha: the order, in (0, 2).
+    """
+    x = np.exp(1j * (phase_margin_rad - np.pi)) / plant_response
+    ki = -x.imag * omega_rad_s**alpha / np.sin(0.5 * np.pi * alpha)
+    kp = x.real - ki * omega_rad_s**-alpha * np.cos(0.5 * np.pi * alpha)
+    return np.stack([kp, ki], axis=1)
+
+
 def _closed_form_out_of_range(spec: DesignSpec, constraints: tuple[Constraint, ...]) -> Reason | None:
     """Crossover and phase margin of the nominal plant determine kp and ki for each alpha: are both ever in range?
 
@@ -195,21 +208,6 @@ def _nearest_alpha(inside: Callable[[Array], tuple[Array, NDArray[np.bool_]]], g
         else:
             bad = middle
     return good
-
-
-def branches(spec: DesignSpec) -> tuple[DesignSpec, ...]:
-    """The specs to search in place of this one: the spec itself, the spec with ki = 0, or both."""
-    ki = spec.controller.ki
-    if ki.is_fixed or not ki.min <= 0.0 <= ki.max:
-        return (spec,)
-    plants = Plants.members(spec.plant, spec.plant.corners())
-    floor = low_frequency_control_gain(plants)
-    without = replace(spec, controller=replace(spec.controller, ki=GainRange(0.0, 0.0)))
-    if cancels_integral(plants) or any(forbids_integral(constraint, floor) for constraint in constraints_of(spec)):
-        return (without,)
-    if spec.objective and spec.objective.quantity == ObjectiveKind.CONTROL_SENSITIVITY_PEAK and math.isfinite(floor):
-        return (spec, without)
-    return (spec,)
 
 
 def forbids_integral(constraint: Constraint, floor: float) -> bool:

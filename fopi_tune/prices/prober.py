@@ -1,8 +1,6 @@
 """One limit at a time:  limit, a neighbour's gains -> the best gains there, checked by `fopi_tune.proof`.
 
-The solver's answer counts only when the check finds every requirement met.  The check is also what tells whether a
-quick solve was enough: its objective is that of fewer constraints, hence no worse than the whole problem's local
-optimum, so gains that meet everything and have that objective are that optimum.
+The solver's answer counts only when the check finds every requirement met.
 """
 
 from __future__ import annotations
@@ -11,21 +9,18 @@ import math
 from dataclasses import dataclass, field
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.design import Seen, Solution, Warm
+from fopi_tune.design import Warm
 from fopi_tune.errors import DomainError
 from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.prices.result import PointStatus, TradeoffPoint
 from fopi_tune.proof import Verification, reassess, verify
+from fopi_tune.results.candidate import Violation
 from fopi_tune.spec.model import DesignSpec, Objective, Sense
 
 #: a limit that the gains keep by more than this (neper or radian) holds nothing back
 _CLEAR = 1e-5
 #: how often an answer of the exchange that the check refuses is made again
 _MOST_REFUTATIONS = 3
-#: gains that violate nothing by more than this (neper or radian) are nearly right
-_LITTLE = 0.03
-#: how far the check's objective may lie from the solver's, relative, and absolute for those in dB, degrees or neper
-_SAME = 1e-6
 
 
 @dataclass(frozen=True)
@@ -68,8 +63,6 @@ class Prober:
     warm: Warm
     #: limits that no start met
     infeasible: list[float] = field(default_factory=list)
-    #: whether the last solve would have done without a search for missing cuts
-    quick: bool = True
 
     @classmethod
     def of(cls, knob: MovableLimit, gains: FoPi) -> Prober:
@@ -83,7 +76,7 @@ class Prober:
             raise DomainError(
                 "the design at the spec's own limit does not pass the check; there is no point to start from"
             )
-        return cls(knob, Probe(knob.limit, PointStatus.MET, found), Warm.of(knob.spec, gains))
+        return cls(knob, Probe(knob.limit, PointStatus.MET, found), Warm.of(knob.spec))
 
     def probe(self, limit: float, near: Probe) -> Probe:
         """The best gains with the limit there.
@@ -113,41 +106,22 @@ class Prober:
         return _judged(limit, reassess(self.knob.at(limit), near.found))
 
     def from_neighbour(self, limit: float, near: Probe) -> Probe | None:
-        """Solve from the neighbour's gains, quickly and else thoroughly; None when that leads nowhere."""
-        spec, seen, start = self.knob.at(limit), seen_in(near.found), near.gains
-        if self.quick:
-            glanced = self._warm(spec, start).glance(spec, start, seen)
-            found = _checked(spec, glanced.gains) if glanced is not None else None
-            if glanced is not None and found is not None:
-                if found.all_met and self._agrees(found, glanced):
-                    return Probe(limit, PointStatus.MET, found)
-                # a cut was missing: what the check saw is put in, and where little was missing the answer is kept
-                seen += seen_in(found)
-                start = glanced.gains if _violation(found) < _LITTLE else start
-        return self._settled(limit, spec, start, seen)
+        """Solve from the neighbour's gains; None when that leads nowhere.
 
-    def thoroughly(self, limit: float, near: Probe) -> Probe | None:
-        """The same without the quick look."""
-        return self._settled(limit, self.knob.at(limit), near.gains, seen_in(near.found))
-
-    def _settled(self, limit: float, spec: DesignSpec, start: FoPi, seen: tuple[Seen, ...]) -> Probe | None:
-        """The exchange; where the check refuses its answer, once more with what the check saw."""
+        Where the check refuses the answer, once more with the plants and frequencies that it saw.
+        """
+        spec, start = self.knob.at(limit), near.gains
         probe = None
         for _ in range(_MOST_REFUTATIONS):
-            solution = self._warm(spec, start).settle(spec, start, seen)
+            solution = self.warm.settle(spec, start)
             found = _checked(spec, solution.gains) if solution is not None else None
-            if solution is None or found is None:
-                return None
-            # where the first solve was the last one the next limit needs no more
-            self.quick, probe = solution.solves <= 1, _judged(limit, found)
+            if found is None:
+                break
+            probe = _judged(limit, found)
             if probe.is_met:
                 break
-            start, seen = found.gains, seen + seen_in(found)
+            start, self.warm = found.gains, Warm.of(spec, self.warm.problem.violations + missed_in(found))
         return probe
-
-    def _warm(self, spec: DesignSpec, gains: FoPi) -> Warm:
-        """What is compiled, unless the limit itself is compiled in."""
-        return self.warm if self.warm.fits(spec) else Warm.of(spec, gains)
 
     def from_all_starts(self, limit: float, refused: Probe | None = None) -> Probe:
         """Solve as for a design; infeasible when no start leads anywhere."""
@@ -178,14 +152,6 @@ class Prober:
         depth = found.objective or 0.0 if self.knob.spec.objective is None else 0.0
         return self.knob.tightens == 0 or slack is None or slack < _CLEAR + depth
 
-    def _agrees(self, found: Verification, solution: Solution) -> bool:
-        if found.objective is None:
-            return False
-        objective = self.knob.spec.objective
-        small = objective is not None and objective.quantity in ("ki", "iae_disturbance")
-        allowed = _SAME * abs(found.objective) + (0.0 if small else _SAME)
-        return abs(found.objective - solution.objective) <= allowed
-
 
 def is_maximised(objective: Objective | None) -> bool:
     """Whether more is better, as of `ki` and of the depth that stands in for an objective."""
@@ -201,28 +167,14 @@ def is_no_worse(prober: Prober, one: Probe, other: Probe) -> bool:
     return one.objective <= other.objective
 
 
-def seen_in(found: Verification | None) -> tuple[Seen, ...]:
-    """Where a check found everything worst, for the next solve."""
-    if found is None:
-        return ()
-    slacks = [math.inf if r.slack is None else r.slack for r in found.requirements]
-    # where the smallest slack is the objective, what is as deep as that binds
-    least = max(min((v for v in slacks if v >= 0.0), default=0.0), 0.0)
-    seen = [
-        Seen(i, extreme.worst.point, _frequency(extreme.worst.omega_rad_s), slacks[i] - least)
+def missed_in(found: Verification) -> tuple[Violation, ...]:
+    """Where a check found requirements missed, for the next solve."""
+    return tuple(
+        Violation(i, extreme.worst.point, _frequency(extreme.worst.omega_rad_s))
         for i, result in enumerate(found.requirements)
+        if not result.is_met
         for extreme in result.extremes
-    ]
-    if found.objective_worst is not None:
-        seen.append(Seen(None, found.objective_worst.point, _frequency(found.objective_worst.omega_rad_s), 0.0))
-    return tuple(seen)
-
-
-def _violation(found: Verification) -> float:
-    """The largest, natural units; infinite where a quantity does not exist or a member is not stable."""
-    if not found.stability.stable:
-        return math.inf
-    return max((math.inf if r.slack is None else -r.slack for r in found.requirements), default=0.0)
+    )
 
 
 def _frequency(omega_rad_s: float | None) -> float:

@@ -138,7 +138,7 @@ def _no_worse_than(prober: Prober, probe: Probe, tighter: Probe) -> Probe:
         return probe
     here, bar = probe.objective, kept.objective
     if here is None or bar is None or abs(here - bar) > _NOISE * abs(bar):
-        again = prober.thoroughly(probe.limit, tighter)
+        again = prober.from_neighbour(probe.limit, tighter)
         if again is not None and is_no_worse(prober, again, kept):
             return again
     return kept

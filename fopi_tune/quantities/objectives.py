@@ -1,7 +1,7 @@
 """The objectives: the words after `objective:` in a spec, and the horizon of `iae_disturbance`.
 
 Each stage has the objective's formula on its own, on purpose: `proof/verification/objectives.py` its value,
-`design/nlp/compile.py` and `design/search.py` its cost, `convex/cone_constraints.py` its rows, and
+`design/global_search/` and `design/search.py` its cost, `convex/cone_constraints.py` its rows, and
 `optimum/pruning/conditions.py` what beats it.
 """
 

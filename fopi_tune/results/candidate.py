@@ -36,6 +36,8 @@ class Candidate:
         solves: runs of the solver.
         rounds: exchange rounds of the winning start.
         cuts: plants and frequencies in the last problem.
+        gap: no gains of the box beat the objective by more than this part (of peaks, spreads and depths below 0.1 neper
+            or radian: of that), by branch and bound in floating point; None where that was not shown.
     """
 
     status: Status
@@ -46,6 +48,7 @@ class Candidate:
     solves: int = 0
     rounds: int = 0
     cuts: int = 0
+    gap: float | None = None
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from fopi_tune.cli import app
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.design import design, neighbour
-from fopi_tune.design.nlp.solve import raising_interrupts
+from fopi_tune.design.global_search.program import raising_interrupts
 from fopi_tune.errors import FopiError
 from fopi_tune.montecarlo.montecarlo import SCANNED
 from fopi_tune.pipeline.discretize import discretize
@@ -158,10 +158,8 @@ def test_a_result_does_not_depend_on_what_was_run_before() -> None:
     cells = load_study(write(grid, head)).cells
 
     def gains(order: tuple[int, ...]) -> dict[int, str]:
-        from fopi_tune.design.nlp import compile as compiling
         from fopi_tune.study import worker as kept
 
-        compiling._kept.clear()
         kept._cached_design.cache_clear()
         kept._base_neighbour.cache_clear()
         return {i: run_cell("key", cells[i]).document for i in order}

@@ -1,0 +1,159 @@
+"""What the compiled parts of the search share:  the decorator, codes of quantities and objectives, tables.
+
+This module imports Numba: import it where it is needed.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from fopi_tune.quantities.objectives import ObjectiveKind
+
+#: kinds of rows; those up to LOOP_GAIN are functions of frequency
+S, T, CS, LOOP_GAIN, PHASE_MARGIN, GAIN_MARGIN, DELAY_MARGIN, CROSSOVER, PHASE_SLOPE = range(9)
+#: rows that only an objective needs: |ln|L|| at the nominal crossover, and the discounted error
+GAIN_AT_REFERENCE, DISCOUNTED_ERROR = 9, 10
+KIND_OF_QUANTITY = {
+    "sensitivity_db": S,
+    "complementary_sensitivity_db": T,
+    "control_sensitivity_db": CS,
+    "loop_gain_db": LOOP_GAIN,
+    "phase_margin_deg": PHASE_MARGIN,
+    "gain_margin_db": GAIN_MARGIN,
+    "delay_margin_s": DELAY_MARGIN,
+    "crossover_rad_s": CROSSOVER,
+    "phase_slope_deg_per_decade": PHASE_SLOPE,
+}
+KI, IAE, S_PEAK, CS_PEAK, MARGIN_SPREAD, CROSSOVER_SPREAD, DEPTH = range(7)
+CODE_OF_OBJECTIVE = {
+    ObjectiveKind.KI: KI,
+    ObjectiveKind.IAE_DISTURBANCE: IAE,
+    ObjectiveKind.SENSITIVITY_PEAK: S_PEAK,
+    ObjectiveKind.CONTROL_SENSITIVITY_PEAK: CS_PEAK,
+    ObjectiveKind.PHASE_MARGIN_SPREAD: MARGIN_SPREAD,
+    ObjectiveKind.CROSSOVER_SPREAD: CROSSOVER_SPREAD,
+    ObjectiveKind.DEPTH: DEPTH,
+}
+#: neper; stands for an infinite ln|L| in a table
+END = 40.0
+#: a cost or a value that does not exist
+NOTHING = 1e9
+#: a slack that counts as endless
+ENDLESS = 9.0
+#: |1 + L| stays above this, as in STABILITY_GUARD_DB
+CLOSEST = 0.01
+
+
+def _compiled(function: Any) -> Any:
+    try:
+        return njit(cache=True, error_model="numpy")(function)
+    except RuntimeError:
+        # neither beside this file nor in the user's cache can be written
+        return njit(error_model="numpy")(function)
+
+
+#: compiles a function by Numba when it is first called, and keeps the code where it can
+compiled: Any = _compiled
+
+
+class Table(NamedTuple):
+    """m plants at n frequencies, scaled: omega/omega_s and P/g_s; column 0 is omega -> 0 and the last omega -> inf.
+
+    Fields of shape (n,): `v` = ln(omega/omega_s) and `omega`; of shape (m, n): ln|P|, arg P unwrapped with its dead
+    time, and P itself; of shape (m,): the rest.  From column `alias` on, the dead time turns P by more than a radian
+    between columns.  `start_phase` is arg P at s = +0, `low_slope` the exponent of omega there, `high_slope` at inf.
+    `members` are the coefficients (numerator 9, denominator 9, dead time), shape (m, 19); `points` of the box (m, p).
+    """
+
+    v: Any
+    omega: Any
+    gain: Any
+    phase: Any
+    real: Any
+    imag: Any
+    delay: Any
+    unstable: Any
+    start_phase: Any
+    low_slope: Any
+    high_slope: Any
+    alias: Any
+    error_gain: Any
+    members: Any
+    points: Any
+
+
+class Rows(NamedTuple):
+    """What is asked, a row each:  side (limit - value) scale >= 0, with side -1, 1, or 0 for an equality.
+
+    Limits are natural and scaled (neper, radian; times in 1/omega_s, |C| in 1/g_s).  `first` and `last` are columns of
+    a table, `low_v` and `high_v` the band itself.  `soft` rows need not hold: they only count in the depth.
+    """
+
+    kind: Any
+    side: Any
+    limit: Any
+    nominal: Any
+    first: Any
+    last: Any
+    scale: Any
+    in_depth: Any
+    low_v: Any
+    high_v: Any
+    soft: Any
+
+
+class Box(NamedTuple):
+    """The ranges of the scaled kp, of ki in the user's unit, and what turns the one into the other."""
+
+    kp_low: float
+    kp_high: float
+    ki_low: float
+    ki_high: float
+    alpha_low: float
+    alpha_high: float
+    log_omega: float
+    log_gain: float
+    #: ln(T omega_s) of the horizon T
+    log_horizon: float
+
+
+class Work(NamedTuple):
+    """Scratch arrays for one ray."""
+
+    gain: Any
+    phase: Any
+    real: Any
+    square: Any
+    controller: Any
+    low: Any
+    high: Any
+    forbidden: Any
+    allowed: Any
+    cross_gain: Any
+    cross_turn: Any
+    cross_count: Any
+    found: Any
+
+
+def work_for(table: Table) -> Work:
+    """Scratch arrays for rays on a table."""
+    m, n = table.gain.shape
+    most = 8 * n
+    return Work(
+        gain=np.empty((m, n)),
+        phase=np.empty((m, n)),
+        real=np.empty((m, n)),
+        square=np.empty((m, n)),
+        controller=np.empty((3, n)),
+        low=np.empty(n),
+        high=np.empty(n),
+        forbidden=np.empty((most * 4 + 64 * m, 2)),
+        allowed=np.empty((most, 2)),
+        cross_gain=np.empty((m, most)),
+        cross_turn=np.empty((m, most)),
+        cross_count=np.zeros(m, dtype=np.int64),
+        found=np.empty((64, 2)),
+    )

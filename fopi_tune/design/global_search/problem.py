@@ -1,0 +1,214 @@
+"""DesignSpec -> Problem:  rows, box, objective and tables, all scaled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.controller import FoPi
+from fopi_tune.design.constraints import (
+    STABILITY_GUARD,
+    Bound,
+    Constraint,
+    Scale,
+    constraints_of,
+    scale_of,
+)
+from fopi_tune.design.global_search.compiled import (
+    CODE_OF_OBJECTIVE,
+    CROSSOVER,
+    CS,
+    CS_PEAK,
+    DELAY_MARGIN,
+    DEPTH,
+    KIND_OF_QUANTITY,
+    Box,
+    Rows,
+    Table,
+)
+from fopi_tune.design.global_search.tables import Scaled, box_grid, frequency_grid, table_of, vertices
+from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
+from fopi_tune.results.candidate import Violation
+from fopi_tune.spec.model import DesignSpec, GainRange
+
+#: inequalities are designed this much tighter (natural units), so that rounding does not undo them
+TIGHTENING = 4e-7
+#: scaled gains beyond this are taken for unbounded
+LARGEST_GAIN = 1e6
+_SCAN_GRID = (10, 3)
+_FINE_GRID = (20, 6)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A spec in the search's numbers.
+
+    Args:
+        spec: the spec.
+        scale: omega_s and g_s.
+        scaled: the family's coefficients.
+        constraints: a row each, stability's guard of |S| last.
+        objective: what is optimised.
+        code: its code in the compiled parts.
+        horizon_s: of the discounted error.
+        tightening: of the inequalities, natural units.
+        free: requirements that may be missed: the objective is then that the largest miss be smallest.
+        violations: plants and frequencies at which a check refuted gains.
+    """
+
+    spec: DesignSpec
+    scale: Scale
+    scaled: Scaled
+    constraints: tuple[Constraint, ...]
+    objective: ObjectiveKind
+    code: int
+    horizon_s: float
+    tightening: float = TIGHTENING
+    free: frozenset[int] | None = None
+    violations: tuple[Violation, ...] = ()
+
+    @classmethod
+    def of(cls, spec: DesignSpec, violations: Sequence[Violation] = ()) -> Problem:
+        """Scale the spec; its grids hold the plants and frequencies of violations that a check found."""
+        scale = scale_of(spec)
+        objective = ObjectiveKind(spec.objective.quantity) if spec.objective else ObjectiveKind.DEPTH
+        given = spec.objective.horizon_s if spec.objective else None
+        horizon = given if given is not None else default_horizon_s(spec.plant)
+        scaled = Scaled.of(spec.plant, scale)
+        return cls(
+            spec, scale, scaled, _needed(constraints_of(spec)), objective, CODE_OF_OBJECTIVE[objective], horizon,
+            violations=tuple(violations),
+        )  # fmt: skip
+
+    def with_limits_of(self, spec: DesignSpec) -> Problem:
+        """The same plants and tables with the limits of another spec."""
+        other = replace(self, spec=spec, constraints=_needed(constraints_of(spec)))
+        return self._share_tables(other)
+
+    def missing(self, free: frozenset[int], dropped: frozenset[int]) -> Problem:
+        """The problem of how little the requirements in `free` have to be missed, those in `dropped` left out."""
+        kept = tuple(c for c in self.constraints if c.requirement not in dropped)
+        other = replace(self, constraints=kept, free=free, objective=ObjectiveKind.DEPTH, code=DEPTH)
+        return self._share_tables(other)
+
+    def _share_tables(self, other: Problem) -> Problem:
+        for name in ("scan_table", "fine_table", "fine_points"):
+            other.__dict__[name] = getattr(self, name)
+        return other
+
+    @cached_property
+    def _named(self) -> Array:
+        ends = [w for c in self.constraints for w in (c.from_rad_s, c.to_rad_s) if 0.0 < w < math.inf]
+        ends += [c.limit_public for c in self.constraints if c.quantity.name == "crossover_rad_s"]
+        return np.array(sorted(set(ends)))
+
+    @cached_property
+    def scan_table(self) -> Table:
+        """Vertices and the nominal plant on a coarse grid."""
+        omega = frequency_grid(self.scaled, self._named, *_SCAN_GRID)
+        return table_of(self.scaled, vertices(self.spec.plant), omega, self.horizon_s)
+
+    @cached_property
+    def fine_points(self) -> tuple[Array, Array]:
+        """Plants of the whole box and their spacing."""
+        points, spacing = box_grid(self.spec.plant)
+        seen = [v.theta for v in self.violations]
+        return (np.vstack([points, np.array(seen).reshape(len(seen), points.shape[1])]) if seen else points), spacing
+
+    @cached_property
+    def fine_table(self) -> Table:
+        """Plants of the whole box on a fine grid."""
+        seen = [v.omega_rad_s for v in self.violations if 0.0 < v.omega_rad_s < math.inf]
+        omega = frequency_grid(self.scaled, np.union1d(self._named, seen), *_FINE_GRID)
+        return table_of(self.scaled, self.fine_points[0], omega, self.horizon_s)
+
+    def rows(self, table: Table, relaxed: float = 0.0, tightening: float | None = None) -> Rows:
+        """The constraints on a table's columns.
+
+        Args:
+            table: the table.
+            relaxed: by how much inequalities are relaxed, natural units.
+            tightening: other than the problem's.
+        """
+        tight = self.tightening if tightening is None else tightening
+        kinds = [KIND_OF_QUANTITY[c.quantity.name] for c in self.constraints]
+        limits = [self._limit(c, kind, tight - relaxed) for c, kind in zip(self.constraints, kinds, strict=True)]
+        ends = [self._columns(c, table) for c in self.constraints]
+        log_s = math.log(self.scale.omega_rad_s)
+        low = [math.log(c.from_rad_s) - log_s if c.from_rad_s > 0 else -math.inf for c in self.constraints]
+        high = [math.log(c.to_rad_s) - log_s if c.to_rad_s < math.inf else math.inf for c in self.constraints]
+        scales = [c.scale / (self.scale.omega_rad_s if k == DELAY_MARGIN else 1.0)
+                  for c, k in zip(self.constraints, kinds, strict=True)]  # fmt: skip
+        return Rows(
+            np.array(kinds, dtype=np.int64),
+            np.array([c.bound.value for c in self.constraints], dtype=np.int64),
+            np.array(limits),
+            np.array([c.nominal for c in self.constraints]),
+            np.array([e[0] for e in ends], dtype=np.int64),
+            np.array([e[1] for e in ends], dtype=np.int64),
+            np.array(scales),
+            np.array([c.in_depth if self.free is None else c.requirement in self.free for c in self.constraints]),
+            np.array(low),
+            np.array(high),
+            np.array([self.free is not None and c.requirement in self.free for c in self.constraints]),
+        )
+
+    def _limit(self, constraint: Constraint, kind: int, tighter: float) -> float:
+        guard = constraint.requirement == STABILITY_GUARD
+        limit = constraint.limit - (0.0 if guard else constraint.bound.value * tighter / constraint.scale)
+        if kind == CS:
+            return limit + math.log(self.scale.gain)
+        if kind == CROSSOVER:
+            return limit - math.log(self.scale.omega_rad_s)
+        return limit * self.scale.omega_rad_s if kind == DELAY_MARGIN else limit
+
+    def _columns(self, constraint: Constraint, table: Table) -> tuple[int, int]:
+        v, log_s, last = table.v, math.log(self.scale.omega_rad_s), len(table.v) - 1
+        if constraint.quantity.name == "crossover_rad_s":
+            at = int(np.argmin(np.abs(v - (constraint.limit - log_s))))
+            return at, last
+        low, high = constraint.from_rad_s, constraint.to_rad_s
+        first = int(np.searchsorted(v, math.log(low) - log_s - 1e-9)) if low > 0 else 0
+        final = int(np.searchsorted(v, math.log(high) - log_s + 1e-9)) - 1 if high < math.inf else last
+        return first, final
+
+    @cached_property
+    def box(self) -> Box:
+        """The ranges of the gains."""
+        box, g = self.spec.controller, self.scale.gain
+        ki = GainRange(0.0, 0.0) if self.without_integral else box.ki
+        low, high = max(box.kp.min * g, -LARGEST_GAIN), min(box.kp.max * g, LARGEST_GAIN)
+        return Box(
+            low, high, ki.min, ki.max, box.alpha.min, box.alpha.max,
+            math.log(self.scale.omega_rad_s), math.log(g), math.log(self.horizon_s * self.scale.omega_rad_s),
+        )  # fmt: skip
+
+    @cached_property
+    def without_integral(self) -> bool:
+        """Whether ki has to be 0: a plant's zero at s = 0 would cancel the integral."""
+        members = self.fine_table.members
+        return bool(np.any(members[:, 8] == 0.0)) and self.spec.controller.ki.min <= 0.0 <= self.spec.controller.ki.max
+
+    @property
+    def cs_peak_offset(self) -> float:
+        """What ln|C S| in scaled numbers is larger by than in the user's unit."""
+        return math.log(self.scale.gain) if self.code == CS_PEAK else 0.0
+
+    def gains(self, x: Array) -> FoPi:
+        """Scaled gains (kp', ki', alpha) in the user's units, inside their ranges."""
+        found, box = self.scale.controller(x), self.spec.controller
+        return FoPi(
+            min(max(found.kp, box.kp.min), box.kp.max),
+            min(max(found.ki, box.ki.min), box.ki.max),
+            min(max(found.alpha, box.alpha.min), box.alpha.max),
+        )
+
+
+def _needed(constraints: tuple[Constraint, ...]) -> tuple[Constraint, ...]:
+    """Without the guard of the phase margin, which the search has no use for: it counts stability itself."""
+    return tuple(c for c in constraints if c.requirement != STABILITY_GUARD or c.bound is Bound.UPPER)

@@ -1,0 +1,132 @@
+"""The loop of one plant at any frequency, and its peaks and crossings by Newton's method (compiled).
+
+A plant is its 19 scaled coefficients, gains are x = (kp', ki', alpha).  Derivatives in v = ln(omega/omega_s) are
+central differences: of a peak only the place suffers, whose error enters its value squared.
+"""
+
+from __future__ import annotations
+
+import math
+
+from fopi_tune.design.global_search.compiled import (
+    CROSSOVER,
+    CS,
+    DELAY_MARGIN,
+    DISCOUNTED_ERROR,
+    GAIN_AT_REFERENCE,
+    GAIN_MARGIN,
+    LOOP_GAIN,
+    PHASE_MARGIN,
+    S,
+    T,
+    compiled,
+)
+from fopi_tune.design.global_search.tables import WIDTH
+
+_PI = math.pi
+_STEP = 1e-4
+#: how a frequency is determined, as in the program's slots
+AT_PEAK, AT_FIXED, AT_GAIN, AT_PHASE, AT_REFERENCE, AT_HORIZON, AT_INFINITY = range(7)
+
+
+@compiled
+def loop_at(x, plant, v, near):
+    """ln|L|, arg L on the branch closest to `near` (delay-free) and ln|C'| at omega_s e^v."""
+    omega = math.exp(v)
+    power = x[1] * math.exp(-x[2] * v)
+    real, imag = x[0] + power * math.cos(0.5 * _PI * x[2]), -power * math.sin(0.5 * _PI * x[2])
+    a = b = c = d = 0.0
+    for k in range(WIDTH):
+        a, b = plant[k] - b * omega, a * omega
+        c, d = plant[WIDTH + k] - d * omega, c * omega
+    log_c = 0.5 * math.log(real * real + imag * imag)
+    gain = log_c + 0.5 * math.log((a * a + b * b) / (c * c + d * d))
+    phase = math.atan2(imag, real) + math.atan2(b * c - a * d, a * c + b * d)
+    phase += 2.0 * _PI * round((near - phase) / (2.0 * _PI))
+    return gain, phase - omega * plant[2 * WIDTH], log_c
+
+
+@compiled
+def value_at(kind, x, plant, v, near):
+    """A quantity's natural value at a frequency; margins are angles and lags to -1."""
+    gain, phase, log_c = loop_at(x, plant, v, near)
+    if kind in (LOOP_GAIN, GAIN_AT_REFERENCE):
+        return gain
+    if kind == GAIN_MARGIN:
+        return -gain
+    if kind == CROSSOVER:
+        return v
+    if kind in (PHASE_MARGIN, DELAY_MARGIN):
+        lag = (phase + _PI) % (2.0 * _PI)
+        return min(lag, 2.0 * _PI - lag) if kind == PHASE_MARGIN else lag * math.exp(-v)
+    if kind in (S, T, CS):
+        linear = math.exp(gain)
+        log_s = -0.5 * math.log(max(1.0 + linear * (linear + 2.0 * math.cos(phase)), 1e-300))
+        return log_s + (0.0 if kind == S else (gain if kind == T else log_c))
+    above, below = loop_at(x, plant, v + _STEP, near)[1], loop_at(x, plant, v - _STEP, near)[1]
+    return (above - below) / (2.0 * _STEP) * math.log(10.0)
+
+
+@compiled
+def peak_near(kind, side, x, plant, v, near, low, high):
+    """The frequency of the largest (side 1) or smallest (-1) value near v, inside [low, high]."""
+    longest = 0.15
+    turn = math.exp(v) * plant[2 * WIDTH]
+    if turn > 3.0:
+        longest = 0.5 / turn
+    h = min(_STEP, 0.02 * longest)
+    for _ in range(12):
+        at = value_at(kind, x, plant, v, near)
+        above, below = value_at(kind, x, plant, v + h, near), value_at(kind, x, plant, v - h, near)
+        slope, bend = (above - below) / (2.0 * h), (above - 2.0 * at + below) / (h * h)
+        step = -slope / bend if side * bend < -1e-6 else 0.1 * side * (1.0 if slope > 0.0 else -1.0)
+        step = min(max(step, -longest), longest)
+        new = min(max(v + step, low), high)
+        if abs(new - v) < 1e-9:
+            return new
+        v = new
+    return v
+
+
+@compiled
+def crossing_near(which, target, x, plant, v, near):
+    """The frequency near v with ln|L| = target (which 0) or arg L = target (which 1)."""
+    for _ in range(20):
+        here, there = loop_at(x, plant, v, near), loop_at(x, plant, v + 1e-6, near)
+        slope = (there[which] - here[which]) * 1e6
+        if slope == 0.0:
+            return v
+        longest = 0.3
+        if which == 1 and plant[2 * WIDTH] > 0.0:
+            longest = min(0.3, 1.0 / (math.exp(v) * plant[2 * WIDTH] + 1.0))
+        step = min(max((target - here[which]) / slope, -longest), longest)
+        v += step
+        if abs(step) < 1e-13:
+            return v
+    return v
+
+
+@compiled
+def discounted_error(x, plant, log_horizon):
+    """ln |P/(1 + C P)| at s = 1/(T omega_s), scaled."""
+    s, a, b = math.exp(-log_horizon), 0.0, 0.0
+    for k in range(WIDTH):
+        a, b = a * s + plant[k], b * s + plant[WIDTH + k]
+    p = a / b * math.exp(-s * plant[2 * WIDTH])
+    return math.log(abs(p / (1.0 + (x[0] + x[1] * math.exp(x[2] * log_horizon)) * p)))
+
+
+@compiled
+def settle(kind, side, mode, x, plant, v, near, target, low, high, log_horizon):
+    """(value, v) of a quantity at a plant, the frequency following its peak or crossing."""
+    if kind == DISCOUNTED_ERROR:
+        return discounted_error(x, plant, log_horizon), v
+    if mode == AT_INFINITY:
+        return math.log(abs(x[0]) + 1e-300), v
+    if mode == AT_PEAK:
+        v = peak_near(kind, side, x, plant, v, near, low, high)
+    elif mode == AT_GAIN:
+        v = crossing_near(0, 0.0, x, plant, v, near)
+    elif mode == AT_PHASE:
+        v = crossing_near(1, target, x, plant, v, near)
+    return value_at(kind, x, plant, v, near), v

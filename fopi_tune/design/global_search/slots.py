@@ -1,0 +1,213 @@
+"""Findings -> slots of the program:  each worst plant and frequency becomes an equation and a row."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.design.global_search.compiled import (
+    CROSSOVER,
+    CS,
+    DELAY_MARGIN,
+    DISCOUNTED_ERROR,
+    GAIN_AT_REFERENCE,
+    GAIN_MARGIN,
+    LOOP_GAIN,
+    PHASE_MARGIN,
+    PHASE_SLOPE,
+    Rows,
+    S,
+    T,
+)
+from fopi_tune.design.global_search.program import COEFFICIENTS, ERRORS, INDEX, PARAMETERS
+from fopi_tune.design.global_search.responses import (
+    AT_FIXED,
+    AT_GAIN,
+    AT_INFINITY,
+    AT_PEAK,
+    AT_PHASE,
+    AT_REFERENCE,
+    loop_at,
+)
+from fopi_tune.design.global_search.worst_case import FIELDS, MODE, NEAR, ROW, SLACK, TARGET, V
+
+_PI = math.pi
+#: rad a unit of ln omega; a phase crossover with less slope than |L| is kept at its gain instead
+_STEEP = 0.3
+_EQUATION = {AT_PEAK: "peak", AT_FIXED: "fixed", AT_GAIN: "gain", AT_PHASE: "phase", AT_REFERENCE: "reference"}
+_STEP = 1e-5
+_MARGINS = (PHASE_MARGIN, GAIN_MARGIN, DELAY_MARGIN)
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One slot's parameters.
+
+    Args:
+        p: shape (PARAMETERS,).
+        v: where its frequency starts.
+        row: index of the row it stands for; -1 of the reference.
+        is_equal: whether its row is an equality.
+        by_level: whether the row's limit stands in the equation (a gain margin kept at its gain).
+    """
+
+    p: Array
+    v: float
+    row: int
+    is_equal: bool = False
+    by_level: bool = False
+
+
+def idle_slot(plant: Array) -> Slot:
+    """A slot that asks for nothing."""
+    p = np.zeros(PARAMETERS)
+    p[:COEFFICIENTS] = plant
+    p[INDEX["fixed"]] = p[INDEX["limit"]] = p[INDEX["sign"]] = 1.0
+    return Slot(p, 0.0, -1)
+
+
+def reference_slot(plant: Array, x: Array, v: float, near: float) -> Slot:
+    """The nominal plant's crossover as the first slot; its angle to -1 is what spreads are measured from."""
+    slot = idle_slot(plant)
+    slot.p[INDEX["fixed"]] = 0.0
+    slot.p[INDEX["gain"]], slot.p[INDEX["near"]] = 1.0, near
+    _set_angle(slot.p, x, plant, v, near)
+    # the row asks for nothing:  1 - angle + 9 >= 0
+    slot.p[INDEX["limit"]] = 10.0
+    return Slot(slot.p, v, -1)
+
+
+def slots_of(findings: list[Array], x: Array, rows: Rows, affine: Array, in_t: Array, spread: int) -> list[Slot]:
+    """The slots of findings, except those of the discounted error.
+
+    Args:
+        findings: shape (k, 6 + p).
+        x: the gains at which they were found.
+        rows: as in `worst_cases`.
+        affine: the plants' coefficients.
+        in_t: of each row, whether its slack has to exceed t (1), t is at least minus its slack (-1), or neither (0).
+        spread: rows from this one on are angles measured from the first slot's.
+    """
+    slots = []
+    for finding in findings:
+        q = int(finding[ROW])
+        if rows.kind[q] == DISCOUNTED_ERROR:
+            continue
+        plant = affine[0] + finding[FIELDS:] @ affine[1:]
+        slots.append(_slot(finding, q, plant, x, rows, float(in_t[q])))
+        if q >= spread:
+            #  t - side (angle - reference) >= 0
+            p = slots[-1].p
+            p[INDEX["limit"]], p[INDEX["with_reference"]] = 0.0, float(rows.side[q])
+        if rows.kind[q] == GAIN_AT_REFERENCE:
+            other = slots[-1].p.copy()
+            other[INDEX["sign"]] = -other[INDEX["sign"]]
+            slots.append(Slot(other, slots[-1].v, q))
+        elif rows.side[q] == 0 and in_t[q]:
+            # an equality that may be missed by t:  t >= |limit - value|
+            other = slots[-1].p.copy()
+            other[INDEX["sign"]] = -other[INDEX["sign"]]
+            slots.append(Slot(other, slots[-1].v, q))
+        elif slots[-1].is_equal and rows.kind[q] in _MARGINS and _is_another_crossing(finding, findings):
+            # the smallest margin equals the limit, so that of another crossing is no smaller:  value - limit >= 0
+            other = slots[-1].p.copy()
+            other[INDEX["sign"]] = -other[INDEX["sign"]]
+            slots[-1] = Slot(other, slots[-1].v, q)
+    return slots
+
+
+def _is_another_crossing(finding: Array, findings: list[Array]) -> bool:
+    """Whether another finding of the same row and plant is closer to the limit."""
+    same = [f for f in findings if f[ROW] == finding[ROW] and np.array_equal(f[FIELDS:], finding[FIELDS:])]
+    return any(f[SLACK] > finding[SLACK] for f in same)
+
+
+def error_rows(findings: list[Array], rows: Rows, affine: Array, log_horizon: float) -> Array:
+    """Parameters of the rows of the discounted error, shape (ERRORS, 3)."""
+    parameters = np.zeros((ERRORS, 3))
+    parameters[:, 0], parameters[:, 1] = 1.0, -log_horizon
+    found = [f for f in findings if rows.kind[int(f[ROW])] == DISCOUNTED_ERROR][:ERRORS]
+    s = math.exp(-log_horizon)
+    powers = s ** np.arange((COEFFICIENTS - 1) // 2 - 1, -1, -1.0)
+    for k, finding in enumerate(found):
+        plant = affine[0] + finding[FIELDS:] @ affine[1:]
+        width = len(powers)
+        value = plant[:width] @ powers / (plant[width : 2 * width] @ powers) * math.exp(-s * plant[-1])
+        parameters[k] = value, -log_horizon, 1.0
+    return parameters
+
+
+def _slot(finding: Array, q: int, plant: Array, x: Array, rows: Rows, in_t: float) -> Slot:
+    kind, side, mode = int(rows.kind[q]), int(rows.side[q]), int(finding[MODE])
+    v, near = float(finding[V]), float(finding[NEAR])
+    p = np.zeros(PARAMETERS)
+    p[:COEFFICIENTS] = plant
+    p[INDEX["near"]], p[INDEX["v0"]] = near, v
+    is_equal = side == 0 and not in_t
+    sign = float(side) if side else 1.0
+    p[INDEX["sign"]] = sign * rows.scale[q]
+    p[INDEX["limit"]] = rows.limit[q]
+    # a slack that has to exceed t:  slack - t >= 0;  t at least minus the slack:  slack + t >= 0
+    p[INDEX["with_t"]] = -in_t
+    if mode == AT_INFINITY:
+        p[INDEX["fixed"]] = p[INDEX["log_kp"]] = 1.0
+        p[INDEX["v0"]] = 0.0
+        return Slot(p, 0.0, q, is_equal)
+    p[INDEX[_EQUATION[mode]]] = 1.0
+    if kind in (S, T, CS):
+        p[INDEX["log_s"]] = 1.0
+        p[INDEX["log_l"]], p[INDEX["log_c"]] = float(kind == T), float(kind == CS)
+    elif kind in (LOOP_GAIN, GAIN_AT_REFERENCE):
+        p[INDEX["log_l"]] = 1.0
+        if kind == GAIN_AT_REFERENCE:
+            p[INDEX["limit"]] = 0.0
+    elif kind == GAIN_MARGIN:
+        return _gain_margin(p, finding, q, plant, x, rows, in_t, is_equal)
+    elif kind == PHASE_MARGIN:
+        _set_angle(p, x, plant, v, near)
+    elif kind == DELAY_MARGIN:
+        phase = loop_at(x, plant, v, near)[1]
+        p[INDEX["lag"]] = 1.0
+        p[INDEX["offset"]] = _PI - 2.0 * _PI * math.floor((phase + _PI) / (2.0 * _PI))
+    elif kind == CROSSOVER:
+        p[INDEX["log_omega"]] = 1.0
+    elif kind == PHASE_SLOPE:
+        p[INDEX["slope"]] = 1.0
+    return Slot(p, v, q, is_equal)
+
+
+def _set_angle(p: Array, x: Array, plant: Array, v: float, near: float) -> None:
+    """The smallest angle to -1 as the slot's angle, on the side of -1 where L is."""
+    phase = loop_at(x, plant, v, near)[1]
+    turns = round((phase + _PI) / (2.0 * _PI))
+    p[INDEX["offset"]] = _PI - 2.0 * _PI * turns
+    p[INDEX["angle"]] = 1.0 if phase + p[INDEX["offset"]] >= 0.0 else -1.0
+
+
+def _gain_margin(
+    p: Array, finding: Array, q: int, plant: Array, x: Array, rows: Rows, in_t: float, is_equal: bool
+) -> Slot:
+    """Kept at the phase crossover, or, where the phase hardly changes, at |L| = 1/limit with the phase on its side."""
+    v, near, target, mode = float(finding[V]), float(finding[NEAR]), float(finding[TARGET]), int(finding[MODE])
+    p[INDEX["log_l"]] = -1.0
+    if mode != AT_PHASE:
+        return Slot(p, v, q, is_equal)
+    p[INDEX["offset"]] = -target
+    here, there = loop_at(x, plant, v, near), loop_at(x, plant, v + _STEP, near)
+    gain_slope, phase_slope = (there[0] - here[0]) / _STEP, (there[1] - here[1]) / _STEP
+    if abs(phase_slope) >= _STEEP or is_equal or abs(gain_slope) < abs(phase_slope) or in_t < 0:
+        return Slot(p, v, q, is_equal)
+    p[INDEX["phase"]], p[INDEX["log_l"]], p[INDEX["gain"]], p[INDEX["angle"]] = 0.0, 0.0, 1.0, 1.0
+    p[INDEX["level"]], p[INDEX["level_t"]] = rows.limit[q], max(in_t, 0.0)
+    p[INDEX["limit"]] = p[INDEX["with_t"]] = 0.0
+    side = -float(rows.side[q]) * math.copysign(1.0, gain_slope * phase_slope)
+    p[INDEX["sign"]] = -side
+    return Slot(p, v, q, is_equal, by_level=True)
+
+
+def order_of(findings: list[Array], rows: Rows, real_rows: int) -> list[Array]:
+    """The findings by importance: those of the objective, then the smallest slacks."""
+    return sorted(findings, key=lambda f: f[SLACK] if f[ROW] < real_rows else -9.0)

@@ -1,0 +1,193 @@
+"""A family's plants on grids of frequencies:  ln P, its limits omega -> 0 and infinity in closed form.
+
+The polynomials give the value of ln P, the Bode form gives the branch of its phase: undamped poles are passed on the
+right, and each pole in the right half-plane contributes -180 deg at omega -> 0, as Nyquist's criterion needs it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.loops import Plants
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.design.constraints import Scale
+from fopi_tune.design.global_search.compiled import END, Table
+from fopi_tune.errors import DomainError
+
+#: coefficients of a numerator and of a denominator: degrees up to 8
+WIDTH = 9
+#: rad; the dead time turns P by at most this between columns, up to `_LAST_TURN`
+_TURN = 0.6
+_LAST_TURN = 40.0
+#: rad; beyond this turn between columns the grid no longer shows the phase
+_ALIAS = 1.2
+#: sparse columns beyond the constraints' grid, where only the controller changes
+DECADES_BEYOND, _BEYOND_STEP = 5.0, 1.5
+#: offsets of columns around a lightly damped root, in widths of its resonance
+_AROUND = (-9, -6, -4, -3, -2, -1.5, -1, -0.75, -0.5, -0.25, 0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 9)
+_NARROWEST = 1e-3
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A family in scaled numbers: omega/omega_s, P/g_s, dead time times omega_s.
+
+    Args:
+        family: the plants.
+        scale: omega_s and g_s.
+        affine: shape (1 + p, 19): the coefficients (9 of N, 9 of D, the dead time) at theta are
+            affine[0] + theta @ affine[1:].
+    """
+
+    family: PlantFamily
+    scale: Scale
+    affine: Array
+
+    @classmethod
+    def of(cls, family: PlantFamily, scale: Scale) -> Scaled:
+        """Scale the coefficients; they are affine in the uncertain numbers.
+
+        Raises:
+            DomainError: a numerator or a denominator of more than degree 8.
+        """
+        low, high = family.low, family.high
+        corners = np.vstack([low, low + np.diag(high - low)]) if len(low) else np.zeros((1, 0))
+        rows = _coefficients(family, scale, corners)
+        slopes = (rows[1:] - rows[0]) / (high - low)[:, None] if len(low) else np.zeros((0, rows.shape[1]))
+        return cls(family, scale, np.vstack([rows[0] - low @ slopes, slopes]))
+
+    def members(self, points: Array) -> Array:
+        """Coefficients of the plants at points of the box, shape (m, 19)."""
+        return self.affine[0] + points @ self.affine[1:]
+
+
+def _coefficients(family: PlantFamily, scale: Scale, points: Array) -> Array:
+    numerator, denominator, dead_time = family.coefficients(points)
+    if max(numerator.shape[1], denominator.shape[1]) > WIDTH:
+        raise DomainError(f"the plant's degree exceeds {WIDTH - 1}; reduce its order")
+    omega = scale.omega_rad_s
+
+    def padded(rows: Array) -> Array:
+        powers = omega ** np.arange(rows.shape[1] - 1, -1, -1.0)
+        return np.hstack([np.zeros((len(rows), WIDTH - rows.shape[1])), rows * powers])
+
+    top, bottom = padded(numerator) / scale.gain, padded(denominator)
+    # one factor for all members keeps the coefficients affine
+    unit = float(np.abs(bottom).max())
+    return np.hstack([top / unit, bottom / unit, dead_time[:, None] * omega])
+
+
+def vertices(family: PlantFamily) -> Array:
+    """The nominal point and the vertices of the box, shape (m, p); a sample of them where there are more than 64."""
+    low, high = family.low, family.high
+    if len(low) == 0:
+        return np.zeros((1, 0))
+    if len(low) > 6:
+        generator = np.random.default_rng(0)
+        some = low + generator.integers(0, 2, (64, len(low))) * (high - low)
+        return np.vstack([family.nominal_point, low, high, some])
+    every = np.array(list(itertools.product(*zip(low, high, strict=True)))).reshape(-1, len(low))
+    return np.vstack([family.nominal_point, every])
+
+
+def box_grid(family: PlantFamily) -> tuple[Array, Array]:
+    """The nominal point and a grid of the whole box, shape (m, p), with the grid's spacing, shape (p,)."""
+    low, high, p = family.low, family.high, len(family.low)
+    if p == 0:
+        return np.zeros((1, 0)), np.zeros(0)
+    if p > 6:
+        return vertices(family), high - low
+    count = {1: 9, 2: 5, 3: 3, 4: 3}.get(p, 2)
+    grid = np.array(list(itertools.product(*(np.linspace(a, b, count) for a, b in zip(low, high, strict=True)))))
+    if count == 2:
+        grid = np.vstack([grid, 0.5 * (low + high)])
+    return np.vstack([family.nominal_point, grid]), (high - low) / (count - 1)
+
+
+def frequency_grid(scaled: Scaled, named: Array, per_decade: int, per_decade_beyond: int) -> Array:
+    """Frequencies in rad/s: dense around the plants' corners, fine at resonances and where a dead time turns."""
+    family, scale = scaled.family, scaled.scale
+    plants = Plants.members(family, vertices(family))
+    roots = np.concatenate([plants.zeros.ravel(), plants.poles.ravel()])
+    roots = roots[np.isfinite(roots) & (roots != 0)]
+    low, high = float(scale.omega_grid[0]), float(scale.omega_grid[-1])
+    delays = plants.dead_time_s[plants.dead_time_s > 0]
+    corners = np.concatenate([np.abs(roots), 1.0 / delays, named[(named > low) & (named < high)], [scale.omega_rad_s]])
+    first, last = max(float(corners.min()) / 10.0, low), min(float(corners.max()) * 10.0, high)
+    more = np.exp(np.arange(_BEYOND_STEP, DECADES_BEYOND * math.log(10.0), _BEYOND_STEP))
+    parts = [
+        low / more,
+        high * more,
+        _logarithmic(first, last, per_decade),
+        _logarithmic(low, first, per_decade_beyond),
+        _logarithmic(last, high, per_decade_beyond),
+        named,
+        _resonances(roots),
+    ]
+    if len(delays):
+        step, end = _TURN / float(delays.max()), _LAST_TURN / float(delays.max())
+        parts.append(np.arange(step, end, step))
+    omega = np.unique(np.concatenate(parts))
+    omega = omega[omega > 0]
+    apart = np.concatenate([[True], np.diff(np.log(omega)) > 1e-9])
+    return omega[apart]
+
+
+def _logarithmic(low: float, high: float, per_decade: int) -> Array:
+    if high <= low:
+        return np.array([low])
+    return np.geomspace(low, high, int(per_decade * math.log10(high / low)) + 2)
+
+
+def _resonances(roots: Array) -> Array:
+    light = roots[(np.abs(roots.real) < 0.5 * np.abs(roots.imag)) & (roots.imag > 0)]
+    width = np.maximum(np.abs(light.real) / np.abs(light), _NARROWEST)
+    return (np.abs(light.imag)[:, None] * (1.0 + width[:, None] * np.array(_AROUND))).ravel()
+
+
+def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float) -> Table:
+    """The plants at points of the box, shape (m, p), on a grid of frequencies."""
+    plants = Plants.members(scaled.family, points)
+    log_gain = math.log(scaled.scale.gain)
+    m, n, u = len(points), len(omega_rad_s), np.log(omega_rad_s)
+    rows, all_u = np.repeat(np.arange(m), n), np.tile(u, m)
+    form = plants.log
+    bode = form.value(rows, all_u).reshape(m, n)
+    direct = plants.response(rows, np.tile(omega_rad_s, m)).reshape(m, n)
+    turned = plants.dead_time_s[:, None] * omega_rad_s
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log = np.log(direct)
+    phase = log.imag - turned
+    phase = phase + 2.0 * np.pi * np.round((bode.imag - phase) / (2.0 * np.pi))
+    usable = np.isfinite(log)
+    gain, phase = np.where(usable, log.real, bode.real) - log_gain, np.where(usable, phase, bode.imag)
+    end_gain, end_phase = form.end()
+    high_slope = form.slope_end()
+    at_end = np.where(np.abs(high_slope) < 1e-9, end_gain - log_gain, np.sign(high_slope) * END)
+    at_zero = np.where(form.slope0 == 0, form.scale - log_gain, -np.sign(form.slope0) * END)
+    gain = np.clip(np.column_stack([at_zero, gain, at_end]), -END, END)
+    end_phase = np.where(plants.dead_time_s > 0, phase[:, -1], end_phase)
+    phase = np.column_stack([form.phase0, phase, end_phase])
+    v = u - math.log(scaled.scale.omega_rad_s)
+    v = np.concatenate([[v[0] - 3.0], v, [v[-1] + 3.0]])
+    omega = np.exp(v)
+    omega[0], omega[-1] = 0.0, np.inf
+    delay = plants.dead_time_s * scaled.scale.omega_rad_s
+    with np.errstate(invalid="ignore"):
+        turns = delay[:, None] * np.diff(omega) > _ALIAS
+    turns[:, -1] = True
+    alias = np.where(delay > 0, np.argmax(turns, axis=1), n + 2).astype(np.int64)
+    linear, members = np.exp(gain), scaled.members(points)
+    s = 1.0 / (horizon_s * scaled.scale.omega_rad_s)
+    powers = s ** np.arange(WIDTH - 1, -1, -1.0)
+    error_gain = members[:, :WIDTH] @ powers / (members[:, WIDTH : 2 * WIDTH] @ powers) * np.exp(-s * members[:, -1])
+    return Table(
+        v, omega, gain, phase, linear * np.cos(phase), linear * np.sin(phase), delay,
+        plants.unstable_poles.astype(np.int64), form.phase0 - 0.5 * np.pi * form.slope0,
+        form.slope0.astype(float), high_slope.astype(float), alias, error_gain, members, points.astype(float),
+    )  # fmt: skip

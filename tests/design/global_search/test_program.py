@@ -1,0 +1,64 @@
+"""The program's slots against `core/`: two derivations of the same loop."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.peaks import Response, log_response_at
+from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.global_search.program import COEFFICIENTS, INDEX, PARAMETERS, _slot
+from fopi_tune.spec import parse_spec
+
+PLANTS = [
+    "{model: lag, static_gain: {min: 0.5, max: 2.0}, time_constant_s: {min: 1.6, max: 3.1}, dead_time_s: 0.4}",
+    "{model: pole, gain: -4.39, pole_rad_s: {min: -0.2, max: 0.3}, dead_time_s: 0.1}",
+    "{model: transfer_function, numerator: [0.3, {min: 1, max: 2}], denominator: [1, {min: 0.1, max: 2}, 3, 1]}",
+]
+
+
+def slot_value(problem: Problem, gains: FoPi, theta: np.ndarray, v: float, near: float, **weights: float) -> float:
+    """The quantity of a slot with these weights: its row with sign -1 and limit 0."""
+    p = np.zeros(PARAMETERS)
+    p[:COEFFICIENTS] = problem.scaled.members(theta[None, :])[0]
+    p[INDEX["sign"]], p[INDEX["near"]] = -1.0, near
+    for name, weight in weights.items():
+        p[INDEX[name]] = weight
+    x = problem.scale.scaled(gains)
+    symbols = ca.SX.sym("v")
+    _, row, _ = _slot(float(x[0]), float(x[1]), float(x[2]), 0.0, symbols, 0.0, 0.0, ca.SX(p))
+    return float(ca.Function("row", [symbols], [row])(v))
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_the_slots_quantities_are_those_of_core(plant: str) -> None:
+    spec = parse_spec(f"schema: 1\nname: x\nplant: {plant}\nrequirements: [{{sensitivity_db: {{at_most: 6}}}}]\n")
+    problem, chance = Problem.of(spec), np.random.default_rng(2)
+    family = spec.plant
+    for _ in range(25):
+        gains = FoPi(*chance.uniform((-3, -3, 0.1), (3, 3, 1.9)).tolist())
+        theta = family.low + chance.random(len(family.low)) * (family.high - family.low)
+        u = float(chance.uniform(-4, 3))
+        omega = np.exp(u)
+        loops = Loops.of(gains, Plants.members(family, theta[None, :]))
+        row, at = np.zeros(1, dtype=np.intp), np.array([u])
+        log_l, slope = loops.log_response(row, at)[0], loops.log.derivative(row, at)[0]
+        sensitivity = log_response_at(loops, Response.SENSITIVITY, row, np.array([omega]))[0]
+        control = log_response_at(loops, Response.CONTROL_SENSITIVITY, row, np.array([omega]))[0]
+        v, near = u - np.log(problem.scale.omega_rad_s), log_l.imag + omega * loops.plants.dead_time_s[0]
+
+        value = partial(slot_value, problem, gains, theta, v, near)
+
+        # rounding of some hundred operations; near -1 or a zero of C the logarithms magnify it
+        room = 1e-9 * (1.0 + np.exp(sensitivity) + abs(log_l))
+        log_g = np.log(problem.scale.gain)
+        assert value(log_l=1.0) == pytest.approx(log_l.real, abs=room)
+        assert value(angle=1.0) == pytest.approx(log_l.imag, abs=room)
+        assert value(slope=1.0) == pytest.approx(slope.imag * np.log(10.0), abs=30 * room)
+        assert value(log_s=1.0) == pytest.approx(sensitivity, abs=room)
+        assert value(log_s=1.0, log_c=1.0) == pytest.approx(control + log_g, abs=room)
