@@ -12,6 +12,8 @@ below 1 at the upper end of the axis, it is 0:  any dead time makes infinitely m
 with this dead time behind its hold differs between the samples.
 
 Stability decides the sign: an unstable loop has no margin.
+
+Source: derived; the closed loop's poles move continuously and reach the axis, or z's unit circle, where L = -1.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.columns import Columns, ReadOptions, choose_columns
-from fopi_tune.identification.table import Table, counted, is_missing, number, quoted, read_table
+from fopi_tune.identification.table import LARGEST, Table, counted, is_missing, number, quoted, read_table
 
 #: samples; four numbers or more are fitted, and their intervals need degrees of freedom
 MIN_SAMPLES = 10
@@ -121,8 +121,9 @@ def recording_from_arrays(
         shapes = ", ".join(str(values.shape) for values in arrays)
         raise DomainError(f"{name}: times, input and output must be one-dimensional and of one length; got {shapes}")
     time, moved, found = arrays
+    found[~(np.abs(found) < LARGEST)] = np.nan
     for values, what in ((time, "time_s"), (moved, "input")):
-        wrong = np.flatnonzero(~np.isfinite(values))
+        wrong = np.flatnonzero(~(np.abs(values) < LARGEST))
         if wrong.size:
             raise DomainError(f"{name}: sample {wrong[0]}, {what}: {values[wrong[0]]} is not a finite number")
     try:

@@ -95,7 +95,7 @@ def scaled(recording: Recording) -> Scaled:
             f"has {counted(after, 'sample')} from the step on; record at least {_MIN_AFTER}, and until the output "
             "settles"
         )
-    gaps, weights = np.diff(time)[changed - 1], steps[changed - 1] ** 2
+    gaps, weights = np.diff(time)[changed - 1], (steps[changed - 1] / input_height) ** 2
     level = float(smoothed[0])
     signals = Signals(
         time[rows] / length_s,

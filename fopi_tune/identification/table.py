@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import datetime
-import math
 import re
 from collections import Counter
 from dataclasses import dataclass
@@ -24,6 +23,8 @@ _COMMENTS = ("#", "%", "//")
 _MOST_LINES_LOOKED_AT = 200
 #: characters of a line or field that a message quotes
 _MOST_QUOTED = 60
+#: larger numbers are no measurements, and their squares no doubles
+LARGEST = 1e100
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?$", re.ASCII)
 #: h:mm:ss with fractions of a second
 _CLOCK = re.compile(r"(\d{1,3}):(\d\d)(?::(\d\d(?:\.\d*)?))?$", re.ASCII)
@@ -134,11 +135,11 @@ def split(line: str, separator: str, width: int | None = None) -> list[str]:
 
 
 def number(field: str, separator: str) -> float | None:
-    """A finite number or a time of the day in seconds, or None."""
+    """A finite number (below 1e100) or a time of the day in seconds, or None."""
     text = field if separator == "," else field.replace(",", ".")
     if _NUMBER.match(text):
         value = float(text.replace("d", "e").replace("D", "e"))
-        return value if math.isfinite(value) else None
+        return value if abs(value) < LARGEST else None
     return time_of_day_s(text)
 
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fopi_tune.core.bode_form import Complex
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
@@ -320,7 +321,7 @@ def test_a_gain_that_rises_above_its_limit_late_has_its_largest_crossing_listed(
     plant = Plant((1.0, 2.0, 1.0, 0.0), tuple(np.polymul([1.0, 0.3], [1.0, 1.6, 1.0]).tolist()), delay)
     found = phase_crossovers(loops_of(controller, plant))
     omega = np.linspace(0.01, 20.0, 2_000_001)
-    value = response(controller, plant, omega)
+    value: Complex = response(controller, plant, omega)
     at = np.flatnonzero((value.imag[1:] > 0.0) != (value.imag[:-1] > 0.0))
     largest = np.abs(value[at][value[at].real < 0.0]).max()
     assert largest > 0.58
@@ -335,7 +336,7 @@ def test_a_gain_that_rises_above_its_limit_and_falls_slowly_has_its_largest_cros
     plant = Plant(numerator, (1.0, 6.29181562258844, 1.6791750989540666), 0.4097789597311663)
     found = phase_crossovers(loops_of(controller, plant))
     omega = np.linspace(1.0, 2000.0, 4_000_001)
-    value = response(controller, plant, omega)
+    value: Complex = response(controller, plant, omega)
     at = np.flatnonzero((value.imag[1:] > 0.0) != (value.imag[:-1] > 0.0))
     largest = np.abs(value[at][value[at].real < 0.0]).max()
     # |L| changes by less than a part in 1e6 from point to point near its largest value

@@ -197,6 +197,7 @@ def test_a_loop_with_more_than_unit_gain_everywhere_bears_no_dead_time(kp: float
     assert found.phase_margin_deg == math.inf
     assert found.delay_margin_s == 0.0
     assert found.delay_margin_rad_s == math.inf
+    assert found.gain_reduction_margin_db is not None
     assert 10.0 ** (found.gain_reduction_margin_db / 20.0) == pytest.approx(reduction, rel=1e-12)
 
 

@@ -184,9 +184,16 @@ def stable_loops(seed: int, wanted: int, keep: Callable[[SampledLoops], bool]) -
     return found
 
 
+def gain_margin(loops: SampledLoops) -> float:
+    """The factor that a stable loop's gain may grow by."""
+    found = margins_of(loops).gain_margin_db
+    assert found is not None
+    return 10.0 ** (found / 20.0)
+
+
 def test_raising_the_gain_by_the_margin_puts_a_pole_on_the_circle() -> None:
-    for plant, sections, delay in stable_loops(1, 15, lambda loops: math.isfinite(margins_of(loops).gain_margin_db)):
-        factor = 10.0 ** (margins_of(loops_of(plant, sections, delay)).gain_margin_db / 20.0)
+    for plant, sections, delay in stable_loops(1, 15, lambda loops: math.isfinite(gain_margin(loops))):
+        factor = gain_margin(loops_of(plant, sections, delay))
         sampled = oracle.sample(plant, sections.sample_time_s, delay)
         inside, outside = (
             oracle.sizes(sampled, oracle.scaled(sections, factor * (1.0 + sign * 1e-5))).max() for sign in (-1.0, 1.0)
@@ -206,7 +213,7 @@ def test_margins_at_the_ends_of_the_axis_are_found(plant: Plant, sections: Secti
     """L(-1) < 0, and P control with L(1) < 0: there is no crossing inside, only the limit."""
     found = margins_of(loops_of(plant, sections))
     assert found.gain_margin_rad_s == pytest.approx(0.0 if at == "zero" else math.pi / 0.5, rel=1e-12)
-    factor = 10.0 ** (found.gain_margin_db / 20.0)
+    factor = gain_margin(loops_of(plant, sections))
     sampled = oracle.sample(plant, 0.5)
     radii = [oracle.sizes(sampled, oracle.scaled(sections, factor * (1.0 + sign * 1e-9))).max() for sign in (-1.0, 1.0)]
     assert radii[0] < 1.0 < radii[1]
@@ -236,7 +243,8 @@ def test_margins_are_those_of_the_control_package() -> None:
         # control finds crossings as roots of expanded polynomials in z of degree 6: seven digits are left
         np.testing.assert_allclose(found.gain_crossovers_rad_s, np.sort(at_gain), rtol=1e-6)
         np.testing.assert_allclose(found.angles_from_minus_one_deg, phase[np.argsort(at_gain)], atol=1e-4)
-        assert found.stable == bool(np.all(np.abs(control.feedback(loop, 1).poles()) < 1.0))
+        closed: Any = control.feedback(loop, 1)
+        assert found.stable == bool(np.all(np.abs(closed.poles()) < 1.0))
         if not found.stable:
             assert found.phase_margin_deg is found.delay_margin_s is found.gain_margin_db is None
             continue
@@ -254,8 +262,7 @@ def test_a_delay_margin_of_whole_samples_can_be_added_as_dead_time() -> None:
         for shape in (Plant((1.0,), (1.0, 1.0)), Plant((1.0,), (1.0, 1.5, 0.6))):
             # the gain at which the loop with so many more samples is marginal
             sections = Sections(ts, 1.0, (1.0,), (0.05,))
-            delayed = loops_of(shape, sections, float(late))
-            factor = 10.0 ** (margins_of(delayed).gain_margin_db / 20.0)
+            factor = gain_margin(loops_of(shape, sections, float(late)))
             found = margins_of(loops_of(shape, oracle.scaled(sections, factor)))
             if len(found.gain_crossovers_rad_s) == 1:
                 assert found.delay_margin_s == pytest.approx(late * ts, rel=1e-9)

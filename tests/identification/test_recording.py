@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import random
+
 import numpy as np
 import pytest
-from cases.project import ROOT
+from cases.field_recordings import FIELD_FILES
+from cases.fuzz import damaged
 
 from fopi_tune.errors import DomainError
 from fopi_tune.identification import ReadOptions, Recording, TimeUnit, parse_recording, recording_from_arrays
 
 HEADER = "time_s,input,output"
-FILES = ROOT / "tests" / "cases" / "field" / "recordings"
 
 
 def rows(count: int = 20, step_at: int = 5) -> list[str]:
@@ -248,12 +250,29 @@ def test_options_that_cannot_be_followed_are_refused(options: ReadOptions, said:
         parse_recording(file(HEADER, *rows()), "a.csv", options)
 
 
+def test_damaged_files_are_taken_or_refused() -> None:
+    rng = random.Random(4)
+    texts = [file(HEADER, *rows()), FIELD_FILES["staircase_in_milliseconds"](1).text, wide()]
+    taken = 0
+    for _ in range(300):
+        text = damaged(rng.choice(texts).encode(), rng).decode("utf-8", errors="replace")
+        try:
+            found = parse_recording(text, "a.csv")
+        except DomainError:
+            continue
+        taken += 1
+        assert np.all(np.diff(found.time_s) > 0)
+        assert np.isfinite(found.output[found.used]).all()
+        assert found.used.sum() >= 10
+    assert 20 < taken < 280
+
+
 # -- arrays ------------------------------------------------------------------------------------------------------------
 
 
 def test_arrays_and_lists_are_taken_as_files_are() -> None:
     lists = [[float(part) for part in column] for column in zip(*(row.split(",") for row in rows()), strict=True)]
-    assert_usual(recording_from_arrays(*lists))
+    assert_usual(recording_from_arrays(lists[0], lists[1], lists[2]))
     lists[2][3] = float("nan")
     lists[0][8] = lists[0][7]
     found = recording_from_arrays(*(np.array(column) for column in lists), start_s=2.0)

@@ -69,7 +69,7 @@ class Loop:
 
     def curve(self, omega: Array) -> Complex:
         """L(j omega)."""
-        return self.at(1j * omega)
+        return self.at(np.asarray(1j * omega, dtype=complex))
 
     @property
     def at_infinity(self) -> float:
@@ -242,7 +242,7 @@ def dense_margins(curve: Curve, omega: Array, limits: tuple[float, ...] = ()) ->
 
     gains = _roots(log_gain, omega)
     real = _roots(sine, omega)
-    at_real = curve(real) if len(real) else np.zeros(0, dtype=complex)
+    at_real: Complex = curve(real) if len(real) else np.zeros(0, dtype=complex)
     negative = [-value for value in limits if value < 0.0]
     levels = np.concatenate([np.abs(at_real[at_real.real < 0.0]), negative])
     angles = np.angle(-curve(gains)) if len(gains) else np.zeros(0)

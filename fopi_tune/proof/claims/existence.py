@@ -247,7 +247,7 @@ class SomePhaseCrossover(Claim):
         over = self.loop.over((u, *box[1:]))
         smallest = (-arb(self.level)).exp()
         if high and not self.loop.has_upper_limit(over):
-            # a dead time turns L without end, through -180 deg at any |C N/D|, which does not vanish and so turns little
+            # a dead time turns L without end, through -180 deg again and again while |C N/D| hardly changes
             size = over.c * over.numerator / over.d
             late = bool(over.plant.dead_time.value > 0)
             return late and size.is_finite() and bool(size.abs_upper() < 1 and size.abs_lower() >= smallest)

@@ -19,6 +19,8 @@ _STYLE = {"facecolor": "none", "edgecolor": "0.45", "linewidth": 0.6, "zorder": 
 _HATCH = {Scope.FAMILY: "////", Scope.NOMINAL: "\\\\\\\\"}
 #: dB; half the height of the marks on the line |L| = 1
 _MARK_DB = 4.0
+#: deg; a phase axis is not widened beyond this
+_MOST_DEG = 900.0
 #: factor by which a band around crossovers is widened
 _WIDEN = 1.05
 
@@ -117,7 +119,9 @@ def mark_critical_phases(axes: Axes, phase_deg: Array) -> None:
     """
     lines = np.unique(np.append(critical_phases(phase_deg), -180.0))
     low, high = axes.get_ylim()
-    axes.set_ylim(min(low, float(lines.min()) - 10.0), max(high, float(lines.max()) + 10.0))
+    top = max(high, float(lines.max()) + 10.0)
+    # a long dead time turns L many times before a crossover: not all of it is shown
+    axes.set_ylim(min(low, max(float(lines.min()) - 10.0, top - _MOST_DEG)), top)
     for line in lines.tolist():
         axes.axhline(line, color="black", linewidth=0.6)
 

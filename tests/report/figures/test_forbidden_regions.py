@@ -100,6 +100,12 @@ def test_the_phases_of_minus_one_that_margins_are_read_from_are_lines(phases: li
     assert high > lines[-1]
 
 
+def test_a_crossover_after_very_many_turns_does_not_widen_the_axis_without_end() -> None:
+    axes = axes_of(-400.0, -60.0)
+    mark_critical_phases(axes, np.array([-90.0, -36_000.0]))
+    assert axes.get_ylim() == (-960.0, -60.0)
+
+
 def test_a_phase_margin_forbids_the_arc_of_the_unit_circle_about_minus_one() -> None:
     axes = axes_of(-2.0, 2.0)
     forbid_arcs(axes, [margin(Relation.AT_LEAST, 60.0), Requirement("gain_margin_db", Relation.AT_LEAST, (6.0,))])
