@@ -44,7 +44,10 @@ _PUBLIC_UNIT = {
 _VANISHING = 0.05
 #: brackets that are made, and the part by which gains from the last one have to be better for another
 _MOST_BRACKETS, _BETTER = 3, 1e-4
-_ONLY_WITHOUT_INTEGRAL = "only ki = 0 gives every plant of the family a stable loop; the plant's gain is negative, so allow negative kp and ki"
+_ONLY_WITHOUT_INTEGRAL = (
+    "only ki = 0 gives every plant of the family a stable loop; "
+    "the plant's gain is negative, so allow negative kp and ki"
+)
 #: multipliers beyond this say only that limits coincide
 _NO_PRICE = 1e5
 
