@@ -118,10 +118,15 @@ def moved_limit(polish: Polish, found: Polished, requirement: int) -> tuple[floa
     return None if best[0] == 0.0 else (best[1], best[2])
 
 
-def _unstable(problem: Problem) -> str:
+def has_wrong_sign(problem: Problem) -> bool:
+    """Whether the plant's gain is negative and the ranges hold no negative gains."""
     box = problem.spec.controller
     plants = Plants.members(problem.spec.plant, problem.fine_points[0])
-    if has_negative_gain(plants) and box.kp.min >= 0.0 and box.ki.min >= 0.0:
+    return has_negative_gain(plants) and box.kp.min >= 0.0 and box.ki.min >= 0.0
+
+
+def _unstable(problem: Problem) -> str:
+    if has_wrong_sign(problem):
         return _UNSTABLE + "; the plant's gain is negative, so allow negative kp and ki"
     return _UNSTABLE
 

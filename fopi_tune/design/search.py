@@ -15,10 +15,10 @@ from fopi_tune.core.stability import is_stable
 from fopi_tune.design.bracket import bracket_of, excluded_share
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
 from fopi_tune.design.global_search.basins import Basin, scan_box
-from fopi_tune.design.global_search.compiled import DEPTH, ENDLESS
+from fopi_tune.design.global_search.compiled import DEPTH, ENDLESS, KI
 from fopi_tune.design.global_search.polish import MEETS, Polish, Polished
 from fopi_tune.design.global_search.problem import LARGEST_GAIN, Problem
-from fopi_tune.design.infeasible import explain
+from fopi_tune.design.infeasible import explain, has_wrong_sign
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.objectives import ObjectiveKind
@@ -40,8 +40,14 @@ _PUBLIC_UNIT = {
     ObjectiveKind.SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
     ObjectiveKind.CONTROL_SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
 }
+#: a term smaller than this part of the other one, in scaled gains, may be better left out
+_VANISHING = 0.05
 #: brackets that are made, and the part by which gains from the last one have to be better for another
 _MOST_BRACKETS, _BETTER = 3, 1e-4
+_ONLY_WITHOUT_INTEGRAL = (
+    "only ki = 0 gives every plant of the family a stable loop; "
+    "the plant's gain is negative, so allow negative kp and ki"
+)
 #: multipliers beyond this say only that limits coincide
 _NO_PRICE = 1e5
 
@@ -71,6 +77,9 @@ def search(problem: Problem, start: FoPi | None = None, bracket: bool = False) -
     best = best_of_box(polish, start)
     if best is None or (problem.code == DEPTH and best.cost > MEETS):
         return explain(problem, share_in_words(excluded_share(problem)) if bracket else "", polish.counts)
+    if problem.code == KI and best.x[1] == 0.0 and problem.box.ki_high > 0.0 and has_wrong_sign(problem):
+        nothing = tuple(None for _ in problem.spec.requirements)
+        return Candidate(Status.INFEASIBLE, None, nothing, (), _ONLY_WITHOUT_INTEGRAL, polish.counts.solves)
     if not bracket:
         return candidate_of(polish, best)
     best, gap = beyond_doubt(polish, best)
@@ -132,9 +141,25 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
             nearer = polish.run(basin.gains if found is None else found.x, radius)
             if nearer is not None and (found is None or nearer.cost < found.cost):
                 found = nearer
+        found = _on_axis(polish, found)
         if found is not None and (best is None or found.cost < best.cost) and _is_stable(polish.problem, found):
             best = found
     return best
+
+
+def _on_axis(polish: Polish, found: Polished | None) -> Polished | None:
+    """The same or better gains without a term that nearly vanishes."""
+    if found is None:
+        return None
+    box = polish.problem.box
+    for k, low, high in ((0, box.kp_low, box.kp_high), (1, box.ki_low, box.ki_high)):
+        if low <= 0.0 <= high and 0.0 < abs(found.x[k]) < _VANISHING * abs(found.x[1 - k]):
+            x = found.x.copy()
+            x[k] = 0.0
+            other = polish.run(x)
+            if other is not None and other.cost <= found.cost:
+                found = other
+    return found
 
 
 def _is_stable(problem: Problem, found: Polished) -> bool:

@@ -57,11 +57,14 @@ class Warm:
         """The exchange from a neighbour's gains; None when it leads nowhere."""
         problem = self.problem.with_limits_of(spec)
         polish, x = Polish(problem), inside(problem, problem.scale.scaled(start))
+        best: Polished | None = None
         for radius in (FIRST_RADIUS, _NEARER):
             found = polish.run(x, radius)
-            if found is not None and found.settled:
-                return _solution(polish, found)
-        return None
+            if found is not None and (best is None or found.cost < best.cost):
+                best = found
+            if best is not None and best.settled:
+                break
+        return None if best is None else _solution(polish, best)
 
     def anew(self, spec: DesignSpec) -> Solution | None:
         """The search of the whole box, as for a design; None when it finds nothing."""

@@ -56,6 +56,8 @@ from fopi_tune.design.global_search.worst_case import (
 
 #: natural units; requirements that are missed by less are met, an objective that is this exact is known
 MEETS = 2e-7
+#: scaled gains; smaller ones are no controller
+_NO_CONTROLLER = 1e-9
 #: natural units; findings of requirements with more slack are not looked at
 _WITHIN = 0.25
 _MOST_FINDINGS, _MOST_KEPT = 96, 28
@@ -151,6 +153,8 @@ class Polish:
     def look(self, x: Array, within: float = _WITHIN) -> Array | None:
         """The worst cases at gains; None where a plant is unstable or a quantity has no value."""
         self.counts.looks += 1
+        if max(abs(x[0]), abs(x[1])) < _NO_CONTROLLER:
+            return None
         rows = self.rows
         if self.code == MARGIN_SPREAD:
             fill_ray(x[2], x[0], x[1], self.table, self.work)
