@@ -15,7 +15,7 @@ from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
     from fopi_tune.identification import FitModel, ReadOptions, Recording
-    from fopi_tune.spec.template_sections import TemplateSections
+    from fopi_tune.spec.templates.sections import TemplateSections
 
 #: file of the JSON Schema beside a spec, which the spec's first line names
 SCHEMA_FILE = "fopi.schema.json"
@@ -139,7 +139,7 @@ def write_spec(options: InitOptions) -> None:
     Raises:
         typer.Exit: a file that is in the way, cannot be written, or cannot be fitted; nothing was written.
     """
-    from fopi_tune.spec.template import template
+    from fopi_tune.spec.templates.template import template
 
     name, recordings = _name_and_recordings(options)
     path = Path(options.out or f"{name}.yaml")
@@ -179,7 +179,7 @@ def _name_and_recordings(options: InitOptions) -> tuple[str, tuple[str, ...]]:
 
 
 def _plant_sections(options: InitOptions, recordings: tuple[str, ...]) -> TemplateSections:
-    from fopi_tune.spec.template_sections import SECTIONS_BY_MODEL
+    from fopi_tune.spec.templates.sections import SECTIONS_BY_MODEL
 
     if not recordings:
         return SECTIONS_BY_MODEL[(options.model or Model.LAG).value]

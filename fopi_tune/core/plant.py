@@ -2,7 +2,7 @@
 
 A plant is  P(s) = N(s)/D(s) e^{-dead_time_s s}  with real polynomials; a family is the whole box of its uncertain
 numbers.  To add a model, add one `PlantModel` to `PLANT_MODELS`: the spec language, the design and the proof read it
-there.  `fopi init` has a start for every model (`spec/template_sections.py`), and a test says so.
+there.  `fopi init` has a start for every model (`spec/templates/sections.py`), and a test says so.
 """
 
 from __future__ import annotations

@@ -12,9 +12,9 @@ from fopi_tune.errors import DomainError
 from fopi_tune.identification.fit import Fit, Interval, fit_plant
 from fopi_tune.identification.models import FitModel
 from fopi_tune.identification.recording import Recording, recording_from_arrays
-from fopi_tune.spec.template import template
-from fopi_tune.spec.template_fitted import sections_for_fitted
-from fopi_tune.spec.template_sections import TemplateSections
+from fopi_tune.spec.templates.fitted import sections_for_fitted
+from fopi_tune.spec.templates.sections import TemplateSections
+from fopi_tune.spec.templates.template import template
 
 _SPEC_MODELS = {
     FitModel.LAG: "lag",

@@ -100,7 +100,7 @@ class Design:
         stamp: provenance.
         solves: runs of the solver.
         optimum: what is proved of the best gains; None when that was not asked for.
-        steady_state_error: the largest that a constant reference leaves over the family, as a part of it; None without
+        steady_state_error: dimensionless, the largest that a constant reference leaves over the family; None without
             stable gains.
         notes: what a user should know besides the table: a default objective, a term that vanished, a gain at an end
             of its range.

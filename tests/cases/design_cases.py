@@ -545,15 +545,6 @@ UNBOUNDED = [
         "unbounded",
     ),
     case("unbounded_alone", LAG, [], "maximize: ki", None, "unbounded"),
-    # ever smaller gains meet these two ever better
-    case(
-        "unbounded_depth",
-        LAG,
-        ["delay_margin_s: {at_least: 1}", "loop_gain_db: {at_most: -6}, from_rad_s: 20"],
-        None,
-        USUAL,
-        "unbounded",
-    ),
     case("unbounded_brake", BRAKE, ["sensitivity_db: {at_most: 2}"], "maximize: ki", None, "unbounded"),
 ]
 

@@ -166,7 +166,7 @@ def change(path: Path, place: Sequence[str | int], value: Any) -> None:
         ("design.json", ["gains"], [1, 2, 3], "gains is no object"),
         ("design.json", ["clash"], [{"requirement": 99, "give": 1, "new_limit": 1}], "clash[0].requirement is none"),
         ("design.json", ["stamp", "versions"], [], "stamp.versions is no object"),
-        ("design.json", ["nominal"], {}, "nominal.crossover_rad_s is missing"),
+        ("design.json", ["nominal"], {}, "nominal.stable is missing"),
         ("design.json", ["schema"], 2, "schema is not 1"),
         ("digital.json", ["controller", "sections"], [], "controller.sections is no poles"),
         ("digital.json", ["controller", "sections", 0, "pole"], 1.5, "controller.sections is no poles"),

@@ -26,9 +26,9 @@ from fopi_tune.results.status import Status
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.language import json_schema
-from fopi_tune.spec.template import template
-from fopi_tune.spec.template_fitted import sections_for_fitted
-from fopi_tune.spec.template_sections import SECTIONS_BY_MODEL
+from fopi_tune.spec.templates.fitted import sections_for_fitted
+from fopi_tune.spec.templates.sections import SECTIONS_BY_MODEL
+from fopi_tune.spec.templates.template import template
 
 
 @pytest.fixture(autouse=True)

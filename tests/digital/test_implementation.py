@@ -261,7 +261,7 @@ def test_what_is_written_compiles_and_replays_its_own_vectors(folder: Path) -> N
         THROTTLE,
         (
             "delay_samples: 0}",
-            'delay_samples: 0, output_limits: [0, 1], measurement_unit: "km/h */", output_unit: "1"}',
+            'delay_samples: 0, output_limits: [0, 1], output_unit: "1 */"}',
         ),
     )
     Path("t.yaml").write_text(text, "utf-8")

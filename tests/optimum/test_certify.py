@@ -384,7 +384,7 @@ def test_what_discards_gains_off_the_line_of_a_fixed_margin_discards_none_on_it(
     }
     problems = recheck_optimum(forged, spec).problems
     assert len(problems) == 1
-    assert "on the line" in problems[0]
+    assert "on a line of the fixed margin" in problems[0]
 
 
 @pytest.mark.parametrize(

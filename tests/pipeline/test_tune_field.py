@@ -164,6 +164,7 @@ def test_an_unstable_plant_that_the_check_finds_comes_back_as_a_cut(monkeypatch:
         "schema: 1\nname: x\nplant: {model: pole, gain: 1, pole_rad_s: {min: -1, max: 1}}\n"
         "controller: {kp: {min: 0, max: 9}, ki: {min: 0, max: 9}, alpha: 1}\n"
         "requirements: [{control_sensitivity_db: {at_most: 20}, from_rad_s: 1}]\n"
+        "objective: {maximize: ki}\n"
     )
     asked: list[tuple[Violation, ...]] = []
     known = ft.tune(spec, proof=False)

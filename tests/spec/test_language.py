@@ -25,7 +25,7 @@ from fopi_tune.spec.model import (
     Sense,
     ValidationSpec,
 )
-from fopi_tune.spec.template import template
+from fopi_tune.spec.templates.template import template
 
 SPECS = sorted((ROOT / "specs").glob("*.yaml"))
 BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")

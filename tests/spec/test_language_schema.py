@@ -21,7 +21,7 @@ from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.objectives import OBJECTIVES
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.language import json_schema
-from fopi_tune.spec.template import template
+from fopi_tune.spec.templates.template import template
 
 SPECS = sorted((ROOT / "specs").glob("*.yaml"))
 SCHEMA = json_schema()

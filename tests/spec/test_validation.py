@@ -51,7 +51,7 @@ from fopi_tune.simulation.measures import MEASURE_VALUES
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec import validation as validation_section
 from fopi_tune.spec.model import MEASURES, DesignSpec
-from fopi_tune.spec.template import template
+from fopi_tune.spec.templates.template import template
 
 Array = NDArray[np.float64]
 BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")

@@ -10,6 +10,8 @@ where with x = k |L0|, c = cos arg L0
 (|C S| as |T| with M |P|); for margins where all loops of a run of frequencies are too close to -1 at |L| = 1; for
 stability where every loop has the same number of unstable poles.  A cell is discarded when all kappa are impossible.
 It is a check in floats on a grid of frequencies, not a proof; `fopi_tune.optimum` proves.
+
+Source: derived; the squares of the responses and Nyquist's count, over a disc of loops.
 """
 
 from __future__ import annotations

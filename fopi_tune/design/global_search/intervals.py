@@ -9,6 +9,8 @@ With L0 = C0 P, a band's inequality at one frequency is a quadratic in k,
 violated inside one interval of k; along neighbouring frequencies that violate, the union of these intervals is one
 interval again, from the smallest lower to the largest upper end.  A margin or another quantity of a crossover is read
 where ln|L0| = -kappa, so that a run of frequencies that violate forbids the interval that -ln|L0| covers there.
+
+Source: derived; the squares of the responses as quadratics in the gain.
 """
 
 from __future__ import annotations

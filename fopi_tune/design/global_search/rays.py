@@ -6,6 +6,8 @@ With the signed passages of arg L0 through -180 deg (mod 360), +1 upwards,
 
 is the number of right half-plane poles of the closed loop (`core/stability.py`, (1), written for passages instead of
 intervals).  So the stable kappa of a ray are a union of intervals whose ends are known.
+
+Source: derived; the argument principle, as in `core/stability.py`.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ RAYS = [
     (1.1, -1.0, -0.5),
 ]
 #: neper; the grid shows the ends of intervals this exactly; of a slope it has differences only
-NEAR, NEAR_OF_A_SLOPE = 0.04, 0.3
+NEAR, NEAR_OF_A_SLOPE = 0.06, 0.4
 
 
 def spec_of(plant: str, requirement: str) -> DesignSpec:

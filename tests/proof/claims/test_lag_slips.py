@@ -17,8 +17,8 @@ from flint import ctx
 from numpy.typing import NDArray
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.crossings import gain_crossovers, phase_crossovers
+from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response
 from fopi_tune.proof.balls.box import Interval
 from fopi_tune.proof.balls.loop import BallLoop

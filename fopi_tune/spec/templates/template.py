@@ -8,7 +8,7 @@ from fopi_tune.errors import DomainError
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.objectives import OBJECTIVES
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
-from fopi_tune.spec.template_sections import SECTIONS_BY_MODEL, TemplateSections
+from fopi_tune.spec.templates.sections import SECTIONS_BY_MODEL, TemplateSections
 from fopi_tune.spec.yaml.problems import quoted
 
 _TEMPLATE = """\

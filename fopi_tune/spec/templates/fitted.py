@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context
 
 from fopi_tune.core.plant import PlantFamily, Uncertain
-from fopi_tune.spec.template_sections import TemplateSections, digital_section
+from fopi_tune.spec.templates.sections import TemplateSections, digital_section
 
 #: columns of a comment
 _WIDTH = 116

@@ -1,0 +1,1 @@
+"""Commented specs that `fopi init` writes:  one a plant model, and those of fitted plants."""
