@@ -15,8 +15,9 @@ import numpy as np
 
 from fopi_tune.optimum.parametrization import GainParametrization
 from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.pruning.central_loops import Suggestion
 from fopi_tune.optimum.pruning.conditions import Test
-from fopi_tune.optimum.pruning.crossover_suggestions import Suggestion, suggestions
+from fopi_tune.optimum.pruning.crossover_suggestions import suggestions
 from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.pruning.sample_points import (
     constant_reasons,
@@ -150,8 +151,8 @@ class BranchAndBound:
 
     def _finds_better_controller(self, left: list[tuple[Node, float]]) -> bool:
         """Whether the centre of a box that violates no sample meets every condition."""
-        line = self.problem.margin_is_fixed
-        good = sorted((ratio, k) for k, (node, ratio) in enumerate(left) if ratio < 0.0 and self._is_line(node) == line)
+        fixed, is_line = self.problem.margin_is_fixed, self.problem.is_line
+        good = sorted((ratio, k) for k, (node, ratio) in enumerate(left) if ratio < 0.0 and is_line(node.box) == fixed)
         for _, k in good[:_MOST_TRIED]:
             centre = centre_of(left[k][0].box)
             if meets_conditions(self.problem, np.array([centre]), self.points):
@@ -222,7 +223,7 @@ class BranchAndBound:
         for k, row in enumerate(rows):
             node = batch[row]
             own = sorted(by_row.get(k, []), key=lambda s: -s.ratio)
-            if self.problem.margin_is_fixed and not self._is_line(node):
+            if self.problem.margin_is_fixed and not self.problem.is_line(node.box):
                 own = [s for s in own if not self._is_cover(s)]
             if any(s.ratio > _WORTH and self._discard(node, s.reason) for s in own):
                 continue
@@ -238,20 +239,19 @@ class BranchAndBound:
         if not self.problem.margin_is_fixed:
             return rows
         place = next(k for k, c in enumerate(self.problem.conditions.every) if c.test is Test.LOWER_CROSSOVER)
-        return [row for row in rows if self._is_line(batch[row]) or not self._discard(batch[row], Reason(place))]
+        is_line = self.problem.is_line
+        return [row for row in rows if is_line(batch[row].box) or not self._discard(batch[row], Reason(place))]
 
     def _is_cover(self, suggestion: Suggestion) -> bool:
-        """Whether a claim covers the whole frequency axis: too expensive off the line of the fixed margin."""
+        """Whether a claim covers the whole frequency axis: too expensive off the lines of the fixed margin."""
         condition = self.problem.conditions.every[suggestion.reason.condition]
-        return condition.test is Test.CROSSOVER or (condition.test is Test.MARGIN and condition.upper)
+        counted = condition.test is Test.STABILITY and suggestion.reason.omega
+        return condition.test is Test.CROSSOVER or bool(counted) or (condition.test is Test.MARGIN and condition.upper)
 
     def _costly(self, node: Node, own: list[Suggestion]) -> bool:
         """A claim about the whole frequency axis."""
         unstable = [s for s in own if s.axis < 0 and s.ratio == 0.0]
-        return not self.limits.is_over and any(self._discard(node, s.reason) for s in unstable[:1])
-
-    def _is_line(self, node: Node) -> bool:
-        return node.box[-1] == self.roots[-1].box[-1]
+        return not self.limits.is_over and any(self._discard(node, s.reason) for s in unstable)
 
     def _depth(self, node: Node) -> int:
         """Number of splits since the root, from the box's size."""

@@ -18,13 +18,15 @@ where C_i are the derivatives at the centre, and the remainder e is of second or
 Source: derived; (1) and (2) are C written out around the centre, (3) solves L0 = e^{j(psi - pi)} for the gains.
 
 `BoxLoop` is the loop of every controller of a box at once: the proof's own loop, with balls in place of the gains.
+More dead time may be added to its plants: a delay margin is the dead time up to which a loop stays stable.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from flint import acb, arb
@@ -33,6 +35,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of
 from fopi_tune.proof.balls.loop import BallLoop
+from fopi_tune.proof.balls.plant import Dual, PlantEnclosure
 from fopi_tune.spec.model import ControllerSpec, GainRange
 
 _ZERO = arb(0)
@@ -266,15 +269,23 @@ class CrossoverBox(ControllerBox):
         return ControllerEnclosure(x.real + x.imag * h, (x.imag * first, -x.imag + x.real * h), x.imag * self.alpha * e)
 
 
+@dataclass(frozen=True)
 class BoxLoop(BallLoop):
-    """Controllers with gains in balls, and a family of plants.
+    """Controllers with gains in balls, and a family of plants behind more dead time.
 
     `gains` are some floating-point gains of the box: they only tell which gains are exactly 0.  The box must not
     contain both ki = 0 and ki != 0: without integral action the number of poles differs.
+
+    Args:
+        delay_s: the additional dead time, s.
     """
 
+    delay_s: arb = _ZERO
+
     @classmethod
-    def of(cls, controllers: ControllerBox, family: PlantFamily, whole: bool = True) -> BoxLoop | None:
+    def of(
+        cls, controllers: ControllerBox, family: PlantFamily, whole: bool = True, delay_s: arb = _ZERO
+    ) -> BoxLoop | None:
         """The loop of a box of controllers, or of its centre; None where it contains both ki = 0 and ki != 0."""
         balls = (controllers.kp, controllers.ki, controllers.alpha) if whole else controllers.centre
         kp, ki, alpha = (float(ball.mid()) for ball in balls)
@@ -282,6 +293,11 @@ class BoxLoop(BallLoop):
             return None
         if kp == 0.0 and not balls[0].is_zero():
             kp = float(balls[0].upper())
-        loop = cls(FoPi(kp, ki, alpha), family)
+        loop = cls(FoPi(kp, ki, alpha), family, delay_s)
         loop.__dict__.update(kp=balls[0], ki=balls[1], alpha=balls[2])
         return loop
+
+    def plant(self, theta: Sequence[arb]) -> PlantEnclosure:
+        found = super().plant(theta)
+        dead_time = found.dead_time
+        return replace(found, dead_time=Dual(dead_time.value + self.delay_s, dead_time.gradient))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import cached_property
 
 from flint import acb, arb
@@ -17,19 +16,9 @@ from fopi_tune.proof.balls.box import Box, Interval
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import PlantEnclosure, polynomial
 from fopi_tune.proof.balls.responses import LoopEnclosure
-from fopi_tune.proof.balls.unwrapped_phase import PolynomialPhase, plant_phases
-from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator
-from fopi_tune.spec.model import DesignSpec, GainRange
+from fopi_tune.spec.model import DesignSpec
 
 _MOST_CELLS = 50_000
-
-
-class IntegralSign(StrEnum):
-    """Which sign of ki a spec allows."""
-
-    POSITIVE = "ki >= 0"
-    NEGATIVE = "ki < 0"
-    EITHER = "any ki"
 
 
 @dataclass(frozen=True)
@@ -41,8 +30,8 @@ class Problem:
         beat: level of the objective to be improved upon, in its public unit; None for the requirements alone.
         conditions: necessary conditions of both.
         parametrization: the coordinates.
-        roots: boxes that together contain every candidate.
-        margin_is_fixed: whether the last root contains every controller with the required nominal phase margin.
+        roots: boxes that together contain every candidate.  Where the nominal phase margin is fixed too, those after
+            the first are lines of constant psi: every controller whose angle at the fixed crossover is that margin.
     """
 
     spec: DesignSpec
@@ -50,16 +39,15 @@ class Problem:
     conditions: Conditions
     parametrization: Parametrization
     roots: tuple[Box, ...]
-    margin_is_fixed: bool
 
     @classmethod
     def of(cls, spec: DesignSpec, beat: float | None) -> Problem:
         """A fixed nominal crossover removes one dimension of the search, a fixed nominal phase margin a second one.
 
-        The fixed crossover only implies |L0(j wc)| = 1.  The phase margin is the smallest over all crossovers, so it
-        is attained at wc unless a lower crossover has it.  Hence there are two roots: the first contains all psi, and
-        its boxes can also be discarded because no lower crossover has the margin; the second contains the required
-        psi only.
+        The fixed crossover only implies |L0(j wc)| = 1.  The phase margin phi is the smallest angle over all
+        crossovers, so it is that at wc, psi = phi or psi = -phi, unless a lower crossover has it.  Hence the first root
+        contains all psi, and its boxes can also be discarded because no lower crossover has the margin; the others
+        contain these two psi only.
         """
         conditions = conditions_of(spec, beat)
         crossover = nominal_equality(spec, "crossover_rad_s")
@@ -67,21 +55,20 @@ class Problem:
         unit_loop = BallLoop(FoPi(1.0, 0.0, 1.0), spec.plant)
         at = None if crossover is None else _response(unit_loop, nominal, crossover.limits[0])[1]
         if crossover is None or at is None or not at.is_finite() or at.contains(0):
-            return cls(
-                spec, beat, conditions, GainParametrization(), (GainParametrization.root(spec.controller),), False
-            )
+            return cls(spec, beat, conditions, GainParametrization(), (GainParametrization.root(spec.controller),))
         parametrization = CrossoverParametrization(crossover.limits[0], at)
         margin = nominal_equality(spec, "phase_margin_deg")
         if margin is None:
-            roots: tuple[Box, ...] = (CrossoverParametrization.circle(spec.controller.alpha, -math.pi),)
-        else:
-            exact = degrees(margin.limits[0])
-            line = tuple(math.nextafter(float(exact.mid()), end) for end in (-math.inf, math.inf))
-            if not (arb(line[0]) < exact < arb(line[1])):
-                raise ArithmeticError(f"{margin.limits[0]!r} degrees are not enclosed")
-            alpha = (spec.controller.alpha.min, spec.controller.alpha.max)
-            roots = (CrossoverParametrization.circle(spec.controller.alpha, line[0]), (alpha, (line[0], line[1])))
-        return cls(spec, beat, conditions, parametrization, roots, margin is not None)
+            circle = CrossoverParametrization.circle(spec.controller.alpha, -math.pi)
+            return cls(spec, beat, conditions, parametrization, (circle,))
+        exact = degrees(margin.limits[0])
+        lag = math.nextafter(float(exact.mid()), -math.inf), math.nextafter(float(exact.mid()), math.inf)
+        if not (arb(lag[0]) < exact < arb(lag[1])):
+            raise ArithmeticError(f"{margin.limits[0]!r} degrees are not enclosed")
+        alpha = (spec.controller.alpha.min, spec.controller.alpha.max)
+        lines = [(alpha, psi) for psi in (lag, (-lag[1], -lag[0]))]
+        roots = (CrossoverParametrization.circle(spec.controller.alpha, lag[0]), *lines)
+        return cls(spec, beat, conditions, parametrization, roots)
 
     def beating(self, beat: float | None) -> Problem:
         """The same problem with another level."""
@@ -102,13 +89,14 @@ class Problem:
         """The nominal crossover, where it is fixed."""
         return self.parametrization.omega_rad_s if isinstance(self.parametrization, CrossoverParametrization) else None
 
-    @cached_property
-    def sign(self) -> IntegralSign:
-        """Which sign ki may have."""
-        ki: GainRange = self.spec.controller.ki
-        return (
-            IntegralSign.POSITIVE if ki.min >= 0.0 else IntegralSign.NEGATIVE if ki.max < 0.0 else IntegralSign.EITHER
-        )
+    @property
+    def margin_is_fixed(self) -> bool:
+        """Whether the nominal phase margin is fixed beside the nominal crossover."""
+        return len(self.roots) > 1
+
+    def is_line(self, box: Box) -> bool:
+        """Whether a box is part of a line of constant psi."""
+        return any(box[-1] == root[-1] for root in self.roots[1:])
 
     def has_member(self, point: tuple[float, ...], nominal: bool) -> bool:
         """Whether a point is a plant of the family; with `nominal`, whether it is the nominal plant."""
@@ -121,11 +109,6 @@ class Problem:
     def unit_loop(self) -> BallLoop:
         """The loop with C = 1, so that L = P."""
         return BallLoop(FoPi(1.0, 0.0, 1.0), self.family)
-
-    @cached_property
-    def evaluator(self) -> CrossingEvaluator:
-        """Unwrapped phases of the plants."""
-        return CrossingEvaluator(self.unit_loop)
 
     @cached_property
     def _plants(self) -> dict[tuple[float, ...], PlantEnclosure]:
@@ -154,27 +137,11 @@ class Problem:
             self._plant_enclosures[key] = self.unit_loop.enclosure(u, self.plant(point))
         return self._plant_enclosures[key]
 
-    @cached_property
-    def _phases(self) -> dict[tuple[float, ...], tuple[PolynomialPhase, PolynomialPhase]]:
-        return {}
-
     def plant(self, point: tuple[float, ...]) -> PlantEnclosure:
         """One plant."""
         if point not in self._plants:
             self._plants[point] = self.unit_loop.plant([arb(value) for value in point])
         return self._plants[point]
-
-    def is_negative(self, point: tuple[float, ...]) -> bool | None:
-        """Whether a plant's sign adds 180 deg to its phase; None where that is not known."""
-        if point not in self._phases:
-            self._phases[point] = plant_phases(self.unit_loop, point)
-        numerator, denominator = self._phases[point]
-        if numerator.right_half_plane_roots is None or denominator.right_half_plane_roots is None:
-            return None
-        return bool(
-            (numerator.leading_is_positive != denominator.leading_is_positive)
-            ^ (numerator.right_half_plane_roots % 2 == 1)
-        )
 
     def response(self, point: tuple[float, ...], omega: float) -> tuple[acb, acb]:
         """ln(j omega), and P there."""

@@ -191,14 +191,14 @@ def _check_proof(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]
             return 0, [f"reason {place} states a plant, or a side, that its condition does not depend on"]
     leaves = 0
     for place, cover in enumerate(proof.covers):
-        # LOWER_CROSSOVER may discard only boxes of the first root: the second root holds the required margin
-        on_line = problem.margin_is_fixed and place == len(proof.covers) - 1
+        # LOWER_CROSSOVER may discard only boxes of the first root: the others hold the required margin
+        on_line = place > 0
         try:
             for box, reason in walk(cover, proof.reasons):
                 leaves += 1
                 test = problem.conditions.every[reason.condition].test
                 if on_line and test is Test.LOWER_CROSSOVER:
-                    return leaves, [f"box {leaves} lies on the line of the fixed margin, where its reason says nothing"]
+                    return leaves, [f"box {leaves} lies on a line of the fixed margin, where its reason says nothing"]
                 if not is_excluded(problem, problem.parametrization.controllers(box), reason):
                     return leaves, [f"box {leaves} is not discarded by the reason that is given"]
         except ValueError as error:

@@ -30,8 +30,9 @@ from fopi_tune.optimum import Optimum, OptimumStatus, certify_optimum, recheck_o
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Test as Kind
-from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded, quadratic
+from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds
+from fopi_tune.optimum.pruning.response_bounds import quadratic
 from fopi_tune.optimum.pruning.screen import gains_at
 from fopi_tune.proof import verify
 from fopi_tune.proof.balls.loop import PRECISION

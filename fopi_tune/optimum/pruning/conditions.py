@@ -32,7 +32,8 @@ class Test(StrEnum):
     RESPONSE = "response"
     #: T |P/(1 + C P)| at s = 1/T stays below the level
     DISTURBANCE = "disturbance"
-    #: at every (at_least) or at the worst (at_most) gain crossover pi + arg L is on its side of level + rate omega
+    #: the smallest angle between L and -1 over the gain crossovers, or the smallest lag less rate omega, is on its side
+    #: of the level
     MARGIN = "margin"
     #: no phase crossover with -level < ln|L| < 0
     GAIN_MARGIN = "gain_margin"
@@ -44,9 +45,9 @@ class Test(StrEnum):
     GAIN_SPREAD = "gain_spread"
     #: kp or ki on its side of the level
     GAIN = "gain"
-    #: every plant's loop is stable
+    #: every plant's loop is stable, behind more dead time where a delay margin asks for it
     STABILITY = "stability"
-    #: a crossover below the fixed one has the nominal phase margin that is asked for
+    #: at a crossover below the fixed one L is the nominal phase margin that is asked for from -1
     LOWER_CROSSOVER = "lower_crossover"
 
 
@@ -64,7 +65,7 @@ class Condition:
         nominal: whether it is about the nominal plant only.
         response: of a response.
         band_rad_s: of a response, both ends included.
-        rate: of a margin that grows with omega, s.
+        rate: of a delay margin, its limit, s; of stability the additional dead time, s.
         horizon_s: of the disturbance's error.
     """
 
@@ -178,6 +179,8 @@ def _of_requirement(
         elif name == "delay_margin_s":
             rate = arb(limit) + shift * abs(arb(limit))
             yield Condition(Test.MARGIN, name, upper, arb(0), **common, rate=rate)
+            if not upper:  # a stable loop stays stable behind any more dead time below its delay margin
+                yield Condition(Test.STABILITY, name, upper, arb(0), **common, rate=rate / 2)
         elif name == "gain_margin_db" and not upper:
             yield Condition(Test.GAIN_MARGIN, name, upper, db(limit) + shift, **common)
         elif name == "crossover_rad_s" and (not upper or rolls_off(spec.plant)):

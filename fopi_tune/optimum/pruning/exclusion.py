@@ -1,23 +1,11 @@
 """Exclusion tests:  a reason why every controller of a box fails a condition, and its test in ball arithmetic.
 
-A condition on a response at one frequency of one plant says that C stays outside a disc, or inside, or on one side of
-a line:
+A margin is a distance of a stable loop from -1, so what a test says of a margin may be false of unstable loops: those
+fail the condition anyway.  With b = 180 deg + arg L modulo a turn,
 
-    q(C) = a |C|^2 + 2 Re(b C) + c <= 0 ,      P the plant, M the limit
+    phase margin    min |b|          delay margin    min (b mod 360 deg)/omega
 
-    |S|   <= M    -|P|^2 |C|^2 - 2 Re(P C) - 1 + 1/M^2
-    |T|   <= M    (1 - M^2) |P|^2 |C|^2 - 2 M^2 Re(P C) - M^2
-    |C S| <= M    (1 - M^2 |P|^2) |C|^2 - 2 M^2 Re(P C) - M^2
-    |L|   <= M    |P|^2 |C|^2 - M^2                                                                                (1)
-
-and the opposite for >=.  With the Taylor model of `fopi_tune.optimum.parametrization` and w = a conj(C_c) + b,
-
-    q >= q(C_c) - 2 sum |Re(w C_i)| h_i - 2 |w| r - max(-a, 0) (sum |C_i| h_i + r)^2 .                       (2)
-
-Values at a crossover are bounded where |L| = 1 after adding a multiple of ln|L|, which is 0 there, as in
-`fopi_tune.proof.claims.crossings`.
-
-Source: derived; (1) is each response's limit squared and written out, (2) a lower bound over the Taylor model.
+over all gain crossovers:  at most the value at any crossover, and at least a lower bound over all of them.
 """
 
 from __future__ import annotations
@@ -25,25 +13,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from flint import acb, arb
+from flint import arb
 
 from fopi_tune.core.peaks import Response
-from fopi_tune.optimum.parametrization import BoxLoop, ControllerBox, TaylorModel
+from fopi_tune.optimum.parametrization import ControllerBox
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Condition, Test, rolls_off
+from fopi_tune.optimum.pruning.crossings import GainCrossovers
+from fopi_tune.optimum.pruning.instability import is_unstable
 from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds
-from fopi_tune.optimum.pruning.mean_value_forms import crossing_angle, crossing_gain
-from fopi_tune.proof.balls.box import log_interval, point_box
-from fopi_tune.proof.claims.bound import Bound
-from fopi_tune.proof.claims.branch_and_bound import search
-from fopi_tune.proof.claims.poles import NoPoleAtTheEnds, count_unstable_poles
+from fopi_tune.optimum.pruning.mean_value_forms import LoopBracket, MeanValueForm
+from fopi_tune.optimum.pruning.response_bounds import lower_bound, quadratic
+from fopi_tune.proof.balls.box import Interval, log_interval
 
 _ZERO = arb(0)
-#: |S| of an unstable box must stay below this, neper, to tell that all its loops are unstable; and boxes for that
-_LARGEST_SENSITIVITY = 6.0
-_STABILITY_BUDGET = 300
-#: steps in u by which a bracket is widened where |L| decreases
-_STEPS = (0.3, 0.1, 0.03, 0.01, 0.003)
 
 
 @dataclass(frozen=True)
@@ -53,8 +36,8 @@ class Reason:
     Args:
         condition: which one it fails, a place in `Conditions.every`.
         point: the plant's uncertain numbers.
-        omega: frequencies in rad/s: where a response is read, or the ends of a bracket (of `spread` a second bracket,
-            of the nominal plant).
+        omega: frequencies in rad/s: where a response is read, or the ends of a bracket; of `spread` also of a second
+            bracket, of the nominal plant; of instability of several brackets.
         above: of `spread`, the plant's margin is the larger one.
     """
 
@@ -75,33 +58,6 @@ def is_excluded(problem: Problem, controllers: ControllerBox, reason: Reason) ->
     if not all(math.isfinite(omega) and omega > 0.0 for omega in reason.omega):
         return False
     return _TESTS[condition.test](problem, controllers, condition, reason)
-
-
-def quadratic(response: Response, p: acb, limit: arb, upper: bool) -> tuple[arb, acb, arb]:
-    """a, b and c of (1), from M^2."""
-    size = abs(p) ** 2
-    if response is Response.SENSITIVITY:
-        found = -size, -p, 1 / limit - 1
-    elif response is Response.LOOP_GAIN:
-        found = size, acb(0), -limit
-    else:
-        first = size if response is Response.COMPLEMENTARY_SENSITIVITY else arb(1)
-        found = first - limit * size, -limit * p, -limit
-    return found if upper else (-found[0], -found[1], -found[2])
-
-
-def lower_bound(q: tuple[arb, acb, arb], taylor_model: TaylorModel, half: tuple[arb, ...]) -> arb:
-    """The bound (2)."""
-    a, b, c = q
-    middle = taylor_model.middle
-    w = a * middle.conjugate() + b
-    value = a * abs(middle) ** 2 + 2 * (b * middle).real + c
-    pairs = list(zip(taylor_model.slopes, half, strict=True))
-    value = value - 2 * sum((abs((w * slope).real) * h for slope, h in pairs), abs(w) * taylor_model.remainder)
-    if not a >= 0:
-        reach = sum((abs(slope) * h for slope, h in pairs), taylor_model.remainder)
-        value = value - abs(a) * reach**2
-    return value
 
 
 def _response(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
@@ -138,102 +94,61 @@ def _gain(problem: Problem, controllers: ControllerBox, condition: Condition, re
     return bool(low <= condition.level if condition.of_objective else low < condition.level)
 
 
-def _sign_of_log_gain(problem: Problem, controllers: ControllerBox, point: tuple[float, ...], omega: float) -> int:
-    """1 where |L| > 1 for every controller, -1 where |L| < 1, else 0."""
-    log_s, p = problem.response(point, omega)
-    taylor_model = controllers.taylor_model(log_s)
-    if lower_bound(quadratic(Response.LOOP_GAIN, p, arb(1), True), taylor_model, controllers.half) > 0:
-        return 1
-    return -1 if lower_bound(quadratic(Response.LOOP_GAIN, p, arb(1), False), taylor_model, controllers.half) > 0 else 0
-
-
-def _some_crossing(
-    problem: Problem, controllers: ControllerBox, point: tuple[float, ...], ends: tuple[float, float]
-) -> bool:
-    """Whether every controller has a gain crossover between two frequencies."""
-    known = problem.crossover_rad_s
-    if known is not None and point == problem.nominal and ends[0] <= known <= ends[1]:
-        return True
-    return (
-        ends[0] < ends[1]
-        and _sign_of_log_gain(problem, controllers, point, ends[0])
-        * _sign_of_log_gain(problem, controllers, point, ends[1])
-        < 0
-    )
-
-
-def _no_other_crossing(
-    problem: Problem, controllers: ControllerBox, point: tuple[float, ...], ends: tuple[float, float] | None
-) -> bool:
-    """Whether no controller has a gain crossover outside two frequencies; without them, whether none has any."""
-    bounds = LoopGainBounds.of(problem, controllers, point)
-    if ends is None:
-        return bounds.has_no_crossover(-math.inf, math.inf)
-    low, high = math.log(ends[0]) + 1e-12, math.log(ends[1]) - 1e-12
-    if not low < high:
-        return False
-    # next to the bracket values do not settle the cells, but where |L| decreases it cannot return to 1
-    if _sign_at_end(problem, controllers, point, ends, bounds, 0) > 0:
-        low -= next((step for step in _STEPS if bounds.is_decreasing((low - step, low + 2e-12))), 0.0)
-    if _sign_at_end(problem, controllers, point, ends, bounds, 1) < 0:
-        high += next((step for step in _STEPS if bounds.is_decreasing((high - 2e-12, high + step))), 0.0)
-    return bounds.has_no_crossover(-math.inf, low) and bounds.has_no_crossover(high, math.inf)
-
-
-def _sign_at_end(
-    problem: Problem,
-    controllers: ControllerBox,
-    point: tuple[float, ...],
-    ends: tuple[float, float],
-    bounds: LoopGainBounds,
-    end: int,
-) -> int:
-    """The sign of ln|L| at an end of a bracket, for every controller; 0 where it is not known."""
-    known = problem.crossover_rad_s
-    if known is not None and point == problem.nominal and ends[0] < known < ends[1]:
-        # |L| = 1 at the fixed crossover, and |L| decreases from there
-        u, far = math.log(known), math.log(ends[end])
-        span = (far - 1e-12, u + 1e-12) if end == 0 else (u - 1e-12, far + 1e-12)
-        if bounds.is_decreasing(span):
-            return -1 if end else 1
-    return _sign_of_log_gain(problem, controllers, point, ends[end])
-
-
 def _margin(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    """A crossover has too small a margin; or every crossover has too large a margin, or there is none."""
-    if not reason.omega:
-        return _no_other_crossing(problem, controllers, reason.point, None)
-    ends = reason.omega[0], reason.omega[1]
-    found = crossing_angle(problem, controllers, reason.point, ends, condition.rate)
-    if found is None:
+    """A crossover is too close to -1; or every crossover is too far from it, or there is none."""
+    if condition.rate is not None:
+        return _delay_margin(problem, controllers, condition, condition.rate, reason)
+    crossovers, brackets = GainCrossovers.of(problem, controllers, reason.point), _brackets(reason)
+    if not brackets:
+        return condition.upper and crossovers.are_in(())
+    at = LoopBracket.of(problem, controllers, reason.point, log_interval(*brackets[0]))
+    if at is None:
         return False
+    b = at.angle
     if condition.upper:
-        return bool(found.lower > condition.level) and _no_other_crossing(problem, controllers, reason.point, ends)
-    return bool(found.upper < condition.level) and _some_crossing(problem, controllers, reason.point, ends)
+        return all(x.lower > condition.level for x in b.distances) and crossovers.are_in(brackets)
+    near = condition.level > arb.pi() or all(x.upper < condition.level for x in (b, -b))
+    return near and crossovers.has_one_in(brackets[0])
+
+
+def _delay_margin(
+    problem: Problem, controllers: ControllerBox, condition: Condition, rate: arb, reason: Reason
+) -> bool:
+    """The same of the lag to -1 less rate omega; where |L| does not fall below 1, the delay margin is 0.
+
+    The lag modulo a turn is at least any that is less than a turn, and at most any that is not negative.
+    """
+    crossovers, brackets = GainCrossovers.of(problem, controllers, reason.point), _brackets(reason)
+    if not brackets:
+        return condition.upper and crossovers.are_in((), falls=True)
+    at = LoopBracket.of(problem, controllers, reason.point, log_interval(*brackets[0]))
+    if at is None:
+        return False
+    lag, excess = at.lag(), at.lag(rate)
+    if condition.upper:
+        return excess.lower > 0 and lag.upper < 2 * arb.pi() and crossovers.are_in(brackets, falls=True)
+    return excess.upper < 0 and lag.lower >= 0 and crossovers.has_one_in(brackets[0])
 
 
 def _spread(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """The difference of two margins: of one a crossover must exist, of the other no second one may exist."""
     if not reason.omega:
         return bool(condition.level <= 0)
-    ends, others = (reason.omega[0], reason.omega[1]), (reason.omega[2], reason.omega[3])
-    nominal = problem.nominal
-    own = crossing_angle(problem, controllers, reason.point, ends, None)
-    other = crossing_angle(problem, controllers, nominal, others, None)
-    if own is None or other is None:
+    places = list(zip((reason.point, problem.nominal), _brackets(reason), strict=True))
+    large, small = places if reason.above else places[::-1]
+    angles = [LoopBracket.of(problem, controllers, point, log_interval(*bracket)) for point, bracket in (large, small)]
+    if angles[0] is None or angles[1] is None:
         return False
-    # a margin is at most the value at any crossover, and at least a lower bound over all of them
-    if reason.above:
-        apart = own.minus(other)
-        exist = _some_crossing(problem, controllers, nominal, others)
-        return (
-            exist
-            and bool(apart.lower >= condition.level)
-            and _no_other_crossing(problem, controllers, reason.point, ends)
-        )
-    apart = other.minus(own)
-    exist = _some_crossing(problem, controllers, reason.point, ends)
-    return exist and bool(apart.lower >= condition.level) and _no_other_crossing(problem, controllers, nominal, others)
+    return (
+        _are_apart(angles[0].angle, angles[1].angle, condition.level)
+        and GainCrossovers.of(problem, controllers, small[0]).has_one_in(small[1])
+        and GainCrossovers.of(problem, controllers, large[0]).are_in(large[1:])
+    )
+
+
+def _are_apart(larger: MeanValueForm, smaller: MeanValueForm, level: arb) -> bool:
+    """Whether |b| of one is larger than |b| of another by at least the level, for the same controller."""
+    return all(x.minus(y).lower >= level for x in larger.distances for y in (smaller, -smaller))
 
 
 def _gain_margin(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
@@ -250,7 +165,8 @@ def _gain_margin(problem: Problem, controllers: ControllerBox, condition: Condit
         signs.append(1 if value > reach else -1 if value < -reach else 0)
     if signs[0] * signs[1] >= 0:
         return False
-    found = crossing_gain(problem, controllers, reason.point, ends)
+    at = LoopBracket.of(problem, controllers, reason.point, log_interval(*ends))
+    found = None if at is None else at.gain_where_negative
     return found is not None and bool(found.upper < 0) and bool(found.lower > -condition.level)
 
 
@@ -272,23 +188,20 @@ def _gain_spread(problem: Problem, controllers: ControllerBox, condition: Condit
 
 
 def _stability(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    """One loop is unstable, and over the box 1 + L has no zero on the axis, so that no pole crosses it."""
-    loop, centre = BoxLoop.of(controllers, problem.family), BoxLoop.of(controllers, problem.family, whole=False)
-    if loop is None or centre is None:
-        return False
-    if not count_unstable_poles(centre, reason.point, 0.0):
-        return False
-    domain = ((-math.inf, math.inf), *point_box(reason.point))
-    if NoPoleAtTheEnds(loop, domain, 0.0).examine(domain).leaf is None:
-        return False
-    return search(Bound(loop, Response.SENSITIVITY, _LARGEST_SENSITIVITY, True, domain, 0.0), _STABILITY_BUDGET).shown
+    """One plant's loop is unstable for every controller."""
+    delay_s = _ZERO if condition.rate is None else condition.rate
+    return delay_s >= 0 and is_unstable(problem, controllers, reason.point, _brackets(reason), delay_s)
+
+
+def _brackets(reason: Reason) -> list[Interval]:
+    return list(zip(reason.omega[::2], reason.omega[1::2], strict=True))
 
 
 def _lower_crossover(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    """No crossover of the nominal plant below the fixed one has the required phase margin.
+    """No crossover of the nominal plant below the fixed one has the required phase margin, by lag or by lead.
 
-    Then the fixed crossover must have it: psi equals that margin (modulo 360 deg), and such controllers are contained
-    in the other root of the search.
+    Then the fixed crossover must have it: psi or -psi equals that margin (modulo 360 deg), and such controllers are
+    contained in the other roots of the search.
     """
     if problem.crossover_rad_s is None or not problem.margin_is_fixed:
         return False
@@ -306,7 +219,7 @@ _FREQUENCIES = {
     Test.SPREAD: (0, 4),
     Test.GAIN_SPREAD: (0, 1),
     Test.GAIN: (0,),
-    Test.STABILITY: (0,),
+    Test.STABILITY: (0, 2, 4, 6),
     Test.LOWER_CROSSOVER: (0,),
 }
 _TESTS = {

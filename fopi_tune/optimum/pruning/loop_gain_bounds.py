@@ -22,7 +22,7 @@ from flint import acb, arb
 
 from fopi_tune.optimum.parametrization import ControllerBox
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.pruning.mean_value_forms import log_gain
+from fopi_tune.optimum.pruning.mean_value_forms import LoopBracket
 from fopi_tune.proof.balls.box import Interval, ball_of
 from fopi_tune.spec.model import GainRange
 
@@ -35,7 +35,7 @@ _SHORT = 0.1
 
 @dataclass(frozen=True)
 class LoopGainBounds:
-    """The controllers of a box that the spec's ranges allow, with one plant.
+    """Controllers of a box, with one plant.
 
     Args:
         problem: gives the plants' responses and the ranges.
@@ -56,10 +56,16 @@ class LoopGainBounds:
     sign: int = 1
 
     @classmethod
-    def of(cls, problem: Problem, controllers: ControllerBox, point: tuple[float, ...]) -> LoopGainBounds:
-        """Where no gain is positive both signs are changed; |L| is the same, and the ray of a margin is changed too."""
-        box = problem.spec.controller
-        kp, ki = _allowed(controllers.kp, box.kp), _allowed(controllers.ki, box.ki)
+    def of(
+        cls, problem: Problem, controllers: ControllerBox, point: tuple[float, ...], whole: bool = False
+    ) -> LoopGainBounds:
+        """Those of the box that the spec's ranges allow; with `whole`, all of them.
+
+        Where no gain is positive both signs are changed; |L| is the same, and the rays of a margin are changed too.
+        """
+        box, kp, ki = problem.spec.controller, controllers.kp, controllers.ki
+        if not whole:
+            kp, ki = _allowed(kp, box.kp), _allowed(ki, box.ki)
         if kp <= 0 and ki <= 0:
             return cls(problem, controllers, -kp, -ki, controllers.alpha, point, -1)
         return cls(problem, controllers, kp, ki, controllers.alpha, point)
@@ -69,7 +75,8 @@ class LoopGainBounds:
         return self.alpha * arb.pi() / 2
 
     @cached_property
-    def _is_positive(self) -> bool:
+    def is_positive(self) -> bool:
+        """Whether no gain is negative, after a change of sign."""
         return bool(self.kp >= 0 and self.ki >= 0)
 
     @cached_property
@@ -92,7 +99,7 @@ class LoopGainBounds:
         kp = abs(self.kp)
         kp_low, kp_high = arb(kp.lower()), arb(kp.upper())
         found = kp_low - high if kp_low > high else low - kp_high if low > kp_high else _ZERO
-        if self._is_positive:
+        if self.is_positive:
             if self.alpha <= 1:
                 found = (kp_low**2 + low**2).sqrt()
             else:
@@ -134,7 +141,7 @@ class LoopGainBounds:
             own = -self.alpha * (z / (self.kp + z))
         if slope + own.real < 0:
             return True
-        if not self._is_positive:
+        if not self.is_positive:
             return False
         most = _ZERO if self.alpha <= 1 else self.alpha * (1 - self._sine) / (2 * self._sine)
         return bool(slope + most < 0)
@@ -151,19 +158,19 @@ class LoopGainBounds:
         """The same by the mean-value form, which is tighter on short intervals next to a crossing."""
         if not u[1] - u[0] < _SHORT:
             return False
-        found = log_gain(self.problem, self.controllers, self.point, u)
-        return found is not None and bool(found.upper < 0 or (not only_below and found.lower > 0))
+        at = LoopBracket.of(self.problem, self.controllers, self.point, u)
+        return at is not None and bool(at.log_gain.upper < 0 or (not only_below and at.log_gain.lower > 0))
 
     def has_no_margin_below(self, u: float, margin: arb) -> bool:
-        """Whether no gain crossover below the crossover u has this phase margin (modulo 360 deg).
+        """Whether L is this angle from -1, by lag or by lead, at no gain crossover below the crossover u.
 
         On consecutive intervals downwards from u, |L| decreases strictly with frequency and is therefore larger than 1.
-        On each of the other intervals |L| differs from 1, or L does not meet the ray of that margin.
+        On each of the other intervals |L| differs from 1, or L meets neither ray from 0 at that angle from -1.
         """
-        ray = -acb(margin.cos(), margin.sin())
+        rays = [-acb(margin.cos(), side * margin.sin()) for side in (1, -1)]
 
         def settled(cell: Interval) -> bool:
-            return self.misses_unity(cell, False) or self._misses_ray(cell, ray)
+            return self.misses_unity(cell, False) or self._misses_rays(cell, rays)
 
         first, width = u, 0.25
         for _ in range(_MOST_STEPS):
@@ -177,14 +184,14 @@ class LoopGainBounds:
                 break
         return _covered(settled, -math.inf, first, _COARSE)
 
-    def _misses_ray(self, u: Interval, ray: acb) -> bool:
-        """Whether L keeps away from the ray from 0 through a point, over an interval."""
+    def _misses_rays(self, u: Interval, rays: list[acb]) -> bool:
+        """Whether L keeps away from the rays from 0 through some points, over an interval."""
         if math.isinf(u[0]) or math.isinf(u[1]):
             return False
         over = self.problem.plant_enclosure(self.point, u)
         c = self.kp + self.ki * (-self.alpha * acb(ball_of(u), arb.pi() / 2)).exp()
-        turned = self.sign * c * over.gain / ray
-        return bool(turned.is_finite() and (turned.real < 0 or not turned.imag.contains(0)))
+        turned = [self.sign * c * over.gain / ray for ray in rays]
+        return all(t.is_finite() and (t.real < 0 or not t.imag.contains(0)) for t in turned)
 
 
 def _covered(settled: Callable[[Interval], bool], low: float, high: float, narrowest: float = _NARROWEST) -> bool:

@@ -1,22 +1,26 @@
-"""Mean-value forms of the angle of L where |L| = 1, and of ln|L| where L is negative, over a box of controllers.
+"""Mean-value forms over a box of controllers:  the angle from -1 to L where |L| = 1, and ln|L| where L is negative.
 
 Lambda times a function that is 0 at the crossing (ln|L|, or arg(-L)) is added to the value.  The sum is expanded around
 the centre of the box and of a bracket of u by the mean-value theorem.  The multiplier lambda is chosen so that the
 derivative along u vanishes at the centre.  The contribution of the bracket is then of second order.
+
+The angle b = 180 deg + arg L is known modulo a turn.  Its branch is chosen at the centre, where it is arg(-L), or
+180 deg + arg L where L is nearer to the positive real axis, so that no cut is near.  L has neither zeros nor poles over
+the box and the bracket, hence this branch of ln L is analytic there, and the mean-value theorem holds for it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flint import acb, arb
 
 from fopi_tune.optimum.parametrization import ControllerBox
-from fopi_tune.optimum.problem import IntegralSign, Problem
-from fopi_tune.proof.balls.box import Interval, ball_of, centre_of, log_interval
+from fopi_tune.optimum.problem import Problem
+from fopi_tune.proof.balls.box import Interval, ball_of, centre_of
 
 _LARGEST_MULTIPLIER = 1e6
-_J = acb(0, 1)
+_ZERO = arb(0)
 
 
 @dataclass(frozen=True)
@@ -49,53 +53,115 @@ class MeanValueForm:
         """No value is smaller."""
         return arb((self.middle + self.remainder - self._reach).lower())
 
+    @property
+    def at_centre(self) -> arb:
+        """The value of the controller at the centre."""
+        return self.middle + self.remainder
+
+    def __neg__(self) -> MeanValueForm:
+        return MeanValueForm(-self.middle, tuple(-slope for slope in self.slopes), self.half, -self.remainder)
+
     def minus(self, other: MeanValueForm) -> MeanValueForm:
         """The difference, at the same controller."""
         slopes = tuple(a - b for a, b in zip(self.slopes, other.slopes, strict=True))
         return MeanValueForm(self.middle - other.middle, slopes, self.half, self.remainder - other.remainder)
 
+    @property
+    def distances(self) -> tuple[MeanValueForm, MeanValueForm]:
+        """Of an angle b, x and 360 deg - x, x = b or -b:  |b|, taken modulo a turn, is at least the smaller one."""
+        x = self if self.middle.mid() >= 0 else -self
+        return x, replace(-x, middle=2 * arb.pi() - x.middle)
+
 
 @dataclass(frozen=True)
-class _Bracket:
-    """ln L on a box of controllers and a bracket of u: the value at the centre, and derivatives over the whole box."""
+class LoopBracket:
+    """ln L over a box of controllers and a bracket of u.
+
+    Args:
+        u: the bracket's centre.
+        shift: from there to any u of the bracket.
+        omega: frequencies of the bracket, rad/s.
+        gain: L at the centre.
+        slopes: d ln L along the coordinates, over box and bracket.
+        along: d ln L/du, over box and bracket.
+        half: half-widths of the box.
+    """
 
     u: float
     shift: arb
-    controller: acb
+    omega: arb
     gain: acb
     slopes: tuple[acb, ...]
     along: acb
-    along_controller: acb
+    half: tuple[arb, ...]
 
     @classmethod
     def of(
         cls, problem: Problem, controllers: ControllerBox, point: tuple[float, ...], bracket: Interval
-    ) -> _Bracket | None:
+    ) -> LoopBracket | None:
+        """One plant's; None where L is not enclosed, or may be 0 or infinite."""
         if not bracket[0] < bracket[1]:
             return None
         (u,) = centre_of((bracket,))
         at, over = problem.plant_enclosure(point, (u, u)), problem.plant_enclosure(point, bracket)
-        controller = controllers.taylor_model(acb(arb(u), arb.pi() / 2)).middle
         enclosure = controllers.enclosure(bracket)
         if not enclosure.value.is_finite() or enclosure.value.contains(0):
             return None
         slopes = tuple(slope / enclosure.value for slope in enclosure.slopes)
-        own = enclosure.along / enclosure.value
-        along = own + over.log_slope
-        if not along.is_finite() or not at.gain.is_finite() or not all(slope.is_finite() for slope in slopes):
+        along = enclosure.along / enclosure.value + over.log_slope
+        gain = controllers.taylor_model(acb(arb(u), arb.pi() / 2)).middle * at.gain
+        # the slope of ln P over the bracket is finite only where neither N nor D vanishes
+        if not along.is_finite() or not gain.is_finite() or not all(slope.is_finite() for slope in slopes):
             return None
-        return cls(u, ball_of(bracket) - arb(u), controller, controller * at.gain, slopes, along, own)
+        return cls(u, ball_of(bracket) - arb(u), ball_of(bracket).exp(), gain, slopes, along, controllers.half)
 
+    @property
+    def log_gain(self) -> MeanValueForm:
+        """ln|L|."""
+        slopes = tuple(slope.real for slope in self.slopes)
+        return MeanValueForm(abs(self.gain).log(), slopes, self.half, self.along.real * self.shift)
 
-def log_gain(
-    problem: Problem, controllers: ControllerBox, point: tuple[float, ...], bracket: Interval
-) -> MeanValueForm | None:
-    """ln|L| over the box and an interval of u; None where that is not enclosed."""
-    at = _Bracket.of(problem, controllers, point, bracket)
-    if at is None:
-        return None
-    slopes = tuple(slope.real for slope in at.slopes)
-    return MeanValueForm(abs(at.gain).log(), slopes, controllers.half, at.along.real * at.shift)
+    @property
+    def angle(self) -> MeanValueForm:
+        """b where |L| = 1, modulo a turn; at the centre in (-180 deg, 180 deg] but for rounding."""
+        return self._where_gain_is_one(self._angle, self.along.imag)
+
+    def lag(self, rate: arb = _ZERO) -> MeanValueForm:
+        """The lag to -1 less rate omega where |L| = 1; the lag is b modulo a turn, at the centre in [0, 360 deg)."""
+        b = self._angle
+        lag = b if b.mid() >= 0 else b + 2 * arb.pi()
+        return self._where_gain_is_one(lag - rate * arb(self.u).exp(), self.along.imag - rate * self.omega)
+
+    @property
+    def gain_where_negative(self) -> MeanValueForm | None:
+        """ln|L| where L is negative, if Re L < 0 all over the bracket; None where that is not so."""
+        turn = (-self.gain).arg()
+        reach = sum((abs(s.imag) * h for s, h in zip(self.slopes, self.half, strict=True)), arb(0))
+        if not abs(turn) + reach + abs(self.along.imag * self.shift) < arb.pi() / 2:
+            return None
+        multiplier = _multiplier(self.along.real, self.along.imag)
+        return MeanValueForm(
+            abs(self.gain).log() + multiplier * turn,
+            tuple(slope.real + multiplier * slope.imag for slope in self.slopes),
+            self.half,
+            (self.along.real + multiplier * self.along.imag) * self.shift,
+        )
+
+    @property
+    def _angle(self) -> arb:
+        """b at the centre of box and bracket."""
+        b = (-self.gain).arg() if self.gain.real.mid() <= 0 else arb.pi() + self.gain.arg()
+        return b - 2 * arb.pi() if b.mid() > arb.pi().mid() else b
+
+    def _where_gain_is_one(self, value: arb, along: arb) -> MeanValueForm:
+        """A value that varies along the coordinates as arg L does."""
+        multiplier = _multiplier(along, self.along.real)
+        return MeanValueForm(
+            value + multiplier * abs(self.gain).log(),
+            tuple(slope.imag + multiplier * slope.real for slope in self.slopes),
+            self.half,
+            (along + multiplier * self.along.real) * self.shift,
+        )
 
 
 def _multiplier(value: arb, zero: arb) -> float:
@@ -103,84 +169,3 @@ def _multiplier(value: arb, zero: arb) -> float:
     steep = float(zero.mid())
     multiplier = -float(value.mid()) / steep if steep != 0.0 else 0.0
     return multiplier if abs(multiplier) < _LARGEST_MULTIPLIER else 0.0
-
-
-def crossing_angle(
-    problem: Problem, controllers: ControllerBox, point: tuple[float, ...], ends: tuple[float, float], rate: arb | None
-) -> MeanValueForm | None:
-    """pi + arg L (less rate omega) wherever |L| = 1 in a bracket; None where that is not enclosed."""
-    bracket = log_interval(*ends)
-    at = _Bracket.of(problem, controllers, point, bracket)
-    if at is None:
-        return None
-    phase = _phase(problem, controllers, point, at)
-    if phase is None:
-        return None
-    value, along = phase + arb.pi(), at.along.imag
-    if rate is not None:
-        omega = ball_of(bracket).exp()
-        value, along = value - rate * arb(at.u).exp(), along - rate * omega
-    multiplier = _multiplier(along, at.along.real)
-    return MeanValueForm(
-        value + multiplier * abs(at.gain).log(),
-        tuple(slope.imag + multiplier * slope.real for slope in at.slopes),
-        controllers.half,
-        (along + multiplier * at.along.real) * at.shift,
-    )
-
-
-def _phase(problem: Problem, controllers: ControllerBox, point: tuple[float, ...], at: _Bracket) -> arb | None:
-    """arg L, unwrapped, at the centre; None where it may differ by 360 deg between controllers of the box.
-
-    With ki > 0 (or ki = 0, kp < 0 as its limit) C stays in the lower half-plane at every frequency, whatever kp; its
-    unwrapped argument is the principal one there.  With ki < 0 that is true of -C, and 180 deg are subtracted (added,
-    when the plant's own sign is negative: two minus signs cancel).
-    """
-    negative = problem.is_negative(point)
-    if negative is None:
-        return None
-    sign = problem.sign
-    if sign is IntegralSign.EITHER:
-        sign = IntegralSign.POSITIVE if controllers.ki >= 0 else IntegralSign.NEGATIVE
-        if sign is IntegralSign.NEGATIVE and not controllers.ki < 0:
-            return None
-    if (
-        sign is IntegralSign.POSITIVE
-        and negative
-        and not (controllers.ki > 0 or controllers.kp > 0 or problem.spec.controller.ki.min > 0)
-    ):
-        return None  # ki = 0 and kp < 0 with a negative plant: the unwrapped phase differs by 360 deg
-    c = at.controller if sign is IntegralSign.POSITIVE else -at.controller
-    if c.contains(0):
-        return None
-    own = (_J * c).arg()
-    # A box at the border of the allowed range may reach beyond it: the phase is right for the allowed controllers
-    # if the argument cannot have gone round for any of the others.
-    reach = sum((abs(s.imag) * h for s, h in zip(at.slopes, controllers.half, strict=True)), arb(0))
-    reach = reach + abs(at.along_controller.imag * at.shift)
-    if not abs(own) + reach < 3 * arb.pi() / 2:
-        return None
-    half_turn = arb(0) if sign is IntegralSign.POSITIVE else arb.pi() if negative else -arb.pi()
-    plant = problem.evaluator.phase(problem.plant_enclosure(point, (at.u, at.u)), point)
-    phase = plant + own - arb.pi() / 2 + half_turn
-    return phase if phase.is_finite() else None
-
-
-def crossing_gain(
-    problem: Problem, controllers: ControllerBox, point: tuple[float, ...], ends: tuple[float, float]
-) -> MeanValueForm | None:
-    """ln|L| wherever L is negative in a bracket over all of which Re L < 0; None where that is not so."""
-    at = _Bracket.of(problem, controllers, point, log_interval(*ends))
-    if at is None:
-        return None
-    turn = (-at.gain).arg()
-    reach = sum((abs(s.imag) * h for s, h in zip(at.slopes, controllers.half, strict=True)), arb(0))
-    if not abs(turn) + reach + abs(at.along.imag * at.shift) < arb.pi() / 2:
-        return None
-    multiplier = _multiplier(at.along.real, at.along.imag)
-    return MeanValueForm(
-        abs(at.gain).log() + multiplier * turn,
-        tuple(slope.real + multiplier * slope.imag for slope in at.slopes),
-        controllers.half,
-        (at.along.real + multiplier * at.along.imag) * at.shift,
-    )

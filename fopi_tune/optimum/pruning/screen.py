@@ -1,6 +1,6 @@
 """Screening of boxes:  which can be discarded by which sample, many at once, in floating point.
 
-The formulas are those of `optimum.parametrization` and `optimum.pruning.exclusion` for arrays.  The results are
+The formulas are those of `optimum.parametrization` and `optimum.pruning.response_bounds` for arrays.  The results are
 suggestions, not proofs: each is tested in ball arithmetic, and a box that fails the test is split.
 
 A sample's ratio is the violation of its condition at a box's centre over its variation in the box.  Above 1 the box can
@@ -22,7 +22,8 @@ from fopi_tune.core.peaks import Response
 from fopi_tune.optimum.parametrization import CrossoverParametrization, Parametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Test
-from fopi_tune.optimum.pruning.exclusion import Reason, quadratic
+from fopi_tune.optimum.pruning.exclusion import Reason
+from fopi_tune.optimum.pruning.response_bounds import quadratic
 
 _TINY = 1e-300
 
