@@ -23,11 +23,7 @@ _MOST_BRACKETS = 3
 #: distance of L from -1 at the crossovers, as a multiple of its change, from which a bound of |S| is tried
 _APART = 3.0
 #: part of the first order's room for b that is counted on
-import os
-
-_PART = float(os.environ.get("P", "0.6"))
-F = float(os.environ.get("F", "0.5"))
-X = int(os.environ.get("X", "1"))
+_PART = 0.6
 _TINY = 1e-300
 
 
@@ -52,17 +48,12 @@ def unstable(at: CentralLoops, moves: Movements, k: int, delay_s: float) -> Iter
     room = np.mod(np.where(moves.along.real < 0.0, -b, b), 2.0 * np.pi)
     more = np.where(count == 1, np.ceil(0.5 * np.clip(poles, 1.0, 100.0)) - 1.0, 0.0)
     room = _PART * (room + 2.0 * np.pi * more[found.row])
-    turns = _least(
-        found.row, room * np.clip(1.0 - F * moves.size, 0.0, 1.0) / (np.abs(angle).sum(axis=1) + _TINY), rows
-    )
+    turns = _least(found.row, room / (np.abs(angle).sum(axis=1) + _TINY), rows)
     turns = np.where(is_unstable & (count > 0) & (count <= _MOST_BRACKETS), turns, -np.inf)
     yield from _by_crossovers(at, moves, k, turns, angle)
 
     apart = _least(found.row, 2.0 * np.abs(np.sin(0.5 * b)) / (moves.size + _TINY), rows)
-    apart = np.where(is_unstable, apart, 0.0)
-    if X:
-        apart = np.where(turns > 1.0, 0.0, apart)
-    apart = apart.reshape(-1, len(at.points))
+    apart = np.where(is_unstable, apart, 0.0).reshape(-1, len(at.points))
     for row in np.flatnonzero(apart.max(axis=1) > _APART):
         yield Suggestion(int(row), 0.0, -1, Reason(k, at.points[int(np.argmax(apart[row]))]))
 
