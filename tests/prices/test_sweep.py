@@ -126,12 +126,12 @@ def test_a_point_that_is_worse_than_a_tighter_one_is_solved_again() -> None:
     movable = result.knob
     assert result.own.gains is not None
     prober = Prober.of(movable, result.own.gains)
-    tight = Probe(-22.0, PointStatus.MET, _found(prober, -22.0))
-    poor = Probe(-20.0, PointStatus.MET, reassess(movable.at(-20.0), _found(prober, -25.0)))
+    tight = Probe(-21.0, PointStatus.MET, _found(prober, -21.0))
+    poor = Probe(-20.0, PointStatus.MET, reassess(movable.at(-20.0), _found(prober, -22.0)))
     assert poor.found is not None
     assert poor.found.all_met
     better = monotone(prober, [poor, replace(tight)], tight)
-    assert [probe.limit for probe in better] == [-22.0, -20.0]
+    assert [probe.limit for probe in better] == [-21.0, -20.0]
     assert better[1].objective == pytest.approx(result.own.objective, rel=1e-6)
     lost = monotone(prober, [Probe(-20.0, PointStatus.INFEASIBLE, None)], tight)
     assert lost[0].is_met
