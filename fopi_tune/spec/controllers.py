@@ -8,8 +8,7 @@ from functools import partial
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN
 from fopi_tune.spec.model import ControllerSpec, GainRange
 from fopi_tune.spec.yaml.advice import Advised, range_advice
-from fopi_tune.spec.yaml.nodes import Place, ScalarNode
-from fopi_tune.spec.yaml.problems import quoted
+from fopi_tune.spec.yaml.nodes import Place, ScalarNode, kind_of
 from fopi_tune.spec.yaml.records import Key, Record, Values
 from fopi_tune.spec.yaml.shapes import Choice, Converted, Number, PlainOrMapping, Shape
 
@@ -52,12 +51,8 @@ def controller_shape() -> Shape:
 
 def _structure_advice(place: Place) -> str | None:
     word = place.node.text.lower() if isinstance(place.node, ScalarNode) else ""
-    if word in ("pi", "p", "i"):
-        rest = {"pi": "alpha: 1", "p": "ki: 0", "i": "kp: 0 and alpha: 1"}[word]
-        return f"{quoted(place.node.text)} is a special case; write fopi, and {rest} beside it"
-    if "d" in word:
-        return f"{quoted(place.node.text)} has a derivative term; {_DESIGNED}; write fopi"
-    return None
+    rest = {"pi": "alpha: 1", "p": "ki: 0", "i": "kp: 0 and alpha: 1"}.get(word)
+    return None if rest is None else f"{kind_of(place.node)} is not known here; write fopi, and {rest} beside it"
 
 
 def _gain_shape(meaning: str, number: Callable[[str], Number], default: GainRange) -> Shape:

@@ -59,26 +59,18 @@ def range_advice(nominal: bool) -> Callable[[Place], str | None]:
 
 
 def relation_advice(relations: Collection[str]) -> Callable[[Place], str | None]:
-    """About a relation to a limit, written as a number, a list or two relations; `relations` are those there are."""
+    """About a relation to a limit, written as a list or with signs; `relations` are those there are."""
 
     def advise(place: Place) -> str | None:
         node, belongs = place.node, f"{kind_of(place.node)} is written where a relation belongs"
-        numbers = _ends(node) if isinstance(node, SequenceNode) else _two_relations(node)
+        numbers = _ends(node) if isinstance(node, SequenceNode) else None
         if numbers is not None and len(numbers) == 2:
             low, high = sorted(numbers, key=float)
-            pair = (
-                f"{{between: [{low}, {high}]}}"
-                if "between" in relations
-                else f"two: {{at_least: {low}}}, {{at_most: {high}}}"
-            )
-            return f"{belongs}; write {pair}"
+            one, two = f"{{between: [{low}, {high}]}}", f"two: {{at_least: {low}}}, {{at_most: {high}}}"
+            return f"{belongs}; write {one if 'between' in relations else two}"
         text = node.text[: _LONGEST + 1] if isinstance(node, ScalarNode) else ""
-        match = re.fullmatch(rf"(>=|<=|≥|≤|>|<|)\s*({_NUMBER})", text) if len(text) <= _LONGEST else None
-        if match is None:
-            return None
-        word = _RELATIONS.get(match.group(1))
-        words = [word] if word else [each for each in ("at_least", "at_most", "equals") if each in relations]
-        return f"{belongs}; write {' or '.join(f'{{{each}: {match.group(2)}}}' for each in words)}"
+        match = re.fullmatch(rf"(>=|<=|≥|≤|>|<)\s*({_NUMBER})", text) if len(text) <= _LONGEST else None
+        return None if match is None else f"{belongs}; write {{{_RELATIONS[match.group(1)]}: {match.group(2)}}}"
 
     return advise
 
@@ -105,13 +97,6 @@ def limit_as_written(node: Node, otherwise: str) -> str:
             return f"{{{key}: {number}}}"
     number = _number(node)
     return otherwise if number is None else f"{{at_most: {number}}}"
-
-
-def _two_relations(node: Node) -> list[str] | None:
-    if not isinstance(node, MappingNode) or set(node.entries) != {"at_least", "at_most"}:
-        return None
-    low, high = (_number(node.entries[key][1]) for key in ("at_least", "at_most"))
-    return [low, high] if low is not None and high is not None and float(low) < float(high) else None
 
 
 def _ends(node: Node) -> list[str] | None:

@@ -70,22 +70,17 @@ def test_a_derivative_term_is_refused_with_what_there_is(key: str) -> None:
     assert "structure" not in message
 
 
-@pytest.mark.parametrize(
-    ("word", "advised"), [("pi", "write fopi, and alpha: 1 beside it"), ("PID", "write fopi"), ("fopid", "write fopi")]
-)
-def test_other_structures_are_refused_with_what_there_is(word: str, advised: str) -> None:
-    (message,) = messages(f"{HEAD}{PLANT}{REQUIREMENTS}controller: {{structure: {word}}}\n")
-    assert message.endswith(advised)
+def test_a_pi_is_a_special_case() -> None:
+    (message,) = messages(f"{HEAD}{PLANT}{REQUIREMENTS}controller: {{structure: PI}}\n")
+    assert message == "'PI' is not known here; write fopi, and alpha: 1 beside it"
 
 
 @pytest.mark.parametrize(
     ("written", "advised"),
     [
-        ("60", "{at_least: 60} or {at_most: 60} or {equals: 60}"),
         ("'>= 60'", "{at_least: 60}"),
         ("<60", "{at_most: 60}"),
         ("[60, 70]", "{between: [60, 70]}"),
-        ("{at_least: 60, at_most: 70}", "{between: [60, 70]}"),
         ("{min: 60}", "at_least"),
         ("{le: 60}", "at_most"),
         ("{eq: 60}", "equals"),
