@@ -7,6 +7,7 @@ from functools import partial
 
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, PlantModel, Uncertain
 from fopi_tune.errors import DomainError
+from fopi_tune.spec.yaml.advice import Advised, range_advice
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, Record, TaggedUnion, Values
 from fopi_tune.spec.yaml.shapes import Constant, Converted, ListOf, Number, PlainOrMapping, Shape
@@ -39,7 +40,8 @@ def uncertain_shape(meaning: str) -> Shape:
         "max": Key(Number("the largest possible value")),
     }
     record = Record(f"{meaning}, known to lie in [min, max]", keys, _build_range, "{nominal: 2.0, min: 1.0, max: 3.0}")
-    return PlainOrMapping(Converted(Number(meaning), Uncertain.exactly), record)
+    shape = PlainOrMapping(Converted(Number(meaning), Uncertain.exactly), record)
+    return Advised(shape, range_advice(nominal=True))
 
 
 def _build_range(values: Values, place: Place) -> Uncertain | None:

@@ -10,8 +10,12 @@ from functools import partial
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.quantities import QUANTITIES, Quantity
 from fopi_tune.quantities.objectives import OBJECTIVES
+from fopi_tune.spec.measure_words import measure_as_requirement, measure_meant
 from fopi_tune.spec.model import Objective, Relation, Requirement, Scope, Sense
-from fopi_tune.spec.yaml.nodes import Place
+from fopi_tune.spec.yaml.advice import Advised, relation_advice, word_advice
+from fopi_tune.spec.yaml.hints import closest
+from fopi_tune.spec.yaml.nodes import Place, ScalarNode
+from fopi_tune.spec.yaml.problems import quoted
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, Shape
 
@@ -38,7 +42,7 @@ class PlacedRequirement:
 def requirements_shape() -> ListOf:
     """Reads to a list of `PlacedRequirement`, None for each that is wrong."""
     records = {name: _record(quantity) for name, quantity in QUANTITIES.items()}
-    requirement = OneKeyOf("one quantity with one relation", "quantity", records, _EXAMPLE)
+    requirement = OneKeyOf("one quantity with one relation", "quantity", records, _EXAMPLE, measure_as_requirement)
     return ListOf("what the loop must do; all of them hold together", requirement, 0, MAX_REQUIREMENTS)
 
 
@@ -112,7 +116,7 @@ def _band_rules(name: str) -> JsonSchema:
     }
 
 
-def _relation_shape(quantity: Quantity) -> OneKeyOf:
+def _relation_shape(quantity: Quantity) -> Shape:
     number = Number("the limit, in the unit of the quantity's name")
     records = {
         relation.value: Record(
@@ -123,7 +127,8 @@ def _relation_shape(quantity: Quantity) -> OneKeyOf:
         )
         for relation in Relation
     }
-    return OneKeyOf("how the quantity relates to its limit", "relation", records, _RELATION_EXAMPLE)
+    relation = OneKeyOf("how the quantity relates to its limit", "relation", records, _RELATION_EXAMPLE)
+    return Advised(relation, relation_advice(tuple(Relation)))
 
 
 def _build_limits(quantity: Quantity, relation: Relation, values: Values, place: Place) -> Values | None:
@@ -170,14 +175,25 @@ def _band(values: Values, place: Place) -> tuple[float, float] | None:
 _HORIZON_OBJECTIVE = "iae_disturbance"
 
 
+def _unoptimised(place: Place) -> str | None:
+    text = place.node.text if isinstance(place.node, ScalarNode) else ""
+    known = [word for words in OBJECTIVES.values() for word in words]
+    found, measure = measure_meant(text)
+    if not found or text in known or closest(text, known) is not None:
+        return None
+    optimised = "; minimize: iae_disturbance is close to it" if measure in ("iae", "ise") else ""
+    return f"{quoted(text)} is not optimised{optimised}; {measure or 'overshoot'} can be limited under limits"
+
+
 def objective_shape() -> Shape:
     """Reads to an `Objective`."""
     records = {sense: _sense_record(Sense(sense), words) for sense, words in OBJECTIVES.items()}
-    return OneKeyOf("what to do with the freedom the requirements leave", "sense", records, "{maximize: ki}")
+    objective = OneKeyOf("what to do with the freedom the requirements leave", "sense", records, "{maximize: ki}")
+    return Advised(objective, word_advice(OBJECTIVES))
 
 
 def _sense_record(sense: Sense, words: tuple[str, ...]) -> Record:
-    keys = {sense.value: Key(Choice(f"what to {sense.value}", words))}
+    keys = {sense.value: Key(Advised(Choice(f"what to {sense.value}", words), _unoptimised))}
     reason = f"horizon_s belongs to minimize: {_HORIZON_OBJECTIVE} alone; remove it"
 
     def build(values: Values, place: Place) -> Objective | None:

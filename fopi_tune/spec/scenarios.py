@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from fopi_tune.spec.measure_words import requirement_as_measure
 from fopi_tune.spec.measures import ACCELERATION, acceleration_problem, velocity_unit
 from fopi_tune.spec.model import MEASURES, Knot, Limit, MeasureKind, Relation, ScenarioSpec
+from fopi_tune.spec.yaml.advice import Advised, relation_advice
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, with_defaults_of
 from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Text
@@ -37,7 +39,9 @@ def scenarios_shape() -> ListOf:
 def limits_shape() -> ListOf:
     """Reads to a list of `PlacedLimit`."""
     records = {kind.name: _limit_record(kind) for kind in MEASURES.values()}
-    one = OneKeyOf("one measure of a simulation with its limit", "measure", records, _LIMIT_EXAMPLE)
+    one = OneKeyOf(
+        "one measure of a simulation with its limit", "measure", records, _LIMIT_EXAMPLE, requirement_as_measure
+    )
     return ListOf("what simulations are judged by, plant by plant", one, 0, 500)
 
 
@@ -111,7 +115,10 @@ def _build_scenario(values: Values, place: Place) -> ScenarioSpec | None:
 def _limit_record(kind: MeasureKind) -> Record:
     number = Number(f"the limit, {kind.unit}")
     records = {word: _relation_record(kind, word, number) for word in ("at_most", "at_least")}
-    relation = OneKeyOf("how the measure relates to its limit", "relation", records, "{at_most: 2.0}")
+    relation = Advised(
+        OneKeyOf("how the measure relates to its limit", "relation", records, "{at_most: 2.0}"),
+        relation_advice(tuple(records)),
+    )
     keys = {
         kind.name: Key(relation),
         "scenario": Key(Text("the only scenario it is about"), required=False),

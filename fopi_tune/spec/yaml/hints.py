@@ -37,6 +37,30 @@ _WRONG_UNITS: dict[str, tuple[str, str]] = {
 }
 
 
+#: other words for names of the language
+_SYNONYMS: tuple[frozenset[str], ...] = tuple(
+    frozenset(words.split())
+    for words in (
+        "min minimum low lower from at_least least ge gte >= lb",
+        "max maximum high upper to at_most most le lte <= ub",
+        "equals equal eq exactly = ==",
+        "between range interval",
+        "time_constant_s tau t lag",
+        "static_gain gain k",
+        "dead_time_s delay theta l transport_delay",
+        "numerator num",
+        "denominator den",
+        "sample_time_s ts dt period sampling_period",
+        "phase_margin_deg pm",
+        "gain_margin_db gm",
+        "sensitivity_db ms",
+        "complementary_sensitivity_db mt",
+        "crossover_rad_s wc wgc omega_c",
+        "alpha lambda lam order",
+    )
+)
+
+
 @dataclass(frozen=True)
 class Hint:
     """A message about an unknown key, and the known key that was probably meant, if any."""
@@ -66,6 +90,12 @@ def unknown_key_hint(key: str, known: Collection[str]) -> Hint:
     """The message for a key that is not in `known`, with a suggestion."""
     if (hint := _unit_hint(key, known)) is not None:
         return hint
+    if (synonym := _synonym(key, known)) is not None:
+        unit = _unit(synonym)
+        return Hint(f"{UNKNOWN_KEY}; write {synonym}{f' ({unit})' if unit else ''}", synonym)
+    stem, _, end = key.rpartition("_")
+    if stem in known and (side := _synonym(end, ("min", "max"))) is not None:
+        return Hint(f"{UNKNOWN_KEY}; write {stem}: {{{side}: ...}}", stem)
     meant = closest(key, known)
     if meant is not None:
         return Hint(f"{UNKNOWN_KEY}; did you mean {meant!r}?", meant)
@@ -96,8 +126,17 @@ def _unit_hint(key: str, known: Collection[str]) -> Hint | None:
         meant = stems[stem]
         return Hint(f"the unit is wrong; write {meant} ({_unit(meant)})", meant)
     meant = closest(stem + right, same_unit)
-    # an ending alone is no unit: `output_min` is a least value
-    return None if meant is None else Hint(f"{conversion} and write {meant}", meant)
+    if meant is not None:
+        return Hint(f"{conversion} and write {meant}", meant)
+    # the ending is no unit: output_min
+    return None
+
+
+def _synonym(key: str, known: Collection[str]) -> str | None:
+    """The one known name that means the same, or the name itself."""
+    lower = key.lower()
+    found = [name for name in known if lower == name or any({lower, name} <= words for words in _SYNONYMS)]
+    return found[0] if len(found) == 1 else None
 
 
 def _unit(name: str) -> str | None:

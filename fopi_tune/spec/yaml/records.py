@@ -9,7 +9,7 @@ from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any
 
 from fopi_tune.spec.yaml.hints import closest, one_of, unknown_key_hint
-from fopi_tune.spec.yaml.nodes import MappingNode, Place, ScalarNode, kind_of
+from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, ScalarNode, kind_of
 from fopi_tune.spec.yaml.scalars import is_empty
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, Shape
 
@@ -121,13 +121,15 @@ class TaggedUnion(Shape):
 class OneKeyOf(Shape):
     """A choice between records by which key is there; exactly one of them must be.
 
-    `records` maps that key to the record; `what` names such a key in words ("quantity").
+    `records` maps that key to the record; `what` names such a key in words ("quantity"); `elsewhere` says of another
+    key and its value where they belong, or None.
     """
 
     meaning: str
     what: str
     records: Mapping[str, Record]
     example: str
+    elsewhere: Callable[[str, Node], str | None] = lambda key, value: None
 
     def read(self, place: Place) -> Any:
         if not expect_mapping(place, self.example):
@@ -135,8 +137,10 @@ class OneKeyOf(Shape):
         assert isinstance(place.node, MappingNode)
         present = [key for key in place.node.entries if key in self.records]
         if not present:
-            meant = refuse_unknown_keys(place, _keys_of(self.records))
-            if not meant & set(self.records):
+            reasons = {key: self.elsewhere(key, value) for key, (_, value) in place.node.entries.items()}
+            elsewhere = {key: reason for key, reason in reasons.items() if reason is not None}
+            meant = refuse_unknown_keys(place, _keys_of(self.records), elsewhere)
+            if not elsewhere and not meant & set(self.records):
                 place.refuse(f"a {self.what} is missing; write one of {', '.join(self.records)}")
             return None
         if len(present) > 1:

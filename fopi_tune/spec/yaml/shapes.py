@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fopi_tune.spec.yaml.hints import unknown_word_message
-from fopi_tune.spec.yaml.nodes import MappingNode, Place, SequenceNode, kind_of, scalar_of
+from fopi_tune.spec.yaml.nodes import MappingNode, Place, ScalarNode, SequenceNode, kind_of, scalar_of
 from fopi_tune.spec.yaml.problems import quoted
 from fopi_tune.spec.yaml.scalars import NotANumberError, is_empty, is_number, is_text, parse_integer, parse_number
 
@@ -186,7 +186,11 @@ class ListOf(Shape):
     def read_partial(self, place: Place) -> list[Any] | None:
         """The list with None for each value that could not be read; None if it is no list of the right length."""
         if not isinstance(place.node, SequenceNode):
-            place.refuse(f"{kind_of(place.node)} is written where a list belongs; write {self._expected_length()}")
+            advice = ", each after '- '" if isinstance(place.node, MappingNode) else ""
+            if self.least <= 1 and isinstance(place.node, ScalarNode) and is_number(place.node.text):
+                advice = f", such as [{place.node.text}]"
+            message = f"{kind_of(place.node)} is written where a list belongs; write {self._expected_length()}{advice}"
+            place.refuse(message)
             return None
         count = len(place.node.nodes)
         if count < self.least or (self.most is not None and count > self.most):
