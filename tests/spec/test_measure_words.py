@@ -10,7 +10,7 @@ from fopi_tune.spec.model import MEASURES
 
 HEAD = "schema: 1\nname: a\nplant: {model: lag, static_gain: 1, time_constant_s: 2}\n"
 REQUIREMENT = "requirements: [{phase_margin_deg: {at_least: 60}}]\n"
-SIMULATED = """digital: {sample_time_s: 0.1}
+SIMULATED = """digital: {sample_time_s: 0.1, measurement_unit: m/s}
 scenarios: [{name: s, duration_s: 10, reference: [{at_s: 0, value: 1}]}]
 """
 
