@@ -62,8 +62,9 @@ def to_control(gains: FoPi | None, family: PlantFamily) -> ControlObjects:
     centre = margins(gains, plant).crossover_rad_s or _fastest(plant)
     controller, moving = _controller(gains, centre), _with_pade(plant, centre)
     reach = 10.0**_DECADES
-    objects = (_object(form) for form in (controller, moving, in_series(controller, moving, centre)))
-    return ControlObjects(*objects, (centre / reach, centre * reach), reach / centre)
+    loop = in_series(controller, moving, centre)
+    band = (centre / reach, centre * reach)
+    return ControlObjects(_object(controller), _object(moving), _object(loop), band, reach / centre)
 
 
 @dataclass(frozen=True)
@@ -126,9 +127,9 @@ def _controller(gains: FoPi, centre: float) -> ModalForm:
     band = (centre * 10.0**-_DECADES_BELOW, centre * 10.0**_DECADES_ABOVE)
     power = oustaloup(gains.alpha, (_DECADES_BELOW + _DECADES_ABOVE) * _POLES_PER_DECADE, band)
     if gains.alpha <= 1.0:
-        return ModalForm.of_residues(power.poles, gains.ki * power.residues, gains.kp)
+        return ModalForm.of_residues(power.poles, (gains.ki * power.residues).tolist(), gains.kp)
     rest = ZeroPoleGain(power.zeros, power.poles[1:], power.gain)
-    filtered = ModalForm.of_residues(rest.poles, gains.ki * rest.residues, gains.ki * rest.gain)
+    filtered = ModalForm.of_residues(rest.poles, (gains.ki * rest.residues).tolist(), gains.ki * rest.gain)
     return in_series(filtered, ModalForm.of_residues((0.0,), (1.0,), 0.0), centre).plus(gains.kp)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +47,8 @@ class _Stepper:
     """A plant on the fine grid, one sample of the input after another, from rest with the first input."""
 
     def __init__(self, plant: TruePlant, dt: float) -> None:
-        numerator, denominator, _ = cont2discrete((plant.numerator, plant.denominator), dt / _FINER, "zoh")
-        self._b, self._a = numerator.ravel(), denominator
+        held = cast("Any", cont2discrete((plant.numerator, plant.denominator), dt / _FINER, "zoh"))
+        self._b, self._a = np.ravel(held[0]), np.asarray(held[1])
         self._waiting = [0.0] * round(plant.dead_time_s * _FINER / dt)
         self._state = np.zeros(len(self._a) - 1)
         self.output = 0.0
@@ -149,7 +150,7 @@ def staircase_in_milliseconds(seed: int) -> FieldFile:
     rng, plant = np.random.default_rng(seed), lag(10.5, 0.18, 0.02)
     moved = levels((0.0, 60.0, 120.0, 180.0, 240.0), (50,) * 5)
     output = simulated(plant, 0.02, moved) + 4.0 * rng.standard_normal(250)
-    text = _lines(20.0 * np.arange(250), moved, output, formats=("%d", "%d", "%.1f"), separator=";")
+    text = _lines(20.0 * np.arange(250.0), moved, output, formats=("%d", "%d", "%.1f"), separator=";")
     return FieldFile("t_ms;pwm;rpm\n" + text, (), plant)
 
 
@@ -159,7 +160,7 @@ def spikes_and_a_cut_line(seed: int) -> FieldFile:
     moved = levels((0.0, 12.0), (20, 100))
     output = simulated(plant, 0.01, moved) + 0.05 * rng.standard_normal(120)
     output[[47, 81]] = 655.35
-    text = _lines(0.01 * np.arange(120), moved, output, formats=("%.2f", "%d", "%.2f"))
+    text = _lines(0.01 * np.arange(120.0), moved, output, formats=("%.2f", "%d", "%.2f"))
     return FieldFile("tiempo,voltaje,velocidad\n" + text + "1.2,1", (), plant)
 
 

@@ -90,7 +90,7 @@ INPUTS = {
 def noisy(plant: TruePlant, moved: np.ndarray, seed: int, share: float = 0.01) -> Recording:
     output = simulated(plant, DT, moved)
     noise = share * np.ptp(output) * np.random.default_rng(seed).standard_normal(len(moved))
-    return Recording("a", DT * np.arange(len(moved)), moved, 7.0 + output + noise)
+    return Recording("a", DT * np.arange(float(len(moved))), moved, 7.0 + output + noise)
 
 
 @pytest.mark.parametrize("shape", INPUTS)
@@ -113,7 +113,7 @@ def test_a_closed_loop_tells_the_plant_within_its_intervals(name: str, kp: float
     for seed in range(SEEDS):
         noise = 0.01 * np.random.default_rng(seed).standard_normal(N)
         moved, measured = closed_loop(plant, DT, reference, noise, kp, ki)
-        fit = fit_plant(Recording("a", DT * np.arange(N), moved, measured), FitModel(plant.model))
+        fit = fit_plant(Recording("a", DT * np.arange(float(N)), moved, measured), FitModel(plant.model))
         counts.append(list(held(fit, plant).values()))
     assert np.sum(counts, axis=0).min() >= LEAST_HELD, np.sum(counts, axis=0)
 
@@ -141,7 +141,9 @@ def test_exact_data_of_every_model_give_the_plant_back_from_any_start() -> None:
         output = simulated(plant, DT, moved)
         # the first samples are cut off: the record begins while the plant still moves
         rows = slice(52, None)
-        fit = fit_plant(Recording("a", DT * np.arange(N)[rows], moved[rows], output[rows]), FitModel(plant.model))
+        fit = fit_plant(
+            Recording("a", DT * np.arange(float(N))[rows], moved[rows], output[rows]), FitModel(plant.model)
+        )
         for name, true in plant.numbers.items():
             assert fit[name].value == pytest.approx(true, rel=1e-5), (plant.model, name)
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.design.constraints import Bound
@@ -75,7 +76,7 @@ def quadrants_of(problem: Problem) -> Array:
     return np.array([(a, b) for a in kp for b in ki])
 
 
-def equalities_of(problem: Problem, rows: Rows) -> Array:
+def equalities_of(problem: Problem, rows: Rows) -> NDArray[np.int64]:
     """Indices of the equalities in the order in which they are solved.
 
     A crossover has one kappa a ray.  A slope of the phase comes before a margin: where both hold the margin's kappa is
@@ -114,10 +115,10 @@ def scan_box(problem: Problem, most: int, coarse: float = 1.0) -> Scan:
         rows = problem.rows(table, relaxed)
         equal = equalities_of(problem, rows)
         if len(equal) > 1 and not fixed:
-            found = _with_two_equalities(problem, rows, equal, taus, most)
+            pairs = _with_two_equalities(problem, rows, equal, taus, most)
             rays += _ORDERS_WITH_TWO_EQUALITIES * len(taus)
-            if found:
-                return Scan(found, relaxed, rays, 1.0)
+            if pairs:
+                return Scan(pairs, relaxed, rays, 1.0)
             continue
         costs, kappas = scan_rays(
             problem.code, alphas, taus, quadrants, equal, most_ratio, span, table, rows, box, work
@@ -189,7 +190,9 @@ def _flat_valley(
         z, i, j = np.unravel_index(np.argmin(costs[:, part, :]), costs[:, part, :].shape)
         value = float(costs[z, part[i], j])
         if value < best + _NEARLY * max(abs(best), 0.05):
-            gains = _gains(alphas[part[i]], taus[j], float(kappas[z, part[i], j]), quadrants[z], most_ratio, span)
+            gains = _gains(
+                float(alphas[part[i]]), float(taus[j]), float(kappas[z, part[i], j]), quadrants[z], most_ratio, span
+            )
             more.append(Basin(value, gains))
     return more
 

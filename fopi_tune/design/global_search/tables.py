@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fopi_tune.core.bode_form import Array
+from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.design.constraints import Scale
@@ -144,7 +144,7 @@ def _logarithmic(low: float, high: float, per_decade: int) -> Array:
     return np.geomspace(low, high, int(per_decade * math.log10(high / low)) + 2)
 
 
-def _resonances(roots: Array) -> Array:
+def _resonances(roots: Complex) -> Array:
     light = roots[(np.abs(roots.real) < 0.5 * np.abs(roots.imag)) & (roots.imag > 0)]
     width = np.maximum(np.abs(light.real) / np.abs(light), _NARROWEST)
     return (np.abs(light.imag)[:, None] * (1.0 + width[:, None] * np.array(_AROUND))).ravel()
@@ -161,7 +161,7 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
     direct = plants.response(rows, np.tile(omega_rad_s, m)).reshape(m, n)
     turned = plants.dead_time_s[:, None] * omega_rad_s
     with np.errstate(divide="ignore", invalid="ignore"):
-        log = np.log(direct)
+        log: Complex = np.log(direct)
     phase = log.imag - turned
     phase = phase + 2.0 * np.pi * np.round((bode.imag - phase) / (2.0 * np.pi))
     usable = np.isfinite(log)

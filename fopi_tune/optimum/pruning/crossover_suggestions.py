@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
@@ -53,7 +54,7 @@ def suggestions(problem: Problem, boxes: Boxes, points: list[tuple[float, ...]])
             yield from _at_phase_crossovers(at, k, condition)
 
 
-def _taken(found: Crossings, which: Array) -> Crossings:
+def _taken(found: Crossings, which: NDArray[np.bool_]) -> Crossings:
     return Crossings(*(getattr(found, name)[which] for name in Crossings.__dataclass_fields__))
 
 

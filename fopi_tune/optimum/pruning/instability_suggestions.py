@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fopi_tune.core.bode_form import Array
+from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.optimum.pruning.central_loops import CentralLoops, Movements, Suggestion
 from fopi_tune.optimum.pruning.exclusion import Reason
@@ -75,7 +75,7 @@ def _by_crossovers(at: CentralLoops, moves: Movements, k: int, ratio: Array, ang
         yield Suggestion(box, float(ratio[row]), axis, Reason(k, at.points[row % m], omega))
 
 
-def _least(row: Array, values: Array, rows: int) -> Array:
+def _least(row: Rows, values: Array, rows: int) -> Array:
     """The smallest value of each row, inf without any."""
     least = np.full(rows, np.inf)
     np.minimum.at(least, row, values)

@@ -105,7 +105,8 @@ def _signatures(loops: Loops) -> tuple[Array, Array]:
 
     Shapes (m,).
     """
-    return evaluate(loops, _signatures_at_once)
+    signatures, distances = evaluate(loops, _signatures_at_once)
+    return signatures, distances
 
 
 def _signatures_at_once(loops: Loops) -> tuple[Array, Array]:
