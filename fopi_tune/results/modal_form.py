@@ -204,7 +204,7 @@ def _held(a: Array, b: Array, time_s: float) -> tuple[Array, Array]:
     n = len(a)
     whole = np.zeros((n + 1, n + 1))
     whole[:n, :n], whole[:n, n] = a * time_s, b * time_s
-    moved: Array = np.asarray(expm(whole))
+    moved = np.asarray(expm(whole), dtype=np.float64)
     return moved[:n, :n], moved[:n, n]
 
 
@@ -214,7 +214,7 @@ def _solve(second: Array, first: Array, coupling: Array) -> Array:
         return coupling / (first - second)
     n, m = coupling.shape
     system = np.kron(second, np.eye(m)) - np.kron(np.eye(n), first.T)
-    solved: Array = np.linalg.solve(system, -coupling.ravel())
+    solved = np.asarray(np.linalg.solve(system, -coupling.ravel()), dtype=np.float64)
     return solved.reshape(n, m)
 
 

@@ -197,7 +197,9 @@ def _flat_valley(
     return more
 
 
-def _with_two_equalities(problem: Problem, rows: Rows, equal: Array, taus: Array, most: int) -> tuple[Basin, ...]:
+def _with_two_equalities(
+    problem: Problem, rows: Rows, equal: NDArray[np.int64], taus: Array, most: int
+) -> tuple[Basin, ...]:
     """Minima over alpha where two equalities leave one ray for each order."""
     most_ratio, span = reach_of(problem)
     box, table = problem.box, problem.scan_table
