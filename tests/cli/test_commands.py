@@ -402,7 +402,7 @@ def python(program: str, **environment: str) -> subprocess.CompletedProcess[str]
         text=True,
         env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
         check=False,
-        timeout=60,
+        timeout=300,
     )
 
 

@@ -153,6 +153,7 @@ def held_in(fits: Sequence[Fit], truth: tuple[float, float, float]) -> Array:
     return np.sum(inside, axis=0)
 
 
+@pytest.mark.long
 def test_the_intervals_hold_the_truth_in_95_percent_of_the_recordings() -> None:
     rng = np.random.default_rng(8)
     fits = [fit_plant(recording(noise=0.02 * rng.standard_normal(100))) for _ in range(400)]
