@@ -5,4 +5,5 @@ from __future__ import annotations
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-SPECS = ROOT / "specs"
+#: the shipped specs, designed as the loop in continuous time
+CONTINUOUS = Path(__file__).parent / "continuous"

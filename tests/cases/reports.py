@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from cases.project import ROOT
+from cases.project import CONTINUOUS
 
 import fopi_tune as ft
 from fopi_tune.report.documents import ResultDocuments, documents_of, documents_of_run
@@ -13,7 +13,7 @@ from fopi_tune.report.html import report_files
 from fopi_tune.results.design import Run
 from fopi_tune.spec import parse_spec
 
-BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
+BRAKE = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
 
 
 @cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from cases.project import SPECS
+from cases.project import CONTINUOUS
 
 import fopi_tune as ft
 
@@ -12,4 +12,4 @@ import fopi_tune as ft
 @cache
 def design_of(name: str, proof: bool = True) -> ft.Design:
     """The design of `specs/<name>.yaml`."""
-    return ft.tune(SPECS / f"{name}.yaml", proof=proof)
+    return ft.tune(CONTINUOUS / f"{name}.yaml", proof=proof)

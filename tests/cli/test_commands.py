@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cases.project import ROOT
+from cases.project import CONTINUOUS, ROOT
 from typer.testing import CliRunner, Result
 
 from fopi_tune import __version__
@@ -22,8 +22,8 @@ from fopi_tune.errors import DomainError
 from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec
 
-BRAKE_FILE, THROTTLE_FILE = str(ROOT / "specs" / "brake.yaml"), str(ROOT / "specs" / "throttle.yaml")
-BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
+BRAKE_FILE, THROTTLE_FILE = str(CONTINUOUS / "brake.yaml"), str(CONTINUOUS / "throttle.yaml")
+BRAKE = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
 PUBLISHED = ("--kp", "0.07", "--ki", "0.11", "--alpha", "0.45")
 ROBUST = ("--kp", "0.3851247", "--ki", "0.3877569", "--alpha", "0.8203826", "--tolerance", "1e-5")
 
@@ -212,7 +212,7 @@ def test_prove_refutes_the_published_brake_gains() -> None:
 
 
 def test_gains_whose_loop_turns_too_often_to_search_are_bad_input() -> None:
-    result = fopi("prove", str(ROOT / "specs" / "lag_gain_and_delay.yaml"), "--kp", "1e6", "--ki", "1", "--alpha", "1")
+    result = fopi("prove", str(CONTINUOUS / "lag_gain_and_delay.yaml"), "--kp", "1e6", "--ki", "1", "--alpha", "1")
     assert result.exit_code == 2
     assert "turns 49,736 times below its gain crossover" in " ".join(result.stderr.split())
     assert "take smaller gains or a shorter dead time" in " ".join(result.stderr.split())

@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from cases.project import ROOT
+from cases.project import CONTINUOUS, ROOT
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
 from fopi_tune.cli.output import write_file
 
-BRAKE = str(ROOT / "specs" / "brake.yaml")
+BRAKE = str(CONTINUOUS / "brake.yaml")
 OPTIONS = ["--kp", "0.44651475946456753", "--ki", "0.37032589727989074", "--alpha", "0.8319673847369714"]
 #: writes two large texts in turn, for ever; the first write is announced
 WRITER = """

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from cases.design_cases import CASES
 from cases.plants import brake, lag, lag_gain_and_delay, spec_of, transfer_function
-from cases.project import SPECS
+from cases.project import CONTINUOUS
 from typer.testing import CliRunner
 
 import fopi_tune as ft
@@ -74,7 +74,7 @@ def value(spec: DesignSpec, found: Candidate) -> float:
 
 @cache
 def shipped(name: str) -> tuple[DesignSpec, Candidate]:
-    spec = load_spec(SPECS / f"{name}.yaml")
+    spec = load_spec(CONTINUOUS / f"{name}.yaml")
     return spec, convex_design(spec)
 
 
@@ -87,7 +87,7 @@ def quick(names: Iterable[str]) -> list:
     return [pytest.param(name, id=name, marks=pytest.mark.long if name in LONG else ()) for name in names]
 
 
-@pytest.mark.parametrize("name", quick(path.stem for path in sorted(SPECS.glob("*.yaml"))))
+@pytest.mark.parametrize("name", quick(path.stem for path in sorted(CONTINUOUS.glob("*.yaml"))))
 def test_both_searches_agree_on_a_shipped_spec(name: str) -> None:
     spec, found = shipped(name)
     assert value(spec, found) == pytest.approx(value(spec, design(spec)), rel=AGREE)
@@ -210,7 +210,7 @@ def test_fixed_gains_are_handed_on_and_no_controller_is_no_answer() -> None:
 
 
 def test_solved_means_proved_and_the_stamp_names_the_solver() -> None:
-    design = ft.tune(SPECS / "pi_baseline.yaml", solver=ft.Solver.CONVEX)
+    design = ft.tune(CONTINUOUS / "pi_baseline.yaml", solver=ft.Solver.CONVEX)
     assert design.status is ft.Status.SOLVED
     assert design.certificate is not None
     assert design.certificate.verdict is ft.Verdict.PROVED
@@ -219,7 +219,7 @@ def test_solved_means_proved_and_the_stamp_names_the_solver() -> None:
 
 
 def test_the_command_takes_the_solver_and_refuses_an_unknown_one(tmp_path: Path) -> None:
-    spec = str(SPECS / "pi_baseline.yaml")
+    spec = str(CONTINUOUS / "pi_baseline.yaml")
     run = CliRunner().invoke(app, ["tune", spec, "--solver", "convex", "--no-proof", "--json", "--out", str(tmp_path)])
     assert run.exit_code == 0
     found = json.loads(run.stdout)
@@ -324,7 +324,7 @@ def found_from(spec: DesignSpec, start: FoPi) -> LocalResult:
 
 @pytest.mark.parametrize("start", [FoPi(0.1, 0.05, 0.9), FoPi(3.0, 0.2, 0.9), FoPi(0.5, 2.5, 0.9)])
 def test_every_start_leads_to_the_same_optimum(start: FoPi) -> None:
-    spec = load_spec(SPECS / "brake_delay.yaml")
+    spec = load_spec(CONTINUOUS / "brake_delay.yaml")
     best = found_from(spec, FoPi(1.5, 1.2, 0.9))
     found = found_from(spec, start)
     assert found.evaluation.violation <= TOLERANCE
@@ -332,7 +332,7 @@ def test_every_start_leads_to_the_same_optimum(start: FoPi) -> None:
 
 
 def test_a_brute_force_scan_finds_nothing_better() -> None:
-    spec = with_alpha(load_spec(SPECS / "brake_delay.yaml"), 1.2)
+    spec = with_alpha(load_spec(CONTINUOUS / "brake_delay.yaml"), 1.2)
     task = task_of(spec)
     members = Members(task, np.linspace(1.6, 3.1, 5)[:, None])
     found = convex_design(spec)

@@ -12,7 +12,7 @@ import control
 import numpy as np
 import pytest
 from cases.plants import brake, spec_of
-from cases.project import ROOT
+from cases.project import CONTINUOUS
 from oracles import sampled_loops as oracle
 from scipy.signal import cont2discrete
 
@@ -399,7 +399,7 @@ def test_a_band_that_ends_above_nyquists_frequency_is_cut_there() -> None:
 
 def test_a_peak_search_with_very_many_cells_takes_little_memory() -> None:
     """The gain of this filter hardly falls over 70 decades: 285 MB when all cells of a level were evaluated at once."""
-    spec = load_spec(ROOT / "specs" / "lag_gain_and_delay.yaml")
+    spec = load_spec(CONTINUOUS / "lag_gain_and_delay.yaml")
     gains = ft.FoPi(0.0, -0.2, 0.01)
     assert spec.digital is not None
     implementation = Implementation(sections_of(gains, spec.digital, 1.27e-70), spec.digital.delay_samples)

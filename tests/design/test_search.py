@@ -23,7 +23,7 @@ from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.model import DesignSpec
 
-BRAKE, THROTTLE, DELAY = "specs/brake.yaml", "specs/throttle.yaml", "specs/brake_delay.yaml"
+BRAKE, THROTTLE, DELAY = (f"tests/cases/continuous/{name}.yaml" for name in ("brake", "throttle", "brake_delay"))
 
 
 def moved(spec: DesignSpec, index: int, step: float) -> DesignSpec:
@@ -85,7 +85,7 @@ def test_small_sensitivity_of_an_unstable_loop_is_not_taken_for_an_answer() -> N
 
 
 def test_every_member_of_a_solved_family_is_stable() -> None:
-    spec = load_spec("specs/lag_gain_and_delay.yaml")
+    spec = load_spec("tests/cases/continuous/lag_gain_and_delay.yaml")
     tuned = ft.tune(spec)
     assert tuned.status is Status.SOLVED
     assert tuned.gains is not None

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases.project import ROOT
+from cases.project import CONTINUOUS
 from typer.testing import CliRunner
 
 import fopi_tune as ft
@@ -26,7 +26,7 @@ from fopi_tune.results.design import Discretized
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.model import DesignSpec
 
-BRAKE, THROTTLE = ROOT / "specs" / "brake.yaml", ROOT / "specs" / "throttle.yaml"
+BRAKE, THROTTLE = CONTINUOUS / "brake.yaml", CONTINUOUS / "throttle.yaml"
 GAINS = ["--kp", "0.385", "--ki", "0.388", "--alpha", "0.82"]
 
 

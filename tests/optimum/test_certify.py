@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cases.plants import lag, spec_of, transfer_function
-from cases.project import SPECS
+from cases.project import CONTINUOUS
 from flint import acb, arb, ctx
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -52,7 +52,7 @@ SIDE = st.floats(0.0, 1.0)
 
 
 def spec_named(name: str) -> DesignSpec:
-    return load_spec(SPECS / f"{name}.yaml")
+    return load_spec(CONTINUOUS / f"{name}.yaml")
 
 
 def with_limit(spec: DesignSpec, place: int, limit: float) -> DesignSpec:
@@ -457,7 +457,7 @@ def test_a_limit_of_boxes_returns_what_was_reached_and_progress_is_told() -> Non
 
 
 def test_the_command_certifies_writes_and_rechecks(tmp_path: Path) -> None:
-    run, file = CliRunner(), str(SPECS / "throttle.yaml")
+    run, file = CliRunner(), str(CONTINUOUS / "throttle.yaml")
     plain = run.invoke(app, ["tune", file, "--no-proof", "--json", "--out", str(tmp_path / "plain")])
     assert "optimum" not in json.loads(plain.stdout)
     assert not (tmp_path / "plain" / "optimum.json").exists()

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cases.plants import lag, spec_of
-from cases.project import SPECS
+from cases.project import CONTINUOUS
 from cases.tampering import SMALL, Change, Document, changes, some
 from flint import ctx
 
@@ -61,7 +61,7 @@ Case = tuple[DesignSpec, Document]
 
 
 def spec_named(name: str) -> DesignSpec:
-    return load_spec(SPECS / f"{name}.yaml")
+    return load_spec(CONTINUOUS / f"{name}.yaml")
 
 
 def certified(spec: DesignSpec, gains: FoPi | None, **limits: Any) -> Case:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases.markdown_pages import blocks_of
-from cases.project import ROOT
+from cases.project import CONTINUOUS, ROOT
 from typer.testing import CliRunner, Result
 
 import fopi_tune as ft
@@ -58,7 +58,7 @@ validation: {samples: 40, seed: 3}
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     for name in ("throttle", "brake"):
-        (tmp_path / f"{name}.yaml").write_text((ROOT / "specs" / f"{name}.yaml").read_text())
+        (tmp_path / f"{name}.yaml").write_text((CONTINUOUS / f"{name}.yaml").read_text())
     (tmp_path / "small.yaml").write_text(SMALL)
     return tmp_path
 
@@ -272,7 +272,7 @@ def test_the_sampled_car_tends_to_the_inclusion(folder: Path) -> None:
     for step in (0.2, 0.1, 0.05):
         for name in ("throttle", "brake"):
             spec = folder / f"{name}.yaml"
-            text = (ROOT / "specs" / f"{name}.yaml").read_text().replace("sample_time_s: 0.2", f"sample_time_s: {step}")
+            text = (CONTINUOUS / f"{name}.yaml").read_text().replace("sample_time_s: 0.2", f"sample_time_s: {step}")
             spec.write_text(text.replace("poles: 7", "poles: 15").replace("[1.0e-3, 1.0e3]", "[1.0e-4, 1.0e4]"))
         first[step] = ft.simulate_system(folder / "small.yaml", scenario="up").driven[0].switch_times_s[0]
     exact = ft.simulate_system(folder / "small.yaml", scenario="up", exact=True).driven[0].switch_times_s[0]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases.project import ROOT
+from cases.project import CONTINUOUS
 from typer.testing import CliRunner
 
 import fopi_tune as ft
@@ -46,7 +46,7 @@ limits:
 
 
 def brake(*pairs: tuple[str, str], more: str = SCENARIOS, samples: int = 600) -> DesignSpec:
-    text = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
+    text = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
     for old, new in (
         ("delay_samples: 0}", "delay_samples: 0, design: sampled, output_limits: [-1, 1]}"),
         ("samples: 10000", f"samples: {samples}"),
@@ -62,7 +62,7 @@ def brake(*pairs: tuple[str, str], more: str = SCENARIOS, samples: int = 600) ->
 
 @pytest.mark.parametrize("name", ["brake", "brake_delay", "lag_gain_and_delay", "second_order", "throttle"])
 def test_scanned_margins_are_those_of_the_core(name: str) -> None:
-    spec = ft.load_spec(ROOT / "specs" / f"{name}.yaml")
+    spec = ft.load_spec(CONTINUOUS / f"{name}.yaml")
     rng = np.random.default_rng(31)
     for _ in range(2):
         gains = ft.FoPi(float(rng.uniform(0.1, 2.5)), float(rng.uniform(0.05, 1.0)), float(rng.uniform(0.5, 1.5)))
@@ -203,7 +203,7 @@ def test_without_limits_a_pi_settles_where_the_theory_says() -> None:
 @pytest.fixture
 def spec_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
-    text = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
+    text = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
     text = text.replace("delay_samples: 0}", "delay_samples: 0, design: sampled, output_limits: [-1, 1]}")
     Path("b.yaml").write_text(text + SCENARIOS.replace("5.5", "5.0"), "utf-8")
     return "b.yaml"
@@ -301,7 +301,7 @@ def test_mistakes_in_scenarios_and_limits_are_named(old: str, new: str, words: s
 def test_limits_without_scenarios_and_scenarios_without_a_controller_are_refused() -> None:
     with pytest.raises(SpecError, match="no scenario to judge"):
         brake(more="limits: [{iae: {at_most: 1}}]\n")
-    text = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
+    text = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
     without = "".join(line for line in text.splitlines(True) if not line.startswith("digital"))
     with pytest.raises(SpecError, match="add digital"):
         parse_spec(without + SCENARIOS)

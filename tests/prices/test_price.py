@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases.project import SPECS
+from cases.project import CONTINUOUS
 from cases.shipped_designs import design_of
 
 import fopi_tune as ft
@@ -44,7 +44,7 @@ def agree(multiplier: float | None, price: Price) -> None:
     "name",
     [
         pytest.param(n, marks=pytest.mark.long if n in SLOW else ())
-        for n in sorted(p.stem for p in SPECS.glob("*.yaml"))
+        for n in sorted(p.stem for p in CONTINUOUS.glob("*.yaml"))
     ],
 )
 def test_solving_again_confirms_every_multiplier_of_a_shipped_spec(name: str) -> None:
@@ -103,7 +103,7 @@ def test_the_price_of_two_equalities_is_the_closed_forms_derivative() -> None:
 
 def test_where_a_limit_just_begins_to_bind_the_two_prices_differ() -> None:
     # crossover and margin leave alpha alone free; past some limit of |S| it is a gain's bound that holds ki back
-    throttle = ft.load_spec(SPECS / "throttle.yaml")
+    throttle = ft.load_spec(CONTINUOUS / "throttle.yaml")
     loose = replace(
         throttle, requirements=(*throttle.requirements[:2], replace(throttle.requirements[2], limits=(-5.0,)))
     )

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases.project import SPECS
+from cases.project import CONTINUOUS
 from typer.testing import CliRunner
 
 import fopi_tune as ft
@@ -37,7 +37,7 @@ def spec_of(*requirements: str, objective: str = "", controller: str | None = No
 
 @cache
 def brake() -> Tradeoff:
-    return ft.tradeoff(SPECS / "brake.yaml", 5, points=12)
+    return ft.tradeoff(CONTINUOUS / "brake.yaml", 5, points=12)
 
 
 @cache
@@ -147,7 +147,7 @@ def _found(prober: Prober, limit: float) -> ft.Verification:
 
 def test_the_check_of_the_same_gains_against_other_limits_needs_no_measuring() -> None:
     for name, number, limit in (("brake", "3", 85.0), ("brake_delay", "3", 2.0), ("throttle", "1", 0.5)):
-        spec = ft.load_spec(SPECS / f"{name}.yaml")
+        spec = ft.load_spec(CONTINUOUS / f"{name}.yaml")
         gains = ft.tune(spec, proof=False).gains
         assert gains is not None
         for asked in (spec, replace(spec, objective=None)):
@@ -167,7 +167,7 @@ def test_a_point_that_the_check_refuses_is_marked_and_not_drawn(monkeypatch: pyt
         return replace(found, stability=replace(found.stability, stable=False))
 
     monkeypatch.setattr(prober, "verify", doubtful)
-    result = ft.tradeoff(SPECS / "brake.yaml", 5, start=-22.0, stop=-18.0, points=3)
+    result = ft.tradeoff(CONTINUOUS / "brake.yaml", 5, start=-22.0, stop=-18.0, points=3)
     assert [p.status for p in result.points] == [PointStatus.REFUSED, PointStatus.MET, PointStatus.MET]
     assert result.status == "failed"
     assert result.points[0].objective is None
@@ -178,7 +178,7 @@ def test_a_point_that_the_check_refuses_is_marked_and_not_drawn(monkeypatch: pyt
 
 @pytest.mark.long
 def test_an_equality_is_swept_both_ways() -> None:
-    result = ft.tradeoff(SPECS / "pi_baseline.yaml", 1, start=0.28, stop=0.32, points=3)
+    result = ft.tradeoff(CONTINUOUS / "pi_baseline.yaml", 1, start=0.28, stop=0.32, points=3)
     for point in result.points:
         x = np.exp(-0.5j * np.pi) * (1.0 + 2.25j * point.limit)
         assert point.gains is not None
@@ -230,26 +230,26 @@ def test_a_requirement_is_named_by_number_quantity_or_end() -> None:
 )
 def test_a_range_that_makes_no_sense_is_refused(options: dict, said: str) -> None:
     with pytest.raises(ft.DomainError, match=said):
-        ft.tradeoff(SPECS / "throttle.yaml", **({"requirement": 3} | options))
+        ft.tradeoff(CONTINUOUS / "throttle.yaml", **({"requirement": 3} | options))
 
 
 def test_there_is_nothing_to_sweep_without_free_gains_or_a_design_or_on_samples() -> None:
     fixed = spec_of("sensitivity_db: {at_most: 4}", controller="{kp: 1, ki: 1, alpha: 1}")
     with pytest.raises(ft.DomainError, match="the gains stay"):
         ft.tradeoff(fixed, 1)
-    spec = ft.load_spec(SPECS / "brake.yaml")
+    spec = ft.load_spec(CONTINUOUS / "brake.yaml")
     # crossover and margin need alpha >= 0.622
     infeasible = replace(spec, controller=replace(spec.controller, alpha=GainRange(0.45, 0.45)))
     with pytest.raises(ft.DomainError, match="infeasible"):
         ft.tradeoff(infeasible, 1)
-    spec = ft.load_spec(SPECS / "throttle.yaml")
+    spec = ft.load_spec(CONTINUOUS / "throttle.yaml")
     assert spec.digital is not None
     with pytest.raises(ft.DomainError, match="design: continuous"):
         ft.tradeoff(replace(spec, digital=replace(spec.digital, design="sampled")), 3)
 
 
 def test_the_command_writes_json_csv_and_figure(tmp_path: Path) -> None:
-    words = ["tune", str(SPECS / "throttle.yaml"), "--tradeoff", "sensitivity_db", "--from", "-40", "--to", "-15"]
+    words = ["tune", str(CONTINUOUS / "throttle.yaml"), "--tradeoff", "sensitivity_db", "--from", "-40", "--to", "-15"]
     done = CliRunner().invoke(app, [*words, "--points", "6", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert max(map(len, done.stdout.splitlines())) <= 80
@@ -274,7 +274,7 @@ def test_the_command_writes_json_csv_and_figure(tmp_path: Path) -> None:
 def test_equal_sweeps_give_equal_files() -> None:
     result = brake()
     assert tradeoff_svg(result) == tradeoff_svg(result)
-    assert ft.tradeoff(SPECS / "brake.yaml", 5, points=12).to_dict() == result.to_dict()
+    assert ft.tradeoff(CONTINUOUS / "brake.yaml", 5, points=12).to_dict() == result.to_dict()
 
 
 @pytest.mark.parametrize(
@@ -282,6 +282,6 @@ def test_equal_sweeps_give_equal_files() -> None:
     [["--points", "3"], ["--from", "1"], ["--tradeoff", "3", "--prices"], ["--tradeoff", "3", "second.yaml"]],
 )
 def test_options_that_do_not_go_together_are_refused(words: list[str]) -> None:
-    done = CliRunner().invoke(app, ["tune", str(SPECS / "throttle.yaml"), *words])
+    done = CliRunner().invoke(app, ["tune", str(CONTINUOUS / "throttle.yaml"), *words])
     assert done.exit_code == 2
     assert done.stdout == ""

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from cases import plants
-from cases.project import ROOT
+from cases.project import CONTINUOUS
 from cases.shipped_designs import design_of
 
 import fopi_tune as ft
@@ -22,7 +22,7 @@ from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.model import DesignSpec
 
-SHIPPED = sorted(path.stem for path in (ROOT / "specs").glob("*.yaml"))
+SHIPPED = sorted(path.stem for path in CONTINUOUS.glob("*.yaml"))
 #: PM 75 deg at 0.3 rad/s for tau = 2.35; its peak |S| over the brake's family is 1.1637075 at omega = 0.522, tau = 3.1
 REFERENCE = ft.FoPi(0.24027, 0.39344, 0.9)
 
@@ -75,7 +75,7 @@ def test_the_reference_phase_margins_are_enclosed() -> None:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_shipped_spec_is_proved_to_the_gap_asked_for(name: str) -> None:
-    spec = load_spec(ROOT / "specs" / f"{name}.yaml")
+    spec = load_spec(CONTINUOUS / f"{name}.yaml")
     design = ft.tune(spec)
     assert design.status is ft.Status.SOLVED
     certificate = design.certificate
@@ -98,7 +98,7 @@ def test_every_shipped_spec_is_proved_to_the_gap_asked_for(name: str) -> None:
 @pytest.mark.parametrize("name", SHIPPED)
 def test_proved_bounds_hold_on_a_dense_sample(name: str) -> None:
     """The float verification searches, this sample does not: no member may lie beyond what is proved."""
-    spec = load_spec(ROOT / "specs" / f"{name}.yaml")
+    spec = load_spec(CONTINUOUS / f"{name}.yaml")
     design = ft.tune(spec)
     assert design.certificate is not None
     assert design.gains is not None
@@ -129,7 +129,7 @@ def ft_quantity(proof: RequirementProof):
 
 
 def test_the_published_brake_gains_are_refuted_with_a_plant_and_a_frequency() -> None:
-    certificate = proved(load_spec(ROOT / "specs" / "brake.yaml"), ft.FoPi(0.07, 0.11, 0.45))
+    certificate = proved(load_spec(CONTINUOUS / "brake.yaml"), ft.FoPi(0.07, 0.11, 0.45))
     assert certificate.verdict is ft.Verdict.REFUTED
     crossover = certificate.requirements[0]
     assert crossover.verdict is ft.Verdict.REFUTED
@@ -305,7 +305,7 @@ def test_a_loop_on_the_verge_is_not_called_violated() -> None:
 
 def test_a_witness_that_cannot_be_had_is_given_up_at_once() -> None:
     """alpha next to 2: the phase crossover is not to be enclosed, and there is no box to cut for it."""
-    spec = load_spec(ROOT / "specs" / "brake.yaml")
+    spec = load_spec(CONTINUOUS / "brake.yaml")
     certificate = proved(spec, ft.FoPi(1.0, 1.0, 1.999999999))
     # the search for its witness looked at one box, not at thousands of copies of it
     assert certificate.boxes < 20_000
@@ -314,7 +314,7 @@ def test_a_witness_that_cannot_be_had_is_given_up_at_once() -> None:
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, 0.02, 1000.0, math.nan, math.inf])
 def test_a_tolerance_that_would_prove_anything_is_refused(tolerance: float) -> None:
     with pytest.raises(ft.DomainError, match="tolerance"):
-        ft.prove(ROOT / "specs" / "brake.yaml", REFERENCE, tolerance)
+        ft.prove(CONTINUOUS / "brake.yaml", REFERENCE, tolerance)
 
 
 # -- the way through the pipeline -----------------------------------------------------------------------------------
@@ -337,7 +337,7 @@ def test_without_a_proof_the_result_says_so() -> None:
 
 
 def test_a_refuted_requirement_goes_back_to_the_design_as_a_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    spec = load_spec(ROOT / "specs" / "brake_delay.yaml")
+    spec = load_spec(CONTINUOUS / "brake_delay.yaml")
     seen: list[tuple[object, ...]] = []
     from fopi_tune.design import design as real_design
 
@@ -369,11 +369,11 @@ def test_a_refuted_requirement_goes_back_to_the_design_as_a_cut(monkeypatch: pyt
 
 def test_what_stays_undecided_is_not_called_solved(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.modules["fopi_tune.proof.searches"], "BUDGET", 3)
-    design = ft.tune(ROOT / "specs" / "brake.yaml")
+    design = ft.tune(CONTINUOUS / "brake.yaml")
     assert design.status is ft.Status.FAILED
     assert "the proof is missing" in design.message
     assert "undecided" in design.message
-    check = ft.prove(ROOT / "specs" / "brake.yaml", plants.ROBUST_BRAKE, tolerance=1e-5)
+    check = ft.prove(CONTINUOUS / "brake.yaml", plants.ROBUST_BRAKE, tolerance=1e-5)
     assert check.status == "undecided"
     assert check.certificate.verdict is ft.Verdict.UNDECIDED
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cases import plants
-from cases.project import ROOT
+from cases.project import CONTINUOUS
 from typer.testing import CliRunner, Result
 
 import fopi_tune as ft
@@ -25,7 +25,7 @@ from fopi_tune.proof.obligations import Case, level_claims
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.model import Relation, Requirement
 
-BRAKE_FILE = str(ROOT / "specs" / "brake.yaml")
+BRAKE_FILE = str(CONTINUOUS / "brake.yaml")
 BRAKE = load_spec(BRAKE_FILE)
 Document = dict[str, Any]
 
@@ -199,7 +199,7 @@ def test_leading_zeros_prove_nothing_that_is_false(numerator: list[float]) -> No
 
 
 def test_a_certificate_about_another_spec_is_refused(sound: Document) -> None:
-    easier = load_spec(ROOT / "specs" / "brake_delay.yaml")
+    easier = load_spec(CONTINUOUS / "brake_delay.yaml")
     problems = " ".join(ft.recheck(sound, easier).problems)
     assert "the plants are not those of the spec" in problems
     assert "the requirements are not those of the spec" in problems
@@ -292,7 +292,7 @@ def test_prove_takes_the_gains_of_the_design_and_recheck_confirms(folder: Path) 
 
 
 def test_prove_tunes_when_there_are_no_gains(folder: Path) -> None:
-    result = fopi("prove", str(ROOT / "specs" / "throttle.yaml"))
+    result = fopi("prove", str(CONTINUOUS / "throttle.yaml"))
     assert result.exit_code == 0
     assert "tuning first" in result.stderr
     names = sorted(path.name for path in Path("results/throttle").iterdir())
@@ -339,7 +339,7 @@ def test_bad_input_ends_with_2(folder: Path, content: str, arguments: tuple[str,
 
 
 def test_no_proof_leaves_the_certificate_out_and_says_so(folder: Path) -> None:
-    throttle = str(ROOT / "specs" / "throttle.yaml")
+    throttle = str(CONTINUOUS / "throttle.yaml")
     result = fopi("tune", throttle, "--no-proof")
     assert result.exit_code == 0
     assert result.stdout.startswith("throttle: solved, not proved.")

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 from cases import plants
-from cases.project import SPECS
+from cases.project import CONTINUOUS
 from cases.tampering import SMALL, Change, Document, changes, some
 from oracles.certificate_statements import false_statements
 
@@ -61,7 +61,7 @@ def document_of(certificate: Certificate) -> Document:
 
 
 def spec_named(name: str, *more: Requirement) -> DesignSpec:
-    spec = load_spec(SPECS / f"{name}.yaml")
+    spec = load_spec(CONTINUOUS / f"{name}.yaml")
     return replace(spec, requirements=(*spec.requirements, *more))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from cases.pages import HOSTILE, Page
 from cases.plants import PUBLISHED_BRAKE, ROBUST_BRAKE
-from cases.project import ROOT
+from cases.project import CONTINUOUS
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
@@ -31,7 +31,7 @@ from fopi_tune.report.figures.overlays import Overlay, overlay_pictures
 from fopi_tune.report.figures.picture import STYLES, Picture
 from fopi_tune.spec import parse_spec
 
-BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
+BRAKE = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
 #: cancels the nominal brake: L = 0.3/s there
 PI = FoPi(0.675, 0.3, 1.0)
 TAU = (1.6, 2.25, 3.1)

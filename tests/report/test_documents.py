@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cases.plants import ROBUST_BRAKE
-from cases.project import ROOT
+from cases.project import CONTINUOUS
 from cases.reports import BRAKE
 from matplotlib.figure import Figure
 
@@ -41,7 +41,7 @@ def test_a_result_as_it_was_written_is_backed_by_its_certificate(proved_run: dic
 
 @pytest.mark.parametrize("name", ["brake_delay", "lag_gain_and_delay", "pi_baseline", "second_order", "throttle"])
 def test_checks_of_every_shipped_spec_are_backed(name: str) -> None:
-    spec = ft.load_spec(ROOT / "specs" / f"{name}.yaml")
+    spec = ft.load_spec(CONTINUOUS / f"{name}.yaml")
     for gains in (ft.FoPi(0.7, 0.4, 0.9), ft.FoPi(5.0, 3.0, 1.3)):
         found = ft.prove(spec, gains)
         result, proof = json.loads(json.dumps([found.to_dict(), found.certificate_document()]))

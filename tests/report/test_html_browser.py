@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from cases.pages import HOSTILE
 from cases.plants import PUBLISHED_BRAKE, ROBUST_BRAKE
-from cases.project import SPECS
+from cases.project import CONTINUOUS
 from cases.reports import BRAKE, brake_page, without_gains
 
 import fopi_tune as ft
@@ -135,7 +135,7 @@ def test_keys_move_the_slider_and_every_curve(browser: Any, tmp_path: Path) -> N
 
 
 def test_every_uncertain_number_can_be_chosen_and_moved(browser: Any, tmp_path: Path) -> None:
-    spec = ft.load_spec(SPECS / "lag_gain_and_delay.yaml")
+    spec = ft.load_spec(CONTINUOUS / "lag_gain_and_delay.yaml")
     text = str(report_files(documents_of_run(ft.run(spec, proof=False)))["report.html"])
     data = json.loads(re.findall(r'id="curves">(.*?)</script>', text, re.DOTALL)[0])
     with Visit(browser, tmp_path / "report.html", text) as visit:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from cases import plants
-from cases.project import ROOT
+from cases.project import CONTINUOUS, ROOT
 from cases.shipped_designs import design_of
 
 import fopi_tune as ft
@@ -88,7 +88,7 @@ def test_no_number_that_is_none_reaches_the_json(brake: ft.Design, number: float
 
 
 def test_a_check_is_strict_json_shaped_as_a_design(brake: ft.Design) -> None:
-    check = ft.prove(ROOT / "specs" / "brake.yaml", plants.PUBLISHED_BRAKE)
+    check = ft.prove(CONTINUOUS / "brake.yaml", plants.PUBLISHED_BRAKE)
     document = strict(check.to_dict())
     assert document["status"] == "violated"
     assert document["tolerance"] == 1e-6
@@ -96,7 +96,7 @@ def test_a_check_is_strict_json_shaped_as_a_design(brake: ft.Design) -> None:
 
 
 def test_equal_specs_give_equal_json(brake: ft.Design) -> None:
-    assert ft.tune(ROOT / "specs" / "brake.yaml").to_dict() == brake.to_dict()
+    assert ft.tune(CONTINUOUS / "brake.yaml").to_dict() == brake.to_dict()
 
 
 def test_results_are_frozen(brake: ft.Design) -> None:

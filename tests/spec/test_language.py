@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 import pytest
-from cases.project import ROOT
+from cases.project import CONTINUOUS
 
 from fopi_tune.core.plant import PLANT_MODELS, PlantModel, Uncertain
 from fopi_tune.errors import DomainError, SpecError
@@ -27,8 +27,8 @@ from fopi_tune.spec.model import (
 )
 from fopi_tune.spec.templates.template import template
 
-SPECS = sorted((ROOT / "specs").glob("*.yaml"))
-BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
+SPECS = sorted(CONTINUOUS.glob("*.yaml"))
+BRAKE = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
 POLE = "schema: 1\nname: a\nplant: {model: pole, gain: 2, pole_rad_s: 0.5}\n"
 LAG = "schema: 1\nname: a\nplant: {model: lag, static_gain: 1, time_constant_s: {min: 1, max: 3}}\n"
 
@@ -68,7 +68,7 @@ def test_every_shipped_spec_is_readable(path: Path) -> None:
 
 
 def test_the_brake_spec_says_what_its_file_says() -> None:
-    spec = load_spec(str(ROOT / "specs" / "brake.yaml"))
+    spec = load_spec(str(CONTINUOUS / "brake.yaml"))
     known = Uncertain.exactly
     assert spec.plant.model == "lag"
     assert spec.plant.parameters == {

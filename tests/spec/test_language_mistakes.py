@@ -8,12 +8,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from cases.project import ROOT
+from cases.project import CONTINUOUS, ROOT
 
 from fopi_tune.errors import Problem, SpecError
 from fopi_tune.spec import load_spec, parse_spec
 
-BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
+BRAKE = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
 POLE = "schema: 1\nname: a\nplant: {model: pole, gain: 2, pole_rad_s: 0.5}\n"
 LAG = "schema: 1\nname: a\nplant: {model: lag, static_gain: 1, time_constant_s: {min: 1, max: 3}}\n"
 

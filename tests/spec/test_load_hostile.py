@@ -11,7 +11,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from cases.project import ROOT
+from cases.project import CONTINUOUS, ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -20,8 +20,8 @@ from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.yaml.composer import MAX_BYTES, MAX_NODES
 from fopi_tune.spec.yaml.scalars import parse_number
 
-BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
-THROTTLE = (ROOT / "specs" / "throttle.yaml").read_text(encoding="utf-8")
+BRAKE = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
+THROTTLE = (CONTINUOUS / "throttle.yaml").read_text(encoding="utf-8")
 SYNTAX = "check the indentation, colons, quotes and brackets here"
 BIG = MAX_BYTES - 1024
 

@@ -14,7 +14,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from cases.project import ROOT
+from cases.project import CONTINUOUS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -54,7 +54,7 @@ from fopi_tune.spec.model import MEASURES, DesignSpec
 from fopi_tune.spec.templates.template import template
 
 Array = NDArray[np.float64]
-BRAKE = (ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")
+BRAKE = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
 #: meets specs/brake.yaml on samples, for every plant of the family
 GAINS = ft.FoPi(0.44651475946456753, 0.37032589727989074, 0.8319673847369714)
 OPTIONS = ["--kp", repr(GAINS.kp), "--ki", repr(GAINS.ki), "--alpha", repr(GAINS.alpha)]

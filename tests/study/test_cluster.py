@@ -17,7 +17,7 @@ from typing import Any
 
 import psutil
 import pytest
-from cases.project import ROOT
+from cases.project import CONTINUOUS, ROOT
 
 TESTS = ROOT / "tests"
 DASK = shutil.which("dask", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", ""))))
@@ -26,7 +26,7 @@ SLOW = ", ".join([*(f"slow_{i}" for i in range(12)), *(f"late_{i}" for i in rang
 BRAKE = f"""\
 schema: 1
 name: brakes
-specs: [{json.dumps(str(ROOT / "specs" / "brake.yaml"))}]
+specs: [{json.dumps(str(CONTINUOUS / "brake.yaml"))}]
 grid:
   requirements[4].sensitivity_db.at_most: [-20, -19.6, -19.2, -18.8, -18, -17]
   plant.time_constant_s.max: [2.9, 3.1, 3.3]
@@ -293,7 +293,7 @@ def test_an_address_where_nothing_answers_is_bad_input(tmp_path: Path) -> None:
 
 
 def test_draws_that_are_divided_among_processes_give_the_same_rows(tmp_path: Path) -> None:
-    brake = json.dumps(str(ROOT / "specs" / "brake.yaml"))
+    brake = json.dumps(str(CONTINUOUS / "brake.yaml"))
     (tmp_path / "s.yaml").write_text(
         f"schema: 1\nname: s\nspecs: [{brake}]\ngrid: {{validation.samples: [3000], validation.seed: [1, 2]}}\n"
         "stages: [tune, validate]\n"

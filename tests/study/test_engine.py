@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cases.project import ROOT
+from cases.project import CONTINUOUS, ROOT
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
@@ -153,7 +153,7 @@ def test_a_worker_with_other_versions_runs_nothing() -> None:
 
 def test_a_result_does_not_depend_on_what_was_run_before() -> None:
     head = "schema: 1\nname: s\nspecs: [brake.yaml]\n"
-    Path("brake.yaml").write_bytes((ROOT / "specs" / "brake.yaml").read_bytes())
+    Path("brake.yaml").write_bytes((CONTINUOUS / "brake.yaml").read_bytes())
     grid = "grid:\n  requirements[4].sensitivity_db.at_most: [-20, -19.4, -18]\nstages: [tune]\nstarts: base\n"
     cells = load_study(write(grid, head)).cells
 
@@ -169,7 +169,7 @@ def test_a_result_does_not_depend_on_what_was_run_before() -> None:
 
 def test_starting_from_the_base_finds_what_every_start_finds() -> None:
     head = "schema: 1\nname: s\nspecs: [brake.yaml]\n"
-    Path("brake.yaml").write_bytes((ROOT / "specs" / "brake.yaml").read_bytes())
+    Path("brake.yaml").write_bytes((CONTINUOUS / "brake.yaml").read_bytes())
     grid = "grid:\n  requirements[4].sensitivity_db.at_most: [-20.5, -19.4]\nstages: [tune]\n"
     near = [value_at(document(c), "tune.objective") for c in load_study(write(grid + "starts: base\n", head)).cells]
     everywhere = [value_at(document(c), "tune.objective") for c in load_study(write(grid, head)).cells]
@@ -178,7 +178,7 @@ def test_starting_from_the_base_finds_what_every_start_finds() -> None:
 
 
 def test_a_neighbour_with_other_plants_lends_its_gains() -> None:
-    brake = load_spec(ROOT / "specs" / "brake.yaml")
+    brake = load_spec(CONTINUOUS / "brake.yaml")
     gains = FoPi(0.3851, 0.3878, 0.8204)
     parameters = {**brake.plant.parameters, "time_constant_s": Uncertain(2.25, 1.7, 3.0)}
     other = dataclasses.replace(brake, plant=PlantFamily(brake.plant.model, parameters))

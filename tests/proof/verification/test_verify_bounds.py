@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from cases.project import ROOT
+from cases.project import CONTINUOUS, ROOT
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
@@ -47,7 +47,7 @@ def test_a_loop_is_refused_from_a_stated_number_of_turns_on(share: float, refuse
 def test_huge_gains_on_a_family_are_refused_with_the_plant_that_turns_most() -> None:
     """kp = 1e6 took a minute of searching ripples that no requirement could meet."""
     with pytest.raises(DomainError, match=r"static_gain = 1\.25, time_constant_s = 1\.6, dead_time_s = 0\.4"):
-        verify(load_spec(ROOT / "specs" / "lag_gain_and_delay.yaml"), FoPi(1e6, 1.0, 1.0))
+        verify(load_spec(CONTINUOUS / "lag_gain_and_delay.yaml"), FoPi(1e6, 1.0, 1.0))
 
 
 @pytest.mark.long
@@ -55,7 +55,7 @@ def test_a_loop_with_a_crossover_far_below_its_corners_is_discretised_in_bounded
     """alpha = 0.01 spreads |L| over 70 decades; the search of its peaks took 1.2 GB."""
     script = (
         "import resource, fopi_tune as ft; "
-        f"ft.discretize({str(ROOT / 'specs' / 'lag_gain_and_delay.yaml')!r}, ft.FoPi(0.0, -0.2, 0.01)); "
+        f"ft.discretize({str(CONTINUOUS / 'lag_gain_and_delay.yaml')!r}, ft.FoPi(0.0, -0.2, 0.01)); "
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
     )
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)

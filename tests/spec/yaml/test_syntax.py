@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from cases.project import ROOT
+from cases.project import CONTINUOUS
 
 from fopi_tune.errors import SpecError
 from fopi_tune.spec import parse_spec
@@ -91,7 +91,7 @@ def mutations(text: str) -> Iterator[tuple[int, str]]:
 
 def test_of_small_changes_that_break_a_file_nearly_all_are_found_in_their_line() -> None:
     broken = wrong = 0
-    for line, text in list(mutations((ROOT / "specs" / "brake.yaml").read_text(encoding="utf-8")))[::13]:
+    for line, text in list(mutations((CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")))[::13]:
         try:
             parse_spec(text, "s.yaml")
         except SpecError as error:
