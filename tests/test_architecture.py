@@ -42,7 +42,7 @@ AT_THE_ROOT = {"__init__.py", "__main__.py", "errors.py", "py.typed"}
 #: of the root, what folders may ask for: a string
 VERSION = "fopi_tune.__version__"
 #: opinions of their own: neither ever looks at the other
-APART = (("proof", "design"), ("proof", "convex"), ("design", "convex"), ("convex", "design"), ("optimum", "design"))
+APART = (("proof", "design"), ("proof", "convex"), ("design", "convex"), ("convex", "design"), ("optimum", "design"), ("design", "proof"))
 MOST_FILES = 16
 LEAST_LINES = 25
 #: these print or write; one module reads what people give, and the ledger of a study is a database
@@ -148,11 +148,6 @@ def test_design_proof_and_the_convex_path_are_opinions_of_their_own() -> None:
         for one, other in APART:
             if inside(name, f"fopi_tune.{one}"):
                 assert not any(inside(found, f"fopi_tune.{other}") for found in own_imports(name)), name
-
-
-def test_of_the_design_only_the_one_on_samples_asks_the_proof() -> None:
-    asking = {n for n in MODULES if inside(n, "fopi_tune.design") and any("proof" in i for i in own_imports(n))}
-    assert asking == {"fopi_tune.design.sampled"}
 
 
 @pytest.mark.parametrize("name", MODULES)

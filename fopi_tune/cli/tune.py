@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune.cli.output import progress_bar
-from fopi_tune.errors import DomainError
 from fopi_tune.results.candidate import Solver
 
 if TYPE_CHECKING:
@@ -70,14 +69,12 @@ def design_or_sweep(spec: DesignSpec, options: TuneOptions, proof: bool) -> Desi
     Raises:
         DomainError: of the sweep: there is no such requirement, or no design to start from.
     """
-    from fopi_tune.pipeline.price import NOT_ON_SAMPLES, price, tradeoff
+    from fopi_tune.pipeline.price import price, tradeoff
     from fopi_tune.pipeline.tune import tune
 
     if options.requirement is not None:
         points = 50 if options.points is None else options.points
         return tradeoff(spec, options.requirement, start=options.start, stop=options.stop, points=points)
-    if options.prices and spec.digital is not None and spec.digital.designs_sampled:
-        raise DomainError(NOT_ON_SAMPLES)
     if options.solver is not Solver.IPOPT:
         return tune(spec, proof, options.solver)
     design = tune(spec) if proof else tune(spec, proof=False)

@@ -44,6 +44,9 @@ class Reason:
 def reason_without_solving(spec: DesignSpec) -> Reason | None:
     """The first reason found for infeasibility; None when no formula decides."""
     constraints = constraints_of(spec)
+    if spec.digital is not None and spec.digital.designs_sampled:
+        # formulas of the continuous loop, but for omega -> 0
+        return _limit_at_zero_or_infinity(spec, constraints)
     return (
         _no_phase_crossover(spec, constraints)
         or _limit_at_zero_or_infinity(spec, constraints)
@@ -84,10 +87,10 @@ def _limit_at_zero_or_infinity(spec: DesignSpec, constraints: tuple[Constraint, 
     """A limit that no gains can meet as omega tends to 0 or to infinity."""
     plants = Plants.members(spec.plant, spec.plant.corners())
     floor = low_frequency_control_gain(plants)
-    ki = spec.controller.ki
+    ki, sampled = spec.controller.ki, spec.digital is not None and spec.digital.designs_sampled
     for constraint in constraints:
         text = describe(spec.requirements[constraint.requirement]) if constraint.requirement != STABILITY_GUARD else ""
-        rolls_off = bool(np.all(plants.log.slope_end() < -1e-9))
+        rolls_off = not sampled and bool(np.all(plants.log.slope_end() < -1e-9))
         if (
             constraint.quantity.name == "loop_gain_db"
             and constraint.bound is Bound.LOWER

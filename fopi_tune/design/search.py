@@ -10,7 +10,6 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.bracket import bracket_of, excluded_share
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
@@ -19,6 +18,7 @@ from fopi_tune.design.global_search.compiled import DEPTH, ENDLESS, KI
 from fopi_tune.design.global_search.polish import MEETS, Polish, Polished
 from fopi_tune.design.global_search.problem import LARGEST_GAIN, Problem
 from fopi_tune.design.infeasible import explain, has_wrong_sign
+from fopi_tune.digital.implementation import nominal_crossover
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.objectives import ObjectiveKind
@@ -48,6 +48,8 @@ _ONLY_WITHOUT_INTEGRAL = (
     "only ki = 0 gives every plant of the family a stable loop; "
     "the plant's gain is negative, so allow negative kp and ki"
 )
+#: filters that are exact at a crossover, one after the other
+_MOST_CROSSOVERS = 8
 #: multipliers beyond this say only that limits coincide
 _NO_PRICE = 1e5
 
@@ -73,14 +75,16 @@ def search(problem: Problem, start: FoPi | None = None, bracket: bool = False) -
         start: gains close to the optimum.
         bracket: whether to bound what anything else can reach, and to polish where the bound leaves room.
     """
-    polish = Polish(problem)
-    best = best_of_box(polish, start)
+    polish, best = at_own_crossover(*best_from(problem, start))
+    problem = polish.problem
     if best is None or (problem.code == DEPTH and best.cost > MEETS):
-        return explain(problem, share_in_words(excluded_share(problem)) if bracket else "", polish.counts)
+        excluded = share_in_words(excluded_share(problem)) if bracket and problem.scaled.samples is None else ""
+        return explain(problem, excluded, polish.counts)
     if problem.code == KI and best.x[1] == 0.0 and problem.box.ki_high > 0.0 and has_wrong_sign(problem):
         nothing = tuple(None for _ in problem.spec.requirements)
         return Candidate(Status.INFEASIBLE, None, nothing, (), _ONLY_WITHOUT_INTEGRAL, polish.counts.solves)
-    if not bracket:
+    if not bracket or problem.scaled.samples is not None:
+        # the bound knows s^-alpha, and not its filters
         return candidate_of(polish, best)
     best, gap = beyond_doubt(polish, best)
     return replace(candidate_of(polish, best), gap=gap)
@@ -110,6 +114,32 @@ def share_in_words(excluded: float) -> str:
     if excluded >= 1.0:
         return "the whole box was excluded, in floating point"
     return f"{math.floor(100.0 * excluded):d} % of the box was excluded, and nothing was found in the rest"
+
+
+def best_from(problem: Problem, start: FoPi | None = None) -> tuple[Polish, Polished | None]:
+    """`best_of_box` of a problem whose filter, on samples, is exact at the crossover of the start."""
+    if start is not None and problem.needs_crossover:
+        problem = problem.exact_at(nominal_crossover(problem.spec, start))
+    polish = Polish(problem)
+    return polish, best_of_box(polish, start)
+
+
+def at_own_crossover(polish: Polish, best: Polished | None) -> tuple[Polish, Polished | None]:
+    """The optimum with a filter that is exact at the crossover of the gains themselves, by a fixed point."""
+    problem = polish.problem
+    for count in range(_MOST_CROSSOVERS if problem.needs_crossover else 0):
+        if best is None:
+            break
+        gains = problem.gains(best.x)
+        crossover = nominal_crossover(problem.spec, gains)
+        if problem.is_exact_at(crossover):
+            break
+        problem = problem.exact_at(crossover)
+        polish = Polish(problem, polish.counts)
+        # the first filter was exact at a guess: another basin may now be the best
+        found = polish.run(best.x, _NEARER[0]) if count else None
+        best = found or best_of_box(polish, gains)
+    return polish, best
 
 
 def best_of_box(polish: Polish, start: FoPi | None = None) -> Polished | None:
@@ -163,9 +193,8 @@ def _on_axis(polish: Polish, found: Polished | None) -> Polished | None:
 
 
 def _is_stable(problem: Problem, found: Polished) -> bool:
-    plants = Plants.members(problem.spec.plant, problem.fine_points[0])
     try:
-        return bool(is_stable(Loops.of(problem.gains(found.x), plants)).all())
+        return bool(is_stable(problem.loops(problem.gains(found.x), problem.fine_points[0])).all())
     except DomainError:
         # |L| stays on 1 over a whole range, or both gains are 0.
         return False
@@ -205,7 +234,7 @@ def public_objective(problem: Problem, cost: float) -> float:
         return -cost
     if problem.objective is ObjectiveKind.IAE_DISTURBANCE:
         # the cost is ln of the error P/(1 + C P) in scaled numbers
-        return problem.horizon_s * problem.scale.gain * math.exp(min(cost, 600.0))
+        return problem.error_unit * math.exp(min(cost, 600.0))
     return (cost - problem.cs_peak_offset) * _PUBLIC_UNIT[problem.objective]
 
 

@@ -10,7 +10,8 @@ from fopi_tune.design.global_search.polish import FIRST_RADIUS, MEETS, Polish, P
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.infeasible import moved_limit
 from fopi_tune.design.reasons import reason_without_solving
-from fopi_tune.design.search import best_of_box, grown_without_end, inside, public_objective
+from fopi_tune.design.search import at_own_crossover, best_from, grown_without_end, inside, public_objective
+from fopi_tune.digital.implementation import nominal_crossover
 from fopi_tune.results.candidate import Violation
 from fopi_tune.spec.model import DesignSpec
 
@@ -55,7 +56,7 @@ class Warm:
 
     def settle(self, spec: DesignSpec, start: FoPi) -> Solution | None:
         """The exchange from a neighbour's gains; None when it leads nowhere."""
-        problem = self.problem.with_limits_of(spec)
+        problem = self._problem(spec, start)
         polish, x = Polish(problem), inside(problem, problem.scale.scaled(start))
         best: Polished | None = None
         for radius in (FIRST_RADIUS, _NEARER):
@@ -64,14 +65,19 @@ class Warm:
                 best = found
             if best is not None and best.settled:
                 break
+        polish, best = at_own_crossover(polish, best)
         return None if best is None else _solution(polish, best)
+
+    def _problem(self, spec: DesignSpec, start: FoPi) -> Problem:
+        """With the limits of a spec and, on samples, the filter that is exact at the crossover of a start."""
+        problem = self.problem.with_limits_of(spec)
+        return problem.exact_at(nominal_crossover(spec, start)) if problem.needs_crossover else problem
 
     def anew(self, spec: DesignSpec) -> Solution | None:
         """The search of the whole box, as for a design; None when it finds nothing."""
         if reason_without_solving(spec) is not None:
             return None
-        polish = Polish(self.problem.with_limits_of(spec))
-        found = best_of_box(polish)
+        polish, found = at_own_crossover(*best_from(self.problem.with_limits_of(spec)))
         return None if found is None else _solution(polish, found)
 
     def farthest(self, spec: DesignSpec, start: FoPi, requirement: int) -> tuple[float, FoPi] | None:
@@ -85,7 +91,7 @@ class Warm:
         Returns:
             The limit (the spec's own when it can be met), and gains there; None when the solver gave up.
         """
-        problem = self.problem.with_limits_of(spec)
+        problem = self._problem(spec, start)
         polish = Polish(problem.missing(frozenset({requirement}), frozenset()))
         found = polish.run(inside(problem, problem.scale.scaled(start)))
         if found is None:

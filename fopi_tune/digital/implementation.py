@@ -26,6 +26,17 @@ def implementation_of(spec: DesignSpec, gains: FoPi) -> Implementation:
     return Implementation(sections_of(gains, digital, nominal_crossover(spec, gains)), digital.delay_samples)
 
 
+def designed_implementation(spec: DesignSpec, gains: FoPi) -> Implementation | None:
+    """The digital controller whose loop the requirements are about: None unless the spec has `design: sampled`.
+
+    Raises:
+        DomainError: it cannot be made.
+    """
+    if spec.digital is None or not spec.digital.designs_sampled:
+        return None
+    return implementation_of(spec, gains)
+
+
 def is_implementation_of(spec: DesignSpec, gains: FoPi, implementation: Implementation) -> bool:
     """Whether a digital controller equals `implementation_of`, up to the tolerance of a fit's solver."""
     try:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.tune import tune
-from fopi_tune.results.design import Design, loop_name, objective_name
+from fopi_tune.results.design import Design, objective_name
 from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.load import Source
@@ -15,27 +15,16 @@ from fopi_tune.spec.load import Source
 if TYPE_CHECKING:
     from fopi_tune.prices import Tradeoff
 
-#: the error for a spec with `design: sampled`
-NOT_ON_SAMPLES = (
-    "`design: sampled` is tuned by a stand-in whose limits are not the spec's, so that it has no prices and no sweep; "
-    "take `design: continuous` for them"
-)
-
 
 def price(design: Design) -> Design:
     """Check a design's multipliers by solving again with each limit moved a little, both ways.
 
     Args:
-        design: a solved one, of the loop in continuous time.
+        design: a solved one.
 
     Returns:
         The design with a `price` for each requirement whose multiplier is not zero; unchanged unless it is solved.
-
-    Raises:
-        DomainError: the design is of the loop on samples, whose multipliers belong to an approximation.
     """
-    if loop_name(design.spec) == "sampled":
-        raise DomainError(NOT_ON_SAMPLES)
     gains = design.gains
     if design.status is not Status.SOLVED or gains is None:
         return design
@@ -69,12 +58,10 @@ def tradeoff(
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
-        DomainError: there is no such requirement, no design with the spec's own limit, no gain to choose, or
-            `design: sampled`; or the range makes no sense.
+        DomainError: there is no such requirement, no design with the spec's own limit, or no gain to choose; or the
+            range makes no sense.
     """
     spec = load_spec(source)
-    if loop_name(spec) == "sampled":
-        raise DomainError(NOT_ON_SAMPLES)
     from fopi_tune.prices import movable_limit
     from fopi_tune.prices.sweep import SweepRange, sweep  # loads CasADi
 

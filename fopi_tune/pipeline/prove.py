@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.digital.implementation import designed_implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.proof import Recheck, certify, verify
 from fopi_tune.proof.certificate import LARGEST_TOLERANCE
@@ -33,11 +33,7 @@ def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
         raise DomainError(
             f"tolerance = {tolerance!r} must be greater than 0 and at most {LARGEST_TOLERANCE:g}; 1e-6 is usual"
         )
-    implementation: Implementation | None = None
-    if spec.digital is not None and spec.digital.designs_sampled:
-        from fopi_tune.digital.implementation import implementation_of
-
-        implementation = implementation_of(spec, gains)
+    implementation = designed_implementation(spec, gains)
     found = verify(spec, gains, tolerance, implementation)
     certificate = certify(spec, found, certificate_versions(), implementation)
     return Check(spec, found, certificate, stamp(spec.sha256, None))

@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.digital.implementation import designed_implementation
 from fopi_tune.pipeline.assemble import assemble_design, new_violations
 from fopi_tune.pipeline.degenerate import design_notes, without_vanished_terms
 from fopi_tune.proof import certify, verify
@@ -54,7 +55,7 @@ def tune(
             `design: sampled`.
         start: gains close to the solution, or a neighbour (`fopi_tune.design.neighbour`) that has them.  The search
             begins there alone, and elsewhere only if that fails: faster, but a better optimum elsewhere is missed.
-            A design for samples and the convex search ignore it.
+            The convex search ignores it.
 
     Returns:
         A design; `status` says how it ended.  Infeasible, unbounded and failed are answers, not exceptions.
@@ -95,10 +96,6 @@ def _unconfirmed_design(
 
     `searched` is the spec with the box of gains that is searched.
     """
-    if solver is Solver.IPOPT and spec.digital is not None and spec.digital.designs_sampled:
-        from fopi_tune.design.sampled import sampled_attempt
-
-        return assemble_design(spec, sampled_attempt(searched, proof), proof)
     violations: tuple[Violation, ...] = ()
     refuted: CheckedCandidate | None = None
     checked = _checked_candidate(spec, searched, violations, proof, solver, start)
@@ -133,10 +130,12 @@ def _checked_candidate(
     gains = candidate.gains
     if gains is None or (gains.kp == 0.0 and gains.ki == 0.0):
         return CheckedCandidate(candidate)
-    verification = verify(spec, gains)
+    implementation = designed_implementation(spec, gains)
+    verification = verify(spec, gains, implementation=implementation)
     if not proof or candidate.status is not Status.SOLVED or not verification.all_met:
         return CheckedCandidate(candidate, verification)
-    return CheckedCandidate(candidate, verification, certify(spec, verification, certificate_versions()))
+    certificate = certify(spec, verification, certificate_versions(), implementation)
+    return CheckedCandidate(candidate, verification, certificate)
 
 
 def _confirm_relaxations(

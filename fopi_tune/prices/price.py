@@ -33,7 +33,7 @@ def price_of(spec: DesignSpec, gains: FoPi, number: int, multiplier: float | Non
     """Check one requirement's multiplier.
 
     Args:
-        spec: the user's, in continuous time.
+        spec: the user's.
         gains: its designed gains.
         number: of the requirement, from 1 on.
         multiplier: the solver's; None where it has none.

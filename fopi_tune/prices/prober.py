@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design import Warm
+from fopi_tune.digital.implementation import designed_implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.prices.result import PointStatus, TradeoffPoint
@@ -71,7 +72,7 @@ class Prober:
         Raises:
             DomainError: the check refuses the design.
         """
-        found = verify(knob.spec, gains)
+        found = verify(knob.spec, gains, implementation=designed_implementation(knob.spec, gains))
         if not found.all_met:
             raise DomainError(
                 "the design at the spec's own limit does not pass the check; there is no point to start from"
@@ -183,7 +184,7 @@ def _frequency(omega_rad_s: float | None) -> float:
 
 def _checked(spec: DesignSpec, gains: FoPi) -> Verification | None:
     try:
-        return verify(spec, gains)
+        return verify(spec, gains, implementation=designed_implementation(spec, gains))
     except DomainError:
         # Both gains ran to 0: there is no loop.
         return None

@@ -22,7 +22,7 @@ from fopi_tune.pipeline.prove import prove
 from fopi_tune.pipeline.tune import tune
 from fopi_tune.pipeline.validate import validate, validate_block
 from fopi_tune.proof import Verdict
-from fopi_tune.results.design import Design, loop_name
+from fopi_tune.results.design import Design
 from fopi_tune.results.stamp import numeric_versions
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec
@@ -243,12 +243,12 @@ def _cached_design(text: str, files: Files, base: str, proof: bool) -> Design:
 
 @lru_cache(_MAX_BASES)
 def _base_neighbour(text: str) -> Neighbour | None:
-    """A base spec with its gains, where it has a solution that is searched in continuous time."""
+    """A base spec with its gains, where it has a solution that is searched."""
     from fopi_tune.design import neighbour
 
     spec = spec_from_text(text)
     box = spec.controller
-    if loop_name(spec) == "sampled" or all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
+    if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
         return None
     design = tune(spec, proof=False)
     return neighbour(spec, design.gains) if design.status is Status.SOLVED and design.gains is not None else None

@@ -153,12 +153,15 @@ def test_what_costs_nothing_or_is_not_solved_has_no_price() -> None:
     assert ft.price(infeasible) == infeasible
 
 
-def test_a_design_for_samples_has_no_prices() -> None:
-    design = design_of("throttle", proof=False)
-    assert design.spec.digital is not None
-    sampled = replace(design.spec, digital=replace(design.spec.digital, design="sampled"))
-    with pytest.raises(ft.DomainError, match="design: continuous"):
-        ft.price(replace(design, spec=sampled))
+@pytest.mark.parametrize("name", ["throttle", "brake_delay", "lag_gain_and_delay"])
+def test_the_prices_of_a_design_for_samples_agree_with_solving_again(name: str) -> None:
+    spec = ft.load_spec(CONTINUOUS / f"{name}.yaml")
+    assert spec.digital is not None
+    design = ft.price(ft.tune(replace(spec, digital=replace(spec.digital, design="sampled")), proof=False))
+    prices = [report.price for report in design.requirements if report.price is not None]
+    assert prices
+    assert all(price.agrees or price.has_kink for price in prices), prices
+    assert any(price.agrees for price in prices)
 
 
 def test_a_kink_is_two_different_prices() -> None:

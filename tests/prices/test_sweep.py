@@ -242,10 +242,19 @@ def test_there_is_nothing_to_sweep_without_free_gains_or_a_design_or_on_samples(
     infeasible = replace(spec, controller=replace(spec.controller, alpha=GainRange(0.45, 0.45)))
     with pytest.raises(ft.DomainError, match="infeasible"):
         ft.tradeoff(infeasible, 1)
+
+
+def test_a_sweep_on_samples_is_of_the_loop_on_samples() -> None:
     spec = ft.load_spec(CONTINUOUS / "throttle.yaml")
     assert spec.digital is not None
-    with pytest.raises(ft.DomainError, match="design: continuous"):
-        ft.tradeoff(replace(spec, digital=replace(spec.digital, design="sampled")), 3)
+    sampled = replace(spec, digital=replace(spec.digital, design="sampled"))
+    curve = ft.tradeoff(sampled, 3, start=-22.0, stop=-18.0, points=5)
+    own = ft.tune(sampled, proof=False)
+    assert [point.status.value for point in curve.points] == ["met"] * 5
+    assert curve.points[2].objective == pytest.approx(own.objective, rel=1e-6)
+    objectives = [point.objective or 0.0 for point in curve.points]
+    assert objectives == sorted(objectives)
+    assert objectives[0] < objectives[-1]
 
 
 def test_the_command_writes_json_csv_and_figure(tmp_path: Path) -> None:

@@ -119,6 +119,45 @@ _SOURCES = _sources()
 compiled: Any = Compiled
 
 
+class Sampling(NamedTuple):
+    """The filter of a loop on samples in the coordinate v of `samples.py`; `half` is 0 for the continuous loop.
+
+    `half` = omega_s Ts/2.  `corners`, shape (2 N, 3), are zeros and poles in turn: ln corner = a + b alpha + c ln
+    alpha.  `matched` is 1 for matched poles and zeros.  `gain` are the ln of frequencies where the gain is set.
+    """
+
+    half: float
+    corners: Any
+    matched: int
+    gain: Any
+
+
+#: of the continuous loop
+NO_SAMPLES = Sampling(0.0, np.zeros((0, 3)), 0, np.zeros(4))
+
+
+class Family(NamedTuple):
+    """The coefficients of every plant of a box: `affine` in its point, or (with samples) a sum of Chebyshev terms.
+
+    `affine` has shape (1 + p, 19).  Term r is `values`[r] times the product over k of T_n(x_k), n = `powers`[r, k],
+    where x_k = (number - `middle`)/`reach`, of its logarithm where `logarithmic`.  The number `late_axis` (-1: none)
+    is the dead time: its x is that of the part of a sample, and its whole samples are the last coefficient.  `most` is
+    the highest power, `first` the number of leading zeros of N and D.
+    """
+
+    affine: Any
+    powers: Any
+    values: Any
+    middle: Any
+    reach: Any
+    logarithmic: Any
+    late_axis: int
+    late: float
+    per_second: float
+    most: int
+    first: int
+
+
 class Table(NamedTuple):
     """m plants at n frequencies, scaled: omega/omega_s and P/g_s; column 0 is omega -> 0 and the last omega -> inf.
 
@@ -126,6 +165,9 @@ class Table(NamedTuple):
     time, and P itself; of shape (m,): the rest.  From column `alias` on, the dead time turns P by more than a radian
     between columns.  `start_phase` is arg P at s = +0, `low_slope` the exponent of omega there, `high_slope` at inf.
     `members` are the coefficients (numerator 9, denominator 9, dead time), shape (m, 19); `points` of the box (m, p).
+
+    On samples v is that of `samples.py`, the last column is Nyquist's frequency, `delay` is 0 and `late` the whole
+    samples of delay; `log_omega` = ln(omega/omega_s) is v itself in continuous time.
     """
 
     v: Any
@@ -143,6 +185,9 @@ class Table(NamedTuple):
     error_gain: Any
     members: Any
     points: Any
+    log_omega: Any
+    late: Any
+    sampling: Sampling
 
 
 class Rows(NamedTuple):

@@ -252,7 +252,7 @@ def forbid_slopes(side, limit, i, table, work, count):
 def slope_at(i, j, table, work):
     """d arg L / d log10 omega by central differences."""
     a, b = max(j - 1, 1), min(j + 1, work.gain.shape[1] - 2)
-    return (work.phase[i, b] - work.phase[i, a]) / (table.v[b] - table.v[a]) * math.log(10.0)
+    return (work.phase[i, b] - work.phase[i, a]) / (table.log_omega[b] - table.log_omega[a]) * math.log(10.0)
 
 
 @compiled

@@ -35,6 +35,7 @@ from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.program import ERRORS, INDEX, SIZES, raising_interrupts, solver_of
 from fopi_tune.design.global_search.rays import fill_ray
 from fopi_tune.design.global_search.responses import AT_GAIN, AT_PHASE
+from fopi_tune.design.global_search.samples import controller_of
 from fopi_tune.design.global_search.slots import (
     Slot,
     error_rows,
@@ -165,7 +166,7 @@ class Polish:
         if self.code == DEPTH:
             within = NOTHING
         count = worst_cases(
-            x, self.table, rows, self.problem.scaled.affine, self.low, self.high, self.spacing,
+            x, self.table, rows, self.problem.scaled.plants, self.low, self.high, self.spacing,
             self.problem.box.log_horizon, within, self.real_rows, self.work, self.out,
         )  # fmt: skip
         return None if count < 0 else self.out[:count].copy()
@@ -249,7 +250,7 @@ class Polish:
 
     def _solve(self, pool: list[Array], x: Array, t: float, radius: float) -> tuple[Solved, int]:
         slots = [self._first_slot(x), *slots_of(
-            order_of(pool, self.rows, self.real_rows), x, self.rows, self.problem.scaled.affine, self.in_t, self.spread
+            order_of(pool, self.rows, self.real_rows), x, self.rows, self.problem.scaled, self.in_t, self.spread
         )]  # fmt: skip
         size = next((s for s in SIZES if s >= len(slots)), SIZES[-1])
         slots = slots[:size]
@@ -257,7 +258,7 @@ class Polish:
         return solve(self.problem, self.code, slots, self._errors(pool), x, t, radius, size, self.real_rows), len(slots)
 
     def _errors(self, pool: list[Array]) -> Array:
-        return error_rows(pool, self.rows, self.problem.scaled.affine, self.problem.box.log_horizon)
+        return error_rows(pool, self.rows, self.problem.scaled, self.problem.box.log_horizon)
 
     def _first_slot(self, x: Array) -> Slot:
         """The nominal plant's crossover where a spread needs it, else an idle slot."""
@@ -269,7 +270,7 @@ class Polish:
             _, v, near = smallest_margin(x, self.table, self.work)
         else:
             v, near, _ = highest_crossover(x, self.table, self.work)
-        return reference_slot(nominal, x, v, near)
+        return reference_slot(nominal, controller_of(x, self.table.sampling), v, near)
 
 
 def _with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) -> Rows:
@@ -337,9 +338,11 @@ def solve(
     weight_t = -1.0 if code == DEPTH else 1.0
     whole = [1.0, 0.0] if code == KI else [0.0, weight_t]
     whole += [log_ki - math.log(scale_ki), box.log_omega, float(units[0]), float(units[1])]
-    parameters = np.concatenate([np.ravel([slot.p for slot in padded]), errors.ravel(), whole])
+    sampling = problem.scaled.sampling
+    made = [[sampling.half], sampling.gain, sampling.corners.ravel()] if sampling.half else []
+    parameters = np.concatenate([np.ravel([slot.p for slot in padded]), errors.ravel(), whole, *made])
     start = np.clip(np.concatenate([z, [t], v]), low, high)
-    solver = solver_of(size)
+    solver = solver_of(size, len(sampling.corners), sampling.matched)
     with raising_interrupts():
         result = solver(x0=start, p=parameters, lbx=low, ubx=high, lbg=rows_low, ubg=rows_high)
     found = np.array(result["x"]).ravel()

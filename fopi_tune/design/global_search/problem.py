@@ -11,6 +11,8 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.design.constraints import (
     STABILITY_GUARD,
     Bound,
@@ -31,7 +33,9 @@ from fopi_tune.design.global_search.compiled import (
     Rows,
     Table,
 )
+from fopi_tune.design.global_search.samples import Samples
 from fopi_tune.design.global_search.tables import Scaled, box_grid, frequency_grid, table_of, vertices
+from fopi_tune.digital.implementation import designed_implementation
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.results.candidate import Violation
 from fopi_tune.spec.model import DesignSpec, GainRange
@@ -40,6 +44,8 @@ from fopi_tune.spec.model import DesignSpec, GainRange
 TIGHTENING = 4e-7
 #: scaled gains beyond this are taken for unbounded
 LARGEST_GAIN = 1e6
+#: relative
+_SAME_CROSSOVER = 1e-9
 _SCAN_GRID = (10, 3)
 _FINE_GRID = (20, 6)
 
@@ -51,7 +57,7 @@ class Problem:
     Args:
         spec: the spec.
         scale: omega_s and g_s.
-        scaled: the family's coefficients.
+        scaled: the family's coefficients, and what samples the loop.
         constraints: a row each, stability's guard of |S| last.
         objective: what is optimised.
         code: its code in the compiled parts.
@@ -79,7 +85,10 @@ class Problem:
         objective = ObjectiveKind(spec.objective.quantity) if spec.objective else ObjectiveKind.DEPTH
         given = spec.objective.horizon_s if spec.objective else None
         horizon = given if given is not None else default_horizon_s(spec.plant)
-        scaled = Scaled.of(spec.plant, scale)
+        sampled = spec.digital is not None and spec.digital.designs_sampled
+        # where the filter has to be exact at the crossover, a first guess of that
+        samples = Samples(spec.digital, scale, scale.omega_rad_s) if spec.digital is not None and sampled else None
+        scaled = Scaled.of(spec.plant, scale, samples)
         return cls(
             spec, scale, scaled, _needed(constraints_of(spec)), objective, CODE_OF_OBJECTIVE[objective], horizon,
             violations=tuple(violations),
@@ -89,6 +98,28 @@ class Problem:
         """The same plants and tables with the limits of another spec."""
         other = replace(self, spec=spec, constraints=_needed(constraints_of(spec)))
         return self._share_tables(other)
+
+    @property
+    def needs_crossover(self) -> bool:
+        """Whether the loop is on samples with a filter that depends on its crossover."""
+        return self.scaled.samples is not None and self.scaled.samples.needs_crossover
+
+    def is_exact_at(self, crossover_rad_s: float | None) -> bool:
+        """Whether the filter is exact at a crossover, up to what the polish leaves."""
+        known = None if self.scaled.samples is None else self.scaled.samples.crossover_rad_s
+        if known is None or crossover_rad_s is None:
+            return known == crossover_rad_s
+        return abs(crossover_rad_s / known - 1.0) < _SAME_CROSSOVER
+
+    def exact_at(self, crossover_rad_s: float | None) -> Problem:
+        """The same problem on samples with the filter that is exact at another crossover."""
+        samples = self.scaled.samples
+        assert samples is not None
+        scaled = replace(self.scaled, samples=replace(samples, crossover_rad_s=crossover_rad_s))
+        other = self._share_tables(replace(self, scaled=scaled))
+        for name in ("scan_table", "fine_table"):
+            other.__dict__[name] = getattr(self, name)._replace(sampling=scaled.sampling)
+        return other
 
     def missing(self, free: frozenset[int], dropped: frozenset[int]) -> Problem:
         """The problem of how little the requirements in `free` have to be missed, those in `dropped` left out."""
@@ -139,9 +170,9 @@ class Problem:
         kinds = [KIND_OF_QUANTITY[c.quantity.name] for c in self.constraints]
         limits = [self._limit(c, kind, tight - relaxed) for c, kind in zip(self.constraints, kinds, strict=True)]
         ends = [self._columns(c, table) for c in self.constraints]
-        log_s = math.log(self.scale.omega_rad_s)
-        low = [math.log(c.from_rad_s) - log_s if c.from_rad_s > 0 else -math.inf for c in self.constraints]
-        high = [math.log(c.to_rad_s) - log_s if c.to_rad_s < math.inf else math.inf for c in self.constraints]
+        v_of = self.scaled.v_of
+        low = [v_of(math.log(c.from_rad_s)) if c.from_rad_s > 0 else -math.inf for c in self.constraints]
+        high = [v_of(math.log(c.to_rad_s)) if c.to_rad_s < math.inf else math.inf for c in self.constraints]
         scales = [c.scale / (self.scale.omega_rad_s if k == DELAY_MARGIN else 1.0)
                   for c, k in zip(self.constraints, kinds, strict=True)]  # fmt: skip
         return Rows(
@@ -168,13 +199,12 @@ class Problem:
         return limit * self.scale.omega_rad_s if kind == DELAY_MARGIN else limit
 
     def _columns(self, constraint: Constraint, table: Table) -> tuple[int, int]:
-        v, log_s, last = table.v, math.log(self.scale.omega_rad_s), len(table.v) - 1
+        v, v_of, last = table.v, self.scaled.v_of, len(table.v) - 1
         if constraint.quantity.name == "crossover_rad_s":
-            at = int(np.argmin(np.abs(v - (constraint.limit - log_s))))
-            return at, last
+            return int(np.argmin(np.abs(v - v_of(constraint.limit)))), last
         low, high = constraint.from_rad_s, constraint.to_rad_s
-        first = int(np.searchsorted(v, math.log(low) - log_s - 1e-9)) if low > 0 else 0
-        final = int(np.searchsorted(v, math.log(high) - log_s + 1e-9)) - 1 if high < math.inf else last
+        first = int(np.searchsorted(v, v_of(math.log(low)) - 1e-9)) if low > 0 else 0
+        final = int(np.searchsorted(v, v_of(math.log(high)) + 1e-9)) - 1 if high < math.inf else last
         return first, final
 
     @cached_property
@@ -185,8 +215,28 @@ class Problem:
         low, high = max(box.kp.min * g, -LARGEST_GAIN), min(box.kp.max * g, LARGEST_GAIN)
         return Box(
             low, high, ki.min, ki.max, box.alpha.min, box.alpha.max,
-            math.log(self.scale.omega_rad_s), math.log(g), math.log(self.horizon_s * self.scale.omega_rad_s),
+            math.log(self.scale.omega_rad_s), math.log(g), self._log_horizon,
         )  # fmt: skip
+
+    @property
+    def _log_horizon(self) -> float:
+        if self.scaled.samples is None:
+            return math.log(self.horizon_s * self.scale.omega_rad_s)
+        return -math.log(self.scaled.horizon(self.horizon_s))
+
+    @property
+    def error_unit(self) -> float:
+        """The discounted error in the user's unit of |P/(1 + C P)| = 1 in scaled numbers.
+
+        T g_s, and on samples g_s Ts e^(s (1 + delay) Ts)/(e^(s Ts) - 1) with s = 1/T, as the step does not wait for
+        the computing delay.
+        """
+        if self.scaled.samples is None:
+            return self.horizon_s * self.scale.gain
+        digital = self.scaled.samples.digital
+        step = digital.sample_time_s / self.horizon_s
+        early = digital.sample_time_s * math.exp(step * (1.0 + digital.delay_samples)) / math.expm1(step)
+        return early * self.scale.gain
 
     @cached_property
     def without_integral(self) -> bool:
@@ -198,6 +248,17 @@ class Problem:
     def cs_peak_offset(self) -> float:
         """What ln|C S| in scaled numbers is larger by than in the user's unit."""
         return math.log(self.scale.gain) if self.code == CS_PEAK else 0.0
+
+    def loops(self, gains: FoPi, points: Array) -> Loops:
+        """The loops of gains with the plants at points of the box.
+
+        Raises:
+            DomainError: there is no digital controller with these gains.
+        """
+        plants, implementation = Plants.members(self.spec.plant, points), designed_implementation(self.spec, gains)
+        if implementation is None:
+            return Loops.of(gains, plants)
+        return SampledLoops.implemented(gains, implementation, plants)
 
     def gains(self, x: Array) -> FoPi:
         """Scaled gains (kp', ki', alpha) in the user's units, inside their ranges."""

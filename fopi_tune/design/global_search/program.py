@@ -8,7 +8,9 @@ and D, the dead time, weights), with
     a row         sign (limit - value) + with_t t + with_reference (angle of the first slot) >= 0  (or = 0) ,
 
 where `value` is a weighted sum of ln|C|, ln|L|, ln|1 + L|, the angle arg L + offset, that angle over omega, the slope
-of arg L, v, and ln|kp'|.  Nothing is compiled for a spec.  The controller enters through `controller_parts` alone.
+of arg L, ln omega, and ln|kp'|.  Nothing is compiled for a spec.  The controller enters through `controller_parts`
+alone.  On samples v is the coordinate of `samples.py`, with omega and the delay's phase by (1) and the filter by (2)
+there: a program for each number of corners, whose parameters are what the corners and the gain depend on.
 
 CasADi takes Ctrl-C during a solve for a failure of the solver; `raising_interrupts` raises KeyboardInterrupt
 nevertheless.
@@ -21,6 +23,7 @@ import math
 import signal
 import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from types import FrameType
 from typing import Any
@@ -64,8 +67,51 @@ OPTIONS = {
 }
 
 
-def controller_parts(kp: Any, ki: Any, alpha: Any, v: Any) -> tuple[Any, Any]:
-    """Real and imaginary part of the scaled controller at omega_s e^v: kp' + ki' e^{-alpha (v + j pi/2)}."""
+@dataclass(frozen=True)
+class Filter:
+    """The filter of a loop on samples at the unknown alpha: h, its zeros and poles, ln of its gain."""
+
+    half: Any
+    corners: tuple[tuple[Any, Any], ...]
+    log_gain: Any
+
+    @classmethod
+    def of(cls, alpha: Any, half: Any, gain: Any, corners: Any, matched: int) -> Filter:
+        """From the numbers of `Sampling`: `gain` of shape (4,), `corners` of shape (3, 2 N)."""
+        middle, last, here, there = (gain[k] for k in range(4))
+        log_gain, found = last - here + there - alpha * middle, []
+        for k in range(corners.shape[1]):
+            corner = ca.exp(corners[0, k] + corners[1, k] * alpha + corners[2, k] * ca.log(alpha))
+            sign = 1.0 if k % 2 == 0 else -1.0
+            if matched:
+                sizes = ca.exp(2.0 * here) + corner**2, ca.exp(2.0 * last) + corner**2
+                log_gain += 0.5 * sign * (ca.log(sizes[0]) - ca.log(sizes[1]))
+                corner = ca.tanh(half * corner) / half
+            log_gain -= 0.5 * sign * ca.log(ca.exp(2.0 * there) + corner**2)
+            found.append(corner)
+        return cls(half, tuple(zip(found[::2], found[1::2], strict=True)), log_gain)
+
+    def parts(self, omega: Any) -> tuple[Any, Any]:
+        """Real and imaginary part at s = j omega."""
+        found = ca.SX(0), -ca.exp(self.log_gain) / omega
+        for zero, pole in self.corners:
+            size = pole**2 + omega**2
+            found = _times(found, ((zero * pole + omega**2) / size, omega * (pole - zero) / size))
+        return found
+
+    def at_real(self, s: Any) -> Any:
+        """The value at a real s."""
+        value = ca.exp(self.log_gain) / s
+        for zero, pole in self.corners:
+            value *= (s + zero) / (s + pole)
+        return value
+
+
+def controller_parts(kp: Any, ki: Any, alpha: Any, v: Any, made: Filter | None = None) -> tuple[Any, Any]:
+    """Real and imaginary part of the scaled controller at s = j e^v: kp' + ki' e^{-alpha (v + j pi/2)}, or kp' + ki' F."""
+    if made is not None:
+        real, imag = made.parts(ca.exp(v))
+        return kp + ki * real, ki * imag
     power, angle = ki * ca.exp(-alpha * v), alpha * (math.pi / 2)
     return kp + power * ca.cos(angle), -power * ca.sin(angle)
 
@@ -85,7 +131,9 @@ def _log_size(a: tuple[Any, Any]) -> Any:
     return 0.5 * ca.log(a[0] ** 2 + a[1] ** 2)
 
 
-def _slot(kp: Any, ki: Any, alpha: Any, t: Any, v: Any, first_v: Any, reference: Any, p: Any) -> tuple[Any, Any, Any]:
+def _slot(
+    kp: Any, ki: Any, alpha: Any, t: Any, v: Any, first_v: Any, reference: Any, p: Any, made: Filter | None = None
+) -> tuple[Any, Any, Any]:
     """Equation, row and angle of a slot."""
 
     def of(name: str) -> Any:
@@ -93,20 +141,26 @@ def _slot(kp: Any, ki: Any, alpha: Any, t: Any, v: Any, first_v: Any, reference:
 
     omega = ca.exp(v)
     top, bottom = _polynomial(p[:WIDTH], omega), _polynomial(p[WIDTH : 2 * WIDTH], omega)
-    controller = controller_parts(kp, ki, alpha, v)
+    controller = controller_parts(kp, ki, alpha, v, made)
     log_c = _log_size(controller)
     log_l = log_c + _log_size(top) - _log_size(bottom)
     # C N conj(D) has the phase of C P; `near` selects the branch
     product = _times(_times(controller, top), (bottom[0], -bottom[1]))
     turned = _times(product, (ca.cos(of("near")), -ca.sin(of("near"))))
-    phase = ca.atan2(turned[1], turned[0]) + of("near") - omega * p[2 * WIDTH]
+    angle_of_omega = omega if made is None else 2.0 * ca.atan(made.half * omega)
+    phase = ca.atan2(turned[1], turned[0]) + of("near") - angle_of_omega * p[2 * WIDTH]
+    slope, log_omega = ca.gradient(phase, v), v
+    if made is not None:
+        omega = 0.5 * angle_of_omega / made.half
+        log_omega = ca.log(omega)
+        slope = slope / ca.gradient(log_omega, v)
     gain = ca.exp(log_l)
     log_s = -_log_size((1.0 + gain * ca.cos(phase), gain * ca.sin(phase)))
     angle = phase + of("offset")
     band = of("log_c") * log_c + of("log_l") * log_l + of("log_s") * log_s
     value = (
-        band + of("angle") * angle + of("lag") * angle / omega + of("slope") * ca.gradient(phase, v) * math.log(10.0)
-        + of("log_omega") * v + of("log_kp") * 0.5 * ca.log(kp**2 + _TINY)
+        band + of("angle") * angle + of("lag") * angle / omega + of("slope") * slope * math.log(10.0)
+        + of("log_omega") * log_omega + of("log_kp") * 0.5 * ca.log(kp**2 + _TINY)
     )  # fmt: skip
     equation = (
         of("peak") * ca.gradient(band, v)
@@ -118,35 +172,40 @@ def _slot(kp: Any, ki: Any, alpha: Any, t: Any, v: Any, first_v: Any, reference:
 
 
 @lru_cache
-def solver_of(size: int) -> Any:
-    """Ipopt for at most `size` slots.
+def solver_of(size: int, corners: int = 0, matched: int = 0) -> Any:
+    """Ipopt for at most `size` slots, on samples with a filter of so many corners.
 
     Unknown: z0, z1, alpha, t, v of each slot.  Parameters: those of each slot in turn, (P(1/T), ln(1/T omega_s), on)
-    of each error row, `WHOLE`.  Constraints: ki over its unit, the slots' rows, the error rows, the slots' equations.
+    of each error row, `WHOLE`, and of a filter h, the frequencies of its gain and its corners.  Constraints: ki over
+    its unit, the slots' rows, the error rows, the slots' equations.
     """
     z, v = ca.SX.sym("z", 4), ca.SX.sym("v", size)
     p, errors = ca.SX.sym("p", PARAMETERS, size), ca.SX.sym("errors", 3, ERRORS)
     whole = ca.SX.sym("whole", len(WHOLE))
     kp, ki, alpha, t = z[0] * whole[4], z[1] * whole[5], z[2], z[3]
+    sampling, made = ca.SX.sym("sampling", 5 + 3 * corners if corners else 0), None
+    if corners:
+        made = Filter.of(alpha, sampling[0], sampling[1:5], ca.reshape(sampling[5:], 3, corners), matched)
     public_ki = ki * ca.exp(whole[2] + whole[3] * alpha)
     rows, equations, reference = [], [], ca.SX(0)
     for k in range(size):
-        equation, row, angle = _slot(kp, ki, alpha, t, v[k], v[0], 0 if k == 0 else reference, p[:, k])
+        equation, row, angle = _slot(kp, ki, alpha, t, v[k], v[0], 0 if k == 0 else reference, p[:, k], made)
         reference = angle if k == 0 else reference
         equations.append(equation)
         rows.append(row)
     for k in range(ERRORS):
         plant = errors[0, k]
-        loop = plant * (kp + ki * ca.exp(-alpha * errors[1, k]))
+        integral = ca.exp(-alpha * errors[1, k]) if made is None else made.at_real(ca.exp(errors[1, k]))
+        loop = plant * (kp + ki * integral)
         rows.append(errors[2, k] * (t - 0.5 * ca.log(plant**2) + 0.5 * ca.log((1.0 + loop) ** 2)))
     cost = -whole[0] * public_ki + whole[1] * t
     program = {
         "x": ca.vertcat(z, v),
-        "p": ca.vertcat(ca.vec(p), ca.vec(errors), whole),
+        "p": ca.vertcat(ca.vec(p), ca.vec(errors), whole, sampling),
         "f": cost,
         "g": ca.vertcat(public_ki, *rows, *equations),
     }
-    return ca.nlpsol(f"global_{size}", "ipopt", program, OPTIONS)
+    return ca.nlpsol(f"global_{size}_{corners}", "ipopt", program, OPTIONS)
 
 
 @contextlib.contextmanager

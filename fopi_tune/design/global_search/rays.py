@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from fopi_tune.design.global_search.compiled import CLOSEST, END, compiled
+from fopi_tune.design.global_search.samples import controller_of, filter_at
 
 _PI = math.pi
 #: neper; beyond all kappa
@@ -35,9 +36,14 @@ def whole_turns(phase):
 
 @compiled
 def fill_ray(alpha, c, s, table, work):
-    """Write L0 = (c + s (j omega)^-alpha) P of all plants and columns into the scratch arrays."""
+    """Write L0 = (c + s (j omega)^-alpha) P, on samples (c + s F) P, of all plants and columns into the scratch."""
     m, n = table.gain.shape
     cosine, sine = math.cos(0.5 * _PI * alpha), math.sin(0.5 * _PI * alpha)
+    sampled = table.sampling.half > 0.0
+    controller = controller_of(np.array((c, s, alpha)), table.sampling)
+    if sampled:
+        # at both ends of the axis the filter is an integrator
+        cosine, sine = 0.0, 1.0
     negative = s < 0 or (s == 0 and c < 0)
     log_c, real_c, imag_c = work.controller[0], work.controller[1], work.controller[2]
     for j in range(n):
@@ -47,10 +53,16 @@ def fill_ray(alpha, c, s, table, work):
         elif j == n - 1:
             x = s * math.exp(-END)
         real, imag = c + x * cosine, -x * sine
+        if sampled and 0 < j < n - 1:
+            real, imag = filter_at(controller, math.exp(table.v[j]))
+            real, imag = c + s * real, s * imag
         real_c[j], imag_c[j] = real, imag
         square = real * real + imag * imag
         log_c[j] = 0.5 * math.log(square)
         angle = math.atan2(-imag, -real) - _PI if negative else math.atan2(imag, real)
+        if sampled and angle > (-0.5 * _PI if negative else 0.5 * _PI):
+            # an order close to 2, whose filter turns a little further than -180 deg
+            angle -= 2.0 * _PI
         for i in range(m):
             g = log_c[j] + table.gain[i, j]
             work.gain[i, j] = g

@@ -1,7 +1,7 @@
 """The loop of one plant at any frequency, and its peaks and crossings by Newton's method (compiled).
 
-A plant is its 19 scaled coefficients, gains are x = (kp', ki', alpha).  Derivatives in v = ln(omega/omega_s) are
-central differences: of a peak only the place suffers, whose error enters its value squared.
+A plant is its 19 scaled coefficients, gains are x = (kp', ki', alpha), on samples what `controller_of` makes of them.
+Derivatives in v are central differences: of a peak only the place suffers, whose error enters its value squared.
 """
 
 from __future__ import annotations
@@ -21,6 +21,16 @@ from fopi_tune.design.global_search.compiled import (
     T,
     compiled,
 )
+from fopi_tune.design.global_search.samples import (
+    delayed_at_real,
+    filter_at,
+    half_of,
+    integral_at_real,
+    log_omega_of,
+    stretch_of,
+    turn_of,
+    turn_rate,
+)
 from fopi_tune.design.global_search.tables import WIDTH
 
 _PI = math.pi
@@ -33,8 +43,12 @@ AT_PEAK, AT_FIXED, AT_GAIN, AT_PHASE, AT_REFERENCE, AT_HORIZON, AT_INFINITY = ra
 def loop_at(x, plant, v, near):
     """ln|L|, arg L on the branch closest to `near` (delay-free) and ln|C'| at omega_s e^v."""
     omega = math.exp(v)
-    power = x[1] * math.exp(-x[2] * v)
-    real, imag = x[0] + power * math.cos(0.5 * _PI * x[2]), -power * math.sin(0.5 * _PI * x[2])
+    if len(x) > 3:
+        real, imag = filter_at(x, omega)
+        real, imag = x[0] + x[1] * real, x[1] * imag
+    else:
+        power = x[1] * math.exp(-x[2] * v)
+        real, imag = x[0] + power * math.cos(0.5 * _PI * x[2]), -power * math.sin(0.5 * _PI * x[2])
     a = b = c = d = 0.0
     for k in range(WIDTH):
         a, b = plant[k] - b * omega, a * omega
@@ -43,7 +57,7 @@ def loop_at(x, plant, v, near):
     gain = log_c + 0.5 * math.log((a * a + b * b) / (c * c + d * d))
     phase = math.atan2(imag, real) + math.atan2(b * c - a * d, a * c + b * d)
     phase += 2.0 * _PI * round((near - phase) / (2.0 * _PI))
-    return gain, phase - omega * plant[2 * WIDTH], log_c
+    return gain, phase - turn_of(v, plant[2 * WIDTH], half_of(x)), log_c
 
 
 @compiled
@@ -51,16 +65,6 @@ def copy_into(source, target):
     """Copy an array into one of the same size; a loop, since array expressions take long to compile."""
     for k in range(len(source)):
         target[k] = source[k]
-
-
-@compiled
-def fill_plant(point, affine, plant):
-    """The coefficients at a point of the box, into `plant`."""
-    for k in range(len(plant)):
-        total = affine[0, k]
-        for u in range(len(point)):
-            total += point[u] * affine[1 + u, k]
-        plant[k] = total
 
 
 @compiled
@@ -72,23 +76,23 @@ def value_at(kind, x, plant, v, near):
     if kind == GAIN_MARGIN:
         return -gain
     if kind == CROSSOVER:
-        return v
+        return log_omega_of(v, half_of(x))
     if kind in (PHASE_MARGIN, DELAY_MARGIN):
         lag = (phase + _PI) % (2.0 * _PI)
-        return min(lag, 2.0 * _PI - lag) if kind == PHASE_MARGIN else lag * math.exp(-v)
+        return min(lag, 2.0 * _PI - lag) if kind == PHASE_MARGIN else lag * math.exp(-log_omega_of(v, half_of(x)))
     if kind in (S, T, CS):
         linear = math.exp(gain)
         log_s = -0.5 * math.log(max(1.0 + linear * (linear + 2.0 * math.cos(phase)), 1e-300))
         return log_s + (0.0 if kind == S else (gain if kind == T else log_c))
     above, below = loop_at(x, plant, v + _STEP, near)[1], loop_at(x, plant, v - _STEP, near)[1]
-    return (above - below) / (2.0 * _STEP) * math.log(10.0)
+    return (above - below) / (2.0 * _STEP) * math.log(10.0) / stretch_of(v, half_of(x))
 
 
 @compiled
 def peak_near(kind, side, x, plant, v, near, low, high):
     """The frequency of the largest (side 1) or smallest (-1) value near v, inside [low, high]."""
     longest = 0.15
-    turn = math.exp(v) * plant[2 * WIDTH]
+    turn = turn_rate(v, plant[2 * WIDTH], half_of(x))
     if turn > 3.0:
         longest = 0.5 / turn
     h = min(_STEP, 0.02 * longest)
@@ -115,7 +119,7 @@ def crossing_near(which, target, x, plant, v, near):
             return v
         longest = 0.3
         if which == 1 and plant[2 * WIDTH] > 0.0:
-            longest = min(0.3, 1.0 / (math.exp(v) * plant[2 * WIDTH] + 1.0))
+            longest = min(0.3, 1.0 / (turn_rate(v, plant[2 * WIDTH], half_of(x)) + 1.0))
         step = min(max((target - here[which]) / slope, -longest), longest)
         v += step
         if abs(step) < 1e-13:
@@ -125,12 +129,12 @@ def crossing_near(which, target, x, plant, v, near):
 
 @compiled
 def discounted_error(x, plant, log_horizon):
-    """ln |P/(1 + C P)| at s = 1/(T omega_s), scaled."""
+    """ln |P/(1 + C P)| at the horizon's s = e^-log_horizon, scaled."""
     s, a, b = math.exp(-log_horizon), 0.0, 0.0
     for k in range(WIDTH):
         a, b = a * s + plant[k], b * s + plant[WIDTH + k]
-    p = a / b * math.exp(-s * plant[2 * WIDTH])
-    return math.log(abs(p / (1.0 + (x[0] + x[1] * math.exp(x[2] * log_horizon)) * p)))
+    p = a / b * delayed_at_real(plant[2 * WIDTH], s, half_of(x))
+    return math.log(abs(p / (1.0 + (x[0] + x[1] * integral_at_real(x, -log_horizon)) * p)))
 
 
 @compiled

@@ -32,6 +32,8 @@ from fopi_tune.design.global_search.responses import (
     AT_REFERENCE,
     loop_at,
 )
+from fopi_tune.design.global_search.samples import controller_of
+from fopi_tune.design.global_search.tables import Scaled
 from fopi_tune.design.global_search.worst_case import FIELDS, MODE, NEAR, ROW, SLACK, TARGET, V
 
 _PI = math.pi
@@ -70,7 +72,14 @@ def idle_slot(plant: Array) -> Slot:
 
 
 def reference_slot(plant: Array, x: Array, v: float, near: float) -> Slot:
-    """The nominal plant's crossover as the first slot; its angle to -1 is what spreads are measured from."""
+    """The nominal plant's crossover as the first slot; its angle to -1 is what spreads are measured from.
+
+    Args:
+        plant: its coefficients.
+        x: what `controller_of` makes of the gains.
+        v: the crossover.
+        near: the undelayed phase there.
+    """
     slot = idle_slot(plant)
     slot.p[INDEX["fixed"]] = 0.0
     slot.p[INDEX["gain"]], slot.p[INDEX["near"]] = 1.0, near
@@ -80,23 +89,23 @@ def reference_slot(plant: Array, x: Array, v: float, near: float) -> Slot:
     return Slot(slot.p, v, -1)
 
 
-def slots_of(findings: list[Array], x: Array, rows: Rows, affine: Array, in_t: Array, spread: int) -> list[Slot]:
+def slots_of(findings: list[Array], x: Array, rows: Rows, scaled: Scaled, in_t: Array, spread: int) -> list[Slot]:
     """The slots of findings, except those of the discounted error.
 
     Args:
         findings: shape (k, 6 + p).
         x: the gains at which they were found.
         rows: as in `worst_cases`.
-        affine: the plants' coefficients.
+        scaled: the plants and the filter.
         in_t: of each row, whether its slack has to exceed t (1), t is at least minus its slack (-1), or neither (0).
         spread: rows from this one on are angles measured from the first slot's.
     """
-    slots = []
+    slots, x = [], controller_of(x, scaled.sampling)
     for finding in findings:
         q = int(finding[ROW])
         if rows.kind[q] == DISCOUNTED_ERROR:
             continue
-        plant = affine[0] + finding[FIELDS:] @ affine[1:]
+        plant = scaled.member(finding[FIELDS:])
         slots.append(_slot(finding, q, plant, x, rows, float(in_t[q])))
         if q >= spread:
             #  t - side (angle - reference) >= 0
@@ -125,7 +134,7 @@ def _is_another_crossing(finding: Array, findings: list[Array]) -> bool:
     return any(f[SLACK] > finding[SLACK] for f in same)
 
 
-def error_rows(findings: list[Array], rows: Rows, affine: Array, log_horizon: float) -> Array:
+def error_rows(findings: list[Array], rows: Rows, scaled: Scaled, log_horizon: float) -> Array:
     """Parameters of the rows of the discounted error, shape (ERRORS, 3)."""
     parameters = np.zeros((ERRORS, 3))
     parameters[:, 0], parameters[:, 1] = 1.0, -log_horizon
@@ -133,9 +142,11 @@ def error_rows(findings: list[Array], rows: Rows, affine: Array, log_horizon: fl
     s = math.exp(-log_horizon)
     powers = s ** np.arange((COEFFICIENTS - 1) // 2 - 1, -1, -1.0)
     for k, finding in enumerate(found):
-        plant = affine[0] + finding[FIELDS:] @ affine[1:]
+        plant = scaled.member(finding[FIELDS:])
         width = len(powers)
-        value = plant[:width] @ powers / (plant[width : 2 * width] @ powers) * math.exp(-s * plant[-1])
+        value = plant[:width] @ powers / (plant[width : 2 * width] @ powers)
+        h = scaled.sampling.half
+        value *= math.exp(-s * plant[-1]) if h == 0.0 else ((1.0 - h * s) / (1.0 + h * s)) ** plant[-1]
         parameters[k] = value, -log_horizon, 1.0
     return parameters
 

@@ -1,4 +1,4 @@
-"""A family's plants on grids of frequencies:  ln P, its limits omega -> 0 and infinity in closed form.
+"""A family's plants on grids of frequencies:  ln P, its limits omega -> 0 and infinity (Nyquist) in closed form.
 
 The polynomials give the value of ln P, the Bode form gives the branch of its phase: undamped poles are passed on the
 right, and each pole in the right half-plane contributes -180 deg at omega -> 0, as Nyquist's criterion needs it.
@@ -15,8 +15,10 @@ import numpy as np
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.sampled_loops import SampledPlants
 from fopi_tune.design.constraints import Scale
-from fopi_tune.design.global_search.compiled import END, Table
+from fopi_tune.design.global_search.compiled import END, NO_SAMPLES, Family, Sampling, Table
+from fopi_tune.design.global_search.samples import Samples, chebyshev_family, plant_of
 from fopi_tune.errors import DomainError
 
 #: coefficients of a numerator and of a denominator: degrees up to 8
@@ -31,45 +33,87 @@ DECADES_BEYOND, _BEYOND_STEP = 5.0, 1.5
 #: offsets of columns around a lightly damped root, in widths of its resonance
 _AROUND = (-9, -6, -4, -3, -2, -1.5, -1, -0.75, -0.5, -0.25, 0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 9)
 _NARROWEST = 1e-3
+#: ln tan(omega Ts/2) where a grid becomes dense and, mirrored, sparse again, and where it ends
+_FIRST_LOG_NU, _LAST_LOG_NU = -2.5, 14.0
+#: columns on which whole samples of delay turn
+_MOST_TURNS = 4000
 
 
 @dataclass(frozen=True)
 class Scaled:
-    """A family in scaled numbers: omega/omega_s, P/g_s, dead time times omega_s.
+    """A family in scaled numbers: omega/omega_s, P/g_s, dead time times omega_s, or whole samples of delay.
 
     Args:
         family: the plants.
         scale: omega_s and g_s.
-        affine: shape (1 + p, 19): the coefficients (9 of N, 9 of D, the dead time) at theta are
-            affine[0] + theta @ affine[1:].
+        plants: the coefficients over the box: 9 of N, 9 of D, the delay.
+        samples: what samples the loop; None in continuous time.
     """
 
     family: PlantFamily
     scale: Scale
-    affine: Array
+    plants: Family
+    samples: Samples | None = None
 
     @classmethod
-    def of(cls, family: PlantFamily, scale: Scale) -> Scaled:
-        """Scale the coefficients; they are affine in the uncertain numbers.
+    def of(cls, family: PlantFamily, scale: Scale, samples: Samples | None = None) -> Scaled:
+        """Scale the coefficients; in continuous time they are affine in the uncertain numbers.
 
         Raises:
-            DomainError: a numerator or a denominator of more than degree 8.
+            DomainError: a numerator or a denominator of more than degree 8, or a filter that cannot be searched.
         """
         low, high = family.low, family.high
+        numerator, denominator, _ = family.coefficients(family.nominal_point[None, :])
+        if max(numerator.shape[1], denominator.shape[1]) > WIDTH:
+            raise DomainError(f"the plant's degree exceeds {WIDTH - 1}; reduce its order")
+        if samples is not None:
+            return cls(family, scale, chebyshev_family(samples, family, WIDTH, 1.0 / scale.gain), samples)
         corners = np.vstack([low, low + np.diag(high - low)]) if len(low) else np.zeros((1, 0))
         rows = _coefficients(family, scale, corners)
         slopes = (rows[1:] - rows[0]) / (high - low)[:, None] if len(low) else np.zeros((0, rows.shape[1]))
-        return cls(family, scale, np.vstack([rows[0] - low @ slopes, slopes]))
+        return cls(family, scale, affine_family(np.vstack([rows[0] - low @ slopes, slopes])))
+
+    @property
+    def sampling(self) -> Sampling:
+        """The filter's numbers."""
+        return NO_SAMPLES if self.samples is None else self.samples.sampling
 
     def members(self, points: Array) -> Array:
         """Coefficients of the plants at points of the box, shape (m, 19)."""
-        return self.affine[0] + points @ self.affine[1:]
+        if self.samples is None:
+            return self.plants.affine[0] + points @ self.plants.affine[1:]
+        return np.array([self.member(point) for point in points])
+
+    def member(self, point: Array) -> Array:
+        """Coefficients of the plant at a point of the box, shape (19,)."""
+        if self.samples is None:
+            return self.plants.affine[0] + point @ self.plants.affine[1:]
+        plant = np.empty(2 * WIDTH + 1)
+        plant_of(self.plants, point, plant)
+        return plant
+
+    def horizon(self, horizon_s: float) -> float:
+        """The real s of a horizon T: 1/(T omega_s), on samples that of z = e^(Ts/T)."""
+        if self.samples is None:
+            return 1.0 / (horizon_s * self.scale.omega_rad_s)
+        return math.tanh(0.5 * self.samples.digital.sample_time_s / horizon_s) / self.samples.half
+
+    def v_of(self, log_omega: float) -> float:
+        """v at the ln of a frequency in rad/s; inf from Nyquist's on."""
+        if self.samples is None:
+            return log_omega - math.log(self.scale.omega_rad_s)
+        return float(self.samples.log_nu(np.exp(log_omega))) - math.log(self.samples.half)
+
+
+def affine_family(affine: Array) -> Family:
+    """Coefficients that are affine in the uncertain numbers, shape (1 + p, 19)."""
+    p = len(affine) - 1
+    terms, values, none = np.zeros((0, p), dtype=np.int64), np.zeros((0, affine.shape[1])), np.zeros(p)
+    return Family(affine, terms, values, none, none, none > 0.0, -1, 0.0, 0.0, 1, 0)
 
 
 def _coefficients(family: PlantFamily, scale: Scale, points: Array) -> Array:
     numerator, denominator, dead_time = family.coefficients(points)
-    if max(numerator.shape[1], denominator.shape[1]) > WIDTH:
-        raise DomainError(f"the plant's degree exceeds {WIDTH - 1}; reduce its order")
     omega = scale.omega_rad_s
 
     def padded(rows: Array) -> Array:
@@ -111,13 +155,17 @@ def box_grid(family: PlantFamily) -> tuple[Array, Array]:
 
 def frequency_grid(scaled: Scaled, named: Array, per_decade: int, per_decade_beyond: int) -> Array:
     """Frequencies in rad/s: dense around the plants' corners, fine at resonances and where a dead time turns."""
-    family, scale = scaled.family, scaled.scale
+    family, scale, samples = scaled.family, scaled.scale, scaled.samples
     plants = Plants.members(family, vertices(family))
     roots = np.concatenate([plants.zeros.ravel(), plants.poles.ravel()])
     roots = roots[np.isfinite(roots) & (roots != 0)]
     low, high = float(scale.omega_grid[0]), float(scale.omega_grid[-1])
     delays = plants.dead_time_s[plants.dead_time_s > 0]
     corners = np.concatenate([np.abs(roots), 1.0 / delays, named[(named > low) & (named < high)], [scale.omega_rad_s]])
+    if samples is not None:
+        # below its band the filter is an integrator
+        band = samples.digital.band_rad_s[0]
+        low, corners = min(low, 0.1 * band), np.append(corners, band)
     first, last = max(float(corners.min()) / 10.0, low), min(float(corners.max()) * 10.0, high)
     more = np.exp(np.arange(_BEYOND_STEP, DECADES_BEYOND * math.log(10.0), _BEYOND_STEP))
     parts = [
@@ -129,13 +177,31 @@ def frequency_grid(scaled: Scaled, named: Array, per_decade: int, per_decade_bey
         named,
         _resonances(roots),
     ]
-    if len(delays):
+    if samples is not None:
+        parts += _towards_nyquist(samples, float(plants.dead_time_s.max(initial=0.0)), per_decade)
+    elif len(delays):
         step, end = _TURN / float(delays.max()), _LAST_TURN / float(delays.max())
         parts.append(np.arange(step, end, step))
     omega = np.unique(np.concatenate(parts))
     omega = omega[omega > 0]
-    apart = np.concatenate([[True], np.diff(np.log(omega)) > 1e-9])
+    if samples is not None:
+        omega = omega[samples.log_nu(omega) < _LAST_LOG_NU + 0.1]
+        apart = np.concatenate([[True], np.diff(samples.log_nu(omega)) > 1e-9])
+    else:
+        apart = np.concatenate([[True], np.diff(np.log(omega)) > 1e-9])
     return omega[apart]
+
+
+def _towards_nyquist(samples: Samples, dead_time_s: float, per_decade: int) -> list[Array]:
+    """Frequencies on the way to Nyquist's: as the delay turns, and by decades of tan(omega Ts/2)."""
+    time_s, nyquist = samples.digital.sample_time_s, samples.nyquist_rad_s
+    late_s = dead_time_s + (1.0 + samples.digital.delay_samples) * time_s
+    count = min(math.ceil(nyquist * late_s / _TURN), _MOST_TURNS)
+    nu = np.exp(np.concatenate([
+        np.linspace(_FIRST_LOG_NU, -_FIRST_LOG_NU, 2 * per_decade),
+        np.arange(-_FIRST_LOG_NU, _LAST_LOG_NU, _BEYOND_STEP),
+    ]))  # fmt: skip
+    return [nyquist * np.arange(1, count) / count, 2.0 / time_s * np.arctan(nu)]
 
 
 def _logarithmic(low: float, high: float, per_decade: int) -> Array:
@@ -152,13 +218,20 @@ def _resonances(roots: Complex) -> Array:
 
 def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float) -> Table:
     """The plants at points of the box, shape (m, p), on a grid of frequencies."""
+    samples, omega_s = scaled.samples, scaled.scale.omega_rad_s
     plants = Plants.members(scaled.family, points)
+    if samples is not None:
+        plants = samples.plants(plants)
     log_gain = math.log(scaled.scale.gain)
-    m, n, u = len(points), len(omega_rad_s), np.log(omega_rad_s)
+    m, n = len(points), len(omega_rad_s)
+    u = np.log(omega_rad_s) if samples is None else samples.log_nu(omega_rad_s)
     rows, all_u = np.repeat(np.arange(m), n), np.tile(u, m)
     form = plants.log
     bode = form.value(rows, all_u).reshape(m, n)
-    direct = plants.response(rows, np.tile(omega_rad_s, m)).reshape(m, n)
+    if isinstance(plants, SampledPlants):
+        direct = plants.at(rows, all_u).reshape(m, n)
+    else:
+        direct = plants.response(rows, np.tile(omega_rad_s, m)).reshape(m, n)
     turned = plants.dead_time_s[:, None] * omega_rad_s
     with np.errstate(divide="ignore", invalid="ignore"):
         log: Complex = np.log(direct)
@@ -173,21 +246,30 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
     gain = np.clip(np.column_stack([at_zero, gain, at_end]), -END, END)
     end_phase = np.where(plants.dead_time_s > 0, phase[:, -1], end_phase)
     phase = np.column_stack([form.phase0, phase, end_phase])
-    v = u - math.log(scaled.scale.omega_rad_s)
+    v = u - math.log(omega_s if samples is None else samples.half)
     v = np.concatenate([[v[0] - 3.0], v, [v[-1] + 3.0]])
     omega = np.exp(v)
     omega[0], omega[-1] = 0.0, np.inf
-    delay = plants.dead_time_s * scaled.scale.omega_rad_s
+    log_omega = v
+    if samples is not None:
+        omega = np.arctan(samples.half * omega) / samples.half
+        log_omega = np.log(np.arctan(samples.half * np.exp(v)) / samples.half)
+    delay = plants.dead_time_s * omega_s
     with np.errstate(invalid="ignore"):
         turns = delay[:, None] * np.diff(omega) > _ALIAS
     turns[:, -1] = True
     alias = np.where(delay > 0, np.argmax(turns, axis=1), n + 2).astype(np.int64)
     linear, members = np.exp(gain), scaled.members(points)
-    s = 1.0 / (horizon_s * scaled.scale.omega_rad_s)
+    s = scaled.horizon(horizon_s)
     powers = s ** np.arange(WIDTH - 1, -1, -1.0)
-    error_gain = members[:, :WIDTH] @ powers / (members[:, WIDTH : 2 * WIDTH] @ powers) * np.exp(-s * members[:, -1])
+    delayed = np.exp(-s * members[:, -1])
+    if samples is not None:
+        delayed = ((1.0 - samples.half * s) / (1.0 + samples.half * s)) ** members[:, -1]
+    error_gain = members[:, :WIDTH] @ powers / (members[:, WIDTH : 2 * WIDTH] @ powers) * delayed
+    late = members[:, -1] if samples is not None else np.zeros(m)
     return Table(
         v, omega, gain, phase, linear * np.cos(phase), linear * np.sin(phase), delay,
         plants.unstable_poles.astype(np.int64), form.phase0 - 0.5 * np.pi * form.slope0,
         form.slope0.astype(float), high_slope.astype(float), alias, error_gain, members, points.astype(float),
+        log_omega, np.ascontiguousarray(late), scaled.sampling,
     )  # fmt: skip

@@ -30,6 +30,7 @@ from fopi_tune.design.global_search.compiled import (
     compiled,
 )
 from fopi_tune.design.global_search.intervals import band_interval, excess, slope_at
+from fopi_tune.design.global_search.samples import controller_of, integral_at_real
 
 _PI = math.pi
 #: the slack of a quantity that a loop should have and has not
@@ -67,15 +68,15 @@ def at_crossovers(kind, kappa, i, table, work):
         if (a > 0.0) == (b > 0.0):
             continue
         part = a / (a - b)
-        v = table.v[j] + part * (table.v[j + 1] - table.v[j])
+        log_omega = table.log_omega[j] + part * (table.log_omega[j + 1] - table.log_omega[j])
         if kind == CROSSOVER:
-            return v
+            return log_omega
         if kind in (PHASE_MARGIN, DELAY_MARGIN):
             if j >= table.alias[i]:
                 return 0.0
             angle = work.phase[i, j] + part * (work.phase[i, j + 1] - work.phase[i, j]) + _PI
             lag = angle % (2.0 * _PI)
-            value = min(lag, 2.0 * _PI - lag) if kind == PHASE_MARGIN else lag * math.exp(-v)
+            value = min(lag, 2.0 * _PI - lag) if kind == PHASE_MARGIN else lag * math.exp(-log_omega)
             best = min(best, value)
         else:
             return slope_at(i, j, table, work) * (1.0 - part) + slope_at(i, j + 1, table, work) * part
@@ -123,9 +124,9 @@ def depth(kappa, table, rows, work):
 
 
 @compiled
-def controller_at_horizon(alpha, c, s, box):
-    """C0(1/T) of the ray."""
-    return c + s * math.exp(alpha * box.log_horizon)
+def controller_at_horizon(alpha, c, s, table, box):
+    """C0 of the ray at the horizon's s."""
+    return c + s * integral_at_real(controller_of(np.array((c, s, alpha)), table.sampling), -box.log_horizon)
 
 
 @compiled
@@ -135,7 +136,7 @@ def cost(code, kappa, alpha, c, s, table, rows, box, work):
     if code == KI:
         return -s * math.exp(kappa + alpha * box.log_omega - box.log_gain)
     if code == IAE:
-        controller, worst = math.exp(kappa) * controller_at_horizon(alpha, c, s, box), 0.0
+        controller, worst = math.exp(kappa) * controller_at_horizon(alpha, c, s, table, box), 0.0
         for i in range(m):
             p = table.error_gain[i]
             worst = max(worst, abs(p / (1.0 + controller * p)))
@@ -157,8 +158,8 @@ def cost(code, kappa, alpha, c, s, table, rows, box, work):
         at = at_crossovers(CROSSOVER, kappa, 0, table, work)
         if at == NOTHING:
             return NOTHING
-        j = min(np.searchsorted(table.v, at) - 1, n - 2)
-        part, worst = (at - table.v[j]) / (table.v[j + 1] - table.v[j]), 0.0
+        j = min(np.searchsorted(table.log_omega, at) - 1, n - 2)
+        part, worst = (at - table.log_omega[j]) / (table.log_omega[j + 1] - table.log_omega[j]), 0.0
         for i in range(1, m):
             g = work.gain[i, j] + part * (work.gain[i, j + 1] - work.gain[i, j]) + kappa
             worst = max(worst, abs(g))

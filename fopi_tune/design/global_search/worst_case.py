@@ -36,10 +36,10 @@ from fopi_tune.design.global_search.responses import (
     AT_REFERENCE,
     copy_into,
     crossing_near,
-    fill_plant,
     settle,
     value_at,
 )
+from fopi_tune.design.global_search.samples import controller_of, plant_of, turn_of
 
 _PI = math.pi
 #: columns of a finding, before the plant's point
@@ -50,6 +50,8 @@ _LESS_DEEP = 0.25
 _MOST_OF_A_ROW = 4
 #: |v| within which dips are neighbours
 _APART = 0.6
+#: tan(omega Ts/2) beyond which no response changes any more
+_AT_NYQUIST = 1e3
 #: the plant is found to this part of the grid's spacing
 _CLOSE = 2e-4
 
@@ -108,7 +110,9 @@ def _band_dips(q, i, x, table, rows, work, y, found, count):
             v, mode = table.v[1], AT_FIXED
         elif j == n - 1:
             v = table.v[n - 2]
-            mode = AT_INFINITY if kind == CS and work.gain[i, j] < -10.0 else AT_FIXED
+            # on samples |L| ends at a number
+            falls = kind == CS and work.gain[i, j] < -10.0 and table.sampling.half == 0.0
+            mode = AT_INFINITY if falls else AT_FIXED
         elif j >= table.alias[i]:
             target = 2.0 * _PI * round((work.phase[i, j] - _PI) / (2.0 * _PI)) + _PI
         count = _offer(found, count, y[j], i, j, v, mode, target)
@@ -120,22 +124,26 @@ def _crossover_dips(q, i, table, rows, work, found, count):
     """Gain crossovers: all of them for a lower limit of a margin, else the smallest or the highest; -1 without any."""
     kind, side, n, first = rows.kind[q], rows.side[q], table.gain.shape[1], count
     least = -1
+    if kind == DELAY_MARGIN and side < 0 and table.sampling.half > 0.0 and work.gain[i, n - 1] > 0.0:
+        # |L| exceeds 1 at Nyquist's frequency: no delay is borne
+        return -1
     for j in range(n - 2, -1, -1):
         a, b = work.gain[i, j], work.gain[i, j + 1]
         if (a > 0.0) == (b > 0.0):
             continue
         part = a / (a - b)
         v = table.v[j] + part * (table.v[j + 1] - table.v[j])
+        log_omega = table.log_omega[j] + part * (table.log_omega[j + 1] - table.log_omega[j])
         phase = work.phase[i, j] + part * (work.phase[i, j + 1] - work.phase[i, j])
         lag = (phase + _PI) % (2.0 * _PI)
-        value = v
+        value = log_omega
         if kind == PHASE_MARGIN:
             value = min(lag, 2.0 * _PI - lag)
         elif kind == DELAY_MARGIN:
-            value = lag * math.exp(-v)
+            value = lag * math.exp(-log_omega)
         elif kind != CROSSOVER:
             a, b = max(j, 1), min(j + 1, n - 2)
-            value = (work.phase[i, b] - work.phase[i, a]) / (table.v[b] - table.v[a]) * math.log(10.0)
+            value = (work.phase[i, b] - work.phase[i, a]) / (table.log_omega[b] - table.log_omega[a]) * math.log(10.0)
         slack = inner_slack(side, rows.limit[q], rows.scale[q], value)
         margin = kind in (PHASE_MARGIN, DELAY_MARGIN)
         if margin and side >= 0 and count > first:
@@ -199,13 +207,21 @@ def _phase_dips(q, i, table, rows, work, found, count):
 
 
 @compiled
+def undelayed_phase(i, j, table, work):
+    """arg L at a column without the dead time or the whole samples of delay."""
+    turned = turn_of(table.v[j], table.late[i], table.sampling.half)
+    return work.phase[i, j] + math.exp(table.v[j]) * table.delay[i] + turned
+
+
+@compiled
 def highest_crossover(x, table, work):
     """(v, near, whether there is one) of the nominal plant's highest gain crossover."""
+    x = controller_of(x, table.sampling)
     for j in range(table.gain.shape[1] - 2, -1, -1):
         a, b = work.gain[0, j], work.gain[0, j + 1]
         if (a > 0.0) != (b > 0.0):
             v = table.v[j] + a / (a - b) * (table.v[j + 1] - table.v[j])
-            near = work.phase[0, j] + math.exp(table.v[j]) * table.delay[0]
+            near = undelayed_phase(0, j, table, work)
             return crossing_near(0, 0.0, x, table.members[0], v, near), near, True
     return 0.0, 0.0, False
 
@@ -213,12 +229,13 @@ def highest_crossover(x, table, work):
 @compiled
 def smallest_margin(x, table, work):
     """(margin, v, near) of the nominal plant's crossover that is closest to -1; margin negative without one."""
+    x = controller_of(x, table.sampling)
     best, at, branch = -1.0, 0.0, 0.0
     for j in range(table.gain.shape[1] - 2, -1, -1):
         a, b = work.gain[0, j], work.gain[0, j + 1]
         if (a > 0.0) != (b > 0.0):
             v = table.v[j] + a / (a - b) * (table.v[j + 1] - table.v[j])
-            near = work.phase[0, j] + math.exp(table.v[j]) * table.delay[0]
+            near = undelayed_phase(0, j, table, work)
             v = crossing_near(0, 0.0, x, table.members[0], v, near)
             value = value_at(PHASE_MARGIN, x, table.members[0], v, near)
             if best < 0.0 or value < best:
@@ -243,7 +260,7 @@ def _ripple(kind, side, x, plant, v, near, target):
 
 @compiled
 def _worst_plant(
-    kind, side, limit, scale, mode, x, point, plant, v, near, target, low_v, high_v, horizon, affine, low, high, spacing
+    kind, side, limit, scale, mode, x, point, plant, v, near, target, low_v, high_v, horizon, family, low, high, spacing
 ):
     """Compass search over the box from a plant of the grid: (slack, v); `point` and `plant` are moved."""
     p = len(point)
@@ -258,7 +275,7 @@ def _worst_plant(
         for k in range(p):
             copy_into(point, trial)
             trial[k] += (0.02 if point[k] == low[k] else -0.02) * spacing[k]
-            fill_plant(trial, affine, other)
+            plant_of(family, trial, other)
             value, _ = settle(kind, side, mode, x, other, v, near, target, low_v, high_v, horizon)
             if inner_slack(side, limit, scale, value) < best:
                 size = 0.5
@@ -270,7 +287,7 @@ def _worst_plant(
                 trial[k] = min(max(point[k] + way * size * spacing[k], low[k]), high[k])
                 if trial[k] == point[k]:
                     continue
-                fill_plant(trial, affine, other)
+                plant_of(family, trial, other)
                 value, at = settle(kind, side, mode, x, other, v, near, target, low_v, high_v, horizon)
                 slack = inner_slack(side, limit, scale, value)
                 if slack < best - 1e-13 and math.isfinite(slack) and abs(at - v) < _APART:
@@ -283,14 +300,14 @@ def _worst_plant(
 
 
 @compiled
-def worst_cases(x, table, rows, affine, low, high, spacing, horizon, within, real_rows, work, out):
+def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, real_rows, work, out):
     """Findings of all rows at gains x, into `out`; their number, or -1 where a plant is unstable or has no value.
 
     Args:
         x: kp', ki', alpha.
         table: plants of the whole box, the nominal one first.
         rows: requirements first, then those of the objective.
-        affine, low, high, spacing: the box and its plants' coefficients.
+        family, low, high, spacing: the plants' coefficients and the box.
         horizon: ln(T omega_s).
         within: rows of requirements whose slack is larger are left out.
         real_rows: the number of requirements' rows.
@@ -304,6 +321,7 @@ def worst_cases(x, table, rows, affine, low, high, spacing, horizon, within, rea
     if not is_stable_on(table, work):
         return -1
     reference, reference_near, there = highest_crossover(x, table, work)
+    x, half = controller_of(x, table.sampling), table.sampling.half
     total = 0
     found, y = np.empty((12 * m + 64, 6)), np.empty(n)
     for q in range(len(rows.kind)):
@@ -343,7 +361,7 @@ def worst_cases(x, table, rows, affine, low, high, spacing, horizon, within, rea
                 belongs = belongs or near_by
             if belongs:
                 continue
-            near = work.phase[i, j] + (math.exp(table.v[j]) * table.delay[i] if j < n - 1 else 0.0)
+            near = undelayed_phase(i, j, table, work) if j < n - 1 else work.phase[i, j]
             if kind == GAIN_AT_REFERENCE:
                 near = reference_near
             point, plant = table.points[i].copy(), table.members[i].copy()
@@ -358,29 +376,13 @@ def worst_cases(x, table, rows, affine, low, high, spacing, horizon, within, rea
                 limit, scale = 0.0, 1.0
             if p > 0 and not rows.nominal[q]:
                 best, v = _worst_plant(
-                    kind,
-                    int(way),
-                    limit,
-                    scale,
-                    mode,
-                    x,
-                    point,
-                    plant,
-                    v,
-                    near,
-                    target,
-                    low_v,
-                    high_v,
-                    horizon,
-                    affine,
-                    low,
-                    high,
-                    spacing,
-                )
+                    kind, int(way), limit, scale, mode, x, point, plant, v, near, target, low_v, high_v, horizon,
+                    family, low, high, spacing,
+                )  # fmt: skip
             else:
                 value, v = settle(kind, int(way), mode, x, plant, v, near, target, low_v, high_v, horizon)
                 best = inner_slack(int(way), limit, scale, value)
-            if mode == AT_PEAK and not low_v + 1e-9 < v < high_v - 1e-9:
+            if mode == AT_PEAK and (not low_v + 1e-9 < v < high_v - 1e-9 or half * math.exp(v) > _AT_NYQUIST):
                 mode = AT_FIXED
             twin = False
             for t in range(begin, total):

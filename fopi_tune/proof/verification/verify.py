@@ -59,7 +59,7 @@ def reassess(spec: DesignSpec, found: Verification) -> Verification:
 
     Args:
         spec: the same quantities and relations in the same order, with other limits.
-        found: verification of the gains, in continuous time.
+        found: verification of the gains.
     """
     pairs = zip(spec.requirements, found.requirements, strict=True)
     requirements = tuple(assess_requirement(requirement, old.extremes, found.tolerance) for requirement, old in pairs)
