@@ -23,7 +23,12 @@ from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, Crossi
 from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
 from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
 from fopi_tune.proof.claims.lag import closed_form
-from fopi_tune.proof.claims.poles import NoPoleAtTheEnds, StableOnEveryPiece, count_unstable_poles, is_structurally_unstable
+from fopi_tune.proof.claims.poles import (
+    NoPoleAtTheEnds,
+    StableOnEveryPiece,
+    count_unstable_poles,
+    is_structurally_unstable,
+)
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.responses import FrequencyFunction

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from flint import acb, arb, arb_poly, ctx
+from flint import acb, arb, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops, Plants

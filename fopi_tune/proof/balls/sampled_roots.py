@@ -63,6 +63,7 @@ def _right_roots(coefficients: list[arb]) -> int | None:
         return None
     return None if any(root.real.contains(0) for root in roots) else sum(bool(root.real > 0) for root in roots)
 
+
 def _numerator_of(sections: tuple[arb, tuple[tuple[arb, arb], ...]]) -> arb_poly:
     """C(w) prod_k (w + sigma_k)."""
     direct, pairs = sections

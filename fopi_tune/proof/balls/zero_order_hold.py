@@ -85,7 +85,10 @@ def sharpened(over: PlantEnclosure, centre: PlantEnclosure, shifts: Sequence[arb
     def all_sharp(wide: tuple[Dual, ...], at: tuple[Dual, ...]) -> tuple[Dual, ...]:
         return tuple(sharp(x, y) for x, y in zip(wide, at, strict=True))
 
-    numerator, denominator = all_sharp(over.numerator, centre.numerator), all_sharp(over.denominator, centre.denominator)
+    numerator, denominator = (
+        all_sharp(over.numerator, centre.numerator),
+        all_sharp(over.denominator, centre.denominator),
+    )
     return replace(over, numerator=numerator, denominator=denominator)
 
 

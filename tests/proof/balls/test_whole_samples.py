@@ -160,7 +160,9 @@ def test_poles_that_jump_out_of_the_circle_at_a_whole_number_are_seen() -> None:
             assert stable
         spec = spec_of(plants, Requirement("sensitivity_db", Relation.AT_MOST, (60.0,)))
         implementation = loop.implementation
-        verdict = certify(spec, verify(spec, GAINS, implementation=implementation), {}, implementation).stability.verdict
+        verdict = certify(
+            spec, verify(spec, GAINS, implementation=implementation), {}, implementation
+        ).stability.verdict
         assert verdict is (ft.Verdict.PROVED if stable else ft.Verdict.REFUTED)
 
 
