@@ -75,10 +75,7 @@ def _isolate(
     while len(r):
         work += len(r)
         if work > _MOST_CELLS:
-            raise DomainError(
-                "the loop crosses its critical lines too often to list every crossing; "
-                "the dead time is too long against the plant's other time constants"
-            )
+            raise DomainError(_too_often(function(r, 0.5 * (a + b))[0], period))
         c, h = 0.5 * (a + b), 0.5 * (b - a)
         value, slope = function(r, c)
         bound = curvature(r, a, b)
@@ -102,6 +99,22 @@ def _isolate(
     r, a, b = (np.concatenate(part) for part in zip(nothing, *brackets, strict=True))
     touching_rows, touched = _merge(touching)
     return *_brackets_of_levels(function, r, a, b, period), touching_rows, touched
+
+
+def _too_often(values: Array, period: float | None) -> str:
+    """Why the roots cannot be listed, from the values in the middle of the cells that are left."""
+    distance = np.abs(values if period is None else values - period * np.round(values / period))
+    if np.mean(distance < _TOUCH) > 0.5:
+        line = "|L| = 1" if period is None else "arg L = -180 deg"
+        return (
+            f"{line} over a whole range of frequencies, up to rounding, so that there are no single crossings: the "
+            "controller and the plant's zeros cancel the plant's poles; take other gains, or a plant without equal "
+            "poles and zeros"
+        )
+    return (
+        "the loop crosses its critical lines too often to list every crossing; "
+        "the dead time is too long against the plant's other time constants"
+    )
 
 
 def _brackets_of_levels(

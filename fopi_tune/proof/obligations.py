@@ -23,7 +23,12 @@ from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, Crossi
 from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
 from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
 from fopi_tune.proof.claims.lag import closed_form
-from fopi_tune.proof.claims.poles import NoPoleAtTheEnds, count_unstable_poles, is_structurally_unstable
+from fopi_tune.proof.claims.poles import (
+    NoPoleAtTheEnds,
+    StableOnEveryPiece,
+    count_unstable_poles,
+    is_structurally_unstable,
+)
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.quantities.responses import FrequencyFunction
@@ -148,7 +153,7 @@ def no_crossover_claims(case: Case, point: tuple[float, ...]) -> list[Claim]:
 
 
 def stability_claims(case: Case, level: float) -> list[Claim]:
-    """Claims that together mean: no closed-loop pole crosses the imaginary axis within the family.
+    """Claims that together mean, if the nominal plant is stable: no plant of the family has an unstable pole.
 
     Args:
         case: gains and family.
@@ -157,8 +162,10 @@ def stability_claims(case: Case, level: float) -> list[Claim]:
     domain = (_EVERYWHERE, *case.plants)
     bound = Bound(case.loop, Response.SENSITIVITY, level, True, domain, case.origin)
     # on samples the ends of the axis are points of the unit circle, which the bound includes
-    ends = [] if case.implementation is not None else [NoPoleAtTheEnds(case.loop, domain, case.origin)]
-    return _in_closed_form([*ends, bound])
+    if not isinstance(case.loop, SampledBallLoop):
+        return _in_closed_form([NoPoleAtTheEnds(case.loop, domain, case.origin), bound])
+    pieces = [StableOnEveryPiece(case.loop, domain, case.origin, case.nominal)] if case.loop.cuts else []
+    return _in_closed_form([bound, *pieces])
 
 
 def _in_closed_form(claims: list[Claim]) -> list[Claim]:

@@ -14,6 +14,7 @@ from fopi_tune.proof.claims.claim import Claim
 from fopi_tune.proof.claims.crossing_quantities import CrossingQuantity
 from fopi_tune.proof.claims.crossings import EveryCrossover
 from fopi_tune.proof.claims.existence import SomeCrossover, SomePhaseCrossover
+from fopi_tune.proof.claims.poles import StableOnEveryPiece
 from fopi_tune.proof.obligations import Case
 
 #: most boxes for a claim; for a claim that a crossing exists, whose boxes cost more; for a last attempt
@@ -81,6 +82,8 @@ def _key(claim: Claim) -> tuple[object, ...]:
     """What a claim that does not depend on a level is known by; empty for one that does."""
     if isinstance(claim, SomeCrossover) and claim.level is None:
         return SomeCrossover, claim.domain
+    if isinstance(claim, StableOnEveryPiece):
+        return StableOnEveryPiece, claim.domain
     return ()
 
 

@@ -15,6 +15,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import Plant
+from fopi_tune.errors import DomainError
 
 LAG = Plant((1.0,), (1.0, 1.0))
 
@@ -418,3 +419,17 @@ def test_gain_crossovers_of_another_level_meet_that_level() -> None:
         found = gain_crossovers(loops, np.array([level]))
         np.testing.assert_allclose(np.log(found.gain), level, atol=1e-10)
         assert len(found.row) == 1
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        Plant((1.0, 2.0), (1.0, 2.0)),
+        Plant((1.0, 2.0, 3.0), (1.0, 2.0, 3.0), 0.1),
+        Plant((1.0, -2.0), (1.0, 2.0)),
+    ],
+    ids=["cancelled", "cancelled and late", "all-pass"],
+)
+def test_a_loop_that_lies_on_the_unit_circle_everywhere_is_refused_with_that_reason(plant: Plant) -> None:
+    with pytest.raises(DomainError, match=r"\|L\| = 1 over a whole range of frequencies"):
+        gain_crossovers(loops_of(FoPi(1.0, 0.0, 1.0), plant))

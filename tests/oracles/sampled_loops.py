@@ -196,8 +196,8 @@ class Loop:
         values = [float(-self.gain(np.array([x]))[0].real) for x in [*inner, self.nyquist]]
         return [value for value in values if value > 0]
 
-    def phase_margin(self, omega: float) -> float:
-        """pi + arg L in (-pi, pi], rad."""
+    def angle_from_minus_one(self, omega: float) -> float:
+        """pi + arg L in (-pi, pi], rad: by lag if positive."""
         return float(np.angle(-self.gain(np.array([omega]))[0]))
 
     def phase_slope(self, omega: float) -> float:

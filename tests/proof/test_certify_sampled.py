@@ -117,7 +117,7 @@ def badness(spec: DesignSpec, implementation: Implementation, point: np.ndarray,
         return sign * math.log(crossovers[-1])
     if asked.quantity == "phase_slope_deg_per_decade":
         return sign * loop.phase_slope(crossovers[-1]) * math.log(10.0)
-    angles = [loop.phase_margin(x) for x in crossovers]
+    angles = [loop.angle_from_minus_one(x) for x in crossovers]
     if asked.quantity == "phase_margin_deg":
         return sign * min(abs(angle) for angle in angles)
     if abs(loop.gain(np.array([loop.nyquist]))[0]) >= 1.0:

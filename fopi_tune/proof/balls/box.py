@@ -7,7 +7,7 @@ are the family's uncertain numbers.  Ends are doubles and are shared by neighbou
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from flint import arb
 
@@ -15,6 +15,10 @@ from flint import arb
 Interval = tuple[float, float]
 #: axis 0 is u = ln omega
 Box = tuple[Interval, ...]
+#: the upper end of the piece below and the lower end of the piece above
+Cut = tuple[float, float]
+#: axis -> where it is cut first, because the plants jump there
+Cuts = Mapping[int, Sequence[Cut]]
 
 #: by how much a tail's end moves outwards when the tail is cut
 _TAIL_STEP = 3.0
@@ -28,9 +32,16 @@ def split_point(interval: Interval, origin: float = 0.0) -> float:
     return low + _TAIL_STEP if math.isinf(high) else low + 0.5 * (high - low)
 
 
-def split(box: Box, axis: int, origin: float = 0.0) -> tuple[Box, Box] | None:
-    """The two halves of a box; None when there is no double between the ends of the axis."""
+def split(box: Box, axis: int, origin: float = 0.0, cuts: Cuts | None = None) -> tuple[Box, Box] | None:
+    """The two halves of a box; None when there is no double between the ends of the axis.
+
+    Where an axis has cuts, the middle one of those inside comes first; the pieces overlap there.
+    """
     low, high = box[axis]
+    inside = [cut for cut in (cuts or {}).get(axis, ()) if low < cut[1] and cut[0] < high]
+    if inside:
+        below, above = inside[len(inside) // 2]
+        return with_interval(box, axis, (low, below)), with_interval(box, axis, (above, high))
     middle = split_point(box[axis], origin)
     if not low < middle < high:
         return None

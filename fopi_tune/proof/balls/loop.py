@@ -14,7 +14,7 @@ from flint import acb, arb, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of, is_tail, log_interval, point_box
+from fopi_tune.proof.balls.box import Box, Cuts, Interval, ball_of, centre_of, is_tail, log_interval, point_box
 from fopi_tune.proof.balls.plant import PlantEnclosure, assemble
 from fopi_tune.proof.balls.responses import LoopEnclosure, LoopParameters
 
@@ -77,6 +77,11 @@ class BallLoop(LoopParameters):
         """Whether a frequency is the upper end of the axis."""
         return math.isinf(omega_rad_s)
 
+    @cached_property
+    def cuts(self) -> Cuts:
+        """Where the plants are not continuous in an uncertain number: none in continuous time."""
+        return {}
+
     def plant(self, theta: Sequence[arb]) -> PlantEnclosure:
         """The plants whose uncertain numbers lie in these balls.
 
@@ -95,9 +100,13 @@ class BallLoop(LoopParameters):
         if key not in cache.known:
             if len(cache.known) >= _MOST_KNOWN:
                 cache.known.clear()
-            cache.known[key] = self.plant([ball_of(side) for side in box])
+            cache.known[key] = self.plants_over(box)
             cache.work += self._plant_work
         return cache.known[key]
+
+    def plants_over(self, box: Box) -> PlantEnclosure:
+        """The plants of a box, without the cache."""
+        return self.plant([ball_of(side) for side in box])
 
     @property
     def work(self) -> int:

@@ -95,6 +95,18 @@ class PlantEnclosure:
     late: int = 0
     gain: Dual = field(default_factory=lambda: Dual.of(1))
 
+    @property
+    def has_direct_path(self) -> bool:
+        """Whether a plant in s need not be strictly proper."""
+        leading = self.numerator[0]
+        return len(self.numerator) == len(self.denominator) and not (leading.value.is_zero() and not leading.gradient)
+
+
+def without_gradient(plant: PlantEnclosure) -> PlantEnclosure:
+    """The same coefficients without their derivatives."""
+    numerator, denominator = (tuple(Dual(c.value) for c in side) for side in (plant.numerator, plant.denominator))
+    return PlantEnclosure(numerator, denominator, Dual(plant.dead_time.value), plant.late, Dual(plant.gain.value))
+
 
 def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantEnclosure:
     """The plants whose uncertain numbers lie in these balls.

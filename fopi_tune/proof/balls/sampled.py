@@ -19,18 +19,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from flint import acb, arb, arb_poly, ctx
+from flint import acb, arb, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.sampled_loops import MOST_DELAY_SAMPLES, WHOLE, SampledLoops
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.balls.box import Interval, ball_of
+from fopi_tune.proof.balls.box import Cuts, Interval, ball_of
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.plant import Dual, PlantEnclosure, own_derivative, polynomial
+from fopi_tune.proof.balls.plant import Dual, PlantEnclosure, own_derivative, polynomial, without_gradient
 from fopi_tune.proof.balls.responses import LoopEnclosure
-from fopi_tune.proof.balls.zero_order_hold import hold_equivalent
+from fopi_tune.proof.balls.whole_samples import Pieces, pieces_of, rounded_down
+from fopi_tune.proof.balls.zero_order_hold import hold_equivalent, samples_spanned, sharpened
 
 #: bits next to Nyquist's frequency, where the tangent is unbounded
 _PLACE_PRECISION = 192
@@ -129,7 +130,59 @@ class SampledBallLoop(BallLoop):
             DomainError: not proper.
         """
         plant = super().plant(theta)
-        return hold_equivalent(plant, self.sample_time, self.samples(plant.dead_time), self.axes)
+        return self._held(plant, theta, self._span_of(plant, None))
+
+    def plants_over(self, box: Sequence[Interval]) -> PlantEnclosure:
+        """The plants of a box, behind the hold; of a family with pieces, those of the box's piece."""
+        theta = [ball_of(side) for side in box]
+        plant = super().plant(theta)
+        return self._held(plant, theta, self._span_of(plant, box))
+
+    def _span_of(self, plant: PlantEnclosure, box: Sequence[Interval] | None) -> tuple[int, int]:
+        """The whole samples at the ends of a delay, rounded down; one number for a box in one piece of the family."""
+        samples = self.samples(plant.dead_time)
+        if samples.gradient and plant.has_direct_path:
+            pieces = None if box is None else self.pieces
+            whole = rounded_down(samples.value) if pieces is None else pieces.whole_samples(box[self._delay_axis - 1])
+            if whole is not None:
+                return whole, whole
+        return samples_spanned(samples)
+
+    def _held(self, plant: PlantEnclosure, theta: Sequence[arb], span: tuple[int, int]) -> PlantEnclosure:
+        over = hold_equivalent(plant, self.sample_time, self.samples(plant.dead_time), self.axes, span)
+        if len(plant.denominator) <= 2 or all(ball.rad() == 0 for ball in theta):
+            return over
+        # at the centre no derivative is needed, which is most of the work
+        middle = [arb(ball.mid()) for ball in theta]
+        at = without_gradient(super().plant(middle))
+        late = at.dead_time / self.sample_time + arb(self.implementation.delay_samples)
+        if not plant.dead_time.gradient:
+            late = self.samples(at.dead_time)
+        centre = hold_equivalent(at, self.sample_time, late, self.axes, span)
+        return sharpened(over, centre, [ball - c for ball, c in zip(theta, middle, strict=True)])
+
+    @cached_property
+    def _delay_axis(self) -> int:
+        return 1 + list(self.family.uncertain_names).index("dead_time_s")
+
+    @cached_property
+    def pieces(self) -> Pieces | None:
+        """The family cut at whole samples of an uncertain delay, where a direct path jumps; None without such."""
+        number = self.family.parameters["dead_time_s"]
+        whole = super().plant([ball_of(side) for side in self.family_box])
+        if number.is_exact or not whole.has_direct_path:
+            return None
+        sample_time_s, delay = self.implementation.sample_time_s, self.implementation.delay_samples
+        return pieces_of(
+            (number.min, number.max),
+            lambda dead_time_s: arb(dead_time_s) / self.sample_time + arb(delay),
+            lambda m: (m - delay) * sample_time_s,
+        )
+
+    @cached_property
+    def cuts(self) -> Cuts:
+        """The whole samples at which the family is cut."""
+        return {} if self.pieces is None else {self._delay_axis: self.pieces.cuts}
 
     @property
     def _plant_work(self) -> int:
@@ -334,22 +387,3 @@ def sections_of(implementation: Implementation) -> _Sections:
         direct = direct - arb(residue) / above
         pairs.append(((1 - arb(pole)) / above, 2 * arb(residue) / (above * above)))
     return direct, tuple(pairs)
-
-
-def numerator_of(sections: _Sections) -> arb_poly:
-    """C(w) prod_k (w + sigma_k)."""
-    direct, pairs = sections
-    top = arb_poly([direct])
-    for sigma, _ in pairs:
-        top = top * arb_poly([sigma, 1])
-    for k, (_, rho) in enumerate(pairs):
-        part = arb_poly([rho])
-        for i, (sigma, _) in enumerate(pairs):
-            part = part * arb_poly([sigma, 1]) if i != k else part
-        top = top + part
-    return top
-
-
-def coefficients_of(polynomial: arb_poly) -> list[arb]:
-    """Ascending powers."""
-    return [polynomial[i] for i in range(polynomial.length())]

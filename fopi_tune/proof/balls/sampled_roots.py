@@ -11,10 +11,10 @@ from flint import acb, acb_poly, arb, arb_poly, ctx
 
 from fopi_tune.proof.balls.argument_principle import count_right_half_plane_zeros
 from fopi_tune.proof.balls.plant import PlantEnclosure
-from fopi_tune.proof.balls.sampled import SampledBallLoop, coefficients_of, numerator_of, sections_of
+from fopi_tune.proof.balls.sampled import SampledBallLoop, sections_of
 
 #: for more closed-loop poles than this they are counted by the argument principle, not computed
-_MOST_ROOTS = 40
+MOST_ROOTS = 40
 #: bits for a polynomial's roots
 _ROOT_PRECISION = 256
 
@@ -31,7 +31,7 @@ def count_unstable_roots(loop: SampledBallLoop, theta: Sequence[float]) -> int |
     """
     with ctx.workprec(_ROOT_PRECISION):
         plant = loop.plant([arb(value) for value in theta])
-        if plant.late + len(plant.denominator) + len(loop.implementation.sections.poles) <= _MOST_ROOTS:
+        if plant.late + len(plant.denominator) + len(loop.implementation.sections.poles) <= MOST_ROOTS:
             count = _count_by_roots(loop, plant)
             if count is not None:
                 return count
@@ -43,9 +43,9 @@ def _count_by_roots(loop: SampledBallLoop, plant: PlantEnclosure) -> int | None:
     bottom = arb_poly([c.value for c in reversed(plant.denominator)])
     for sigma, _ in sections[1]:
         bottom = bottom * arb_poly([sigma, 1])
-    top = arb_poly([plant.gain.value * c.value for c in reversed(plant.numerator)]) * numerator_of(sections)
+    top = arb_poly([plant.gain.value * c.value for c in reversed(plant.numerator)]) * _numerator_of(sections)
     polynomial = bottom * arb_poly([1, 1]) ** plant.late + top * arb_poly([1, -1]) ** plant.late
-    return _right_roots(coefficients_of(polynomial))
+    return _right_roots(_coefficients_of(polynomial))
 
 
 def _right_roots(coefficients: list[arb]) -> int | None:
@@ -62,3 +62,22 @@ def _right_roots(coefficients: list[arb]) -> int | None:
         # coinciding roots, as those of a fast filter at z = 0, cannot be isolated
         return None
     return None if any(root.real.contains(0) for root in roots) else sum(bool(root.real > 0) for root in roots)
+
+
+def _numerator_of(sections: tuple[arb, tuple[tuple[arb, arb], ...]]) -> arb_poly:
+    """C(w) prod_k (w + sigma_k)."""
+    direct, pairs = sections
+    top = arb_poly([direct])
+    for sigma, _ in pairs:
+        top = top * arb_poly([sigma, 1])
+    for k, (_, rho) in enumerate(pairs):
+        part = arb_poly([rho])
+        for i, (sigma, _) in enumerate(pairs):
+            part = part * arb_poly([sigma, 1]) if i != k else part
+        top = top + part
+    return top
+
+
+def _coefficients_of(polynomial: arb_poly) -> list[arb]:
+    """Ascending powers."""
+    return [polynomial[i] for i in range(polynomial.length())]

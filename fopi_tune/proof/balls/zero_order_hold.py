@@ -16,6 +16,7 @@ Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997; (2) i
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 
 from flint import arb, arb_mat
@@ -30,7 +31,9 @@ _SMALL = arb(1e-4)
 _MOST_SPAN = 12
 
 
-def hold_equivalent(plant: PlantEnclosure, sample_time: arb, samples: Dual, axes: int) -> PlantEnclosure:
+def hold_equivalent(
+    plant: PlantEnclosure, sample_time: arb, samples: Dual, axes: int, span: tuple[int, int] | None = None
+) -> PlantEnclosure:
     """Numerator and denominator of (1) in w, over a box.
 
     Args:
@@ -38,25 +41,55 @@ def hold_equivalent(plant: PlantEnclosure, sample_time: arb, samples: Dual, axes
         sample_time: Ts, s.
         samples: l, the dead time and the computing delay.
         axes: of the box, frequency included.
+        span: whole samples at and just below the ends of l, or of a wider range, as `samples_spanned` gives them.
 
     Returns:
         The same plants in w; not a number where a direct path's delay is uncertain across a whole number of samples,
         or any delay across too many.
     """
-    first, last = _floor(samples.value.lower()), _floor(samples.value.upper())
+    first, last = span if span is not None else samples_spanned(samples)
     times = [1 - _clip(samples - j) for j in range(first, last + 1)]
     leading = plant.denominator[0]
-    degree, span = len(plant.denominator) - 1, len(times)
-    direct = plant.numerator[0] / leading if len(plant.numerator) == degree + 1 else None
-    if direct is not None and direct.value.is_zero() and not direct.gradient:
-        direct = None
-    if span > _MOST_SPAN or (direct is not None and span > 1):
+    degree = len(plant.denominator) - 1
+    direct = plant.numerator[0] / leading if plant.has_direct_path else None
+    if len(times) > _MOST_SPAN or (direct is not None and len(times) > 1):
         # split the dead time first; with a direct path the response is not continuous in it
         return PlantEnclosure((Dual(arb.nan()),), (Dual.of(1),), Dual.of(0), first + 1)
     if degree == 1 and direct is None and not plant.denominator[1].value.contains(0):
         return _first_order(plant, sample_time, times, first)
     weights, characteristic = _any_order(plant, direct, sample_time, times, axes)
     return _bilinear(weights, characteristic, direct, first)
+
+
+def samples_spanned(samples: Dual) -> tuple[int, int]:
+    """Whole samples at the ends of an uncertain delay, each rounded down."""
+    return _floor(samples.value.lower()), _floor(samples.value.upper())
+
+
+def sharpened(over: PlantEnclosure, centre: PlantEnclosure, shifts: Sequence[arb]) -> PlantEnclosure:
+    """The same plants, each coefficient x also enclosed by the mean-value form  x(c) + sum_k x_k(X) (X_k - c_k).
+
+    In the products of e^A - I intervals forget that they depend on the same numbers, so that the plain enclosure of a
+    coefficient is wider than its range by a factor that no split reduces; that of the mean-value form tends to 1.
+
+    Args:
+        over: over a box, with the derivatives x_k.
+        centre: at its centre, with the same delay in samples.
+        shifts: X_k - c_k.
+    """
+
+    def sharp(wide: Dual, at: Dual) -> Dual:
+        moved = sum((slope * shifts[axis - 1] for axis, slope in wide.gradient.items()), at.value)
+        return Dual(wide.value.intersection(moved), wide.gradient) if moved.is_finite() else wide
+
+    def all_sharp(wide: tuple[Dual, ...], at: tuple[Dual, ...]) -> tuple[Dual, ...]:
+        return tuple(sharp(x, y) for x, y in zip(wide, at, strict=True))
+
+    numerator, denominator = (
+        all_sharp(over.numerator, centre.numerator),
+        all_sharp(over.denominator, centre.denominator),
+    )
+    return replace(over, numerator=numerator, denominator=denominator)
 
 
 def _clip(x: Dual) -> Dual:

@@ -13,11 +13,19 @@ from flint import acb, arb
 from fopi_tune.core.peaks import Response
 from fopi_tune.proof.balls.box import Box, is_tail
 from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
-from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim, deviations, longest_axis, max_smear_axis, tail_axis
+from fopi_tune.proof.claims.claim import (
+    HOLDS,
+    BoxVerdict,
+    LoopClaim,
+    deviations,
+    longest_axis,
+    max_smear_axis,
+    tail_axis,
+)
 
 
 @dataclass(frozen=True)
-class Bound(Claim):
+class Bound(LoopClaim):
     """sign * ln|R(j omega)| <= sign * level at every point of the domain.
 
     Args:

@@ -2,7 +2,8 @@
 
 A record is the search tree in preorder: `s2` splits a box in the middle of axis 2, `p1+2-` replaces it by its face at
 the upper end of axis 1 and the lower end of axis 2, every other token is a leaf on which the claim holds.  Boxes are
-always split by the same rule, so the leaves cover the domain by construction.
+always split by the same rule, so the leaves cover the domain by construction; where a direct path jumps, a box stands
+for its piece of the family (`fopi_tune.proof.balls.whole_samples`).
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ def search(
             record.append("p" + "".join(f"{axis}{'+' if upper else '-'}" for axis, upper in found.monotone_ends))
             pending.append(_face(box, found.monotone_ends))
             continue
-        pieces = split(box, found.axis, claim.origin) if found.axis >= 0 else None
+        pieces = split(box, found.axis, claim.origin, claim.cuts) if found.axis >= 0 else None
         if pieces is None:
             return SearchResult((), boxes, work, open_boxes=(box, *pending))
         record.append(f"s{found.axis}")
@@ -96,7 +97,7 @@ def check_record(claim: Claim, record: tuple[str, ...]) -> str | None:
         kind = token[:1]
         if kind == "s":
             axis = _axis(token[1:], box)
-            pieces = split(box, axis, claim.origin) if axis >= 0 else None
+            pieces = split(box, axis, claim.origin, claim.cuts) if axis >= 0 else None
             if pieces is None:
                 return f"token {position}, {token[:20]!r}, cuts no axis that has a middle"
             pending += [pieces[1], pieces[0]]

@@ -21,7 +21,8 @@ from typing import Any
 
 from flint import arb
 
-from fopi_tune.proof.balls.box import Box, ball_of, is_tail
+from fopi_tune.proof.balls.box import Box, Cuts, ball_of, is_tail
+from fopi_tune.proof.balls.loop import BallLoop
 
 #: distance in u at which a tail is tested: if the claim fails even there, the plants are the cause
 _FAR = 60.0
@@ -65,6 +66,11 @@ class Claim(ABC):
     domain: Box
     origin: float
 
+    @property
+    def cuts(self) -> Cuts:
+        """Where an uncertain number is split first."""
+        return {}
+
     @abstractmethod
     def examine(self, box: Box) -> BoxVerdict:
         """Try to prove the claim on a box; otherwise say how to split it."""
@@ -76,6 +82,21 @@ class Claim(ABC):
     def to_dict(self) -> dict[str, Any]:
         """The claim in words, for messages."""
         return {"kind": type(self).__name__}
+
+
+class LoopClaim(Claim):
+    """A claim about a loop's box of frequencies and plants.
+
+    Attributes:
+        loop: gains and family.
+    """
+
+    loop: BallLoop
+
+    @property
+    def cuts(self) -> Cuts:
+        """Where the plants jump."""
+        return self.loop.cuts
 
 
 def deviations(box: Box) -> list[arb]:

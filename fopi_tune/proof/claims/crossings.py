@@ -17,7 +17,7 @@ from fopi_tune.proof.claims.claim import (
     HOLDS,
     LISTING_WORK,
     BoxVerdict,
-    Claim,
+    LoopClaim,
     deviations,
     longest_axis,
     max_smear_axis,
@@ -34,7 +34,7 @@ from fopi_tune.proof.claims.crossing_quantities import (
 
 
 @dataclass(frozen=True)
-class EveryCrossover(Claim):
+class EveryCrossover(LoopClaim):
     """At every gain crossover (or the highest) of every plant, psi <= level, or >= level.
 
     Args:
@@ -174,7 +174,7 @@ def _sign(loop: BallLoop, u: float, plants: Box) -> int:
 
 
 @dataclass(frozen=True)
-class EveryPhaseCrossover(Claim):
+class EveryPhaseCrossover(LoopClaim):
     """No plant has arg L = -180 deg (mod 360) with  -level < ln|L| <= 0 : the gain margin is at least `level`.
 
     With b = arg(-L), here ln|L| + lambda b is bounded where b = 0.

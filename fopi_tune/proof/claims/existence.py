@@ -20,7 +20,7 @@ from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.claims.claim import (
     LISTING_WORK,
     BoxVerdict,
-    Claim,
+    LoopClaim,
     deviations,
     longest_parameter_axis,
     magnitude,
@@ -52,7 +52,7 @@ _LISTED_TOGETHER = 50
 
 
 @dataclass(frozen=True)
-class SomeCrossover(Claim):
+class SomeCrossover(LoopClaim):
     """Every plant has a gain crossover with psi <= level (or >= level); without a level, any.
 
     Of a delay margin, which is 0 where |L| does not fall below 1 at the axis' upper end: that, or such a crossover.
@@ -182,7 +182,7 @@ class SomeCrossover(Claim):
 
 
 @dataclass(frozen=True)
-class SomePhaseCrossover(Claim):
+class SomePhaseCrossover(LoopClaim):
     """Every plant has arg L = -180 deg (mod 360) with  -level <= ln|L| < 0 : the gain margin is at most `level`.
 
     Args:

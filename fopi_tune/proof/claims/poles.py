@@ -24,9 +24,12 @@ from fopi_tune.proof.balls.box import Box, ball_of
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import PlantEnclosure, assemble
 from fopi_tune.proof.balls.sampled import SampledBallLoop
-from fopi_tune.proof.balls.sampled_roots import count_unstable_roots
-from fopi_tune.proof.claims.claim import HOLDS, BoxVerdict, Claim, longest_parameter_axis
+from fopi_tune.proof.balls.sampled_roots import MOST_ROOTS, count_unstable_roots
+from fopi_tune.proof.balls.whole_samples import rounded_down
+from fopi_tune.proof.claims.claim import HOLDS, PLAIN, BoxVerdict, LoopClaim, longest_parameter_axis
 
+#: work of counting the poles of one plant on samples by the roots of its polynomial; by the argument principle
+_ROOTS_WORK, _CONTOUR_WORK = 100, 4000
 _STEP = 1.0
 _FARTHEST = 600.0
 
@@ -159,7 +162,7 @@ def _sum(sizes: list[arb], e: arb) -> arb:
 
 
 @dataclass(frozen=True)
-class NoPoleAtTheEnds(Claim):
+class NoPoleAtTheEnds(LoopClaim):
     """No plant has a closed-loop pole with Re s >= 0 near 0 or near infinity.
 
     Together with a bound of |S| on the axis this implies that no pole crosses the axis within the box.
@@ -181,3 +184,40 @@ class NoPoleAtTheEnds(Claim):
 
     def to_dict(self) -> dict[str, Any]:
         return {"kind": "no_pole_at_the_ends"}
+
+
+@dataclass(frozen=True)
+class StableOnEveryPiece(LoopClaim):
+    """On samples, one plant of every piece of the family has no closed-loop pole outside the unit circle.
+
+    Together with a bound of |S| this implies that no plant has, where the plants jump between the pieces: the poles of
+    a direct path are continuous only between two whole numbers of samples of delay.
+
+    Args:
+        loop: gains and family.
+        domain: the plants; axis 0 is not cut.
+        origin: not used.
+        nominal: the uncertain numbers but for the dead time.
+    """
+
+    loop: SampledBallLoop
+    domain: Box
+    origin: float
+    nominal: tuple[float, ...]
+
+    def examine(self, box: Box) -> BoxVerdict:
+        pieces = self.loop.pieces
+        assert pieces is not None, "this claim is about a family with pieces"
+        (axis,) = self.loop.cuts
+        whole = pieces.whole_samples(box[axis])
+        if whole is None:
+            return BoxVerdict(None, axis)
+        dead_time_s = pieces.member(whole)
+        plant = (*self.nominal[: axis - 1], dead_time_s, *self.nominal[axis:])
+        work = _ROOTS_WORK if whole < MOST_ROOTS // 2 else _CONTOUR_WORK
+        if rounded_down(pieces.samples_of(dead_time_s)) != whole or count_unstable_roots(self.loop, plant) != 0:
+            return BoxVerdict(None, -1, work=work)
+        return BoxVerdict(PLAIN, work=work)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"kind": "stable_on_every_piece"}

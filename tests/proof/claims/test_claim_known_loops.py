@@ -163,7 +163,8 @@ def test_a_direct_path_around_a_dead_time_has_the_gain_margin_of_its_circle() ->
     assert_sharp(case.gain_margin(upper=True), -math.log(0.4), upper=True)
     # without a dead time L(inf) is positive, and there is no crossing
     maybe_late = Case(P, transfer_function([(0.4, 0.6), 0.1], [1.0, 3.0], (0.0, 0.3)))
-    assert not shown(maybe_late.gain_margin(upper=True)(50.0), 300)
+    assert not shown(maybe_late.gain_margin(upper=True)(50.0), 30)
+    assert check_record(maybe_late.gain_margin(upper=True)(50.0), ("e+",)) == "leaf 0 does not hold on its box"
     # a circle outside of the unit circle, and one that passes it, hold no gain margin
     for low, high in ((1.1, 1.2), (0.9, 1.1)):
         outside = Case(P, transfer_function([(low, high), 0.1], [1.0, 3.0], 0.3))
