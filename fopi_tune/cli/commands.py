@@ -10,7 +10,7 @@ import typer
 
 from fopi_tune import __version__
 from fopi_tune.cli.batch import OutputOptions, process_specs
-from fopi_tune.cli.gains import earlier_or_tuned_gains, gains_from_options
+from fopi_tune.cli.gains import GivenGains, given_or_tuned_gains
 from fopi_tune.cli.init import (
     FittedOption,
     FromOption,
@@ -227,12 +227,12 @@ def prove(
         raise typer.Exit(recheck_file(recheck, spec, options))
     if spec is None:
         raise bad_input("there is no SPEC to prove; name a spec file, or a certificate with --recheck")
-    given = gains_from_options(kp, ki, alpha)
+    given = GivenGains(kp, ki, alpha)
 
     def compute(loaded: DesignSpec) -> Check | Design:
         from fopi_tune.pipeline.prove import prove
 
-        gains = given if given is not None else earlier_or_tuned_gains(loaded, options)
+        gains = given_or_tuned_gains(loaded, given, options)
         return gains if not isinstance(gains, FoPi) else prove(loaded, gains, tolerance)
 
     raise typer.Exit(process_specs([spec], compute, options, "proving"))
@@ -257,12 +257,12 @@ def discretize(
     Gains are taken as `fopi prove` takes them.
     """
     options = OutputOptions(out, as_json, quiet, debug)
-    given = gains_from_options(kp, ki, alpha)
+    given = GivenGains(kp, ki, alpha)
 
     def compute(loaded: DesignSpec) -> Discretized | Design:
         from fopi_tune.pipeline.discretize import discretize
 
-        gains = given if given is not None else earlier_or_tuned_gains(loaded, options)
+        gains = given_or_tuned_gains(loaded, given, options)
         return gains if not isinstance(gains, FoPi) else discretize(loaded, gains, not no_proof)
 
     raise typer.Exit(process_specs([spec], compute, options, "discretizing"))
@@ -288,7 +288,7 @@ def validate(
     Gains are taken as `fopi prove` takes them, those of a system from its file.
     """
     options = OutputOptions(out, as_json, quiet, debug)
-    raise typer.Exit(validate_file(spec, gains_from_options(kp, ki, alpha), samples, seed, options))
+    raise typer.Exit(validate_file(spec, GivenGains(kp, ki, alpha), samples, seed, options))
 
 
 @app.command()
@@ -333,7 +333,7 @@ def simulate(
     if accuracy is not None and not exact:
         raise bad_input("--accuracy is of the loop in continuous time; give --exact too, or leave it out")
     selection = SimulationOptions(scenario, numbers, replay, samples, seed, exact, accuracy)
-    raise typer.Exit(simulate_file(spec, gains_from_options(kp, ki, alpha), selection, options))
+    raise typer.Exit(simulate_file(spec, GivenGains(kp, ki, alpha), selection, options))
 
 
 app.command()(study)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fopi_tune.cli.batch import OutputOptions
-from fopi_tune.cli.output import bad_input
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 
@@ -14,16 +14,35 @@ if TYPE_CHECKING:
     from fopi_tune.spec.model import DesignSpec
 
 
-def gains_from_options(kp: float | None, ki: float | None, alpha: float | None) -> FoPi | None:
-    """The gains of --kp, --ki and --alpha; None if none of them is given."""
-    if kp is None and ki is None and alpha is None:
-        return None
-    if kp is None or ki is None or alpha is None:
-        raise bad_input("give --kp, --ki and --alpha all three, or none of them")
-    try:
-        return FoPi(kp, ki, alpha)
-    except DomainError as error:
-        raise bad_input(str(error)) from None
+@dataclass(frozen=True)
+class GivenGains:
+    """The gains of --kp, --ki and --alpha; None where an option is left out."""
+
+    kp: float | None
+    ki: float | None
+    alpha: float | None
+
+    def for_spec(self, spec: DesignSpec) -> FoPi | None:
+        """The controller, with what the spec fixes where an option is left out; None if none of the three is given.
+
+        Raises:
+            DomainError: some are given, and another is neither given nor fixed; or there is no such controller.
+        """
+        if not self:
+            return None
+        given: dict[str, float] = {}
+        for name in ("kp", "ki", "alpha"):
+            value, box = getattr(self, name), getattr(spec.controller, name)
+            if value is None and not box.is_fixed:
+                raise DomainError(
+                    "give --kp, --ki and --alpha all three, or none of them: "
+                    f"--{name} is left out, and the spec gives {name} a range"
+                )
+            given[name] = box.min if value is None else value
+        return FoPi(**given)
+
+    def __bool__(self) -> bool:
+        return any(value is not None for value in (self.kp, self.ki, self.alpha))
 
 
 def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | None:
@@ -47,11 +66,15 @@ def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | 
     return found
 
 
-def earlier_or_tuned_gains(spec: DesignSpec, options: OutputOptions) -> FoPi | Design:
-    """Gains of an earlier design or of a new one; the new design itself if it is not solved."""
+def given_or_tuned_gains(spec: DesignSpec, given: GivenGains, options: OutputOptions) -> FoPi | Design:
+    """Gains that are given, of an earlier design or of a new one; the new design itself if it is not solved.
+
+    Raises:
+        DomainError: only some of the gains are given.
+    """
     from fopi_tune.pipeline.tune import tune
 
-    gains = gains_of_earlier_design(spec, options)
+    gains = given.for_spec(spec) or gains_of_earlier_design(spec, options)
     if gains is not None:
         return gains
     options.note(f"{spec.name}: no gains given, and no design of this spec there; tuning first ...")

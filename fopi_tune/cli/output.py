@@ -72,10 +72,19 @@ def bad_input(message: str) -> typer.Exit:
     return typer.Exit(Exit.BAD_INPUT)
 
 
+#: module -> the distribution to install, where the names differ
+_DISTRIBUTIONS = {"flint": "python-flint", "ruamel": "ruamel.yaml", "dask": "dask[distributed]"}
+
+
 def report_failure(what: str, error: Exception, debug: bool) -> Exit:
-    """Report a bug of the tool: one line, and the traceback with --debug."""
+    """Report a bug of the tool, or a library that is not installed: one line, and the traceback with --debug."""
     if debug:
         print("".join(traceback.format_exception(error)), file=sys.stderr)
+    missing = error.name.split(".")[0] if isinstance(error, ModuleNotFoundError) and error.name else ""
+    if missing and missing != "fopi_tune":
+        package = _DISTRIBUTIONS.get(missing, missing)
+        say(f"{what}: this needs the library {missing}, which is not installed; pip install '{package}'")
+        return Exit.TOOL_FAILED
     hint = "please report it together with the spec" + ("" if debug else " and what --debug adds")
     say(f"{what}: internal error, {type(error).__name__}: {error}; this is a mistake of fopi-tune: {hint}")
     return Exit.TOOL_FAILED

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.cli.batch import OutputOptions, process_with_loader
-from fopi_tune.cli.gains import earlier_or_tuned_gains, gains_of_earlier_design
+from fopi_tune.cli.gains import GivenGains, given_or_tuned_gains, gains_of_earlier_design
 from fopi_tune.cli.output import Exit, bad_input, progress_bar
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
@@ -51,7 +51,7 @@ def parameters_from_options(pairs: Sequence[str]) -> dict[str, float]:
     return numbers
 
 
-def validate_file(file: str, given: FoPi | None, samples: int | None, seed: int | None, options: OutputOptions) -> Exit:
+def validate_file(file: str, given: GivenGains, samples: int | None, seed: int | None, options: OutputOptions) -> Exit:
     """Run `fopi validate`: draw plants, simulate and evaluate them, write and print the result."""
 
     def compute(loaded: DesignSpec | SystemSpec) -> Result:
@@ -63,7 +63,7 @@ def validate_file(file: str, given: FoPi | None, samples: int | None, seed: int 
             gains = _gains_of_modes(loaded, given, options)
             with progress_bar("loops", options.quiet) as progress:
                 return validate_system(loaded, gains, samples=samples, seed=seed, progress=progress)
-        found = given if given is not None else earlier_or_tuned_gains(loaded, options)
+        found = given_or_tuned_gains(loaded, given, options)
         if not isinstance(found, FoPi):
             return found
         with progress_bar("loops", options.quiet) as progress:
@@ -72,7 +72,7 @@ def validate_file(file: str, given: FoPi | None, samples: int | None, seed: int 
     return process_with_loader([file], _load, compute, options, "validating")
 
 
-def simulate_file(file: str, given: FoPi | None, selection: SimulationOptions, options: OutputOptions) -> Exit:
+def simulate_file(file: str, given: GivenGains, selection: SimulationOptions, options: OutputOptions) -> Exit:
     """Run `fopi simulate`: simulate one plant, or one of each mode, write and print the result."""
 
     def compute(loaded: DesignSpec | SystemSpec) -> Result:
@@ -93,7 +93,7 @@ def simulate_file(file: str, given: FoPi | None, selection: SimulationOptions, o
             refuse_system_simulation(loaded, **arguments)
             return simulate_system(loaded, _gains_of_modes(loaded, given, options), **arguments)
         refuse_simulation(loaded, **arguments)
-        found = given if given is not None else earlier_or_tuned_gains(loaded, options)
+        found = given_or_tuned_gains(loaded, given, options)
         return found if not isinstance(found, FoPi) else simulate(loaded, found, **arguments)
 
     return process_with_loader([file], _load, compute, options, "simulating")
@@ -105,9 +105,9 @@ def _load(file: str) -> DesignSpec | SystemSpec:
     return load_any(file)
 
 
-def _gains_of_modes(system: SystemSpec, given: FoPi | None, options: OutputOptions) -> dict[str, FoPi]:
+def _gains_of_modes(system: SystemSpec, given: GivenGains, options: OutputOptions) -> dict[str, FoPi]:
     """Gains of earlier designs for modes without gains in the system; modes without such a design are tuned later."""
-    if given is not None:
+    if given:
         raise DomainError("this is a system; its modes' gains belong into its file: brake: {spec: ..., gains: ...}")
     found = {}
     for mode in system.modes:

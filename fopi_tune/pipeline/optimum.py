@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.pipeline.prove import with_digest_of
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.load import Source
 
@@ -52,4 +53,4 @@ def recheck_optimum(document: object, source: Source) -> OptimumRecheck:
     """
     from fopi_tune.optimum import recheck_optimum
 
-    return recheck_optimum(document, load_spec(source))
+    return recheck_optimum(document, with_digest_of(load_spec(source), document))

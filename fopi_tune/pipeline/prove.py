@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from fopi_tune.core.controller import FoPi
@@ -12,7 +13,9 @@ from fopi_tune.proof.certificate import LARGEST_TOLERANCE
 from fopi_tune.results.design import Check
 from fopi_tune.results.stamp import certificate_versions, stamp
 from fopi_tune.spec import load_spec
+from fopi_tune.spec.digests import digests_of
 from fopi_tune.spec.load import Source
+from fopi_tune.spec.model import DesignSpec
 
 
 def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
@@ -36,7 +39,7 @@ def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
     implementation = designed_implementation(spec, gains)
     found = verify(spec, gains, tolerance, implementation)
     certificate = certify(spec, found, certificate_versions(), implementation)
-    return Check(spec, found, certificate, stamp(spec.sha256, None))
+    return Check(spec, found, certificate, stamp(spec.sha256, None, digests_of(spec)))
 
 
 def recheck(document: object, source: Source | None = None) -> Recheck:
@@ -54,7 +57,7 @@ def recheck(document: object, source: Source | None = None) -> Recheck:
 
     if source is None:
         return recheck(document, None)
-    spec = load_spec(source)
+    spec = with_digest_of(load_spec(source), document)
     found = recheck(document, spec)
     case = found.certificate.case
     if case.implementation is None:
@@ -66,3 +69,13 @@ def recheck(document: object, source: Source | None = None) -> Recheck:
         return found
     problem = "the digital controller is not the one that the spec makes of the gains that are stated"
     return replace(found, problems=(*found.problems, problem))
+
+
+def with_digest_of(spec: DesignSpec, document: object) -> DesignSpec:
+    """The spec with the digest of the file that a certificate was made of.
+
+    What a certificate is about, plants, gains, requirements and loop, is compared with the spec entry by entry, or
+    derived from it again; the digest of the text would refuse it for a comment or a scenario that was added since.
+    """
+    stated = document.get("spec_sha256") if isinstance(document, Mapping) else None
+    return replace(spec, sha256=stated) if isinstance(stated, str) else spec

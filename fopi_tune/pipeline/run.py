@@ -33,7 +33,8 @@ def run(source: Source, proof: bool = True) -> Run:
         return Run(design, None)
     known = design.certificate if spec.digital.designs_sampled else None
     try:
-        digital = discretize(spec, design.gains, proof and known is None)
+        # the design's spec: one without an objective may have a limit of |S| added to it
+        digital = discretize(design.spec, design.gains, proof and known is None)
     except DomainError as error:
         return Run(design, None, str(error))
     # a design for samples was proved for this same loop

@@ -26,6 +26,7 @@ from fopi_tune.results.simulation import ScenarioResult, Simulated
 from fopi_tune.results.stamp import stamp
 from fopi_tune.simulation.notes import bumpless_notes, limit_notes, setpoint_notes
 from fopi_tune.spec import load_spec
+from fopi_tune.spec.digests import digests_of
 from fopi_tune.spec.load import Source
 from fopi_tune.spec.model import DesignSpec, DigitalSpec, ScenarioSpec, ValidationSpec
 
@@ -90,7 +91,7 @@ def simulate(
         spec.plant.describe(point),
         replay,
         results,
-        stamp(spec.sha256, None),
+        stamp(spec.sha256, None, digests_of(spec)),
         exact=exact,
         left_out=f"the computing delay of {delay:g} s" if exact and delay else "",
         notes=tuple(notes),

@@ -19,6 +19,8 @@ from fopi_tune.proof.documents import digest
 from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.report.document_shapes import check_design, check_digital, check_evidence
 from fopi_tune.results.design import Run, loop_name
+from fopi_tune.spec.default_objective import with_default_objective
+from fopi_tune.spec.digests import DESIGN_PARTS, DIGITAL_PARTS, EVIDENCE_PARTS, digests_of, is_of_spec
 from fopi_tune.spec.model import DesignSpec, Requirement
 
 #: a result's JSON
@@ -117,25 +119,39 @@ def documents_of(
     Raises:
         DomainError: the design is of another spec, or one of the documents is not as this tool writes it; says where.
     """
-    stated = _spec_of(design)
-    if stated is None:
+    made = design.get("stamp")
+    if not isinstance(made, Mapping) or made.get("spec_sha256") is None:
         raise DomainError(f"{file} is no result of this tool; run `{command}` again")
-    if stated != spec.sha256:
-        raise DomainError(f"{file} is of another spec, or of an earlier text of this one; run `{command}` again")
+    if not is_of_spec(made, spec):
+        raise DomainError(
+            f"{file} is of another spec, or this one's {_changed_parts(made, spec)} changed since; "
+            f"run `{command}` again"
+        )
+    spec = _as_designed(spec, design)
     gains = _checked(check_design, design, spec, file, command)
-    digital = _matching(spec, design["gains"], digital)
+    digital = _matching(spec, design["gains"], digital, DIGITAL_PARTS)
     if digital is not None:
-        _checked(check_digital, digital, spec, "digital.json", command)
-    evidence = _matching(spec, design["gains"], evidence)
+        _checked(check_digital, digital, _as_designed(spec, digital), "digital.json", command)
+    evidence = _matching(spec, design["gains"], evidence, EVIDENCE_PARTS)
     if evidence is not None:
         _checked(check_evidence, evidence, spec, "evidence.json", "fopi validate")
     return ResultDocuments(spec, design, digital, evidence, gains)
 
 
-def _spec_of(document: Document) -> object:
-    """The digest of the spec that a document says it is of; None where it says nothing."""
-    stamp = document.get("stamp")
-    return stamp.get("spec_sha256") if isinstance(stamp, Mapping) else None
+def _changed_parts(made: Mapping[str, Any], spec: DesignSpec) -> str:
+    """The parts of a spec that differ from those that a result states, in words."""
+    stated, now = made.get("digests"), digests_of(spec)
+    if not isinstance(stated, Mapping):
+        return "text"
+    return ", ".join(part for part in DESIGN_PARTS if stated.get(part) != now[part]) or "text"
+
+
+def _as_designed(spec: DesignSpec, document: Document) -> DesignSpec:
+    """The spec with the limit of |S| that a design without an objective may have added, where a document has it."""
+    entries = document.get("requirements")
+    completed = with_default_objective(spec)
+    is_completed = isinstance(entries, list) and len(entries) == len(completed.requirements)
+    return completed if is_completed else spec
 
 
 def _checked(
@@ -147,17 +163,18 @@ def _checked(
         raise DomainError(f"{file} is not as this tool writes it: {error}; run `{command}` again") from None
 
 
-def _matching(spec: DesignSpec, gains: object, document: Document | None) -> Document | None:
-    """The document if it is of this spec and these gains, else None."""
+def _matching(
+    spec: DesignSpec, gains: object, document: Document | None, parts: tuple[str, ...]
+) -> Document | None:
+    """The document if it is of these gains and these parts of the spec, else None."""
     if document is None or gains is None:
         return None
-    return document if _spec_of(document) == spec.sha256 and document.get("gains") == gains else None
+    return document if is_of_spec(document.get("stamp"), spec, parts) and document.get("gains") == gains else None
 
 
 def _reported(spec: DesignSpec, document: Document) -> tuple[ReportedRequirement, ...]:
-    return tuple(
-        ReportedRequirement(r, said) for r, said in zip(spec.requirements, document["requirements"], strict=True)
-    )
+    requirements = _as_designed(spec, document).requirements
+    return tuple(ReportedRequirement(r, said) for r, said in zip(requirements, document["requirements"], strict=True))
 
 
 def _plain(document: Document) -> Document:

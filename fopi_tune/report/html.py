@@ -5,12 +5,12 @@ This module decides what the report contains; `page.py` renders it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
-from fopi_tune.report.documents import ResultDocuments
+from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
 from fopi_tune.report.evidence import evidence_rows, histograms, sampling_phrase
 from fopi_tune.report.figures.frequency import bode, margins_along, nyquist, sensitivities
 from fopi_tune.report.figures.members import Members, members_of
@@ -21,6 +21,7 @@ from fopi_tune.report.figures.step_responses import step_responses
 from fopi_tune.report.page import figure_files, render_figures, render_template
 from fopi_tune.report.requirement_rows import place_phrase, requirement_rows
 from fopi_tune.report.text.formatting import (
+    score_note,
     exact_limit,
     margins_phrase,
     number,
@@ -108,6 +109,8 @@ def _text_values(documents: ResultDocuments) -> dict[str, Any]:
         "summary": list(_summary(design)),
         "why_no_figures": "there are no gains, or the digital controller that the requirements speak of is not there",
         "digital_status": "" if digital is None else _digital_words(documents, digital),
+        "score_note": _score_note(documents.requirements),
+        "digital_score_note": _score_note(documents.digital_requirements),
         "digital_rows": requirement_rows(documents.digital_requirements),
         "sampling": "" if evidence is None else sampling_phrase(evidence),
         "confidence": "" if evidence is None else f"{100.0 * evidence['drawn']['confidence']:g} %",
@@ -123,6 +126,10 @@ def _gains_words(gains: FoPi, status: str) -> str:
     values = ", ".join(f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha"))
     no_solution = "" if status == "solved" else "; these gains are no solution, only where the search ended"
     return f"C(s) = kp + ki / s^alpha with {values}{no_solution}"
+
+
+def _score_note(requirements: Sequence[ReportedRequirement]) -> str:
+    return score_note(each.requirement for each in requirements if not each.reported["met"])
 
 
 def _missed_phrase(digital: Mapping[str, Any]) -> str:

@@ -14,11 +14,13 @@ from fopi_tune.report.text.formatting import (
     number,
     requirement_phrase,
     scope_phrase,
+    score_phrase,
+    verdict_word,
     with_unit,
 )
 
 #: verdict -> a symbol that is readable without colour
-_SIGNS = {"proved": "✓", "met": "✓", "refuted": "✗", "missed": "✗", "undecided": "?"}
+_SIGNS = {"proved": "✓", "met": "✓", "violated": "✗", "undecided": "?"}
 #: a multiplier that changes the objective by less than this part of it is rounding
 _ROUNDING = 1e-6
 
@@ -28,7 +30,7 @@ class RequirementRow:
     """One requirement in words.
 
     Args:
-        verdict: proved, refuted or undecided; met or missed without a proof; open without gains.
+        verdict: proved, violated or undecided; met without a proof; open without gains.
         sign: the verdict as a symbol.
         what: the requirement as a formula.
         scope: for which plants and frequencies.
@@ -72,17 +74,15 @@ def place_phrase(place: Mapping[str, Any] | None) -> str:
 def _row(found: ReportedRequirement, objective: float | None) -> RequirementRow:
     said, requirement = found.reported, found.requirement
     proof, outcome = said["proof"], said["outcome"]
-    if proof is not None:
-        verdict = str(proof["verdict"])
-    else:
-        verdict = "open" if outcome is None else "met" if said["met"] else "missed"
+    verdict = verdict_word(None if outcome is None else bool(said["met"]), proof and str(proof["verdict"]))
+    has_score = outcome != "infinite" or said["met"]
     return RequirementRow(
         verdict=verdict,
         sign=_SIGNS.get(verdict, "–"),
         what=requirement_phrase(requirement),
         scope=scope_phrase(requirement),
         achieved=_achieved(said),
-        score=_score(None if outcome == "infinite" and not said["met"] else said["score"]),
+        score=score_phrase(requirement, said["score"] if has_score else None, said["achieved"]).replace("-", "–"),
         worst=_worst(found),
         proved="" if proof is None else _proved(proof),
         cost=_cost(said["multiplier"], found, objective),
@@ -103,13 +103,6 @@ def _achieved(said: Mapping[str, Any]) -> str:
         return number(said["achieved"], 5 if said["met"] else 9)
     names = {"no_crossover": "no crossover", "unstable": NO_MARGIN, "beyond_nyquist": "beyond Nyquist"}
     return names.get(said["outcome"], "infinite" if said["outcome"] else "–")
-
-
-def _score(score: float | None) -> str:
-    if score is None:
-        return "–"
-    digits = 6 if 1.0 < score < 1.0005 else 3
-    return f"{abs(score):.{digits}f}" if score < 1000.0 else f"{score:.3g}"
 
 
 def _proved(proof: Mapping[str, Any]) -> str:

@@ -24,6 +24,7 @@ from fopi_tune.results.documents import (
     requirement_proof_dict,
     stability_dict,
 )
+from fopi_tune.results.equalities import equality_notes
 from fopi_tune.results.stamp import Stamp, certificate_versions
 from fopi_tune.results.status import Price, Relaxation, Status
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
@@ -202,6 +203,11 @@ class Check:
         """The requirements, each with its result and its proof."""
         return requirement_reports(self.verification, self.certificate)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """By how much equalities are missed."""
+        return equality_notes(self.verification.requirements)
+
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON, shaped as a design's."""
         return verification_dict(self.spec, self.verification, self.certificate, self.stamp)
@@ -234,6 +240,11 @@ class Discretized:
     def reports(self) -> tuple[RequirementReport, ...]:
         """The requirements, each with its result and its proof."""
         return requirement_reports(self.verification, self.certificate)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """By how much equalities are missed."""
+        return equality_notes(self.verification.requirements)
 
     def certificate_document(self) -> dict[str, Any] | None:
         """The certificate's JSON; None without one."""
@@ -351,6 +362,7 @@ def verification_dict(
         "loop": loop_name(spec),
         "objective_quantity": objective_name(spec),
         "tolerance": found.tolerance,
+        "notes": list(equality_notes(found.requirements)),
         "stability": stability_dict(found.stability),
         "nominal": margins_dict(found.nominal),
         "proof": proof_dict(certificate, certificate is not None),

@@ -36,8 +36,12 @@ def with_default_objective(spec: DesignSpec) -> DesignSpec:
         spec: as written.
 
     Returns:
-        With `minimize: iae_disturbance`, and with |S| <= 6 dB where neither |S| nor the phase margin is bounded.
+        With `minimize: iae_disturbance`, and with |S| <= 6 dB where neither |S| nor the phase margin is bounded.  Gains
+        that the spec fixes are checked as they are: itself.
     """
+    box = spec.controller
+    if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
+        return spec
     if spec.objective is not None or any(asks_to_act(requirement) for requirement in spec.requirements):
         return spec
     added: tuple[Requirement, ...] = ()

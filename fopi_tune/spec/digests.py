@@ -12,13 +12,16 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Any
 
+from fopi_tune.spec.default_objective import with_default_objective
 from fopi_tune.spec.model import DesignSpec
 
 #: parts that gains and their proof depend on, and the digital controller besides
 DESIGN_PARTS = ("plant", "controller", "requirements", "objective", "loop")
 DIGITAL_PARTS = (*DESIGN_PARTS, "digital")
+#: parts that evidence from drawn plants depends on; how they were drawn it says itself
+EVIDENCE_PARTS = (*DIGITAL_PARTS, "scenarios")
 #: fields that say where something is written, or are for people
-_LEFT_OUT = ("line", "measurement_unit", "output_unit")
+_LEFT_OUT = ("line", "measurement_unit", "output_unit", "table")
 #: fields of the section `digital` that the loop of the requirements does not depend on
 _BESIDE_LOOP = ("output_limits", "measurement_unit", "output_unit")
 
@@ -28,6 +31,7 @@ def digests_of(spec: DesignSpec) -> dict[str, str]:
 
     `loop` is the one that the requirements are about: the continuous one, or that on samples with its controller.
     """
+    spec = with_default_objective(spec)
     loop: Any = "continuous"
     if spec.digital is not None and spec.digital.designs_sampled:
         loop = {name: value for name, value in _plain(spec.digital).items() if name not in _BESIDE_LOOP}
@@ -40,10 +44,16 @@ def digests_of(spec: DesignSpec) -> dict[str, str]:
         "digital": spec.digital,
         "scenarios": (spec.scenarios, spec.limits),
     }
-    return {
-        name: hashlib.sha256(json.dumps(_plain(part), sort_keys=True).encode()).hexdigest()
-        for name, part in parts.items()
-    }
+    return {name: _digest(part) for name, part in parts.items()}
+
+
+def content_digest(spec: DesignSpec) -> str:
+    """SHA-256 of everything that a spec says, but for what is only for people."""
+    return _digest((spec.name, digests_of(spec), spec.validation))
+
+
+def _digest(part: Any) -> str:
+    return hashlib.sha256(json.dumps(_plain(part), sort_keys=True).encode()).hexdigest()
 
 
 def is_of_spec(stamp: object, spec: DesignSpec, parts: tuple[str, ...] = DESIGN_PARTS) -> bool:

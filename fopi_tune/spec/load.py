@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from importlib.resources import files as package_files
 
+from fopi_tune.spec.digests import content_digest
 from fopi_tune.spec.files import read_bytes
 from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.model import DesignSpec, SystemSpec
@@ -28,13 +29,15 @@ def load_spec(source: Source) -> DesignSpec:
     """The spec in a file, and what is in the files that it names.
 
     Args:
-        source: path of a YAML file; a `DesignSpec` is returned as it is.
+        source: path of a YAML file; a `DesignSpec` is returned as it is, one that was made or changed in Python with
+            the hash of what it says in place of the hash of a text that says something else.
 
     Raises:
         SpecError: the file cannot be read, or is not a usable spec; carries every problem found.
     """
     if isinstance(source, DesignSpec):
-        return source
+        content = content_digest(source)
+        return source if content == source.content_sha256 else replace(source, sha256=content, content_sha256=content)
     collector = ProblemCollector(os.fsdecode(source))
     return _parse(_read_file(source, collector), collector, folder_reader(source))
 
@@ -148,7 +151,7 @@ def _parse(data: bytes, collector: ProblemCollector, read: FileReader) -> Design
     spec = read_spec(Place(document, "", collector), hashlib.sha256(data).hexdigest(), read)
     if spec is None:
         raise collector.error()
-    return replace(spec, source=data)
+    return replace(spec, source=data, content_sha256=content_digest(spec))
 
 
 def _read_file(path: str | os.PathLike[str], collector: ProblemCollector) -> bytes:

@@ -262,6 +262,8 @@ class DesignSpec:
         sha256: of the file's bytes, or of the text it was made from.
         schema: version of the language.
         source: those bytes.
+        content_sha256: of what those bytes say, by which a spec that was changed afterwards is told; empty for a spec
+            that was not read.
     """
 
     name: str
@@ -277,6 +279,7 @@ class DesignSpec:
     sha256: str = ""
     schema: int = 1
     source: bytes = field(default=b"", compare=False, repr=False)
+    content_sha256: str = field(default="", compare=False, repr=False)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 
 #: timeout of the first connection to a scheduler, seconds
 _CONNECT_TIMEOUT_S = 20.0
+#: a scheduler that has had no worker for so long is given up, seconds
+NO_WORKERS_TIMEOUT_S = 300.0
+#: between two looks at whether a task is done, seconds
+_POLL_S = 0.02
 #: threads of numerical libraries in a worker: one, because the cells run in parallel
 _THREADS = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "FOPI_THREADS"), "1")
 #: other loggers that report Dask's connections
@@ -49,12 +53,19 @@ class ClusterLostError(FopiError):
 
 
 class DaskRunner:
-    """Runs tasks with a Dask client."""
+    """Runs tasks with a Dask client.
 
-    def __init__(self, client: Client) -> None:
+    Args:
+        client: connected.
+        no_workers_timeout_s: how long the scheduler may be without any worker, seconds.
+    """
+
+    def __init__(self, client: Client, no_workers_timeout_s: float = NO_WORKERS_TIMEOUT_S) -> None:
         from distributed import as_completed
 
         self._client = client
+        self._no_workers_timeout_s = no_workers_timeout_s
+        self._last_worker_at = time.monotonic()
         self._completed = as_completed(raise_errors=False)
         self._tasks: dict[str, Task] = {}
         self._count = 0
@@ -68,7 +79,10 @@ class DaskRunner:
         if now - self._workers_checked_at > 1.0:
             self._workers_checked_at = now
             with _translate_lost_connection():
-                self._workers = max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+                count = len(self._client.scheduler_info(n_workers=-1)["workers"])
+            self._workers = max(1, count)
+            if count:
+                self._last_worker_at = now
         return self._workers
 
     def submit(self, task: Task, versions: Mapping[str, str]) -> None:
@@ -85,10 +99,11 @@ class DaskRunner:
         """Wait for a task.
 
         Raises:
-            ClusterLostError: the scheduler is gone.
+            ClusterLostError: the scheduler is gone, or has had no worker for too long.
         """
         from distributed.scheduler import KilledWorker
 
+        self._wait()
         future: Any = next(self._completed)
         task = self._tasks.pop(str(future.key))
         with _translate_lost_connection():
@@ -105,6 +120,18 @@ class DaskRunner:
         if isinstance(error, KilledWorker):
             return TaskOutcome(task)
         return TaskOutcome(task, reason=f"the worker could not run it, {type(error).__name__}: {error}")
+
+
+    def _wait(self) -> None:
+        """Wait until a task is done."""
+        while not (self._completed.has_ready() or self._completed.is_empty()):
+            _ = self.workers  # looks for workers
+            if time.monotonic() - self._last_worker_at > self._no_workers_timeout_s:
+                raise ClusterLostError(
+                    f"the scheduler has had no worker for {self._no_workers_timeout_s:g} s; what was done is kept: "
+                    "start workers with `dask worker` and run the same command again"
+                )
+            time.sleep(_POLL_S)
 
 
 def _call(task: Task, versions: dict[str, str]) -> tuple[Any, ...]:
@@ -171,7 +198,10 @@ def _sigint_blocked() -> Iterator[None]:
 
 @contextlib.contextmanager
 def remote_cluster(
-    address: str, say: Callable[[str], None], timeout_s: float = _CONNECT_TIMEOUT_S
+    address: str,
+    say: Callable[[str], None],
+    timeout_s: float = _CONNECT_TIMEOUT_S,
+    no_workers_timeout_s: float = NO_WORKERS_TIMEOUT_S,
 ) -> Iterator[DaskRunner]:
     """The workers of a scheduler.
 
@@ -179,6 +209,7 @@ def remote_cluster(
         address: as tcp://host:8786.
         say: called with a message when it has no workers.
         timeout_s: until it must have answered, seconds.
+        no_workers_timeout_s: how long it may be without any worker, seconds.
 
     Raises:
         ClusterError: nothing answers there.
@@ -194,10 +225,13 @@ def remote_cluster(
                 f"no scheduler answers at {address} ({reason}); start one with `dask scheduler`, or check the address"
             ) from None
         with client:
-            runner = DaskRunner(client)
+            runner = DaskRunner(client, no_workers_timeout_s)
             worker_infos = client.scheduler_info(n_workers=-1)["workers"]
             if not worker_infos:
-                say(f"{address} has no workers yet; start some with `dask worker {address} --nthreads 1`")
+                say(
+                    f"{address} has no workers yet; start some with `dask worker {address} --nthreads 1`; "
+                    f"given up after {no_workers_timeout_s:g} s without any"
+                )
             yield runner
 
 

@@ -16,7 +16,7 @@ from cases.project import CONTINUOUS, ROOT
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
-from fopi_tune.cli.output import write_file
+from fopi_tune.cli.output import report_failure, write_file
 
 BRAKE = str(CONTINUOUS / "brake.yaml")
 OPTIONS = ["--kp", "0.44651475946456753", "--ki", "0.37032589727989074", "--alpha", "0.8319673847369714"]
@@ -24,7 +24,7 @@ OPTIONS = ["--kp", "0.44651475946456753", "--ki", "0.37032589727989074", "--alph
 WRITER = """
 import sys
 from pathlib import Path
-from fopi_tune.cli.output import write_file
+from fopi_tune.cli.output import report_failure, write_file
 texts = [letter * 3_000_000 for letter in "ab"]
 for turn in range(10**9):
     write_file(Path(sys.argv[1]), texts[turn % 2])
@@ -127,3 +127,12 @@ def test_long_validations_ended_at_random_leave_the_old_evidence_or_the_new(tmp_
     chance = random.Random(5)
     kills = [(chance.choice([signal.SIGINT, signal.SIGKILL]), chance.uniform(0.0, 1.05)) for _ in range(6)]
     kill_a_validation(tmp_path, 200_000, kills)
+
+
+def test_a_library_that_is_not_installed_is_named_with_its_pip_line(capsys: pytest.CaptureFixture[str]) -> None:
+    error = ModuleNotFoundError("No module named 'flint.types'", name="flint.types")
+    assert report_failure("brake", error, False) == 3
+    said = capsys.readouterr().err
+    assert said == "brake: this needs the library flint, which is not installed; pip install 'python-flint'\n"
+    assert report_failure("brake", ModuleNotFoundError("gone", name="fopi_tune.gone"), False) == 3
+    assert "internal error" in capsys.readouterr().err

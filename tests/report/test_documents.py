@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 import fopi_tune as ft
 from fopi_tune.errors import DomainError
-from fopi_tune.report.documents import check_consistent
+from fopi_tune.report.documents import check_consistent, documents_of
 from fopi_tune.report.evidence import histograms
 from fopi_tune.report.figures.forbidden_regions import sensitivity_discs
 from fopi_tune.spec import parse_spec
@@ -120,3 +120,44 @@ def test_the_nyquist_figure_hatches_the_disc_that_a_bound_of_s_forbids() -> None
     ]
     # |S| <= 2 is a distance of at least 1/2 from -1; a bound below some frequency is no disc
     assert sensitivity_discs(bounds) == [(pytest.approx(0.5, rel=3e-3), Scope.FAMILY)]
+
+
+SMALL = """\
+schema: 1
+name: small
+plant: {model: lag, static_gain: 1, time_constant_s: 1, dead_time_s: 0.2}
+controller: {kp: {min: 0, max: 9}, ki: {min: 0, max: 9}, alpha: 1}
+requirements:
+  - gain_margin_db: {at_least: 8}
+digital: {sample_time_s: 0.02}
+"""
+
+
+def test_results_outlast_a_scenario_that_is_added_and_not_a_changed_part() -> None:
+    # nothing bounds |S|: the design has a requirement more than the spec
+    run = ft.run(parse_spec(SMALL), proof=False)
+    assert run.digital is not None
+    design, digital = json.loads(json.dumps([run.design.to_dict(), run.digital.to_dict()]))
+    assert len(design["requirements"]) == 2
+    scenarios = "scenarios: [{name: up, duration_s: 5, reference: [{at_s: 0, value: 1}]}]\n"
+    for text in (SMALL, "# a comment\n" + SMALL, SMALL + scenarios):
+        found = documents_of(parse_spec(text), design, digital)
+        assert found.digital == digital
+        assert [each.requirement.quantity for each in found.requirements] == ["gain_margin_db", "sensitivity_db"]
+        assert len(found.digital_requirements) == 2
+    # another filter: the design stays, its digital controller does not
+    other = documents_of(parse_spec(SMALL.replace("0.02}", "0.03}")), design, digital)
+    assert other.digital is None
+    with pytest.raises(DomainError, match="this one's requirements changed since"):
+        documents_of(parse_spec(SMALL.replace("at_least: 8", "at_least: 9")), design, digital)
+
+
+def test_evidence_belongs_to_the_scenarios_it_was_drawn_with() -> None:
+    spec = parse_spec(SMALL.replace("dead_time_s: 0.2", "dead_time_s: {min: 0.1, max: 0.2}"))
+    run = ft.run(spec, proof=False)
+    assert run.design.gains is not None
+    evidence = json.loads(json.dumps(ft.validate(spec, run.design.gains, samples=20).to_dict()))
+    design = json.loads(json.dumps(run.design.to_dict()))
+    assert documents_of(spec, design, None, evidence).evidence == evidence
+    text = spec.source.decode() + "scenarios: [{name: up, duration_s: 5, reference: [{at_s: 0, value: 1}]}]\n"
+    assert documents_of(parse_spec(text), design, None, evidence).evidence is None

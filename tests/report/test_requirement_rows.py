@@ -11,6 +11,7 @@ from fopi_tune.proof.verification.results import Extreme, Outcome, Place
 from fopi_tune.report.documents import ReportedRequirement
 from fopi_tune.report.requirement_rows import RequirementRow, requirement_rows
 from fopi_tune.report.text.design import requirement_lines
+from fopi_tune.report.text.formatting import verdict_word
 from fopi_tune.results.design import RequirementReport
 from fopi_tune.spec.model import Relation, Requirement
 
@@ -74,3 +75,32 @@ def test_an_equality_of_an_infinite_margin_is_missed() -> None:
     extremes = tuple(Extreme(largest, math.inf, PLANT) for largest in (False, True))
     found = assess_requirement(asked, extremes, 1e-6)
     assert (found.outcome, found.is_met) == (Outcome.INFINITE, False)
+
+
+@pytest.mark.parametrize(
+    ("met", "proof", "word"),
+    [
+        (True, "proved", "proved"),
+        (True, None, "met"),
+        (True, "undecided", "undecided"),
+        (True, "refuted", "violated"),
+        (False, "undecided", "violated"),
+        (False, "refuted", "violated"),
+        (False, None, "violated"),
+        (None, None, "open"),
+    ],
+)
+def test_the_page_and_the_terminal_have_one_word_for_a_verdict(met: bool | None, proof: str | None, word: str) -> None:
+    found = report("phase_margin_deg", Relation.AT_LEAST, 60.0, None if met is None else 70.0 if met else 50.0)
+    assert verdict_word(met, proof) == word
+    if proof is None and met is not None:
+        assert terminal(found).split("score ")[1].startswith(word)
+        assert row(found).verdict == word
+
+
+def test_an_equality_scores_alike_on_the_page_and_in_the_terminal() -> None:
+    found = report("phase_margin_deg", Relation.EQUALS, 60.0, 60.05)
+    assert row(found).score == "0.500"
+    assert "violated phase_margin_deg = 60 60.05 0.500" in terminal(found)
+    assert "it is met only within the tolerance" in terminal(found)
+    assert row(found).verdict == "violated"

@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import psutil
@@ -303,3 +304,27 @@ def test_draws_that_are_divided_among_processes_give_the_same_rows(tmp_path: Pat
     alone = table_of(tmp_path / "s.yaml", tmp_path / "alone", "0")
     assert alone.count(",met,") == 2
     assert table_of(tmp_path / "s.yaml", tmp_path / "many", "2", "blocks") == alone
+
+
+class _Waiting:
+    """A client of a scheduler without workers, whose tasks are never done."""
+
+    def scheduler_info(self, n_workers: int) -> dict[str, Any]:
+        del n_workers
+        return {"workers": {}}
+
+
+def test_a_scheduler_without_workers_is_given_up() -> None:
+    from fopi_tune.study import cluster
+
+    runner = cluster.DaskRunner.__new__(cluster.DaskRunner)
+    runner.__dict__.update(
+        _client=_Waiting(),
+        _completed=SimpleNamespace(has_ready=lambda: False, is_empty=lambda: False),
+        _no_workers_timeout_s=0.1,
+        _last_worker_at=time.monotonic(),
+        _workers=1,
+        _workers_checked_at=-1e9,
+    )
+    with pytest.raises(cluster.ClusterLostError, match="has had no worker for 0.1 s; what was done is kept"):
+        runner.next_outcome()

@@ -29,9 +29,12 @@ from fopi_tune.report.text.formatting import (
     number,
     requirement_phrase,
     scope_phrase,
+    score_note,
+    score_phrase,
     sentence,
     style_of,
     to_text,
+    verdict_word,
     with_unit,
     wrapped,
 )
@@ -103,6 +106,8 @@ def check_text(check: Check) -> Text:
     lines = [*wrapped(f"{check.spec.name}: {check.status}. {said}", style_of(check.status == "met")), ("", "")]
     lines.append((gains_line(found.gains), "bold"))
     lines += requirement_lines(check.reports, found.objective)
+    for note in check.notes:
+        lines += wrapped(f"{note}.", "yellow")
     lines += summary_lines(objective_name(check.spec), found.objective, found.stability, found.nominal)
     lines += proof_lines(check.certificate)
     return to_text(lines)
@@ -120,7 +125,7 @@ def requirement_lines(reports: Sequence[RequirementReport], objective: float | N
     for report in reports:
         yield from _requirement(report, objective, priced)
     yield "", ""
-    yield "A score of at most 1 is met.", QUIET
+    yield from wrapped(score_note(r.requirement for r in reports if r.result is not None and not r.result.is_met), QUIET)
     if priced:
         yield "The multiplier is what the objective gains for each unit the limit gives.", QUIET
     yield from price_lines(
@@ -134,14 +139,13 @@ def requirement_lines(reports: Sequence[RequirementReport], objective: float | N
 
 def _requirement(report: RequirementReport, objective: float | None, priced: bool) -> Iterator[Line]:
     requirement, result = report.requirement, report.result
-    met = result is not None and result.is_met
-    verdict = "open" if result is None else "met" if met else "violated"
-    if met and report.proof is not None:
-        verdict = report.proof.verdict.value
-    numbers = f"{_achieved(requirement, result):>{_ACHIEVED}}{_score(result):>{_SCORE}}"
+    verdict = verdict_word(
+        None if result is None else result.is_met, None if report.proof is None else report.proof.verdict.value
+    )
+    numbers = f"{_achieved(requirement, result):>{_ACHIEVED}}{_score(requirement, result):>{_SCORE}}"
     if priced:
         numbers += f"{_multiplier(report, objective):>{_MULTIPLIER}}"
-    what, style = requirement_phrase(requirement), "" if met or result is None else "red"
+    what, style = requirement_phrase(requirement), "red" if verdict == "violated" else ""
     if len(what) > _WHAT:
         yield f"{verdict:<{FIRST_COLUMN}}{what}", style
         yield f"{'':{FIRST_COLUMN + _WHAT}}{numbers}", style
@@ -165,13 +169,10 @@ def _achieved(requirement: Requirement, result: RequirementResult | None) -> str
     return number(result.achieved, digits)
 
 
-def _score(result: RequirementResult | None) -> str:
-    if result is None or result.score is None or (result.outcome is Outcome.INFINITE and not result.is_met):
+def _score(requirement: Requirement, result: RequirementResult | None) -> str:
+    if result is None or (result.outcome is Outcome.INFINITE and not result.is_met):
         return "-"
-    score = result.score
-    if 0.9995 <= score < 1.0005:
-        return f"{score:.6f}" if score > 1.0 else "1.000"
-    return f"{abs(score):.3f}" if score < 1000.0 else f"{score:.3g}"
+    return score_phrase(requirement, result.score, result.achieved)
 
 
 def _multiplier(report: RequirementReport, objective: float | None) -> str:

@@ -55,6 +55,8 @@ def digital_text(result: Discretized) -> Text:
     late = f", {number(digital.delay_samples)} sample{plural} of computing delay" if digital.delay_samples else ""
     lines += entry("sampled", f"every {with_unit(digital.sample_time_s, 's')} ({made}{late})")
     lines += requirement_lines(result.reports, found.objective)
+    for note in result.notes:
+        lines += wrapped(f"{note}.", "yellow")
     if status == "violated" and found.stability.stable and not digital.designs_sampled:
         lines += wrapped(
             "`design: sampled` in the spec's section digital finds gains whose loop on samples meets them."

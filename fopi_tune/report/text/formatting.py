@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
+from fopi_tune.results.equalities import shown_score
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
 if TYPE_CHECKING:
@@ -36,6 +37,47 @@ def requirement_phrase(requirement: Requirement) -> str:
     if requirement.relation is Relation.BETWEEN:
         return f"{requirement.quantity} in [{', '.join(limits)}]"
     return f"{requirement.quantity} {_SIGNS[requirement.relation]} {limits[0]}"
+
+
+def verdict_word(met: bool | None, proof: str | None) -> str:
+    """The verdict on a requirement, the same word in every table.
+
+    Args:
+        met: what the check in floating point found; None without gains.
+        proof: the certificate's verdict; None without one.
+
+    Returns:
+        `proved`, `met` (without a certificate), `undecided`, `violated`, or `open` without gains.
+    """
+    if met is None:
+        return "open"
+    if not met or proof == "refuted":
+        return "violated"
+    return "met" if proof is None else proof
+
+
+def score_phrase(requirement: Requirement, score: float | None, achieved: float | None) -> str:
+    """A score with three digits, six where fewer would hide which side of 1 it is on; "-" where there is none.
+
+    Of an equality it is the distance per 0.1 % or 0.1 degrees, however narrow the verdict's own tolerance is.
+    """
+    if score is None:
+        return "-"
+    if requirement.relation is Relation.EQUALS and achieved is not None:
+        score = shown_score(requirement, achieved)
+    elif 0.9995 <= score < 1.0005:
+        return f"{score:.6f}" if score > 1.0 else "1.000"
+    return f"{abs(score):.3f}" if score < 1000.0 else f"{score:.3g}"
+
+
+def score_note(missed: Iterable[Requirement]) -> str:
+    """What the scores of a table mean, where these requirements are missed."""
+    if any(requirement.relation is Relation.EQUALS for requirement in missed):
+        return (
+            "A score of at most 1 is met; that of an equality is its distance per 0.1 % or 0.1 deg, and it is met "
+            "only within the tolerance."
+        )
+    return "A score of at most 1 is met."
 
 
 def scope_phrase(requirement: Requirement) -> str:
