@@ -42,7 +42,10 @@ AT_THE_ROOT = {"__init__.py", "__main__.py", "errors.py", "py.typed"}
 #: of the root, what folders may ask for: a string
 VERSION = "fopi_tune.__version__"
 #: opinions of their own: neither ever looks at the other
-APART = (("proof", "design"), ("proof", "convex"), ("design", "convex"), ("convex", "design"), ("optimum", "design"), ("design", "proof"))
+APART = (
+    ("proof", "design"), ("proof", "convex"), ("design", "proof"), ("design", "convex"), ("convex", "design"),
+    ("optimum", "design"),
+)  # fmt: skip
 MOST_FILES = 16
 LEAST_LINES = 25
 #: these print or write; one module reads what people give, and the ledger of a study is a database

@@ -59,8 +59,8 @@ class Grid:
         asked += [w for r in spec.requirements if r.quantity == "crossover_rad_s" for w in r.limits]
         light = roots[(np.abs(roots.real) < 0.3 * np.abs(roots)) & (roots.imag > 0)]
         narrow = [r.imag + abs(r.real) * np.tan(np.linspace(-1.5, 1.5, 25)) for r in light]
-        omega = np.concatenate([np.geomspace(low, 0.9999999 * nyquist, points), np.linspace(0, nyquist, points // 2 + 2)[1:-1],
-                                np.array(asked), *narrow])  # fmt: skip
+        grids = [np.geomspace(low, 0.9999999 * nyquist, points), np.linspace(0, nyquist, points // 2 + 2)[1:-1]]
+        omega = np.concatenate([*grids, np.array(asked), *narrow])
         omega = np.unique(omega[(omega > 0) & (omega < nyquist)])
         u = np.log(np.tan(0.5 * omega * time_s))
         m, n = len(plants), len(u)

@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.design.constraints import Bound
-from fopi_tune.design.global_search.compiled import CROSSOVER, IAE, KI, NOTHING, PHASE_SLOPE, Rows, work_for
+from fopi_tune.design.global_search.compiled import (
+    CROSSOVER,
+    IAE,
+    KI,
+    NOTHING,
+    PHASE_SLOPE,
+    Rows,
+    nominal_of,
+    work_for,
+)
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.scan import best_of_order, compass, direction, scan_rays
 from fopi_tune.design.global_search.tables import DECADES_BEYOND
@@ -203,13 +212,16 @@ def _with_two_equalities(
     """Minima over alpha where two equalities leave one ray for each order."""
     most_ratio, span = reach_of(problem)
     box, table = problem.box, problem.scan_table
-    work = work_for(table)
+    nominal = nominal_of(table)
+    work, nominal_work = work_for(table), work_for(nominal)
     alphas = _orders(problem, 1.0, _ORDERS_WITH_TWO_EQUALITIES)
     found: list[Basin] = []
     for signs in quadrants_of(problem):
 
         def best(alpha: float, signs: Array = signs) -> tuple[float, float, float]:
-            return best_of_order(problem.code, alpha, signs, taus, equal, most_ratio, span, table, rows, box, work)
+            return best_of_order(
+                problem.code, alpha, signs, taus, equal, most_ratio, span, table, rows, box, work, nominal, nominal_work
+            )
 
         costs = np.array([best(alpha)[0] for alpha in alphas])
         padded = np.pad(costs, 1, constant_values=NOTHING)

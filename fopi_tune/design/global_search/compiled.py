@@ -243,6 +243,13 @@ class Work(NamedTuple):
     found: Any
 
 
+def nominal_of(table: Table) -> Table:
+    """The table of its first plant alone."""
+    of_plants = ("gain", "phase", "real", "imag", "delay", "unstable", "start_phase", "low_slope", "high_slope")
+    of_plants += ("alias", "error_gain", "members", "points", "late")
+    return table._replace(**{name: getattr(table, name)[:1] for name in of_plants})
+
+
 def work_for(table: Table) -> Work:
     """Scratch arrays for rays on a table."""
     m, n = table.gain.shape

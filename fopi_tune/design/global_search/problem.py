@@ -35,6 +35,8 @@ from fopi_tune.design.global_search.compiled import (
 )
 from fopi_tune.design.global_search.samples import Samples
 from fopi_tune.design.global_search.tables import Scaled, box_grid, frequency_grid, table_of, vertices
+from fopi_tune.digital import sections_of
+from fopi_tune.digital.discretize import Method
 from fopi_tune.digital.implementation import designed_implementation
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.results.candidate import Violation
@@ -88,6 +90,9 @@ class Problem:
         sampled = spec.digital is not None and spec.digital.designs_sampled
         # where the filter has to be exact at the crossover, a first guess of that
         samples = Samples(spec.digital, scale, scale.omega_rad_s) if spec.digital is not None and sampled else None
+        if samples is not None and samples.digital.method != Method.FIT:
+            # a filter that cannot be made is refused as such
+            sections_of(FoPi(1.0, 1.0, spec.controller.alpha.max), samples.digital)
         scaled = Scaled.of(spec.plant, scale, samples)
         return cls(
             spec, scale, scaled, _needed(constraints_of(spec)), objective, CODE_OF_OBJECTIVE[objective], horizon,

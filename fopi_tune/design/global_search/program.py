@@ -108,7 +108,7 @@ class Filter:
 
 
 def controller_parts(kp: Any, ki: Any, alpha: Any, v: Any, made: Filter | None = None) -> tuple[Any, Any]:
-    """Real and imaginary part of the scaled controller at s = j e^v: kp' + ki' e^{-alpha (v + j pi/2)}, or kp' + ki' F."""
+    """Real and imaginary part of the scaled controller at j e^v: kp' + ki' e^{-alpha (v + j pi/2)} or kp' + ki' F."""
     if made is not None:
         real, imag = made.parts(ca.exp(v))
         return kp + ki * real, ki * imag

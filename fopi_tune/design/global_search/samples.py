@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -35,7 +36,7 @@ from fopi_tune.spec.model import DigitalSpec
 
 #: nodes with which the degree along one number is found, and the most of a whole box
 _NODES, _MOST_NODES = (6, 9, 17, 33, 65), 12_000
-#: relative to the largest coefficient of its power of s: smaller terms are left out, the more the more numbers there are
+#: relative to the largest coefficient of its power of s; smaller terms are left out, larger ones of many numbers
 _NEGLIGIBLE = (1e-13, 1e-12, 1e-11, 1e-10, 1e-9)
 #: relative; terms that do not fall any more are rounding if they are smaller
 _ROUNDING = 1e-9
@@ -200,7 +201,7 @@ class Samples:
         with np.errstate(divide="ignore"):
             return np.where(angle < 0.5 * math.pi, np.log(np.tan(below)), np.inf)
 
-    @property
+    @cached_property
     def sampling(self) -> Sampling:
         """The filter's numbers.
 
@@ -214,7 +215,7 @@ class Samples:
             )
         low, high = digital.band_rad_s
         log_s, count = math.log(self.scale.omega_rad_s), digital.poles - (method is Method.MODIFIED_OUSTALOUP)
-        step = math.log(high / low) / count
+        step = math.log(high / low) / max(count, 1)
         base = math.log(low) - log_s + step * (np.arange(count) + 0.5)
         # beta = 1 - alpha:  ln z_k, ln p_k = base -+ beta step/2
         tilt = np.full(count, 0.5 * step)

@@ -143,31 +143,37 @@ def best_on_ray(code, alpha, c, s, equal, pick, deep, table, rows, box, work):
 
 @compiled
 def missed_on_ray(pick, alpha, c, s, equal, table, rows, work):
-    """(what the second equality misses at the kappa of the first, whether there is one)."""
+    """(what the second equality misses at the kappa of the first, whether there is one, how many kappa there are)."""
     fill_ray(alpha, c, s, table, work)
     find_passages(alpha, c, s, table, work)
     gains = np.empty(_MOST_GAINS)
-    if equality_gains(equal[0], table, rows, work, gains) <= pick:
-        return 0.0, False
+    count = equality_gains(equal[0], table, rows, work, gains)
+    if count <= pick:
+        return 0.0, False, count
     value = slack(equal[1], gains[pick], 0, table, rows, work)
-    return value, abs(value) < 3.0
+    return value, abs(value) < 3.0, count
 
 
 @compiled
-def best_of_order(code, alpha, signs, taus, equal, most, span, table, rows, box, work):
-    """(cost, kappa, tau) of the best ray of an order on which two equalities hold."""
+def best_of_order(code, alpha, signs, taus, equal, most, span, table, rows, box, work, nominal, nominal_work):
+    """(cost, kappa, tau) of the best ray of an order on which two equalities hold; `nominal` has one plant."""
     best, at, where = NOTHING, 0.0, 0.0
     for pick in range(_MOST_GAINS):
-        last, known = 0.0, False
+        last, known, kappas = 0.0, False, 0
         for j in range(len(taus)):
             c, s = direction(alpha, taus[j], most, span)
-            off, there = missed_on_ray(pick, alpha, c * signs[0], s * signs[1], equal, table, rows, work)
+            off, there, count = missed_on_ray(
+                pick, alpha, c * signs[0], s * signs[1], equal, nominal, rows, nominal_work
+            )
+            kappas = max(kappas, count)
             if there and known and (off > 0.0) != (last > 0.0) and abs(off - last) < 2.0:
                 a, b, at_a = taus[j - 1], taus[j], last
                 for _ in range(40):
                     middle = 0.5 * (a + b)
                     c, s = direction(alpha, middle, most, span)
-                    value, _ = missed_on_ray(pick, alpha, c * signs[0], s * signs[1], equal, table, rows, work)
+                    value, _, _ = missed_on_ray(
+                        pick, alpha, c * signs[0], s * signs[1], equal, nominal, rows, nominal_work
+                    )
                     if (value > 0.0) == (at_a > 0.0):
                         a = middle
                     else:
@@ -179,6 +185,9 @@ def best_of_order(code, alpha, signs, taus, equal, most, span, table, rows, box,
                 if value < best:
                     best, at, where = value, kappa, a
             last, known = off, there
+        if kappas <= pick + 1:
+            # no ray has another kappa
+            break
     return best, at, where
 
 
