@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.design.bound.branch import branch
+from fopi_tune.design.bound.discs import ALPHA_HIGH, ALPHA_LOW, KAPPA, PSI_HIGH, PSI_LOW, QUADRANT
 from fopi_tune.design.constraints import Bound
 from fopi_tune.design.global_search.basins import Basin, quadrants_of
-from fopi_tune.design.global_search.bound import ALPHA_HIGH, ALPHA_LOW, KAPPA, PSI_HIGH, PSI_LOW, QUADRANT, branch
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER,
     CROSSOVER_SPREAD,
@@ -34,7 +35,7 @@ from fopi_tune.design.global_search.tables import table_of, vertices
 from fopi_tune.design.global_search.worst_case import FIELDS, SLACK, V
 
 #: relative to the objective (of peaks, spreads and depths to at least this many neper or radian)
-GAPS = (0.1, 0.01, 0.001)
+GAPS = (0.001, 0.01, 0.1)
 _LEAST_SIZE = 0.1
 #: cells that are looked at for each gap
 BUDGET = 1500
@@ -65,30 +66,57 @@ def bracket_of(polish: Polish, cost: float, x: Array, budget: int = BUDGET) -> B
     """The bracket around gains x of this cost; None where the objective's target has no bound."""
     problem = polish.problem
     table = _table(polish, x)
-    gap, looked, quadrants = math.inf, 0, quadrants_of(problem)
-    for trial in GAPS:
-        asked = _beating(problem, table, cost, trial)
+    quadrants, cells = quadrants_of(problem), _whole_box(problem)
+    area, looked, starts = _area(cells), 0, ()
+    share = 0.0
+    for gap in GAPS:
+        # cells without anything better by a smaller gap hold nothing better by a larger one
+        asked = _beating(problem, table, cost, gap)
         if asked is None:
             return None
-        rows, target = asked
-        cells, count, share = branch(
-            problem.code, target, quadrants, budget, table, rows, problem.box, work_for(table)
-        )  # fmt: skip
+        cells, count = _left(problem, *asked, table, cells, budget)
         looked += count
-        if len(cells):
-            return Bracket(gap, share, looked, _starts(cells, quadrants, cost))
-        gap = trial
-    return Bracket(gap, 0.0, looked, ())
+        if gap == GAPS[0]:
+            share = _area(cells) / area
+            starts = _starts(cells, quadrants, cost) if len(cells) else ()
+        if not len(cells):
+            return Bracket(gap, share, looked, starts)
+    return Bracket(math.inf, share, looked, starts)
 
 
 def excluded_share(problem: Problem, budget: int = BUDGET) -> float:
     """The share of the box in which no gains can meet the requirements, whatever the objective."""
-    table = problem.scan_table
-    rows = problem.rows(table, tightening=0.0)
-    _, _, left = branch(
-        DEPTH, 0.0, quadrants_of(problem), budget, table, rows, problem.box, work_for(table)
+    table, cells = problem.scan_table, _whole_box(problem)
+    left, _ = _left(replace(problem, code=DEPTH), problem.rows(table, tightening=0.0), 0.0, table, cells, budget)
+    return 1.0 - _area(left) / _area(cells)
+
+
+def _whole_box(problem: Problem) -> Array:
+    """A cell for each quadrant."""
+    box, cells = problem.box, []
+    for z in range(len(quadrants_of(problem))):
+        low = 0.5 * math.pi if box.kp_low == box.kp_high == 0.0 else 0.0
+        high = 0.0 if box.ki_low == box.ki_high == 0.0 else 0.5 * math.pi
+        cells.append((box.alpha_low, box.alpha_high, low, high, float(z), 0.0))
+    return np.array(cells)
+
+
+def _area(cells: Array) -> float:
+    width = np.maximum(cells[:, ALPHA_HIGH] - cells[:, ALPHA_LOW], 1e-9)
+    return float(np.sum(width * np.maximum(cells[:, PSI_HIGH] - cells[:, PSI_LOW], 1e-9)))
+
+
+def _left(
+    problem: Problem, rows: Rows, target: float, table: Table, cells: Array, budget: int
+) -> tuple[Array, int]:  # fmt: skip
+    """Cells that are left of some, and how many were looked at."""
+    room = np.zeros((len(cells) + 2 * budget + 2, cells.shape[1]))
+    room[: len(cells)] = cells
+    first, last, looked = branch(
+        problem.code, target, quadrants_of(problem), room, len(cells), budget, table, rows, problem.box,
+        work_for(table),
     )  # fmt: skip
-    return 1.0 - left
+    return room[first:last], looked
 
 
 def _table(polish: Polish, x: Array) -> Table:
@@ -123,12 +151,12 @@ def _beating(problem: Problem, table: Table, cost: float, gap: float) -> tuple[R
     kind = PHASE_MARGIN if problem.code == MARGIN_SPREAD else CROSSOVER
     fixed = [k for k, c in enumerate(problem.constraints) if c.bound is Bound.EQUAL and rows.kind[k] == kind]
     if not fixed:
-        return None
+        return rows, cost - step
     if problem.code == CROSSOVER_SPREAD:
         at = int(rows.first[fixed[0]])
         upper = _joined(rows, LOOP_GAIN, 1, cost - step, at, at)
-        return _joined(upper, LOOP_GAIN, -1, step - cost, at, at), 0.0
-    return _joined(rows, PHASE_MARGIN, -1, float(rows.limit[fixed[0]]) - cost + step, 0, last), 0.0
+        return _joined(upper, LOOP_GAIN, -1, step - cost, at, at), cost - step
+    return _joined(rows, PHASE_MARGIN, -1, float(rows.limit[fixed[0]]) - cost + step, 0, last), cost - step
 
 
 def _joined(rows: Rows, kind: int, side: int, limit: float, first: int, last: int) -> Rows:

@@ -38,21 +38,31 @@ from fopi_tune.design.global_search.intervals import negative_interval
 from fopi_tune.design.global_search.rays import BEYOND, forbid, whole_turns
 
 _PI = math.pi
+#: the smallest ln k that is looked at
+_LEAST_KAPPA = -30.0
 #: columns of a cell
 ALPHA_LOW, ALPHA_HIGH, PSI_LOW, PSI_HIGH, QUADRANT, KAPPA = range(6)
-#: rad of psi that a unit of alpha counts as when a cell is cut
-_SHAPE = 0.6
+#: rows of a cell's slopes at each column: those of f = ln C0, what they leave of f (second order), and all of it
+ALPHA_REAL, ALPHA_IMAG, PSI_REAL, PSI_IMAG, REST, SPREAD = range(6)
+#: a radius from which on the slopes say nothing
+_MOST_RADIUS = 0.8
 
 
 @compiled
-def _fill_cell(cell, signs, table, work):
-    """The centre's loops into the scratch arrays, and r of each column into `high` (inf at the ends of the axis)."""
+def fill_cell(cell, signs, table, work, slopes):
+    """The centre's loops into the scratch arrays, r of each column into `high` (inf at the ends of the axis), and (2).
+
+    With q = (j omega)^-alpha, lambda = ln(j omega) and f = ln C0, C0 = c + s q over the half-widths of the cell:
+
+        f_alpha = -lambda s q/C0,   f_psi = (c' + s' q)/C0,   f_alpha alpha = lambda^2 s q c/C0^2,
+        |f_alpha psi| = |lambda q/C0^2|,   f_psi psi = -(1 + q^2)/C0^2                                              (2)
+    """
     m, n = table.gain.shape
     alpha, reach = 0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH]), 0.5 * (cell[ALPHA_HIGH] - cell[ALPHA_LOW])
     psi, turn = 0.5 * (cell[PSI_LOW] + cell[PSI_HIGH]), 0.5 * (cell[PSI_HIGH] - cell[PSI_LOW])
     c, s = math.cos(psi) * signs[0], math.sin(psi) * signs[1]
     slope_c, slope_s = -math.sin(psi) * signs[0], math.cos(psi) * signs[1]
-    largest = min(1.0, abs(math.sin(psi)) + turn)
+    largest, product = min(1.0, abs(math.sin(psi)) + turn), min(0.5, 0.5 * abs(math.sin(2.0 * psi)) + turn)
     cosine, sine = math.cos(0.5 * _PI * alpha), math.sin(0.5 * _PI * alpha)
     negative = s < 0 or (s == 0 and c < 0)
     for j in range(1, n - 1):
@@ -61,16 +71,40 @@ def _fill_cell(cell, signs, table, work):
         real, imag = c + s * x * cosine, -s * x * sine
         square = real * real + imag * imag
         size = math.sqrt(square)
-        moved = x * (math.exp(math.sqrt(v * v + 0.25 * _PI * _PI) * reach) - 1.0)
-        turned = math.sqrt((slope_c + slope_s * x * cosine) ** 2 + (slope_s * x * sine) ** 2)
-        r = turn * turned + 0.5 * turn * turn * math.sqrt(1.0 + x * x) + largest * moved
-        work.high[j] = r / size
+        log_size = math.sqrt(v * v + 0.25 * _PI * _PI)
+        grown = math.exp(log_size * reach)
+        moved = x * (grown - 1.0)
+        turned_real, turned_imag = slope_c + slope_s * x * cosine, -slope_s * x * sine
+        turned = math.sqrt(turned_real * turned_real + turned_imag * turned_imag)
+        r = (turn * turned + 0.5 * turn * turn * math.sqrt(1.0 + x * x) + largest * moved) / size
+        # f_psi = (c' + s' q)/C0 and s q/C0
+        slopes[PSI_REAL, j] = (turned_real * real + turned_imag * imag) / square
+        slopes[PSI_IMAG, j] = (turned_imag * real - turned_real * imag) / square
+        part_real, part_imag = s * x * (cosine * real - sine * imag) / square, -s * x * (sine * real + cosine * imag) / square
+        slopes[ALPHA_REAL, j] = -(v * part_real - 0.5 * _PI * part_imag)
+        slopes[ALPHA_IMAG, j] = -(v * part_imag + 0.5 * _PI * part_real)
+        slopes[REST, j] = slopes[SPREAD, j] = np.inf
+        if r < _MOST_RADIUS:
+            slope = math.exp(abs(v) * reach) * x / (square * (1.0 - r) * (1.0 - r))
+            bend = math.sqrt((1.0 + x * x * math.cos(_PI * alpha)) ** 2 + (x * x * math.sin(_PI * alpha)) ** 2)
+            bend = (bend + x * x * (grown * grown - 1.0)) / (square * (1.0 - r) * (1.0 - r))
+            slopes[REST, j] = (
+                0.5 * log_size * log_size * product * slope * reach * reach
+                + log_size * slope * reach * turn
+                + 0.5 * bend * turn * turn
+            )
+            by_alpha = math.sqrt(slopes[ALPHA_REAL, j] ** 2 + slopes[ALPHA_IMAG, j] ** 2)
+            slopes[SPREAD, j] = by_alpha * reach + turned / size * turn + slopes[REST, j]
+            r = min(r, math.exp(slopes[SPREAD, j]) - 1.0)
+        work.high[j] = r
         log_c = math.log(size)
         angle = math.atan2(-imag, -real) - _PI if negative else math.atan2(imag, real)
         for i in range(m):
             work.gain[i, j] = log_c + table.gain[i, j]
             work.phase[i, j] = angle + table.phase[i, j]
     work.high[0] = work.high[n - 1] = np.inf
+    for j in (0, n - 1):
+        slopes[REST, j] = slopes[SPREAD, j] = np.inf
 
 
 @compiled
@@ -203,7 +237,7 @@ def _row_cell(q, i, passages, table, rows, work, count):
         # neighbouring columns overlap: their union is one interval
         union_low, union_high = 0.0, -np.inf
         for j in range(first, last + 1):
-            if work.high[j] < 1.0 and j < table.alias[i]:
+            if work.high[j] < 1.0:
                 low, high = _band_cell(kind, limit, i, j, work.high[j], table, work)
                 if high <= low:
                     continue
@@ -246,15 +280,15 @@ def _row_cell(q, i, passages, table, rows, work, count):
 @compiled
 def _kappa_of_cell(code, target, cell, signs, table, box):
     """The kappa that the ranges of the gains and the objective's target leave in the cell: (low, high)."""
-    low, high = -BEYOND, BEYOND
+    low, high = _LEAST_KAPPA, BEYOND
     most = max(cell[ALPHA_LOW] * box.log_omega, cell[ALPHA_HIGH] * box.log_omega) - box.log_gain
     least = min(cell[ALPHA_LOW] * box.log_omega, cell[ALPHA_HIGH] * box.log_omega) - box.log_gain
     sines, cosines = math.sin(cell[PSI_LOW]), math.cos(cell[PSI_HIGH])
     sine, cosine = math.sin(cell[PSI_HIGH]), math.cos(cell[PSI_LOW])
     kp = (box.kp_low, box.kp_high) if signs[0] > 0 else (-box.kp_high, -box.kp_low)
     ki = (box.ki_low, box.ki_high) if signs[1] > 0 else (-box.ki_high, -box.ki_low)
-    if code == KI and signs[1] > 0:
-        ki = (max(ki[0], -target), ki[1])
+    if code == KI:
+        ki = (max(ki[0], -target), ki[1]) if signs[1] > 0 else (1.0, 0.0)
     if kp[0] > 0.0:
         low = max(low, math.log(kp[0] / cosine) if cosine > 0.0 else BEYOND)
     if ki[0] > 0.0:
@@ -263,12 +297,14 @@ def _kappa_of_cell(code, target, cell, signs, table, box):
         high = min(high, math.log(kp[1] / cosines) if kp[1] > 0.0 else -BEYOND)
     if sines > 1e-12:
         high = min(high, math.log(ki[1]) - math.log(sines) - least if ki[1] > 0.0 else -BEYOND)
-    if code == IAE and signs[0] > 0 and signs[1] > 0:
+    if ki[0] > ki[1] or kp[0] > kp[1]:
+        return 1.0, 0.0
+    if code == IAE and signs[0] == signs[1]:
         h = math.exp(max(cell[ALPHA_LOW] * box.log_horizon, cell[ALPHA_HIGH] * box.log_horizon))
         at = min(max(math.atan(h), cell[PSI_LOW]), cell[PSI_HIGH])
         controller = math.cos(at) + math.sin(at) * h
         for i in range(table.gain.shape[0]):
-            p = table.error_gain[i]
+            p = table.error_gain[i] * signs[0]
             if p > 0.0:
                 needed = (p * math.exp(-target) - 1.0) / (controller * p)
                 low = max(low, math.log(needed) if needed > 0.0 else -BEYOND)
@@ -276,12 +312,20 @@ def _kappa_of_cell(code, target, cell, signs, table, box):
 
 
 @compiled
-def kappa_left(code, target, cell, signs, table, rows, box, work):
-    """A kappa that may meet everything and beat the target somewhere in the cell; NOTHING if there is none."""
+def kappa_left(code, target, cell, signs, table, rows, box, work, slopes):
+    """The kappa that may meet everything and beat the target somewhere in the cell: their number; they are in `found`.
+
+    Args:
+        code, target: of the objective; gains that do not cost less than the target count as impossible.
+        cell: its ranges, as the columns say.
+        signs: of kp and ki.
+        table, rows, box, work: as in `allowed_intervals`; `rows` with the objective's own.
+        slopes: scratch for (2), shape (6, n).
+    """
     low, high = _kappa_of_cell(code, target, cell, signs, table, box)
     if low >= high:
-        return NOTHING
-    _fill_cell(cell, signs, table, work)
+        return 0
+    fill_cell(cell, signs, table, work, slopes)
     count = 0
     for i in range(table.gain.shape[0]):
         passages = _passages_cell(i, cell, signs, table, work)
@@ -290,56 +334,17 @@ def kappa_left(code, target, cell, signs, table, rows, box, work):
             if i == 0 or not (rows.nominal[q] or rows.side[q] == 0):
                 count = _row_cell(q, i, passages, table, rows, work, count)
     order = np.argsort(work.forbidden[:count, 0])
-    reached, best, width = low, NOTHING, 0.0
+    reached, found = low, 0
     for r in range(count + 1):
-        begin = work.forbidden[order[r], 0] if r < count else high
-        begin = min(begin, high)
-        if begin - reached > width:
-            best, width = 0.5 * (max(reached, begin - 2.0) + begin), begin - reached
+        begin = min(work.forbidden[order[r], 0], high) if r < count else high
+        if begin > reached:
+            place = found if found < len(work.found) else found - 1
+            work.found[place, 1] = begin
+            if place == found:
+                work.found[place, 0] = reached
+                found += 1
         if r < count:
             reached = max(reached, work.forbidden[order[r], 1])
         if reached >= high:
             break
-    return best
-
-
-@compiled
-def branch(code, target, quadrants, most, table, rows, box, work):
-    """Discard cells until none is left or `most` were looked at: (cells that are left, cells looked at, share left).
-
-    Args:
-        code, target: of the objective; gains that do not cost less than the target are discarded.
-        quadrants: the signs of kp and ki, shape (k, 2).
-        most: cells.
-        table, rows, box, work: as in `allowed_intervals`; `rows` with the objective's own.
-    """
-    cells = np.zeros((2 * most + 8, 6))
-    first, last = 0, 0
-    for z in range(len(quadrants)):
-        low, high = 0.0, 0.5 * _PI
-        if box.ki_low == 0.0 and box.ki_high == 0.0:
-            high = 0.0
-        if box.kp_low == 0.0 and box.kp_high == 0.0:
-            low = 0.5 * _PI
-        cells[last] = np.array((box.alpha_low, box.alpha_high, low, high, float(z), 0.0))
-        last += 1
-    looked, share, whole = 0, 0.0, max(box.alpha_high - box.alpha_low, 1e-9) * 0.5 * _PI * len(quadrants)
-    while first < last and looked < most:
-        cell = cells[first].copy()
-        first += 1
-        looked += 1
-        kappa = kappa_left(code, target, cell, quadrants[int(cell[QUADRANT])], table, rows, box, work)
-        if kappa == NOTHING:
-            continue
-        cell[KAPPA] = kappa
-        wide = (cell[ALPHA_HIGH] - cell[ALPHA_LOW]) * _SHAPE > cell[PSI_HIGH] - cell[PSI_LOW]
-        low, high = (ALPHA_LOW, ALPHA_HIGH) if wide else (PSI_LOW, PSI_HIGH)
-        middle = 0.5 * (cell[low] + cell[high])
-        cells[last] = cell
-        cells[last, high] = middle
-        cells[last + 1] = cell
-        cells[last + 1, low] = middle
-        last += 2
-    for r in range(first, last):
-        share += max(cells[r, ALPHA_HIGH] - cells[r, ALPHA_LOW], 1e-9) * (cells[r, PSI_HIGH] - cells[r, PSI_LOW])
-    return cells[first:last].copy(), looked, share / whole
+    return found

@@ -1,0 +1,152 @@
+"""Linear rows of a cell at one kappa:  what every loop that meets the requirements satisfies to second order (compiled).
+
+With z = (kappa, alpha, psi) around the centre of a box, epsilon = dkappa + f_alpha dalpha + f_psi dpsi + rest is how
+much ln L changes, |epsilon| <= E.  With X = L (for |S|) or 1/L (for |T|, and |C S| with M |P|), sigma = +1 or -1,
+
+    ln|1 + X| <= ln|1 + X0| + sigma Re(s epsilon) + B E^2/2 ,   s = X0/(1 + X0) ,
+    B = |X0| e^E/(|1 + X0| - |X0| (e^E - 1))^2 ,                                                                    (1)
+
+so that |.| <= M, that is ln|1 + X| >= -ln M, becomes a linear row with an error of second order in the box's size.
+Rows are scaled to the box's half-widths, as `polygon` needs them.
+
+Source: derived; ln(1 + e^u) has the second derivative s (1 - s).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from fopi_tune.design.bound.discs import ALPHA_HIGH, ALPHA_IMAG, ALPHA_LOW, ALPHA_REAL, PSI_HIGH, PSI_IMAG, PSI_LOW
+from fopi_tune.design.bound.discs import PSI_REAL, REST, SPREAD
+from fopi_tune.design.bound.polygon import add_row
+from fopi_tune.design.global_search.compiled import CROSSOVER, CS, IAE, KI, LOOP_GAIN, S, compiled
+
+#: an E beyond which (1) is not worth its time
+_MOST_CHANGE = 1.0
+
+
+@compiled
+def _add(lin, count, way, value, a0, a1, a2, limit, rest):
+    """way (value + a dz) <= way limit + rest, as a row."""
+    if count < 0:
+        return count
+    return add_row(lin, count, way * a0, way * a1, way * a2, way * (limit - value) + rest)
+
+
+@compiled
+def _band_row(kind, side, limit, i, j, kappa, half, table, work, slopes, lin, count):
+    """(1) of a band at a column, both ways for an equality."""
+    reach = half[0] + slopes[SPREAD, j]
+    if not reach < _MOST_CHANGE:
+        return count
+    g, phase = work.gain[i, j] + kappa, work.phase[i, j]
+    if kind == LOOP_GAIN:
+        a1, a2 = slopes[ALPHA_REAL, j] * half[1], slopes[PSI_REAL, j] * half[2]
+        for way in (1.0, -1.0):
+            if way * side >= 0:
+                count = _add(lin, count, way, g, half[0], a1, a2, limit, slopes[REST, j])
+        return count
+    sigma = 1.0 if kind == S else -1.0
+    bound = -limit - (table.gain[i, j] if kind == CS else 0.0)
+    size = math.exp(sigma * g)
+    cosine, sine = size * math.cos(phase), sigma * size * math.sin(phase)
+    square = max((1.0 + cosine) * (1.0 + cosine) + sine * sine, 1e-200)
+    value, far = 0.5 * math.log(square), math.sqrt(square)
+    ratio = size / far
+    # (1) changes the value by less than this
+    if side > 0 and value - bound > 1.5 * ratio * reach + 0.2:
+        return count
+    grown = math.exp(reach)
+    least = far - size * (grown - 1.0)
+    if least <= 0.0:
+        return count
+    rest = ratio * slopes[REST, j] + 0.5 * size * grown / (least * least) * reach * reach
+    real, imag = sigma * (cosine * (1.0 + cosine) + sine * sine) / square, sigma * sine / square
+    a1 = (real * slopes[ALPHA_REAL, j] - imag * slopes[ALPHA_IMAG, j]) * half[1]
+    a2 = (real * slopes[PSI_REAL, j] - imag * slopes[PSI_IMAG, j]) * half[2]
+    for way in (1.0, -1.0):
+        # an upper limit of the quantity is a lower one of ln|1 + X|
+        if way * side <= 0:
+            count = _add(lin, count, way, value, real * half[0], a1, a2, bound, rest)
+    return count
+
+
+@compiled
+def band_rows(kappa, half, table, rows, work, slopes, lin, count):
+    """Rows of all bands, and of the crossover's limits."""
+    n = work.gain.shape[1]
+    for i in range(work.gain.shape[0]):
+        for q in range(len(rows.kind)):
+            kind, side, limit = rows.kind[q], rows.side[q], rows.limit[q]
+            if i > 0 and (rows.nominal[q] or side == 0):
+                continue
+            first, last = max(rows.first[q], 1), min(rows.last[q], n - 2)
+            if kind <= LOOP_GAIN:
+                for j in range(first, last + 1):
+                    count = _band_row(kind, side, limit, i, j, kappa, half, table, work, slopes, lin, count)
+            elif kind == CROSSOVER:
+                if side >= 0:
+                    for j in range(first, n - 1):
+                        count = _band_row(LOOP_GAIN, 1, 0.0, i, j, kappa, half, table, work, slopes, lin, count)
+                alone = side == 0
+                if side < 0:
+                    alone = True
+                    for j in range(first + 1, n - 1):
+                        alone = alone and work.gain[i, j] + kappa + half[0] + slopes[SPREAD, j] < 0.0
+                if alone:
+                    count = _band_row(LOOP_GAIN, -1, 0.0, i, first, kappa, half, table, work, slopes, lin, count)
+            if count < 0:
+                return count
+    return count
+
+
+@compiled
+def box_rows(code, target, kappa, cell, half, signs, table, box, lin, count):
+    """Rows of the gains' ranges and of the objectives that are functions of the gains alone.
+
+    ln sin and ln cos of psi are concave: below their tangents, above their chords.
+    """
+    psi = 0.5 * (cell[PSI_LOW] + cell[PSI_HIGH])
+    alpha = 0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH])
+    kp = (box.kp_low, box.kp_high) if signs[0] > 0 else (-box.kp_high, -box.kp_low)
+    ki = (box.ki_low, box.ki_high) if signs[1] > 0 else (-box.ki_high, -box.ki_low)
+    if code == KI:
+        ki = (max(ki[0], -target), ki[1])
+    sine, cosine = math.sin(psi), math.cos(psi)
+    a1, base = box.log_omega * half[1], kappa + alpha * box.log_omega - box.log_gain
+    if kp[0] > 0.0 and cosine > 0.0:
+        count = _add(lin, count, -1.0, kappa + math.log(cosine), half[0], 0.0, -sine / cosine * half[2], math.log(kp[0]), 0.0)
+    if ki[0] > 0.0 and sine > 0.0:
+        count = _add(lin, count, -1.0, base + math.log(sine), half[0], a1, cosine / sine * half[2], math.log(ki[0]), 0.0)
+    left, right = math.cos(cell[PSI_LOW]), math.cos(cell[PSI_HIGH])
+    if kp[1] > 0.0 and right > 1e-9:
+        left, right = math.log(left), math.log(right)
+        count = _add(lin, count, 1.0, kappa + 0.5 * (left + right), half[0], 0.0, 0.5 * (right - left), math.log(kp[1]), 0.0)
+    left, right = math.sin(cell[PSI_LOW]), math.sin(cell[PSI_HIGH])
+    if ki[1] > 0.0 and left > 1e-9:
+        left, right = math.log(left), math.log(right)
+        count = _add(lin, count, 1.0, base + 0.5 * (left + right), half[0], a1, 0.5 * (right - left), math.log(ki[1]), 0.0)
+    if code == IAE and signs[0] == signs[1]:
+        # C0(1/T) = cos psi + sin psi h, h = e^{alpha ln(T omega_s)}, and its logarithm's derivatives as in `discs` (2)
+        log_h = box.log_horizon
+        h, grown = math.exp(alpha * log_h), math.exp(abs(log_h) * half[1])
+        value = cosine + sine * h
+        by_alpha, by_psi = log_h * sine * h / value, (cosine * h - sine) / value
+        least = min(math.cos(cell[PSI_LOW]) + math.sin(cell[PSI_LOW]) * h / grown, math.cos(cell[PSI_HIGH]) + math.sin(cell[PSI_HIGH]) * h / grown)
+        inverse = 1.0 / (least * least)
+        rest = 0.5 * inverse * (
+            log_h * log_h * min(0.5, sine * cosine + half[2]) * h * grown * half[1] ** 2
+            + 2.0 * abs(log_h) * h * grown * half[1] * half[2]
+        )
+        for i in range(table.gain.shape[0]):
+            p = table.error_gain[i] * signs[0]
+            if p > 0.0:
+                needed = (p * math.exp(-target) - 1.0) / p
+                if needed > 0.0:
+                    count = _add(
+                        lin, count, -1.0, kappa + math.log(value), half[0], by_alpha * half[1], by_psi * half[2],
+                        math.log(needed), rest,
+                    )
+    return count
