@@ -22,6 +22,7 @@ from fopi_tune.design.bound.discs import (
     PSI_LOW,
     PSI_REAL,
     QUADRANT,
+    SLOPES,
     SPREAD,
     kappa_left,
 )
@@ -113,7 +114,7 @@ def branch(code, target, quadrants, cells, number, most, table, rows, box, work)
         table, rows, box, work: as in `allowed_intervals`; `rows` with the objective's own.
     """
     first, last, looked = 0, number, 0
-    slopes, lin, left = np.empty((6, work.gain.shape[1])), np.empty((_MOST_ROWS, 5)), np.empty(4)
+    slopes, lin, left = np.empty((SLOPES, work.gain.shape[1])), np.empty((_MOST_ROWS, 5)), np.empty(4)
     while first < last and looked < most:
         cell = cells[first].copy()
         first += 1

@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.bound.discs import SPREAD
+from fopi_tune.design.bound.discs import DOWN, ROOM, UP
 from fopi_tune.design.bound.polygon import add_row
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER_SPREAD,
@@ -133,23 +133,21 @@ def _is_alone(of_gain, i, kappa, half, out, level, table, work, slopes):
     """Whether no loop of the box has another crossing (of the phase: none with |L| between level and 1)."""
     n = work.gain.shape[1]
     below = False
-    for j in range(n):
-        if 0 < j < n - 1 and abs(table.v[j] - out[AT]) < out[REACH]:
+    for j in range(1, n - 1):
+        if abs(table.v[j] - out[AT]) < out[REACH]:
             continue
-        spread = half[0] + slopes[SPREAD, j]
         g = work.gain[i, j] + kappa
-        if j == 0 or j == n - 1:
-            spread = 0.0 if abs(g) > 30.0 else np.inf
         if of_gain:
-            if not abs(g) > spread:
+            if not (g - half[0] + slopes[DOWN, j] > 0.0 or g + half[0] + slopes[UP, j] < 0.0):
                 return False
             if (g < 0.0) != (table.v[j] > out[AT]):
                 return False
             continue
-        if g + spread < level or g - spread > 0.0:
+        if g + half[0] + slopes[UP, j] < level or g - half[0] + slopes[DOWN, j] > 0.0:
             continue
-        here = math.floor((work.phase[i, j] - slopes[SPREAD, j] + _PI) / (2.0 * _PI))
-        if not slopes[SPREAD, j] < 3.0 or here != math.floor((work.phase[i, j] + slopes[SPREAD, j] + _PI) / (2.0 * _PI)):
+        room = slopes[ROOM, j]
+        here = math.floor((work.phase[i, j] - room + _PI) / (2.0 * _PI))
+        if not room < 3.0 or here != math.floor((work.phase[i, j] + room + _PI) / (2.0 * _PI)):
             return False
         if table.v[j] < out[AT]:
             return False

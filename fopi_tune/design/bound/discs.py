@@ -42,8 +42,10 @@ _PI = math.pi
 _LEAST_KAPPA = -30.0
 #: columns of a cell
 ALPHA_LOW, ALPHA_HIGH, PSI_LOW, PSI_HIGH, QUADRANT, KAPPA = range(6)
-#: rows of a cell's slopes at each column: those of f = ln C0, what they leave of f (second order), and all of it
-ALPHA_REAL, ALPHA_IMAG, PSI_REAL, PSI_IMAG, REST, SPREAD = range(6)
+#: rows of a cell's slopes at each column: those of f = ln C0, what they leave of f (second order), how much f changes
+#: at most and e^that, how much ln|C0| rises and falls, and how much arg C0 turns
+ALPHA_REAL, ALPHA_IMAG, PSI_REAL, PSI_IMAG, REST, SPREAD, GROWN, UP, DOWN, ROOM = range(10)
+SLOPES = 10
 #: a radius from which on the slopes say nothing
 _MOST_RADIUS = 0.8
 
@@ -77,13 +79,16 @@ def fill_cell(cell, signs, table, work, slopes):
         turned_real, turned_imag = slope_c + slope_s * x * cosine, -slope_s * x * sine
         turned = math.sqrt(turned_real * turned_real + turned_imag * turned_imag)
         r = (turn * turned + 0.5 * turn * turn * math.sqrt(1.0 + x * x) + largest * moved) / size
+        slopes[UP, j], slopes[DOWN, j], slopes[ROOM, j] = math.log(1.0 + r), -np.inf, np.inf
+        if r < 1.0:
+            slopes[DOWN, j], slopes[ROOM, j] = math.log(1.0 - r), math.asin(r)
         # f_psi = (c' + s' q)/C0 and s q/C0
         slopes[PSI_REAL, j] = (turned_real * real + turned_imag * imag) / square
         slopes[PSI_IMAG, j] = (turned_imag * real - turned_real * imag) / square
         part_real, part_imag = s * x * (cosine * real - sine * imag) / square, -s * x * (sine * real + cosine * imag) / square
         slopes[ALPHA_REAL, j] = -(v * part_real - 0.5 * _PI * part_imag)
         slopes[ALPHA_IMAG, j] = -(v * part_imag + 0.5 * _PI * part_real)
-        slopes[REST, j] = slopes[SPREAD, j] = np.inf
+        slopes[REST, j] = slopes[SPREAD, j] = slopes[GROWN, j] = np.inf
         if r < _MOST_RADIUS:
             slope = math.exp(abs(v) * reach) * x / (square * (1.0 - r) * (1.0 - r))
             bend = math.sqrt((1.0 + x * x * math.cos(_PI * alpha)) ** 2 + (x * x * math.sin(_PI * alpha)) ** 2)
@@ -95,62 +100,70 @@ def fill_cell(cell, signs, table, work, slopes):
             )
             by_alpha = math.sqrt(slopes[ALPHA_REAL, j] ** 2 + slopes[ALPHA_IMAG, j] ** 2)
             slopes[SPREAD, j] = by_alpha * reach + turned / size * turn + slopes[REST, j]
-            r = min(r, math.exp(slopes[SPREAD, j]) - 1.0)
+            slopes[GROWN, j] = math.exp(slopes[SPREAD, j])
+            r = min(r, slopes[GROWN, j] - 1.0)
+            more = abs(slopes[ALPHA_REAL, j]) * reach + abs(slopes[PSI_REAL, j]) * turn + slopes[REST, j]
+            slopes[UP, j], slopes[DOWN, j] = min(slopes[UP, j], more), max(slopes[DOWN, j], -more)
+            more = abs(slopes[ALPHA_IMAG, j]) * reach + abs(slopes[PSI_IMAG, j]) * turn + slopes[REST, j]
+            slopes[ROOM, j] = min(slopes[ROOM, j], more)
         work.high[j] = r
         log_c = math.log(size)
+        work.controller[1, j], work.controller[2, j] = real, imag
         angle = math.atan2(-imag, -real) - _PI if negative else math.atan2(imag, real)
         for i in range(m):
             work.gain[i, j] = log_c + table.gain[i, j]
             work.phase[i, j] = angle + table.phase[i, j]
+            work.real[i, j] = real * table.real[i, j] - imag * table.imag[i, j]
+            work.square[i, j] = size * math.sqrt(table.real[i, j] ** 2 + table.imag[i, j] ** 2)
     work.high[0] = work.high[n - 1] = np.inf
     for j in (0, n - 1):
-        slopes[REST, j] = slopes[SPREAD, j] = np.inf
+        slopes[REST, j] = slopes[SPREAD, j] = slopes[UP, j] = slopes[ROOM, j] = slopes[GROWN, j] = np.inf
+        slopes[DOWN, j] = -np.inf
 
 
 @compiled
-def _band_cell(kind, limit, i, j, r, table, work):
-    """The kappa at which every loop of the cell exceeds an upper limit: (low, high), low > high if there are none."""
-    inverse = math.exp(-limit)
-    cosine = math.cos(work.phase[i, j])
-    g = work.gain[i, j]
-    if kind == S:
-        low, high = negative_interval(1.0 - r * r, cosine + r * inverse, 1.0 - inverse * inverse)
-        high = min(high, inverse / r) if r > 0.0 else high
-    else:
-        if kind == CS:
-            inverse *= math.exp(-table.gain[i, j])
-        q = (1.0 - r) * inverse - r
-        if q <= 0.0:
-            return 1.0, 0.0
-        low, high = negative_interval(1.0 - q * q, cosine, 1.0)
+def _band_cell(kind, inverse, i, j, r, table, work):
+    """The kappa at which every loop of the cell exceeds an upper limit M = 1/inverse: (low, high), low > high if none.
+
+    1/L lies in the disc around 1/(L0 (1 - r^2)) whose radius is the r-th part of that.
+    """
+    if kind == CS:
+        inverse *= math.exp(-table.gain[i, j])
+    cosine = work.real[i, j] / work.square[i, j]
+    low, high = negative_interval(1.0 - r * r, cosine + r * inverse, 1.0 - inverse * inverse)
+    if r > 0.0:
+        high = min(high, inverse / r)
     if high <= low:
         return 1.0, 0.0
-    return (math.log(low) - g if low > 0.0 else -BEYOND), (math.log(high) - g if high < np.inf else BEYOND)
+    g = work.gain[i, j]
+    first, last = (math.log(low) if low > 0.0 else -BEYOND), (math.log(high) if high < np.inf else BEYOND)
+    if kind == S:
+        return max(first - g, -BEYOND), min(last - g, BEYOND)
+    shrunk = math.log(1.0 - r * r)
+    return (-last - shrunk - g if last < BEYOND else -BEYOND), (-first - shrunk - g if first > -BEYOND else BEYOND)
 
 
 @compiled
-def _too_close(kind, limit, i, j, table, work):
+def _too_close(kind, limit, i, j, table, work, slopes):
     """Whether every loop of the cell is closer to -1 at a column than a margin's limit."""
-    r = work.high[j]
-    if not r < 1.0:
+    if not work.high[j] < 1.0:
         return False
     if j >= table.alias[i]:
         return True
-    room, lag = math.asin(r), (work.phase[i, j] + _PI) % (2.0 * _PI)
+    room, lag = slopes[ROOM, j], (work.phase[i, j] + _PI) % (2.0 * _PI)
     if kind == PHASE_MARGIN:
         return min(lag, 2.0 * _PI - lag) + room < limit
     return lag - room > 0.0 and lag + room < limit * table.omega[j]
 
 
 @compiled
-def _margin_cell(kind, limit, i, table, work, count):
+def _margin_cell(kind, limit, i, table, work, slopes, count):
     """Forbid the kappa at which every loop has a crossover that is too close to -1."""
     n, low, high = work.gain.shape[1], np.inf, -np.inf
     for j in range(1, n):
-        if j < n - 1 and _too_close(kind, limit, i, j, table, work):
-            r = work.high[j]
-            low = min(low, -work.gain[i, j] - math.log(1.0 - r))
-            high = max(high, -work.gain[i, j] - math.log(1.0 + r))
+        if j < n - 1 and _too_close(kind, limit, i, j, table, work, slopes):
+            low = min(low, -work.gain[i, j] - slopes[DOWN, j])
+            high = max(high, -work.gain[i, j] - slopes[UP, j])
         elif high > -np.inf:
             count = forbid(work, count, low, BEYOND if j == n - 1 and table.delay[i] > 0.0 else high)
             low, high = np.inf, -np.inf
@@ -158,7 +171,7 @@ def _margin_cell(kind, limit, i, table, work, count):
 
 
 @compiled
-def _passages_cell(i, cell, signs, table, work):
+def _passages_cell(i, cell, signs, table, work, slopes):
     """Passages of -180 deg as (smallest ln|L0|, largest, turns), found between columns where all loops agree; number.
 
     They are left in `allowed` (smallest, largest) and `cross_turn[i]`; turns of 0 stand for places that are unclear.
@@ -171,13 +184,12 @@ def _passages_cell(i, cell, signs, table, work):
     smallest, largest, unclear = (BEYOND, BEYOND, False) if large else (-BEYOND, BEYOND, True)
     stop = min(n - 1, table.alias[i])
     for j in range(1, stop):
-        r = work.high[j]
         clear, here = False, 0.0
-        if r < 1.0:
-            room = math.asin(r)
+        if work.high[j] < 1.0:
+            room = slopes[ROOM, j]
             here = math.floor((work.phase[i, j] - room + _PI) / (2.0 * _PI))
             clear = here == math.floor((work.phase[i, j] + room + _PI) / (2.0 * _PI))
-            low, high = work.gain[i, j] + math.log(1.0 - r), work.gain[i, j] + math.log(1.0 + r)
+            low, high = work.gain[i, j] + slopes[DOWN, j], work.gain[i, j] + slopes[UP, j]
         else:
             low, high = -BEYOND, BEYOND
         if j > 1:
@@ -198,7 +210,7 @@ def _passages_cell(i, cell, signs, table, work):
 
 
 @compiled
-def _unstable_cell(i, passages, table, work, count):
+def _unstable_cell(i, passages, table, work, slopes, count):
     """Forbid the kappa at which every loop of the cell is unstable."""
     ends = np.empty(2 * passages + 2)
     ends[0], ends[1] = -BEYOND, BEYOND
@@ -221,13 +233,13 @@ def _unstable_cell(i, passages, table, work, count):
         low = BEYOND
         for j in range(table.alias[i], work.gain.shape[1] - 1):
             if work.high[j] < 1.0:
-                low = min(low, -work.gain[i, j] - math.log(1.0 - work.high[j]))
+                low = min(low, -work.gain[i, j] - slopes[DOWN, j])
         count = forbid(work, count, low, BEYOND)
     return count
 
 
 @compiled
-def _row_cell(q, i, passages, table, rows, work, count):
+def _row_cell(q, i, passages, table, rows, work, slopes, count):
     """Forbid what violates row q with plant i for the whole cell; equalities of a crossover and of |L| count too."""
     kind, side, limit = rows.kind[q], rows.side[q], rows.limit[q]
     first, last, n = max(rows.first[q], 1), min(rows.last[q], work.gain.shape[1] - 2), work.gain.shape[1]
@@ -235,10 +247,10 @@ def _row_cell(q, i, passages, table, rows, work, count):
         if side <= 0:
             return count
         # neighbouring columns overlap: their union is one interval
-        union_low, union_high = 0.0, -np.inf
+        union_low, union_high, inverse = 0.0, -np.inf, math.exp(-limit)
         for j in range(first, last + 1):
             if work.high[j] < 1.0:
-                low, high = _band_cell(kind, limit, i, j, work.high[j], table, work)
+                low, high = _band_cell(kind, inverse, i, j, work.high[j], table, work)
                 if high <= low:
                     continue
                 if low <= union_high and high >= union_low:
@@ -250,15 +262,15 @@ def _row_cell(q, i, passages, table, rows, work, count):
     elif kind == LOOP_GAIN:
         low, high = -BEYOND, BEYOND
         for j in range(first, last + 1):
-            if side >= 0 and work.high[j] < 1.0:
-                high = min(high, limit - work.gain[i, j] - math.log(1.0 - work.high[j]))
+            if side >= 0:
+                high = min(high, limit - work.gain[i, j] - slopes[DOWN, j])
             if side <= 0:
-                low = max(low, limit - work.gain[i, j] - math.log(1.0 + work.high[j]))
+                low = max(low, limit - work.gain[i, j] - slopes[UP, j])
         count = forbid(work, count, -BEYOND, low)
         count = forbid(work, count, high, BEYOND)
     elif kind in (PHASE_MARGIN, DELAY_MARGIN):
         if side <= 0:
-            count = _margin_cell(kind, limit - (1e-9 if side == 0 else 0.0), i, table, work, count)
+            count = _margin_cell(kind, limit - (1e-9 if side == 0 else 0.0), i, table, work, slopes, count)
     elif kind == GAIN_MARGIN and side < 0:
         for r in range(passages):
             if work.cross_turn[i, r] != 0.0:
@@ -266,14 +278,14 @@ def _row_cell(q, i, passages, table, rows, work, count):
     elif kind == CROSSOVER:
         most, top = -np.inf, BEYOND
         for j in range(first, n - 1):
-            most = max(most, work.gain[i, j] + math.log(1.0 + work.high[j]))
-            if side >= 0 and work.high[j] < 1.0 and j > first:
-                top = min(top, -work.gain[i, j] - math.log(1.0 - work.high[j]))
+            most = max(most, work.gain[i, j] + slopes[UP, j])
+            if side >= 0 and j > first:
+                top = min(top, -work.gain[i, j] - slopes[DOWN, j])
         count = forbid(work, count, top, BEYOND)
         if side <= 0:
             count = forbid(work, count, -BEYOND, -most)
-        if side == 0 and work.high[first] < 1.0:
-            count = forbid(work, count, -work.gain[i, first] - math.log(1.0 - work.high[first]), BEYOND)
+        if side == 0:
+            count = forbid(work, count, -work.gain[i, first] - slopes[DOWN, first], BEYOND)
     return count
 
 
@@ -320,7 +332,7 @@ def kappa_left(code, target, cell, signs, table, rows, box, work, slopes):
         cell: its ranges, as the columns say.
         signs: of kp and ki.
         table, rows, box, work: as in `allowed_intervals`; `rows` with the objective's own.
-        slopes: scratch for (2), shape (6, n).
+        slopes: scratch for (2), shape (SLOPES, n).
     """
     low, high = _kappa_of_cell(code, target, cell, signs, table, box)
     if low >= high:
@@ -328,11 +340,11 @@ def kappa_left(code, target, cell, signs, table, rows, box, work, slopes):
     fill_cell(cell, signs, table, work, slopes)
     count = 0
     for i in range(table.gain.shape[0]):
-        passages = _passages_cell(i, cell, signs, table, work)
-        count = _unstable_cell(i, passages, table, work, count)
+        passages = _passages_cell(i, cell, signs, table, work, slopes)
+        count = _unstable_cell(i, passages, table, work, slopes, count)
         for q in range(len(rows.kind)):
             if i == 0 or not (rows.nominal[q] or rows.side[q] == 0):
-                count = _row_cell(q, i, passages, table, rows, work, count)
+                count = _row_cell(q, i, passages, table, rows, work, slopes, count)
     order = np.argsort(work.forbidden[:count, 0])
     reached, found = low, 0
     for r in range(count + 1):

@@ -46,7 +46,11 @@ def add_row(rows, count, a0, a1, a2, b):
 @compiled
 def _clip(corners, other, count, p, q, w):
     """Cut the polygon in `corners` by p x + q y <= w: the number of corners, 0 where nothing is left."""
-    made = 0
+    made, inside = 0, True
+    for r in range(count):
+        inside = inside and p * corners[r, 0] + q * corners[r, 1] <= w
+    if inside:
+        return count
     for r in range(count):
         s = r + 1 if r + 1 < count else 0
         here, there = p * corners[r, 0] + q * corners[r, 1] - w, p * corners[s, 0] + q * corners[s, 1] - w

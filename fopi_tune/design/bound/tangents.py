@@ -18,13 +18,26 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.bound.discs import ALPHA_HIGH, ALPHA_IMAG, ALPHA_LOW, ALPHA_REAL, PSI_HIGH, PSI_IMAG, PSI_LOW
-from fopi_tune.design.bound.discs import PSI_REAL, REST, SPREAD
+from fopi_tune.design.bound.discs import (
+    ALPHA_HIGH,
+    ALPHA_IMAG,
+    ALPHA_LOW,
+    ALPHA_REAL,
+    DOWN,
+    GROWN,
+    PSI_HIGH,
+    PSI_IMAG,
+    PSI_LOW,
+    PSI_REAL,
+    REST,
+    SPREAD,
+    UP,
+)
 from fopi_tune.design.bound.polygon import add_row
 from fopi_tune.design.global_search.compiled import CROSSOVER, CS, IAE, KI, LOOP_GAIN, S, compiled
 
-#: an E beyond which (1) is not worth its time
-_MOST_CHANGE = 1.0
+#: an E, and e^E, beyond which (1) is not worth its time
+_MOST_CHANGE, _MOST_GROWTH = 1.0, 2.8
 
 
 @compiled
@@ -36,67 +49,88 @@ def _add(lin, count, way, value, a0, a1, a2, limit, rest):
 
 
 @compiled
-def _band_row(kind, side, limit, i, j, kappa, half, table, work, slopes, lin, count):
-    """(1) of a band at a column, both ways for an equality."""
-    reach = half[0] + slopes[SPREAD, j]
-    if not reach < _MOST_CHANGE:
+def _gain_row(way, limit, i, j, kappa, half, work, slopes, lin, count):
+    """ln|L| at most (way 1) or at least (-1) a limit at a column."""
+    if not slopes[SPREAD, j] < _MOST_CHANGE:
         return count
-    g, phase = work.gain[i, j] + kappa, work.phase[i, j]
-    if kind == LOOP_GAIN:
-        a1, a2 = slopes[ALPHA_REAL, j] * half[1], slopes[PSI_REAL, j] * half[2]
-        for way in (1.0, -1.0):
-            if way * side >= 0:
-                count = _add(lin, count, way, g, half[0], a1, a2, limit, slopes[REST, j])
+    a1, a2 = slopes[ALPHA_REAL, j] * half[1], slopes[PSI_REAL, j] * half[2]
+    return _add(lin, count, way, work.gain[i, j] + kappa, half[0], a1, a2, limit, slopes[REST, j])
+
+
+@compiled
+def _band_row(kind, side, limit, bound, i, j, k, grown, half, table, work, slopes, lin, count):
+    """(1) of a band at a column, both ways for an equality; `bound` is e^-limit, k = e^kappa, grown = e^half[0]."""
+    grown *= slopes[GROWN, j]
+    if not grown < _MOST_GROWTH:
         return count
-    sigma = 1.0 if kind == S else -1.0
-    bound = -limit - (table.gain[i, j] if kind == CS else 0.0)
-    size = math.exp(sigma * g)
-    cosine, sine = size * math.cos(phase), sigma * size * math.sin(phase)
-    square = max((1.0 + cosine) * (1.0 + cosine) + sine * sine, 1e-200)
-    value, far = 0.5 * math.log(square), math.sqrt(square)
-    ratio = size / far
-    # (1) changes the value by less than this
-    if side > 0 and value - bound > 1.5 * ratio * reach + 0.2:
+    if kind == CS:
+        bound *= math.exp(-table.gain[i, j])
+    size, real = k * work.square[i, j], k * work.real[i, j]
+    if kind == S:
+        square = 1.0 + 2.0 * real + size * size
+    else:
+        size = 1.0 / size
+        square = 1.0 + 2.0 * real * size * size + size * size
+    # |1 + X| changes by no more than this
+    change = size * (grown - 1.0)
+    if side > 0 and square > (bound + change) * (bound + change):
         return count
-    grown = math.exp(reach)
-    least = far - size * (grown - 1.0)
+    far = math.sqrt(max(square, 1e-200))
+    least = far - change
     if least <= 0.0:
         return count
+    reach = half[0] + slopes[SPREAD, j]
+    ratio = size / far
     rest = ratio * slopes[REST, j] + 0.5 * size * grown / (least * least) * reach * reach
-    real, imag = sigma * (cosine * (1.0 + cosine) + sine * sine) / square, sigma * sine / square
-    a1 = (real * slopes[ALPHA_REAL, j] - imag * slopes[ALPHA_IMAG, j]) * half[1]
-    a2 = (real * slopes[PSI_REAL, j] - imag * slopes[PSI_IMAG, j]) * half[2]
+    sigma = 1.0 if kind == S else -1.0
+    scale = 1.0 if kind == S else size * size
+    cosine = real * scale
+    imag = work.controller[1, j] * table.imag[i, j] + work.controller[2, j] * table.real[i, j]
+    sine = sigma * k * imag * scale
+    a, b = sigma * (cosine + size * size) / square, sigma * sine / square
+    a1 = (a * slopes[ALPHA_REAL, j] - b * slopes[ALPHA_IMAG, j]) * half[1]
+    a2 = (a * slopes[PSI_REAL, j] - b * slopes[PSI_IMAG, j]) * half[2]
+    value, limit = math.log(far), -limit - (table.gain[i, j] if kind == CS else 0.0)
     for way in (1.0, -1.0):
         # an upper limit of the quantity is a lower one of ln|1 + X|
         if way * side <= 0:
-            count = _add(lin, count, way, value, real * half[0], a1, a2, bound, rest)
+            count = _add(lin, count, way, value, a * half[0], a1, a2, limit, rest)
     return count
 
 
 @compiled
 def band_rows(kappa, half, table, rows, work, slopes, lin, count):
     """Rows of all bands, and of the crossover's limits."""
-    n = work.gain.shape[1]
+    n, k, grown = work.gain.shape[1], math.exp(kappa), math.exp(half[0])
     for i in range(work.gain.shape[0]):
         for q in range(len(rows.kind)):
             kind, side, limit = rows.kind[q], rows.side[q], rows.limit[q]
             if i > 0 and (rows.nominal[q] or side == 0):
                 continue
             first, last = max(rows.first[q], 1), min(rows.last[q], n - 2)
-            if kind <= LOOP_GAIN:
+            upper, lower = side >= 0, side <= 0
+            if kind < LOOP_GAIN:
+                bound = math.exp(-limit)
                 for j in range(first, last + 1):
-                    count = _band_row(kind, side, limit, i, j, kappa, half, table, work, slopes, lin, count)
-            elif kind == CROSSOVER:
-                if side >= 0:
-                    for j in range(first, n - 1):
-                        count = _band_row(LOOP_GAIN, 1, 0.0, i, j, kappa, half, table, work, slopes, lin, count)
-                alone = side == 0
-                if side < 0:
-                    alone = True
+                    if count >= 0:
+                        count = _band_row(
+                            kind, side, limit, bound, i, j, k, grown, half, table, work, slopes, lin, count
+                        )
+                continue
+            if kind == CROSSOVER:
+                # |L| < 1 beyond an upper limit; above a lower one it exceeds 1 somewhere: at the limit, or nowhere
+                limit, last = 0.0, n - 2
+                if lower and side != 0:
                     for j in range(first + 1, n - 1):
-                        alone = alone and work.gain[i, j] + kappa + half[0] + slopes[SPREAD, j] < 0.0
-                if alone:
-                    count = _band_row(LOOP_GAIN, -1, 0.0, i, first, kappa, half, table, work, slopes, lin, count)
+                        lower = lower and work.gain[i, j] + kappa + half[0] + slopes[UP, j] < 0.0
+            elif kind != LOOP_GAIN:
+                continue
+            for j in range(first, last + 1):
+                if upper and count >= 0 and work.gain[i, j] + kappa + half[0] + slopes[UP, j] > limit:
+                    count = _gain_row(1.0, limit, i, j, kappa, half, work, slopes, lin, count)
+                if lower and count >= 0 and (kind == LOOP_GAIN or j == first):
+                    if work.gain[i, j] + kappa - half[0] + slopes[DOWN, j] < limit:
+                        count = _gain_row(-1.0, limit, i, j, kappa, half, work, slopes, lin, count)
             if count < 0:
                 return count
     return count
