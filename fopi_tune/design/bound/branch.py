@@ -29,6 +29,7 @@ from fopi_tune.design.bound.discs import (
 from fopi_tune.design.bound.polygon import what_is_left
 from fopi_tune.design.bound.tangents import band_rows, box_rows
 from fopi_tune.design.global_search.compiled import compiled
+from fopi_tune.design.global_search.responses import copy_into
 
 _PI = math.pi
 #: neper; a cell whose loops change by more near |L| = 1 is not linearised
@@ -63,9 +64,10 @@ def _spreads_near_crossover(kappa, cell, work, slopes):
 def _linearised(code, target, pieces, found, cell, signs, table, rows, box, work, slopes, lin, left):
     """Whether the linear rows leave anything of the cell; `left` is then where, in units of its half-widths."""
     alpha, psi = 0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH]), 0.5 * (cell[PSI_LOW] + cell[PSI_HIGH])
-    half = np.array((0.0, 0.5 * (cell[ALPHA_HIGH] - cell[ALPHA_LOW]), 0.5 * (cell[PSI_HIGH] - cell[PSI_LOW])))
-    whole = np.array((1.0, -1.0, 1.0, -1.0))
-    x = np.empty(3)
+    half, whole, x = np.empty(3), np.empty(4), np.empty(3)
+    half[1], half[2] = 0.5 * (cell[ALPHA_HIGH] - cell[ALPHA_LOW]), 0.5 * (cell[PSI_HIGH] - cell[PSI_LOW])
+    whole[0] = whole[2] = 1.0
+    whole[1] = whole[3] = -1.0
     x[2] = alpha
     for r in range(found):
         low, high = work.found[r, 0], work.found[r, 1]
@@ -84,7 +86,7 @@ def _linearised(code, target, pieces, found, cell, signs, table, rows, box, work
                 whole[0], whole[1] = min(whole[0], left[0]), max(whole[1], left[1])
                 whole[2], whole[3] = min(whole[2], left[2]), max(whole[3], left[3])
                 cell[KAPPA] = kappa
-    left[:] = whole
+    copy_into(whole, left)
     return whole[0] <= whole[1]
 
 
@@ -115,8 +117,9 @@ def branch(code, target, quadrants, cells, number, most, table, rows, box, work)
     """
     first, last, looked = 0, number, 0
     slopes, lin, left = np.empty((SLOPES, work.gain.shape[1])), np.empty((_MOST_ROWS, 5)), np.empty(4)
+    cell = np.empty(cells.shape[1])
     while first < last and looked < most:
-        cell = cells[first].copy()
+        copy_into(cells[first], cell)
         first += 1
         looked += 1
         signs = quadrants[int(cell[QUADRANT])]
@@ -140,14 +143,14 @@ def branch(code, target, quadrants, cells, number, most, table, rows, box, work)
             by_alpha *= 0.5 * (left[1] - left[0])
             by_psi *= 0.5 * (left[3] - left[2])
             if 0.25 * (left[1] - left[0]) * (left[3] - left[2]) < _MUCH_SMALLER:
-                cells[last] = cell
+                copy_into(cell, cells[last])
                 last += 1
                 continue
         low, high = (ALPHA_LOW, ALPHA_HIGH) if by_alpha > by_psi else (PSI_LOW, PSI_HIGH)
         middle = 0.5 * (cell[low] + cell[high]) if low == ALPHA_LOW else _middle(cell[low], cell[high])
-        cells[last] = cell
+        copy_into(cell, cells[last])
+        copy_into(cell, cells[last + 1])
         cells[last, high] = middle
-        cells[last + 1] = cell
         cells[last + 1, low] = middle
         last += 2
     return first, last, looked

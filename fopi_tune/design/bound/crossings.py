@@ -28,7 +28,7 @@ from fopi_tune.design.global_search.compiled import (
     PHASE_MARGIN,
     compiled,
 )
-from fopi_tune.design.global_search.responses import crossing_near, loop_at
+from fopi_tune.design.global_search.responses import copy_into, crossing_near, loop_at
 
 _PI = math.pi
 #: what (1) says: y at the crossing (three slopes over the box's half-widths), its rest, v0, D, y_v, y_vv's part, m_v's
@@ -172,7 +172,7 @@ def _size(out):
 
 
 @compiled
-def _margin_rows(kind, side, limit, alone, out, lin, count):
+def _margin_rows(kind, side, limit, alone, out, moved, lin, count):
     """Rows of a phase or delay margin whose lag to -1 is y of `out`."""
     reach = _size(out)
     low, high = out[VALUE] - reach, out[VALUE] + reach
@@ -183,7 +183,7 @@ def _margin_rows(kind, side, limit, alone, out, lin, count):
             return count
         # lag - limit omega e^dv, of which e^dv = 1 + dv + at most dv^2 e^D/2
         omega = limit * math.exp(out[AT])
-        moved = out.copy()
+        copy_into(out, moved)
         moved[VALUE] -= omega
         for a, b in ((BY_KAPPA, DV_KAPPA), (BY_ALPHA, DV_ALPHA), (BY_PSI, DV_PSI)):
             moved[a] -= omega * out[b]
@@ -213,16 +213,15 @@ def _needs(kind, rows, i):
 
 
 @compiled
-def _spread_rows(code, target, x, plants, first, other, lin, count):
+def _spread_rows(code, target, x, one, two, first, other, apart, lin, count):
     """Rows of a spread between the nominal plant's only crossing `first` and another plant's `other`."""
     if code == MARGIN_SPREAD:
         reach = max(_size(first), _size(other))
         if abs(first[VALUE]) <= reach or abs(other[VALUE]) <= reach:
             return count
-        one, two = math.copysign(1.0, other[VALUE]), math.copysign(1.0, first[VALUE])
-        apart = other.copy()
+        side, nominal_side = math.copysign(1.0, other[VALUE]), math.copysign(1.0, first[VALUE])
         for k in (VALUE, BY_KAPPA, BY_ALPHA, BY_PSI):
-            apart[k] = one * other[k] - two * first[k]
+            apart[k] = side * other[k] - nominal_side * first[k]
         apart[ERROR] = other[ERROR] + first[ERROR]
         count = _add(lin, count, 1.0, apart, 0.0, target)
         return _add(lin, count, -1.0, apart, 0.0, -target)
@@ -231,7 +230,7 @@ def _spread_rows(code, target, x, plants, first, other, lin, count):
     v, d = first[AT], first[REACH]
     places = (v, v - _STEP, v + _STEP, v - d, v + d)
     for r in range(5):
-        gap[r] = loop_at(x, plants[1], places[r], 0.0)[0] - loop_at(x, plants[0], places[r], 0.0)[0]
+        gap[r] = loop_at(x, two, places[r], 0.0)[0] - loop_at(x, one, places[r], 0.0)[0]
     slope = 0.5 * (gap[2] - gap[1]) / _STEP
     bend = _SAFE * max(abs(gap[3] - gap[0] + slope * d), abs(gap[4] - gap[0] - slope * d))
     a0, a1, a2 = slope * first[DV_KAPPA], slope * first[DV_ALPHA], slope * first[DV_PSI]
@@ -247,15 +246,15 @@ def crossing_rows(code, target, x, signs, kappa, half, table, rows, work, slopes
     """Rows of margins and spreads at all crossings that every loop of the box has."""
     n = work.gain.shape[1]
     spread = code == MARGIN_SPREAD or code == CROSSOVER_SPREAD
-    out, first, plants = np.empty(SIZE), np.empty(SIZE), np.empty((2, table.members.shape[1]))
-    plants[0] = table.members[0]
+    out, first, other = np.empty(SIZE), np.empty(SIZE), np.empty(SIZE)
     nominal_alone = False
     for i in range(table.gain.shape[0]):
         asks_phase = _needs(PHASE_MARGIN, rows, i) or _needs(DELAY_MARGIN, rows, i)
         asks_gain = _needs(GAIN_MARGIN, rows, i)
         if spread and i > 0 and nominal_alone and code == CROSSOVER_SPREAD:
-            plants[1] = table.members[i]
-            count = _spread_rows(code, target, x, plants, first, first, lin, count)
+            count = _spread_rows(
+                code, target, x, table.members[0], table.members[i], first, first, other, lin, count
+            )
             if count < 0:
                 return count
         stop = min(n - 2, table.alias[i])
@@ -288,10 +287,12 @@ def crossing_rows(code, target, x, signs, kappa, half, table, rows, work, slopes
                     continue
                 alone = of_gain and _is_alone(True, i, kappa, half, out, 0.0, table, work, slopes)
                 if of_gain and spread and i == 0:
-                    first[:] = out
+                    copy_into(out, first)
                     nominal_alone = alone
                 if of_gain and code == MARGIN_SPREAD and i > 0 and alone and nominal_alone:
-                    count = _spread_rows(code, target, x, plants, first, out, lin, count)
+                    count = _spread_rows(
+                        code, target, x, table.members[0], table.members[i], first, out, other, lin, count
+                    )
                     if count < 0:
                         return count
                 for q in range(len(rows.kind)):
@@ -299,7 +300,7 @@ def crossing_rows(code, target, x, signs, kappa, half, table, rows, work, slopes
                     if i > 0 and (rows.nominal[q] or side == 0):
                         continue
                     if of_gain and (kind == PHASE_MARGIN or kind == DELAY_MARGIN):
-                        count = _margin_rows(kind, side, limit, alone, out, lin, count)
+                        count = _margin_rows(kind, side, limit, alone, out, other, lin, count)
                     elif not of_gain and kind == GAIN_MARGIN:
                         reach = _size(out)
                         if side <= 0 and out[VALUE] + reach < 0.0:

@@ -33,6 +33,7 @@ from fopi_tune.design.global_search.compiled import (
     S,
     T,
     compiled,
+    order_by_first,
 )
 from fopi_tune.design.global_search.intervals import negative_interval
 from fopi_tune.design.global_search.rays import BEYOND, forbid, whole_turns
@@ -210,13 +211,24 @@ def _passages_cell(i, cell, signs, table, work, slopes):
 
 
 @compiled
+def _sort(values):
+    """Ascending, by insertion: the few numbers are nearly in order."""
+    for k in range(1, len(values)):
+        value, r = values[k], k
+        while r > 0 and values[r - 1] > value:
+            values[r] = values[r - 1]
+            r -= 1
+        values[r] = value
+
+
+@compiled
 def _unstable_cell(i, passages, table, work, slopes, count):
     """Forbid the kappa at which every loop of the cell is unstable."""
     ends = np.empty(2 * passages + 2)
     ends[0], ends[1] = -BEYOND, BEYOND
     for r in range(passages):
         ends[2 + 2 * r], ends[3 + 2 * r] = -work.allowed[r, 1], -work.allowed[r, 0]
-    ends.sort()
+    _sort(ends)
     for e in range(len(ends) - 1):
         kappa = 0.5 * (ends[e] + ends[e + 1])
         if ends[e + 1] - ends[e] < 1e-12:
@@ -344,8 +356,7 @@ def kappa_left(code, target, cell, signs, table, rows, box, work, slopes):
         count = _unstable_cell(i, passages, table, work, slopes, count)
         for q in range(len(rows.kind)):
             if i == 0 or not (rows.nominal[q] or rows.side[q] == 0):
-                count = _row_cell(q, i, passages, table, rows, work, slopes, count)
-    order = np.argsort(work.forbidden[:count, 0])
+    order = order_by_first(work.forbidden, count)
     reached, found = low, 0
     for r in range(count + 1):
         begin = min(work.forbidden[order[r], 0], high) if r < count else high

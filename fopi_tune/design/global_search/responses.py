@@ -47,6 +47,23 @@ def loop_at(x, plant, v, near):
 
 
 @compiled
+def copy_into(source, target):
+    """Copy an array into one of the same size; a loop, since array expressions take long to compile."""
+    for k in range(len(source)):
+        target[k] = source[k]
+
+
+@compiled
+def fill_plant(point, affine, plant):
+    """The coefficients at a point of the box, into `plant`."""
+    for k in range(len(plant)):
+        total = affine[0, k]
+        for u in range(len(point)):
+            total += point[u] * affine[1 + u, k]
+        plant[k] = total
+
+
+@compiled
 def value_at(kind, x, plant, v, near):
     """A quantity's natural value at a frequency; margins are angles and lags to -1."""
     gain, phase, log_c = loop_at(x, plant, v, near)

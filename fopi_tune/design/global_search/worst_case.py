@@ -23,6 +23,7 @@ from fopi_tune.design.global_search.compiled import (
     S,
     T,
     compiled,
+    order_by_first,
 )
 from fopi_tune.design.global_search.rays import alias_gain, fill_ray, find_passages, unstable_poles
 from fopi_tune.design.global_search.responses import (
@@ -33,7 +34,9 @@ from fopi_tune.design.global_search.responses import (
     AT_PEAK,
     AT_PHASE,
     AT_REFERENCE,
+    copy_into,
     crossing_near,
+    fill_plant,
     settle,
     value_at,
 )
@@ -253,11 +256,9 @@ def _worst_plant(
     size = 0.5 if inside else 0.0
     if not inside:
         for k in range(p):
-            trial[:] = point
+            copy_into(point, trial)
             trial[k] += (0.02 if point[k] == low[k] else -0.02) * spacing[k]
-            other[:] = affine[0]
-            for u in range(p):
-                other += trial[u] * affine[1 + u]
+            fill_plant(trial, affine, other)
             value, _ = settle(kind, side, mode, x, other, v, near, target, low_v, high_v, horizon)
             if inner_slack(side, limit, scale, value) < best:
                 size = 0.5
@@ -265,19 +266,17 @@ def _worst_plant(
         moved = False
         for k in range(p):
             for way in (-1.0, 1.0):
-                trial[:] = point
+                copy_into(point, trial)
                 trial[k] = min(max(point[k] + way * size * spacing[k], low[k]), high[k])
                 if trial[k] == point[k]:
                     continue
-                other[:] = affine[0]
-                for u in range(p):
-                    other += trial[u] * affine[1 + u]
+                fill_plant(trial, affine, other)
                 value, at = settle(kind, side, mode, x, other, v, near, target, low_v, high_v, horizon)
                 slack = inner_slack(side, limit, scale, value)
                 if slack < best - 1e-13 and math.isfinite(slack) and abs(at - v) < _APART:
                     best, v, moved = slack, at, True
-                    point[:] = trial
-                    plant[:] = other
+                    copy_into(trial, point)
+                    copy_into(other, plant)
         if not moved:
             size *= 0.35
     return best, v
@@ -326,7 +325,7 @@ def worst_cases(x, table, rows, affine, low, high, spacing, horizon, within, rea
                 count = _crossover_dips(q, i, table, rows, work, found, count)
             if count < 0:
                 return -1
-        order = np.argsort(found[:count, 0])
+        order = order_by_first(found, count)
         for r in range(count):
             dip = found[order[r]]
             if total - begin >= _MOST_OF_A_ROW or total >= len(out):
