@@ -41,6 +41,8 @@ _LEAST_SIZE = 0.1
 BUDGET = 1500
 #: natural units; worst cases with less slack join the bound's table
 _ACTIVE = 0.02
+#: parts of the budget, between which the table grows
+_PARTS = (0.4, 0.2, 0.2, 0.2)
 _BESIDE = (-0.02, -0.005, 0.0, 0.005, 0.02)
 _MOST_STARTS = 4
 
@@ -51,7 +53,7 @@ class Bracket:
 
     Args:
         gap: nothing better by this part was found to be possible; inf where not even the largest of `GAPS` was closed.
-        left: share of the box that a target of the next smaller gap leaves.
+        left: share of the box that a target of the smallest gap leaves.
         cells: that were looked at.
         starts: gains in cells that are left.
     """
@@ -62,26 +64,45 @@ class Bracket:
     starts: tuple[Basin, ...]
 
 
-def bracket_of(polish: Polish, cost: float, x: Array, budget: int = BUDGET) -> Bracket | None:
-    """The bracket around gains x of this cost; None where the objective's target has no bound."""
-    problem = polish.problem
-    table = _table(polish, x)
-    quadrants, cells = quadrants_of(problem), _whole_box(problem)
-    area, looked, starts = _area(cells), 0, ()
-    share = 0.0
-    for gap in GAPS:
+def bracket_of(
+    polish: Polish, cost: float, x: Array, budget: int = BUDGET, gaps: tuple[float, ...] = GAPS
+) -> Bracket | None:  # fmt: skip
+    """The bracket around gains x of this cost; None where the objective's target has no bound.
+
+    Args:
+        polish: of the problem.
+        cost, x: the gains and their cost.
+        budget: cells that are looked at for each gap, of a table of three plants at a hundred frequencies.
+        gaps: that are tried, in ascending order, until one is closed.
+    """
+    problem, quadrants = polish.problem, quadrants_of(polish.problem)
+    known, cells = [_worst(polish, x, _ACTIVE)], _whole_box(problem)
+    area, looked, starts, share = _area(cells), 0, (), 1.0
+    for gap in gaps:
         # cells without anything better by a smaller gap hold nothing better by a larger one
-        asked = _beating(problem, table, cost, gap)
-        if asked is None:
-            return None
-        cells, count = _left(problem, *asked, table, cells, budget)
-        looked += count
-        if gap == GAPS[0]:
-            share = _area(cells) / area
+        for part in _PARTS:
+            table = _table(problem, cost, known)
+            asked = _beating(problem, table, cost, gap)
+            if asked is None:
+                return None
+            cells, count = _left(problem, *asked, table, cells, int(part * budget))
+            looked += count
             starts = _starts(cells, quadrants, cost) if len(cells) else ()
+            # what gains in the cells that are left violate between the table's plants and frequencies joins it
+            known += [_worst(polish, start.gains, 0.0) for start in starts]
+            if not starts:
+                break
+        if gap == gaps[0]:
+            share = _area(cells) / area
         if not len(cells):
             return Bracket(gap, share, looked, starts)
     return Bracket(math.inf, share, looked, starts)
+
+
+def _worst(polish: Polish, x: Array, slack: float) -> Array:
+    """The worst cases at gains that have less slack; none where a plant is unstable."""
+    found = polish.look(x)
+    return np.zeros((0, FIELDS + len(polish.low))) if found is None else found[found[:, SLACK] <= slack]
 
 
 def excluded_share(problem: Problem, budget: int = BUDGET) -> float:
@@ -110,27 +131,47 @@ def _left(
     problem: Problem, rows: Rows, target: float, table: Table, cells: Array, budget: int
 ) -> tuple[Array, int]:  # fmt: skip
     """Cells that are left of some, and how many were looked at."""
+    if _contradicts_itself(problem, rows, target):
+        return cells[:0], 0
+    box, proper = problem.box, bool(np.all(table.high_slope < 0.0))
+    for q in np.flatnonzero((rows.kind == CS) & (rows.side > 0) & (rows.last == len(table.v) - 1) & proper):
+        # |C S| -> |kp| as omega -> inf
+        largest = math.exp(rows.limit[q])
+        box = box._replace(kp_low=max(box.kp_low, -largest), kp_high=min(box.kp_high, largest))
     room = np.zeros((len(cells) + 2 * budget + 2, cells.shape[1]))
     room[: len(cells)] = cells
     first, last, looked = branch(
-        problem.code, target, quadrants_of(problem), room, len(cells), budget, table, rows, problem.box,
-        work_for(table),
+        problem.code, target, quadrants_of(problem), room, len(cells), budget, table, rows, box, work_for(table),
     )  # fmt: skip
     return room[first:last], looked
 
 
-def _table(polish: Polish, x: Array) -> Table:
-    """Vertices and the worst plants at x, at the scan's frequencies and around the worst ones."""
-    problem, found = polish.problem, polish.look(x)
+def _contradicts_itself(problem: Problem, rows: Rows, target: float) -> bool:
+    """Whether no value of a quantity meets its lower and its upper limit, or no spread the target."""
+    if problem.code in (MARGIN_SPREAD, CROSSOVER_SPREAD) and target < 0.0:
+        return True
+    for q in np.flatnonzero(rows.side < 0):
+        both = (rows.kind == rows.kind[q]) & (rows.side > 0) & (rows.limit < rows.limit[q] - 1e-12)
+        both &= (rows.first <= rows.last[q]) & (rows.last >= rows.first[q])
+        if np.any(both):
+            return True
+    return False
+
+
+def _table(problem: Problem, cost: float, known: list[Array]) -> Table:
+    """Vertices and worst plants, at the scan's frequencies, around the worst ones and at limits of crossovers."""
     points, omega = vertices(problem.spec.plant), problem.scan_table.omega[1:-1] * problem.scale.omega_rad_s
-    if found is not None and len(found):
-        near = found[found[:, SLACK] < _ACTIVE]
-        v = np.add.outer(near[:, V], _BESIDE).ravel()
-        inner = v[(v > polish.table.v[1]) & (v < polish.table.v[-2])]
-        omega = np.union1d(omega, np.exp(inner) * problem.scale.omega_rad_s)
-        if points.shape[1]:
-            points = np.unique(np.vstack([points[1:], near[:, FIELDS:]]), axis=0)
-            points = np.vstack([problem.spec.plant.nominal_point, points])
+    near, ends = np.vstack(known), problem.scan_table.v[[1, -2]]
+    v = np.concatenate([np.add.outer(known[0][:, V], _BESIDE).ravel(), near[:, V]])
+    omega = np.union1d(omega, np.exp(v[(v > ends[0]) & (v < ends[1])]) * problem.scale.omega_rad_s)
+    if points.shape[1] and len(near):
+        points = np.unique(np.vstack([points[1:], near[:, FIELDS:]]), axis=0)
+        points = np.vstack([problem.spec.plant.nominal_point, points])
+    if problem.code == DEPTH:
+        rows = problem.rows(problem.scan_table, tightening=0.0)
+        for gap in GAPS:
+            limits = _deeper(rows, _step(cost, gap) - cost)[rows.kind == CROSSOVER]
+            omega = np.union1d(omega, np.exp(limits) * problem.scale.omega_rad_s)
     apart = np.concatenate([[True], np.diff(np.log(omega)) > 1e-9])
     return table_of(problem.scaled, points, omega[apart], problem.horizon_s)
 
@@ -138,14 +179,15 @@ def _table(polish: Polish, x: Array) -> Table:
 def _beating(problem: Problem, table: Table, cost: float, gap: float) -> tuple[Rows, float] | None:
     """Rows and target of costing less by the gap; None where no row says so."""
     rows = problem.rows(table, tightening=0.0)
-    last, step = len(table.v) - 1, gap * max(abs(cost), _LEAST_SIZE)
+    last, step = len(table.v) - 1, _step(cost, gap)
     if problem.code == KI:
         return (rows, cost * (1.0 + gap)) if cost < 0.0 else None
     if problem.code == IAE:
         return rows, cost + math.log(1.0 - gap)
     if problem.code == DEPTH:
-        slack = np.where(rows.in_depth, -cost + step, 0.0)
-        return rows._replace(limit=rows.limit - rows.side * slack / rows.scale), 0.0
+        limit = _deeper(rows, step - cost)
+        at = np.array([np.argmin(np.abs(table.v - v)) for v in limit])
+        return rows._replace(limit=limit, first=np.where(rows.kind == CROSSOVER, at, rows.first)), 0.0
     if problem.code in (S_PEAK, CS_PEAK):
         return _joined(rows, S if problem.code == S_PEAK else CS, 1, cost - step, 0, last), 0.0
     kind = PHASE_MARGIN if problem.code == MARGIN_SPREAD else CROSSOVER
@@ -157,6 +199,15 @@ def _beating(problem: Problem, table: Table, cost: float, gap: float) -> tuple[R
         upper = _joined(rows, LOOP_GAIN, 1, cost - step, at, at)
         return _joined(upper, LOOP_GAIN, -1, step - cost, at, at), cost - step
     return _joined(rows, PHASE_MARGIN, -1, float(rows.limit[fixed[0]]) - cost + step, 0, last), cost - step
+
+
+def _step(cost: float, gap: float) -> float:
+    return gap * max(abs(cost), _LEAST_SIZE)
+
+
+def _deeper(rows: Rows, slack: float) -> Array:
+    """Limits that leave the requirements which count in the depth this slack."""
+    return rows.limit - np.where(rows.in_depth, rows.side * slack / rows.scale, 0.0)
 
 
 def _joined(rows: Rows, kind: int, side: int, limit: float, first: int, last: int) -> Rows:

@@ -35,14 +35,14 @@ _PI = math.pi
 VALUE, BY_KAPPA, BY_ALPHA, BY_PSI, ERROR, AT, REACH, DV_KAPPA, DV_ALPHA, DV_PSI, DV_ERROR = range(11)
 SIZE = 11
 _STEP = 1e-4
-_LONGEST = 0.4
+_LONGEST = 1.0
 #: what differences at the ends of a reach are multiplied by to bound what lies between
 _SAFE = 1.5
 
 
 @compiled
 def _controller_slopes(x, signs, half, v, slopes):
-    """f_alpha, f_psi (real, imaginary), their second-order rest, and |f_alpha v|, |f_psi v| over the half-widths at v."""
+    """f_alpha and f_psi (real, imaginary) at v, and what they leave of f over the half-widths."""
     alpha, k = x[2], math.sqrt(x[0] * x[0] + x[1] * x[1])
     c, s = x[0] / k, x[1] / k
     q_size = math.exp(-alpha * v)
@@ -67,8 +67,6 @@ def _controller_slopes(x, signs, half, v, slopes):
         + log_size * q_size / square * half[1] * half[2]
         + 0.5 * (abs(1.0 + q * q) + q_size * q_size * (math.exp(2.0 * log_size * half[1]) - 1.0)) / square * half[2] ** 2
     )
-    mixed_alpha = abs(part) + alpha * log_size * product * q_size / square
-    slopes[5] = grown * (mixed_alpha * half[1] + alpha * q_size / square * half[2])
 
 
 @compiled
@@ -86,7 +84,7 @@ def implicit(of_gain, x, signs, plant, half, v, near, offset, low_v, high_v, out
         low_v, high_v: the range of the grid.
         out: what (1) says.
     """
-    slopes = np.empty(6)
+    slopes, above, under = np.empty(5), np.empty(5), np.empty(5)
     _controller_slopes(x, signs, half, v, slopes)
     if not slopes[4] < 0.3:
         return False
@@ -108,12 +106,19 @@ def implicit(of_gain, x, signs, plant, half, v, near, offset, low_v, high_v, out
             return False
         gain_up, phase_up, _ = loop_at(x, plant, v + reach, near)
         gain_down, phase_down, _ = loop_at(x, plant, v - reach, near)
-        gain_bend = _SAFE * max(abs(gain_up - gain - gain_v * reach), abs(gain_down - gain + gain_v * reach))
+        gain_bend = max(abs(gain_up - gain - gain_v * reach), abs(gain_down - gain + gain_v * reach))
         phase_bend = max(abs(phase_up + offset - phase - phase_v * reach), abs(phase_down + offset - phase + phase_v * reach))
-        grown = math.exp(4.0 * x[2] * reach)
-        both = slopes[4] * grown + slopes[5] * reach * grown
-        rest_m = both + (gain_bend if of_gain else _SAFE * phase_bend)
-        rest_y = both + (_SAFE * phase_bend if of_gain else gain_bend)
+        _controller_slopes(x, signs, half, v + reach, above)
+        _controller_slopes(x, signs, half, v - reach, under)
+        both = _SAFE * max(slopes[4], above[4], under[4])
+        for part in range(2):
+            by_alpha = max(abs(above[part] - slopes[part]), abs(under[part] - slopes[part])) * half[1]
+            by_psi = max(abs(above[2 + part] - slopes[2 + part]), abs(under[2 + part] - slopes[2 + part])) * half[2]
+            rest = both + _SAFE * (by_alpha + by_psi + (gain_bend if part == 0 else phase_bend))
+            if (part == 0) == of_gain:
+                rest_m = rest
+            else:
+                rest_y = rest
         if abs(m_v) * reach > needed + rest_m:
             break
         reach *= 1.5
@@ -247,7 +252,10 @@ def crossing_rows(code, target, x, signs, kappa, half, table, rows, work, slopes
     n = work.gain.shape[1]
     spread = code == MARGIN_SPREAD or code == CROSSOVER_SPREAD
     out, first, other = np.empty(SIZE), np.empty(SIZE), np.empty(SIZE)
-    nominal_alone = False
+    nominal_alone, deepest = False, 0.0
+    for q in range(len(rows.kind)):
+        if rows.kind[q] == GAIN_MARGIN:
+            deepest = max(deepest, rows.limit[q] + 0.1)
     for i in range(table.gain.shape[0]):
         asks_phase = _needs(PHASE_MARGIN, rows, i) or _needs(DELAY_MARGIN, rows, i)
         asks_gain = _needs(GAIN_MARGIN, rows, i)
@@ -270,6 +278,12 @@ def crossing_rows(code, target, x, signs, kappa, half, table, rows, work, slopes
                     a, b = work.phase[i, j] + _PI - 2.0 * _PI * level, work.phase[i, j + 1] + _PI - 2.0 * _PI * level
                 if (a > 0.0) == (b > 0.0) or a == b:
                     continue
+                if not of_gain:
+                    # without a say where |L| is far above 1, or below all limits
+                    largest = max(work.gain[i, j] + slopes[UP, j], work.gain[i, j + 1] + slopes[UP, j + 1])
+                    smallest = min(work.gain[i, j] + slopes[DOWN, j], work.gain[i, j + 1] + slopes[DOWN, j + 1])
+                    if largest + kappa + half[0] < -deepest or smallest + kappa - half[0] > 0.0:
+                        continue
                 v = table.v[j] + a / (a - b) * (table.v[j + 1] - table.v[j])
                 near = work.phase[i, j] + table.omega[j] * table.delay[i]
                 if of_gain:

@@ -36,7 +36,7 @@ from fopi_tune.design.global_search.compiled import (
     order_by_first,
 )
 from fopi_tune.design.global_search.intervals import negative_interval
-from fopi_tune.design.global_search.rays import BEYOND, forbid, whole_turns
+from fopi_tune.design.global_search.rays import BEYOND, whole_turns
 
 _PI = math.pi
 #: the smallest ln k that is looked at
@@ -67,6 +67,7 @@ def fill_cell(cell, signs, table, work, slopes):
     slope_c, slope_s = -math.sin(psi) * signs[0], math.cos(psi) * signs[1]
     largest, product = min(1.0, abs(math.sin(psi)) + turn), min(0.5, 0.5 * abs(math.sin(2.0 * psi)) + turn)
     cosine, sine = math.cos(0.5 * _PI * alpha), math.sin(0.5 * _PI * alpha)
+    sines, cosines = (math.sin(cell[PSI_LOW]), math.sin(cell[PSI_HIGH])), (math.cos(cell[PSI_HIGH]), math.cos(cell[PSI_LOW]))
     negative = s < 0 or (s == 0 and c < 0)
     for j in range(1, n - 1):
         v = table.v[j]
@@ -107,6 +108,18 @@ def fill_cell(cell, signs, table, work, slopes):
             slopes[UP, j], slopes[DOWN, j] = min(slopes[UP, j], more), max(slopes[DOWN, j], -more)
             more = abs(slopes[ALPHA_IMAG, j]) * reach + abs(slopes[PSI_IMAG, j]) * turn + slopes[REST, j]
             slopes[ROOM, j] = min(slopes[ROOM, j], more)
+        else:
+            # far from the corner of C0 one term leads, C0 = lead (1 + t), however far alpha moves the other one
+            change = math.exp(abs(v) * reach)
+            least, most = x / change * sines[0], x * change * sines[1]
+            t, lead, room = 2.0, 0.0, 0.0
+            if least > cosines[1]:
+                t, lead, room = cosines[1] / least, least, 0.5 * _PI * reach
+            elif most < cosines[0]:
+                t, lead = most / cosines[0], cosines[0]
+            if t < 1.0:
+                slopes[DOWN, j] = max(slopes[DOWN, j], math.log(lead * (1.0 - t) / size))
+                slopes[ROOM, j] = min(slopes[ROOM, j], room + 2.0 * math.asin(t))
         work.high[j] = r
         log_c = math.log(size)
         work.controller[1, j], work.controller[2, j] = real, imag
@@ -123,38 +136,41 @@ def fill_cell(cell, signs, table, work, slopes):
 
 
 @compiled
-def _band_cell(kind, inverse, i, j, r, table, work):
+def _forbid(forbidden, count, low, high):
+    """Append an interval of kappa to the forbidden ones; returns their new number."""
+    if high > low and count < len(forbidden):
+        forbidden[count, 0], forbidden[count, 1] = low, high
+        return count + 1
+    return count
+
+
+@compiled
+def _band_cell(of_inverse, inverse, r, cosine, g):
     """The kappa at which every loop of the cell exceeds an upper limit M = 1/inverse: (low, high), low > high if none.
 
-    1/L lies in the disc around 1/(L0 (1 - r^2)) whose radius is the r-th part of that.
+    1/L, of which |T| and |C S| are functions, lies in the disc around 1/(L0 (1 - r^2)) with the r-th part as radius.
     """
-    if kind == CS:
-        inverse *= math.exp(-table.gain[i, j])
-    cosine = work.real[i, j] / work.square[i, j]
     low, high = negative_interval(1.0 - r * r, cosine + r * inverse, 1.0 - inverse * inverse)
     if r > 0.0:
         high = min(high, inverse / r)
     if high <= low:
         return 1.0, 0.0
-    g = work.gain[i, j]
     first, last = (math.log(low) if low > 0.0 else -BEYOND), (math.log(high) if high < np.inf else BEYOND)
-    if kind == S:
+    if not of_inverse:
         return max(first - g, -BEYOND), min(last - g, BEYOND)
     shrunk = math.log(1.0 - r * r)
     return (-last - shrunk - g if last < BEYOND else -BEYOND), (-first - shrunk - g if first > -BEYOND else BEYOND)
 
 
 @compiled
-def _too_close(kind, limit, i, j, table, work, slopes):
-    """Whether every loop of the cell is closer to -1 at a column than a margin's limit."""
-    if not work.high[j] < 1.0:
+def _too_close(kind, limit, phase, room):
+    """Whether every loop of the cell is closer to -1 at a column than an angle, or lags by less."""
+    if not room < _PI:
         return False
-    if j >= table.alias[i]:
-        return True
-    room, lag = slopes[ROOM, j], (work.phase[i, j] + _PI) % (2.0 * _PI)
+    lag = (phase + _PI) % (2.0 * _PI)
     if kind == PHASE_MARGIN:
         return min(lag, 2.0 * _PI - lag) + room < limit
-    return lag - room > 0.0 and lag + room < limit * table.omega[j]
+    return lag - room > 0.0 and lag + room < limit
 
 
 @compiled
@@ -162,11 +178,16 @@ def _margin_cell(kind, limit, i, table, work, slopes, count):
     """Forbid the kappa at which every loop has a crossover that is too close to -1."""
     n, low, high = work.gain.shape[1], np.inf, -np.inf
     for j in range(1, n):
-        if j < n - 1 and _too_close(kind, limit, i, j, table, work, slopes):
+        close = False
+        if j < n - 1:
+            angle = limit if kind == PHASE_MARGIN else limit * table.omega[j]
+            close = j >= table.alias[i] and slopes[ROOM, j] < _PI
+            close = close or _too_close(kind, angle, work.phase[i, j], slopes[ROOM, j])
+        if close:
             low = min(low, -work.gain[i, j] - slopes[DOWN, j])
             high = max(high, -work.gain[i, j] - slopes[UP, j])
         elif high > -np.inf:
-            count = forbid(work, count, low, BEYOND if j == n - 1 and table.delay[i] > 0.0 else high)
+            count = _forbid(work.forbidden, count, low, BEYOND if j == n - 1 and table.delay[i] > 0.0 else high)
             low, high = np.inf, -np.inf
     return count
 
@@ -186,13 +207,12 @@ def _passages_cell(i, cell, signs, table, work, slopes):
     stop = min(n - 1, table.alias[i])
     for j in range(1, stop):
         clear, here = False, 0.0
-        if work.high[j] < 1.0:
+        if slopes[ROOM, j] < _PI:
             room = slopes[ROOM, j]
             here = math.floor((work.phase[i, j] - room + _PI) / (2.0 * _PI))
             clear = here == math.floor((work.phase[i, j] + room + _PI) / (2.0 * _PI))
-            low, high = work.gain[i, j] + slopes[DOWN, j], work.gain[i, j] + slopes[UP, j]
-        else:
-            low, high = -BEYOND, BEYOND
+        low = max(work.gain[i, j] + slopes[DOWN, j], -BEYOND)
+        high = min(work.gain[i, j] + slopes[UP, j], BEYOND)
         if j > 1:
             smallest, largest = min(smallest, low), max(largest, high)
         if not clear:
@@ -240,13 +260,13 @@ def _unstable_cell(i, passages, table, work, slopes, count):
             elif kappa > -work.allowed[r, 1]:
                 clear = False
         if clear and abs(z) > 0.75:
-            count = forbid(work, count, ends[e], ends[e + 1])
+            count = _forbid(work.forbidden, count, ends[e], ends[e + 1])
     if table.delay[i] > 0.0:
         low = BEYOND
         for j in range(table.alias[i], work.gain.shape[1] - 1):
             if work.high[j] < 1.0:
                 low = min(low, -work.gain[i, j] - slopes[DOWN, j])
-        count = forbid(work, count, low, BEYOND)
+        count = _forbid(work.forbidden, count, low, BEYOND)
     return count
 
 
@@ -259,18 +279,29 @@ def _row_cell(q, i, passages, table, rows, work, slopes, count):
         if side <= 0:
             return count
         # neighbouring columns overlap: their union is one interval
-        union_low, union_high, inverse = 0.0, -np.inf, math.exp(-limit)
+        union_low, union_high, inverse, least = 0.0, -np.inf, math.exp(-limit), -BEYOND
+        most = BEYOND
         for j in range(first, last + 1):
+            scaled = inverse * math.exp(-table.gain[i, j]) if kind == CS else inverse
             if work.high[j] < 1.0:
-                low, high = _band_cell(kind, inverse, i, j, work.high[j], table, work)
+                cosine = work.real[i, j] / work.square[i, j]
+                low, high = _band_cell(kind != S, scaled, work.high[j], cosine, work.gain[i, j])
                 if high <= low:
                     continue
                 if low <= union_high and high >= union_low:
                     union_low, union_high = min(low, union_low), max(high, union_high)
                 else:
-                    count = forbid(work, count, union_low, union_high)
+                    count = _forbid(work.forbidden, count, union_low, union_high)
                     union_low, union_high = low, high
-        count = forbid(work, count, union_low, union_high)
+                continue
+            if scaled > 1.0 and kind == S:
+                # |1 + L| <= 1 + |L|, |1 + 1/L| <= 1 + 1/|L|
+                least = max(least, math.log(scaled - 1.0) - work.gain[i, j] - slopes[UP, j])
+            elif scaled > 1.0:
+                most = min(most, -math.log(scaled - 1.0) - work.gain[i, j] - slopes[DOWN, j])
+        count = _forbid(work.forbidden, count, union_low, union_high)
+        count = _forbid(work.forbidden, count, -BEYOND, least)
+        count = _forbid(work.forbidden, count, most, BEYOND)
     elif kind == LOOP_GAIN:
         low, high = -BEYOND, BEYOND
         for j in range(first, last + 1):
@@ -278,26 +309,26 @@ def _row_cell(q, i, passages, table, rows, work, slopes, count):
                 high = min(high, limit - work.gain[i, j] - slopes[DOWN, j])
             if side <= 0:
                 low = max(low, limit - work.gain[i, j] - slopes[UP, j])
-        count = forbid(work, count, -BEYOND, low)
-        count = forbid(work, count, high, BEYOND)
+        count = _forbid(work.forbidden, count, -BEYOND, low)
+        count = _forbid(work.forbidden, count, high, BEYOND)
     elif kind in (PHASE_MARGIN, DELAY_MARGIN):
         if side <= 0:
             count = _margin_cell(kind, limit - (1e-9 if side == 0 else 0.0), i, table, work, slopes, count)
     elif kind == GAIN_MARGIN and side < 0:
         for r in range(passages):
             if work.cross_turn[i, r] != 0.0:
-                count = forbid(work, count, -limit - work.allowed[r, 0], -work.allowed[r, 1])
+                count = _forbid(work.forbidden, count, -limit - work.allowed[r, 0], -work.allowed[r, 1])
     elif kind == CROSSOVER:
         most, top = -np.inf, BEYOND
         for j in range(first, n - 1):
             most = max(most, work.gain[i, j] + slopes[UP, j])
             if side >= 0 and j > first:
                 top = min(top, -work.gain[i, j] - slopes[DOWN, j])
-        count = forbid(work, count, top, BEYOND)
+        count = _forbid(work.forbidden, count, top, BEYOND)
         if side <= 0:
-            count = forbid(work, count, -BEYOND, -most)
+            count = _forbid(work.forbidden, count, -BEYOND, -most)
         if side == 0:
-            count = forbid(work, count, -work.gain[i, first] - slopes[DOWN, first], BEYOND)
+            count = _forbid(work.forbidden, count, -work.gain[i, first] - slopes[DOWN, first], BEYOND)
     return count
 
 
@@ -356,6 +387,7 @@ def kappa_left(code, target, cell, signs, table, rows, box, work, slopes):
         count = _unstable_cell(i, passages, table, work, slopes, count)
         for q in range(len(rows.kind)):
             if i == 0 or not (rows.nominal[q] or rows.side[q] == 0):
+                count = _row_cell(q, i, passages, table, rows, work, slopes, count)
     order = order_by_first(work.forbidden, count)
     reached, found = low, 0
     for r in range(count + 1):

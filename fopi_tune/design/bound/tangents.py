@@ -49,28 +49,28 @@ def _add(lin, count, way, value, a0, a1, a2, limit, rest):
 
 
 @compiled
-def _gain_row(way, limit, i, j, kappa, half, work, slopes, lin, count):
-    """ln|L| at most (way 1) or at least (-1) a limit at a column."""
+def _gain_row(way, limit, g, j, half, slopes, lin, count):
+    """ln|L| at most (way 1) or at least (-1) a limit at a column where it is g at the centre."""
     if not slopes[SPREAD, j] < _MOST_CHANGE:
         return count
     a1, a2 = slopes[ALPHA_REAL, j] * half[1], slopes[PSI_REAL, j] * half[2]
-    return _add(lin, count, way, work.gain[i, j] + kappa, half[0], a1, a2, limit, slopes[REST, j])
+    return _add(lin, count, way, g, half[0], a1, a2, limit, slopes[REST, j])
 
 
 @compiled
-def _band_row(kind, side, limit, bound, i, j, k, grown, half, table, work, slopes, lin, count):
-    """(1) of a band at a column, both ways for an equality; `bound` is e^-limit, k = e^kappa, grown = e^half[0]."""
-    grown *= slopes[GROWN, j]
-    if not grown < _MOST_GROWTH:
-        return count
-    if kind == CS:
-        bound *= math.exp(-table.gain[i, j])
-    size, real = k * work.square[i, j], k * work.real[i, j]
-    if kind == S:
-        square = 1.0 + 2.0 * real + size * size
-    else:
-        size = 1.0 / size
-        square = 1.0 + 2.0 * real * size * size + size * size
+def _band_row(sigma, side, bound, size, real, imag, grown, j, half, slopes, lin, count):
+    """(1) at a column, both ways for an equality.
+
+    Args:
+        sigma: 1 for X = L, -1 for X = 1/L.
+        side: of the limit.
+        bound: that |1 + X| is compared with.
+        size, real, imag: of X0.
+        grown: e^E.
+        j, half, slopes: the column, the half-widths, the cell's slopes.
+        lin, count: the rows.
+    """
+    square = 1.0 + 2.0 * real + size * size
     # |1 + X| changes by no more than this
     change = size * (grown - 1.0)
     if side > 0 and square > (bound + change) * (bound + change):
@@ -80,17 +80,11 @@ def _band_row(kind, side, limit, bound, i, j, k, grown, half, table, work, slope
     if least <= 0.0:
         return count
     reach = half[0] + slopes[SPREAD, j]
-    ratio = size / far
-    rest = ratio * slopes[REST, j] + 0.5 * size * grown / (least * least) * reach * reach
-    sigma = 1.0 if kind == S else -1.0
-    scale = 1.0 if kind == S else size * size
-    cosine = real * scale
-    imag = work.controller[1, j] * table.imag[i, j] + work.controller[2, j] * table.real[i, j]
-    sine = sigma * k * imag * scale
-    a, b = sigma * (cosine + size * size) / square, sigma * sine / square
+    rest = size / far * slopes[REST, j] + 0.5 * size * grown / (least * least) * reach * reach
+    a, b = sigma * (real + size * size) / square, sigma * imag / square
     a1 = (a * slopes[ALPHA_REAL, j] - b * slopes[ALPHA_IMAG, j]) * half[1]
     a2 = (a * slopes[PSI_REAL, j] - b * slopes[PSI_IMAG, j]) * half[2]
-    value, limit = math.log(far), -limit - (table.gain[i, j] if kind == CS else 0.0)
+    value, limit = math.log(far), math.log(bound)
     for way in (1.0, -1.0):
         # an upper limit of the quantity is a lower one of ln|1 + X|
         if way * side <= 0:
@@ -101,7 +95,7 @@ def _band_row(kind, side, limit, bound, i, j, k, grown, half, table, work, slope
 @compiled
 def band_rows(kappa, half, table, rows, work, slopes, lin, count):
     """Rows of all bands, and of the crossover's limits."""
-    n, k, grown = work.gain.shape[1], math.exp(kappa), math.exp(half[0])
+    n, k, wide = work.gain.shape[1], math.exp(kappa), math.exp(half[0])
     for i in range(work.gain.shape[0]):
         for q in range(len(rows.kind)):
             kind, side, limit = rows.kind[q], rows.side[q], rows.limit[q]
@@ -110,12 +104,20 @@ def band_rows(kappa, half, table, rows, work, slopes, lin, count):
             first, last = max(rows.first[q], 1), min(rows.last[q], n - 2)
             upper, lower = side >= 0, side <= 0
             if kind < LOOP_GAIN:
-                bound = math.exp(-limit)
+                inverse = math.exp(-limit)
                 for j in range(first, last + 1):
-                    if count >= 0:
-                        count = _band_row(
-                            kind, side, limit, bound, i, j, k, grown, half, table, work, slopes, lin, count
-                        )
+                    grown = wide * slopes[GROWN, j]
+                    if count < 0 or not grown < _MOST_GROWTH:
+                        continue
+                    size, real = k * work.square[i, j], k * work.real[i, j]
+                    imag = k * (work.controller[1, j] * table.imag[i, j] + work.controller[2, j] * table.real[i, j])
+                    bound, sigma = inverse, 1.0
+                    if kind != S:
+                        part = 1.0 / (size * size)
+                        size, real, imag, sigma = 1.0 / size, real * part, -imag * part, -1.0
+                    if kind == CS:
+                        bound *= math.exp(-table.gain[i, j])
+                    count = _band_row(sigma, side, bound, size, real, imag, grown, j, half, slopes, lin, count)
                 continue
             if kind == CROSSOVER:
                 # |L| < 1 beyond an upper limit; above a lower one it exceeds 1 somewhere: at the limit, or nowhere
@@ -126,11 +128,12 @@ def band_rows(kappa, half, table, rows, work, slopes, lin, count):
             elif kind != LOOP_GAIN:
                 continue
             for j in range(first, last + 1):
-                if upper and count >= 0 and work.gain[i, j] + kappa + half[0] + slopes[UP, j] > limit:
-                    count = _gain_row(1.0, limit, i, j, kappa, half, work, slopes, lin, count)
+                g = work.gain[i, j] + kappa
+                if upper and count >= 0 and g + half[0] + slopes[UP, j] > limit:
+                    count = _gain_row(1.0, limit, g, j, half, slopes, lin, count)
                 if lower and count >= 0 and (kind == LOOP_GAIN or j == first):
-                    if work.gain[i, j] + kappa - half[0] + slopes[DOWN, j] < limit:
-                        count = _gain_row(-1.0, limit, i, j, kappa, half, work, slopes, lin, count)
+                    if g - half[0] + slopes[DOWN, j] < limit:
+                        count = _gain_row(-1.0, limit, g, j, half, slopes, lin, count)
             if count < 0:
                 return count
     return count
