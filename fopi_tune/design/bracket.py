@@ -9,7 +9,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.design.bound.branch import branch
-from fopi_tune.design.bound.discs import ALPHA_HIGH, ALPHA_LOW, KAPPA, PSI_HIGH, PSI_LOW, QUADRANT
+from fopi_tune.design.bound.cells import ALPHA_HIGH, ALPHA_LOW, KAPPA, PSI_HIGH, PSI_LOW, QUADRANT
 from fopi_tune.design.constraints import Bound
 from fopi_tune.design.global_search.basins import Basin, quadrants_of
 from fopi_tune.design.global_search.compiled import (
@@ -18,6 +18,7 @@ from fopi_tune.design.global_search.compiled import (
     CS,
     CS_PEAK,
     DEPTH,
+    END,
     IAE,
     KI,
     LOOP_GAIN,
@@ -32,17 +33,21 @@ from fopi_tune.design.global_search.compiled import (
 from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.tables import table_of, vertices
-from fopi_tune.design.global_search.worst_case import FIELDS, SLACK, V
+from fopi_tune.design.global_search.worst_case import FIELDS, ROW, SLACK, V
 
 #: relative to the objective (of peaks, spreads and depths to at least this many neper or radian)
 GAPS = (0.001, 0.01, 0.1)
 _LEAST_SIZE = 0.1
 #: cells that are looked at for each gap
-BUDGET = 1500
+BUDGET = 1200
+#: plants times frequencies of a table, from which on fewer cells are looked at, and the least part of them
+_LARGE_TABLE, _LEAST_PART = 400, 0.3
 #: natural units; worst cases with less slack join the bound's table
 _ACTIVE = 0.02
 #: parts of the budget, between which the table grows
 _PARTS = (0.4, 0.2, 0.2, 0.2)
+#: worst cases that join the table for one start
+_MOST_WORST, _MOST_OF_OBJECTIVE = 8, 3
 _BESIDE = (-0.02, -0.005, 0.0, 0.005, 0.02)
 _MOST_STARTS = 4
 
@@ -56,12 +61,14 @@ class Bracket:
         left: share of the box that a target of the smallest gap leaves.
         cells: that were looked at.
         starts: gains in cells that are left.
+        remaining: these cells, their columns as in `bound.cells`.
     """
 
     gap: float
     left: float
     cells: int
     starts: tuple[Basin, ...]
+    remaining: Array
 
 
 def bracket_of(
@@ -85,24 +92,30 @@ def bracket_of(
             asked = _beating(problem, table, cost, gap)
             if asked is None:
                 return None
-            cells, count = _left(problem, *asked, table, cells, int(part * budget))
+            size = min(1.0, max(_LEAST_PART, _LARGE_TABLE / table.gain.size))
+            cells, count = _left(problem, *asked, table, cells, int(part * size * budget))
             looked += count
             starts = _starts(cells, quadrants, cost) if len(cells) else ()
             # what gains in the cells that are left violate between the table's plants and frequencies joins it
-            known += [_worst(polish, start.gains, 0.0) for start in starts]
+            beaten = -cost if problem.code == DEPTH else 0.0
+            known += [_worst(polish, start.gains, beaten) for start in starts]
             if not starts:
                 break
         if gap == gaps[0]:
             share = _area(cells) / area
         if not len(cells):
-            return Bracket(gap, share, looked, starts)
-    return Bracket(math.inf, share, looked, starts)
+            return Bracket(gap, share, looked, starts, cells)
+    return Bracket(math.inf, share, looked, starts, cells)
 
 
 def _worst(polish: Polish, x: Array, slack: float) -> Array:
-    """The worst cases at gains that have less slack; none where a plant is unstable."""
+    """The worst cases at gains: rows of requirements with less slack, and some of the objective; none when unstable."""
     found = polish.look(x)
-    return np.zeros((0, FIELDS + len(polish.low))) if found is None else found[found[:, SLACK] <= slack]
+    if found is None:
+        return np.zeros((0, FIELDS + len(polish.low)))
+    found = found[np.argsort(found[:, SLACK])]
+    asked = found[:, ROW] < polish.real_rows
+    return np.vstack([found[asked & (found[:, SLACK] <= slack)][:_MOST_WORST], found[~asked][:_MOST_OF_OBJECTIVE]])
 
 
 def excluded_share(problem: Problem, budget: int = BUDGET) -> float:
@@ -131,7 +144,7 @@ def _left(
     problem: Problem, rows: Rows, target: float, table: Table, cells: Array, budget: int
 ) -> tuple[Array, int]:  # fmt: skip
     """Cells that are left of some, and how many were looked at."""
-    if _contradicts_itself(problem, rows, target):
+    if _contradicts_itself(problem, rows, target, table):
         return cells[:0], 0
     box, proper = problem.box, bool(np.all(table.high_slope < 0.0))
     for q in np.flatnonzero((rows.kind == CS) & (rows.side > 0) & (rows.last == len(table.v) - 1) & proper):
@@ -146,10 +159,20 @@ def _left(
     return room[first:last], looked
 
 
-def _contradicts_itself(problem: Problem, rows: Rows, target: float) -> bool:
+def _contradicts_itself(problem: Problem, rows: Rows, target: float, table: Table) -> bool:
     """Whether no value of a quantity meets its lower and its upper limit, or no spread the target."""
     if problem.code in (MARGIN_SPREAD, CROSSOVER_SPREAD) and target < 0.0:
         return True
+    if problem.code == CROSSOVER_SPREAD:
+        # ln|L_i| at the nominal crossover is ln|P_i/P_0| there
+        first, last = 1, len(table.v) - 2
+        for q in np.flatnonzero(rows.kind == CROSSOVER):
+            first = max(first, int(rows.first[q])) if rows.side[q] <= 0 else first
+            last = min(last, int(rows.first[q])) if rows.side[q] >= 0 else last
+        gain = table.gain[:, first : last + 1]
+        least = np.abs(gain - gain[0]).max(axis=0)[np.abs(gain).max(axis=0) < END]
+        if not len(least) or least.min() > target:
+            return True
     for q in np.flatnonzero(rows.side < 0):
         both = (rows.kind == rows.kind[q]) & (rows.side > 0) & (rows.limit < rows.limit[q] - 1e-12)
         both &= (rows.first <= rows.last[q]) & (rows.last >= rows.first[q])

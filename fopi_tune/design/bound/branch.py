@@ -10,8 +10,7 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.bound.crossings import crossing_rows
-from fopi_tune.design.bound.discs import (
+from fopi_tune.design.bound.cells import (
     ALPHA_HIGH,
     ALPHA_IMAG,
     ALPHA_LOW,
@@ -24,8 +23,9 @@ from fopi_tune.design.bound.discs import (
     QUADRANT,
     SLOPES,
     SPREAD,
-    kappa_left,
 )
+from fopi_tune.design.bound.crossings import crossing_rows
+from fopi_tune.design.bound.discs import kappa_left
 from fopi_tune.design.bound.polygon import what_is_left
 from fopi_tune.design.bound.tangents import band_rows, box_rows
 from fopi_tune.design.global_search.compiled import compiled
@@ -71,7 +71,7 @@ def _linearised(code, target, pieces, found, cell, signs, table, rows, box, work
     x[2] = alpha
     for r in range(found):
         low, high = work.found[r, 0], work.found[r, 1]
-        number = max(1, int(math.ceil((high - low) / pieces)))
+        number = max(1, math.ceil((high - low) / pieces))
         half[0] = 0.5 * (high - low) / number
         for t in range(number):
             kappa = low + (2 * t + 1) * half[0]
@@ -105,7 +105,7 @@ def _middle(low, high):
 
 @compiled
 def branch(code, target, quadrants, cells, number, most, table, rows, box, work):
-    """Discard cells until none is left or `most` were looked at: (first of those that are left, behind the last, looked).
+    """Discard cells until none is left or `most` were looked at: (first that is left, behind the last one, looked).
 
     Args:
         code, target: of the objective; gains that do not cost less than the target are discarded.
@@ -131,7 +131,10 @@ def branch(code, target, quadrants, cells, number, most, table, rows, box, work)
             length = work.found[r, 1] - work.found[r, 0]
             total += length
             if length > longest:
-                longest, cell[KAPPA] = length, max(work.found[r, 0], work.found[r, 1] - 2.0) * 0.5 + 0.5 * work.found[r, 1]
+                longest, cell[KAPPA] = (
+                    length,
+                    max(work.found[r, 0], work.found[r, 1] - 2.0) * 0.5 + 0.5 * work.found[r, 1],
+                )
         spread, by_alpha, by_psi = _spreads_near_crossover(cell[KAPPA], cell, work, slopes)
         piece = max(_PIECE, spread)
         if spread < _LARGEST_SPREAD and total / piece + found <= _MOST_PIECES:

@@ -18,9 +18,10 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.bound.discs import DOWN, ROOM, UP
+from fopi_tune.design.bound.cells import ALPHA_IMAG, DOWN, PSI_IMAG, REST, ROOM, UP
 from fopi_tune.design.bound.polygon import add_row
 from fopi_tune.design.global_search.compiled import (
+    CROSSOVER,
     CROSSOVER_SPREAD,
     DELAY_MARGIN,
     GAIN_MARGIN,
@@ -36,6 +37,8 @@ VALUE, BY_KAPPA, BY_ALPHA, BY_PSI, ERROR, AT, REACH, DV_KAPPA, DV_ALPHA, DV_PSI,
 SIZE = 11
 _STEP = 1e-4
 _LONGEST = 1.0
+#: ln of how far from a known crossover the table is trusted to show no other one
+_AROUND_KNOWN = 0.5
 #: what differences at the ends of a reach are multiplied by to bound what lies between
 _SAFE = 1.5
 
@@ -65,7 +68,10 @@ def _controller_slopes(x, signs, half, v, slopes):
     slopes[4] = grown * (
         0.5 * log_size * log_size * product * q_size / square * half[1] ** 2
         + log_size * q_size / square * half[1] * half[2]
-        + 0.5 * (abs(1.0 + q * q) + q_size * q_size * (math.exp(2.0 * log_size * half[1]) - 1.0)) / square * half[2] ** 2
+        + 0.5
+        * (abs(1.0 + q * q) + q_size * q_size * (math.exp(2.0 * log_size * half[1]) - 1.0))
+        / square
+        * half[2] ** 2
     )
 
 
@@ -107,7 +113,9 @@ def implicit(of_gain, x, signs, plant, half, v, near, offset, low_v, high_v, out
         gain_up, phase_up, _ = loop_at(x, plant, v + reach, near)
         gain_down, phase_down, _ = loop_at(x, plant, v - reach, near)
         gain_bend = max(abs(gain_up - gain - gain_v * reach), abs(gain_down - gain + gain_v * reach))
-        phase_bend = max(abs(phase_up + offset - phase - phase_v * reach), abs(phase_down + offset - phase + phase_v * reach))
+        phase_bend = max(
+            abs(phase_up + offset - phase - phase_v * reach), abs(phase_down + offset - phase + phase_v * reach)
+        )
         _controller_slopes(x, signs, half, v + reach, above)
         _controller_slopes(x, signs, half, v - reach, under)
         both = _SAFE * max(slopes[4], above[4], under[4])
@@ -166,7 +174,11 @@ def _add(lin, count, way, out, add, limit):
     if count < 0:
         return count
     return add_row(
-        lin, count, way * out[BY_KAPPA], way * out[BY_ALPHA], way * out[BY_PSI],
+        lin,
+        count,
+        way * out[BY_KAPPA],
+        way * out[BY_ALPHA],
+        way * out[BY_PSI],
         way * (limit - out[VALUE] - add) + out[ERROR],
     )
 
@@ -210,6 +222,16 @@ def _margin_rows(kind, side, limit, alone, out, moved, lin, count):
 
 
 @compiled
+def _at_known_crossover(j, half, table, work, slopes, out):
+    """(1) of the nominal plant where an equality says its crossover:  the phase there, mod 360 deg in (-180, 180]."""
+    phase = work.phase[0, j] + _PI
+    out[VALUE] = phase - 2.0 * _PI * math.floor(phase / (2.0 * _PI) + 0.5)
+    out[BY_KAPPA], out[BY_ALPHA], out[BY_PSI] = 0.0, slopes[ALPHA_IMAG, j] * half[1], slopes[PSI_IMAG, j] * half[2]
+    out[ERROR], out[AT], out[REACH] = slopes[REST, j], table.v[j], 0.0
+    out[DV_KAPPA] = out[DV_ALPHA] = out[DV_PSI] = out[DV_ERROR] = 0.0
+
+
+@compiled
 def _needs(kind, rows, i):
     for q in range(len(rows.kind)):
         if rows.kind[q] == kind and (i == 0 or not (rows.nominal[q] or rows.side[q] == 0)):
@@ -250,7 +272,7 @@ def _spread_rows(code, target, x, one, two, first, other, apart, lin, count):
 def crossing_rows(code, target, x, signs, kappa, half, table, rows, work, slopes, lin, count):
     """Rows of margins and spreads at all crossings that every loop of the box has."""
     n = work.gain.shape[1]
-    spread = code == MARGIN_SPREAD or code == CROSSOVER_SPREAD
+    spread = code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
     out, first, other = np.empty(SIZE), np.empty(SIZE), np.empty(SIZE)
     nominal_alone, deepest = False, 0.0
     for q in range(len(rows.kind)):
@@ -260,12 +282,27 @@ def crossing_rows(code, target, x, signs, kappa, half, table, rows, work, slopes
         asks_phase = _needs(PHASE_MARGIN, rows, i) or _needs(DELAY_MARGIN, rows, i)
         asks_gain = _needs(GAIN_MARGIN, rows, i)
         if spread and i > 0 and nominal_alone and code == CROSSOVER_SPREAD:
-            count = _spread_rows(
-                code, target, x, table.members[0], table.members[i], first, first, other, lin, count
-            )
+            count = _spread_rows(code, target, x, table.members[0], table.members[i], first, first, other, lin, count)
             if count < 0:
                 return count
         stop = min(n - 2, table.alias[i])
+        known = -1
+        for q in range(len(rows.kind)):
+            if i == 0 and rows.kind[q] == CROSSOVER and rows.side[q] == 0:
+                known = rows.first[q]
+        if known > 0 and slopes[REST, known] < np.inf:
+            _at_known_crossover(known, half, table, work, slopes, out)
+            out[REACH] = _AROUND_KNOWN
+            nominal_alone = _is_alone(True, 0, kappa, half, out, 0.0, table, work, slopes)
+            out[REACH] = 0.0
+            copy_into(out, first)
+            for q in range(len(rows.kind)):
+                if rows.kind[q] == PHASE_MARGIN:
+                    count = _margin_rows(
+                        PHASE_MARGIN, rows.side[q], rows.limit[q], nominal_alone, out, other, lin, count
+                    )
+                    if count < 0:
+                        return count
         for j in range(1, stop):
             for of_gain in (True, False):
                 asks = asks_phase or (spread and (i == 0 or code == MARGIN_SPREAD)) if of_gain else asks_gain
@@ -289,7 +326,9 @@ def crossing_rows(code, target, x, signs, kappa, half, table, rows, work, slopes
                 if of_gain:
                     v = crossing_near(0, 0.0, x, table.members[i], v, near)
                     phase = loop_at(x, table.members[i], v, near)[1]
-                    level = math.floor((phase + _PI) / (2.0 * _PI) + (0.5 if not _needs(DELAY_MARGIN, rows, i) else 0.0))
+                    level = math.floor(
+                        (phase + _PI) / (2.0 * _PI) + (0.5 if not _needs(DELAY_MARGIN, rows, i) else 0.0)
+                    )
                 else:
                     v = crossing_near(1, 2.0 * _PI * level - _PI, x, table.members[i], v, near)
                 offset = _PI - 2.0 * _PI * level
@@ -300,7 +339,7 @@ def crossing_rows(code, target, x, signs, kappa, half, table, rows, work, slopes
                 ):
                     continue
                 alone = of_gain and _is_alone(True, i, kappa, half, out, 0.0, table, work, slopes)
-                if of_gain and spread and i == 0:
+                if of_gain and spread and i == 0 and known < 0:
                     copy_into(out, first)
                     nominal_alone = alone
                 if of_gain and code == MARGIN_SPREAD and i > 0 and alone and nominal_alone:
@@ -313,7 +352,7 @@ def crossing_rows(code, target, x, signs, kappa, half, table, rows, work, slopes
                     kind, side, limit = rows.kind[q], rows.side[q], rows.limit[q]
                     if i > 0 and (rows.nominal[q] or side == 0):
                         continue
-                    if of_gain and (kind == PHASE_MARGIN or kind == DELAY_MARGIN):
+                    if of_gain and kind in (PHASE_MARGIN, DELAY_MARGIN):
                         count = _margin_rows(kind, side, limit, alone, out, other, lin, count)
                     elif not of_gain and kind == GAIN_MARGIN:
                         reach = _size(out)

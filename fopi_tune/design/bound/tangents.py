@@ -1,4 +1,4 @@
-"""Linear rows of a cell at one kappa:  what every loop that meets the requirements satisfies to second order (compiled).
+"""Linear rows of a cell at one kappa:  what loops that meet the requirements satisfy to second order (compiled).
 
 With z = (kappa, alpha, psi) around the centre of a box, epsilon = dkappa + f_alpha dalpha + f_psi dpsi + rest is how
 much ln L changes, |epsilon| <= E.  With X = L (for |S|) or 1/L (for |T|, and |C S| with M |P|), sigma = +1 or -1,
@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.bound.discs import (
+from fopi_tune.design.bound.cells import (
     ALPHA_HIGH,
     ALPHA_IMAG,
     ALPHA_LOW,
@@ -93,6 +93,19 @@ def _band_row(sigma, side, bound, size, real, imag, grown, j, half, slopes, lin,
 
 
 @compiled
+def _excess_beyond(kappa, first, i, half, work, slopes):
+    """By how much ln|L| of a loop at a later column can exceed that at the first one, where it can exceed 0."""
+    most = 0.0
+    for j in range(first + 1, work.gain.shape[1] - 1):
+        if work.gain[i, j] + kappa + half[0] + slopes[UP, j] >= 0.0:
+            change = abs(slopes[ALPHA_REAL, j] - slopes[ALPHA_REAL, first]) * half[1]
+            change += abs(slopes[PSI_REAL, j] - slopes[PSI_REAL, first]) * half[2]
+            change += slopes[REST, j] + slopes[REST, first]
+            most = max(most, work.gain[i, j] - work.gain[i, first] + change)
+    return most
+
+
+@compiled
 def band_rows(kappa, half, table, rows, work, slopes, lin, count):
     """Rows of all bands, and of the crossover's limits."""
     n, k, wide = work.gain.shape[1], math.exp(kappa), math.exp(half[0])
@@ -120,20 +133,20 @@ def band_rows(kappa, half, table, rows, work, slopes, lin, count):
                     count = _band_row(sigma, side, bound, size, real, imag, grown, j, half, slopes, lin, count)
                 continue
             if kind == CROSSOVER:
-                # |L| < 1 beyond an upper limit; above a lower one it exceeds 1 somewhere: at the limit, or nowhere
+                # |L| < 1 beyond an upper limit; above a lower one it exceeds 1 somewhere
                 limit, last = 0.0, n - 2
-                if lower and side != 0:
-                    for j in range(first + 1, n - 1):
-                        lower = lower and work.gain[i, j] + kappa + half[0] + slopes[UP, j] < 0.0
+                if side < 0:
+                    more = _excess_beyond(kappa, first, i, half, work, slopes)
+                    lower, limit = more < np.inf, -more
             elif kind != LOOP_GAIN:
                 continue
             for j in range(first, last + 1):
                 g = work.gain[i, j] + kappa
                 if upper and count >= 0 and g + half[0] + slopes[UP, j] > limit:
                     count = _gain_row(1.0, limit, g, j, half, slopes, lin, count)
-                if lower and count >= 0 and (kind == LOOP_GAIN or j == first):
-                    if g - half[0] + slopes[DOWN, j] < limit:
-                        count = _gain_row(-1.0, limit, g, j, half, slopes, lin, count)
+                here = lower and count >= 0 and (kind == LOOP_GAIN or j == first)
+                if here and g - half[0] + slopes[DOWN, j] < limit:
+                    count = _gain_row(-1.0, limit, g, j, half, slopes, lin, count)
             if count < 0:
                 return count
     return count
@@ -154,28 +167,43 @@ def box_rows(code, target, kappa, cell, half, signs, table, box, lin, count):
     sine, cosine = math.sin(psi), math.cos(psi)
     a1, base = box.log_omega * half[1], kappa + alpha * box.log_omega - box.log_gain
     if kp[0] > 0.0 and cosine > 0.0:
-        count = _add(lin, count, -1.0, kappa + math.log(cosine), half[0], 0.0, -sine / cosine * half[2], math.log(kp[0]), 0.0)
+        count = _add(
+            lin, count, -1.0, kappa + math.log(cosine), half[0], 0.0, -sine / cosine * half[2], math.log(kp[0]), 0.0
+        )
     if ki[0] > 0.0 and sine > 0.0:
-        count = _add(lin, count, -1.0, base + math.log(sine), half[0], a1, cosine / sine * half[2], math.log(ki[0]), 0.0)
+        count = _add(
+            lin, count, -1.0, base + math.log(sine), half[0], a1, cosine / sine * half[2], math.log(ki[0]), 0.0
+        )
     left, right = math.cos(cell[PSI_LOW]), math.cos(cell[PSI_HIGH])
     if kp[1] > 0.0 and right > 1e-9:
         left, right = math.log(left), math.log(right)
-        count = _add(lin, count, 1.0, kappa + 0.5 * (left + right), half[0], 0.0, 0.5 * (right - left), math.log(kp[1]), 0.0)
+        count = _add(
+            lin, count, 1.0, kappa + 0.5 * (left + right), half[0], 0.0, 0.5 * (right - left), math.log(kp[1]), 0.0
+        )
     left, right = math.sin(cell[PSI_LOW]), math.sin(cell[PSI_HIGH])
     if ki[1] > 0.0 and left > 1e-9:
         left, right = math.log(left), math.log(right)
-        count = _add(lin, count, 1.0, base + 0.5 * (left + right), half[0], a1, 0.5 * (right - left), math.log(ki[1]), 0.0)
+        count = _add(
+            lin, count, 1.0, base + 0.5 * (left + right), half[0], a1, 0.5 * (right - left), math.log(ki[1]), 0.0
+        )
     if code == IAE and signs[0] == signs[1]:
-        # C0(1/T) = cos psi + sin psi h, h = e^{alpha ln(T omega_s)}, and its logarithm's derivatives as in `discs` (2)
+        # C0(1/T) = cos psi + sin psi h, h = e^{alpha ln(T omega_s)}, and its logarithm's derivatives as in `cells` (1)
         log_h = box.log_horizon
         h, grown = math.exp(alpha * log_h), math.exp(abs(log_h) * half[1])
         value = cosine + sine * h
         by_alpha, by_psi = log_h * sine * h / value, (cosine * h - sine) / value
-        least = min(math.cos(cell[PSI_LOW]) + math.sin(cell[PSI_LOW]) * h / grown, math.cos(cell[PSI_HIGH]) + math.sin(cell[PSI_HIGH]) * h / grown)
+        least = min(
+            math.cos(cell[PSI_LOW]) + math.sin(cell[PSI_LOW]) * h / grown,
+            math.cos(cell[PSI_HIGH]) + math.sin(cell[PSI_HIGH]) * h / grown,
+        )
         inverse = 1.0 / (least * least)
-        rest = 0.5 * inverse * (
-            log_h * log_h * min(0.5, sine * cosine + half[2]) * h * grown * half[1] ** 2
-            + 2.0 * abs(log_h) * h * grown * half[1] * half[2]
+        rest = (
+            0.5
+            * inverse
+            * (
+                log_h * log_h * min(0.5, sine * cosine + half[2]) * h * grown * half[1] ** 2
+                + 2.0 * abs(log_h) * h * grown * half[1] * half[2]
+            )
         )
         for i in range(table.gain.shape[0]):
             p = table.error_gain[i] * signs[0]
@@ -183,7 +211,14 @@ def box_rows(code, target, kappa, cell, half, signs, table, box, lin, count):
                 needed = (p * math.exp(-target) - 1.0) / p
                 if needed > 0.0:
                     count = _add(
-                        lin, count, -1.0, kappa + math.log(value), half[0], by_alpha * half[1], by_psi * half[2],
-                        math.log(needed), rest,
+                        lin,
+                        count,
+                        -1.0,
+                        kappa + math.log(value),
+                        half[0],
+                        by_alpha * half[1],
+                        by_psi * half[2],
+                        math.log(needed),
+                        rest,
                     )
     return count
