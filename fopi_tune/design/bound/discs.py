@@ -7,9 +7,10 @@ where with x = k |L0|, c = cos arg L0
     |S| > M :    (1 - r^2) x^2 + 2 (c + r/M) x + 1 - M^-2 < 0   and   x r < 1/M
     |T| > M :    the same in y = 1/(x (1 - r^2)) ,                                                                  (1)
 
-(|C S| as |T| with M |P|; 1/L lies in the disc around 1/(L0 (1 - r^2)) whose radius is the r-th part of that); for margins where all loops of a run of frequencies are too close to -1 at |L| = 1; for
-stability where every loop has the same number of unstable poles.  A cell is discarded when all kappa are impossible.
-It is a check in floats on a grid of frequencies, not a proof; `fopi_tune.optimum` proves.
+(|C S| as |T| with M |P|; 1/L lies in the disc around 1/(L0 (1 - r^2)) whose radius is the r-th part of that); for
+margins where all loops of a run of frequencies are too close to -1 at |L| = 1; for stability where every loop has the
+same number of unstable poles.  A cell is discarded when all kappa are impossible.  It is a check in floats on a grid of
+frequencies, not a proof; `fopi_tune.optimum` proves.
 
 Source: derived; the squares of the responses and Nyquist's count, over a disc of loops.
 """
