@@ -45,6 +45,7 @@ def fill_cell(cell, signs, table, work, slopes):
         (math.cos(cell[PSI_HIGH]), math.cos(cell[PSI_LOW])),
     )
     negative = s < 0 or (s == 0 and c < 0)
+    same, widest = signs[0] == signs[1], cell[ALPHA_HIGH]
     for j in range(1, n - 1):
         v = table.v[j]
         x = math.exp(-alpha * v)
@@ -99,6 +100,15 @@ def fill_cell(cell, signs, table, work, slopes):
             if t < 1.0:
                 slopes[DOWN, j] = max(slopes[DOWN, j], math.log(lead * (1.0 - t) / size))
                 slopes[ROOM, j] = min(slopes[ROOM, j], room + 2.0 * math.asin(t))
+        if same and widest < 2.0:
+            # both terms lie within alpha 90 deg of each other: so does their sum, which is no shorter than they allow
+            turned = abs(math.atan2(imag * signs[0], real * signs[0]))
+            slopes[ROOM, j] = min(slopes[ROOM, j], max(turned, 0.5 * _PI * widest - turned))
+            longest = max(cosines[0], x * math.exp(-abs(v) * reach) * sines[0])
+            if widest > 1.0:
+                longest *= math.sin(0.5 * _PI * widest)
+            if longest > 0.0:
+                slopes[DOWN, j] = max(slopes[DOWN, j], math.log(longest / size))
         work.high[j] = r
         log_c = math.log(size)
         work.controller[1, j], work.controller[2, j] = real, imag
