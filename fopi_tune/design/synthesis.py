@@ -18,7 +18,7 @@ def design(
     spec: DesignSpec,
     violations: Sequence[Violation] = (),
     start: FoPi | Neighbour | None = None,
-    bracket: bool = False,
+    bracket: bool = True,
 ) -> Candidate:
     """Search for the gains that meet a spec over its whole family and optimise its objective.
 
@@ -26,7 +26,8 @@ def design(
         spec: what the loop must do.
         violations: points that a check found; they are among the plants and frequencies that are looked at.
         start: gains close to the optimum, or a solved spec; polished beside the basins of a coarser scan.
-        bracket: whether to bound in floating point what no gains can beat (`Candidate.gap`), which takes longer.
+        bracket: whether to bound in floating point what no gains can beat (`Candidate.gap`), and to search again
+            wherever that leaves room.
 
     Returns:
         A candidate; `fopi_tune.proof` has to check it.

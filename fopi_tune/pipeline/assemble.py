@@ -70,6 +70,7 @@ def assemble_design(
         stamp=stamp(spec.sha256, solver.value, digests_of(spec)),
         solves=candidate.solves,
         steady_state_error=_steady_state_error(spec, candidate.gains, found),
+        gap=candidate.gap if status is Status.SOLVED else None,
     )
 
 

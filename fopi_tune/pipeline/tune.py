@@ -27,7 +27,7 @@ from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.default_objective import with_default_objective
 from fopi_tune.spec.load import Source
-from fopi_tune.spec.model import DesignSpec, Relation, Requirement
+from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Sense
 
 if TYPE_CHECKING:
     from fopi_tune.design import Neighbour
@@ -39,6 +39,8 @@ _CLEARANCE = 1e-5
 #: significant digits of the limits that are tried: those that a table prints, then fewer, as an approximation of the
 #: loop on samples is accurate to fewer
 _DIGITS = (5, 2)
+#: relative; objectives that differ by less are the same
+_SAME = 1e-6
 
 
 def tune(
@@ -86,7 +88,17 @@ def _without_vanished_terms(spec: DesignSpec, design: Design, proof: bool, solve
     gains = design.gains
     start = replace(gains, kp=0.0) if box.kp.is_fixed and not spec.controller.kp.is_fixed else replace(gains, ki=0.0)
     again = _unconfirmed_design(spec, replace(spec, controller=box), proof, solver, start)
-    return again if again.status is Status.SOLVED else design
+    if again.status is not Status.SOLVED:
+        return design
+    # what nothing in the whole box beats, nothing in a part of it does
+    return replace(again, gap=design.gap if _is_no_worse(spec, again, design) else None)
+
+
+def _is_no_worse(spec: DesignSpec, one: Design, other: Design) -> bool:
+    if one.objective is None or other.objective is None:
+        return False
+    sign = 1.0 if spec.objective is None or spec.objective.sense is Sense.MAXIMIZE else -1.0
+    return sign * (one.objective - other.objective) >= -_SAME * abs(other.objective)
 
 
 def _unconfirmed_design(
@@ -126,7 +138,7 @@ def _checked_candidate(
     else:
         from fopi_tune.design import design  # loads CasADi
 
-        candidate = design(searched, violations, start)
+        candidate = design(searched, violations, start, bracket=start is None)
     gains = candidate.gains
     if gains is None or (gains.kp == 0.0 and gains.ki == 0.0):
         return CheckedCandidate(candidate)

@@ -103,6 +103,8 @@ class Design:
         optimum: what is proved of the best gains; None when that was not asked for.
         steady_state_error: dimensionless, the largest that a constant reference leaves over the family; None without
             stable gains.
+        gap: nothing that meets the requirements is better by more than this part of the objective, checked in floating
+            point (`Candidate.gap`); None where that was not shown.
         notes: what a user should know besides the table: a default objective, a term that vanished, a gain at an end
             of its range.
     """
@@ -122,6 +124,7 @@ class Design:
     solves: int
     optimum: Optimum | None = None
     steady_state_error: float | None = None
+    gap: float | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -146,6 +149,7 @@ class Design:
             "message": self.message,
             "advice": self.advice,
             "steady_state_error": finite(self.steady_state_error),
+            "gap": finite(self.gap),
             "notes": list(self.notes),
             "stability": stability_dict(self.stability),
             "nominal": margins_dict(self.nominal),

@@ -2,41 +2,121 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
+from cases.random_specs import random_spec
 
 import fopi_tune as ft
-from fopi_tune.design.bracket import bracket_of, excluded_share
+from fopi_tune.core.bode_form import Array
+from fopi_tune.design.bound.cells import ALPHA_HIGH, ALPHA_LOW, PSI_HIGH, PSI_LOW
+from fopi_tune.design.bracket import Bracket, bracket_of, excluded_share
 from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.search import best_of_box
+from fopi_tune.spec import load_spec
+from fopi_tune.spec.model import DesignSpec
 
 BOX = "controller: {kp: {min: 0, max: 20}, ki: {min: 0.001, max: 20}, alpha: {min: 0.6, max: 1.4}}\n"
 LAG = "plant: {model: lag, static_gain: {min: 1.5, max: 2.6}, time_constant_s: {min: 3, max: 6}, dead_time_s: 0.9}\n"
 ASKED = "requirements:\n  - {sensitivity_db: {at_most: 4.1}}\n  - {gain_margin_db: {at_least: 7}}\n"
 OBJECTIVES = ["objective: {maximize: ki}\n", "objective: {minimize: iae_disturbance}\n", ""]
+REVERSED = (
+    "plant: {model: lag, static_gain: {min: -2.6, max: -1.5}, time_constant_s: 4, dead_time_s: 0.9}\n"
+    "controller: {kp: {min: -20, max: 0}, ki: {min: -20, max: 0}, alpha: {min: 0.6, max: 1.4}}\n"
+)
+RESONANT = (
+    "plant: {model: transfer_function, numerator: [1], denominator: [1, 0.2, 1]}\n"
+    "controller: {kp: {min: -2, max: 10}, ki: {min: 0, max: 10}, alpha: {min: 0.3, max: 1.5}}\n"
+)
+SPECS = {
+    "ki": LAG + BOX + ASKED + OBJECTIVES[0],
+    "iae": LAG + BOX + ASKED + OBJECTIVES[1],
+    "depth": LAG + BOX + ASKED,
+    "negative gains": REVERSED + ASKED + OBJECTIVES[1],
+    "either sign": RESONANT + "requirements: [{sensitivity_db: {at_most: 6}}]\n" + OBJECTIVES[0],
+    "margins": LAG
+    + BOX
+    + "requirements:\n  - {phase_margin_deg: {at_least: 50}}\n  - {delay_margin_s: {at_least: 1}}\n"
+    + OBJECTIVES[0],
+    "equality": LAG
+    + BOX
+    + "requirements:\n  - {crossover_rad_s: {equals: 0.3}, on: nominal}\n  - {sensitivity_db: {at_most: 5}}\n"
+    + "objective: {minimize: phase_margin_spread_deg}\n",
+    "peak": LAG
+    + BOX
+    + "requirements:\n  - {sensitivity_db: {at_most: -6}, to_rad_s: 0.02}\n  - {sensitivity_db: {at_most: 5}}\n"
+    + "objective: {minimize: control_sensitivity_peak_db}\n",
+}
 
 
-def polish_of(objective: str, asked: str = ASKED) -> Polish:
-    return Polish(Problem.of(ft.parse_spec(f"schema: 1\nname: x\n{LAG}{BOX}{asked}{objective}")))
+def spec_of(text: str) -> DesignSpec:
+    return ft.parse_spec(f"schema: 1\nname: x\n{text}")
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES)
-def test_a_cost_that_is_beaten_is_never_bracketed_closer_than_that(objective: str) -> None:
-    polish = polish_of(objective)
+def holds(bracket: Bracket, x: Array) -> bool:
+    """Whether gains lie in a cell that is left."""
+    psi, cells = math.atan2(abs(x[1]), abs(x[0])), bracket.remaining
+    alpha = (cells[:, ALPHA_LOW] - 1e-9 <= x[2]) & (x[2] <= cells[:, ALPHA_HIGH] + 1e-9)
+    return bool(((cells[:, PSI_LOW] - 1e-9 <= psi) & (psi <= cells[:, PSI_HIGH] + 1e-9) & alpha).any())
+
+
+def worse_cost(polish: Polish, cost: float, part: float) -> float:
+    """The cost of a design that is worse by a part, of peaks, spreads and depths below 0.1 by that part of 0.1."""
+    if polish.problem.objective.value == "iae_disturbance":
+        return cost + math.log1p(part)
+    return cost * (1.0 - part) if polish.problem.objective.value == "ki" else cost + part * max(abs(cost), 0.1)
+
+
+def check_that_better_gains_are_kept(spec: DesignSpec, parts: tuple[float, ...]) -> int:
+    """The number of worse designs that were looked at, none of which may count as the best."""
+    polish = Polish(Problem.of(spec))
+    best = best_of_box(polish)
+    if best is None:
+        return 0
+    for part in parts:
+        bracket = bracket_of(polish, worse_cost(polish, best.cost, part), best.x, budget=400, gaps=(0.001,))
+        if bracket is None:
+            continue
+        assert bracket.gap > 0.001
+        assert holds(bracket, best.x), f"{part}: the best gains were discarded"
+    return len(parts)
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_gains_that_are_better_than_the_target_are_never_discarded(name: str) -> None:
+    assert check_that_better_gains_are_kept(spec_of(SPECS[name]), (0.01, 0.02, 0.15)) == 3
+
+
+@pytest.mark.long
+def test_two_hundred_designs_made_worse_are_never_taken_for_the_best() -> None:
+    # 1 to 3 % worse, of every kind of plant and objective
+    count = sum(
+        check_that_better_gains_are_kept(spec_of_seed(seed), (0.01, 0.015, 0.02, 0.025, 0.03)) for seed in range(44)
+    )
+    assert count >= 200
+
+
+def spec_of_seed(seed: int) -> DesignSpec:
+    return ft.parse_spec(random_spec(seed))
+
+
+@pytest.mark.parametrize("path", ["throttle", "brake_delay", "second_order", "pi_baseline"])
+def test_the_bracket_of_shipped_specs_closes(path: str) -> None:
+    polish = Polish(Problem.of(load_spec(f"specs/{path}.yaml")))
     best = best_of_box(polish)
     assert best is not None
-    for worse in (0.002, 0.02, 0.15):
-        step = worse * max(abs(best.cost), 0.1) if "iae" not in objective else worse
-        bracket = bracket_of(polish, best.cost + 1.5 * step, best.x)
-        assert bracket is not None
-        assert bracket.gap > worse
+    bracket = bracket_of(polish, best.cost, best.x)
+    assert bracket is not None
+    assert bracket.gap == pytest.approx(0.001)
+    assert bracket.cells < 1000
 
 
 def test_the_whole_box_of_a_spec_that_clashes_is_excluded() -> None:
     # Bode's integral: |S| below -20 dB up to a fifth of the corner cannot go with a peak of 0.2 dB
     clash = "requirements:\n  - {sensitivity_db: {at_most: 0.2}}\n  - {sensitivity_db: {at_most: -20}, to_rad_s: 0.2}\n"
-    assert excluded_share(polish_of("", clash).problem) == pytest.approx(1.0)
+    assert excluded_share(Problem.of(spec_of(LAG + BOX + clash))) == pytest.approx(1.0)
 
 
 def test_a_box_with_good_gains_is_not_excluded() -> None:
-    assert excluded_share(polish_of("").problem) < 1.0
+    assert excluded_share(Problem.of(spec_of(SPECS["depth"]))) < 1.0

@@ -52,8 +52,9 @@ CLOSEST = 0.01
 
 
 def _sources() -> tuple[tuple[str, int, int], ...]:
-    """Names, sizes and times of this folder's modules:  Numba's own key holds those of one module alone."""
-    found = sorted(Path(__file__).parent.glob("*.py"))
+    """Names, sizes and times of the modules that hold such functions:  Numba's own key holds those of one alone."""
+    design = Path(__file__).parents[1]
+    found = sorted([*design.glob("global_search/*.py"), *design.glob("bound/*.py")])
     return tuple((path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in found)
 
 

@@ -77,7 +77,7 @@ def design_text(design: Design) -> Text:
     lines += proof_lines(design.certificate)
     for note in design.notes:
         lines += entry("note", f"{note}.", "yellow")
-    lines += optimum_lines(design.optimum)
+    lines += optimum_lines(design.optimum, design.gap)
     return to_text(lines)
 
 
@@ -256,9 +256,11 @@ def steady_state_lines(error: float | None) -> Iterator[Line]:
         yield from entry("steady", f"a constant reference leaves an error of up to {100.0 * error:.3g} %", "yellow")
 
 
-def optimum_lines(optimum: Optimum | None) -> Iterator[Line]:
-    """The bound on the global optimum; nothing where it was not asked for."""
+def optimum_lines(optimum: Optimum | None, gap: float | None = None) -> Iterator[Line]:
+    """The bound on the global optimum that is proved, else the gap that was checked; nothing without either."""
     if optimum is None:
+        if gap is not None:
+            yield from entry("optimum", f"nothing better by more than {100.0 * gap:.2g} % is possible (checked)")
         return
     good = optimum.status in (OptimumStatus.CERTIFIED, OptimumStatus.INFEASIBLE)
     yield from entry("optimum", _optimum_words(optimum), "" if good else "yellow")

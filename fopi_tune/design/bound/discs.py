@@ -1,0 +1,328 @@
+"""What no gains can beat, in floats:  branch and bound on cells of (alpha, psi), the gain eliminated (compiled).
+
+On a cell with centre C0 the loops are L = k L0 (1 + d), |d| <= r at each frequency.  A kappa = ln k is impossible for
+the whole cell where every such loop violates a requirement, or fails to beat the objective's target, for instance
+where with x = k |L0|, c = cos arg L0
+
+    |S| > M :    (1 - r^2) x^2 + 2 (c + r/M) x + 1 - M^-2 < 0   and   x r < 1/M
+    |T| > M :    the same in y = 1/(x (1 - r^2)) ,                                                                  (1)
+
+(|C S| as |T| with M |P|; 1/L lies in the disc around 1/(L0 (1 - r^2)) whose radius is the r-th part of that); for
+margins where all loops of a run of frequencies are too close to -1 at |L| = 1; for stability where every loop has the
+same number of unstable poles.  A cell is discarded when all kappa are impossible.  It is a check in floats on a grid of
+frequencies, not a proof; `fopi_tune.optimum` proves.
+
+Source: derived; the squares of the responses and Nyquist's count, over a disc of loops.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from fopi_tune.design.bound.cells import (
+    ALPHA_HIGH,
+    ALPHA_LOW,
+    DOWN,
+    PSI_HIGH,
+    PSI_LOW,
+    ROOM,
+    UP,
+    fill_cell,
+)
+from fopi_tune.design.global_search.compiled import (
+    CROSSOVER,
+    CS,
+    DELAY_MARGIN,
+    GAIN_MARGIN,
+    IAE,
+    KI,
+    LOOP_GAIN,
+    PHASE_MARGIN,
+    S,
+    T,
+    compiled,
+    order_by_first,
+)
+from fopi_tune.design.global_search.intervals import negative_interval
+from fopi_tune.design.global_search.rays import BEYOND, whole_turns
+
+_PI = math.pi
+#: the smallest ln k that is looked at
+_LEAST_KAPPA = -30.0
+
+
+@compiled
+def _forbid(forbidden, count, low, high):
+    """Append an interval of kappa to the forbidden ones; returns their new number."""
+    if high > low and count < len(forbidden):
+        forbidden[count, 0], forbidden[count, 1] = low, high
+        return count + 1
+    return count
+
+
+@compiled
+def _band_cell(of_inverse, inverse, r, cosine, g):
+    """The kappa at which every loop of the cell exceeds an upper limit M = 1/inverse: (low, high), low > high if none.
+
+    1/L, of which |T| and |C S| are functions, lies in the disc around 1/(L0 (1 - r^2)) with the r-th part as radius.
+    """
+    low, high = negative_interval(1.0 - r * r, cosine + r * inverse, 1.0 - inverse * inverse)
+    if r > 0.0:
+        high = min(high, inverse / r)
+    if high <= low:
+        return 1.0, 0.0
+    first, last = (math.log(low) if low > 0.0 else -BEYOND), (math.log(high) if high < np.inf else BEYOND)
+    if not of_inverse:
+        return max(first - g, -BEYOND), min(last - g, BEYOND)
+    shrunk = math.log(1.0 - r * r)
+    return (-last - shrunk - g if last < BEYOND else -BEYOND), (-first - shrunk - g if first > -BEYOND else BEYOND)
+
+
+@compiled
+def _too_close(kind, limit, phase, room):
+    """Whether every loop of the cell is closer to -1 at a column than an angle, or lags by less."""
+    if not room < _PI:
+        return False
+    lag = (phase + _PI) % (2.0 * _PI)
+    if kind == PHASE_MARGIN:
+        return min(lag, 2.0 * _PI - lag) + room < limit
+    return lag - room > 0.0 and lag + room < limit
+
+
+@compiled
+def _margin_cell(kind, limit, i, table, work, slopes, count):
+    """Forbid the kappa at which every loop has a crossover that is too close to -1."""
+    n, low, high = work.gain.shape[1], np.inf, -np.inf
+    for j in range(1, n):
+        close = False
+        if j < n - 1:
+            angle = limit if kind == PHASE_MARGIN else limit * table.omega[j]
+            close = j >= table.alias[i] and slopes[ROOM, j] < _PI
+            close = close or _too_close(kind, angle, work.phase[i, j], slopes[ROOM, j])
+        if close:
+            low = min(low, -work.gain[i, j] - slopes[DOWN, j])
+            high = max(high, -work.gain[i, j] - slopes[UP, j])
+        elif high > -np.inf:
+            count = _forbid(work.forbidden, count, low, BEYOND if j == n - 1 and table.delay[i] > 0.0 else high)
+            low, high = np.inf, -np.inf
+    return count
+
+
+@compiled
+def _passages_cell(i, cell, signs, table, work, slopes):
+    """Passages of -180 deg as (smallest ln|L0|, largest, turns), found between columns where all loops agree; number.
+
+    They are left in `allowed` (smallest, largest) and `cross_turn[i]`; turns of 0 stand for places that are unclear.
+    """
+    n, count = work.gain.shape[1], 0
+    sine = math.sin(0.5 * (cell[PSI_LOW] + cell[PSI_HIGH])) * signs[1]
+    lead = sine if sine != 0.0 else signs[0]
+    level = whole_turns(table.start_phase[i] - (_PI if lead < 0 else 0.0))
+    large = sine != 0.0 or table.low_slope[i] < 0.0
+    smallest, largest, unclear = (BEYOND, BEYOND, False) if large else (-BEYOND, BEYOND, True)
+    stop = min(n - 1, table.alias[i])
+    for j in range(1, stop):
+        clear, here = False, 0.0
+        if slopes[ROOM, j] < _PI:
+            room = slopes[ROOM, j]
+            here = math.floor((work.phase[i, j] - room + _PI) / (2.0 * _PI))
+            clear = here == math.floor((work.phase[i, j] + room + _PI) / (2.0 * _PI))
+        low = max(work.gain[i, j] + slopes[DOWN, j], -BEYOND)
+        high = min(work.gain[i, j] + slopes[UP, j], BEYOND)
+        if j > 1:
+            smallest, largest = min(smallest, low), max(largest, high)
+        if not clear:
+            unclear = True
+            continue
+        if (here != level or unclear) and count < work.cross_turn.shape[1]:
+            work.allowed[count, 0], work.allowed[count, 1] = smallest, largest
+            work.cross_turn[i, count] = here - level
+            count += 1
+        level, unclear, smallest, largest = here, False, low, high
+    if unclear and count < work.cross_turn.shape[1]:
+        work.allowed[count, 0], work.allowed[count, 1] = smallest, largest
+        work.cross_turn[i, count] = 0.0
+        count += 1
+    return count
+
+
+@compiled
+def _sort(values):
+    """Ascending, by insertion: the few numbers are nearly in order."""
+    for k in range(1, len(values)):
+        value, r = values[k], k
+        while r > 0 and values[r - 1] > value:
+            values[r] = values[r - 1]
+            r -= 1
+        values[r] = value
+
+
+@compiled
+def _unstable_cell(i, passages, table, work, slopes, count):
+    """Forbid the kappa at which every loop of the cell is unstable."""
+    ends = np.empty(2 * passages + 2)
+    ends[0], ends[1] = -BEYOND, BEYOND
+    for r in range(passages):
+        ends[2 + 2 * r], ends[3 + 2 * r] = -work.allowed[r, 1], -work.allowed[r, 0]
+    _sort(ends)
+    for e in range(len(ends) - 1):
+        kappa = 0.5 * (ends[e] + ends[e + 1])
+        if ends[e + 1] - ends[e] < 1e-12:
+            continue
+        z, clear = float(table.unstable[i]), True
+        for r in range(passages):
+            if kappa > -work.allowed[r, 0]:
+                z -= 2.0 * work.cross_turn[i, r]
+            elif kappa > -work.allowed[r, 1]:
+                clear = False
+        if clear and abs(z) > 0.75:
+            count = _forbid(work.forbidden, count, ends[e], ends[e + 1])
+    if table.delay[i] > 0.0:
+        low = BEYOND
+        for j in range(table.alias[i], work.gain.shape[1] - 1):
+            if work.high[j] < 1.0:
+                low = min(low, -work.gain[i, j] - slopes[DOWN, j])
+        count = _forbid(work.forbidden, count, low, BEYOND)
+    return count
+
+
+@compiled
+def _row_cell(q, i, passages, integral, table, rows, work, slopes, count):
+    """Forbid what violates row q with plant i for the whole cell; equalities of a crossover and of |L| count too."""
+    kind, side, limit = rows.kind[q], rows.side[q], rows.limit[q]
+    first, last, n = max(rows.first[q], 1), min(rows.last[q], work.gain.shape[1] - 2), work.gain.shape[1]
+    if kind in (S, T, CS):
+        if side < 0:
+            return count
+        if integral and rows.first[q] == 0 and table.low_slope[i] <= 0.0:
+            # T -> 1 and C S -> 1/P as omega -> 0
+            value = 0.0 if kind == T else -table.gain[i, 0]
+            if kind != S and value > limit and (kind == T or table.low_slope[i] == 0.0):
+                return _forbid(work.forbidden, count, -BEYOND, BEYOND)
+        # neighbouring columns overlap: their union is one interval
+        union_low, union_high, inverse, least = 0.0, -np.inf, math.exp(-limit), -BEYOND
+        most = BEYOND
+        for j in range(first, last + 1):
+            scaled = inverse * math.exp(-table.gain[i, j]) if kind == CS else inverse
+            if work.high[j] < 1.0:
+                cosine = work.real[i, j] / work.square[i, j]
+                low, high = _band_cell(kind != S, scaled, work.high[j], cosine, work.gain[i, j])
+                if high <= low:
+                    continue
+                if low <= union_high and high >= union_low:
+                    union_low, union_high = min(low, union_low), max(high, union_high)
+                else:
+                    count = _forbid(work.forbidden, count, union_low, union_high)
+                    union_low, union_high = low, high
+                continue
+            if scaled > 1.0 and kind == S:
+                # |1 + L| <= 1 + |L|, |1 + 1/L| <= 1 + 1/|L|
+                least = max(least, math.log(scaled - 1.0) - work.gain[i, j] - slopes[UP, j])
+            elif scaled > 1.0:
+                most = min(most, -math.log(scaled - 1.0) - work.gain[i, j] - slopes[DOWN, j])
+        count = _forbid(work.forbidden, count, union_low, union_high)
+        count = _forbid(work.forbidden, count, -BEYOND, least)
+        count = _forbid(work.forbidden, count, most, BEYOND)
+    elif kind == LOOP_GAIN:
+        low, high = -BEYOND, BEYOND
+        for j in range(first, last + 1):
+            if side >= 0:
+                high = min(high, limit - work.gain[i, j] - slopes[DOWN, j])
+            if side <= 0:
+                low = max(low, limit - work.gain[i, j] - slopes[UP, j])
+        count = _forbid(work.forbidden, count, -BEYOND, low)
+        count = _forbid(work.forbidden, count, high, BEYOND)
+    elif kind in (PHASE_MARGIN, DELAY_MARGIN):
+        if side <= 0:
+            count = _margin_cell(kind, limit - (1e-9 if side == 0 else 0.0), i, table, work, slopes, count)
+    elif kind == GAIN_MARGIN and side < 0:
+        for r in range(passages):
+            if work.cross_turn[i, r] != 0.0:
+                count = _forbid(work.forbidden, count, -limit - work.allowed[r, 0], -work.allowed[r, 1])
+    elif kind == CROSSOVER:
+        most, top = -np.inf, BEYOND
+        for j in range(first, n - 1):
+            most = max(most, work.gain[i, j] + slopes[UP, j])
+            if side >= 0 and j > first:
+                top = min(top, -work.gain[i, j] - slopes[DOWN, j])
+        count = _forbid(work.forbidden, count, top, BEYOND)
+        if side <= 0:
+            count = _forbid(work.forbidden, count, -BEYOND, -most)
+        if side == 0:
+            count = _forbid(work.forbidden, count, -work.gain[i, first] - slopes[DOWN, first], BEYOND)
+    return count
+
+
+@compiled
+def _kappa_of_cell(code, target, cell, signs, table, box):
+    """The kappa that the ranges of the gains and the objective's target leave in the cell: (low, high)."""
+    low, high = _LEAST_KAPPA, BEYOND
+    most = max(cell[ALPHA_LOW] * box.log_omega, cell[ALPHA_HIGH] * box.log_omega) - box.log_gain
+    least = min(cell[ALPHA_LOW] * box.log_omega, cell[ALPHA_HIGH] * box.log_omega) - box.log_gain
+    sines, cosines = math.sin(cell[PSI_LOW]), math.cos(cell[PSI_HIGH])
+    sine, cosine = math.sin(cell[PSI_HIGH]), math.cos(cell[PSI_LOW])
+    kp = (box.kp_low, box.kp_high) if signs[0] > 0 else (-box.kp_high, -box.kp_low)
+    ki = (box.ki_low, box.ki_high) if signs[1] > 0 else (-box.ki_high, -box.ki_low)
+    if code == KI:
+        ki = (max(ki[0], -target), ki[1]) if signs[1] > 0 else (1.0, 0.0)
+    if kp[0] > 0.0:
+        low = max(low, math.log(kp[0] / cosine) if cosine > 0.0 else BEYOND)
+    if ki[0] > 0.0:
+        low = max(low, math.log(ki[0]) - math.log(sine) - most if sine > 0.0 else BEYOND)
+    if cosines > 1e-12:
+        high = min(high, math.log(kp[1] / cosines) if kp[1] > 0.0 else -BEYOND)
+    if sines > 1e-12:
+        high = min(high, math.log(ki[1]) - math.log(sines) - least if ki[1] > 0.0 else -BEYOND)
+    if ki[0] > ki[1] or kp[0] > kp[1]:
+        return 1.0, 0.0
+    if code == IAE and signs[0] == signs[1]:
+        h = math.exp(max(cell[ALPHA_LOW] * box.log_horizon, cell[ALPHA_HIGH] * box.log_horizon))
+        at = min(max(math.atan(h), cell[PSI_LOW]), cell[PSI_HIGH])
+        controller = math.cos(at) + math.sin(at) * h
+        for i in range(table.gain.shape[0]):
+            p = table.error_gain[i] * signs[0]
+            if p > 0.0:
+                needed = (p * math.exp(-target) - 1.0) / (controller * p)
+                low = max(low, math.log(needed) if needed > 0.0 else -BEYOND)
+    return low, high
+
+
+@compiled
+def kappa_left(code, target, cell, signs, table, rows, box, work, slopes):
+    """The kappa that may meet everything and beat the target somewhere in the cell: their number; they are in `found`.
+
+    Args:
+        code, target: of the objective; gains that do not cost less than the target count as impossible.
+        cell: its ranges, as the columns say.
+        signs: of kp and ki.
+        table, rows, box, work: as in `allowed_intervals`; `rows` with the objective's own.
+        slopes: scratch for the slopes of `cells`, shape (SLOPES, n).
+    """
+    low, high = _kappa_of_cell(code, target, cell, signs, table, box)
+    if low >= high:
+        return 0
+    fill_cell(cell, signs, table, work, slopes)
+    count = 0
+    for i in range(table.gain.shape[0]):
+        passages = _passages_cell(i, cell, signs, table, work, slopes)
+        count = _unstable_cell(i, passages, table, work, slopes, count)
+        for q in range(len(rows.kind)):
+            if i == 0 or not (rows.nominal[q] or rows.side[q] == 0):
+                count = _row_cell(q, i, passages, cell[PSI_LOW] > 0.0, table, rows, work, slopes, count)
+    order = order_by_first(work.forbidden, count)
+    reached, found = low, 0
+    for r in range(count + 1):
+        begin = min(work.forbidden[order[r], 0], high) if r < count else high
+        if begin > reached:
+            place = found if found < len(work.found) else found - 1
+            work.found[place, 1] = begin
+            if place == found:
+                work.found[place, 0] = reached
+                found += 1
+        if r < count:
+            reached = max(reached, work.forbidden[order[r], 1])
+        if reached >= high:
+            break
+    return found
