@@ -1,7 +1,7 @@
 """Dropouts of a recording:  stretches of outputs that a sensor or a logger lost, longer than single outliers.
 
-A dropout begins and ends with a jump, one up and one down, between two samples, and lies wholly beyond what comes before
-and after.  A plant answers a pulse of its input alike; so no two changes of the input may lie as far apart.
+A dropout begins and ends with a jump between two samples, and lies wholly beyond what comes before and after.  A plant
+answers a pulse of its input alike; so no two changes of the input may lie as far apart.
 """
 
 from __future__ import annotations

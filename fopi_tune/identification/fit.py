@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.covariance import ROUNDING_SHARE
-from fopi_tune.identification.models import FitModel
 from fopi_tune.identification.dropouts import without_dropouts
+from fopi_tune.identification.models import FitModel
 from fopi_tune.identification.outliers import without_outliers
 from fopi_tune.identification.recording import Recording
 from fopi_tune.identification.residuals import residual_notes
