@@ -71,7 +71,7 @@ def _dropouts(output: Array, rows: NDArray[np.int64], changes: NDArray[np.int64]
                 break
             if end - begin < _SHORTEST:
                 continue
-            if _is_lost(output, begin, end) and not _is_explained(rows[begin], rows[end], changes):
+            if _is_lost(output, begin, end) and not _is_explained(int(rows[begin]), int(rows[end]), changes):
                 yield begin, end
                 last = end
                 break
