@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.cli.batch import OutputOptions, process_with_loader
-from fopi_tune.cli.gains import GivenGains, given_or_tuned_gains, gains_of_earlier_design
+from fopi_tune.cli.gains import GivenGains, gains_of_earlier_design, given_or_tuned_gains
 from fopi_tune.cli.output import Exit, bad_input, progress_bar
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.covariance import ROUNDING_SHARE
+from fopi_tune.identification.dropouts import without_dropouts
 from fopi_tune.identification.models import FitModel
 from fopi_tune.identification.outliers import without_outliers
 from fopi_tune.identification.recording import Recording
@@ -143,6 +144,7 @@ def _best(recording: Recording) -> Fit:
 
 
 def _fit(recording: Recording, model: FitModel) -> Fit:
+    recording = without_dropouts(recording)
     problem = scaled(recording)
     problem, outliers = without_outliers(problem, model)
     notes = list(recording.notes)

@@ -163,9 +163,7 @@ def _checked(
         raise DomainError(f"{file} is not as this tool writes it: {error}; run `{command}` again") from None
 
 
-def _matching(
-    spec: DesignSpec, gains: object, document: Document | None, parts: tuple[str, ...]
-) -> Document | None:
+def _matching(spec: DesignSpec, gains: object, document: Document | None, parts: tuple[str, ...]) -> Document | None:
     """The document if it is of these gains and these parts of the spec, else None."""
     if document is None or gains is None:
         return None

@@ -21,12 +21,12 @@ from fopi_tune.report.figures.step_responses import step_responses
 from fopi_tune.report.page import figure_files, render_figures, render_template
 from fopi_tune.report.requirement_rows import place_phrase, requirement_rows
 from fopi_tune.report.text.formatting import (
-    score_note,
     exact_limit,
     margins_phrase,
     number,
     requirement_phrase,
     scope_phrase,
+    score_note,
     sentence,
 )
 from fopi_tune.results.design import loop_name

@@ -121,7 +121,6 @@ class DaskRunner:
             return TaskOutcome(task)
         return TaskOutcome(task, reason=f"the worker could not run it, {type(error).__name__}: {error}")
 
-
     def _wait(self) -> None:
         """Wait until a task is done."""
         while not (self._completed.has_ready() or self._completed.is_empty()):

@@ -26,5 +26,7 @@ def test_gains_that_the_spec_fixes_are_taken_from_it() -> None:
 
 
 def test_a_gain_that_is_left_out_and_has_a_range_is_named() -> None:
-    with pytest.raises(DomainError, match="all three, or none of them: --ki is left out, and the spec gives ki a range"):
+    with pytest.raises(
+        DomainError, match="all three, or none of them: --ki is left out, and the spec gives ki a range"
+    ):
         GivenGains(1.0, None, None).for_spec(SPEC)

@@ -36,7 +36,8 @@ def test_a_scenario_or_a_comment_that_is_added_leaves_the_certificate() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new"), [("at_least: 50", "at_least: 51"), ("max: 2}", "max: 2.1}"), ("dead_time_s: 0.2", "dead_time_s: 0.3")]
+    ("old", "new"),
+    [("at_least: 50", "at_least: 51"), ("max: 2}", "max: 2.1}"), ("dead_time_s: 0.2", "dead_time_s: 0.3")],
 )
 def test_a_plant_or_a_requirement_that_changed_does_not(old: str, new: str) -> None:
     assert not recheck(certificate(), parse_spec(TEXT.replace(old, new))).is_sound

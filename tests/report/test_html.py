@@ -153,7 +153,7 @@ def test_verdicts_of_a_proof_are_told_with_their_signs() -> None:
     entries = [{**entry, "proof": proof} for entry, proof in zip(said, proofs, strict=False)] + said[3:]
     page = str(report_files(without_gains(requirements=entries))["report.html"])
     cells = re.findall(r'<td class="verdict">(.*?)</td>', page)
-    assert cells == ["✓ proved", "✗ refuted", "? undecided", "✓ met", "✓ met"]
+    assert cells == ["✓ proved", "✗ violated", "? undecided", "✓ met", "✓ met"]
 
 
 def test_a_design_of_another_spec_is_refused() -> None:

@@ -60,7 +60,7 @@ def test_outcomes_of_margins_are_told(
     assert found.result is not None
     assert (found.result.outcome, found.result.is_met) == (Outcome(outcome), met)
     shown = row(found)
-    assert (shown.verdict, shown.achieved) == ("met" if met else "missed", words)
+    assert (shown.verdict, shown.achieved) == ("met" if met else "violated", words)
     assert shown.worst.startswith(worst)
     # beyond any limit there is no score
     assert shown.score == ("–" if not met else "0.000" if achieved == math.inf else shown.score)

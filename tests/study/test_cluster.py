@@ -326,5 +326,5 @@ def test_a_scheduler_without_workers_is_given_up() -> None:
         _workers=1,
         _workers_checked_at=-1e9,
     )
-    with pytest.raises(cluster.ClusterLostError, match="has had no worker for 0.1 s; what was done is kept"):
+    with pytest.raises(cluster.ClusterLostError, match=r"has had no worker for 0\.1 s; what was done is kept"):
         runner.next_outcome()

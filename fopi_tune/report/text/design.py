@@ -125,7 +125,9 @@ def requirement_lines(reports: Sequence[RequirementReport], objective: float | N
     for report in reports:
         yield from _requirement(report, objective, priced)
     yield "", ""
-    yield from wrapped(score_note(r.requirement for r in reports if r.result is not None and not r.result.is_met), QUIET)
+    yield from wrapped(
+        score_note(r.requirement for r in reports if r.result is not None and not r.result.is_met), QUIET
+    )
     if priced:
         yield "The multiplier is what the objective gains for each unit the limit gives.", QUIET
     yield from price_lines(
