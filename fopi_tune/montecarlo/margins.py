@@ -2,8 +2,9 @@
 
 `fopi_tune.core` finds every crossing and every peak, at any cost.  Here a crossing is a change of sign between
 neighbouring points of a dense grid in u = ln tan(omega Ts/2), refined by Newton's method to rounding, and a peak is one
-of the grid's highest points, refined by golden-section search.  Two crossings between neighbouring points would be
-missed; that is acceptable for statistics over sampled plants, not for a proof.
+of the grid's highest points, refined by golden-section search.  Each draw has points of its own next to its resonances
+that are narrower than the grid.  Two crossings between neighbouring points would be missed; that is acceptable for
+statistics over sampled plants, not for a proof.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ _POINTS, _POINTS_A_DELAY = 400, 16
 #: widths in u of the coarse ends of the grid, below the lowest and above the highest corner, and their points
 _SPARSE_BELOW, _SPARSE_ABOVE, _TAIL = 6.0, 12.0, 12
 _NEWTON, _BRACKETS = 12, 24
+#: points on each side of a narrow resonance or anti-resonance, from a fraction of its half-width to the grid's spacing
+_BESIDE, _NEAREST = 16, 0.1
 #: local peaks of the grid that are refined
 _PEAKS = 3
 _ROUNDING = 4e-15
@@ -47,7 +50,33 @@ class MarginScan:
 
     @cached_property
     def u(self) -> Array:
-        """The grid, shape (n,), from far below the lowest corner to far above the highest."""
+        """The grid of every loop, ascending, shape (m, n)."""
+        shared, narrow = self._shared, self._narrow
+        every = np.broadcast_to(shared, (len(self.loops), len(shared)))
+        return np.sort(np.concatenate([every, narrow], axis=1), axis=1) if narrow.size else every
+
+    @cached_property
+    def _narrow(self) -> Array:
+        """Points next to each loop's factors that are narrower than the spacing of the common grid, shape (m, k).
+
+        ln|1 + rho e^{j psi}| has its extreme at its corner, and there the half-width (pi - |psi|)/nu in u.
+        """
+        form, shared = self.loops.log, self._shared
+        spacing = float(np.diff(shared[_TAIL - 1 : 1 - _TAIL]).max())
+        width = (np.pi - np.abs(form.psi)) / form.nu
+        narrow = np.isfinite(form.corner) & (form.corner > shared[0]) & (form.corner < shared[-1]) & (width < spacing)
+        columns = np.flatnonzero(narrow.any(axis=0))
+        # rows without such a factor repeat a point of the grid
+        corner = np.where(narrow, form.corner, shared[0])[:, columns, None]
+        width = np.where(narrow, np.maximum(width, 1e-12), 0.0)[:, columns, None]
+        share = np.linspace(0.0, 1.0, _BESIDE)
+        beside = _NEAREST * width * (spacing / np.maximum(_NEAREST * width, 1e-300)) ** share
+        beside = np.where(narrow[:, columns, None], beside, 0.0)
+        return np.concatenate([corner, corner - beside, corner + beside], axis=2).reshape(len(self.loops), -1)
+
+    @cached_property
+    def _shared(self) -> Array:
+        """The points of all loops, shape (n,), from far below the lowest corner to far above the highest."""
         low, high = self.loops.log.corners()
         # corners() reaches as far as anything still changes by 1e-9: a few points are enough at those ends
         ends = max(float(low.min()), -60.0), min(float(high.max()), 40.0)
@@ -60,14 +89,14 @@ class MarginScan:
     @cached_property
     def log_gain(self) -> Complex:
         """ln L on the grid, unwrapped, shape (m, n)."""
-        m, n = len(self.loops), len(self.u)
-        rows, u = np.repeat(np.arange(m), n), np.tile(self.u, m)
+        m, n = self.u.shape
+        rows, u = np.repeat(np.arange(m), n), self.u.ravel()
         with np.errstate(all="ignore"):
-            controller: Complex = np.log(self.loops.sections.at(shifted(self.u)))
+            controller: Complex = self._log_controller(self.u)
             plant: Complex = np.log(self.loops.plants.at(rows, u)).reshape(m, n)
         log = controller + plant
         phase = np.unwrap(log.imag, axis=1)
-        start = self.loops.log.value(np.arange(m), np.full(m, self.u[0])).imag
+        start = self.loops.log.value(np.arange(m), self.u[:, 0]).imag
         turns = np.round((start - phase[:, 0]) / (2.0 * np.pi))
         return log.real + 1j * (phase + 2.0 * np.pi * turns[:, None])
 
@@ -90,7 +119,7 @@ class MarginScan:
         """Refined crossings: where `values` change sign (with a period: whole part) between neighbouring points."""
         level = np.floor(values) if period else (values > 0.0).astype(float)
         row, k = np.nonzero(np.isfinite(values[:, 1:] + values[:, :-1]) & (level[:, 1:] != level[:, :-1]))
-        low, high = self.u[k], self.u[k + 1]
+        low, high = self.u[row, k], self.u[row, k + 1]
         # the level that is crossed: the multiple of the period nearest to the mean of the two values
         ends = part(self.log_gain[row, k]), part(self.log_gain[row, k + 1])
         offset = np.pi if period else 0.0
@@ -137,24 +166,28 @@ class MarginScan:
 
     def extreme(self, response: Response, from_rad_s: float, to_rad_s: float, largest: bool) -> Array:
         """ln of the largest (or smallest) value of a response over a band, shape (m,)."""
-        first = float(self.loops.u_of(np.array(from_rad_s))) if from_rad_s > 0.0 else float(self.u[0])
-        last = float(self.loops.u_of(np.array(to_rad_s))) if to_rad_s < self.loops.highest_rad_s else float(self.u[-1])
-        inside = self.u[(self.u > first) & (self.u < last)]
-        u = np.concatenate([[first], inside, [last]])
+        ends = float(self._shared[0]), float(self._shared[-1])
+        first = float(self.loops.u_of(np.array(from_rad_s))) if from_rad_s > 0.0 else ends[0]
+        last = float(self.loops.u_of(np.array(to_rad_s))) if to_rad_s < self.loops.highest_rad_s else ends[1]
         rows = np.arange(len(self.loops))
-        # the grid's own values between the ends, which are computed
-        log = np.concatenate(
-            [self._at(rows, first), self.log_gain[:, np.isin(self.u, inside)], self._at(rows, last)], axis=1
-        )
-        controller: Complex = np.log(self.loops.sections.at(shifted(u)))
+        # the grid's own values between the ends, which are computed; a point outside is worth nothing
+        inside = np.pad((self.u > first) & (self.u < last), ((0, 0), (1, 1)), constant_values=True)
+        u = np.clip(np.pad(self.u, ((0, 0), (1, 1)), constant_values=((0.0, 0.0), (first, last))), first, last)
+        log = np.concatenate([self._at(rows, first), self.log_gain, self._at(rows, last)], axis=1)
         sign = 1.0 if largest else -1.0
-        values = sign * _response(log, controller, response)
-        values = np.where(np.isnan(values), -np.inf, values)
+        values = sign * _response(log, self._log_controller(u), response)
+        values = np.where(np.isnan(values) | ~inside, -np.inf, values)
         best = values.max(axis=1)
         for k in _highest(values):
-            low, high = u[np.maximum(k - 1, 0)], u[np.minimum(k + 1, len(u) - 1)]
+            low, high = u[rows, np.maximum(k - 1, 0)], u[rows, np.minimum(k + 1, u.shape[1] - 1)]
             best = np.maximum(best, self._polished(rows, low, high, response, sign))
         return sign * best
+
+    def _log_controller(self, u: Array) -> Complex:
+        """ln C on a grid of shape (m, n)."""
+        if not self._narrow.size:  # all rows are the same
+            return np.asarray(np.log(self.loops.sections.at(shifted(u[0])))[None, :], dtype=complex)
+        return np.asarray(np.log(self.loops.sections.at(shifted(u.ravel()))).reshape(u.shape), dtype=complex)
 
     def _at(self, rows: Rows, u: float) -> Complex:
         return self.loops.log_response(rows, np.full(len(rows), u))[:, None]

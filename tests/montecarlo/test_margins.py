@@ -108,3 +108,28 @@ def test_a_loop_that_ends_above_unit_gain_has_a_delay_margin_of_zero() -> None:
     assert found.stable.met == DRAWS
     assert found.requirements[0].fraction.met == (5.0 * gains < 1.0).sum() > 0
     assert found.requirements[0].worst[0].value == 0.0
+
+
+@pytest.mark.parametrize("damping", [1e-2, 1e-3, 1e-5])
+def test_a_resonance_narrower_than_the_grid_is_seen_in_every_draw(damping: float) -> None:
+    """|L| passes 1 only next to omega_n: without points there a draw had no crossover, and an infinite margin met."""
+    stiffness = np.linspace(0.5, 2.0, 41)
+    family = transfer_function([damping], [1.0, 2.0 * damping, (1.0, 0.5, 2.0)], 0.3)
+    loops = SampledLoops.implemented(GAINS, proportional(3.0), Plants.members(family, stiffness[:, None]))
+    scan = MarginScan(loops)
+    for quantity in (*MARGINS, "sensitivity_db", "loop_gain_db"):
+        expected = QUANTITIES[quantity].measure(loops, True, 0.0, math.inf).value
+        found = scan.measure(Requirement(quantity, Relation.AT_LEAST, (1.0,)), True)
+        # Newton's last step in u, over the width of the resonance
+        np.testing.assert_allclose(found, expected, rtol=1e-9 / damping, atol=1e-9 / damping, err_msg=quantity)
+    assert len(scan.gain_crossings.row) == 2 * len(stiffness)
+
+
+def test_a_band_takes_only_its_own_points() -> None:
+    """Beside a narrow resonance outside of the band."""
+    family = transfer_function([1e-3], [1.0, 2e-3, (1.0, 0.5, 2.0)])
+    loops = SampledLoops.implemented(GAINS, proportional(3.0), Plants.members(family, np.array([[0.5], [1.0], [2.0]])))
+    for band in ((0.0, 0.5), (1.1, 1.3), (0.9, 1.1), (3.0, math.inf)):
+        asked = replace(Requirement("loop_gain_db", Relation.AT_MOST, (1.0,)), from_rad_s=band[0], to_rad_s=band[1])
+        expected = QUANTITIES["loop_gain_db"].measure(loops, True, *band).value
+        np.testing.assert_allclose(MarginScan(loops).measure(asked, True), expected, rtol=1e-6, atol=1e-6)

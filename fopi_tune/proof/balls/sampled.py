@@ -142,8 +142,10 @@ class SampledBallLoop(BallLoop):
         """The whole samples at the ends of a delay, rounded down; one number for a box in one piece of the family."""
         samples = self.samples(plant.dead_time)
         if samples.gradient and plant.has_direct_path:
-            pieces = None if box is None else self.pieces
-            whole = rounded_down(samples.value) if pieces is None else pieces.whole_samples(box[self._delay_axis - 1])
+            if box is None or self.pieces is None:
+                whole = rounded_down(samples.value)
+            else:
+                whole = self.pieces.whole_samples(box[self._delay_axis - 1])
             if whole is not None:
                 return whole, whole
         return samples_spanned(samples)

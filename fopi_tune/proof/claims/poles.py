@@ -200,7 +200,7 @@ class StableOnEveryPiece(LoopClaim):
         nominal: the uncertain numbers but for the dead time.
     """
 
-    loop: SampledBallLoop
+    loop: SampledBallLoop  # pyright: ignore[reportIncompatibleVariableOverride]
     domain: Box
     origin: float
     nominal: tuple[float, ...]

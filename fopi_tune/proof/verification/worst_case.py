@@ -7,6 +7,9 @@ along every axis one of these holds:
     - x lies on the boundary of the box and the criterion decreases inwards, on two scales, or
     - the criterion varies by less than 1e-10 of its size within the window.
 
+A maximum close to an end of a wide range may be lower on both scales of the sample; before the first round each
+candidate on the boundary is compared with points at geometric distances from it, along each axis.
+
 Discontinuities do not satisfy this; there the window shrinks until its width is that of rounding.
 """
 
@@ -23,6 +26,8 @@ from fopi_tune.proof.verification.sample import LoopFunction, Sample, evaluate
 
 _MOST_CANDIDATES = 6
 _MOST_ROUNDS = 80
+#: distances from the boundary, in spacings of the sample
+_NEXT_TO_THE_BOUNDARY = 0.5 ** np.arange(2.0, 10.0)
 _CONVERGED = 1e-10
 _ROUNDING = 1e-13
 _NARROWEST = 1e-11
@@ -89,6 +94,8 @@ def find_worst_case(
     if len(finite) == len(values) and np.ptp(finite) <= _ROUNDING * scale:
         return first
     active = [_start(sample, values, omegas, int(row)) for row in _distinct_peaks(sample, values)]
+    active, spent_there = _moved_inwards(sample, criterion, active, scale)
+    work += spent_there
     finished: list[_Candidate] = []
     for count in range(_MOST_ROUNDS):
         trial = [_unique(c.x + c.width * _pattern(len(c.x), count)) for c in active]
@@ -109,6 +116,31 @@ def find_worst_case(
         if not active:
             return _result(finished or moved)
     return _result(finished + active)
+
+
+def _moved_inwards(
+    sample: Sample, criterion: LoopFunction, candidates: list[_Candidate], scale: float
+) -> tuple[list[_Candidate], float]:
+    """Candidates on the boundary, moved to a larger value next to it along one axis; and the work of looking."""
+    trial = []
+    for c in candidates:
+        inwards = np.where(c.x == 0.0, 1.0, np.where(c.x == 1.0, -1.0, 0.0))
+        steps = [c.x + d * sample.spacing * np.diag(inwards)[inwards != 0.0] for d in _NEXT_TO_THE_BOUNDARY]
+        trial.append(np.concatenate(steps))
+    if not any(len(t) for t in trial):
+        return candidates, 0.0
+    values, omegas, *spent = evaluate(sample.loops_at(np.concatenate(trial)), criterion)
+    ends = np.cumsum([len(t) for t in trial])[:-1]
+    moved = []
+    for c, points, found, where in zip(candidates, trial, np.split(values, ends), np.split(omegas, ends), strict=True):
+        best = np.nan_to_num(found, nan=-np.inf)
+        k = int(np.argmax(best)) if len(best) else -1
+        if k < 0 or best[k] <= c.value + _ROUNDING * scale:
+            moved.append(c)
+            continue
+        width = float(np.abs(points[k] - c.x).max())
+        moved.append(replace(c, x=points[k], value=float(found[k]), omega=float(where[k]), width=width))
+    return moved, sum(float(part.sum()) for part in spent)
 
 
 def place_of(sample: Sample, x: Array, omega_rad_s: float) -> Place:

@@ -17,7 +17,7 @@ from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof import certify, recheck, verify
-from fopi_tune.proof.balls.box import split
+from fopi_tune.proof.balls.box import Box, Interval, split
 from fopi_tune.proof.balls.sampled import SampledBallLoop
 from fopi_tune.proof.claims.bound import Bound
 from fopi_tune.proof.claims.branch_and_bound import search
@@ -98,7 +98,9 @@ def test_a_member_is_in_the_box_of_its_piece(case: str) -> None:
 
 def test_a_box_is_cut_at_the_whole_numbers_first() -> None:
     loop = loop_of(family((0.5, 1.3)))
-    pending, found = [((0.0, 0.0), *loop.family_box)], []
+    start: Box = ((0.0, 0.0), *loop.family_box)
+    pending: list[Box] = [start]
+    found: list[Interval] = []
     while pending:
         box = pending.pop()
         assert loop.pieces is not None
