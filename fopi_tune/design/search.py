@@ -92,11 +92,13 @@ def beyond_doubt(polish: Polish, best: Polished) -> tuple[Polished, float | None
         bracket = bracket_of(polish, best.cost, best.x)
         if bracket is None:
             return best, None
-        far = [basin for basin in bracket.starts if _is_far(basin.gains, best.x)]
-        found = polish_basins(polish, far, best) or best
-        is_better = found.cost < best.cost - _BETTER * max(abs(best.cost), 0.05)
-        best = found if found.cost < best.cost else best
-        if not is_better:
+        before = best.cost
+        for start in bracket.starts:
+            if _is_far(start.gains, best.x):
+                found = polish.run(start.gains, hopeless=before)
+                if found is not None and found.cost < best.cost and _is_stable(polish.problem, found):
+                    best = found
+        if best.cost >= before - _BETTER * max(abs(before), 0.05):
             return best, bracket.gap if math.isfinite(bracket.gap) else None
     return best, None
 
