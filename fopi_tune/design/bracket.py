@@ -224,7 +224,8 @@ def _beating(problem: Problem, table: Table, cost: float, gap: float) -> tuple[R
         at = int(rows.first[fixed[0]])
         upper = _joined(rows, LOOP_GAIN, 1, cost - step, at, at)
         return _joined(upper, LOOP_GAIN, -1, step - cost, at, at), cost - step
-    return _joined(rows, PHASE_MARGIN, -1, float(rows.limit[fixed[0]]) - cost + step, 0, last), cost - step
+    lower = _joined(rows, PHASE_MARGIN, -1, float(rows.limit[fixed[0]]) - cost + step, 0, last)
+    return _joined(lower, PHASE_MARGIN, 1, float(rows.limit[fixed[0]]) + cost - step, 0, last), cost - step
 
 
 def _step(cost: float, gap: float) -> float:
