@@ -15,6 +15,8 @@ from fopi_tune.design.global_search.compiled import compiled
 
 #: corners; each half-plane adds at most one
 _MOST_CORNERS = 96
+#: natural units: what rounding of a row may add up to
+_ROUNDING = 1e-11
 #: relative to a row's size: a coefficient that counts as 0
 _FLAT = 1e-12
 
@@ -26,6 +28,7 @@ def add_row(rows, count, a0, a1, a2, b):
     Where all places are taken it replaces the row that leaves most.
     """
     size = abs(a0) + abs(a1) + abs(a2)
+    b += _ROUNDING
     if not b < size:
         return count
     if b < -size:
