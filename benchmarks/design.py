@@ -1,6 +1,6 @@
 """Cold designs in a warm process, and whether they are the best there are:  the specs of `benchmarks/specs/`.
 
-Run:  python benchmarks/design.py [FIRST] [LAST]     seeds, 0 to 63; without the reference after FIRST LAST: --no-reference
+Run:  python benchmarks/design.py [FIRST LAST] [--no-reference]     seeds, 0 to 63 when left out
 
 A design is cold when nothing of its spec was computed before; the process is warm when Numba and CasADi have compiled
 what all specs share.  Gains count only when the verification finds every requirement met.  The reference

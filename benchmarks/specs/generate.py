@@ -73,7 +73,8 @@ def _plant(kind: str, draws: _Draws, g: float, t: float) -> str:
             f"dead_time_s: {number(chance.uniform(0.05, 0.8) * t)}}}"
         )
     if kind == "integrating":
-        return f"{{model: pole, gain: {number(g / t)}, pole_rad_s: 0, dead_time_s: {number(chance.uniform(0.03, 0.3) * t)}}}"
+        gain, late = number(g / t), number(chance.uniform(0.03, 0.3) * t)
+        return f"{{model: pole, gain: {gain}, pole_rad_s: 0, dead_time_s: {late}}}"
     if kind == "unstable":
         gain, pole = number(2.0 * g / t, 0.1), number(-chance.uniform(0.2, 0.6) / t, 0.1)
         return f"{{model: pole, gain: {gain}, pole_rad_s: {pole}, dead_time_s: {0.05 * t:.5g}}}"
@@ -94,7 +95,8 @@ def _plant(kind: str, draws: _Draws, g: float, t: float) -> str:
     else:
         top = [f"{chance.uniform(0.1, 0.4) * g * t:.5g}", f"{g:.5g}"]
         bottom = [f"{0.05 * t**3:.5g}", number(0.6 * t * t, 0.2), number(1.6 * t, 0.1), "1"]
-    return f"{{model: transfer_function, numerator: [{', '.join(top)}], denominator: [{', '.join(bottom)}], dead_time_s: {delay}}}"
+    polynomials = f"numerator: [{', '.join(top)}], denominator: [{', '.join(bottom)}]"
+    return f"{{model: transfer_function, {polynomials}, dead_time_s: {delay}}}"
 
 
 def _requirements(chance: random.Random, objective: str, kind: str, g: float, t: float) -> list[str]:
@@ -108,7 +110,8 @@ def _requirements(chance: random.Random, objective: str, kind: str, g: float, t:
             *([effort] if "_sensitivity" not in objective and kind != "unstable" else []),
         ]
     if "spread" in objective:
-        crossover = f"crossover_rad_s: {{{chance.choice(('equals', 'at_least'))}: {chance.uniform(0.15, 0.4) / t:.5g}}}, on: nominal"
+        relation = chance.choice(("equals", "at_least"))
+        crossover = f"crossover_rad_s: {{{relation}: {chance.uniform(0.15, 0.4) / t:.5g}}}, on: nominal"
         return [crossover, f"phase_margin_deg: {{at_least: {chance.uniform(25.0, 45.0):.4g}}}"]
     more = (
         [],
@@ -117,9 +120,7 @@ def _requirements(chance: random.Random, objective: str, kind: str, g: float, t:
         [f"complementary_sensitivity_db: {{at_most: {chance.uniform(1.0, 4.0):.4g}}}"],
         [f"delay_margin_s: {{at_least: {chance.uniform(0.05, 0.15) * t:.5g}}}"],
         [f"crossover_rad_s: {{at_most: {chance.uniform(0.4, 1.5) / t:.5g}}}"],
-        [
-            f"control_sensitivity_db: {{at_most: {chance.uniform(6.0, 14.0) - 6.0 * g / 5.0:.4g}}}, from_rad_s: {10.0 / t:.5g}"
-        ],
+        [f"control_sensitivity_db: {{at_most: {chance.uniform(6.0, 14.0) - 1.2 * g:.4g}}}, from_rad_s: {10.0 / t:.5g}"],
     )
     return [peak, *chance.choice(more[:-2] if kind == "unstable" else more)]
 

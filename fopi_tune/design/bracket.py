@@ -60,8 +60,8 @@ class Bracket:
         gap: nothing better by this part was found to be possible; inf where not even the largest of `GAPS` was closed.
         left: share of the box that a target of the smallest gap leaves.
         cells: that were looked at.
-        starts: gains in cells that are left.
-        remaining: these cells, their columns as in `bound.cells`.
+        starts: gains in cells that the smallest gap leaves.
+        remaining: the cells that are left at last, their columns as in `bound.cells`.
     """
 
     gap: float
@@ -84,9 +84,11 @@ def bracket_of(
     """
     problem, quadrants = polish.problem, quadrants_of(polish.problem)
     known, cells = [_worst(polish, x, _ACTIVE)], _whole_box(problem)
-    area, looked, starts, share = _area(cells), 0, (), 1.0
+    area, looked, share, closed = _area(cells), 0, 0.0, math.inf
+    wanted: tuple[Basin, ...] = ()
     for gap in gaps:
         # cells without anything better by a smaller gap hold nothing better by a larger one
+        starts: tuple[Basin, ...] = ()
         for part in _PARTS:
             table = _table(problem, cost, known)
             asked = _beating(problem, table, cost, gap)
@@ -96,16 +98,17 @@ def bracket_of(
             cells, count = _left(problem, *asked, table, cells, int(part * size * budget))
             looked += count
             starts = _starts(cells, quadrants, cost) if len(cells) else ()
+            if not starts:
+                break
             # what gains in the cells that are left violate between the table's plants and frequencies joins it
             beaten = -cost if problem.code == DEPTH else 0.0
             known += [_worst(polish, start.gains, beaten) for start in starts]
-            if not starts:
-                break
         if gap == gaps[0]:
-            share = _area(cells) / area
+            share, wanted = _area(cells) / area, starts
         if not len(cells):
-            return Bracket(gap, share, looked, starts, cells)
-    return Bracket(math.inf, share, looked, starts, cells)
+            closed = gap
+            break
+    return Bracket(closed, share, looked, wanted, cells)
 
 
 def _worst(polish: Polish, x: Array, slack: float) -> Array:
@@ -221,7 +224,8 @@ def _beating(problem: Problem, table: Table, cost: float, gap: float) -> tuple[R
         at = int(rows.first[fixed[0]])
         upper = _joined(rows, LOOP_GAIN, 1, cost - step, at, at)
         return _joined(upper, LOOP_GAIN, -1, step - cost, at, at), cost - step
-    return _joined(rows, PHASE_MARGIN, -1, float(rows.limit[fixed[0]]) - cost + step, 0, last), cost - step
+    lower = _joined(rows, PHASE_MARGIN, -1, float(rows.limit[fixed[0]]) - cost + step, 0, last)
+    return _joined(lower, PHASE_MARGIN, 1, float(rows.limit[fixed[0]]) + cost - step, 0, last), cost - step
 
 
 def _step(cost: float, gap: float) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.stability import is_stable
-from fopi_tune.design.bracket import GAPS, bracket_of, excluded_share
+from fopi_tune.design.bracket import bracket_of, excluded_share
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
 from fopi_tune.design.global_search.basins import Basin, scan_box
 from fopi_tune.design.global_search.compiled import DEPTH, ENDLESS, KI
@@ -92,18 +92,19 @@ def search(problem: Problem, start: FoPi | None = None, bracket: bool = True) ->
 
 def beyond_doubt(polish: Polish, best: Polished) -> tuple[Polished, float | None]:
     """The best gains once gains in cells that the bound cannot discard were polished too, and the gap it closes."""
-    for count in range(_MOST_BRACKETS):
-        bracket = bracket_of(polish, best.cost, best.x, gaps=GAPS[:1])
-        if bracket is None or not bracket.starts:
-            return best, None if bracket is None else bracket.gap
-        far = [basin for basin in bracket.starts if _is_far(basin.gains, best.x)]
-        found = polish_basins(polish, far, best) or best
-        is_better = found.cost < best.cost - _BETTER * max(abs(best.cost), 0.05)
-        best = found if found.cost < best.cost else best
-        if not is_better or count == _MOST_BRACKETS - 1:
-            break
-    bracket = bracket_of(polish, best.cost, best.x)
-    return best, bracket.gap if bracket is not None and math.isfinite(bracket.gap) else None
+    for _ in range(_MOST_BRACKETS):
+        bracket = bracket_of(polish, best.cost, best.x)
+        if bracket is None:
+            return best, None
+        before = best.cost
+        for start in bracket.starts:
+            if _is_far(start.gains, best.x):
+                found = polish.run(start.gains, hopeless=before)
+                if found is not None and found.cost < best.cost and _is_stable(polish.problem, found):
+                    best = found
+        if best.cost >= before - _BETTER * max(abs(before), 0.05):
+            return best, bracket.gap if math.isfinite(bracket.gap) else None
+    return best, None
 
 
 def _is_far(one: Array, other: Array) -> bool:

@@ -111,6 +111,29 @@ def _margin_cell(kind, limit, i, table, work, slopes, count):
 
 
 @compiled
+def _margin_range(kind, limit, i, table, work, slopes):
+    """The kappa at which a loop of the cell may have a crossover no farther from -1 than a limit: (low, high)."""
+    n, low, high = work.gain.shape[1], BEYOND, -BEYOND
+    for j in range(1, n - 1):
+        near = j >= table.alias[i] or not slopes[ROOM, j] < _PI
+        if not near:
+            lag = (work.phase[i, j] + _PI) % (2.0 * _PI)
+            if kind == PHASE_MARGIN:
+                near = min(lag, 2.0 * _PI - lag) - slopes[ROOM, j] <= limit
+            else:
+                near = lag - slopes[ROOM, j] <= limit * table.omega[j] or lag + slopes[ROOM, j] >= 2.0 * _PI
+        if not near:
+            continue
+        # a crossover up to the neighbouring columns
+        for k in range(j - 1, j + 2):
+            if 0 < k < n - 1:
+                low, high = min(low, -work.gain[i, k] - slopes[UP, k]), max(high, -work.gain[i, k] - slopes[DOWN, k])
+            else:
+                low, high = (-BEYOND if k == 0 else low), (BEYOND if k > 0 else high)
+    return low, high
+
+
+@compiled
 def _passages_cell(i, cell, signs, table, work, slopes):
     """Passages of -180 deg as (smallest ln|L0|, largest, turns), found between columns where all loops agree; number.
 
@@ -237,6 +260,10 @@ def _row_cell(q, i, passages, integral, table, rows, work, slopes, count):
     elif kind in (PHASE_MARGIN, DELAY_MARGIN):
         if side <= 0:
             count = _margin_cell(kind, limit - (1e-9 if side == 0 else 0.0), i, table, work, slopes, count)
+        if side >= 0:
+            low, high = _margin_range(kind, limit, i, table, work, slopes)
+            count = _forbid(work.forbidden, count, -BEYOND, low)
+            count = _forbid(work.forbidden, count, high, BEYOND)
     elif kind == GAIN_MARGIN and side < 0:
         for r in range(passages):
             if work.cross_turn[i, r] != 0.0:

@@ -15,6 +15,8 @@ from fopi_tune.design.global_search.compiled import compiled
 
 #: corners; each half-plane adds at most one
 _MOST_CORNERS = 96
+#: natural units: what rounding of a row may add up to
+_ROUNDING = 1e-11
 #: relative to a row's size: a coefficient that counts as 0
 _FLAT = 1e-12
 
@@ -26,6 +28,7 @@ def add_row(rows, count, a0, a1, a2, b):
     Where all places are taken it replaces the row that leaves most.
     """
     size = abs(a0) + abs(a1) + abs(a2)
+    b += _ROUNDING
     if not b < size:
         return count
     if b < -size:
@@ -78,6 +81,8 @@ def what_is_left(rows, count, left):
         a0, a1, a2, b = rows[r, 0], rows[r, 1], rows[r, 2], rows[r, 3]
         if b + abs(a0) < abs(a1) + abs(a2):
             number = _clip(corners, other, number, a1, a2, b + abs(a0))
+        if number == 0:
+            return False
         if a0 <= _FLAT * (abs(a1) + abs(a2)):
             continue
         for s in range(count):
@@ -86,8 +91,8 @@ def what_is_left(rows, count, left):
                 w = b / a0 - rows[s, 3] / rows[s, 0]
                 if w < abs(p) + abs(q) and number < _MOST_CORNERS - 2:
                     number = _clip(corners, other, number, p, q, w)
-        if number == 0:
-            return False
+    if number == 0:
+        return False
     left[0] = left[2] = 1.0
     left[1] = left[3] = -1.0
     for r in range(number):
