@@ -61,6 +61,7 @@ def _document(found: Recheck) -> dict[str, Any]:
         "tolerance": certificate.tolerance,
         "boxes": found.boxes,
         "problems": list(found.problems),
+        "notes": list(found.notes),
     }
 
 
@@ -83,7 +84,7 @@ def recheck_optimum_file(document: Any, spec_file: str | None, options: OutputOp
         return max(code, print_out(to_json(_optimum_document(found))))
     verdict = "sound" if found.is_sound else "refused"
     lines = [f"{verdict}: {found.status.value}, {found.leaves} boxes tested again in ball arithmetic"]
-    return max(code, print_out("\n".join([*lines, *(f"  {problem}" for problem in found.problems)])))
+    return max(code, print_out("\n".join([*lines, *(f"  {said}" for said in (*found.problems, *found.notes))])))
 
 
 def _optimum_document(found: OptimumRecheck) -> dict[str, Any]:
@@ -93,4 +94,5 @@ def _optimum_document(found: OptimumRecheck) -> dict[str, Any]:
         "verdict": found.status.value if found.is_sound else None,
         "boxes": found.leaves,
         "problems": list(found.problems),
+        "notes": list(found.notes),
     }

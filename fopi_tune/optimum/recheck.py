@@ -42,11 +42,13 @@ class OptimumRecheck:
         status: as the file states it.
         leaves: number of boxes tested.
         problems: errors found; empty when the file is sound.
+        notes: what is not confirmed and need not be for the statements to be true.
     """
 
     status: OptimumStatus
     leaves: int
     problems: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def is_sound(self) -> bool:

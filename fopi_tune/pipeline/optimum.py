@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.pipeline.prove import with_digest_of
+from fopi_tune.pipeline.prove import other_text, with_digest_of
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.load import Source
 
@@ -53,4 +54,6 @@ def recheck_optimum(document: object, source: Source) -> OptimumRecheck:
     """
     from fopi_tune.optimum import recheck_optimum
 
-    return recheck_optimum(document, with_digest_of(load_spec(source), document))
+    spec = load_spec(source)
+    found = recheck_optimum(document, with_digest_of(spec, document))
+    return replace(found, notes=other_text(spec, document))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -57,8 +58,9 @@ def recheck(document: object, source: Source | None = None) -> Recheck:
 
     if source is None:
         return recheck(document, None)
-    spec = with_digest_of(load_spec(source), document)
-    found = recheck(document, spec)
+    loaded = load_spec(source)
+    spec = with_digest_of(loaded, document)
+    found = replace(recheck(document, spec), notes=other_text(loaded, document))
     case = found.certificate.case
     if case.implementation is None:
         return found
@@ -77,5 +79,22 @@ def with_digest_of(spec: DesignSpec, document: object) -> DesignSpec:
     What a certificate is about, plants, gains, requirements and loop, is compared with the spec entry by entry, or
     derived from it again; the digest of the text would refuse it for a comment or a scenario that was added since.
     """
+    stated = _stated_digest(document)
+    return spec if stated is None else replace(spec, sha256=stated)
+
+
+def other_text(spec: DesignSpec, document: object) -> tuple[str, ...]:
+    """A note when a certificate was made of another text of the spec than this one."""
+    stated = _stated_digest(document)
+    if stated is None or stated == spec.sha256:
+        return ()
+    return (
+        "it was made of another text of this spec (`spec_sha256`); what it is about was compared with this text entry "
+        "by entry",
+    )
+
+
+def _stated_digest(document: object) -> str | None:
     stated = document.get("spec_sha256") if isinstance(document, Mapping) else None
-    return replace(spec, sha256=stated) if isinstance(stated, str) else spec
+    # a spec that was made in Python may have none
+    return stated if isinstance(stated, str) and re.fullmatch("([0-9a-f]{64})?", stated) else None

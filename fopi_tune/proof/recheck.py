@@ -46,11 +46,13 @@ class Recheck:
         certificate: as read.
         problems: errors found, each with its place; empty when the certificate is sound.
         boxes: number of boxes tested.
+        notes: what is not confirmed and need not be for the statements to be true.
     """
 
     certificate: Certificate
     problems: tuple[str, ...]
     boxes: int
+    notes: tuple[str, ...] = ()
 
     @property
     def is_sound(self) -> bool:

@@ -92,11 +92,10 @@ def test_designed_on_samples_the_loop_on_samples_meets_everything_and_is_proved(
 @pytest.mark.parametrize(
     ("method", "more"),
     [
-        ("fit", ""),
         ("modified_oustaloup", ""),
         ("oustaloup", ", prewarp: crossover"),
         ("oustaloup", ", rule: matched"),
-        ("fit", ", output_limits: [-1, 1]"),
+        ("modified_oustaloup", ", output_limits: [-1, 1]"),
     ],
 )
 def test_every_way_to_make_a_filter_can_be_designed_for(method: str, more: str) -> None:
@@ -105,6 +104,11 @@ def test_every_way_to_make_a_filter_can_be_designed_for(method: str, more: str) 
     design = ft.tune(spec)
     assert design.status is ft.Status.SOLVED
     assert design.certificate is not None
+
+
+def test_a_filter_whose_poles_jump_with_the_order_is_refused_by_name() -> None:
+    with pytest.raises(ft.DomainError, match="method: fit has no `design: sampled`"):
+        ft.tune(sampled(THROTTLE, ("method: oustaloup", "method: fit")))
 
 
 def test_computing_delay_is_designed_for_too() -> None:

@@ -41,6 +41,7 @@ from fopi_tune.spec.model import DesignSpec, GainRange, Objective, Relation, Req
 WORDS = ([status.value for status in OptimumStatus],)
 #: what may be changed without making a statement false, and why; the oracle has the last word
 HARMLESS = {
+    "spec_sha256": "another text of the same spec, which the recheck says",
     "versions": "what made the file is not a statement about gains",
     "boxes": "how long the search took, beyond the boxes of its tree",
     "wanted_gap": "another gap that is reached, or not reached, like the one that was asked for",
@@ -122,7 +123,8 @@ def outcome(spec: DesignSpec, document: Document, change: Change) -> str:
     """Whether a change was refused, or accepted and harmless; an accepted change with a false statement fails."""
     found = change.applied(document)
     try:
-        if not ft.recheck_optimum(found, spec).is_sound:
+        again = ft.recheck_optimum(found, spec)
+        if not again.is_sound:
             return "refused"
     except ft.CertificateError:
         return "no file of an optimum"
@@ -134,6 +136,7 @@ def outcome(spec: DesignSpec, document: Document, change: Change) -> str:
     if entry in ROUNDED:
         assert change.kind in (f"{SMALL:+g}", f"{-SMALL:+g}"), where
     assert false_statements(found, spec) == [], where
+    assert entry != "spec_sha256" or again.notes, where
     return entry
 
 

@@ -111,7 +111,7 @@ def test_a_refutation_that_remains_is_named_with_its_plant_and_frequency(monkeyp
     # a search that does not know of the limit: the check does
     spec = ft.load_spec(FIELD / "failed_kp_at_infinity.yaml")
     gains = FoPi(2.5588, 3.0, 1.4)
-    monkeypatch.setattr("fopi_tune.design.design", lambda *_: Candidate(ft.Status.SOLVED, gains, (None, None)))
+    monkeypatch.setattr("fopi_tune.design.design", lambda *_, **__: Candidate(ft.Status.SOLVED, gains, (None, None)))
     design = ft.tune(spec)
     assert design.status is ft.Status.FAILED
     assert "control_sensitivity_db is 8.16072" in design.message
@@ -126,7 +126,7 @@ def test_what_the_proof_alone_refutes_is_named_too(monkeypatch: pytest.MonkeyPat
     gains = FoPi(37.02698887179, 69.38097160089315, 1.0)
     asked: list[tuple[Violation, ...]] = []
 
-    def search(_: object, violations: tuple[Violation, ...], *__: object) -> Candidate:
+    def search(_: object, violations: tuple[Violation, ...], *__: object, **___: object) -> Candidate:
         asked.append(violations)
         return Candidate(ft.Status.SOLVED, gains, (None,))
 
@@ -146,7 +146,7 @@ def test_what_the_proof_alone_refutes_is_named_too(monkeypatch: pytest.MonkeyPat
 def test_a_refutation_after_which_the_search_finds_nothing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     spec = ft.load_spec(FIELD / "failed_kp_at_infinity.yaml")
 
-    def search(_: object, violations: tuple[Violation, ...], *__: object) -> Candidate:
+    def search(_: object, violations: tuple[Violation, ...], *__: object, **___: object) -> Candidate:
         if violations:
             return Candidate(ft.Status.FAILED, None, (None, None), (), "the search gave up")
         return Candidate(ft.Status.SOLVED, FoPi(2.5588, 3.0, 1.4), (None, None))
@@ -170,7 +170,7 @@ def test_an_unstable_plant_that_the_check_finds_comes_back_as_a_cut(monkeypatch:
     asked: list[tuple[Violation, ...]] = []
     known = ft.tune(spec, proof=False)
 
-    def search(_: object, violations: tuple[Violation, ...], *__: object) -> Candidate:
+    def search(_: object, violations: tuple[Violation, ...], *__: object, **___: object) -> Candidate:
         asked.append(violations)
         return Candidate(ft.Status.SOLVED, known.gains if violations else FoPi(0.5, 0.1, 1.0), (None,))
 

@@ -310,14 +310,14 @@ def test_a_design_and_a_check_of_one_folder_are_told_apart_by_their_files(result
         (("tuned", "brake.yaml"), "brake.yaml: there is no design.json to read in results/brake"),
         (
             ("tuned", "stale"),
-            "stale: check.json is of another spec, or of an earlier text of this one; run `fopi prove`",
+            "stale: check.json is of another spec, or this one's plant changed since; run `fopi prove` again",
         ),
         (("tuned", "broken"), "broken: check.json is no result of this tool"),
     ],
 )
 def test_what_cannot_be_compared_is_refused_with_the_reason(results: Path, words: tuple[str, ...], said: str) -> None:
     (results / "empty").mkdir()
-    for name, spec, document in (("stale", BRAKE + "# more\n", None), ("broken", BRAKE, "{}")):
+    for name, spec, document in (("stale", BRAKE.replace("max: 3.1", "max: 3.2"), None), ("broken", BRAKE, "{}")):
         (results / name).mkdir()
         (results / name / "spec.yaml").write_text(spec, encoding="utf-8")
         made = (results / "tuned" / "check.json").read_text(encoding="utf-8")

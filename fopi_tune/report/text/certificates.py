@@ -45,6 +45,8 @@ def recheck_text(found: Recheck) -> Text:
         f"each limit within a tolerance of {certificate.tolerance:g}."
     )
     lines = wrapped(f"{certificate.name}: sound. {said}", style_of(proved))
+    for note in found.notes:
+        lines += wrapped(f"Note: {note}.")
     lines += [("", ""), (gains_line(gains), "bold"), ("", "")]
     for proof in certificate.requirements:
         lines += wrapped(f"{proof.verdict.value:<{FIRST_COLUMN}}{requirement_phrase(proof.requirement)}")
