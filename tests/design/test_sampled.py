@@ -138,8 +138,9 @@ def compared(text: str, generations: int, points: int) -> tuple[float | None, fl
     ours = sign * tuned.objective if tuned.status is Status.SOLVED and tuned.objective is not None else None
     gains, merit = Reference(tuned.spec, points).search(generations=generations)
     verified = checked(tuned.spec, gains) if merit < 40.0 else None
-    met = verified is not None and verified.all_met and verified.objective is not None
-    return ours, sign * verified.objective if met else None  # pyright: ignore[reportOptionalMemberAccess]
+    if verified is None or not verified.all_met or verified.objective is None:
+        return ours, None
+    return ours, sign * verified.objective
 
 
 def is_no_worse(ours: float | None, theirs: float | None) -> bool:

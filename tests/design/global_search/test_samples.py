@@ -74,7 +74,7 @@ def spec_of(plant: str, requirements: list[str], digital: str = "sample_time_s: 
 @pytest.mark.parametrize("options", FILTERS, ids=lambda o: " ".join(o.values()))
 @pytest.mark.parametrize("poles", [2, 7])
 def test_the_filter_is_that_of_the_digital_controller(options: dict[str, str], poles: int) -> None:
-    digital = DigitalSpec(sample_time_s=0.2, poles=poles, **options)
+    digital = replace(DigitalSpec(sample_time_s=0.2, poles=poles), **options)
     samples = Samples(digital, Scale(0.7, 2.0, np.ones(1)), 0.8)
     sampling = samples.sampling
     omega = np.geomspace(1e-4, 0.999 * samples.nyquist_rad_s, 60)
@@ -121,7 +121,8 @@ def test_the_plants_of_a_box_are_those_behind_the_hold(plant: str, digital: str)
 def test_the_slots_quantities_are_those_of_core(plant: str, options: dict[str, str]) -> None:
     spec = spec_of(PLANTS[plant], QUANTITIES_ASKED[:1], "sample_time_s: 0.2, delay_samples: 0.5")
     assert spec.digital is not None
-    spec = replace(spec, digital=replace(spec.digital, **options))
+    digital = replace(spec.digital, **options)
+    spec = replace(spec, digital=digital)
     family, chance, problem = spec.plant, np.random.default_rng(2), Problem.of(spec)
     for _ in range(12):
         gains = FoPi(*chance.uniform((-3, -3, 0.1), (3, 3, 1.9)).tolist())
@@ -132,7 +133,7 @@ def test_the_slots_quantities_are_those_of_core(plant: str, options: dict[str, s
         theta = family.low + chance.random(len(family.low)) * (family.high - family.low)
         omega = float(np.exp(chance.uniform(-4, 2)))
         implementation = replace(
-            implementation_of(spec, gains), sections=sections_of(gains, spec.digital, samples.crossover_rad_s)
+            implementation_of(spec, gains), sections=sections_of(gains, digital, samples.crossover_rad_s)
         )
         loops = SampledLoops.implemented(gains, implementation, Plants.members(family, theta[None, :]))
         row, at = np.zeros(1, dtype=np.intp), loops.u_of(np.array([omega]))
