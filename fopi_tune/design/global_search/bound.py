@@ -33,6 +33,7 @@ from fopi_tune.design.global_search.compiled import (
     S,
     T,
     compiled,
+    order_by_first,
 )
 from fopi_tune.design.global_search.intervals import negative_interval
 from fopi_tune.design.global_search.rays import BEYOND, forbid, whole_turns
@@ -289,7 +290,7 @@ def kappa_left(code, target, cell, signs, table, rows, box, work):
         for q in range(len(rows.kind)):
             if i == 0 or not (rows.nominal[q] or rows.side[q] == 0):
                 count = _row_cell(q, i, passages, table, rows, work, count)
-    order = np.argsort(work.forbidden[:count, 0])
+    order = order_by_first(work.forbidden, count)
     reached, best, width = low, NOTHING, 0.0
     for r in range(count + 1):
         begin = work.forbidden[order[r], 0] if r < count else high

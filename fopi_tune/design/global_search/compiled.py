@@ -5,10 +5,14 @@ This module imports Numba: import it where it is needed.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import models, register_model, typeof_impl
 
 from fopi_tune.quantities.objectives import ObjectiveKind
 
@@ -47,16 +51,72 @@ ENDLESS = 9.0
 CLOSEST = 0.01
 
 
-def _compiled(function: Any) -> Any:
-    try:
-        return njit(cache=True, error_model="numpy")(function)
-    except RuntimeError:
-        # neither beside this file nor in the user's cache can be written
-        return njit(error_model="numpy")(function)
+def _sources() -> tuple[tuple[str, int, int], ...]:
+    """Names, sizes and times of this folder's modules:  Numba's own key holds those of one module alone."""
+    found = sorted(Path(__file__).parent.glob("*.py"))
+    return tuple((path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in found)
 
 
+#: what Numba's own type hints of `njit` do not know
+_WITHOUT_WRAPPERS: Any = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+class Compiled:
+    """A function that Numba compiles when it is first needed, called by compiled code or by Python.
+
+    Only what Python calls gets the code that unpacks Python's objects, and a place in Numba's cache: for tables of many
+    arrays this is most of the work of compiling.
+
+    Args:
+        function: in the part of Python that Numba knows.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.name = function.__name__
+        self.dispatcher = njit(**_WITHOUT_WRAPPERS)(function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._from_python(*arguments)
+
+    def __reduce__(self) -> str:
+        # by name, so that Numba's key, which is made of it, is the same in each process
+        return self.name
+
+    @functools.cached_property
+    def _from_python(self) -> Callable[..., Any]:
+        function, sources = self, _SOURCES
+
+        def call(*arguments):
+            _ = sources  # part of the function and so of Numba's key
+            return function(*arguments)
+
+        call.__qualname__ = f"call_{self.name}"
+        try:
+            return njit(error_model="numpy", cache=True)(call)
+        except RuntimeError:
+            # neither beside this file nor in the user's cache can be written
+            return njit(error_model="numpy")(call)
+
+
+class _CompiledType(types.Dispatcher):
+    """Numba compiles its own functions once more for each constant that they are called with; these it does not."""
+
+    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+        return super().get_call_type(context, tuple(types.unliteral(t) for t in args), kws)
+
+
+register_model(_CompiledType)(models.OpaqueModel)
+
+
+@typeof_impl.register(Compiled)
+def _typeof_compiled(value: Compiled, _: Any) -> _CompiledType:
+    return _CompiledType(value.dispatcher)
+
+
+_SOURCES = _sources()
 #: compiles a function by Numba when it is first called, and keeps the code where it can
-compiled: Any = _compiled
+compiled: Any = Compiled
 
 
 class Sampling(NamedTuple):
@@ -198,3 +258,9 @@ def work_for(table: Table) -> Work:
         cross_count=np.zeros(m, dtype=np.int64),
         found=np.empty((64, 2)),
     )
+
+
+@compiled
+def order_by_first(rows, count):
+    """The order in which the first `count` rows ascend in their first column."""
+    return np.argsort(rows[:count, 0])

@@ -31,6 +31,7 @@ from fopi_tune.design.global_search.compiled import (
     PHASE_SLOPE,
     S,
     compiled,
+    order_by_first,
 )
 from fopi_tune.design.global_search.rays import BEYOND, alias_gain, fill_ray, find_passages, forbid, forbid_unstable
 
@@ -220,7 +221,7 @@ def collect_gain_margins(limit, i, table, work):
 @compiled
 def forbid_outside(work, count, found):
     """Forbid all kappa outside of the union of the first `found` intervals of `allowed`."""
-    order = np.argsort(work.allowed[:found, 0])
+    order = order_by_first(work.allowed, found)
     reached = -BEYOND
     for r in range(found):
         count = forbid(work, count, reached, work.allowed[order[r], 0])
@@ -319,7 +320,7 @@ def allowed_on_ray(low, high, table, rows, work):
         for q in range(len(rows.kind)):
             if rows.side[q] != 0 and not rows.soft[q] and (i == 0 or not rows.nominal[q]):
                 count = forbid_row(q, i, table, rows, work, count)
-    order = np.argsort(work.forbidden[:count, 0])
+    order = order_by_first(work.forbidden, count)
     found, reached = 0, low
     for r in range(count + 1):
         begin = work.forbidden[order[r], 0] if r < count else NOTHING

@@ -61,6 +61,13 @@ def loop_at(x, plant, v, near):
 
 
 @compiled
+def copy_into(source, target):
+    """Copy an array into one of the same size; a loop, since array expressions take long to compile."""
+    for k in range(len(source)):
+        target[k] = source[k]
+
+
+@compiled
 def value_at(kind, x, plant, v, near):
     """A quantity's natural value at a frequency; margins are angles and lags to -1."""
     gain, phase, log_c = loop_at(x, plant, v, near)

@@ -47,7 +47,7 @@ def controller_of(x, sampling):
     alpha, h, corners = x[2], sampling.half, sampling.corners
     middle, last, here, there = sampling.gain[0], sampling.gain[1], sampling.gain[2], sampling.gain[3]
     found = np.empty(_CORNERS + len(corners))
-    found[:3], found[_HALF] = x[:3], h
+    found[0], found[1], found[2], found[_HALF] = x[0], x[1], x[2], h
     g, sign = last - here + there - alpha * middle, 1.0
     for k in range(len(corners)):
         corner = math.exp(corners[k, 0] + corners[k, 1] * alpha + corners[k, 2] * math.log(alpha))
@@ -127,9 +127,11 @@ def delayed_at_real(delay, s, half):
 @compiled
 def plant_of(family, point, plant):
     """Write the coefficients of the plant at a point of the box."""
-    plant[:] = family.affine[0]
-    for u in range(len(point)):
-        plant += point[u] * family.affine[1 + u]
+    for k in range(len(plant)):
+        total = family.affine[0, k]
+        for u in range(len(point)):
+            total += point[u] * family.affine[1 + u, k]
+        plant[k] = total
     if family.half > 0.0:
         behind_hold(plant, family.half, family.delay)
 
@@ -155,9 +157,9 @@ def behind_hold(plant, half, delay):
     for k in range(n + 1):
         unit = (2.0 * half) ** k / leading
         top[k], bottom[k] = plant[width - 1 - n + k] * unit, plant[2 * width - 1 - n + k] * unit
-    a, c = np.zeros((n, n)), top[1:] - top[0] * bottom[1:]
+    a, c = np.zeros((n, n)), np.empty(n)
     for k in range(n):
-        a[0, k] = -bottom[1 + k]
+        a[0, k], c[k] = -bottom[1 + k], top[1 + k] - top[0] * bottom[1 + k]
         if k > 0:
             a[k, k - 1] = 1.0
     step, first = transition(a, 1.0)
@@ -166,7 +168,8 @@ def behind_hold(plant, half, delay):
         moved, first = transition(a, 1.0 - part)
         _, last = transition(a, part)
         product(moved, last, second)
-        second += last
+        for k in range(n):
+            second[k] += last[k]
     q, r = np.zeros(n + 1), np.zeros(n + 1)
     r[0] = 1.0
     b, moved, row = np.eye(n), np.empty((n, n)), np.empty(n)
@@ -183,16 +186,18 @@ def behind_hold(plant, half, delay):
         trace = 0.0
         for i in range(n):
             trace += moved[i, i]
-        if np.any(bottom[k + 1 :] != 0.0):
-            r[k + 1] = -trace / (k + 1)
-        b[:] = moved
+        for i in range(k + 1, n + 1):
+            if bottom[i] != 0.0:
+                r[k + 1] = -trace / (k + 1)
         for i in range(n):
-            b[i, i] -= trace / (k + 1)
-    q += top[0] * r
+            for j in range(n):
+                b[i, j] = moved[i, j] - (trace / (k + 1) if i == j else 0.0)
+    for k in range(n + 1):
+        q[k] += top[0] * r[k]
     if bottom[n] != 0.0:
         q[n] = top[n] / bottom[n] * r[n]
-    write_bilinear(q, half, plant[:width])
-    write_bilinear(r, half, plant[width : 2 * width])
+    write_bilinear(q, half, plant, width)
+    write_bilinear(r, half, plant, 2 * width)
     plant[2 * width] = whole + 1.0
 
 
@@ -250,8 +255,8 @@ def transition(a, t):
 
 
 @compiled
-def write_bilinear(coefficients, half, out):
-    """A polynomial in delta = 2 h s/(1 - h s), times (1 - h s)^n, as one in s; falling powers."""
+def write_bilinear(coefficients, half, out, end):
+    """A polynomial in delta = 2 h s/(1 - h s), times (1 - h s)^n, as one in s, falling powers that end before `end`."""
     n = len(coefficients) - 1
     found, factor = np.zeros(n + 1), np.zeros(n + 1)
     found[0], factor[0] = coefficients[0], 1.0
@@ -262,9 +267,8 @@ def write_bilinear(coefficients, half, out):
         found[0] = 0.0
         for j in range(n + 1):
             found[j] += coefficients[k] * factor[j]
-    out[:] = 0.0
     for j in range(n + 1):
-        out[len(out) - 1 - j] = found[j]
+        out[end - 1 - j] = found[j]
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from fopi_tune.design.global_search.compiled import (
     S,
     T,
     compiled,
+    order_by_first,
 )
 from fopi_tune.design.global_search.rays import alias_gain, fill_ray, find_passages, unstable_poles
 from fopi_tune.design.global_search.responses import (
@@ -33,6 +34,7 @@ from fopi_tune.design.global_search.responses import (
     AT_PEAK,
     AT_PHASE,
     AT_REFERENCE,
+    copy_into,
     crossing_near,
     settle,
     value_at,
@@ -108,8 +110,7 @@ def _band_dips(q, i, x, table, rows, work, y, found, count):
             v, mode = table.v[1], AT_FIXED
         elif j == n - 1:
             v = table.v[n - 2]
-            # on samples |L| ends at a number
-            falls = kind == CS and work.gain[i, j] < -10.0 and table.sampling.half == 0.0
+            falls = kind == CS and work.gain[i, j] < -10.0 and table.sampling.half == 0.0  # not on samples
             mode = AT_INFINITY if falls else AT_FIXED
         elif j >= table.alias[i]:
             target = 2.0 * _PI * round((work.phase[i, j] - _PI) / (2.0 * _PI)) + _PI
@@ -271,7 +272,7 @@ def _worst_plant(
     size = 0.5 if inside else 0.0
     if not inside:
         for k in range(p):
-            trial[:] = point
+            copy_into(point, trial)
             trial[k] += (0.02 if point[k] == low[k] else -0.02) * spacing[k]
             plant_of(family, trial, other)
             value, _ = settle(kind, side, mode, x, other, v, near, target, low_v, high_v, horizon)
@@ -281,7 +282,7 @@ def _worst_plant(
         moved = False
         for k in range(p):
             for way in (-1.0, 1.0):
-                trial[:] = point
+                copy_into(point, trial)
                 trial[k] = min(max(point[k] + way * size * spacing[k], low[k]), high[k])
                 if trial[k] == point[k]:
                     continue
@@ -290,8 +291,8 @@ def _worst_plant(
                 slack = inner_slack(side, limit, scale, value)
                 if slack < best - 1e-13 and math.isfinite(slack) and abs(at - v) < _APART:
                     best, v, moved = slack, at, True
-                    point[:] = trial
-                    plant[:] = other
+                    copy_into(trial, point)
+                    copy_into(other, plant)
         if not moved:
             size *= 0.35
     return best, v
@@ -341,7 +342,7 @@ def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, rea
                 count = _crossover_dips(q, i, table, rows, work, found, count)
             if count < 0:
                 return -1
-        order = np.argsort(found[:count, 0])
+        order = order_by_first(found, count)
         for r in range(count):
             dip = found[order[r]]
             if total - begin >= _MOST_OF_A_ROW or total >= len(out):

@@ -1,0 +1,53 @@
+"""Functions that Numba compiles:  one compilation whatever constants they get, a key that holds all their sources."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+
+from fopi_tune.design.global_search import compiled as module
+from fopi_tune.design.global_search.compiled import Compiled, compiled, order_by_first
+
+
+@compiled
+def power(x, n):
+    """x to the power of n."""
+    return x**n
+
+
+@compiled
+def two_powers(x, n):
+    """A sum of calls with constants and with a variable."""
+    return power(x, 2) + power(x, 3) + power(x, n)
+
+
+def test_a_compiled_function_is_called_by_python_and_by_compiled_code() -> None:
+    assert two_powers(2.0, 4) == 4.0 + 8.0 + 16.0
+    assert power(3.0, 2) == 9.0
+
+
+def test_constants_do_not_compile_a_function_anew() -> None:
+    two_powers(2.0, 4)
+    assert len(power.dispatcher.signatures) == 1
+
+
+def test_a_compiled_function_is_pickled_by_its_name() -> None:
+    assert pickle.loads(pickle.dumps(order_by_first)) is order_by_first
+    assert isinstance(order_by_first, Compiled)
+
+
+def test_the_key_in_the_cache_holds_every_module_of_the_folder() -> None:
+    order_by_first(np.array([[2.0, 0.0], [1.0, 0.0]]), 2)
+    call = order_by_first._from_python.py_func
+    assert call.__closure__ is not None
+    kept = [cell.cell_contents for cell in call.__closure__]
+    (sources,) = (value for value in kept if isinstance(value, tuple))
+    modules = {path.name for path in Path(module.__file__ or "").parent.glob("*.py")}
+    assert {name for name, _, _ in sources} == modules
+
+
+def test_rows_are_ordered_by_their_first_column() -> None:
+    rows = np.array([[3.0, 0.0], [1.0, 5.0], [2.0, 1.0], [-9.0, 0.0]])
+    assert order_by_first(rows, 3).tolist() == [1, 2, 0]
