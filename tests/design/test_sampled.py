@@ -178,6 +178,14 @@ def test_what_clashes_on_samples_is_said_and_each_relaxation_is_enough() -> None
         assert ft.tune(replace(spec, requirements=tuple(rows)), proof=False).status is Status.SOLVED
 
 
+def test_a_crossover_above_nyquists_frequency_has_no_solution() -> None:
+    spec = shipped("throttle", sample_time_s=10.0)
+    found = design(spec)
+    assert found.status is Status.INFEASIBLE
+    assert "Nyquist" in found.message
+    assert [give.requirement for give in found.clash] == [0]
+
+
 def test_gains_that_grow_without_end_are_called_unbounded_on_samples() -> None:
     text = (
         "schema: 1\nname: x\nplant: {model: transfer_function, numerator: [0.1, 1], denominator: [1, 1]}\n"
