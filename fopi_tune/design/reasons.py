@@ -1,7 +1,8 @@
 """Infeasibility that a formula shows, without solving:  DesignSpec -> Reason or None.
 
 Three conditions are tested: an upper limit of a gain margin that is always infinite, a limit that no gains can meet as
-omega -> 0 or infinity, and a crossover with a phase margin whose closed-form gains lie outside their ranges.
+omega -> 0 or infinity, and a crossover with a phase margin whose closed-form gains lie outside their ranges.  Of a loop
+on samples the second as omega -> 0 alone, and a crossover above Nyquist's frequency.
 
 The limits as omega -> 0 depend on integral action.  With ki != 0 on a plant with a finite P(0) != 0, for all gains,
 
@@ -45,13 +46,25 @@ def reason_without_solving(spec: DesignSpec) -> Reason | None:
     """The first reason found for infeasibility; None when no formula decides."""
     constraints = constraints_of(spec)
     if spec.digital is not None and spec.digital.designs_sampled:
-        # formulas of the continuous loop, but for omega -> 0
-        return _limit_at_zero_or_infinity(spec, constraints)
+        # the others are formulas of the continuous loop
+        nyquist = math.pi / spec.digital.sample_time_s
+        return _crossover_above_nyquist(spec, constraints, nyquist) or _limit_at_zero_or_infinity(spec, constraints)
     return (
         _no_phase_crossover(spec, constraints)
         or _limit_at_zero_or_infinity(spec, constraints)
         or _closed_form_out_of_range(spec, constraints)
     )
+
+
+def _crossover_above_nyquist(spec: DesignSpec, constraints: tuple[Constraint, ...], nyquist: float) -> Reason | None:
+    """A crossover that has to lie where a loop on samples has no response."""
+    for constraint in constraints:
+        is_crossover = constraint.quantity.name == "crossover_rad_s" and constraint.bound is not Bound.UPPER
+        if is_crossover and constraint.limit_public >= nyquist:
+            text, alone = describe(spec.requirements[constraint.requirement]), frozenset({constraint.requirement})
+            message = f"{text} has no solution: Nyquist's frequency is {nyquist:.6g} rad/s; sample faster, or lower it"
+            return Reason(alone, message, alone)
+    return None
 
 
 def _no_phase_crossover(spec: DesignSpec, constraints: tuple[Constraint, ...]) -> Reason | None:

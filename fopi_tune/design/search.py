@@ -120,7 +120,7 @@ def share_in_words(excluded: float) -> str:
 
 def best_from(problem: Problem, start: FoPi | None = None) -> tuple[Polish, Polished | None]:
     """`best_of_box` of a problem whose filter, on samples, is exact at the crossover of the start."""
-    if start is not None and problem.needs_crossover:
+    if start is not None and (start.kp, start.ki) != (0.0, 0.0) and problem.needs_crossover:
         problem = problem.exact_at(nominal_crossover(problem.spec, start))
     polish = Polish(problem)
     return polish, best_of_box(polish, start)

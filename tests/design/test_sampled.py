@@ -138,8 +138,9 @@ def compared(text: str, generations: int, points: int) -> tuple[float | None, fl
     ours = sign * tuned.objective if tuned.status is Status.SOLVED and tuned.objective is not None else None
     gains, merit = Reference(tuned.spec, points).search(generations=generations)
     verified = checked(tuned.spec, gains) if merit < 40.0 else None
-    met = verified is not None and verified.all_met and verified.objective is not None
-    return ours, sign * verified.objective if met else None  # pyright: ignore[reportOptionalMemberAccess]
+    if verified is None or not verified.all_met or verified.objective is None:
+        return ours, None
+    return ours, sign * verified.objective
 
 
 def is_no_worse(ours: float | None, theirs: float | None) -> bool:
@@ -175,6 +176,14 @@ def test_what_clashes_on_samples_is_said_and_each_relaxation_is_enough() -> None
         rows = list(spec.requirements)
         rows[give.requirement] = replace(rows[give.requirement], limits=(give.new_limit,))
         assert ft.tune(replace(spec, requirements=tuple(rows)), proof=False).status is Status.SOLVED
+
+
+def test_a_crossover_above_nyquists_frequency_has_no_solution() -> None:
+    spec = shipped("throttle", sample_time_s=10.0)
+    found = design(spec)
+    assert found.status is Status.INFEASIBLE
+    assert "Nyquist" in found.message
+    assert [give.requirement for give in found.clash] == [0]
 
 
 def test_gains_that_grow_without_end_are_called_unbounded_on_samples() -> None:

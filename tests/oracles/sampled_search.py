@@ -182,7 +182,7 @@ class Reference:
         return value[:1] if r.scope is Scope.NOMINAL else value
 
     def _gain_margins(self, loop: np.ndarray) -> np.ndarray:
-        imag, real = loop.imag, loop.real
+        imag, real = np.imag(loop), np.real(loop)
         row, k = np.nonzero(np.sign(imag[:, 1:]) != np.sign(imag[:, :-1]))
         part = imag[row, k] / (imag[row, k] - imag[row, k + 1])
         at = real[row, k] + part * (real[row, k + 1] - real[row, k])

@@ -138,25 +138,14 @@ NO_SAMPLES = Sampling(0.0, np.zeros((0, 3)), 0, np.zeros(4))
 
 
 class Family(NamedTuple):
-    """The coefficients of every plant of a box: `affine` in its point, or (with samples) a sum of Chebyshev terms.
+    """The coefficients of every plant of a box, shape (1 + p, 19): `affine`[0] + point @ `affine`[1:].
 
-    `affine` has shape (1 + p, 19).  Term r is `values`[r] times the product over k of T_n(x_k), n = `powers`[r, k],
-    where x_k = (number - `middle`)/`reach`, of its logarithm where `logarithmic`.  The number `late_axis` (-1: none)
-    is the dead time: its x is that of the part of a sample, and its whole samples are the last coefficient.  `most` is
-    the highest power, `first` the number of leading zeros of N and D.
+    On samples the plant is behind a hold: `half` = omega_s Ts/2, 0 in continuous time, and `delay` in samples.
     """
 
     affine: Any
-    powers: Any
-    values: Any
-    middle: Any
-    reach: Any
-    logarithmic: Any
-    late_axis: int
-    late: float
-    per_second: float
-    most: int
-    first: int
+    half: float
+    delay: float
 
 
 class Table(NamedTuple):

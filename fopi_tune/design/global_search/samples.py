@@ -17,7 +17,6 @@ Source: derived; `core/sampled_loops.py`, (2), with w = h s, and `digital/oustal
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,21 +24,15 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
-from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.sampled_loops import WHOLE, SampledPlants
-from fopi_tune.core.zero_order_hold import behind_hold
 from fopi_tune.design.constraints import Scale
-from fopi_tune.design.global_search.compiled import Family, Sampling, compiled
+from fopi_tune.design.global_search.compiled import Sampling, compiled
 from fopi_tune.digital.discretize import Method, Rule
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DigitalSpec
 
-#: nodes with which the degree along one number is found, and the most of a whole box
-_NODES, _MOST_NODES = (6, 9, 17, 33, 65), 12_000
-#: relative to the largest coefficient of its power of s; smaller terms are left out, larger ones of many numbers
-_NEGLIGIBLE = (1e-13, 1e-12, 1e-11, 1e-10, 1e-9)
-#: relative; terms that do not fall any more are rounding if they are smaller
-_ROUNDING = 1e-9
+#: terms of the exponential series: 0.5^16/16! = 1e-18
+_TERMS = 17
 #: the modified filter's fast zero and pole, as in `digital/oustaloup.py`
 _FAST = math.log(10.0 / 9.0)
 #: where the controller's numbers begin in what `controller_of` returns
@@ -54,7 +47,7 @@ def controller_of(x, sampling):
     alpha, h, corners = x[2], sampling.half, sampling.corners
     middle, last, here, there = sampling.gain[0], sampling.gain[1], sampling.gain[2], sampling.gain[3]
     found = np.empty(_CORNERS + len(corners))
-    found[:3], found[_HALF] = x[:3], h
+    found[0], found[1], found[2], found[_HALF] = x[0], x[1], x[2], h
     g, sign = last - here + there - alpha * middle, 1.0
     for k in range(len(corners)):
         corner = math.exp(corners[k, 0] + corners[k, 1] * alpha + corners[k, 2] * math.log(alpha))
@@ -134,35 +127,148 @@ def delayed_at_real(delay, s, half):
 @compiled
 def plant_of(family, point, plant):
     """Write the coefficients of the plant at a point of the box."""
-    p = len(point)
-    if len(family.powers) == 0:
-        for c in range(len(plant)):
-            plant[c] = family.affine[0, c]
-            for u in range(p):
-                plant[c] += point[u] * family.affine[1 + u, c]
-        return
-    late, terms = family.late, np.ones((p, family.most + 1))
-    for k in range(p):
-        x = math.log(point[k]) if family.logarithmic[k] else point[k]
-        if k == family.late_axis:
-            samples = point[k] * family.per_second + family.late
-            late = math.floor(samples + WHOLE) + 1.0
-            x = max(samples - late + 1.0, 0.0)
-        x = (x - family.middle[k]) / family.reach[k]
-        terms[k, 1] = x
-        for n in range(2, family.most + 1):
-            terms[k, n] = 2.0 * x * terms[k, n - 1] - terms[k, n - 2]
-    for c in range(len(plant)):
-        plant[c] = 0.0
+    for k in range(len(plant)):
+        total = family.affine[0, k]
+        for u in range(len(point)):
+            total += point[u] * family.affine[1 + u, k]
+        plant[k] = total
+    if family.half > 0.0:
+        behind_hold(plant, family.half, family.delay)
+
+
+@compiled
+def behind_hold(plant, half, delay):
+    """Replace a continuous plant's coefficients by those of its exact hold equivalent, as `core/sampled_loops.py`, (1).
+
+    Args:
+        plant: N, D and the dead time in 1/omega_s; then N, D and whole samples.
+        half: h.
+        delay: the computing delay in samples.
+    """
     width = (len(plant) - 1) // 2
-    for r in range(len(family.powers)):
-        factor = 1.0
-        for k in range(p):
-            factor *= terms[k, family.powers[r, k]]
-        for c in range(family.first, width):
-            plant[c] += factor * family.values[r, c]
-            plant[width + c] += factor * family.values[r, width + c]
-    plant[len(plant) - 1] = late
+    n = width - 1
+    while plant[2 * width - 1 - n] == 0.0:
+        n -= 1
+    samples = 0.5 * plant[2 * width] / half + delay
+    whole = math.floor(samples + WHOLE)
+    part = max(samples - whole, 0.0)
+    # time in samples: the coefficients of falling powers take 1, 2 h, (2 h)^2, ...
+    top, bottom, leading = np.empty(n + 1), np.empty(n + 1), plant[2 * width - 1 - n]
+    for k in range(n + 1):
+        unit = (2.0 * half) ** k / leading
+        top[k], bottom[k] = plant[width - 1 - n + k] * unit, plant[2 * width - 1 - n + k] * unit
+    a, c = np.zeros((n, n)), np.empty(n)
+    for k in range(n):
+        a[0, k], c[k] = -bottom[1 + k], top[1 + k] - top[0] * bottom[1 + k]
+        if k > 0:
+            a[k, k - 1] = 1.0
+    step, first = transition(a, 1.0)
+    second = np.zeros(n)
+    if part > 0.0:
+        moved, first = transition(a, 1.0 - part)
+        _, last = transition(a, part)
+        product(moved, last, second)
+        for k in range(n):
+            second[k] += last[k]
+    q, r = np.zeros(n + 1), np.zeros(n + 1)
+    r[0] = 1.0
+    b, moved, row = np.eye(n), np.empty((n, n)), np.empty(n)
+    for k in range(n):
+        # Faddeev and LeVerrier's recursion of `core/zero_order_hold.py`
+        product(b, first, row)
+        for i in range(n):
+            q[k] += c[i] * row[i]
+            q[k + 1] += c[i] * row[i]
+        product(b, second, row)
+        for i in range(n):
+            q[k + 1] += c[i] * row[i]
+        product_of(step, b, moved)
+        trace = 0.0
+        for i in range(n):
+            trace += moved[i, i]
+        for i in range(k + 1, n + 1):
+            if bottom[i] != 0.0:
+                r[k + 1] = -trace / (k + 1)
+        for i in range(n):
+            for j in range(n):
+                b[i, j] = moved[i, j] - (trace / (k + 1) if i == j else 0.0)
+    for k in range(n + 1):
+        q[k] += top[0] * r[k]
+    if bottom[n] != 0.0:
+        q[n] = top[n] / bottom[n] * r[n]
+    write_bilinear(q, half, plant, width)
+    write_bilinear(r, half, plant, 2 * width)
+    plant[2 * width] = whole + 1.0
+
+
+@compiled
+def product(matrix, vector, out):
+    """Write a small matrix times a vector."""
+    for i in range(len(vector)):
+        out[i] = 0.0
+        for k in range(len(vector)):
+            out[i] += matrix[i, k] * vector[k]
+
+
+@compiled
+def product_of(a, b, out):
+    """Write the product of two small matrices."""
+    for i in range(len(a)):
+        for j in range(len(a)):
+            out[i, j] = 0.0
+            for k in range(len(a)):
+                out[i, j] += a[i, k] * b[k, j]
+
+
+@compiled
+def transition(a, t):
+    """e^(A t) - I, and int_0^t e^(A s) ds e_1, by the series at t/2^k and k doublings."""
+    n, norm = len(a), 0.0
+    for i in range(n):
+        size = 0.0
+        for k in range(n):
+            size += abs(a[i, k])
+        norm = max(norm, size)
+    halvings = 0
+    while norm * t > 0.5:
+        t *= 0.5
+        halvings += 1
+    less, power, scratch = np.zeros((n, n)), np.eye(n), np.empty((n, n))
+    integral, more = np.zeros(n), np.empty(n)
+    if n > 0:
+        integral[0] = t
+    for k in range(1, _TERMS):
+        product_of(a, power, scratch)
+        for i in range(n):
+            for j in range(n):
+                power[i, j] = scratch[i, j] * (t / k)
+                less[i, j] += power[i, j]
+            integral[i] += power[i, 0] * (t / (k + 1))
+    for _ in range(halvings):
+        product(less, integral, more)
+        product_of(less, less, scratch)
+        for i in range(n):
+            integral[i] = 2.0 * integral[i] + more[i]
+            for j in range(n):
+                less[i, j] = 2.0 * less[i, j] + scratch[i, j]
+    return less, integral
+
+
+@compiled
+def write_bilinear(coefficients, half, out, end):
+    """A polynomial in delta = 2 h s/(1 - h s), times (1 - h s)^n, as one in s, falling powers that end before `end`."""
+    n = len(coefficients) - 1
+    found, factor = np.zeros(n + 1), np.zeros(n + 1)
+    found[0], factor[0] = coefficients[0], 1.0
+    for k in range(1, n + 1):
+        for j in range(n, 0, -1):
+            found[j] = 2.0 * half * found[j - 1]
+            factor[j] -= half * factor[j - 1]
+        found[0] = 0.0
+        for j in range(n + 1):
+            found[j] += coefficients[k] * factor[j]
+    for j in range(n + 1):
+        out[end - 1 - j] = found[j]
 
 
 @dataclass(frozen=True)
@@ -243,114 +349,3 @@ class Samples:
         """Behind the hold."""
         digital = self.digital
         return SampledPlants.behind_hold(plants, digital.sample_time_s, digital.delay_samples * digital.sample_time_s)
-
-    def coefficients(self, numerator: Array, denominator: Array) -> tuple[Array, Array]:
-        """Polynomials in delta = z - 1 as ones in s: delta = 2 h s/(1 - h s), times (1 - h s)^n."""
-        n = numerator.shape[1] - 1
-        change = np.zeros((n + 1, n + 1))
-        for k in range(n + 1):
-            product = np.ones(1)
-            for factor in [np.array([2.0 * self.half, 0.0])] * (n - k) + [np.array([-self.half, 1.0])] * k:
-                product = np.convolve(product, factor)
-            change[k] = product
-        return numerator @ change, denominator @ change
-
-
-def chebyshev_family(samples: Samples, family: PlantFamily, width: int, factor: float) -> Family:
-    """The coefficients over the box as sums of Chebyshev terms.
-
-    Args:
-        samples: the hold and the computing delay.
-        family: the plants.
-        width: of a padded polynomial.
-        factor: what numerators are multiplied by.
-
-    Raises:
-        DomainError: more uncertain numbers than can be interpolated.
-    """
-    low, high, digital = family.low, family.high, samples.digital
-    p, names = len(low), family.uncertain_names
-    axis = names.index("dead_time_s") if "dead_time_s" in names else -1
-    exact_late = family.parameters["dead_time_s"].nominal / digital.sample_time_s + digital.delay_samples
-    logarithmic = (low * high > 0.0) & (low > 0.0)
-    first, last = np.where(logarithmic, np.log(np.where(logarithmic, low, 1.0)), low), np.array(high)
-    last = np.where(logarithmic, np.log(np.where(logarithmic, high, 1.0)), last)
-    if axis >= 0:
-        logarithmic[axis] = False
-        ends = np.array([low[axis], high[axis]]) / digital.sample_time_s + digital.delay_samples
-        whole = np.floor(ends + WHOLE)
-        one = whole[0] == whole[1]
-        first[axis], last[axis] = (np.maximum(ends - whole, 0.0)) if one else (0.0, 1.0)
-    middle, reach = 0.5 * (first + last), 0.5 * (last - first)
-
-    def at(x: Array) -> Array:
-        number = middle + reach * x
-        points = np.where(logarithmic, np.exp(np.where(logarithmic, number, 0.0)), number)
-        part = points[:, axis] if axis >= 0 else np.full(len(x), _part(exact_late))
-        numerator, denominator, _ = family.coefficients(points)
-        top, bottom = behind_hold(numerator, denominator, digital.sample_time_s, part)
-        top, bottom = samples.coefficients(top, bottom)
-        padding = np.zeros((len(x), width - top.shape[1]))
-        return np.hstack([padding, top * factor, padding, bottom, np.zeros((len(x), 1))])
-
-    spectra, counts, negligible = [_spectrum(at, p, k) for k in range(p)], [], 0.0
-    for negligible in _NEGLIGIBLE:
-        counts = [int(np.flatnonzero(terms > negligible)[-1]) + 1 for terms in spectra]
-        if math.prod(counts) <= _MOST_NODES:
-            break
-    else:
-        raise DomainError(
-            f"{p} uncertain numbers over these ranges are more than `design: sampled` can interpolate; fix some of "
-            "them, or narrow their ranges"
-        )
-    nodes = np.meshgrid(*(_nodes(count) for count in counts), indexing="ij")
-    values = at(np.stack([n.ravel() for n in nodes], axis=1) if p else np.zeros((1, 0)))
-    size = np.abs(values).max(axis=0)
-    values = values.reshape(*counts, -1)
-    for k, count in enumerate(counts):
-        values = np.moveaxis(np.tensordot(_transform(count), values, (1, k)), 0, k)
-    values = values.reshape(-1, values.shape[-1])
-    powers = np.stack([n.ravel() for n in np.indices(counts)], axis=1) if p else np.zeros((1, 0))
-    kept = (np.abs(values) > negligible * size).any(axis=1)
-    late = digital.delay_samples if axis >= 0 else math.floor(exact_late + WHOLE) + 1.0
-    powers = np.ascontiguousarray(powers[kept]).astype(np.int64)
-    return Family(
-        np.zeros((1 + p, values.shape[1])), powers, np.ascontiguousarray(values[kept]), middle, reach, logarithmic,
-        axis, float(late), 1.0 / digital.sample_time_s, int(powers.max(initial=1)), int(np.flatnonzero(size)[0]),
-    )  # fmt: skip
-
-
-def _part(samples: float) -> float:
-    return max(samples - math.floor(samples + WHOLE), 0.0)
-
-
-def _nodes(count: int) -> Array:
-    return np.cos(math.pi * (np.arange(count) + 0.5) / count)
-
-
-def _transform(count: int) -> Array:
-    """Values at the nodes -> Chebyshev coefficients."""
-    matrix = 2.0 / count * np.cos(math.pi * np.outer(np.arange(count), np.arange(count) + 0.5) / count)
-    matrix[0] *= 0.5
-    return matrix
-
-
-def _spectrum(at: Callable[[Array], Array], p: int, k: int) -> Array:
-    """How large the terms of one number are, relative to each coefficient's largest: at the box's middle and a vertex.
-
-    Ends where terms are negligible, or no more than rounding: where they no longer fall.
-    """
-    relative = np.ones(1)
-    for nodes in _NODES:
-        x = np.zeros((2 * nodes, p))
-        x[nodes:] = -1.0
-        x[:, k] = np.tile(_nodes(nodes), 2)
-        values = at(x).reshape(2, nodes, -1)
-        size = np.maximum(np.abs(values).max(axis=(0, 1)), 1e-300)
-        terms = np.abs(np.einsum("ij,bjc->bic", _transform(nodes), values)).max(axis=0) / size
-        tail, before = terms[-(nodes // 3) :].max(axis=0), terms[nodes // 3 : -(nodes // 3)].max(axis=0)
-        rounding = np.where((before < 30.0 * tail) & (tail < _ROUNDING), 10.0 * tail, 0.0)
-        relative = np.where(terms > rounding, terms, 0.0).max(axis=1)
-        if relative[-1] <= _NEGLIGIBLE[0]:
-            break
-    return relative

@@ -18,7 +18,7 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.sampled_loops import SampledPlants
 from fopi_tune.design.constraints import Scale
 from fopi_tune.design.global_search.compiled import END, NO_SAMPLES, Family, Sampling, Table
-from fopi_tune.design.global_search.samples import Samples, chebyshev_family, plant_of
+from fopi_tune.design.global_search.samples import Samples, plant_of
 from fopi_tune.errors import DomainError
 
 #: coefficients of a numerator and of a denominator: degrees up to 8
@@ -66,12 +66,13 @@ class Scaled:
         numerator, denominator, _ = family.coefficients(family.nominal_point[None, :])
         if max(numerator.shape[1], denominator.shape[1]) > WIDTH:
             raise DomainError(f"the plant's degree exceeds {WIDTH - 1}; reduce its order")
-        if samples is not None:
-            return cls(family, scale, chebyshev_family(samples, family, WIDTH, 1.0 / scale.gain), samples)
         corners = np.vstack([low, low + np.diag(high - low)]) if len(low) else np.zeros((1, 0))
         rows = _coefficients(family, scale, corners)
         slopes = (rows[1:] - rows[0]) / (high - low)[:, None] if len(low) else np.zeros((0, rows.shape[1]))
-        return cls(family, scale, affine_family(np.vstack([rows[0] - low @ slopes, slopes])))
+        affine = np.vstack([rows[0] - low @ slopes, slopes])
+        if samples is None:
+            return cls(family, scale, Family(affine, 0.0, 0.0))
+        return cls(family, scale, Family(affine, samples.half, float(samples.digital.delay_samples)), samples)
 
     @property
     def sampling(self) -> Sampling:
@@ -103,13 +104,6 @@ class Scaled:
         if self.samples is None:
             return log_omega - math.log(self.scale.omega_rad_s)
         return float(self.samples.log_nu(np.exp(log_omega))) - math.log(self.samples.half)
-
-
-def affine_family(affine: Array) -> Family:
-    """Coefficients that are affine in the uncertain numbers, shape (1 + p, 19)."""
-    p = len(affine) - 1
-    terms, values, none = np.zeros((0, p), dtype=np.int64), np.zeros((0, affine.shape[1])), np.zeros(p)
-    return Family(affine, terms, values, none, none, none > 0.0, -1, 0.0, 0.0, 1, 0)
 
 
 def _coefficients(family: PlantFamily, scale: Scale, points: Array) -> Array:

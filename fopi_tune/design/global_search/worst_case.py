@@ -110,8 +110,7 @@ def _band_dips(q, i, x, table, rows, work, y, found, count):
             v, mode = table.v[1], AT_FIXED
         elif j == n - 1:
             v = table.v[n - 2]
-            # on samples |L| ends at a number
-            falls = kind == CS and work.gain[i, j] < -10.0 and table.sampling.half == 0.0
+            falls = kind == CS and work.gain[i, j] < -10.0 and table.sampling.half == 0.0  # not on samples
             mode = AT_INFINITY if falls else AT_FIXED
         elif j >= table.alias[i]:
             target = 2.0 * _PI * round((work.phase[i, j] - _PI) / (2.0 * _PI)) + _PI

@@ -34,7 +34,7 @@ FILTERS = [
     for rule in ({"rule": "tustin"}, {"rule": "matched"}, {"rule": "tustin", "prewarp": "crossover"})
 ]
 PLANTS = {
-    "vertices": "{model: lag, static_gain: {min: 0.8, max: 1.25}, time_constant_s: {min: 1.6, max: 3.1}, "
+    "vertices": "{model: lag, static_gain: 1, time_constant_s: {min: 1.6, max: 3.1}, "
     "dead_time_s: {min: 0.2, max: 0.4}}",
     "samples": "{model: lag, static_gain: 1, time_constant_s: {min: 0.3, max: 3}, dead_time_s: {min: 0.1, max: 0.75}}",
     "interior": "{model: transfer_function, numerator: [{min: 1, max: 10}], "
@@ -74,7 +74,7 @@ def spec_of(plant: str, requirements: list[str], digital: str = "sample_time_s: 
 @pytest.mark.parametrize("options", FILTERS, ids=lambda o: " ".join(o.values()))
 @pytest.mark.parametrize("poles", [2, 7])
 def test_the_filter_is_that_of_the_digital_controller(options: dict[str, str], poles: int) -> None:
-    digital = DigitalSpec(sample_time_s=0.2, poles=poles, **options)
+    digital = replace(DigitalSpec(sample_time_s=0.2, poles=poles), **options)
     samples = Samples(digital, Scale(0.7, 2.0, np.ones(1)), 0.8)
     sampling = samples.sampling
     omega = np.geomspace(1e-4, 0.999 * samples.nyquist_rad_s, 60)
@@ -121,7 +121,8 @@ def test_the_plants_of_a_box_are_those_behind_the_hold(plant: str, digital: str)
 def test_the_slots_quantities_are_those_of_core(plant: str, options: dict[str, str]) -> None:
     spec = spec_of(PLANTS[plant], QUANTITIES_ASKED[:1], "sample_time_s: 0.2, delay_samples: 0.5")
     assert spec.digital is not None
-    spec = replace(spec, digital=replace(spec.digital, **options))
+    digital = replace(spec.digital, **options)
+    spec = replace(spec, digital=digital)
     family, chance, problem = spec.plant, np.random.default_rng(2), Problem.of(spec)
     for _ in range(12):
         gains = FoPi(*chance.uniform((-3, -3, 0.1), (3, 3, 1.9)).tolist())
@@ -132,7 +133,7 @@ def test_the_slots_quantities_are_those_of_core(plant: str, options: dict[str, s
         theta = family.low + chance.random(len(family.low)) * (family.high - family.low)
         omega = float(np.exp(chance.uniform(-4, 2)))
         implementation = replace(
-            implementation_of(spec, gains), sections=sections_of(gains, spec.digital, samples.crossover_rad_s)
+            implementation_of(spec, gains), sections=sections_of(gains, digital, samples.crossover_rad_s)
         )
         loops = SampledLoops.implemented(gains, implementation, Plants.members(family, theta[None, :]))
         row, at = np.zeros(1, dtype=np.intp), loops.u_of(np.array([omega]))
@@ -194,13 +195,22 @@ def test_the_smallest_slack_of_every_row_is_the_verifications(name: str, digital
     assert found is not None
     for index, result in enumerate(verified.requirements):
         rows = [k for k, c in enumerate(problem.constraints) if c.requirement == index]
-        slacks = found[np.isin(found[:, 0], rows), 1]
+        own = found[np.isin(found[:, 0], rows)]
         if result.slack is None or not np.isfinite(result.slack):
-            assert not len(slacks)
+            assert not len(own)
             continue
+        worst, requirement = own[np.argmin(own[:, 1])], result.requirement
+        quantity = QUANTITIES[requirement.quantity]
         # rows are designed 4e-7 tighter; a slope is a difference quotient in the search
-        room = 1e-5 if "slope" in result.requirement.quantity else 1e-6
-        assert slacks.min() == pytest.approx(result.slack, abs=room), result.requirement.quantity
+        room = 1e-5 if "slope" in requirement.quantity else 1e-6
+        assert worst[1] <= result.slack + room, requirement.quantity
+        # the verification may stop at a vertex beside a worse plant: there core/ has the same value
+        largest = bool(np.isfinite(requirement.upper))
+        loops = problem.loops(gains, worst[None, 6:])
+        value = float(quantity.measure(loops, largest, requirement.from_rad_s, requirement.to_rad_s).value[0])
+        limit = quantity.to_natural(requirement.limits[0])
+        slack = (1.0 if largest else -1.0) * (limit - quantity.to_natural(value))
+        assert worst[1] == pytest.approx(slack * quantity.natural_scale(requirement.limits[0]), abs=room)
 
 
 RAYS = [(0.5, 1.0, 0.3), (1.0, 0.3, 1.0), (1.3, 1.0, 1.0), (0.9, 1.0, 0.0), (1.0, 0.0, 1.0), (1.1, -1.0, -0.5)]
