@@ -88,6 +88,11 @@ def test_gains_that_are_better_than_the_target_are_never_discarded(name: str) ->
     assert check_that_better_gains_are_kept(spec_of(SPECS[name]), (0.01, 0.02, 0.15)) == 3
 
 
+def test_the_only_gains_of_two_equalities_are_never_discarded() -> None:
+    # alpha = 1 and the crossover fixed: |C| at the crossover is the same for all directions
+    assert check_that_better_gains_are_kept(load_spec("specs/pi_baseline.yaml"), (0.01, 0.02, 0.03)) == 3
+
+
 @pytest.mark.long
 def test_two_hundred_designs_made_worse_are_never_taken_for_the_best() -> None:
     # 1 to 3 % worse, of every kind of plant and objective

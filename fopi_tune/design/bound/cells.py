@@ -22,6 +22,8 @@ ALPHA_REAL, ALPHA_IMAG, PSI_REAL, PSI_IMAG, REST, SPREAD, GROWN, UP, DOWN, ROOM 
 SLOPES = 10
 #: a radius from which on the slopes say nothing
 _MOST_RADIUS = 0.8
+#: neper and radian: |C0| or its angle may be the same in a whole cell, and then only rounding tells loops apart
+_ROUNDING = 1e-11
 
 
 @compiled
@@ -79,6 +81,7 @@ def fill_cell(cell, signs, table, work, slopes):
                 0.5 * log_size * log_size * product * slope * reach * reach
                 + log_size * slope * reach * turn
                 + 0.5 * bend * turn * turn
+                + _ROUNDING
             )
             by_alpha = math.sqrt(slopes[ALPHA_REAL, j] ** 2 + slopes[ALPHA_IMAG, j] ** 2)
             slopes[SPREAD, j] = by_alpha * reach + turned / size * turn + slopes[REST, j]
