@@ -41,8 +41,6 @@ _PI = math.pi
 _STEEP = 0.3
 _EQUATION = {AT_PEAK: "peak", AT_FIXED: "fixed", AT_GAIN: "gain", AT_PHASE: "phase", AT_REFERENCE: "reference"}
 _STEP = 1e-5
-#: of v: differences at extrema of |L|, how far they are from a crossing; neper: how far |L| is from 1 there, and stays
-_WIDE_STEP, _REACH, _SHALLOW, _APART = 1e-3, 0.3, 0.1, 1e-6
 _MARGINS = (PHASE_MARGIN, GAIN_MARGIN, DELAY_MARGIN)
 
 
@@ -126,34 +124,8 @@ def slots_of(findings: list[Array], x: Array, rows: Rows, scaled: Scaled, in_t: 
             # the smallest margin equals the limit, so that of another crossing is no smaller:  value - limit >= 0
             other = slots[-1].p.copy()
             other[INDEX["sign"]] = -other[INDEX["sign"]]
-            without = _without_shallow_crossings(finding, q, plant, x) if finding[MODE] == AT_GAIN else None
-            slots[-1] = without or Slot(other, slots[-1].v, q)
+            slots[-1] = Slot(other, slots[-1].v, q)
     return slots
-
-
-def _without_shallow_crossings(finding: Array, q: int, plant: Array, x: Array) -> Slot | None:
-    """The slot that keeps |L| = 1 from being met twice around an extremum of |L|; None where |L| has none close to 1.
-
-    Such a pair of crossings appears at once, with any margin, when |L| dips below 1 or rises above it.  Where its
-    margin is missed, it must not be there:  ln|L| >= 0 at the dip (<= 0 at the rise).
-    """
-    v, near = float(finding[V]), float(finding[NEAR])
-    gain, bend = 0.0, 0.0
-    for _ in range(6):
-        below, gain, above = (loop_at(x, plant, v + d, near)[0] for d in (-_WIDE_STEP, 0.0, _WIDE_STEP))
-        bend = (above - 2.0 * gain + below) / _WIDE_STEP**2
-        if bend == 0.0:
-            return None
-        v -= min(max(0.5 * (above - below) / _WIDE_STEP / bend, -_REACH), _REACH)
-    if abs(v - float(finding[V])) > _REACH or abs(gain) > _SHALLOW:
-        return None
-    p = np.zeros(PARAMETERS)
-    p[:COEFFICIENTS] = plant
-    p[INDEX["near"]], p[INDEX["v0"]] = near, v
-    p[INDEX["peak"]] = p[INDEX["log_l"]] = 1.0
-    p[INDEX["sign"]] = -1.0 if bend > 0.0 else 1.0
-    p[INDEX["limit"]] = -p[INDEX["sign"]] * _APART
-    return Slot(p, v, q)
 
 
 def _is_another_crossing(finding: Array, findings: list[Array]) -> bool:
