@@ -33,6 +33,7 @@ from fopi_tune.cli.recheck import recheck_file
 from fopi_tune.cli.simulations import SimulationOptions, parameters_from_options, simulate_file, validate_file
 from fopi_tune.cli.study import study
 from fopi_tune.cli.tune import (
+    BracketOption,
     PointsOption,
     PricesOption,
     StartOption,
@@ -97,6 +98,7 @@ def _version(wanted: bool) -> None:
 def tune(
     specs: Specs,
     prices: PricesOption = False,
+    bracket: BracketOption = False,
     tradeoff: TradeoffOption = None,
     start: StartOption = None,
     stop: StopOption = None,
@@ -118,7 +120,7 @@ def tune(
 
     They meet it for every plant of its family.  The result and the certificate are also written to files.
     """
-    tune_options = TuneOptions(prices, tradeoff, start, stop, points, solver)
+    tune_options = TuneOptions(prices, tradeoff, start, stop, points, solver, bracket)
     problem = tune_options.problem(len(specs))
     if problem is not None:
         raise bad_input(problem)

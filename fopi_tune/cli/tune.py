@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 PricesOption = Annotated[
     bool, typer.Option("--prices", help="Check each multiplier by solving again with its limit moved both ways.")
 ]
+BracketOption = Annotated[
+    bool,
+    typer.Option("--bracket", help="Bound in floating point how much better any other gains can be."),
+]
 TradeoffOption = Annotated[
     str | None,
     typer.Option(
@@ -41,6 +45,7 @@ class TuneOptions:
         requirement: whose limit is swept; None for none.
         start, stop, points: of the sweep; None where left out.
         solver: of the design.
+        bracket: whether to bound how much better any other gains can be.
     """
 
     prices: bool
@@ -49,11 +54,14 @@ class TuneOptions:
     stop: float | None
     points: int | None
     solver: Solver = Solver.IPOPT
+    bracket: bool = False
 
     def problem(self, specs: int) -> str | None:
         """Why the options cannot be combined, or None."""
         if self.solver is not Solver.IPOPT and (self.prices or self.requirement is not None):
             return "--prices and --tradeoff are solved by ipopt; leave --solver out"
+        if self.bracket and (self.solver is not Solver.IPOPT or self.requirement is not None):
+            return "--bracket belongs to one design by ipopt; leave --solver and --tradeoff out"
         if self.requirement is None:
             if (self.start, self.stop, self.points) != (None, None, None):
                 return "--from, --to and --points belong to --tradeoff REQUIREMENT"
@@ -77,7 +85,7 @@ def design_or_sweep(spec: DesignSpec, options: TuneOptions, proof: bool) -> Desi
         return tradeoff(spec, options.requirement, start=options.start, stop=options.stop, points=points)
     if options.solver is not Solver.IPOPT:
         return tune(spec, proof, options.solver)
-    design = tune(spec) if proof else tune(spec, proof=False)
+    design = tune(spec, proof, bracket=options.bracket)
     return price(design) if options.prices else design
 
 

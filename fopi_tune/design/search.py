@@ -67,7 +67,7 @@ class Neighbour:
     gains: FoPi
 
 
-def search(problem: Problem, start: FoPi | None = None, bracket: bool = True) -> Candidate:
+def search(problem: Problem, start: FoPi | None = None, bracket: bool = False) -> Candidate:
     """The best gains of the whole box, or why there are none.
 
     Args:

@@ -18,7 +18,7 @@ def design(
     spec: DesignSpec,
     violations: Sequence[Violation] = (),
     start: FoPi | Neighbour | None = None,
-    bracket: bool = True,
+    bracket: bool = False,
 ) -> Candidate:
     """Search for the gains that meet a spec over its whole family and optimise its objective.
 

@@ -44,7 +44,12 @@ _SAME = 1e-6
 
 
 def tune(
-    source: Source, proof: bool = True, solver: Solver = Solver.IPOPT, *, start: FoPi | Neighbour | None = None
+    source: Source,
+    proof: bool = True,
+    solver: Solver = Solver.IPOPT,
+    *,
+    start: FoPi | Neighbour | None = None,
+    bracket: bool = False,
 ) -> Design:
     """Find the gains that meet a spec over its whole family, and prove that they do.
 
@@ -58,6 +63,8 @@ def tune(
         start: gains close to the solution, or a neighbour (`fopi_tune.design.neighbour`) that has them.  The search
             begins there alone, and elsewhere only if that fails: faster, but a better optimum elsewhere is missed.
             The convex search ignores it.
+        bracket: whether to bound in floating point how much better any other gains can be (`Design.gap`), and to search
+            again where that leaves room.  Only for the loop in continuous time, and without a start.
 
     Returns:
         A design; `status` says how it ended.  Infeasible, unbounded and failed are answers, not exceptions.
@@ -69,7 +76,8 @@ def tune(
     """
     asked = load_spec(source)
     spec = with_default_objective(asked)
-    design = _without_vanished_terms(spec, _unconfirmed_design(spec, spec, proof, solver, start), proof, solver)
+    design = _unconfirmed_design(spec, spec, proof, solver, start, bracket)
+    design = _without_vanished_terms(spec, design, proof, solver)
 
     def is_met(relaxed: DesignSpec) -> bool:
         # from the gains that come nearest first, and from every start where these lead nowhere
@@ -102,7 +110,12 @@ def _is_no_worse(spec: DesignSpec, one: Design, other: Design) -> bool:
 
 
 def _unconfirmed_design(
-    spec: DesignSpec, searched: DesignSpec, proof: bool, solver: Solver, start: FoPi | Neighbour | None
+    spec: DesignSpec,
+    searched: DesignSpec,
+    proof: bool,
+    solver: Solver,
+    start: FoPi | Neighbour | None,
+    bracket: bool = False,
 ) -> Design:
     """Search, check and search again with what the check refuted; relaxations are the search's estimates.
 
@@ -110,7 +123,7 @@ def _unconfirmed_design(
     """
     violations: tuple[Violation, ...] = ()
     refuted: CheckedCandidate | None = None
-    checked = _checked_candidate(spec, searched, violations, proof, solver, start)
+    checked = _checked_candidate(spec, searched, violations, proof, solver, start, bracket)
     box = searched.controller
     is_free = not all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha))
     for _ in range(_MOST_REFUTATIONS if is_free else 0):
@@ -118,7 +131,7 @@ def _unconfirmed_design(
         if not new:
             break
         violations, refuted = violations + new, checked
-        checked = _checked_candidate(spec, searched, violations, proof, solver, start)
+        checked = _checked_candidate(spec, searched, violations, proof, solver, start, bracket)
     return assemble_design(spec, checked, proof, solver, refuted)
 
 
@@ -129,6 +142,7 @@ def _checked_candidate(
     proof: bool,
     solver: Solver,
     start: FoPi | Neighbour | None,
+    bracket: bool,
 ) -> CheckedCandidate:
     """One run of the search, with the violations found so far as cuts, then verification and certificate."""
     if solver is Solver.CONVEX:
@@ -138,7 +152,7 @@ def _checked_candidate(
     else:
         from fopi_tune.design import design  # loads CasADi
 
-        candidate = design(searched, violations, start, bracket=start is None)
+        candidate = design(searched, violations, start, bracket and start is None)
     gains = candidate.gains
     if gains is None or (gains.kp == 0.0 and gains.ki == 0.0):
         return CheckedCandidate(candidate)

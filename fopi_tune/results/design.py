@@ -103,8 +103,8 @@ class Design:
         optimum: what is proved of the best gains; None when that was not asked for.
         steady_state_error: dimensionless, the largest that a constant reference leaves over the family; None without
             stable gains.
-        gap: nothing that meets the requirements is better by more than this part of the objective, checked in floating
-            point (`Candidate.gap`); None where that was not shown.
+        gap: relative; nothing that meets the requirements is better by more than this part of the objective, checked in
+            floating point (`Candidate.gap`); None where that was not shown.
         notes: what a user should know besides the table: a default objective, a term that vanished, a gain at an end
             of its range.
     """

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -160,8 +161,8 @@ def test_the_check_of_the_same_gains_against_other_limits_needs_no_measuring() -
 def test_a_point_that_the_check_refuses_is_marked_and_not_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     from fopi_tune.prices import prober
 
-    def doubtful(spec: ft.DesignSpec, gains: ft.FoPi) -> ft.Verification:
-        found = verify(spec, gains)
+    def doubtful(spec: ft.DesignSpec, gains: ft.FoPi, **options: Any) -> ft.Verification:
+        found = verify(spec, gains, **options)
         if spec.requirements[4].limits[0] > -21.0 or gains == brake().own.gains:
             return found
         return replace(found, stability=replace(found.stability, stable=False))

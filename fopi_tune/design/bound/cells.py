@@ -34,6 +34,8 @@ def fill_cell(cell, signs, table, work, slopes):
 
         f_alpha = -lambda s q/C0,   f_psi = (c' + s' q)/C0,   f_alpha alpha = lambda^2 s q c/C0^2,
         |f_alpha psi| = |lambda q/C0^2|,   f_psi psi = -(1 + q^2)/C0^2                                              (1)
+
+    Source: derived; Taylor's formula.
     """
     m, n = table.gain.shape
     alpha, reach = 0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH]), 0.5 * (cell[ALPHA_HIGH] - cell[ALPHA_LOW])
