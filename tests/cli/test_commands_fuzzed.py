@@ -22,7 +22,7 @@ from cases.fuzz_commands import (
     run_in_child,
     spec_targets,
 )
-from cases.project import CONTINUOUS, ROOT
+from cases.project import ROOT
 from typer.testing import CliRunner, Result
 
 from fopi_tune.cli import app
@@ -30,7 +30,7 @@ from fopi_tune.cli.batch import OutputOptions
 from fopi_tune.cli.gains import gains_of_earlier_design
 from fopi_tune.spec import load_spec
 
-BRAKE = str(CONTINUOUS / "brake.yaml")
+BRAKE = str(ROOT / "specs" / "brake.yaml")
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pipes and child processes as POSIX has them")
 
 

@@ -90,7 +90,9 @@ def test_gains_that_are_better_than_the_target_are_never_discarded(name: str) ->
 
 def test_the_only_gains_of_two_equalities_are_never_discarded() -> None:
     # alpha = 1 and the crossover fixed: |C| at the crossover is the same for all directions
-    assert check_that_better_gains_are_kept(load_spec("specs/pi_baseline.yaml"), (0.01, 0.02, 0.03)) == 3
+    assert (
+        check_that_better_gains_are_kept(load_spec("tests/cases/continuous/pi_baseline.yaml"), (0.01, 0.02, 0.03)) == 3
+    )
 
 
 @pytest.mark.long
@@ -108,7 +110,7 @@ def spec_of_seed(seed: int) -> DesignSpec:
 
 @pytest.mark.parametrize("path", ["throttle", "brake_delay", "second_order", "pi_baseline"])
 def test_the_bracket_of_shipped_specs_closes(path: str) -> None:
-    polish = Polish(Problem.of(load_spec(f"specs/{path}.yaml")))
+    polish = Polish(Problem.of(load_spec(f"tests/cases/continuous/{path}.yaml")))
     best = best_of_box(polish)
     assert best is not None
     bracket = bracket_of(polish, best.cost, best.x)
