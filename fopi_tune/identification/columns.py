@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from fopi_tune.errors import DomainError
-from fopi_tune.identification.table import Table, is_missing, number, quoted, time_of_day_s
+from fopi_tune.identification.table import TIMES_HINT, Table, is_missing, number, quoted, time_of_day_s
 
 #: the header that needs no explanation
 COLUMNS = ("time_s", "input", "output")
@@ -185,7 +185,9 @@ def _time_column(table: Table, given: dict[str, int | None], has_sample_time: bo
     if len(free) > wanted and free[0] == 0 and _never_falls(table, 0):
         return 0, False
     flags = "--sample-time with the time between two lines" if table.width == 2 else "--time or --sample-time"
-    raise DomainError(f"{_listed(table)}, and no times: give {flags}")
+    first = [(k, table.fields([k])[0][0]) for k in free]
+    dates = [f"{quoted(text)} of column {k + 1} is no time: {TIMES_HINT}, or " for k, text in first if ":" in text]
+    raise DomainError(f"{_listed(table)}, and no times: {''.join(dates[:1])}give {flags}")
 
 
 def _is_number_column(table: Table, column: int) -> bool:

@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.columns import Columns, ReadOptions, choose_columns
-from fopi_tune.identification.table import LARGEST, Table, counted, is_missing, number, quoted, read_table
+from fopi_tune.identification.table import (
+    LARGEST,
+    TIMES_HINT,
+    Table,
+    counted,
+    is_missing,
+    number,
+    quoted,
+    read_table,
+)
 
 #: samples; four numbers or more are fitted, and their intervals need degrees of freedom
 MIN_SAMPLES = 10
@@ -179,7 +188,10 @@ def _numbers(
         value = number(text, table.separator)
         if value is None:
             if not (may_be_missing and is_missing(text)):
-                raise DomainError(f"line {lines[row]}, {title}: {quoted(text)} is not a finite number")
+                hint = f"; {TIMES_HINT}" if ":" in text else ""
+                if not may_be_missing and is_missing(text):
+                    hint = "; write the value that it had then"
+                raise DomainError(f"line {lines[row]}, {title}: {quoted(text)} is not a finite number{hint}")
             value = np.nan
         values[row] = value
     return values

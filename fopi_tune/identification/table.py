@@ -28,7 +28,11 @@ LARGEST = 1e100
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?$", re.ASCII)
 #: h:mm:ss with fractions of a second
 _CLOCK = re.compile(r"(\d{1,3}):(\d\d)(?::(\d\d(?:\.\d*)?))?$", re.ASCII)
-_MISSING = frozenset(("", "nan", "na", "n/a", "null", "none", "-"))
+#: dd.mm.yyyy and a time
+_DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T]+(\S+)$", re.ASCII)
+_MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--"))
+#: what to write for times that are not understood: of 03/01/2024, day and month are not known
+TIMES_HINT = "write times as 2024-03-01 08:00:00, 08:00:00 or seconds"
 
 
 @dataclass(frozen=True)
@@ -144,12 +148,16 @@ def number(field: str, separator: str) -> float | None:
 
 
 def time_of_day_s(text: str) -> float | None:
-    """Seconds of h:mm, h:mm:ss or an ISO date with a time, or None."""
+    """Seconds of h:mm, h:mm:ss, or an ISO date or dd.mm.yyyy with a time; or None."""
     if ":" not in text:
         return None
     clock = _CLOCK.match(text)
     if clock:
         return 3600.0 * int(clock[1]) + 60.0 * int(clock[2]) + float(clock[3] or 0)
+    dotted = _DAY_FIRST.match(text)
+    if dotted:
+        hour, _, rest = dotted[4].partition(":")
+        text = f"{dotted[3]}-{dotted[2]:0>2}-{dotted[1]:0>2} {hour:0>2}:{rest}"
     try:
         moment = datetime.datetime.fromisoformat(text.replace("/", "-"))
     except ValueError:

@@ -14,6 +14,10 @@ N = 400
 PLANT = lag(1.3, 12.0, 2.0)
 STEP = np.where(np.arange(N) >= 40, 10.0, 0.0)
 SQUARE = np.where((np.arange(N) // 80) % 2 == 1, 10.0, 0.0)
+PLACES = {"end": (STEP, 250), "rise": (STEP, 60), "square": (SQUARE, 250)}
+LENGTHS, SEEDS = (3, 8, 12, 25), 5
+#: of 20 recordings an interval of 95 % misses 5 or more with a probability of 0.3 %
+LEAST_HELD = 16
 
 
 def noisy(moved: Array, seed: int) -> Array:
@@ -21,17 +25,28 @@ def noisy(moved: Array, seed: int) -> Array:
 
 
 @pytest.mark.parametrize("value", [0.0, 655.35, -5.0])
-@pytest.mark.parametrize("length", [3, 8, 12, 25])
-@pytest.mark.parametrize(("moved", "first"), [(STEP, 250), (STEP, 60), (SQUARE, 250)], ids=["end", "rise", "square"])
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize(("moved", "first"), PLACES.values(), ids=PLACES)
 def test_a_dropout_is_left_out_and_named(moved: Array, first: int, length: int, value: float) -> None:
     output = noisy(moved, length)
     output[first : first + length] = value
-    fit = ft.identify(np.arange(N), moved, output)
-    assert any(note.startswith(f"samples {first} to {first + length - 1}: a dropout of {length}") for note in fit.notes)
-    for name, true in PLANT.numbers.items():
-        # an interval holds the true value in some 95 of 100 recordings, twice its width in nearly all
-        found = fit[name]
-        assert 2.0 * found.min - found.nominal <= true <= 2.0 * found.max - found.nominal, name
+    found = without_dropouts(recording_from_arrays(np.arange(N), moved, output))
+    assert np.flatnonzero(~found.used).tolist() == list(range(first, first + length))
+    assert found.notes[-1].startswith(f"samples {first} to {first + length - 1}: a dropout of {length}")
+
+
+@pytest.mark.parametrize(("moved", "first"), PLACES.values(), ids=PLACES)
+def test_the_intervals_hold_the_plant_whose_recording_has_a_dropout(moved: Array, first: int) -> None:
+    counts = dict.fromkeys(PLANT.numbers, 0)
+    for length in LENGTHS:
+        for seed in range(SEEDS):
+            output = noisy(moved, 100 * length + seed)
+            output[first : first + length] = -5.0
+            fit = ft.identify(np.arange(N), moved, output)
+            assert any("a dropout of" in note for note in fit.notes)
+            for name, true in PLANT.numbers.items():
+                counts[name] += fit[name].min <= true <= fit[name].max
+    assert min(counts.values()) >= LEAST_HELD, counts
 
 
 @pytest.mark.parametrize("length", [6, 15, 40])

@@ -162,6 +162,23 @@ def test_times_of_the_day_and_dates_are_times() -> None:
     assert np.diff(parse_recording(clock, "a").time_s).tolist() == pytest.approx([1.0] * 9 + [1.5])
     dates = file("date;u;y", *(f"2024-03-01 00:{k:02d}:00;{k // 3};{k}" for k in range(12)))
     assert np.diff(parse_recording(dates, "a").time_s).tolist() == pytest.approx([60.0] * 11)
+    # over the end of a February, fractions with a decimal comma
+    days = ("29.02.2024 23:59:59,5", *(f"1.3.2024 0:00:{k:02d},5" for k in range(11)))
+    dotted = file("Datum;u;y", *(f"{day};{k // 3},0;{k},25" for k, day in enumerate(days)))
+    assert np.diff(parse_recording(dotted, "a").time_s).tolist() == pytest.approx([1.0] * 11)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("when", "'03/01/2024 08:00:00' of column 1 is no time: write times as 2024-03-01 08:00:00, .* or give --time"),
+        ("time", "line 2, column 'time': '03/01/2024 08:00:00' is not a finite number; write times as 2024-03-01"),
+    ],
+)
+def test_a_date_whose_month_is_not_known_is_refused_with_what_to_write(name: str, words: str) -> None:
+    text = file(f"{name},u,y", *(f"03/01/2024 08:{k:02d}:00,{k // 3},{k}" for k in range(12)))
+    with pytest.raises(DomainError, match=words):
+        parse_recording(text, "a.csv")
 
 
 def test_a_window_keeps_its_outputs_and_the_input_from_before() -> None:
@@ -221,7 +238,7 @@ def test_lines_without_an_output_are_left_out_and_named() -> None:
         ),
         (changed(4, "2,0,fast"), "line 4, column 'output': 'fast' is not a finite number"),
         (changed(4, "2,0,inf"), "line 4, column 'output': 'inf' is not a finite number"),
-        (changed(4, "2,,0"), "line 4, column 'input': '' is not a finite number"),
+        (changed(4, "2,,0"), "line 4, column 'input': '' is not a finite number; write the value that it had then"),
         (changed(4, "x,0,0"), "line 4, column 'time_s' (time): 'x' is not a finite number"),
         (changed(9, HEADER), "line 9, column 'input': 'input' is not a finite number"),
         (changed(4, "0.5,0,0"), "line 4: time 0.5 s is before 1 s of line 3; sort by time, or keep one run of several"),
