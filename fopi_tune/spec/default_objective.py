@@ -12,7 +12,7 @@ import math
 from dataclasses import replace
 
 from fopi_tune.quantities.objectives import ObjectiveKind
-from fopi_tune.spec.model import DesignSpec, Objective, Relation, Requirement, Sense
+from fopi_tune.spec.model import DesignSpec, Objective, Relation, Requirement, Scope, Sense
 
 #: dB; the limit of |S| that is added: the modulus margin is 0.5
 ADDED_SENSITIVITY_DB = 6.0
@@ -45,7 +45,7 @@ def with_default_objective(spec: DesignSpec) -> DesignSpec:
     if spec.objective is not None or any(asks_to_act(requirement) for requirement in spec.requirements):
         return spec
     added: tuple[Requirement, ...] = ()
-    if not any(_keeps_away(requirement) for requirement in spec.requirements):
+    if not any(_keeps_away(requirement, spec) for requirement in spec.requirements):
         added = (Requirement("sensitivity_db", Relation.AT_MOST, (ADDED_SENSITIVITY_DB,)),)
     objective = Objective(Sense.MINIMIZE, ObjectiveKind.IAE_DISTURBANCE.value)
     return replace(spec, objective=objective, requirements=(*spec.requirements, *added))
@@ -62,14 +62,15 @@ def default_notes(spec: DesignSpec) -> tuple[str, ...]:
     ]
     if len(used.requirements) > len(spec.requirements):
         notes.append(
-            f"nothing bounds |S| or the phase margin: sensitivity_db: {{at_most: {ADDED_SENSITIVITY_DB:g}}} was added"
+            f"nothing bounds |S| or the phase margin of every plant: sensitivity_db: {{at_most: {ADDED_SENSITIVITY_DB:g}}} was added"
         )
     return tuple(notes)
 
 
-def _keeps_away(requirement: Requirement) -> bool:
-    """Whether a requirement over all frequencies keeps L away from -1."""
-    if requirement.quantity not in _ROBUST:
+def _keeps_away(requirement: Requirement, spec: DesignSpec) -> bool:
+    """Whether a requirement over all frequencies and plants keeps L away from -1."""
+    is_of_all = requirement.scope is Scope.FAMILY or len(spec.plant.low) == 0
+    if requirement.quantity not in _ROBUST or not is_of_all:
         return False
     if requirement.quantity == "phase_margin_deg":
         return math.isfinite(requirement.lower)

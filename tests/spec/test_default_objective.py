@@ -62,3 +62,14 @@ def test_bounds_alone_get_the_best_rejection_and_a_bounded_peak(requirement: str
     added = used.requirements[len(spec.requirements) :]
     assert [(r.quantity, r.upper) for r in added] == ([("sensitivity_db", 6.0)] if adds else [])
     assert len(default_notes(spec)) == 1 + adds
+
+
+def test_a_bound_of_the_nominal_plant_alone_bounds_no_other() -> None:
+    nominal = "{phase_margin_deg: {at_least: 60}, on: nominal}"
+    known = spec_with(nominal)
+    assert len(with_default_objective(known).requirements) == 1
+    uncertain = parse_spec(
+        f"{HEAD.replace('time_constant_s: 2', 'time_constant_s: {min: 1, max: 3}')}requirements:\n  - {nominal}\n"
+    )
+    assert len(with_default_objective(uncertain).requirements) == 2
+    assert "of every plant" in default_notes(uncertain)[1]
