@@ -62,7 +62,8 @@ def default_notes(spec: DesignSpec) -> tuple[str, ...]:
     ]
     if len(used.requirements) > len(spec.requirements):
         notes.append(
-            f"nothing bounds |S| or the phase margin of every plant: sensitivity_db: {{at_most: {ADDED_SENSITIVITY_DB:g}}} was added"
+            "nothing bounds |S| or the phase margin of every plant: "
+            f"sensitivity_db: {{at_most: {ADDED_SENSITIVITY_DB:g}}} was added"
         )
     return tuple(notes)
 

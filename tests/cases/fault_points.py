@@ -101,7 +101,9 @@ def commands(folder: Path) -> Iterator[Commands]:
     library = folder / "fault_points.so"
     source = HERE / "fault_points.c"
     subprocess.run([COMPILER, "-shared", "-fPIC", "-O1", "-o", str(library), str(source), "-ldl"], check=True)
-    path = os.pathsep.join((str(HERE.parent), str(HERE.parents[1])))
+    import fopi_tune
+
+    path = os.pathsep.join((str(HERE.parent), str(Path(fopi_tune.__file__ or "").parents[1])))
     environment = {**os.environ, "PYTHONPATH": path, "LD_PRELOAD": str(library), "OMP_NUM_THREADS": "1"}
     with subprocess.Popen(
         [sys.executable, str(HERE / "fault_points.py")],

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cases.project import CONTINUOUS, ROOT
+from cases.project import CONTINUOUS, IMPORTED
 from typer.testing import CliRunner, Result
 
 from fopi_tune import __version__
@@ -400,7 +400,7 @@ def python(program: str, **environment: str) -> subprocess.CompletedProcess[str]
         [sys.executable, "-c", program],
         capture_output=True,
         text=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
+        env=os.environ | {"PYTHONPATH": str(IMPORTED)} | environment,
         check=False,
         timeout=300,
     )
@@ -465,7 +465,7 @@ def test_a_full_stdout_is_told_and_the_file_is_written_all_the_same() -> None:
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
-            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            env=os.environ | {"PYTHONPATH": str(IMPORTED)},
             check=False,
             timeout=300,  # the first search compiles
         )

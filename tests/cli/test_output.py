@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from cases.project import CONTINUOUS, ROOT
+from cases.project import CONTINUOUS, IMPORTED
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
@@ -35,7 +35,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has
 
 
 def start(*arguments: str) -> subprocess.Popen[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    environment = {**os.environ, "PYTHONPATH": str(IMPORTED)}
     return subprocess.Popen(
         [sys.executable, *arguments],
         env=environment,

@@ -11,7 +11,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from cases.project import CONTINUOUS, ROOT
+from cases.project import CONTINUOUS, IMPORTED
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -250,7 +250,7 @@ def test_heavy_files_take_less_than_300_megabytes(tmp_path: Path) -> None:
     for index, (text, _) in enumerate(HEAVY.values()):
         (tmp_path / f"{index}.yaml").write_bytes(text if isinstance(text, bytes) else text.encode())
     paths = [str(path) for path in tmp_path.iterdir()]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"PYTHONPATH": str(IMPORTED)}
     command = [sys.executable, "-c", HEAVY_PROGRAM, *paths]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=60)
     assert done.returncode == 0, done.stderr

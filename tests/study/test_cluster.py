@@ -18,11 +18,11 @@ from typing import Any
 
 import psutil
 import pytest
-from cases.project import CONTINUOUS, ROOT
+from cases.project import CONTINUOUS, IMPORTED, ROOT
 
 TESTS = ROOT / "tests"
 DASK = shutil.which("dask", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", ""))))
-ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join((str(TESTS), str(ROOT))), "OMP_NUM_THREADS": "1"}
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join((str(TESTS), str(IMPORTED))), "OMP_NUM_THREADS": "1"}
 SLOW = ", ".join([*(f"slow_{i}" for i in range(12)), *(f"late_{i}" for i in range(12))])
 BRAKE = f"""\
 schema: 1

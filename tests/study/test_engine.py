@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cases.project import CONTINUOUS, ROOT
+from cases.project import CONTINUOUS, IMPORTED
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
@@ -46,7 +46,7 @@ from fopi_tune.study.table import collect_table, value_at
 from fopi_tune.study.worker import CellResult, combine_blocks, run_block, run_cell, run_chunk
 
 HERE = Machines(0)
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(IMPORTED)}
 VERSIONS = numeric_versions()
 LAG = """\
 schema: 1
