@@ -310,7 +310,9 @@ def test_a_failure_of_the_tool_is_one_line_and_the_other_specs_are_done(monkeypa
     import fopi_tune.pipeline.tune
 
     real = fopi_tune.pipeline.tune.tune
-    monkeypatch.setattr("fopi_tune.pipeline.tune.tune", lambda spec: fails() if spec.name == "brake" else real(spec))
+    monkeypatch.setattr(
+        "fopi_tune.pipeline.tune.tune", lambda spec, *_, **__: fails() if spec.name == "brake" else real(spec)
+    )
     result = fopi("tune", BRAKE_FILE, THROTTLE_FILE, "--quiet")
     assert result.exit_code == 3
     assert result.stdout.startswith("throttle: solved.")
@@ -328,12 +330,12 @@ def test_a_failed_status_ends_with_3_and_a_domain_error_with_2(monkeypatch: pyte
 
     design = fopi_tune.pipeline.tune.tune(load_spec(THROTTLE_FILE))
     failed = replace(design, status=Status.FAILED, message="Ipopt gave up")
-    monkeypatch.setattr("fopi_tune.pipeline.tune.tune", lambda spec: failed)
+    monkeypatch.setattr("fopi_tune.pipeline.tune.tune", lambda *_, **__: failed)
     result = fopi("tune", THROTTLE_FILE)
     assert result.exit_code == 3
     assert "Why: Ipopt gave up.\n" in result.stdout
 
-    def refuses(spec: object) -> None:
+    def refuses(*_: object, **__: object) -> None:
         raise DomainError("the dead time is too long")
 
     monkeypatch.setattr("fopi_tune.pipeline.tune.tune", refuses)
