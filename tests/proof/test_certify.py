@@ -339,13 +339,14 @@ def test_without_a_proof_the_result_says_so() -> None:
 def test_a_refuted_requirement_goes_back_to_the_design_as_a_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     spec = load_spec(CONTINUOUS / "brake_delay.yaml")
     seen: list[tuple[object, ...]] = []
+    import fopi_tune.pipeline.tune
     from fopi_tune.design import design as real_design
 
-    def watched(spec: DesignSpec, violations: tuple[object, ...], start: object = None) -> object:
+    def watched(spec: DesignSpec, violations: tuple[object, ...], start: object = None, *_: object) -> object:
         seen.append(violations)
         return real_design(spec, violations, start)  # pyright: ignore[reportArgumentType]
 
-    def refuting(spec: DesignSpec, found: ft.Verification, versions: dict[str, str]) -> ft.Certificate:
+    def refuting(spec: DesignSpec, found: ft.Verification, versions: dict[str, str], *_: object) -> ft.Certificate:
         certificate = certify(spec, found, versions)
         if len(seen) > 1:
             return certificate

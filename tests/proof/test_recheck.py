@@ -179,10 +179,13 @@ def test_a_missing_crossover_refutes_no_sensitivity(refuting: Document) -> None:
     assert "no witness" in " ".join(ft.recheck(changed(refuting, claim)).problems)
 
 
-def test_a_certificate_of_another_file_is_refused(sound: Document) -> None:
+def test_a_certificate_of_another_text_of_the_spec_is_told(sound: Document) -> None:
     other = changed(sound, lambda d: d.update(spec_sha256="f" * 64))
     assert ft.recheck(other).is_sound
-    assert ft.recheck(other, BRAKE).problems
+    assert ft.recheck(other, BRAKE).is_sound
+    assert "another text of this spec" in ft.recheck(other, BRAKE).notes[0]
+    assert ft.recheck(sound, BRAKE).notes == ()
+    assert ft.recheck(changed(sound, lambda d: d.update(spec_sha256="f")), BRAKE).problems
 
 
 @pytest.mark.parametrize("numerator", [[0.0, 1.0, 2.0], [0.0, 0.0, 1.0]])
