@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import math
 import sys
 
@@ -339,7 +340,6 @@ def test_without_a_proof_the_result_says_so() -> None:
 def test_a_refuted_requirement_goes_back_to_the_design_as_a_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     spec = load_spec(CONTINUOUS / "brake_delay.yaml")
     seen: list[tuple[object, ...]] = []
-    import fopi_tune.pipeline.tune
     from fopi_tune.design import design as real_design
 
     def watched(spec: DesignSpec, violations: tuple[object, ...], start: object = None, *_: object) -> object:
@@ -360,7 +360,7 @@ def test_a_refuted_requirement_goes_back_to_the_design_as_a_cut(monkeypatch: pyt
         return dataclasses.replace(certificate, requirements=proofs)
 
     monkeypatch.setattr("fopi_tune.design.design", watched)
-    monkeypatch.setattr(sys.modules["fopi_tune.pipeline.tune"], "certify", refuting)
+    monkeypatch.setattr(importlib.import_module("fopi_tune.pipeline.tune"), "certify", refuting)
     design = ft.tune(spec)
     assert design.status is ft.Status.SOLVED
     assert len(seen) == 2
