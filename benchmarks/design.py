@@ -17,7 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "benchmarks" / "specs")]
 
-from generate import COUNT, spec_text  # noqa: E402
+from generate import COUNT, spec_text  # noqa: E402  # pyright: ignore[reportMissingImports]
 from reference import reference  # noqa: E402
 
 from fopi_tune.design import design  # noqa: E402

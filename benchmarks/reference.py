@@ -4,6 +4,7 @@ The loop is evaluated on a dense table of its own, its stability by the winding 
 axis; the verification judges what is found, and the plants at which it objects join the table.
 """
 
+# pyright: reportAttributeAccessIssue=false, reportCallIssue=false, reportArgumentType=false
 from __future__ import annotations
 
 import math
