@@ -275,10 +275,10 @@ def test_many_rows_give_what_each_gives_alone(high: float) -> None:
 @pytest.mark.parametrize("delay", [1.0, 100.0, 1e4, 1e6])
 def test_a_dead_time_long_against_the_lag_is_searched_in_reasonable_time(delay: float) -> None:
     controller, plant = FoPi(0.1, 0.5 / delay, 1.0), Plant((1.0,), (1.0, 1.0), delay)
-    start = time.perf_counter()
+    start = time.process_time()
     value, omega = found(controller, plant, S)
-    # 10 ms measured; a second would mean that the tails are not closed.
-    assert time.perf_counter() - start < 2.0
+    # 10 ms measured; tails that are not closed take minutes
+    assert time.process_time() - start < 10.0
     expected = scanned(controller, plant, S, 0.01 / delay, 100.0 / delay, 1.0)
     assert value == pytest.approx(expected, abs=1e-8)
     assert 0.1 < omega * delay < 10.0

@@ -17,6 +17,7 @@ from scipy import signal
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital import DigitalController, Export, Units, discretize, export_c
+from fopi_tune.digital.discretize import sections_of
 from fopi_tune.digital.export_c import comment, literal, sanitized
 from fopi_tune.digital.oustaloup import modified_oustaloup, oustaloup
 from fopi_tune.digital.realise import Precision, run_parallel
@@ -354,7 +355,8 @@ def test_a_hand_over_with_the_same_error_does_not_move_the_output(error: float) 
 @pytest.mark.parametrize("alpha", [0.3, 0.8, 1.2, 1.6, 1.9])
 @pytest.mark.parametrize("method", ["oustaloup", "fit"])
 def test_what_is_taken_over_at_no_error_stays(alpha: float, method: str) -> None:
-    sections = discretize(FoPi(0.4, 0.3, alpha), DigitalSpec(0.2, method, 7, (10**-2.5, 1e3))).sections
+    # without float32's check: whether a fit of order 1.9 passes it depends on the last digits of the linear algebra
+    sections = sections_of(FoPi(0.4, 0.3, alpha), DigitalSpec(0.2, method, 7, (10**-2.5, 1e3)))
     runtime = Runtime.of(sections, Precision.FLOAT64, None)
     state = track(runtime, init(runtime), 0.0, 0.0, 5.0)
     for _ in range(5000):

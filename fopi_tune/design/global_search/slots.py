@@ -145,8 +145,7 @@ def error_rows(findings: list[Array], rows: Rows, scaled: Scaled, log_horizon: f
         plant = scaled.member(finding[FIELDS:])
         width = len(powers)
         value = plant[:width] @ powers / (plant[width : 2 * width] @ powers)
-        h = scaled.sampling.half
-        value *= math.exp(-s * plant[-1]) if h == 0.0 else ((1.0 - h * s) / (1.0 + h * s)) ** plant[-1]
+        value *= scaled.delayed_at_real(s, plant[-1])
         parameters[k] = value, -log_horizon, 1.0
     return parameters
 

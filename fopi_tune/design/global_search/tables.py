@@ -99,6 +99,12 @@ class Scaled:
             return 1.0 / (horizon_s * self.scale.omega_rad_s)
         return math.tanh(0.5 * self.samples.digital.sample_time_s / horizon_s) / self.samples.half
 
+    def delayed_at_real(self, s: float, delay: Array) -> Array:
+        """e^-(delay s), or z^-delay of whole samples, at a real s; shape of `delay`."""
+        if self.samples is None:
+            return np.exp(-s * delay)
+        return ((1.0 - self.samples.half * s) / (1.0 + self.samples.half * s)) ** delay
+
     def v_of(self, log_omega: float) -> float:
         """v at the ln of a frequency in rad/s; inf from Nyquist's on."""
         if self.samples is None:
@@ -256,10 +262,8 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
     linear, members = np.exp(gain), scaled.members(points)
     s = scaled.horizon(horizon_s)
     powers = s ** np.arange(WIDTH - 1, -1, -1.0)
-    delayed = np.exp(-s * members[:, -1])
-    if samples is not None:
-        delayed = ((1.0 - samples.half * s) / (1.0 + samples.half * s)) ** members[:, -1]
-    error_gain = members[:, :WIDTH] @ powers / (members[:, WIDTH : 2 * WIDTH] @ powers) * delayed
+    error_gain = members[:, :WIDTH] @ powers / (members[:, WIDTH : 2 * WIDTH] @ powers)
+    error_gain *= scaled.delayed_at_real(s, members[:, -1])
     late = members[:, -1] if samples is not None else np.zeros(m)
     return Table(
         v, omega, gain, phase, linear * np.cos(phase), linear * np.sin(phase), delay,
