@@ -33,13 +33,60 @@ Complex = NDArray[np.complex128]
 #: exponents are clipped here so that a double, and in bounds its square, stays finite
 _EXPONENT_CAP = 700.0
 _BOUND_EXPONENT_CAP = 300.0
-#: points evaluated together: a complex number for each of 30 factors of each point is 4 MB, and some ten are alive
-PORTION = 8_192
+#: points evaluated together: an array of 30 factors of each point is 0.25 MB, which stays in the cache and is not given
+#: back to the system after every operation
+PORTION = 1_024
 
 
 def portions(count: int) -> list[slice]:
     """Slices of at most `PORTION` points each that together are all of them; one when there are none."""
     return [slice(start, start + PORTION) for start in range(0, max(count, 1), PORTION)]
+
+
+@dataclass(frozen=True)
+class _Rays:
+    """Factors 1 + w, w = e^x e^{j psi}, in real arithmetic, several times faster than with complex logarithms.
+
+    With m = e^-|x| <= 1 and d = |1 + m e^{j psi}|^2 = 1 + m (m + 2 cos psi), nothing overflows:
+
+        ln|1 + w| = max(x, 0) + ln(d)/2 ,
+        w/(1 + w) = {m (m + cos psi)  if x <= 0,  1 + m cos psi  if x > 0}/d + j m sin psi/d .                      (3)
+
+    Args:
+        exponent: shape (n, K), x.
+        small: shape (n, K), m.
+        cosine, sine: shape (n, K), of psi.
+    """
+
+    exponent: Array
+    small: Array
+    cosine: Array
+    sine: Array
+
+    @cached_property
+    def squared_distance(self) -> Array:
+        """Shape (n, K), d: as a sum of squares it is accurate near w = -1 too."""
+        return (1.0 + self.small * self.cosine) ** 2 + (self.small * self.sine) ** 2
+
+    def log_gain(self) -> Array:
+        """Shape (n, K), ln|1 + w|."""
+        excess = self.small * (self.small + 2.0 * self.cosine)
+        log = np.log1p(excess)
+        close = excess < -0.5
+        if close.any():
+            log[close] = np.log(self.squared_distance[close])
+        return np.maximum(self.exponent, 0.0) + 0.5 * log
+
+    def phase(self) -> Array:
+        """Shape (n, K), arg(1 + w) in rad."""
+        large = self.exponent > 0.0
+        real = np.where(large, self.small + self.cosine, 1.0 + self.small * self.cosine)
+        return np.arctan2(np.where(large, self.sine, self.small * self.sine), real)
+
+    def real_part(self) -> Array:
+        """Shape (n, K), d Re w/(1 + w)."""
+        small, cosine = self.small, self.cosine
+        return np.where(self.exponent > 0.0, 1.0 + small * cosine, small * (small + cosine))
 
 
 @dataclass(frozen=True)
@@ -115,19 +162,24 @@ class BodeForm:
 
     def _at_once(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            w, turn = self._rays(rows, u), self.delay[rows] * np.exp(u)
-            factors = (self.sign[rows] * np.log1p(w)).sum(axis=1)
-            value = self.scale[rows] + self.slope0[rows] * u + 1j * (self.phase0[rows] - turn) + factors
-            return value, self._derivative(rows, w, turn)
+            rays, turn = self._rays(rows, u), self.delay[rows] * np.exp(u)
+            sign = self.sign[rows]
+            value = np.empty(len(u), dtype=complex)
+            value.real = self.scale[rows] + self.slope0[rows] * u + (sign * rays.log_gain()).sum(axis=1)
+            value.imag = self.phase0[rows] - turn + (sign * rays.phase()).sum(axis=1)
+            return value, self._derivative(rows, rays, turn)
 
-    def _rays(self, rows: Rows, u: Array) -> Complex:
-        """w of every factor, shape (n, K)."""
+    def _rays(self, rows: Rows, u: Array) -> _Rays:
         exponent = np.clip(self.nu[rows] * (u[:, None] - self.corner[rows]), -_EXPONENT_CAP, _EXPONENT_CAP)
-        return np.exp(exponent) * self._direction[rows]
+        return _Rays(exponent, np.exp(-np.abs(exponent)), self._direction.real[rows], self._direction.imag[rows])
 
-    def _derivative(self, rows: Rows, w: Complex, turn: Array) -> Complex:
+    def _derivative(self, rows: Rows, rays: _Rays, turn: Array) -> Complex:
         """Formula (2)."""
-        return self.slope0[rows] + (self.sign[rows] * self.nu[rows] * (w / (1.0 + w))).sum(axis=1) - 1j * turn
+        weight = self.sign[rows] * self.nu[rows] / rays.squared_distance
+        slope = np.empty(len(turn), dtype=complex)
+        slope.real = self.slope0[rows] + (weight * rays.real_part()).sum(axis=1)
+        slope.imag = (weight * rays.small * rays.sine).sum(axis=1) - turn
+        return slope
 
     def curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
         """An upper bound of |d2 ln f / du2| on [low, high], by (2)."""

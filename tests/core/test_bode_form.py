@@ -5,6 +5,7 @@ from __future__ import annotations
 import tracemalloc
 from collections.abc import Callable
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -61,3 +62,29 @@ def test_the_memory_for_many_points_does_not_grow_with_the_number_of_factors(nam
         tracemalloc.stop()
     # two results of 16 bytes a point, twice while they are joined, and the portion's arrays
     assert peak < 60e6
+
+
+def test_values_and_slopes_are_those_of_fifty_digits() -> None:
+    """Far below and above every corner, and beside w = -1, where 1 + w is small."""
+    form, rng = forms(20), np.random.default_rng(5)
+    rows = rng.integers(0, 20, size=90).astype(np.intp)
+    u = np.concatenate([rng.uniform(-600.0, 8.0, 30), rng.uniform(-10.0, 10.0, 30), np.zeros(30)])
+    factor = rng.integers(0, FACTORS, size=90)
+    beside = np.arange(90) >= 60
+    form.psi[rows[beside], factor[beside]] = np.pi - rng.uniform(1e-9, 1e-3, 30)
+    u[beside] = form.corner[rows, factor][beside] + rng.uniform(-1e-6, 1e-6, 30)
+    values, slopes = form.value_and_derivative(rows, u)
+    with mpmath.workdps(50):
+        for value, slope, m, at in zip(values, slopes, rows, map(mpmath.mpf, u), strict=True):
+            turn = 1j * form.delay[m] * mpmath.exp(at)
+            nu = [mpmath.mpf(x) for x in form.nu[m]]
+            w = [
+                mpmath.exp(n * (at - c) + 1j * mpmath.mpf(p))
+                for n, c, p in zip(nu, form.corner[m], form.psi[m], strict=True)
+            ]
+            parts = [s * mpmath.log(1 + x) for s, x in zip(form.sign[m], w, strict=True)]
+            exact = form.scale[m] + form.slope0[m] * at + 1j * form.phase0[m] + mpmath.fsum(parts) - turn
+            steep = mpmath.fsum(s * n * x / (1 + x) for s, n, x in zip(form.sign[m], nu, w, strict=True))
+            # u, the corner and psi are rounded: beside -1 the slope magnifies that
+            assert abs(value - exact) <= 1e-13 * (1 + abs(exact)) + 1e-14 * abs(steep)
+            assert abs(slope - (form.slope0[m] + steep - turn)) <= 1e-13 * (1 + abs(steep) + abs(turn)) ** 2

@@ -1,0 +1,52 @@
+"""Compiles a half of the search before the tests, so that no process of them does:  python compile_search.py HALF.
+
+HALF is `rays` or `worst_cases`; what both need is compiled twice, and takes less than all of it in each test process.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from cases.project import CONTINUOUS
+
+from fopi_tune.design.bracket import bracket_of
+from fopi_tune.design.global_search.basins import scan_box
+from fopi_tune.design.global_search.compiled import work_for
+from fopi_tune.design.global_search.intervals import allowed_intervals
+from fopi_tune.design.global_search.polish import Polish
+from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.global_search.samples import filter_at, integral_at_real
+from fopi_tune.design.global_search.worst_case import highest_crossover
+from fopi_tune.spec import load_spec
+
+#: with two equalities, and without any
+SPECS = "brake", "second_order"
+
+
+def rays(problem: Problem) -> None:
+    """What looks for basins."""
+    scan_box(problem, 1, coarse=20.0)
+    table = problem.scan_table
+    allowed_intervals(1.0, 0.8, 0.6, -8.0, 5.0, table, problem.rows(table, tightening=0.0), work_for(table))
+
+
+def worst_cases(problem: Problem) -> None:
+    """What polishes them, and the bound."""
+    polish, x = Polish(problem), np.array([0.5, 0.4, 0.9])
+    polish.look(x)
+    highest_crossover(x, polish.table, polish.work)
+    filter_at(x, 1.0)
+    integral_at_real(x, 0.0)
+    bracket_of(polish, 1.0, x, budget=1)
+
+
+def main() -> None:
+    """Compile; Numba keeps the code beside the package."""
+    for name in SPECS:
+        problem = Problem.of(load_spec(CONTINUOUS / f"{name}.yaml"))
+        {"rays": rays, "worst_cases": worst_cases}[sys.argv[1]](problem)
+
+
+if __name__ == "__main__":
+    main()
