@@ -163,7 +163,7 @@ def test_the_intervals_hold_the_truth_in_95_percent_of_the_recordings() -> None:
     assert held_in(fits, (2.0, 5.0, 1.03)) / 400 == pytest.approx([0.95, 0.95, 0.975], abs=0.044)
 
 
-@pytest.mark.parametrize("dead", [1.03, 0.1])
+@pytest.mark.parametrize("dead", [0.1, pytest.param(1.03, marks=pytest.mark.long)])
 def test_the_intervals_hold_the_truth_wherever_between_two_lines_the_step_comes(dead: float) -> None:
     rng, count = np.random.default_rng(12), 200
     fits: list[Fit] = []

@@ -153,7 +153,9 @@ def test_what_costs_nothing_or_is_not_solved_has_no_price() -> None:
     assert ft.price(infeasible) == infeasible
 
 
-@pytest.mark.parametrize("name", ["throttle", "brake_delay", "lag_gain_and_delay"])
+@pytest.mark.parametrize(
+    "name", ["throttle", "brake_delay", pytest.param("lag_gain_and_delay", marks=pytest.mark.long)]
+)
 def test_the_prices_of_a_design_for_samples_agree_with_solving_again(name: str) -> None:
     spec = ft.load_spec(CONTINUOUS / f"{name}.yaml")
     assert spec.digital is not None

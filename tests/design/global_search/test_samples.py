@@ -183,8 +183,22 @@ GAINS = {
 }
 
 
-@pytest.mark.parametrize("name", PLANTS)
-@pytest.mark.parametrize("digital", ["sample_time_s: 0.1", "sample_time_s: 0.3, delay_samples: 0.4"])
+#: plants that are asked with one sample time only, except with -m long
+ASKED_ONCE = "vertices", "interior", "unstable", "integrator", "double", "negative", "none"
+
+
+@pytest.mark.parametrize(
+    ("name", "digital"),
+    [
+        *((name, "sample_time_s: 0.1") for name in PLANTS),
+        *(
+            pytest.param(
+                name, "sample_time_s: 0.3, delay_samples: 0.4", marks=[pytest.mark.long] * (name in ASKED_ONCE)
+            )
+            for name in PLANTS
+        ),
+    ],
+)
 def test_the_smallest_slack_of_every_row_is_the_verifications(name: str, digital: str) -> None:
     spec, gains = spec_of(PLANTS[name], QUANTITIES_ASKED, digital, "objective: {maximize: ki}\n"), GAINS[name]
     problem = Problem.of(spec)
@@ -218,7 +232,14 @@ RAYS = [(0.5, 1.0, 0.3), (1.0, 0.3, 1.0), (1.3, 1.0, 1.0), (0.9, 1.0, 0.0), (1.0
 NEAR = 0.06
 
 
-@pytest.mark.parametrize("plant", ["none", "direct", "negative", "unstable", "resonance", "double"])
+@pytest.mark.parametrize(
+    "plant",
+    [
+        "unstable",
+        "direct",
+        *(pytest.param(plant, marks=pytest.mark.long) for plant in ("none", "negative", "resonance", "double")),
+    ],
+)
 @pytest.mark.parametrize(
     "requirement",
     [
