@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,9 +183,8 @@ class Continuous:
                 break
             middle = np.sqrt(omega[wide] * omega[wide + 1])
             more = parts(middle)
-            omega, d, f = (
-                np.insert(old, wide + 1, new) for old, new in zip((omega, d, f), (middle, *more), strict=True)
-            )
+            omega = _inserted(omega, wide, middle)
+            d, f = _inserted(d, wide, more[0]), _inserted(f, wide, more[1])
         else:
             raise UncertainError("the argument does not settle")
         value = 1j**power * d * f
@@ -333,6 +333,10 @@ def _roots(function: Callable[[Array], Array], grid: Array, values: Array, most:
     jump = np.maximum(np.abs(values[1:]), np.abs(values[:-1])) > most
     k = np.flatnonzero((np.sign(values[1:]) != np.sign(values[:-1])) & ~jump)
     return np.exp(_polished(function, omega[k], omega[k + 1], values[k], values[k + 1]))
+
+
+def _inserted(old: Any, after: NDArray[np.intp], new: Any) -> Any:
+    return np.insert(old, after + 1, new)
 
 
 def _polished(function: Callable[[Array], Array], low: Array, high: Array, f_low: Array, f_high: Array) -> Array:
