@@ -98,7 +98,7 @@ def _version(wanted: bool) -> None:
 def tune(
     specs: Specs,
     prices: PricesOption = False,
-    bracket: BracketOption = False,
+    bracket: BracketOption = True,
     tradeoff: TradeoffOption = None,
     start: StartOption = None,
     stop: StopOption = None,

@@ -21,7 +21,7 @@ PricesOption = Annotated[
 ]
 BracketOption = Annotated[
     bool,
-    typer.Option("--bracket", help="Bound in floating point how much better any other gains can be."),
+    typer.Option("--bracket/--no-bracket", help="Bound in floating point how much better any other gains can be."),
 ]
 TradeoffOption = Annotated[
     str | None,
@@ -54,14 +54,12 @@ class TuneOptions:
     stop: float | None
     points: int | None
     solver: Solver = Solver.IPOPT
-    bracket: bool = False
+    bracket: bool = True
 
     def problem(self, specs: int) -> str | None:
         """Why the options cannot be combined, or None."""
         if self.solver is not Solver.IPOPT and (self.prices or self.requirement is not None):
             return "--prices and --tradeoff are solved by ipopt; leave --solver out"
-        if self.bracket and (self.solver is not Solver.IPOPT or self.requirement is not None):
-            return "--bracket belongs to one design by ipopt; leave --solver and --tradeoff out"
         if self.requirement is None:
             if (self.start, self.stop, self.points) != (None, None, None):
                 return "--from, --to and --points belong to --tradeoff REQUIREMENT"

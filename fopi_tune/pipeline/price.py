@@ -71,7 +71,7 @@ def tradeoff(
         raise DomainError(
             "the spec fixes kp, ki and alpha: whatever a limit is, the gains stay; give one of them a range"
         )
-    design = tune(spec, proof=False)
+    design = tune(spec, proof=False, bracket=False)
     if design.status is not Status.SOLVED or design.gains is None:
         said = f"{design.status.value}: {design.message}" if design.message else design.status.value
         raise DomainError(f"a sweep starts from the design with the spec's own limits, which is {said}")

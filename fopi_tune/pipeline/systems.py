@@ -190,7 +190,7 @@ def _mode_gains(system: SystemSpec, gains: Mapping[str, FoPi] | None) -> dict[st
     for mode in system.modes:
         wanted = given.get(mode.name, mode.gains)
         if wanted is None:
-            design = tune(mode.spec, proof=False)
+            design = tune(mode.spec, proof=False, bracket=False)
             if design.status is not Status.SOLVED or design.gains is None:
                 raise DomainError(f"{mode.name}: its spec is {design.status.value}, give the system its gains")
             wanted = design.gains

@@ -49,7 +49,7 @@ def tune(
     solver: Solver = Solver.IPOPT,
     *,
     start: FoPi | Neighbour | None = None,
-    bracket: bool = False,
+    bracket: bool = True,
 ) -> Design:
     """Find the gains that meet a spec over its whole family, and prove that they do.
 
@@ -81,7 +81,7 @@ def tune(
 
     def is_met(relaxed: DesignSpec) -> bool:
         # from the gains that come nearest first, and from every start where these lead nowhere
-        return _unconfirmed_design(relaxed, relaxed, False, solver, design.gains).status is Status.SOLVED
+        return _unconfirmed_design(relaxed, relaxed, False, solver, design.gains, False).status is Status.SOLVED
 
     return replace(design, clash=_confirm_relaxations(spec, design.clash, is_met), notes=design_notes(asked, design))
 
@@ -95,7 +95,7 @@ def _without_vanished_terms(spec: DesignSpec, design: Design, proof: bool, solve
         return design
     gains = design.gains
     start = replace(gains, kp=0.0) if box.kp.is_fixed and not spec.controller.kp.is_fixed else replace(gains, ki=0.0)
-    again = _unconfirmed_design(spec, replace(spec, controller=box), proof, solver, start)
+    again = _unconfirmed_design(spec, replace(spec, controller=box), proof, solver, start, False)
     if again.status is not Status.SOLVED:
         return design
     # what nothing in the whole box beats, nothing in a part of it does
@@ -115,7 +115,7 @@ def _unconfirmed_design(
     proof: bool,
     solver: Solver,
     start: FoPi | Neighbour | None,
-    bracket: bool = False,
+    bracket: bool,
 ) -> Design:
     """Search, check and search again with what the check refuted; relaxations are the search's estimates.
 

@@ -238,7 +238,8 @@ def _proof_document(design: Design) -> dict[str, Any]:
 @lru_cache(_MAX_DESIGNS)
 def _cached_design(text: str, files: Files, base: str, proof: bool) -> Design:
     """The design of a spec; cells that differ only in the spec of the check share it."""
-    return tune(spec_from_text(text, files=files), proof=proof, start=_base_neighbour(base) if base else None)
+    start = _base_neighbour(base) if base else None
+    return tune(spec_from_text(text, files=files), proof=proof, start=start, bracket=False)
 
 
 @lru_cache(_MAX_BASES)
@@ -250,5 +251,5 @@ def _base_neighbour(text: str) -> Neighbour | None:
     box = spec.controller
     if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
         return None
-    design = tune(spec, proof=False)
+    design = tune(spec, proof=False, bracket=False)
     return neighbour(spec, design.gains) if design.status is Status.SOLVED and design.gains is not None else None

@@ -17,22 +17,22 @@ CLASH = (
 
 
 def test_a_design_says_how_much_better_anything_else_can_be() -> None:
-    design = ft.tune(CONTINUOUS / "throttle.yaml", proof=False, bracket=True)
+    design = ft.tune(CONTINUOUS / "throttle.yaml", proof=False)
     assert design.gap == 0.001
     assert design.to_dict()["gap"] == 0.001
     assert "nothing better by more than 0.1 % is possible (checked)" in design_text(design).plain
 
 
 def test_a_design_from_a_start_alone_says_nothing_about_others() -> None:
-    first = ft.tune(CONTINUOUS / "throttle.yaml", proof=False)
+    first = ft.tune(CONTINUOUS / "throttle.yaml", proof=False, bracket=False)
     assert first.gap is None
-    again = ft.tune(CONTINUOUS / "throttle.yaml", proof=False, start=first.gains, bracket=True)
+    again = ft.tune(CONTINUOUS / "throttle.yaml", proof=False, start=first.gains)
     assert again.gap is None
     assert "is possible (checked)" not in design_text(again).plain
 
 
 def test_an_infeasible_spec_says_how_completely_its_box_was_searched() -> None:
-    design = ft.tune(ft.parse_spec(CLASH), proof=False, bracket=True)
+    design = ft.tune(ft.parse_spec(CLASH), proof=False)
     assert design.status.value == "infeasible"
     assert design.gap is None
     assert design.message.endswith("the whole box was excluded, in floating point")
