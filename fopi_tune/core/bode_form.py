@@ -52,6 +52,8 @@ class _Rays:
         ln|1 + w| = max(x, 0) + ln(d)/2 ,
         w/(1 + w) = {m (m + cos psi)  if x <= 0,  1 + m cos psi  if x > 0}/d + j m sin psi/d .                      (3)
 
+    Source: derived; for x > 0 with 1/w, whose absolute value is m.
+
     Args:
         exponent: shape (n, K), x.
         small: shape (n, K), m.
