@@ -22,6 +22,7 @@ from fopi_tune.convex.evaluate import evaluate
 from fopi_tune.convex.limits import Task
 from fopi_tune.convex.program import Program
 from fopi_tune.convex.starts import starts
+from fopi_tune.core.controller import FoPi
 
 #: alphas of the first scan; every so many of them are solved from starts of their own, the others from their neighbours
 _SCANNED, _ANCHORS = 13, 4
@@ -65,6 +66,13 @@ class AlphaSearch:
             for here, there in zip(order[1:], order, strict=False):
                 if self._may_improve(here, there):
                     self._from(here, [there], _FINISHED_IN_SCAN)
+
+    def begin_at(self, gains: FoPi) -> None:
+        """In place of the scan: solve from gains at their own alpha and a step of the scan on either side."""
+        box = self.task.spec.controller.alpha
+        x, step = self.task.scaled(gains), (box.max - box.min) / (_SCANNED - 1)
+        for alpha in dict.fromkeys((gains.alpha, max(gains.alpha - step, box.min), min(gains.alpha + step, box.max))):
+            self._offer(alpha, self.procedure.run(self.task.gains(x, alpha), _FINISHED_IN_SCAN))
 
     def _from_starts(self, alpha: float, most: int) -> None:
         """Solve from several starts; two with the same result are enough."""

@@ -1,12 +1,12 @@
 """Points -> second-order cone constraints on a small step d of the scaled gains x = (kp, ki).
 
-For fixed alpha C = kp + ki s^-alpha and L = C P are affine in x.  Every frequency function is |N|/|D| of two affine
-functions of x, and with e = D(x0)/|D(x0)|
+For fixed alpha C = kp + ki F, F = s^-alpha or its filter, and L = C P are affine in x.  Every frequency function is
+|N|/|D| of two affine functions of x, and with e = D(x0)/|D(x0)|
 
     |N| <= M |D|      is implied by      |N(x0 + d)| <= M Re(conj(e) D(x0 + d)) ,                                    (1)
 
 a second-order cone: convex on the left, linearised on the right, exact at d = 0.  A quantity at a crossing u_c changes
-with the crossing, too: with l = ln L,  dl/dx = (1, s^-alpha)/C,  and
+with the crossing, too: with l = ln L,  dl/dx = (1, F)/C,  and
 
     gain crossover    du_c/dx = -Re(dl/dx)/Re(dl/du) ,        phase crossover    du_c/dx = -Im(dl/dx)/Im(dl/du) ,    (2)
 
@@ -124,25 +124,26 @@ class _Responses:
     loops: Loops
     rows: Rows
     u: Array
-    integral: Complex
+    d_integral: Complex
     unit: Array
+    ki: float
     side: Array
 
     @classmethod
     def at(cls, task: Task, found: Evaluation, plants: Plants, points: ConstraintPoints) -> _Responses:
         gains, u, rows = found.gains, points.u, points.plant
-        loops = Loops.of(gains, plants)
+        loops = task.kind.loops(gains, plants)
         unit = task.unit(gains.alpha)
-        integral: Complex = np.exp(-gains.alpha * (u + 0.5j * np.pi))
+        integral, d_integral = task.kind.integral(gains.alpha, u)
         controller: Complex = gains.kp + gains.ki * integral
         d_controller: Complex = np.stack([np.full(len(u), unit[0] + 0j), unit[1] * integral], axis=1)
         log_loop, slope = loops.log_response_and_slope(rows, u)
         with np.errstate(all="ignore"):
-            plant = np.exp(plants.log.value(rows, u))
+            plant = task.kind.plant_response(plants, rows, u)
             d_log_loop: Complex = d_controller / controller[:, None]
         return cls(
-            plant, controller, d_controller, log_loop, d_log_loop, slope, loops, rows, u, gains.ki * integral, unit,
-            points.side,
+            plant, controller, d_controller, log_loop, d_log_loop, slope, loops, rows, u,
+            d_integral, unit, gains.ki, points.side,
         )  # fmt: skip
 
     def parts(self, response: Response, at: Rows) -> tuple[Complex, Complex, Complex, Complex]:
@@ -167,8 +168,9 @@ class _Responses:
             moves = np.where(np.abs(self.u[at])[:, None] < 99.0, moves, 0.0)
             return -self.log_loop[at].real, -(d_loop.real + slope.real[:, None] * moves)
         moves = self.crossover_moves(at)
+        omega, stretch = self.loops.omega_of(self.u[at]), self.loops.stretch(self.u[at])
         if quantity == "crossover_rad_s":
-            return self.u[at], moves
+            return np.log(omega), stretch[:, None] * moves
         if quantity == "phase_slope_deg_per_decade":
             return self._phase_slope(at, moves)
         # the angle from -1 to L, in (-pi, pi]
@@ -177,19 +179,22 @@ class _Responses:
         side = self.side[at]
         if quantity == "phase_margin_deg":
             return side * angle, side[:, None] * d_angle
-        omega, lag = np.exp(self.u[at]), angle + np.pi * (1.0 - side)
-        return lag / omega, (d_angle - lag[:, None] * moves) / omega[:, None]
+        lag = angle + np.pi * (1.0 - side)
+        return lag / omega, (d_angle - (lag * stretch)[:, None] * moves) / omega[:, None]
 
     def _phase_slope(self, at: Rows, moves: Array) -> tuple[Array, Array]:
-        alpha, c, dc = self.loops.alpha[self.rows[at]], self.controller[at], self.d_controller[at]
-        # d ln C/du = -alpha ki s^-alpha/C; by the product rule, ki and 1/C are differentiated in turn
-        own = -alpha * self.integral[at] / c
+        """d arg L/d ln omega = Im (d ln L/du)/h, with h = d ln omega/du."""
+        c, dc, rows, u = self.controller[at], self.d_controller[at], self.rows[at], self.u[at]
+        # d ln C/du = ki F'/C; by the product rule, ki and 1/C are differentiated in turn
+        own = self.ki * self.d_integral[at] / c
         d_own = -own[:, None] * dc / c[:, None]
-        d_own[:, 1] += -alpha * dc[:, 1] / c
-        ends = [self.loops.log.derivative(self.rows[at], self.u[at] + step).imag for step in (_STEP, -_STEP)]
+        d_own[:, 1] += self.unit[1] * self.d_integral[at] / c
+        loops = self.loops
+        ends = [loops.log.derivative(rows, u + step).imag / loops.stretch(u + step) for step in (_STEP, -_STEP)]
         bend = (ends[0] - ends[1]) / (2.0 * _STEP)
-        decade = np.log(10.0)
-        return decade * self.slope[at].imag, decade * (d_own.imag + bend[:, None] * moves)
+        decade, stretch = np.log(10.0), loops.stretch(u)
+        value = decade * self.slope[at].imag / stretch
+        return value, decade * (d_own.imag / stretch[:, None] + bend[:, None] * moves)
 
 
 class _Builder:
@@ -307,14 +312,11 @@ class _Builder:
 
     def _iae_disturbance(self, mine: Rows) -> None:
         """iae_disturbance: (1 + C P)/(T P) at s = 1/T is affine in x; only the bound's e^-t is linearised, as 1 - t."""
-        plants = self.points.plant[mine]
-        loops = self.responses.loops.take(plants)
-        gain, loop = at_inverse_horizon(self.task, loops)
+        loops = self.responses.loops.take(self.points.plant[mine])
+        gain, loop, d_loop = at_inverse_horizon(self.task, loops)
         with np.errstate(divide="ignore", invalid="ignore"):
             least = np.abs(gain) * np.exp(-self.found.cost)  # |1 + C P| where this plant would be the worst
-            plant = gain / self.task.horizon_s
-            powers = np.array([1.0, self.task.horizon_s**self.found.gains.alpha])
-            slope = np.sign(1.0 + loop)[:, None] * plant[:, None] * (powers * self.responses.unit) / least[:, None]
+            slope = np.sign(1.0 + loop)[:, None] * d_loop * self.responses.unit / least[:, None]
             slack = np.abs(1.0 + loop) / least - 1.0
         empty = np.zeros(slope.shape, complex), np.zeros(len(slack), complex)
         self._add(*empty, slope, slack, 1.0)

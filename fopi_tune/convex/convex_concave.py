@@ -48,7 +48,7 @@ class Members:
     plants: Plants = field(init=False)
 
     def __post_init__(self) -> None:
-        self.plants = Plants.members(self.task.spec.plant, self.points)
+        self.plants = self.task.kind.plants(Plants.members(self.task.spec.plant, self.points))
 
     @classmethod
     def of(cls, task: Task) -> Members:
@@ -65,7 +65,7 @@ class Members:
             if np.min(np.max(np.abs(self.points - point) / width, axis=1, initial=0.0)) > 1e-9:
                 self.points, new = np.concatenate([self.points, point[None, :]]), new + 1
         if new:
-            self.plants = Plants.members(self.task.spec.plant, self.points)
+            self.plants = self.task.kind.plants(Plants.members(self.task.spec.plant, self.points))
         return new
 
 

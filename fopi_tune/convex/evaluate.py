@@ -26,7 +26,7 @@ from fopi_tune.quantities.objectives import ObjectiveKind
 
 #: `ConstraintPoints.limit` of points of the objective
 OBJECTIVE = -1
-#: points at omega -> 0 or infinity are put at e^-100 or e^100 rad/s
+#: points at omega -> 0 or infinity, or Nyquist's, are put at u = -100 or 100
 _FAR = 100.0
 #: natural units; the violation of a limit at crossovers by a loop that has none is larger than this
 _NO_CROSSOVER = 1.0
@@ -41,7 +41,7 @@ class ConstraintPoints:
     Args:
         limit: index of the limit, or OBJECTIVE.
         plant: row of the plants.
-        u: ln omega, of quantities at crossings the crossing's.
+        u: the loops' coordinate of frequency, of quantities at crossings the crossing's.
         slack: natural units; of the objective, minus its value.
         missing: whether the plant has no such crossing; u is then where |L| is closest to 1.
         side: of gain crossovers, the side of -1 on which L belongs, 1 by lag and -1 by lead; see `sides_of_minus_one`.
@@ -120,7 +120,7 @@ def evaluate(task: Task, gains: FoPi, plants: Plants) -> Evaluation:
 
 
 def _evaluate(task: Task, gains: FoPi, plants: Plants) -> Evaluation:
-    loops = Loops.of(gains, plants)
+    loops = task.kind.loops(gains, plants)
     crossings = gain_crossovers(loops)
     every_stable = unstable_poles_from(loops, crossings) < 0.5
     stable = bool(every_stable.all())
@@ -136,6 +136,8 @@ def _evaluate(task: Task, gains: FoPi, plants: Plants) -> Evaluation:
 
 def nominal_violations(task: Task, gains: list[FoPi]) -> Array:
     """The largest violation of each of n controllers with the nominal plant, in one batch, shape (n,).
+
+    In continuous time: of a loop on samples it is an estimate.
 
     Raises:
         DomainError: for one of them |L| = 1 over a whole range.
@@ -193,7 +195,7 @@ class _Evaluator:
         else:
             found = extremes(loops, response, limit.from_rad_s, limit.to_rad_s, limit.bound is Bound.UPPER)
         with np.errstate(divide="ignore"):
-            return ConstraintPoints.of(k, rows, np.log(found.omega_rad_s), limit.slack(found.value))
+            return ConstraintPoints.of(k, rows, loops.u_of(found.omega_rad_s), limit.slack(found.value))
 
     def _crossing(self, k: int, limit: Limit, rows: Rows) -> list[ConstraintPoints]:
         c = self.crossings
@@ -218,7 +220,7 @@ class _Evaluator:
         small = top.value < 0.0
         away = np.where(small, -top.value, bottom.value)
         with np.errstate(divide="ignore"):
-            u = np.log(np.where(small, top.omega_rad_s, bottom.omega_rad_s))
+            u = self.loops.u_of(np.where(small, top.omega_rad_s, bottom.omega_rad_s))
         return [*parts, ConstraintPoints.of(k, lacking, u, -_NO_CROSSOVER - away, missing=True)]
 
     def _gain_margin(self, k: int, limit: Limit, rows: Rows) -> list[ConstraintPoints]:
@@ -248,9 +250,9 @@ class _Evaluator:
         if kind in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK):
             found = extremes(self.loops, PEAKS[kind], 0.0, math.inf)
             with np.errstate(divide="ignore"):
-                return ConstraintPoints.of(OBJECTIVE, rows, np.log(found.omega_rad_s), -found.value)
+                return ConstraintPoints.of(OBJECTIVE, rows, self.loops.u_of(found.omega_rad_s), -found.value)
         if kind is ObjectiveKind.IAE_DISTURBANCE:
-            gain, loop = at_inverse_horizon(self.task, self.loops)
+            gain, loop, _ = at_inverse_horizon(self.task, self.loops)
             with np.errstate(divide="ignore"):
                 return ConstraintPoints.of(OBJECTIVE, rows, np.zeros(len(rows)), np.log(np.abs((1.0 + loop) / gain)))
         if kind is ObjectiveKind.KI:
@@ -296,15 +298,11 @@ def crossing_value(quantity: str, c: Crossings, side: Array) -> Array:
     raise DomainError(f"the convex path does not read {quantity} at a gain crossover")
 
 
-def at_inverse_horizon(task: Task, loops: Loops) -> tuple[Array, Array]:
-    """T P and C P at s = 1/T of every loop: iae_disturbance is |T P/(1 + C P)| there."""
-    s, plants = 1.0 / task.horizon_s, loops.plants
-    powers = s ** np.arange(40.0)
-    top = plants.numerator[:, ::-1] @ powers[: plants.numerator.shape[1]]
-    bottom = plants.denominator[:, ::-1] @ powers[: plants.denominator.shape[1]]
-    with np.errstate(divide="ignore"):
-        plant = top / bottom * np.exp(-s * plants.dead_time_s)
-    return task.horizon_s * plant, (loops.kp + loops.ki * s**-loops.alpha) * plant
+def at_inverse_horizon(task: Task, loops: Loops) -> tuple[Array, Array, Array]:
+    """T P, C P and d(C P)/d(kp, ki), shape (m, 2), at s = 1/T of every loop: iae_disturbance is |T P/(1 + C P)|."""
+    alpha = float(loops.alpha[0])
+    gain, plant, integral = task.kind.discounted(loops.plants, alpha, task.horizon_s)
+    return gain, (loops.kp + loops.ki * integral) * plant, plant[:, None] * np.array([1.0, integral])
 
 
 def _first_of_row(rows: Rows, key: Array) -> NDArray[np.bool_]:

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fopi_tune.convex.loops import LoopKind
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
@@ -89,7 +90,7 @@ class Task:
     """A spec in the form of the convex design.
 
     With a characteristic frequency omega_s (`omega_rad_s`) and g_s = |P(j omega_s)| (`gain`) of the nominal plant the
-    variables are x = (kp g_s, ki g_s omega_s^-alpha).
+    variables are x = (kp g_s, ki g_s omega_s^-alpha).  The limits are about the loop of `kind`.
     """
 
     spec: DesignSpec
@@ -98,6 +99,7 @@ class Task:
     horizon_s: float
     omega_rad_s: float
     gain: float
+    kind: LoopKind
 
     def ki_cost(self, gains: FoPi) -> tuple[float, float]:
         """The cost of `maximize: ki`, -asinh(ki/small), and its derivative by ki.
@@ -134,8 +136,13 @@ class Task:
         return low, high
 
 
-def task_of(spec: DesignSpec) -> Task:
-    """Limits, objective and scaling of a spec."""
+def task_of(spec: DesignSpec, crossover_rad_s: float | None = None) -> Task:
+    """Limits, objective and scaling of a spec.
+
+    Args:
+        spec: the spec.
+        crossover_rad_s: where the filter of a loop on samples is exact, if that depends on a crossover.
+    """
     limits = tuple(limit for i, r in enumerate(spec.requirements) for limit in _split(i, r))
     peak = Requirement("sensitivity_db", Relation.AT_MOST, (GUARD_DB,))
     margin = Requirement("phase_margin_deg", Relation.AT_LEAST, (GUARD_DEG,))
@@ -151,15 +158,17 @@ def task_of(spec: DesignSpec) -> Task:
     nominal = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
     gain = float(np.abs(nominal.response(np.zeros(1, dtype=np.intp), np.array([omega])))[0])
     usable = math.isfinite(gain) and gain > 0.0
-    return Task(
-        spec, (*limits, *guards), objective, horizon or default_horizon_s(spec.plant), omega, gain if usable else 1.0
-    )
+    sampled = spec.digital is not None and spec.digital.designs_sampled
+    kind = LoopKind(spec.digital if sampled else None).exact_at(crossover_rad_s)
+    scale = gain if usable else 1.0
+    return Task(spec, (*limits, *guards), objective, horizon or default_horizon_s(spec.plant), omega, scale, kind)
 
 
 def unsupported(spec: DesignSpec) -> str | None:
     """Why the convex design cannot take a spec, or None."""
-    if spec.digital is not None and spec.digital.designs_sampled:
-        return "the convex path designs in continuous time, and the spec asks for design: sampled; use the solver ipopt"
+    digital, alpha = spec.digital, spec.controller.alpha
+    if digital is not None and digital.designs_sampled and digital.method == "fit" and not alpha.is_fixed:
+        return "the convex path takes a fitted filter for a fixed alpha only: it is no smooth function of alpha"
     for requirement in spec.requirements:
         quantity = QUANTITIES[requirement.quantity]
         known = isinstance(quantity, FrequencyFunction) or requirement.quantity in CROSSING_QUANTITIES

@@ -13,6 +13,7 @@ from fopi_tune.convex.convex_concave import TOLERANCE, LocalResult, Members, is_
 from fopi_tune.convex.limits import OPEN_GAIN, STABILITY_GUARD, TIGHTENING, Bound, Task, task_of, unsupported
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
+from fopi_tune.digital.implementation import nominal_crossover
 from fopi_tune.errors import DomainError
 from fopi_tune.proof import verify
 from fopi_tune.quantities.objectives import ObjectiveKind
@@ -28,13 +29,15 @@ _MEETS = TOLERANCE + TIGHTENING
 _NEARLY = 1e-5
 #: neper or radian; a smallest slack of this size counts as unbounded
 _DEPTH_CAP = 15.0
+#: searches with a filter that is exact at the crossover of the one before, and relative differences that do not matter
+_MOST_CROSSOVERS, _SAME_CROSSOVER = 6, 1e-7
 
 
 def convex_design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Candidate:
     """Search for the gains that meet a spec over its whole family and optimise its objective, by convex problems.
 
     Args:
-        spec: what the loop must do, in continuous time.
+        spec: what the loop must do, in continuous time or on samples.
         violations: points that a check found; their plants are members from the start.
 
     Returns:
@@ -50,7 +53,7 @@ def convex_design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Can
         return Candidate(Status.INFEASIBLE, None, nothing, message=message)
     if box.kp.is_fixed and box.ki.is_fixed and box.alpha.is_fixed:
         return Candidate(Status.SOLVED, FoPi(box.kp.min, box.ki.min, box.alpha.min), nothing)
-    searches = [_search(branch, violations) for branch in _branches(spec)]
+    searches = [_search_at_own_crossover(branch, violations) for branch in _branches(spec)]
     found = [(search, best) for search in searches if (best := search.best()) is not None]
     solves = sum(search.procedure.program.solves for search in searches)
     if not found:
@@ -62,28 +65,49 @@ def convex_design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Can
     return replace(_candidate(search.task, best), solves=solves, cuts=len(search.members.points))
 
 
-def _search(spec: DesignSpec, violations: Sequence[Violation]) -> AlphaSearch:
-    """Scan alpha; then refine and add the worst plants, until there are no worse ones."""
-    task = task_of(spec)
+def _search_at_own_crossover(spec: DesignSpec, violations: Sequence[Violation]) -> AlphaSearch:
+    """The search; where the filter depends on the loop's crossover, with that of the gains found, by a fixed point."""
+    crossover: float | None = None
+    search = _search(spec, violations)
+    for _ in range(_MOST_CROSSOVERS if search.task.kind.needs_crossover else 0):
+        best = search.best()
+        found = None if best is None else nominal_crossover(spec, best.gains)
+        if best is None or found is None:
+            break
+        if crossover is not None and abs(found / crossover - 1.0) < _SAME_CROSSOVER:
+            break
+        crossover = found
+        search = _search(spec, violations, crossover, best.gains)
+    return search
+
+
+def _search(
+    spec: DesignSpec, violations: Sequence[Violation], crossover_rad_s: float | None = None, start: FoPi | None = None
+) -> AlphaSearch:
+    """Scan alpha, or begin at a start; then refine and add the worst plants, until there are no worse ones."""
+    task = task_of(spec, crossover_rad_s)
     members = Members.of(task)
     members.add(np.array([v.theta for v in violations]).reshape(len(violations), members.points.shape[1]))
     alphas = AlphaSearch(task, members)
-    alphas.scan()
+    if start is None:
+        alphas.scan()
+    else:
+        alphas.begin_at(start)
     for _ in range(_MOST_EXCHANGES):
         alphas.refine()
         best = alphas.best()
-        if best is None or not _with_worst_plants(spec, members, best):
+        if best is None or not _with_worst_plants(task, members, best):
             break
         alphas.reevaluate()
     return alphas
 
 
-def _with_worst_plants(spec: DesignSpec, members: Members, best: LocalResult) -> bool:
+def _with_worst_plants(task: Task, members: Members, best: LocalResult) -> bool:
     """Add the worst plants of the whole family for these gains; False when all are members already."""
     if not members.points.shape[1]:
         return False
     try:
-        found = verify(spec, best.gains, TIGHTENING)
+        found = verify(task.spec, best.gains, TIGHTENING, implementation=task.kind.implementation(best.gains))
     except DomainError:
         return False
     worst = [r.worst.point for r in found.requirements if not r.is_met]

@@ -58,8 +58,7 @@ def tune(
     Args:
         source: a spec file, or a spec.
         proof: False leaves the certificate out: `solved` then means verified in floating point, and the result says so.
-        solver: which search finds the gains; `Solver.CONVEX` is the slower second opinion, which does not support
-            `design: sampled`.
+        solver: which search finds the gains; `Solver.CONVEX` is the slower second opinion.
         start: gains close to the solution, or a neighbour (`fopi_tune.design.neighbour`) that has them.  The search
             begins there alone, and elsewhere only if that fails: faster, but a better optimum elsewhere is missed.
             The convex search ignores it.

@@ -187,7 +187,7 @@ def test_an_objective_without_end_is_unbounded() -> None:
 
 
 REFUSED = {
-    "sampled": (DigitalSpec(0.2, design="sampled"), at_least("phase_margin_deg", 60.0), "design: sampled"),
+    "fit": (DigitalSpec(0.2, "fit", design="sampled"), at_least("phase_margin_deg", 60.0), "for a fixed alpha only"),
     "equal over a band": (None, equals("sensitivity_db", -20.0, to_rad_s=0.1), "one frequency only"),
 }
 

@@ -317,7 +317,8 @@ class Samples:
         digital, method = self.digital, Method(self.digital.method)
         if method is Method.FIT:
             raise DomainError(
-                "method: fit has no `design: sampled`, as its poles jump when alpha changes; take modified_oustaloup"
+                "method: fit has no `design: sampled`, as its poles jump when alpha changes; take "
+                "modified_oustaloup, or a fixed alpha and the solver convex"
             )
         low, high = digital.band_rad_s
         log_s, count = math.log(self.scale.omega_rad_s), digital.poles - (method is Method.MODIFIED_OUSTALOUP)
