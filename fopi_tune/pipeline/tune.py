@@ -36,8 +36,7 @@ if TYPE_CHECKING:
 _MOST_REFUTATIONS = 8
 #: relaxed limits are moved this much further than where the search ended, natural units: there rounding decides
 _CLEARANCE = 1e-5
-#: significant digits of the limits that are tried: those that a table prints, then fewer, as an approximation of the
-#: loop on samples is accurate to fewer
+#: significant digits of the limits that are tried: those that a table prints, then fewer, further from what was found
 _DIGITS = (5, 2)
 #: relative; objectives that differ by less are the same
 _SAME = 1e-6

@@ -48,7 +48,7 @@ class Grid:
         family, time_s = spec.plant, spec.digital.sample_time_s
         count = {1: 9, 2: 5, 3: 3}.get(len(family.low), 2)
         axes = [np.linspace(a, b, count) for a, b in zip(family.low, family.high, strict=True)]
-        box = np.array(list(itertools.product(*axes))).reshape(-1, len(axes))
+        box = np.array(list(itertools.product(*axes))).reshape(-1 if axes else 1, len(axes))
         continuous = Plants.members(family, np.vstack([family.nominal_point, box]))
         plants = SampledPlants.behind_hold(continuous, time_s, spec.digital.delay_samples * time_s)
         nyquist = np.pi / time_s
