@@ -17,11 +17,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
-from flint import arb
+from flint import arb, ctx
 
-from fopi_tune.proof.balls.box import Box, Cuts, ball_of, is_tail
+from fopi_tune.proof.balls.box import Box, Cuts, Interval, ball_of, is_tail
 from fopi_tune.proof.balls.loop import BallLoop
 
 #: distance in u at which a tail is tested: if the claim fails even there, the plants are the cause
@@ -101,16 +102,25 @@ class LoopClaim(Claim):
 
 def deviations(box: Box) -> list[arb]:
     """X_i - c_i; nan for a tail."""
-    found = []
-    for side in box:
-        low, high = side
-        if low == high:
-            found.append(arb(0))
-        elif is_tail(side):
-            found.append(arb.nan())
-        else:
-            found.append(ball_of(side) - arb(low + 0.5 * (high - low)))
-    return found
+    return [_deviation(side, ctx.prec) for side in box]
+
+
+@lru_cache(maxsize=1 << 14)
+def _deviation(side: Interval, precision: int) -> arb:
+    """X - c of one axis at the current precision; the same sides come again and again."""
+    low, high = side
+    if low == high:
+        return arb(0)
+    return arb.nan() if is_tail(side) else ball_of(side) - arb(low + 0.5 * (high - low))
+
+
+def variation(slopes: Sequence[arb | None], box: Box) -> arb:
+    """sum_i h_i (X_i - c_i) of (1), over the axes that have a width and, as in a tail, a slope."""
+    total = arb(0)
+    for slope, deviation, (low, high) in zip(slopes, deviations(box), box, strict=True):
+        if slope is not None and low < high:
+            total = total + slope * deviation
+    return total
 
 
 def magnitude(ball: arb) -> float:
