@@ -32,6 +32,8 @@ from fopi_tune.proof.balls.responses import LoopEnclosure
 
 #: bits of the balls' centres
 PRECISION = 64
+#: a coefficient over another, and as much again for the terms to differ
+_FARTHEST = 3000.0
 #: plants in the cache of a loop, and intervals of u; a plant of order 4 on samples takes some 20 kB
 _MOST_KNOWN = 4096
 
@@ -85,6 +87,11 @@ class BallLoop(LoopParameters):
     def stretch(self, omega: arb) -> arb:
         """d ln frequency/du at e^u."""
         return arb(1)
+
+    @property
+    def farthest_u(self) -> float:
+        """|u| beyond which only the leading terms matter: coefficients are doubles, of which |ln| is below 750."""
+        return _FARTHEST / min(self.gains.alpha, 1.0)
 
     def has_upper_limit(self, over: LoopEnclosure) -> bool:
         """Whether L has a limit at the upper end of the axis: not with a dead time."""

@@ -72,6 +72,11 @@ class Claim(ABC):
         """Where an uncertain number is split first."""
         return {}
 
+    @property
+    def farthest_u(self) -> float:
+        """How far out a tail is cut before a search gives up: farther out nothing changes any more."""
+        return math.inf
+
     @abstractmethod
     def examine(self, box: Box) -> BoxVerdict:
         """Try to prove the claim on a box; otherwise say how to split it."""
@@ -98,6 +103,11 @@ class LoopClaim(Claim):
     def cuts(self) -> Cuts:
         """Where the plants jump."""
         return self.loop.cuts
+
+    @property
+    def farthest_u(self) -> float:
+        """How far out every term but the leading one is negligible."""
+        return self.loop.farthest_u
 
 
 def deviations(box: Box) -> list[arb]:
