@@ -10,6 +10,9 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+from flint import arb
+
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.peaks import Response
@@ -47,6 +50,8 @@ _EVERYWHERE: Interval = (-math.inf, math.inf)
 _NOWHERE = -1e300
 #: |u| at which one plant is evaluated for the limits omega -> 0 and omega -> inf
 _FAR = 120.0
+#: ln of a turn in rad beyond which the rounding of u = ln omega moves the phase of a dead time by more than 1e-7 rad
+_MOST_LOG_TURN = math.log(1e7)
 
 
 @dataclass(frozen=True)
@@ -124,6 +129,8 @@ def violation_claims(
         if omega is None or math.isnan(omega) or _is_beyond_nyquist(case, requirement):
             return []
         u = min(max(_log_frequency(case, omega), -_FAR), _FAR)
+        if u == _FAR:
+            u = _aligned_far_out(case, point, upper)
         low, high = _band(case, requirement)
         u = min(max(u, low), high)
         return [_bound(case, requirement, not upper, level, (u, u), point_box(point))]
@@ -138,6 +145,27 @@ def _log_frequency(case: Case, omega: float) -> float:
     if omega == 0.0:
         return -math.inf
     return math.inf if case.loop.is_beyond(omega) else case.loop.u_of(math.log(omega))
+
+
+def _aligned_far_out(case: Case, point: tuple[float, ...], upper: bool) -> float:
+    """u at which a plant shows its limit omega -> inf, or what comes closest to it.
+
+    Behind a dead time a direct path has no limit: L turns on a circle.  S, T and C S are largest where L is nearest to
+    -1 and least where it is nearest to +1, which happens once a turn; u is such a place where L has come as close to
+    that circle as a double can still tell the phase.
+    """
+    loop = case.loop
+    plant = loop.plant([arb(value) for value in point])
+    dead_time_s = float(plant.dead_time.value.mid())
+    if isinstance(loop, SampledBallLoop) or dead_time_s <= 0.0 or not plant.has_direct_path:
+        return _FAR
+    direct = loop.gains.kp * float((plant.numerator[0].value / plant.denominator[0].value).mid())
+    corner = float(loop.loops_at(np.array([point], dtype=float)).log.corners()[1][0])
+    half_turns = math.exp(min(corner + math.log(dead_time_s), _MOST_LOG_TURN)) / math.pi
+    # e^{-j omega L} = -1 at odd numbers of half turns
+    odd = (direct > 0.0) is upper
+    whole = 2 * math.ceil(0.5 * half_turns) + (1 if odd else 2)
+    return math.log(whole * math.pi / dead_time_s)
 
 
 def is_unstable(case: Case, point: tuple[float, ...]) -> bool:

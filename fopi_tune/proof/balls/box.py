@@ -84,3 +84,8 @@ def log_interval(low: float, high: float) -> Interval:
 def point_box(values: Sequence[float]) -> Box:
     """The degenerate box of a single point."""
     return tuple((value, value) for value in values)
+
+
+def axes_without_width(plants: Box) -> frozenset[int]:
+    """Axes of the uncertain numbers, counted from 1, along which a box of plants is a point."""
+    return frozenset(axis for axis, (low, high) in enumerate(plants, 1) if low == high)

@@ -14,21 +14,40 @@ from flint import acb, arb, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.proof.balls.box import Box, Cuts, Interval, ball_of, centre_of, is_tail, log_interval, point_box
-from fopi_tune.proof.balls.plant import PlantEnclosure, assemble
-from fopi_tune.proof.balls.responses import LoopEnclosure, LoopParameters
+from fopi_tune.proof.balls.box import (
+    Box,
+    Cuts,
+    Interval,
+    axes_without_width,
+    ball_of,
+    centre_of,
+    is_tail,
+    log_interval,
+    point_box,
+)
+from fopi_tune.proof.balls.computed_once import computed_once
+from fopi_tune.proof.balls.controllers import ControllerOnInterval, LoopParameters
+from fopi_tune.proof.balls.plant import PlantEnclosure, assemble, without_axes
+from fopi_tune.proof.balls.responses import LoopEnclosure
 
 #: bits of the balls' centres
 PRECISION = 64
-#: plants in the cache of a loop; one of order 4 on samples takes some 20 kB
+#: a coefficient over another, and as much again for the terms to differ
+_FARTHEST = 3000.0
+#: plants in the cache of a loop, and intervals of u; a plant of order 4 on samples takes some 20 kB
 _MOST_KNOWN = 4096
 
 
 @dataclass
-class _PlantCache:
-    """Enclosures of plants by precision and box, and the counted effort of all that were computed."""
+class _Cache:
+    """Enclosures of plants by precision and box, of the controller by precision and interval of u.
+
+    Args:
+        work: the counted effort of all the plants that were computed.
+    """
 
     known: dict[tuple[int, Box], PlantEnclosure] = field(default_factory=dict)
+    controllers: dict[tuple[int, Interval], ControllerOnInterval] = field(default_factory=dict)
     work: int = 0
 
 
@@ -69,6 +88,11 @@ class BallLoop(LoopParameters):
         """d ln frequency/du at e^u."""
         return arb(1)
 
+    @property
+    def farthest_u(self) -> float:
+        """|u| beyond which only the leading terms matter: coefficients are doubles, of which |ln| is below 750."""
+        return _FARTHEST / min(self.gains.alpha, 1.0)
+
     def has_upper_limit(self, over: LoopEnclosure) -> bool:
         """Whether L has a limit at the upper end of the axis: not with a dead time."""
         return over.delay is None
@@ -97,16 +121,17 @@ class BallLoop(LoopParameters):
     def plants(self, box: Box) -> PlantEnclosure:
         """The plants whose uncertain numbers lie in a box; cached, since splits along u do not change them."""
         cache, key = self._cache, (ctx.prec, box)
-        if key not in cache.known:
+        found = cache.known.get(key)
+        if found is None:
             if len(cache.known) >= _MOST_KNOWN:
                 cache.known.clear()
-            cache.known[key] = self.plants_over(box)
+            found = cache.known[key] = self.plants_over(box)
             cache.work += self._plant_work
-        return cache.known[key]
+        return found
 
     def plants_over(self, box: Box) -> PlantEnclosure:
-        """The plants of a box, without the cache."""
-        return self.plant([ball_of(side) for side in box])
+        """The plants of a box, without the cache, with the derivatives along the axes that have a width."""
+        return without_axes(self.plant([ball_of(side) for side in box]), axes_without_width(box))
 
     @property
     def work(self) -> int:
@@ -118,13 +143,27 @@ class BallLoop(LoopParameters):
         """Of one more enclosure of the plants: in continuous time it is part of the box's own."""
         return 0
 
-    @cached_property
-    def _cache(self) -> _PlantCache:
-        return _PlantCache()
+    @computed_once
+    def _cache(self) -> _Cache:
+        return _Cache()
 
     def enclosure(self, u: Interval, plant: PlantEnclosure) -> LoopEnclosure:
         """The loop with these plants over an interval of u."""
-        return LoopEnclosure(self, u, plant)
+        return LoopEnclosure(self, self.controller_on(u), plant)
+
+    def controller_on(self, u: Interval) -> ControllerOnInterval:
+        """C over an interval of u; cached, since splits along the plants do not change it."""
+        known, key = self._cache.controllers, (ctx.prec, u)
+        found = known.get(key)
+        if found is None:
+            if len(known) >= _MOST_KNOWN:
+                known.clear()
+            found = known[key] = self.new_controller_on(u)
+        return found
+
+    def new_controller_on(self, u: Interval) -> ControllerOnInterval:
+        """C over an interval of u, without the cache."""
+        return ControllerOnInterval(self, u)
 
     def over(self, box: Box) -> LoopEnclosure:
         """The loop over a box, tails included."""

@@ -7,14 +7,15 @@ coefficients and of their derivatives.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from flint import acb, arb
 
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily
 from fopi_tune.errors import DomainError
+from fopi_tune.proof.balls.computed_once import computed_once
 
 
 @dataclass(frozen=True)
@@ -38,24 +39,30 @@ class Dual:
         """own * gradient + others * gradient of the other."""
         sums = {axis: own * slope for axis, slope in self.gradient.items()}
         for axis, slope in other.gradient.items():
-            sums[axis] = sums.get(axis, arb(0)) + others * slope
+            term = others * slope
+            sums[axis] = sums[axis] + term if axis in sums else term
         return sums
 
     def __add__(self, other: Any) -> Dual:
-        right = Dual.of(other)
-        return Dual(self.value + right.value, self._combined(right, 1, 1))
+        if not isinstance(other, Dual):
+            return Dual(self.value + other, self.gradient)
+        return Dual(self.value + other.value, self._combined(other, 1, 1))
 
     def __sub__(self, other: Any) -> Dual:
-        right = Dual.of(other)
-        return Dual(self.value - right.value, self._combined(right, 1, -1))
+        if not isinstance(other, Dual):
+            return Dual(self.value - other, self.gradient)
+        return Dual(self.value - other.value, self._combined(other, 1, -1))
 
     def __mul__(self, other: Any) -> Dual:
-        right = Dual.of(other)
-        return Dual(self.value * right.value, self._combined(right, right.value, self.value))
+        if not isinstance(other, Dual):
+            return Dual(self.value * other, {axis: slope * other for axis, slope in self.gradient.items()})
+        return Dual(self.value * other.value, self._combined(other, other.value, self.value))
 
     def __truediv__(self, other: Any) -> Dual:
         right = Dual.of(other)
         quotient = self.value / right.value
+        if not self.gradient and not right.gradient:
+            return Dual(quotient)
         return Dual(quotient, self._combined(right, 1 / right.value, -quotient / right.value))
 
     def __neg__(self) -> Dual:
@@ -77,6 +84,38 @@ class Dual:
 _ZERO = arb(0)
 
 
+class Polynomial:
+    """X, and s X'(s), of which every frequency of a plant asks; the coefficients are prepared once.
+
+    Args:
+        values: coefficients, descending powers.
+    """
+
+    def __init__(self, values: Sequence[arb]) -> None:
+        self.values, self.degree = values, len(values) - 1
+
+    @computed_once
+    def reversed(self) -> Polynomial:
+        """s^degree X(1/s)."""
+        return Polynomial(self.values[::-1])
+
+    @computed_once
+    def _own(self) -> list[arb]:
+        return [*((self.degree - k) * c for k, c in enumerate(self.values[:-1])), _ZERO]
+
+    def at(self, s: acb) -> acb:
+        """X(s)."""
+        return polynomial(self.values, s)
+
+    def own_derivative(self, s: acb) -> acb:
+        """s X'(s)."""
+        return polynomial(self._own, s)
+
+    def own_curvature(self, s: acb) -> acb:
+        """s (s X')'."""
+        return polynomial([*((self.degree - k) ** 2 * c for k, c in enumerate(self.values[:-1])), _ZERO], s)
+
+
 @dataclass(frozen=True)
 class PlantEnclosure:
     """A plant's coefficients over a box of its uncertain numbers; gradients' axes count from 1.
@@ -95,6 +134,16 @@ class PlantEnclosure:
     late: int = 0
     gain: Dual = field(default_factory=lambda: Dual.of(1))
 
+    @computed_once
+    def top(self) -> Polynomial:
+        """The numerator without its derivatives."""
+        return Polynomial([c.value for c in self.numerator])
+
+    @computed_once
+    def bottom(self) -> Polynomial:
+        """The denominator without its derivatives."""
+        return Polynomial([c.value for c in self.denominator])
+
     @property
     def has_direct_path(self) -> bool:
         """Whether a plant in s need not be strictly proper."""
@@ -106,6 +155,19 @@ def without_gradient(plant: PlantEnclosure) -> PlantEnclosure:
     """The same coefficients without their derivatives."""
     numerator, denominator = (tuple(Dual(c.value) for c in side) for side in (plant.numerator, plant.denominator))
     return PlantEnclosure(numerator, denominator, Dual(plant.dead_time.value), plant.late, Dual(plant.gain.value))
+
+
+def without_axes(plant: PlantEnclosure, axes: Collection[int]) -> PlantEnclosure:
+    """The same coefficients without their derivatives along some axes, along which a box has no width.
+
+    The dead time keeps its own: whether it is uncertain in the family decides how it is rounded to whole samples.
+    """
+
+    def kept(c: Dual) -> Dual:
+        return Dual(c.value, {axis: slope for axis, slope in c.gradient.items() if axis not in axes})
+
+    numerator, denominator = (tuple(kept(c) for c in side) for side in (plant.numerator, plant.denominator))
+    return replace(plant, numerator=numerator, denominator=denominator, gain=kept(plant.gain))
 
 
 def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantEnclosure:
@@ -144,9 +206,3 @@ def polynomial(coefficients: Sequence[arb], s: acb) -> acb:
     for coefficient in coefficients[1:]:
         value = value * s + coefficient
     return value
-
-
-def own_derivative(coefficients: Sequence[arb], s: acb) -> acb:
-    """s X'(s), descending powers."""
-    degree = len(coefficients) - 1
-    return polynomial([*((degree - k) * c for k, c in enumerate(coefficients[:-1])), _ZERO], s)

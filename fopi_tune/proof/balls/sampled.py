@@ -1,21 +1,17 @@
 """L on samples over a box of frequencies and plants, in ball arithmetic:  digital controller, hold and delays.
 
 With z = (1 + w)/(1 - w), w = j nu, nu = tan(omega Ts/2) (see `fopi_tune.core.sampled_loops`), u = ln nu, the loop is
-rational in w, and the formulas for continuous loops hold with w in place of s:
-
-    C(w) = d + sum_k rho_k/(w + sigma_k),   sigma_k = (1 - p_k)/(1 + p_k),  rho_k = 2 r_k/(1 + p_k)^2,
-                                            d = direct - sum_k r_k/(1 + p_k) .                                      (1)
+rational in w, and the formulas for continuous loops hold with w in place of s.  C(w) is computed in
+`fopi_tune.proof.balls.sampled_controllers`.
 
 The hold equivalent of the plant is computed in `fopi_tune.proof.balls.zero_order_hold`.  The delay of one sample is
 z^-1 = (1 - w)/(1 + w) = e^{-2j atan nu}.
-
-Source: derived; C(z) with z = (1 + w)/(1 - w), section by section.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,19 +22,24 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.sampled_loops import MOST_DELAY_SAMPLES, WHOLE, SampledLoops
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.balls.box import Cuts, Interval, ball_of
+from fopi_tune.proof.balls.box import Cuts, Interval, axes_without_width, ball_of
+from fopi_tune.proof.balls.computed_once import computed_once
+from fopi_tune.proof.balls.controllers import ControllerOnInterval
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.plant import Dual, PlantEnclosure, own_derivative, polynomial, without_gradient
+from fopi_tune.proof.balls.plant import Dual, PlantEnclosure, Polynomial, without_axes, without_gradient
 from fopi_tune.proof.balls.responses import LoopEnclosure
+from fopi_tune.proof.balls.sampled_controllers import (
+    SampledControllerOnInterval,
+    Sections,
+    sections_of,
+    value_and_derivative,
+    value_far_up,
+)
 from fopi_tune.proof.balls.whole_samples import Pieces, pieces_of, rounded_down
 from fopi_tune.proof.balls.zero_order_hold import hold_equivalent, samples_spanned, sharpened
 
 #: bits next to Nyquist's frequency, where the tangent is unbounded
 _PLACE_PRECISION = 192
-
-
-#: d and (sigma_k, rho_k)
-_Sections = tuple[arb, tuple[tuple[arb, arb], ...]]
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,8 @@ class SampledBallLoop(BallLoop):
         return arb(self.implementation.sample_time_s)
 
     @cached_property
-    def sections(self) -> _Sections:
-        """d and (sigma_k, rho_k) of (1)."""
+    def sections(self) -> Sections:
+        """Poles and residues of C in w."""
         return sections_of(self.implementation)
 
     @cached_property
@@ -100,28 +101,11 @@ class SampledBallLoop(BallLoop):
 
     def controller_and_derivative(self, w: acb) -> tuple[acb, acb]:
         """C and dC/du, u = ln nu, at w = j nu."""
-        direct, pairs = self.sections
-        value, slope = acb(direct), acb(0)
-        for sigma, rho in pairs:
-            part = 1 / (w + sigma)
-            term = rho * part
-            value, slope = value + term, slope - w * part * term
-        return value, slope
-
-    def controller_curvature(self, w: acb) -> acb:
-        """d2 ln C/du2, u = ln nu, at w = j nu:  d2/du2 rho/(w + sigma) = -rho w/(w + sigma)^2 (1 - 2 w/(w + sigma))."""
-        _, pairs = self.sections
-        value, slope = self.controller_and_derivative(w)
-        second = acb(0)
-        for sigma, rho in pairs:
-            part = 1 / (w + sigma)
-            second = second - rho * w * part * part * (1 - 2 * w * part)
-        return second / value - (slope / value) ** 2
+        return value_and_derivative(self.sections, w)
 
     def controller_far_up(self, inverse: acb) -> acb:
-        """C at w = 1/t:  rho/(w + sigma) = rho t/(1 + sigma t)."""
-        direct, pairs = self.sections
-        return acb(direct) + sum((rho * inverse / (1 + sigma * inverse) for sigma, rho in pairs), acb(0))
+        """C at w = 1/t."""
+        return value_far_up(self.sections, inverse)
 
     def plant(self, theta: Sequence[arb]) -> PlantEnclosure:
         """The plants behind the hold, as polynomials in w without the whole samples of delay.
@@ -133,10 +117,13 @@ class SampledBallLoop(BallLoop):
         return self._held(plant, theta, self._span_of(plant, None))
 
     def plants_over(self, box: Sequence[Interval]) -> PlantEnclosure:
-        """The plants of a box, behind the hold; of a family with pieces, those of the box's piece."""
+        """The plants of a box, behind the hold, with the derivatives along the axes that have a width.
+
+        Of a family with pieces, those of the box's piece.
+        """
         theta = [ball_of(side) for side in box]
         plant = super().plant(theta)
-        return self._held(plant, theta, self._span_of(plant, box))
+        return self._held(plant, theta, self._span_of(plant, box), axes_without_width(tuple(box)))
 
     def _span_of(self, plant: PlantEnclosure, box: Sequence[Interval] | None) -> tuple[int, int]:
         """The whole samples at the ends of a delay, rounded down; one number for a box in one piece of the family."""
@@ -150,8 +137,17 @@ class SampledBallLoop(BallLoop):
                 return whole, whole
         return samples_spanned(samples)
 
-    def _held(self, plant: PlantEnclosure, theta: Sequence[arb], span: tuple[int, int]) -> PlantEnclosure:
-        over = hold_equivalent(plant, self.sample_time, self.samples(plant.dead_time), self.axes, span)
+    def _held(
+        self,
+        plant: PlantEnclosure,
+        theta: Sequence[arb],
+        span: tuple[int, int],
+        fixed: Collection[int] = (),
+    ) -> PlantEnclosure:
+        """The plants behind the hold; without their derivatives along the fixed axes."""
+        samples = self.samples(plant.dead_time)
+        samples = Dual(samples.value, {axis: g for axis, g in samples.gradient.items() if axis not in fixed})
+        over = hold_equivalent(without_axes(plant, fixed), self.sample_time, samples, self.axes, span)
         if len(plant.denominator) <= 2 or all(ball.rad() == 0 for ball in theta):
             return over
         # at the centre no derivative is needed, which is most of the work
@@ -201,7 +197,11 @@ class SampledBallLoop(BallLoop):
 
     def enclosure(self, u: Interval, plant: PlantEnclosure) -> LoopEnclosure:
         """The loop with these plants over an interval of u."""
-        return SampledLoopEnclosure(self, u, plant)
+        return SampledLoopEnclosure(self, self.controller_on(u), plant)
+
+    def new_controller_on(self, u: Interval) -> ControllerOnInterval:
+        """C over an interval of u, without the cache."""
+        return SampledControllerOnInterval(self, u, self.sections)
 
     # -- the frequency axis -----------------------------------------------------------------------------------------
 
@@ -255,68 +255,43 @@ class SampledLoopEnclosure(LoopEnclosure):
     """The loop on samples over one box; `omega` and `s` are nu and w."""
 
     loop: SampledBallLoop
+    at: SampledControllerOnInterval
 
-    @cached_property
-    def c(self) -> acb:
-        """The factor c of the controller; w C(w) in the low tail of a loop with an integrator."""
-        direct, pairs = self.loop.sections
-        w = self.s
-        if self.high_tail:
-            return self.loop.controller_far_up(w)
-        if not self.low_tail or not self.loop.has_integrator:
-            return acb(direct) + sum((rho / (w + sigma) for sigma, rho in pairs), acb(0))
-        rest = sum((rho / (w + sigma) for sigma, rho in pairs if not sigma.is_zero()), acb(direct))
-        return w * rest + sum((rho for sigma, rho in pairs if sigma.is_zero()), arb(0))
-
-    @cached_property
-    def x(self) -> acb | None:
-        """w in the low tail of a loop with an integrator; None is 1."""
-        return self.s if self.low_tail and self.loop.has_integrator else None
-
-    @cached_property
+    @computed_once
     def delay(self) -> acb | None:
         """z^-late and the plant's gain."""
-        angle, gain = 2 * self.plant.late * self.omega.atan(), self.plant.gain.value
-        if not self.high_tail:
-            return gain * acb(angle.cos(), -angle.sin())
-        return (-gain if self.plant.late % 2 else gain) * acb(angle.cos(), angle.sin())
+        late, gain = self.plant.late, self.plant.gain.value
+        turned = self.at.turn(late)[0]
+        return turned * (-gain if self.high_tail and late % 2 else gain)
 
-    @cached_property
+    @computed_once
     def size(self) -> arb:
         """An upper bound of |L|."""
         return self.gain.abs_upper()
 
-    @cached_property
-    def controller_slope(self) -> acb:
-        """d ln C/du."""
-        value, slope = self.loop.controller_and_derivative(self.s)
-        return slope / value
-
-    def _own_slope(self, coefficients: Sequence[Dual], value: acb) -> acb:
+    def _own_slope(self, coefficients: Polynomial, value: acb) -> acb:
         """w X'/X; for |w| > 1 as degree - t Y'/Y, Y(t) = X(w)/w^degree with t = 1/w, which is sharp towards z = -1."""
-        degree = len(coefficients) - 1
-        if degree < 2 or not self.omega > 1:
+        if coefficients.degree < 2 or not self.at.is_beyond_one:
             return super()._own_slope(coefficients, value)
-        inverse, ascending = 1 / self.s, [c.value for c in reversed(coefficients)]
-        return degree - own_derivative(ascending, inverse) / polynomial(ascending, inverse)
+        inverse, ascending = self.at.inverse, coefficients.reversed
+        return coefficients.degree - ascending.own_derivative(inverse) / ascending.at(inverse)
 
-    @cached_property
+    @computed_once
     def _delay_slope(self) -> acb:
         """d ln z^-late/du = -2j late nu/(1 + nu^2)."""
-        nu = self.omega
-        return acb(0, -2 * self.plant.late / (nu + 1 / nu))
+        return self.at.turn(self.plant.late)[1]
 
-    @cached_property
+    @computed_once
     def characteristic_slope(self) -> acb:
         """d/du of D + C N z^-late; not in a tail."""
         controller, steepness = self.loop.controller_and_derivative(self.s)
         plant, delay = self.plant, self.delay
         assert delay is not None
         inner = (steepness + controller * self._delay_slope) * self.numerator
-        inner = inner + controller * own_derivative([c.value for c in plant.numerator], self.s)
-        return own_derivative([c.value for c in plant.denominator], self.s) + inner * delay
+        inner = inner + controller * plant.top.own_derivative(self.s)
+        return plant.bottom.own_derivative(self.s) + inner * delay
 
-    @cached_property
+    @computed_once
     def log_gradient(self) -> list[acb]:
         """d ln L/dtheta_k, k = 1 ... p."""
         gradient = list(super().log_gradient)
@@ -325,49 +300,46 @@ class SampledLoopEnclosure(LoopEnclosure):
             gradient[axis - 1] = gradient[axis - 1] + slope / gain.value
         return gradient
 
-    @cached_property
+    @computed_once
     def log_slope(self) -> acb:
         """d ln L/du; not in a tail."""
         plant = self.plant
-        slope = self.controller_slope + self._own_slope(plant.numerator, self.numerator)
-        return slope - self._own_slope(plant.denominator, self.d) + self._delay_slope
+        slope = self.controller_slope + self._own_slope(plant.top, self.numerator)
+        return slope - self._own_slope(plant.bottom, self.d) + self._delay_slope
 
     # -- second derivatives, for the slope of the phase -----------------------------------------------------------
 
-    def _own_curvature(self, coefficients: Sequence[Dual], value: acb) -> acb:
+    def _own_curvature(self, coefficients: Polynomial, value: acb) -> acb:
         """d/du of w X'/X; for |w| > 1, with Y(t) = X(w)/w^degree and t = 1/w:  t (t Y')'/Y - (t Y'/Y)^2."""
-        if len(coefficients) < 3 or not self.omega > 1:
+        if coefficients.degree < 2 or not self.at.is_beyond_one:
             return super()._own_curvature(coefficients, value)
-        inverse, ascending = 1 / self.s, [c.value for c in reversed(coefficients)]
-        size = polynomial(ascending, inverse)
-        slope = own_derivative(ascending, inverse) / size
-        degree = len(ascending) - 1
-        weighted = [(degree - k) ** 2 * c for k, c in enumerate(ascending[:-1])]
-        return polynomial([*weighted, arb(0)], inverse) / size - slope * slope
+        inverse, ascending = self.at.inverse, coefficients.reversed
+        size = ascending.at(inverse)
+        slope = ascending.own_derivative(inverse) / size
+        return ascending.own_curvature(inverse) / size - slope * slope
 
-    @cached_property
+    @computed_once
     def log_curvature(self) -> acb:
         """d2 ln L/du2; not in a tail.
 
         With g = nu/(1 + nu^2), dg/du = g (1 - nu^2)/(1 + nu^2), and d ln z^-late/du = -2j late g.
         """
         plant = self.plant
-        curvature = self.loop.controller_curvature(self.s)
-        curvature = curvature + self._own_curvature(plant.numerator, self.numerator)
-        curvature = curvature - self._own_curvature(plant.denominator, self.d)
+        curvature = self.at.controller_curvature + self._own_curvature(plant.top, self.numerator)
+        curvature = curvature - self._own_curvature(plant.bottom, self.d)
         return curvature + self._delay_slope * self._cosine
 
-    @cached_property
+    @computed_once
     def _cosine(self) -> arb:
         """(1 - nu^2)/(1 + nu^2) = cos(omega Ts)."""
         return (2 * self.omega.atan()).cos()
 
-    @cached_property
+    @computed_once
     def phase_slope(self) -> arb:
         """d arg L/d ln omega, rad; not in a tail."""
         return self.log_slope.imag / self.loop.stretch(self.omega)
 
-    @cached_property
+    @computed_once
     def phase_slope_derivatives(self) -> list[arb]:
         """Derivatives of `phase_slope` with respect to u and theta_k, k = 1 ... p; not in a tail.
 
@@ -378,14 +350,3 @@ class SampledLoopEnclosure(LoopEnclosure):
         stretch = self.loop.stretch(self.omega)
         along = self.log_curvature.imag / stretch - self.phase_slope * (self._cosine - stretch)
         return [along, *(g.imag / stretch for g in self.log_slope_gradient)]
-
-
-def sections_of(implementation: Implementation) -> _Sections:
-    """Formula (1) at the current precision."""
-    sections = implementation.sections
-    direct, pairs = arb(sections.direct), []
-    for pole, residue in zip(sections.poles, sections.residues, strict=True):
-        above = 1 + arb(pole)
-        direct = direct - arb(residue) / above
-        pairs.append(((1 - arb(pole)) / above, 2 * arb(residue) / (above * above)))
-    return direct, tuple(pairs)

@@ -11,7 +11,8 @@ from flint import acb, acb_poly, arb, arb_poly, ctx
 
 from fopi_tune.proof.balls.argument_principle import count_right_half_plane_zeros
 from fopi_tune.proof.balls.plant import PlantEnclosure
-from fopi_tune.proof.balls.sampled import SampledBallLoop, sections_of
+from fopi_tune.proof.balls.sampled import SampledBallLoop
+from fopi_tune.proof.balls.sampled_controllers import sections_of
 
 #: for more closed-loop poles than this they are counted by the argument principle, not computed
 MOST_ROOTS = 40

@@ -17,10 +17,10 @@ from fopi_tune.proof.claims.claim import (
     HOLDS,
     BoxVerdict,
     LoopClaim,
-    deviations,
     longest_axis,
     max_smear_axis,
     tail_axis,
+    variation,
 )
 
 
@@ -62,7 +62,7 @@ class Bound(LoopClaim):
         middle = abs(centre).log()
         if not tail and (middle > self.level if self.upper else middle < self.level):
             return BoxVerdict(None, 0, (), counterexample=True)
-        spread = sum((s * d for s, d in zip(slopes, deviations(box), strict=True) if s is not None), arb(0))
+        spread = variation(slopes, box)
         if middle + spread <= self.level if self.upper else middle + spread >= self.level:
             return HOLDS
         monotone_ends = tuple(
@@ -126,7 +126,7 @@ class Bound(LoopClaim):
 
     def _tail_axis(self, box: Box, slopes: list[arb | None], middle: arb) -> int:
         """Split the tail along u, unless the spread of the plants prevents the proof."""
-        plants = sum((s * d for s, d in zip(slopes, deviations(box), strict=True) if s is not None), arb(0))
+        plants = variation(slopes, box)
         if not plants.is_finite() or not middle.is_finite() or plants.rad() <= middle.rad():
             return 0
         return max_smear_axis(box, [arb(0) if s is None else s for s in slopes])

@@ -8,11 +8,12 @@ for its piece of the family (`fopi_tune.proof.balls.whole_samples`).
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from fopi_tune.proof.balls.box import Box, centre_of, split, with_interval
+from fopi_tune.proof.balls.box import Box, Interval, centre_of, split, with_interval
 from fopi_tune.proof.claims.claim import Claim
 
 _PIN = re.compile(r"(\d+)([+-])")
@@ -74,7 +75,7 @@ def search(
             pending.append(_face(box, found.monotone_ends))
             continue
         pieces = split(box, found.axis, claim.origin, claim.cuts) if found.axis >= 0 else None
-        if pieces is None:
+        if pieces is None or (found.axis == 0 and _end_of_tail(box[0]) > claim.farthest_u):
             return SearchResult((), boxes, work, open_boxes=(box, *pending))
         record.append(f"s{found.axis}")
         pending += [pieces[1], pieces[0]]
@@ -120,6 +121,13 @@ def _face(box: Box, monotone_ends: Sequence[tuple[int, bool]]) -> Box:
         end = box[axis][1] if upper else box[axis][0]
         box = with_interval(box, axis, (end, end))
     return box
+
+
+def _end_of_tail(u: Interval) -> float:
+    """How far out a tail begins; 0 for any other interval."""
+    if math.isinf(u[0]) is math.isinf(u[1]):
+        return 0.0
+    return -u[1] if math.isinf(u[0]) else u[0]
 
 
 def _axis(digits: str, box: Box) -> int:

@@ -17,11 +17,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
-from flint import arb
+from flint import arb, ctx
 
-from fopi_tune.proof.balls.box import Box, Cuts, ball_of, is_tail
+from fopi_tune.proof.balls.box import Box, Cuts, Interval, ball_of, is_tail
 from fopi_tune.proof.balls.loop import BallLoop
 
 #: distance in u at which a tail is tested: if the claim fails even there, the plants are the cause
@@ -71,6 +72,11 @@ class Claim(ABC):
         """Where an uncertain number is split first."""
         return {}
 
+    @property
+    def farthest_u(self) -> float:
+        """How far out a tail is cut before a search gives up: farther out nothing changes any more."""
+        return math.inf
+
     @abstractmethod
     def examine(self, box: Box) -> BoxVerdict:
         """Try to prove the claim on a box; otherwise say how to split it."""
@@ -98,19 +104,33 @@ class LoopClaim(Claim):
         """Where the plants jump."""
         return self.loop.cuts
 
+    @property
+    def farthest_u(self) -> float:
+        """How far out every term but the leading one is negligible."""
+        return self.loop.farthest_u
+
 
 def deviations(box: Box) -> list[arb]:
     """X_i - c_i; nan for a tail."""
-    found = []
-    for side in box:
-        low, high = side
-        if low == high:
-            found.append(arb(0))
-        elif is_tail(side):
-            found.append(arb.nan())
-        else:
-            found.append(ball_of(side) - arb(low + 0.5 * (high - low)))
-    return found
+    return [_deviation(side, ctx.prec) for side in box]
+
+
+@lru_cache(maxsize=1 << 14)
+def _deviation(side: Interval, precision: int) -> arb:
+    """X - c of one axis at the current precision; the same sides come again and again."""
+    low, high = side
+    if low == high:
+        return arb(0)
+    return arb.nan() if is_tail(side) else ball_of(side) - arb(low + 0.5 * (high - low))
+
+
+def variation(slopes: Sequence[arb | None], box: Box) -> arb:
+    """sum_i h_i (X_i - c_i) of (1), over the axes that have a width and, as in a tail, a slope."""
+    total = arb(0)
+    for slope, deviation, (low, high) in zip(slopes, deviations(box), box, strict=True):
+        if slope is not None and low < high:
+            total = total + slope * deviation
+    return total
 
 
 def magnitude(ball: arb) -> float:

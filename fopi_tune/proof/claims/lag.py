@@ -95,6 +95,11 @@ class _LagClaim(Claim):
         """u at which the whole frequency axis is split first."""
         return self.general.origin
 
+    @property
+    def farthest_u(self) -> float:
+        """That of the general claim."""
+        return self.general.farthest_u
+
     @cached_property
     def _tau(self) -> tuple[arb, arb]:
         low, high = self.general.domain[1]

@@ -6,10 +6,10 @@ Symbols and formula (1a), which is used on samples, are those of `fopi_tune.proo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 from flint import acb, arb
 
+from fopi_tune.proof.balls.computed_once import computed_once
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.sampled import SampledBallLoop
 
@@ -107,7 +107,7 @@ class LagResponse:
         """x1 or x2; its own derivative in u."""
         return self.omega * self._tau[upper]
 
-    @cached_property
+    @computed_once
     def scaled(self) -> ScaledTerms:
         """The summands of the bounds; by (1a) on samples."""
         if not isinstance(self._loop, SampledBallLoop):

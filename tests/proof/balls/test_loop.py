@@ -275,7 +275,8 @@ def test_derivatives_at_a_single_place_are_those_of_the_formula() -> None:
     for _ in range(150):
         loop = random_loop(rng)
         u, theta = random_place(rng, random_box(rng, loop, tails=False))
-        balls = enclosed(loop.over(((u, u), *((value, value) for value in theta))))
+        # over a box without a width the derivatives along the plants are left out
+        balls = enclosed(loop.enclosure((u, u), loop.plant([arb(value) for value in theta])))
         for name, values in derivatives(loop, u, theta).items():
             for ball, value in zip(balls[name], values, strict=True):
                 assert abs(complex(ball.mid()) - value) < DIFFERENCE * (1.0 + abs(value)), (loop, u, theta, name)
