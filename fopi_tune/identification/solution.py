@@ -15,16 +15,16 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.covariance import ROUNDING_SHARE, Spread, spread_of
-from fopi_tune.identification.models import FitModel, Structure
+from fopi_tune.identification.models import FitModel, Signals, Structure
 from fopi_tune.identification.recording import MIN_SAMPLES, Recording
-from fopi_tune.identification.scaling import Scaled
+from fopi_tune.identification.scaling import INPUT_NOISE, Scaled
 from fopi_tune.identification.solve import initial_guesses, least_squares_fit
 from fopi_tune.identification.table import counted
 
 #: fewest samples within three time constants after a change arrives that determine the time constant
 _MIN_RISE_SAMPLES = 3
 #: dead times below this share of the record's length are rounding errors
-_ZERO_DEAD_TIME = 1e-9
+ZERO_DEAD_TIME = 1e-9
 #: an initial state is fitted where no interval is wider than this share of its number because of it
 _WIDE = 0.1
 #: share of the input's range that it must move within the first dead time to have moved before
@@ -143,7 +143,7 @@ def _with_intervals(problem: Scaled, structure: Structure, starts: list[Array]) 
     # upper end of the dead time: for a change of the input right after the line with the old value
     upper = float(parameters[-1] + spread.half[-1]) + problem.gap
     notes: list[str] = []
-    if parameters[-1] < -problem.gap - _ZERO_DEAD_TIME:
+    if parameters[-1] < -problem.gap - ZERO_DEAD_TIME:
         free = float(parameters[-1])
         inside = least_squares_fit(problem, structure, [parameters, *starts], least_dead=-problem.gap)
         parameters = least_squares_fit(problem, structure, [parameters], -problem.gap)
@@ -159,7 +159,7 @@ def _with_intervals(problem: Scaled, structure: Structure, starts: list[Array]) 
             notes.append(f"the fit's dead time is {below} by more than the time between two lines; {taken} is taken")
         if upper < -ROUNDING_SHARE:
             notes.append("the output moves before the input does: compare the time of both columns")
-    upper = upper if upper > _ZERO_DEAD_TIME else 0.0
+    upper = upper if upper > ZERO_DEAD_TIME else 0.0
     return Solution(problem, structure, parameters, spread, upper, tuple(notes))
 
 
@@ -208,12 +208,26 @@ def _check_rise(problem: Scaled, structure: Structure, parameters: Array) -> Non
             f"the time constant ({longer}) with the dead time is longer than the record after the step "
             f"({left * seconds:.3g} s): record at least three time constants, or fit an integrator (--model integrator)"
         )
-    changes = problem.signals.changes_at[np.abs(problem.signals.changes) > 0.02]
-    since = problem.signals.time[:, None] - changes[-200:] - dead
-    on_rise = int(np.count_nonzero(((since > 0) & (since < 3 * tau)).any(axis=1)))
+    # only the last motion that has arrived can be within three time constants
+    moves = np.concatenate([[-math.inf], _moves(problem.signals)])
+    since = problem.signals.time - dead
+    since -= moves[np.searchsorted(moves, since) - 1]
+    on_rise = int(np.count_nonzero(since < 3 * tau))
     if on_rise < _MIN_RISE_SAMPLES:
         raise DomainError(
             f"only {counted(on_rise, 'sample')} {'lies' if on_rise == 1 else 'lie'} on the rise, which takes about "
             f"{3 * tau * seconds:.3g} s: too few to tell "
             "the time constant; sample faster"
         )
+
+
+def _moves(signals: Signals) -> Array:
+    """Times at which the input has moved by another 2 % of its range: at a step, and now and then on a ramp."""
+    held = np.cumsum(signals.changes)
+    at: list[float] = []
+    last = 0.0
+    for time, value in zip(signals.changes_at.tolist(), held.tolist(), strict=True):
+        if abs(value - last) > INPUT_NOISE:
+            at.append(time)
+            last = value
+    return np.array(at)

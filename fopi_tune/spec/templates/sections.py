@@ -135,7 +135,7 @@ requirements:
 """,
     objective="""\
 # objective: {minimize: iae_disturbance}     # without it there is room left, which the loop on samples needs""",
-    digital=digital_section("0.05", "[1.0e-3, 1.0e3]", "continuous"),
+    digital=digital_section("0.05", "[1.0e-3, 1.0e3]", "sampled"),
     uncertain_name='"denominator[1]"',
 )
 
