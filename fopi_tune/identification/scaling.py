@@ -19,7 +19,7 @@ _MEDIAN_OF = 5
 #: changes of the input below this share of its range are noise of a measured one, where messages speak of a step
 INPUT_NOISE = 0.02
 #: more outputs are thinned out
-_MOST_OUTPUTS = 50_000
+_MOST_OUTPUTS = 20_000
 #: fewest outputs after the first step of the input
 _MIN_AFTER = 6
 
