@@ -134,7 +134,7 @@ requirements:
   - sensitivity_db: {at_most: 5}            # distance from -1: no disturbance is made much larger
 """,
     objective="""\
-# objective: {minimize: iae_disturbance}     # without it there is room left, which the loop on samples needs""",
+# objective: {minimize: iae_disturbance}     # without it, room is left on all sides""",
     digital=digital_section("0.05", "[1.0e-3, 1.0e3]", "sampled"),
     uncertain_name='"denominator[1]"',
 )
