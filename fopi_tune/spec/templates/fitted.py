@@ -70,7 +70,7 @@ requirements:
 """,
         objective="""\
 # objective: {minimize: iae_disturbance}     # without it, room is left on all sides""",
-        digital=digital_section(repr(sample_time_s), f"[{band[0]:.1e}, {band[1]:.1e}]", "sampled"),
+        digital=digital_section(repr(sample_time_s), f"[{band[0]:.1e}, {band[1]:.1e}]"),
         uncertain_name=f'"{wide[0]}"' if wide and "[" in wide[0] else wide[0] if wide else "dead_time_s",
     )
 
