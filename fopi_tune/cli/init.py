@@ -44,8 +44,10 @@ class Unit(Enum):
     SECONDS = "s"
     MILLISECONDS = "ms"
     MICROSECONDS = "us"
+    NANOSECONDS = "ns"
     MINUTES = "min"
     HOURS = "h"
+    DAYS = "d"
 
 
 NameArgument = Annotated[

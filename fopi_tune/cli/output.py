@@ -80,14 +80,27 @@ def report_failure(what: str, error: Exception, debug: bool) -> Exit:
     """Report a bug of the tool, or a library that is not installed: one line, and the traceback with --debug."""
     if debug:
         print("".join(traceback.format_exception(error)), file=sys.stderr)
-    missing = error.name.split(".")[0] if isinstance(error, ModuleNotFoundError) and error.name else ""
-    if missing and missing != "fopi_tune":
-        package = _DISTRIBUTIONS.get(missing, missing)
-        say(f"{what}: this needs the library {missing}, which is not installed; pip install '{package}'")
+    library = _library_of(error) if isinstance(error, ImportError) else ""
+    if library:
+        package = _DISTRIBUTIONS.get(library, library)
+        fault, option = "is not installed", ""
+        if not isinstance(error, ModuleNotFoundError):
+            # it is there, and broken or of a version that lacks a name
+            fault, option = f"cannot be imported ({error})", "--force-reinstall "
+        say(f"{what}: this needs the library {library}, which {fault}; pip install {option}'{package}'")
         return Exit.TOOL_FAILED
     hint = "please report it together with the spec" + ("" if debug else " and what --debug adds")
     say(f"{what}: internal error, {type(error).__name__}: {error}; this is a mistake of fopi-tune: {hint}")
     return Exit.TOOL_FAILED
+
+
+def _library_of(error: ImportError) -> str:
+    """The library that is missing, or whose own import fails; empty where that is this package."""
+    frames = (frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__))
+    within = [name.split(".")[0] for name in frames if "importlib" not in name]
+    named = (error.name or "").split(".")[0]
+    found = named if named or not within else within[-1]
+    return "" if found == "fopi_tune" else found
 
 
 @contextlib.contextmanager

@@ -5,10 +5,10 @@ from __future__ import annotations
 import itertools
 import re
 from dataclasses import dataclass
-from enum import Enum
 
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.table import TIMES_HINT, Table, is_missing, number, quoted, time_of_day_s
+from fopi_tune.identification.times import TimeUnit, unit_by_size, unit_called
 
 #: the header that needs no explanation
 COLUMNS = ("time_s", "input", "output")
@@ -20,32 +20,10 @@ _TIME = frozenset(
     )
 )
 _INPUT = frozenset(("input", "u"))
-_OUTPUT = frozenset(("output", "y"))
-_UNIT_AT_END = re.compile(r"(?:^|[_(\[/,\s])([a-zµμ]+)[)\]]?$")
-
-
-class TimeUnit(Enum):
-    """Units of times in a recording."""
-
-    SECONDS = "s"
-    MILLISECONDS = "ms"
-    MICROSECONDS = "us"
-    MINUTES = "min"
-    HOURS = "h"
-
-    @property
-    def in_s(self) -> float:
-        """The unit, in s."""
-        return {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}[self.value]
-
-
-_UNITS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), TimeUnit.SECONDS),
-    **dict.fromkeys(("ms", "msec", "millis", "milliseconds", "millisecond"), TimeUnit.MILLISECONDS),
-    **dict.fromkeys(("us", "µs", "μs", "micros", "microseconds"), TimeUnit.MICROSECONDS),
-    **dict.fromkeys(("min", "mins", "minute", "minutes"), TimeUnit.MINUTES),
-    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), TimeUnit.HOURS),
-}
+#: PV, the process variable of a controller; names of its output differ, and that is the plant's input
+_OUTPUT = frozenset(("output", "y", "pv"))
+#: "Time (ticks)": a unit that is not known
+_IN_BRACKETS = re.compile(r"[(\[]\s*([^()\[\]]+?)\s*[)\]]$")
 
 
 @dataclass(frozen=True)
@@ -80,14 +58,21 @@ class Columns:
         input: of the plant's input.
         output: of its output.
         unit: of the times.
-        note: what was chosen, where the file's header did not say it; or empty.
+        guess: what was chosen, where the file's header did not say it; or empty.
+        unit_note: where the unit was seen from, or empty.
     """
 
     time: int | None
     input: int
     output: int
     unit: TimeUnit
-    note: str
+    guess: str
+    unit_note: str
+
+    @property
+    def note(self) -> str:
+        """Both in one sentence, or empty."""
+        return "; ".join(each for each in (self.guess, self.unit_note) if each)
 
 
 def choose_columns(table: Table, options: ReadOptions) -> Columns:
@@ -129,8 +114,8 @@ def choose_columns(table: Table, options: ReadOptions) -> Columns:
     assert chosen["input"] is not None
     assert chosen["output"] is not None
     unit, unit_note = _unit(table, unnamed_time, options.time_unit)
-    note = "" if was_sure or None not in given.values() else _chosen_words(table, unnamed_time, chosen)
-    return Columns(unnamed_time, chosen["input"], chosen["output"], unit, "; ".join(w for w in (note, unit_note) if w))
+    guess = "" if was_sure or None not in given.values() else _chosen_words(table, unnamed_time, chosen)
+    return Columns(unnamed_time, chosen["input"], chosen["output"], unit, guess, unit_note)
 
 
 def _column_called(table: Table, word: str, role: str) -> int:
@@ -202,18 +187,27 @@ def _never_falls(table: Table, column: int) -> bool:
 
 
 def _unit(table: Table, time: int | None, given: TimeUnit | None) -> tuple[TimeUnit, str]:
+    """The unit of the times, and a note where it is not s, or the name of a unit that is not known."""
     if given is not None:
         return given, ""
-    if time is None or not table.names:
+    if time is None:
         return TimeUnit.SECONDS, ""
-    for text in (table.names[time], table.units[time] if table.units else ""):
-        found = _UNIT_AT_END.search(text.lower().rstrip(". "))
-        if found and found.group(1) in _UNITS:
-            unit = _UNITS[found.group(1)]
-            if unit is TimeUnit.SECONDS:
-                return unit, ""
-            return unit, f"times are in {unit.value}, as {table.name_of(time)} says"
-    return TimeUnit.SECONDS, ""
+    words = (*table.names[time : time + 1], *table.units[time : time + 1])
+    for text in words:
+        unit = unit_called(text)
+        if unit is TimeUnit.SECONDS:
+            return unit, ""
+        if unit is not None:
+            return unit, f"times are in {unit.value}, as {quoted(text)} says"
+    first = table.fields([time])[0][0]
+    if ":" in first:
+        return TimeUnit.SECONDS, ""
+    unit = unit_by_size(number(first, table.separator))
+    if unit is not None:
+        return unit, f"times are in {unit.value} since 1970, by their size"
+    unknown = [text for text in words if _IN_BRACKETS.search(text)]
+    note = f"the unit in {quoted(unknown[0])} is not known: s is taken, or give --time-unit" if unknown else ""
+    return TimeUnit.SECONDS, note
 
 
 def _chosen_words(table: Table, time: int | None, chosen: dict[str, int | None]) -> str:

@@ -28,7 +28,7 @@ from fopi_tune.identification.outliers import without_outliers
 from fopi_tune.identification.recording import Recording
 from fopi_tune.identification.residuals import residual_notes
 from fopi_tune.identification.scaling import scaled
-from fopi_tune.identification.solution import Solution, solved, without_unknown_past
+from fopi_tune.identification.solution import ZERO_DEAD_TIME, Solution, solved, without_unknown_past
 
 _WORDS = {
     "static_gain": "static gain",
@@ -122,7 +122,8 @@ def fit_plant(recording: Recording, model: FitModel = FitModel.LAG) -> Fit:
             return _best(recording)
         return _fit(recording, model)
     except DomainError as error:
-        raise DomainError(f"{recording.name}: {error}") from None
+        guess = f" ({recording.guess}; are they others?)" if recording.guess else ""
+        raise DomainError(f"{recording.name}: {error}{guess}") from None
 
 
 def _best(recording: Recording) -> Fit:
@@ -209,7 +210,8 @@ def _numbers(solution: Solution) -> dict[str, Interval]:
     low, high = sorted((value[gain] + sign * half[gain]) * unit for sign in (-1.0, 1.0))
     size = Interval(float(value[gain] * unit), float(low), float(high))
     ends = (float(value[-1]), float(value[-1] - half[-1]), max(solution.upper, float(value[-1])))
-    dead = Interval(*(max(0.0, end) * seconds for end in ends))
+    # below a rounding error of the times it is 0
+    dead = Interval(*(end * seconds if end > ZERO_DEAD_TIME else 0.0 for end in ends))
     if structure.model is FitModel.INTEGRATOR:
         return {"gain": size, "dead_time_s": dead}
     if structure.model is FitModel.LAG:

@@ -22,11 +22,14 @@ from fopi_tune.identification.table import (
     quoted,
     read_table,
 )
+from fopi_tune.identification.times import in_seconds, over_midnight
 
 #: samples; four numbers or more are fitted, and their intervals need degrees of freedom
 MIN_SAMPLES = 10
 #: lines that a note names
 _MOST_NAMED = 8
+#: what a column of a switch says
+_SWITCH = {"on": "1", "off": "0", "true": "1", "false": "0"}
 #: share of lines with the time of the line before from which times are taken to be too coarse
 _COARSE_TIMES = 0.2
 
@@ -45,6 +48,7 @@ class Recording:
         used: shape (n,), which outputs are fitted; all that are not missing when left out.
         lines: shape (n,), each sample's line in the file, or its place from 0 when left out.
         notes: what was seen while reading, a sentence each.
+        guess: which columns were taken, where the file does not say it.
 
     Raises:
         DomainError: shapes that differ, times that do not increase, or an input that is not finite.
@@ -57,6 +61,7 @@ class Recording:
     used: Marks = field(default_factory=lambda: np.ones(0, dtype=bool))
     lines: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     notes: tuple[str, ...] = ()
+    guess: str = ""
 
     def __post_init__(self) -> None:
         n = len(self.time_s)
@@ -145,34 +150,36 @@ def _parse(table: Table, columns: Columns, options: ReadOptions, name: str) -> R
     lines = np.array([line for line, _ in table.lines], dtype=np.int64)
     wanted = [columns.input, columns.output] + ([] if columns.time is None else [columns.time])
     texts = table.fields(wanted)
-    moved = _numbers(table, texts[0], _title(table, columns.input, "input"), lines)
+    moved = _numbers(table, _switched(texts[0]), _title(table, columns.input, "input"), lines)
     output = _numbers(table, texts[1], _title(table, columns.output, "output"), lines, may_be_missing=True)
-    unit = columns.unit.in_s
+    clock = ""
     if columns.time is not None:
         time = _numbers(table, texts[2], _title(table, columns.time, "time"), lines)
-        if not any(":" in text for text in texts[2][:3]):
-            time = _in_seconds(time, unit)
+        if any(":" in text for text in texts[2][:3]):
+            time, clock = over_midnight(time, lines)
+        else:
+            time = in_seconds(time, columns.unit)
     else:
         assert options.sample_time is not None
         if not options.sample_time > 0:
             raise DomainError(f"a sample time of {options.sample_time!r} is not greater than 0")
-        time = _in_seconds(np.arange(len(lines), dtype=float) * options.sample_time, unit)
+        time = in_seconds(np.arange(len(lines), dtype=float) * options.sample_time, columns.unit)
     time, moved, output, used, lines, merged = _merged(time, moved, output, lines, True)
     missing = np.flatnonzero(np.isnan(output))
-    recording = Recording(name, time, moved, output, used, lines)
-    notes = [columns.note] if columns.note else []
+    recording = Recording(name, time, moved, output, used, lines, guess=columns.guess)
+    notes = [each for each in (columns.note, clock) if each]
     if table.cut is not None:
         notes.append(f"line {table.cut[0]}, the last, is cut short ({quoted(table.cut[1].strip())}): left out")
     notes += merged
     if missing.size:
         notes.append(f"{recording.where(missing)}: no output, left out")
-    start, end = (None if each is None else each * unit for each in (options.start, options.end))
+    start, end = (None if each is None else each * columns.unit.in_s for each in (options.start, options.end))
     return _finished(dataclasses.replace(recording, notes=tuple(notes)), start, end)
 
 
-def _in_seconds(time: Array, unit: float) -> Array:
-    """Times in s: division by 1000 rounds once where multiplication by 0.001 would twice."""
-    return time / round(1 / unit) if unit < 1 else time * unit
+def _switched(texts: list[str]) -> list[str]:
+    """Texts of an input; that of a switch, `on` and `off` or `true` and `false`, becomes 1 and 0."""
+    return [_SWITCH.get(text.lower(), text) for text in texts]
 
 
 def _title(table: Table, column: int, role: str) -> str:

@@ -17,9 +17,9 @@ from fopi_tune.identification.table import counted
 #: samples of a running median; it takes out spikes of at most two of them
 _MEDIAN_OF = 5
 #: changes of the input below this share of its range are noise of a measured one, where messages speak of a step
-_INPUT_NOISE = 0.02
+INPUT_NOISE = 0.02
 #: more outputs are thinned out
-_MOST_OUTPUTS = 50_000
+_MOST_OUTPUTS = 20_000
 #: fewest outputs after the first step of the input
 _MIN_AFTER = 6
 
@@ -88,7 +88,7 @@ def scaled(recording: Recording) -> Scaled:
         )
     steps = np.diff(moved)
     changed = np.flatnonzero(steps) + 1
-    first = int(np.flatnonzero(np.abs(moved - moved[0]) > _INPUT_NOISE * input_height)[0])
+    first = int(np.flatnonzero(np.abs(moved - moved[0]) > INPUT_NOISE * input_height)[0])
     after = int(np.count_nonzero(rows >= first))
     if after < _MIN_AFTER:
         raise DomainError(

@@ -15,16 +15,16 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.covariance import ROUNDING_SHARE, Spread, spread_of
-from fopi_tune.identification.models import FitModel, Structure
-from fopi_tune.identification.recording import MIN_SAMPLES, Recording
-from fopi_tune.identification.scaling import Scaled
+from fopi_tune.identification.models import FitModel, Signals, Structure
+from fopi_tune.identification.recording import MIN_SAMPLES, Marks, Recording
+from fopi_tune.identification.scaling import INPUT_NOISE, Scaled
 from fopi_tune.identification.solve import initial_guesses, least_squares_fit
 from fopi_tune.identification.table import counted
 
 #: fewest samples within three time constants after a change arrives that determine the time constant
 _MIN_RISE_SAMPLES = 3
 #: dead times below this share of the record's length are rounding errors
-_ZERO_DEAD_TIME = 1e-9
+ZERO_DEAD_TIME = 1e-9
 #: an initial state is fitted where no interval is wider than this share of its number because of it
 _WIDE = 0.1
 #: share of the input's range that it must move within the first dead time to have moved before
@@ -93,6 +93,9 @@ def solved(problem: Scaled, model: FitModel) -> Solution:
     free = _attempt(problem, Structure(model, False))
     if isinstance(free, Solution) and free.widest <= _WIDE:
         return free
+    late = _late(problem, Structure(model, False)) if isinstance(free, DomainError) else None
+    if late is not None:
+        return late
     rest = _attempt(problem, Structure(model, True))
     if isinstance(free, DomainError):
         if isinstance(rest, DomainError):
@@ -143,7 +146,7 @@ def _with_intervals(problem: Scaled, structure: Structure, starts: list[Array]) 
     # upper end of the dead time: for a change of the input right after the line with the old value
     upper = float(parameters[-1] + spread.half[-1]) + problem.gap
     notes: list[str] = []
-    if parameters[-1] < -problem.gap - _ZERO_DEAD_TIME:
+    if parameters[-1] < -problem.gap - ZERO_DEAD_TIME:
         free = float(parameters[-1])
         inside = least_squares_fit(problem, structure, [parameters, *starts], least_dead=-problem.gap)
         parameters = least_squares_fit(problem, structure, [parameters], -problem.gap)
@@ -159,7 +162,7 @@ def _with_intervals(problem: Scaled, structure: Structure, starts: list[Array]) 
             notes.append(f"the fit's dead time is {below} by more than the time between two lines; {taken} is taken")
         if upper < -ROUNDING_SHARE:
             notes.append("the output moves before the input does: compare the time of both columns")
-    upper = upper if upper > _ZERO_DEAD_TIME else 0.0
+    upper = upper if upper > ZERO_DEAD_TIME else 0.0
     return Solution(problem, structure, parameters, spread, upper, tuple(notes))
 
 
@@ -173,7 +176,14 @@ def _spread(problem: Scaled, structure: Structure, parameters: Array, kept: int)
 
 
 def without_unknown_past(problem: Scaled, solution: Solution) -> Solution | None:
-    """A fit without the first outputs, where the input moved all the time already: what it was before is not known."""
+    """A fit without the first outputs, which answer the input from before the first line, where that was another one.
+
+    It was, where the input moves all the time, and where those outputs are far from a fit of the others: the recording
+    begins with the first change of the input, as under a relay.
+    """
+    if solution.problem.n < problem.n:
+        # they are left out already
+        return None
     dead = float(solution.parameters[-1])
     times = problem.signals.time
     early = times < dead
@@ -181,17 +191,60 @@ def without_unknown_past(problem: Scaled, solution: Solution) -> Solution | None
     moves = int(np.count_nonzero(until))
     # a measured input's noise is no motion
     reach = float(np.ptp(np.cumsum(problem.signals.changes[until]))) if moves else 0.0
-    if solution.structure.at_rest or moves < 3 or moves < 0.5 * early.sum() or reach < _MOVES:
+    always = moves >= 3 and moves >= 0.5 * early.sum() and reach >= _MOVES
+    if solution.structure.at_rest or not early.any() or not (always or _stand_out(solution, early)):
         return None
-    rest = problem.keep(~early)
     try:
-        again = _with_intervals(rest, solution.structure, [solution.parameters])
+        again = _with_intervals(problem.keep(~early), solution.structure, [solution.parameters])
     except DomainError:
         return None
-    note = (
-        f"the input moves from the first line on, so that the first {counted(int(early.sum()), 'output')} are left out"
+    if always:
+        first = f"the first {counted(int(early.sum()), 'output')}"
+        return _noted(again, f"the input moves from the first line on, so that {first} are left out")
+    return _if_others(problem, solution.parameters, again, early)
+
+
+def _late(problem: Scaled, structure: Structure) -> Solution | None:
+    """The fit without the outputs before the first dead time, where that of all is no plant but nearly as good."""
+    parameters = least_squares_fit(problem, structure, initial_guesses(problem, structure))
+    early = problem.signals.time < parameters[-1]
+    if not early.any():
+        return None
+    kept = problem.keep(~early)
+    again = _attempt(kept, structure)
+    if isinstance(again, DomainError) or again.widest > _WIDE:
+        return None
+    return _if_others(problem, parameters, again, early)
+
+
+def _if_others(problem: Scaled, parameters: Array, again: Solution, early: Marks) -> Solution | None:
+    """The fit of the other outputs, if those before it miss it by more than chance: the F statistic at 0.1 %."""
+    from scipy.stats import f as fisher
+
+    first, left = int(early.sum()), again.problem.n - again.structure.size
+    errors = (
+        again.structure.squares(problem.signals, parameters),
+        again.structure.squares(again.problem.signals, again.parameters),
     )
-    return dataclasses.replace(again, own_notes=(*again.own_notes, note))
+    per_output = errors[1] / left + ROUNDING_SHARE**2
+    # correlated residuals are as many as their mean's variance shows
+    statistic = (errors[0] - errors[1]) / first / per_output / again.spread.inflation
+    if statistic <= float(fisher.ppf(0.999, first, left)):
+        return None
+    return _noted(
+        again, f"the first {counted(first, 'output')} answer another input, from before the first line: left out"
+    )
+
+
+def _noted(solution: Solution, note: str) -> Solution:
+    return dataclasses.replace(solution, own_notes=(*solution.own_notes, note))
+
+
+def _stand_out(solution: Solution, early: Marks) -> bool:
+    """Whether the early residuals are larger than the others, so that another fit is worth its time."""
+    squares = (solution.modelled - solution.problem.signals.output) ** 2
+    floor = ROUNDING_SHARE**2
+    return float(squares[early].mean()) > 2.0 * float(squares[~early].mean()) + floor
 
 
 def _check_rise(problem: Scaled, structure: Structure, parameters: Array) -> None:
@@ -208,12 +261,26 @@ def _check_rise(problem: Scaled, structure: Structure, parameters: Array) -> Non
             f"the time constant ({longer}) with the dead time is longer than the record after the step "
             f"({left * seconds:.3g} s): record at least three time constants, or fit an integrator (--model integrator)"
         )
-    changes = problem.signals.changes_at[np.abs(problem.signals.changes) > 0.02]
-    since = problem.signals.time[:, None] - changes[-200:] - dead
-    on_rise = int(np.count_nonzero(((since > 0) & (since < 3 * tau)).any(axis=1)))
+    # only the last motion that has arrived can be within three time constants
+    moves = np.concatenate([[-math.inf], _moves(problem.signals)])
+    since = problem.signals.time - dead
+    since -= moves[np.searchsorted(moves, since) - 1]
+    on_rise = int(np.count_nonzero(since < 3 * tau))
     if on_rise < _MIN_RISE_SAMPLES:
         raise DomainError(
             f"only {counted(on_rise, 'sample')} {'lies' if on_rise == 1 else 'lie'} on the rise, which takes about "
             f"{3 * tau * seconds:.3g} s: too few to tell "
             "the time constant; sample faster"
         )
+
+
+def _moves(signals: Signals) -> Array:
+    """Times at which the input has moved by another 2 % of its range: at a step, and now and then on a ramp."""
+    held = np.cumsum(signals.changes)
+    at: list[float] = []
+    last = 0.0
+    for time, value in zip(signals.changes_at.tolist(), held.tolist(), strict=True):
+        if abs(value - last) > INPUT_NOISE:
+            at.append(time)
+            last = value
+    return np.array(at)

@@ -85,6 +85,8 @@ def read_table(text: str) -> Table:
     comments = [(n, line.strip()) for n, line in numbered if line.lstrip().startswith(_COMMENTS)]
     lines = [(n, line) for n, line in numbered if line.strip() and not line.lstrip().startswith(_COMMENTS)]
     separator, width = _separator(lines)
+    if lines and 2 * sum(number(line.strip(), ",") is not None for _, line in lines) > len(lines):
+        raise DomainError("its lines have one number each; a plant is fitted to two columns, its input and its output")
     first = next((k for k, (_, line) in enumerate(lines) if is_row(line, separator, width)), len(lines))
     rows, cut = _rows(lines[first:], separator, width)
     looked_at = rows[:: max(1, len(rows) // _MOST_LINES_LOOKED_AT)]
@@ -140,7 +142,7 @@ def split(line: str, separator: str, width: int | None = None) -> list[str]:
 
 def number(field: str, separator: str) -> float | None:
     """A finite number (below 1e100) or a time of the day in seconds, or None."""
-    text = field if separator == "," else field.replace(",", ".")
+    text = (field if separator == "," else field.replace(",", ".")).replace("\u2212", "-")
     if _NUMBER.match(text):
         value = float(text.replace("d", "e").replace("D", "e"))
         return value if abs(value) < LARGEST else None

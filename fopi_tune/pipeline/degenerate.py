@@ -14,6 +14,9 @@ from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
 
 #: a term smaller than this part of the whole controller at the crossover is gone
 _VANISHED = 1e-6
+#: the proportional one: where the best value is 0 the objective is flat, and the search ends at the root of its
+#: tolerance
+_VANISHED_PROPORTIONAL = 1e-4
 #: a gain this close, relative to its range, to an end of the range has reached it
 _AT_END = 1e-6
 #: a steady-state error below this is none
@@ -36,7 +39,7 @@ def without_vanished_terms(controller: ControllerSpec, gains: FoPi, crossover_ra
         # without its term the order has no meaning; 1 where the range allows it
         order = min(max(1.0, controller.alpha.min), controller.alpha.max)
         return replace(controller, ki=GainRange(0.0, 0.0), alpha=GainRange(order, order))
-    if proportional <= _VANISHED * integral and not controller.kp.is_fixed and _holds_zero(controller.kp):
+    if proportional <= _VANISHED_PROPORTIONAL * integral and not controller.kp.is_fixed and _holds_zero(controller.kp):
         return replace(controller, kp=GainRange(0.0, 0.0))
     return controller
 

@@ -85,19 +85,24 @@ def tune(
 
 
 def _without_vanished_terms(spec: DesignSpec, design: Design, proof: bool, solver: Solver) -> Design:
-    """The design with a vanished term fixed at 0 and the rest tuned again; itself where that is no solution."""
+    """The design with a vanished term fixed at 0 and the rest tuned again; itself where that is no solution.
+
+    A proportional term that is only small goes where the objective is none the worse for it.
+    """
     if design.status is not Status.SOLVED or design.gains is None or design.nominal is None:
         return design
     box = without_vanished_terms(spec.controller, design.gains, design.nominal.crossover_rad_s)
     if box is spec.controller:
         return design
     gains = design.gains
-    start = replace(gains, kp=0.0) if box.kp.is_fixed and not spec.controller.kp.is_fixed else replace(gains, ki=0.0)
+    of_kp = box.kp != spec.controller.kp
+    start = replace(gains, kp=0.0) if of_kp else replace(gains, ki=0.0)
     again = _unconfirmed_design(spec, replace(spec, controller=box), proof, solver, start, False)
-    if again.status is not Status.SOLVED:
+    no_worse = _is_no_worse(spec, again, design)
+    if again.status is not Status.SOLVED or (of_kp and not no_worse):
         return design
     # what nothing in the whole box beats, nothing in a part of it does
-    return replace(again, gap=design.gap if _is_no_worse(spec, again, design) else None)
+    return replace(again, gap=design.gap if no_worse else None)
 
 
 def _is_no_worse(spec: DesignSpec, one: Design, other: Design) -> bool:

@@ -88,6 +88,18 @@ def closed_loop(
     return moved, measured
 
 
+def relay(plant: TruePlant, dt: float, n: int, at: float, noise: Array) -> tuple[Array, Array]:
+    """Input 1 or 0 and measured output of a plant at rest with 0, from the line on at which a relay begins with 1."""
+    stepper, held = _Stepper(plant, dt), 1.0
+    moved, measured = np.zeros(n), np.zeros(n)
+    for k in range(n):
+        measured[k] = stepper.output + noise[k]
+        held = 1.0 if measured[k] < 0.95 * at else 0.0 if measured[k] > 1.05 * at else held
+        moved[k] = held
+        stepper.step(held)
+    return moved, measured
+
+
 def levels(values: Sequence[float], samples: Sequence[int]) -> Array:
     """A piecewise constant input: each value for so many samples."""
     return np.concatenate([np.full(count, value) for value, count in zip(values, samples, strict=True)])

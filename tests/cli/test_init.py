@@ -89,6 +89,15 @@ def test_every_model_of_plants_has_a_start() -> None:
     assert all(model == start.model for model, start in SECTIONS_BY_MODEL.items())
 
 
+def test_every_start_is_designed_as_the_loop_on_samples() -> None:
+    starts = [*SECTIONS_BY_MODEL.values()]
+    starts.append(sections_for_fitted(lags(Uncertain.exactly(1.0), Uncertain.exactly(2.0), Uncertain.exactly(0.1)), []))
+    for start in starts:
+        digital = parse_spec(template("a", start)).digital
+        assert digital is not None
+        assert digital.designs_sampled
+
+
 def test_every_distribution_in_a_start_can_be_used_for_its_plant() -> None:
     for start in SECTIONS_BY_MODEL.values():
         beta = next(line for line in template("a", start).splitlines() if "{beta:" in line)

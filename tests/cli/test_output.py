@@ -136,3 +136,34 @@ def test_a_library_that_is_not_installed_is_named_with_its_pip_line(capsys: pyte
     assert said == "brake: this needs the library flint, which is not installed; pip install 'python-flint'\n"
     assert report_failure("brake", ModuleNotFoundError("gone", name="fopi_tune.gone"), False) == 3
     assert "internal error" in capsys.readouterr().err
+
+
+def raised_in(module: str, error: ImportError) -> ImportError:
+    """The error as code of a module raises it while it is imported."""
+    try:
+        exec("raise error", {"__name__": module, "error": error})
+    except ImportError as caught:
+        return caught
+    raise AssertionError("nothing was raised")
+
+
+@pytest.mark.parametrize(
+    ("module", "name"), [("matplotlib.figure", None), ("matplotlib", "matplotlib"), ("fopi_tune.report", "matplotlib")]
+)
+def test_a_library_that_cannot_be_imported_is_named_with_its_pip_line(
+    module: str, name: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert report_failure("brake", raised_in(module, ImportError("no such symbol", name=name)), False) == 3
+    said = capsys.readouterr().err
+    assert said == (
+        "brake: this needs the library matplotlib, which cannot be imported (no such symbol); "
+        "pip install --force-reinstall 'matplotlib'\n"
+    )
+
+
+@pytest.mark.parametrize("name", [None, "fopi_tune.report"])
+def test_an_import_that_fails_in_the_package_itself_is_its_mistake(
+    name: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert report_failure("brake", raised_in("fopi_tune.report", ImportError("no such name", name=name)), False) == 3
+    assert "internal error, ImportError: no such name" in capsys.readouterr().err

@@ -12,11 +12,13 @@ from cases.field_recordings import (
     integrator,
     lag,
     levels,
+    relay,
     second_order,
     simulated,
 )
 
 import fopi_tune as ft
+from fopi_tune.errors import DomainError
 from fopi_tune.identification import Fit, FitModel, ReadOptions, Recording, fit_plant, parse_recording
 
 SEEDS = 8
@@ -102,6 +104,21 @@ def test_any_input_tells_the_plant_within_its_intervals(name: str, shape: str) -
     assert counts.min() >= LEAST_HELD, counts
 
 
+@pytest.mark.parametrize("name", ["lag", "integrator"])
+@pytest.mark.parametrize(
+    # no two samples differ by more than 1.5 % of the input's range
+    "moved",
+    [np.clip((np.arange(float(N)) - 40) / 70, 0.0, 1.0), np.sin(0.12 * DT * np.arange(float(N)))],
+    ids=["ramp", "slow sine"],
+)
+def test_an_input_without_jumps_tells_the_plant_too(name: str, moved: np.ndarray) -> None:
+    plant = PLANTS[name]
+    assert np.abs(np.diff(moved)).max() < 0.02 * np.ptp(moved)
+    fits = [fit_plant(noisy(plant, moved, seed), FitModel(plant.model)) for seed in range(SEEDS)]
+    counts = np.sum([list(held(fit, plant).values()) for fit in fits], axis=0)
+    assert counts.min() >= LEAST_HELD, counts
+
+
 @pytest.mark.parametrize(
     ("name", "kp", "ki"),
     [("lag", 0.4, 0.1), ("resonant", 0.1, 0.15), ("overdamped", -0.8, -0.2), ("integrator", 1.2, 0.2)],
@@ -116,6 +133,23 @@ def test_a_closed_loop_tells_the_plant_within_its_intervals(name: str, kp: float
         fit = fit_plant(Recording("a", DT * np.arange(float(N)), moved, measured), FitModel(plant.model))
         counts.append(list(held(fit, plant).values()))
     assert np.sum(counts, axis=0).min() >= LEAST_HELD, np.sum(counts, axis=0)
+
+
+@pytest.mark.parametrize("name", ["lag", "resonant", "integrator"])
+def test_a_record_may_begin_with_the_first_change_of_the_input(name: str) -> None:
+    # until the dead time is over the outputs answer the input 0, which no line has
+    plant, at = PLANTS[name], 0.7
+    counts, notes = [], []
+    for seed in range(SEEDS):
+        moved, measured = relay(plant, DT, N, at, 0.01 * np.random.default_rng(seed).standard_normal(N))
+        fit = fit_plant(Recording("a", DT * np.arange(float(N)), moved, measured), FitModel(plant.model))
+        counts.append(list(held(fit, plant).values()))
+        notes += fit.notes
+    assert np.sum(counts, axis=0).min() >= LEAST_HELD, np.sum(counts, axis=0)
+    said = [
+        note for note in notes if note.endswith("outputs answer another input, from before the first line: left out")
+    ]
+    assert len(said) > SEEDS / 2
 
 
 @pytest.mark.parametrize("name", PLANTS)
@@ -163,3 +197,20 @@ def test_arrays_give_the_family_and_its_spec() -> None:
         assert spec.plant.parameters[name].min <= number.low <= number.high <= spec.plant.parameters[name].max
     with pytest.raises(ft.DomainError, match="no model 'pt2'; it is one of lag, second_order, integrator, auto"):
         ft.identify(given.time_s, given.input, given.output, model="pt2")
+
+
+def test_a_dead_time_of_a_rounding_error_is_0() -> None:
+    for seed in range(SEEDS):
+        moved = np.repeat(np.random.default_rng(seed).integers(0, 2, 16), 15).astype(float)
+        found = ft.identify(DT * np.arange(240), moved, simulated(lag(1.0, 3.0, 0.0), DT, moved))
+        assert found["dead_time_s"].min == 0.0
+
+
+def test_a_refusal_names_the_columns_that_were_taken_by_their_order() -> None:
+    rng = np.random.default_rng(4)
+    moved = rng.standard_normal(N)
+    output = simulated(lag(1.0, 3.0, 0.5), DT, moved) + 0.01 * rng.standard_normal(N)
+    rows = zip((DT * np.arange(N)).tolist(), output.tolist(), moved.tolist(), strict=True)
+    text = "Time,Level,Valve\n" + "".join(f"{t!r},{y!r},{u!r}\n" for t, y, u in rows)
+    with pytest.raises(DomainError, match=r"input is column 2 'Level', output is column 3 'Valve'; are they others\?"):
+        fit_plant(parse_recording(text, "a.csv"))

@@ -129,6 +129,30 @@ def test_columns_of_names_that_say_nothing_are_taken_in_their_order_and_that_is_
     assert parse_recording(file(HEADER, *rows()), "a.csv").notes == ()
 
 
+def test_the_process_variable_of_a_controller_is_the_output() -> None:
+    parts = [row.split(",") for row in rows()]
+    found = parse_recording(file("Time,PV,OP", *(f"{t},{y},{u}" for t, u, y in parts)), "a.csv")
+    assert_usual(found)
+    assert found.guess == "time is column 1 'Time', input is column 3 'OP', output is column 2 'PV'"
+
+
+@pytest.mark.parametrize(("off", "on"), [("OFF", "ON"), ("False", "True")])
+def test_the_input_may_be_that_of_a_switch(off: str, on: str) -> None:
+    parts = [row.split(",") for row in rows()]
+    assert_usual(parse_recording(file(HEADER, *(f"{t},{on if u == '1' else off},{y}" for t, u, y in parts)), "a.csv"))
+
+
+def test_a_minus_may_be_the_printed_one() -> None:
+    parts = [row.split(",") for row in rows()]
+    found = parse_recording(file(HEADER, *(f"{t},{u},\u2212{y}" for t, u, y in parts)), "a.csv")
+    assert found.output.tolist() == [-max(0, k - 5) for k in range(20)]
+
+
+def test_one_column_is_refused_as_that() -> None:
+    with pytest.raises(DomainError, match=r"a\.csv: its lines have one number each; .* its input and its output"):
+        parse_recording(file("level", *(f"{k}" for k in range(20))), "a.csv")
+
+
 @pytest.mark.parametrize(("sample_time", "unit"), [(0.008, None), (8.0, TimeUnit.MILLISECONDS)])
 def test_a_file_without_times_has_a_given_sample_time(sample_time: float, unit: TimeUnit | None) -> None:
     text = file(*(row.partition(",")[2] for row in rows()))

@@ -10,6 +10,15 @@ from fopi_tune.pipeline.degenerate import without_vanished_terms
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import ControllerSpec, GainRange
 
+FLAT = """schema: 1
+name: flat
+plant: {model: lag, static_gain: 1, time_constant_s: 0.1, dead_time_s: 2}
+controller: {kp: {min: 0, max: 5}, ki: {min: 0, max: 5}, alpha: 1}
+requirements:
+  - crossover_rad_s: {equals: 0.3}
+  - phase_margin_deg: {at_least: 50}
+objective: {maximize: ki}
+"""
 BOX = ControllerSpec(GainRange(0.0, 10.0), GainRange(0.0, 10.0), GainRange(0.3, 1.5))
 
 
@@ -23,6 +32,19 @@ def test_an_integral_is_gone_by_its_size_at_the_crossover() -> None:
 def test_a_proportional_term_is_gone_in_the_same_way() -> None:
     gone = without_vanished_terms(BOX, FoPi(1e-9, 1.0, 1.0), 0.5)
     assert (gone.kp, gone.ki) == (GainRange(0.0, 0.0), BOX.ki)
+    # 1e-3 of the integral term is a choice
+    assert without_vanished_terms(BOX, FoPi(1e-3, 0.5, 1.0), 0.5) is BOX
+
+
+def test_a_proportional_term_that_gains_nothing_is_left_out() -> None:
+    # |C(j 0.3)|^2 = kp^2 + (ki/0.3)^2 is given: the largest ki is that of kp = 0, near which it is flat
+    design = ft.tune(parse_spec(FLAT))
+    assert design.status is ft.Status.SOLVED
+    assert design.gains is not None
+    assert design.gains.kp == 0.0
+    # ki = 0.3 |1 + 0.03j|
+    assert design.gains.ki == pytest.approx(0.3 * abs(1 + 0.03j), rel=1e-6)
+    assert "no proportional action: the best gains have kp = 0" in design.notes
 
 
 @pytest.mark.parametrize("ki", [GainRange(1e-9, 1.0), GainRange(1e-9, 1e-9)])

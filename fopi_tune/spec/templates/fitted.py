@@ -69,8 +69,8 @@ requirements:
   - sensitivity_db: {{at_most: 6}}            # distance from -1: no disturbance is made more than twice as large
 """,
         objective="""\
-# objective: {minimize: iae_disturbance}     # without it there is room left, which the loop on samples needs""",
-        digital=digital_section(repr(sample_time_s), f"[{band[0]:.1e}, {band[1]:.1e}]", "continuous"),
+# objective: {minimize: iae_disturbance}     # without it, room is left on all sides""",
+        digital=digital_section(repr(sample_time_s), f"[{band[0]:.1e}, {band[1]:.1e}]"),
         uncertain_name=f'"{wide[0]}"' if wide and "[" in wide[0] else wide[0] if wide else "dead_time_s",
     )
 

@@ -30,11 +30,8 @@ class TemplateSections:
         return {name: text.rstrip() for name, text in vars(self).items() if name != "model"}
 
 
-def digital_section(sample_time_s: str, band_rad_s: str, design: str) -> str:
-    """The section `digital`, with a sample time in s and a band in rad/s, and which loop the design is about."""
-    about = "the requirements are about the loop on samples; or continuous"
-    if design == "continuous":
-        about = "the requirements are about the loop without samples; or sampled"
+def digital_section(sample_time_s: str, band_rad_s: str) -> str:
+    """The section `digital`, with a sample time in s and a band in rad/s; the design is that of the loop on samples."""
     return f"""\
 digital:
   {f"sample_time_s: {sample_time_s}":<27} # short against 1 / crossover_rad_s
@@ -43,7 +40,7 @@ digital:
   {f"band_rad_s: {band_rad_s}":<27} # where it holds
   rule: tustin                # or matched
   delay_samples: 0            # computing delay
-  {f"design: {design}":<27} # {about}
+  design: sampled             # the requirements are about the loop on samples; or continuous
 """
 
 
@@ -79,7 +76,7 @@ requirements:
     to_rad_s: 0.0025
 """,
     objective="objective: {minimize: phase_margin_spread_deg}",
-    digital=digital_section("0.2", "[1.0e-3, 1.0e3]", "sampled"),
+    digital=digital_section("0.2", "[1.0e-3, 1.0e3]"),
     uncertain_name="time_constant_s",
 )
 
@@ -106,7 +103,7 @@ requirements:
     to_rad_s: 0.003
 """,
     objective="objective: {maximize: ki}",
-    digital=digital_section("0.1", "[1.0e-3, 1.0e3]", "sampled"),
+    digital=digital_section("0.1", "[1.0e-3, 1.0e3]"),
     uncertain_name="gain",
 )
 
@@ -134,8 +131,8 @@ requirements:
   - sensitivity_db: {at_most: 5}            # distance from -1: no disturbance is made much larger
 """,
     objective="""\
-# objective: {minimize: iae_disturbance}     # without it there is room left, which the loop on samples needs""",
-    digital=digital_section("0.05", "[1.0e-3, 1.0e3]", "continuous"),
+# objective: {minimize: iae_disturbance}     # without it, room is left on all sides""",
+    digital=digital_section("0.05", "[1.0e-3, 1.0e3]"),
     uncertain_name='"denominator[1]"',
 )
 
