@@ -31,6 +31,7 @@ from fopi_tune.design.bound.cells import (
     UP,
     fill_cell,
 )
+from fopi_tune.design.bound.integrals import H_LARGEST, real_integral_over
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER,
     CS,
@@ -283,7 +284,7 @@ def _row_cell(q, i, passages, integral, table, rows, work, slopes, count):
 
 
 @compiled
-def _kappa_of_cell(code, target, cell, signs, table, box):
+def _kappa_of_cell(code, target, cell, signs, table, filters, box):
     """The kappa that the ranges of the gains and the objective's target leave in the cell: (low, high)."""
     low, high = _LEAST_KAPPA, BEYOND
     most = max(cell[ALPHA_LOW] * box.log_omega, cell[ALPHA_HIGH] * box.log_omega) - box.log_gain
@@ -305,7 +306,13 @@ def _kappa_of_cell(code, target, cell, signs, table, box):
     if ki[0] > ki[1] or kp[0] > kp[1]:
         return 1.0, 0.0
     if code == IAE and signs[0] == signs[1]:
-        h = math.exp(max(cell[ALPHA_LOW] * box.log_horizon, cell[ALPHA_HIGH] * box.log_horizon))
+        alpha, reach, real = (
+            0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH]),
+            0.5 * (cell[ALPHA_HIGH] - cell[ALPHA_LOW]),
+            np.empty(6),
+        )
+        real_integral_over(alpha, reach, -box.log_horizon, filters, real)
+        h = real[H_LARGEST]
         at = min(max(math.atan(h), cell[PSI_LOW]), cell[PSI_HIGH])
         controller = math.cos(at) + math.sin(at) * h
         for i in range(table.gain.shape[0]):
@@ -317,7 +324,7 @@ def _kappa_of_cell(code, target, cell, signs, table, box):
 
 
 @compiled
-def kappa_left(code, target, cell, signs, table, rows, box, work, slopes):
+def kappa_left(code, target, cell, signs, table, filters, rows, box, work, slopes):
     """The kappa that may meet everything and beat the target somewhere in the cell: their number; they are in `found`.
 
     Args:
@@ -325,12 +332,13 @@ def kappa_left(code, target, cell, signs, table, rows, box, work, slopes):
         cell: its ranges, as the columns say.
         signs: of kp and ki.
         table, rows, box, work: as in `allowed_intervals`; `rows` with the objective's own.
+        filters: of the cell, of `filters_over`.
         slopes: scratch for the slopes of `cells`, shape (SLOPES, n).
     """
-    low, high = _kappa_of_cell(code, target, cell, signs, table, box)
+    low, high = _kappa_of_cell(code, target, cell, signs, table, filters, box)
     if low >= high:
         return 0
-    fill_cell(cell, signs, table, work, slopes)
+    fill_cell(cell, signs, table, filters, work, slopes)
     count = 0
     for i in range(table.gain.shape[0]):
         passages = _passages_cell(i, cell, signs, table, work, slopes)
