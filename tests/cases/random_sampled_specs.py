@@ -1,4 +1,4 @@
-"""Random specs with `design: sampled` by seed:  those of `random_specs` with samples, filters and delays of all kinds."""
+"""Random specs with `design: sampled` by seed:  those of `random_specs`, with samples and filters of all kinds."""
 
 from __future__ import annotations
 
