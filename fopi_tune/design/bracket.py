@@ -32,6 +32,7 @@ from fopi_tune.design.global_search.compiled import (
 )
 from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.global_search.samples import log_omega_of
 from fopi_tune.design.global_search.tables import table_of, vertices
 from fopi_tune.design.global_search.worst_case import FIELDS, ROW, SLACK, V
 
@@ -149,7 +150,7 @@ def _left(
     """Cells that are left of some, and how many were looked at."""
     if _contradicts_itself(problem, rows, target, table):
         return cells[:0], 0
-    box, proper = problem.box, bool(np.all(table.high_slope < 0.0))
+    box, proper = problem.box, problem.scaled.samples is None and bool(np.all(table.high_slope < 0.0))
     for q in np.flatnonzero((rows.kind == CS) & (rows.side > 0) & (rows.last == len(table.v) - 1) & proper):
         # |C S| -> |kp| as omega -> inf
         largest = math.exp(rows.limit[q])
@@ -186,20 +187,21 @@ def _contradicts_itself(problem: Problem, rows: Rows, target: float, table: Tabl
 
 def _table(problem: Problem, cost: float, known: list[Array]) -> Table:
     """Vertices and worst plants, at the scan's frequencies, around the worst ones and at limits of crossovers."""
-    points, omega = vertices(problem.spec.plant), problem.scan_table.omega[1:-1] * problem.scale.omega_rad_s
-    near, ends = np.vstack(known), problem.scan_table.v[[1, -2]]
-    v = np.concatenate([np.add.outer(known[0][:, V], _BESIDE).ravel(), near[:, V]])
-    omega = np.union1d(omega, np.exp(v[(v > ends[0]) & (v < ends[1])]) * problem.scale.omega_rad_s)
+    points, scaled, scan = vertices(problem.spec.plant), problem.scaled, problem.scan_table
+    near, log_omega_s, half = np.vstack(known), math.log(problem.scale.omega_rad_s), scan.sampling.half
+    v = np.concatenate([scan.v[1:-1], np.add.outer(known[0][:, V], _BESIDE).ravel(), near[:, V]])
     if points.shape[1] and len(near):
         points = np.unique(np.vstack([points[1:], near[:, FIELDS:]]), axis=0)
         points = np.vstack([problem.spec.plant.nominal_point, points])
     if problem.code == DEPTH:
-        rows = problem.rows(problem.scan_table, tightening=0.0)
+        rows = problem.rows(scan, tightening=0.0)
         for gap in GAPS:
             limits = _deeper(rows, _step(cost, gap) - cost)[rows.kind == CROSSOVER]
-            omega = np.union1d(omega, np.exp(limits) * problem.scale.omega_rad_s)
-    apart = np.concatenate([[True], np.diff(np.log(omega)) > 1e-9])
-    return table_of(problem.scaled, points, omega[apart], problem.horizon_s)
+            v = np.append(v, [scaled.v_of(limit + log_omega_s) for limit in limits])
+    v = np.unique(v[(v >= scan.v[1]) & (v <= scan.v[-2])])
+    v = v[np.concatenate([[True], np.diff(v) > 1e-9])]
+    omega = np.exp([log_omega_of(x, half) + log_omega_s for x in v])
+    return table_of(scaled, points, omega, problem.horizon_s)
 
 
 def _beating(problem: Problem, table: Table, cost: float, gap: float) -> tuple[Rows, float] | None:
@@ -212,7 +214,7 @@ def _beating(problem: Problem, table: Table, cost: float, gap: float) -> tuple[R
         return rows, cost + math.log(1.0 - gap)
     if problem.code == DEPTH:
         limit = _deeper(rows, step - cost)
-        at = np.array([np.argmin(np.abs(table.v - v)) for v in limit])
+        at = np.array([np.argmin(np.abs(table.log_omega - log_omega)) for log_omega in limit])
         return rows._replace(limit=limit, first=np.where(rows.kind == CROSSOVER, at, rows.first)), 0.0
     if problem.code in (S_PEAK, CS_PEAK):
         return _joined(rows, S if problem.code == S_PEAK else CS, 1, cost - step, 0, last), 0.0

@@ -73,18 +73,19 @@ def search(problem: Problem, start: FoPi | None = None, bracket: bool = False) -
     Args:
         problem: with at least one free gain.
         start: gains close to the optimum.
-        bracket: whether to bound what anything else can reach, and to polish where the bound leaves room.
+        bracket: whether to bound what anything else can reach, and to polish where the bound leaves room; not where
+            the filter depends on the crossover.
     """
     polish, best = at_own_crossover(*best_from(problem, start))
     problem = polish.problem
     if best is None or (problem.code == DEPTH and best.cost > MEETS):
-        excluded = share_in_words(excluded_share(problem)) if bracket and problem.scaled.samples is None else ""
+        excluded = share_in_words(excluded_share(problem)) if bracket and not problem.needs_crossover else ""
         return explain(problem, excluded, polish.counts)
     if problem.code == KI and best.x[1] == 0.0 and problem.box.ki_high > 0.0 and has_wrong_sign(problem):
         nothing = tuple(None for _ in problem.spec.requirements)
         return Candidate(Status.INFEASIBLE, None, nothing, (), _ONLY_WITHOUT_INTEGRAL, polish.counts.solves)
-    if not bracket or problem.scaled.samples is not None:
-        # the bound knows s^-alpha, and not its filters
+    if not bracket or problem.needs_crossover:
+        # the bound is about one filter for each alpha; gains with another crossover would have another one
         return candidate_of(polish, best)
     best, gap = beyond_doubt(polish, best)
     return replace(candidate_of(polish, best), gap=gap)

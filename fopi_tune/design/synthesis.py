@@ -27,7 +27,7 @@ def design(
         violations: points that a check found; they are among the plants and frequencies that are looked at.
         start: gains close to the optimum, or a solved spec; polished beside the basins of a coarser scan.
         bracket: whether to bound in floating point what no gains can beat (`Candidate.gap`), and to search again
-            wherever that leaves room.
+            wherever that leaves room; not on samples where the filter depends on the gains' crossover.
 
     Returns:
         A candidate; `fopi_tune.proof` has to check it.

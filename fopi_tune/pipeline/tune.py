@@ -62,7 +62,8 @@ def tune(
             begins there alone, and elsewhere only if that fails: faster, but a better optimum elsewhere is missed.
             The convex search ignores it.
         bracket: whether to bound in floating point how much better any other gains can be (`Design.gap`), and to search
-            again where that leaves room.  Only for the loop in continuous time, and without a start.
+            again where that leaves room.  Only without a start, and on samples not with `prewarp: crossover` or
+            `rule: matched`, whose filter changes with the gains' own crossover: `Design.gap` is then None.
 
     Returns:
         A design; `status` says how it ended.  Infeasible, unbounded and failed are answers, not exceptions.

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
+from cases.random_sampled_specs import sampled_spec
 from cases.random_specs import random_spec
 
 import fopi_tune as ft
 from fopi_tune.core.bode_form import Array
 from fopi_tune.design.bound.cells import ALPHA_HIGH, ALPHA_LOW, PSI_HIGH, PSI_LOW
 from fopi_tune.design.bracket import Bracket, bracket_of, excluded_share
+from fopi_tune.design.global_search.compiled import DEPTH
 from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.search import best_of_box
@@ -47,6 +50,30 @@ SPECS = {
     + BOX
     + "requirements:\n  - {sensitivity_db: {at_most: -6}, to_rad_s: 0.02}\n  - {sensitivity_db: {at_most: 5}}\n"
     + "objective: {minimize: control_sensitivity_peak_db}\n",
+}
+DIGITAL = "digital: {sample_time_s: %g, design: sampled, delay_samples: %g, band_rad_s: [0.001, 100]}\n"
+#: with samples of a tenth to a third of the dead time or the corner
+SAMPLED = dict.fromkeys(SPECS, DIGITAL % (0.3, 0)) | {
+    "depth": DIGITAL % (0.1, 1),
+    "margins": DIGITAL % (0.2, 0.5),
+    "peak": "digital: {sample_time_s: 0.3, design: sampled, method: modified_oustaloup, poles: 5}\n",
+}
+UNSTABLE = (
+    "plant: {model: pole, gain: {min: 0.9, max: 1.1}, pole_rad_s: -0.5, dead_time_s: 0.08}\n"
+    + BOX
+    + "requirements:\n  - {sensitivity_db: {at_most: 5}}\n  - {delay_margin_s: {at_least: 0.1}}\n"
+)
+SAMPLED_PLANTS = {
+    "unstable": UNSTABLE + OBJECTIVES[1] + DIGITAL % (0.05, 0),
+    # L is real and negative at Nyquist's frequency, and that is the smallest gain margin
+    "nyquist": "plant: {model: lag, static_gain: 1, time_constant_s: 1}\n"
+    "controller: {kp: {min: 0, max: 50}, ki: 0, alpha: 1}\n"
+    "requirements: [{gain_margin_db: {at_least: 9}}]\n" + OBJECTIVES[1] + DIGITAL % (0.5, 0),
+    # 1/(T s) above Nyquist's: the least crossover that is deeper is not on the axis
+    "crossover": "plant: {model: pole, gain: 1, pole_rad_s: 0}\n"
+    + BOX
+    + "requirements:\n  - {crossover_rad_s: {at_least: 0.5}}\n  - {phase_margin_deg: {at_least: 40}}\n"
+    + DIGITAL % (0.5, 0),
 }
 
 
@@ -88,6 +115,16 @@ def test_gains_that_are_better_than_the_target_are_never_discarded(name: str) ->
     assert check_that_better_gains_are_kept(spec_of(SPECS[name]), (0.01, 0.02, 0.15)) == 3
 
 
+@pytest.mark.parametrize("name", SPECS)
+def test_nor_are_they_on_samples(name: str) -> None:
+    assert check_that_better_gains_are_kept(spec_of(SPECS[name] + SAMPLED[name]), (0.01, 0.15)) == 2
+
+
+@pytest.mark.parametrize("name", SAMPLED_PLANTS)
+def test_nor_are_they_with_plants_that_differ_on_samples(name: str) -> None:
+    assert check_that_better_gains_are_kept(spec_of(SAMPLED_PLANTS[name]), (0.01, 0.03, 0.15)) == 3
+
+
 def test_the_only_gains_of_two_equalities_are_never_discarded() -> None:
     # alpha = 1 and the crossover fixed: |C| at the crossover is the same for all directions
     assert (
@@ -104,13 +141,23 @@ def test_two_hundred_designs_made_worse_are_never_taken_for_the_best() -> None:
     assert count >= 200
 
 
+@pytest.mark.long
+def test_a_hundred_designs_made_worse_on_samples_are_never_taken_for_the_best() -> None:
+    specs = [ft.parse_spec(sampled_spec(seed)) for seed in range(400, 444)]
+    fixed = [spec for spec in specs if not Problem.of(spec).needs_crossover]
+    assert sum(check_that_better_gains_are_kept(spec, (0.01, 0.015, 0.02, 0.03)) for spec in fixed) >= 100
+
+
 def spec_of_seed(seed: int) -> DesignSpec:
     return ft.parse_spec(random_spec(seed))
 
 
+@pytest.mark.parametrize("design", ["continuous", "sampled"])
 @pytest.mark.parametrize("path", ["throttle", "brake_delay", "second_order", "pi_baseline"])
-def test_the_bracket_of_shipped_specs_closes(path: str) -> None:
-    polish = Polish(Problem.of(load_spec(f"tests/cases/continuous/{path}.yaml")))
+def test_the_bracket_of_shipped_specs_closes(path: str, design: str) -> None:
+    spec = load_spec(f"tests/cases/continuous/{path}.yaml")
+    assert spec.digital is not None
+    polish = Polish(Problem.of(replace(spec, digital=replace(spec.digital, design=design))))
     best = best_of_box(polish)
     assert best is not None
     bracket = bracket_of(polish, best.cost, best.x)
@@ -127,3 +174,24 @@ def test_the_whole_box_of_a_spec_that_clashes_is_excluded() -> None:
 
 def test_a_box_with_good_gains_is_not_excluded() -> None:
     assert excluded_share(Problem.of(spec_of(SPECS["depth"]))) < 1.0
+    assert excluded_share(Problem.of(spec_of(SPECS["depth"] + SAMPLED["depth"]))) < 1.0
+
+
+def test_the_whole_box_of_a_spec_that_clashes_on_samples_is_excluded() -> None:
+    clash = "requirements:\n  - {sensitivity_db: {at_most: 0.2}}\n  - {sensitivity_db: {at_most: -20}, to_rad_s: 0.2}\n"
+    assert excluded_share(Problem.of(spec_of(LAG + BOX + clash + SAMPLED["ki"]))) == pytest.approx(1.0)
+
+
+@pytest.mark.long
+def test_the_bracket_of_most_random_specs_on_samples_closes() -> None:
+    gaps = []
+    for seed in range(100, 122):
+        problem = Problem.of(ft.parse_spec(sampled_spec(seed)))
+        polish = Polish(problem)
+        best = None if problem.needs_crossover else best_of_box(polish)
+        if best is None or (problem.code == DEPTH and best.cost > 0.0):
+            continue
+        bracket = bracket_of(polish, best.cost, best.x)
+        gaps.append(math.inf if bracket is None else bracket.gap)
+    assert len(gaps) >= 15
+    assert sum(gap <= 0.001 for gap in gaps) >= 0.8 * len(gaps)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import pytest
 from cases.project import CONTINUOUS
 
 import fopi_tune as ft
@@ -23,6 +26,24 @@ def test_a_design_says_how_much_better_anything_else_can_be() -> None:
     assert "nothing better by more than 0.1 % is possible (checked)" in design_text(design).plain
 
 
+def sampled(name: str, **options: object) -> ft.DesignSpec:
+    spec = ft.load_spec(CONTINUOUS / f"{name}.yaml")
+    assert spec.digital is not None
+    return replace(spec, digital=replace(spec.digital, design="sampled", **options))
+
+
+def test_a_design_on_samples_says_it_too() -> None:
+    assert ft.tune(sampled("throttle"), proof=False, bracket=True).gap == 0.001
+
+
+@pytest.mark.parametrize("option", [{"prewarp": "crossover"}, {"rule": "matched"}])
+def test_a_filter_that_changes_with_the_crossover_leaves_it_unsaid(option: dict[str, str]) -> None:
+    # other gains have another filter than the one that a bound would be about
+    design = ft.tune(sampled("throttle", **option), proof=False, bracket=True)
+    assert design.status.value == "solved"
+    assert design.gap is None
+
+
 def test_a_design_from_a_start_alone_says_nothing_about_others() -> None:
     first = ft.tune(CONTINUOUS / "throttle.yaml", proof=False, bracket=False)
     assert first.gap is None
@@ -36,3 +57,12 @@ def test_an_infeasible_spec_says_how_completely_its_box_was_searched() -> None:
     assert design.status.value == "infeasible"
     assert design.gap is None
     assert design.message.endswith("the whole box was excluded, in floating point")
+
+
+def test_so_does_one_on_samples() -> None:
+    text = CLASH + "digital: {sample_time_s: 0.3, design: sampled}\n"
+    said = "the whole box was excluded, in floating point"
+    assert ft.tune(ft.parse_spec(text), proof=False, bracket=True).message.endswith(said)
+    without = ft.tune(ft.parse_spec(text.replace("sampled", "sampled, prewarp: crossover")), proof=False, bracket=True)
+    assert without.status.value == "infeasible"
+    assert "excluded" not in without.message

@@ -26,6 +26,7 @@ from fopi_tune.design.bound.cells import (
 )
 from fopi_tune.design.bound.crossings import crossing_rows
 from fopi_tune.design.bound.discs import kappa_left
+from fopi_tune.design.bound.integrals import filters_over
 from fopi_tune.design.bound.polygon import what_is_left
 from fopi_tune.design.bound.tangents import band_rows, box_rows
 from fopi_tune.design.global_search.compiled import compiled
@@ -61,7 +62,7 @@ def _spreads_near_crossover(kappa, cell, work, slopes):
 
 
 @compiled
-def _linearised(code, target, pieces, found, cell, signs, table, rows, box, work, slopes, lin, left):
+def _linearised(code, target, pieces, found, cell, signs, table, filters, rows, box, work, slopes, lin, left):
     """Whether the linear rows leave anything of the cell; `left` is then where, in units of its half-widths."""
     alpha, psi = 0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH]), 0.5 * (cell[PSI_LOW] + cell[PSI_HIGH])
     half, whole, x = np.empty(3), np.empty(4), np.empty(3)
@@ -77,11 +78,13 @@ def _linearised(code, target, pieces, found, cell, signs, table, rows, box, work
             kappa = low + (2 * t + 1) * half[0]
             k = math.exp(kappa)
             x[0], x[1] = k * math.cos(psi) * signs[0], k * math.sin(psi) * signs[1]
-            count = box_rows(code, target, kappa, cell, half, signs, table, box, lin, 0)
+            count = box_rows(code, target, kappa, cell, half, signs, table, filters, box, lin, 0)
             if count >= 0:
                 count = band_rows(kappa, half, table, rows, work, slopes, lin, count)
             if count >= 0:
-                count = crossing_rows(code, target, x, signs, kappa, half, table, rows, work, slopes, lin, count)
+                count = crossing_rows(
+                    code, target, x, signs, kappa, half, table, filters, rows, work, slopes, lin, count
+                )
             if count >= 0 and what_is_left(lin, count, left):
                 whole[0], whole[1] = min(whole[0], left[0]), max(whole[1], left[1])
                 whole[2], whole[3] = min(whole[2], left[2]), max(whole[3], left[3])
@@ -123,7 +126,9 @@ def branch(code, target, quadrants, cells, number, most, table, rows, box, work)
         first += 1
         looked += 1
         signs = quadrants[int(cell[QUADRANT])]
-        found = kappa_left(code, target, cell, signs, table, rows, box, work, slopes)
+        alpha, reach = 0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH]), 0.5 * (cell[ALPHA_HIGH] - cell[ALPHA_LOW])
+        filters = filters_over(alpha, reach, table.sampling)
+        found = kappa_left(code, target, cell, signs, table, filters, rows, box, work, slopes)
         if found == 0:
             continue
         total, longest = 0.0, 0.0
@@ -138,7 +143,9 @@ def branch(code, target, quadrants, cells, number, most, table, rows, box, work)
         spread, by_alpha, by_psi = _spreads_near_crossover(cell[KAPPA], cell, work, slopes)
         piece = max(_PIECE, spread)
         if spread < _LARGEST_SPREAD and total / piece + found <= _MOST_PIECES:
-            if not _linearised(code, target, piece, found, cell, signs, table, rows, box, work, slopes, lin, left):
+            if not _linearised(
+                code, target, piece, found, cell, signs, table, filters, rows, box, work, slopes, lin, left
+            ):
                 continue
             for low, high, k in ((ALPHA_LOW, ALPHA_HIGH, 0), (PSI_LOW, PSI_HIGH, 2)):
                 middle, half = 0.5 * (cell[low] + cell[high]), 0.5 * (cell[high] - cell[low])

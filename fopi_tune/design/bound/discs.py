@@ -31,6 +31,7 @@ from fopi_tune.design.bound.cells import (
     UP,
     fill_cell,
 )
+from fopi_tune.design.bound.integrals import H_LARGEST, real_integral_over
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER,
     CS,
@@ -111,7 +112,21 @@ def _margin_cell(kind, limit, i, table, work, slopes, count):
 
 
 @compiled
-def _margin_range(kind, limit, i, table, work, slopes):
+def _log_gain_at_end(i, psi, table):
+    """ln|L0| at the upper end of the axis, where the integral has vanished."""
+    cosine = math.cos(psi)
+    return table.gain[i, -1] + (math.log(cosine) if cosine > 1e-12 else -BEYOND)
+
+
+@compiled
+def _is_negative_at_end(i, signs, table):
+    """Whether L is real and negative at Nyquist's frequency; never in continuous time."""
+    turned = (table.phase[i, -1] + (0.0 if signs[0] < 0 else _PI)) % (2.0 * _PI)
+    return table.sampling.half > 0.0 and min(turned, 2.0 * _PI - turned) < 1e-9
+
+
+@compiled
+def _margin_range(kind, limit, i, cell, table, work, slopes):
     """The kappa at which a loop of the cell may have a crossover no farther from -1 than a limit: (low, high)."""
     n, low, high = work.gain.shape[1], BEYOND, -BEYOND
     for j in range(1, n - 1):
@@ -130,6 +145,9 @@ def _margin_range(kind, limit, i, table, work, slopes):
                 low, high = min(low, -work.gain[i, k] - slopes[UP, k]), max(high, -work.gain[i, k] - slopes[DOWN, k])
             else:
                 low, high = (-BEYOND if k == 0 else low), (BEYOND if k > 0 else high)
+    if kind == DELAY_MARGIN and abs(table.high_slope[i]) < 1e-9:
+        # where |L| does not fall below 1 at the end no delay is borne
+        low, high = min(low, -_log_gain_at_end(i, cell[PSI_LOW], table)), BEYOND
     return low, high
 
 
@@ -183,7 +201,7 @@ def _sort(values):
 
 
 @compiled
-def _unstable_cell(i, passages, table, work, slopes, count):
+def _unstable_cell(i, cell, signs, passages, table, work, slopes, count):
     """Forbid the kappa at which every loop of the cell is unstable."""
     ends = np.empty(2 * passages + 2)
     ends[0], ends[1] = -BEYOND, BEYOND
@@ -202,6 +220,9 @@ def _unstable_cell(i, passages, table, work, slopes, count):
                 clear = False
         if clear and abs(z) > 0.75:
             count = _forbid(work.forbidden, count, ends[e], ends[e + 1])
+    if _is_negative_at_end(i, signs, table):
+        # 1 + L(z) changes its sign between z = -1 and -inf
+        count = _forbid(work.forbidden, count, -_log_gain_at_end(i, cell[PSI_HIGH], table), BEYOND)
     if table.delay[i] > 0.0:
         low = BEYOND
         for j in range(table.alias[i], work.gain.shape[1] - 1):
@@ -212,14 +233,14 @@ def _unstable_cell(i, passages, table, work, slopes, count):
 
 
 @compiled
-def _row_cell(q, i, passages, integral, table, rows, work, slopes, count):
+def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
     """Forbid what violates row q with plant i for the whole cell; equalities of a crossover and of |L| count too."""
     kind, side, limit = rows.kind[q], rows.side[q], rows.limit[q]
     first, last, n = max(rows.first[q], 1), min(rows.last[q], work.gain.shape[1] - 2), work.gain.shape[1]
     if kind in (S, T, CS):
         if side < 0:
             return count
-        if integral and rows.first[q] == 0 and table.low_slope[i] <= 0.0:
+        if cell[PSI_LOW] > 0.0 and rows.first[q] == 0 and table.low_slope[i] <= 0.0:
             # T -> 1 and C S -> 1/P as omega -> 0
             value = 0.0 if kind == T else -table.gain[i, 0]
             if kind != S and value > limit and (kind == T or table.low_slope[i] == 0.0):
@@ -260,14 +281,19 @@ def _row_cell(q, i, passages, integral, table, rows, work, slopes, count):
     elif kind in (PHASE_MARGIN, DELAY_MARGIN):
         if side <= 0:
             count = _margin_cell(kind, limit - (1e-9 if side == 0 else 0.0), i, table, work, slopes, count)
+        if side < 0 and kind == DELAY_MARGIN and table.sampling.half > 0.0:
+            # no delay is borne
+            count = _forbid(work.forbidden, count, -_log_gain_at_end(i, cell[PSI_HIGH], table), BEYOND)
         if side >= 0:
-            low, high = _margin_range(kind, limit, i, table, work, slopes)
+            low, high = _margin_range(kind, limit, i, cell, table, work, slopes)
             count = _forbid(work.forbidden, count, -BEYOND, low)
             count = _forbid(work.forbidden, count, high, BEYOND)
     elif kind == GAIN_MARGIN and side < 0:
         for r in range(passages):
             if work.cross_turn[i, r] != 0.0:
                 count = _forbid(work.forbidden, count, -limit - work.allowed[r, 0], -work.allowed[r, 1])
+        if _is_negative_at_end(i, signs, table):
+            count = _forbid(work.forbidden, count, -limit - _log_gain_at_end(i, cell[PSI_HIGH], table), BEYOND)
     elif kind == CROSSOVER:
         most, top = -np.inf, BEYOND
         for j in range(first, n - 1):
@@ -283,7 +309,7 @@ def _row_cell(q, i, passages, integral, table, rows, work, slopes, count):
 
 
 @compiled
-def _kappa_of_cell(code, target, cell, signs, table, box):
+def _kappa_of_cell(code, target, cell, signs, table, filters, box):
     """The kappa that the ranges of the gains and the objective's target leave in the cell: (low, high)."""
     low, high = _LEAST_KAPPA, BEYOND
     most = max(cell[ALPHA_LOW] * box.log_omega, cell[ALPHA_HIGH] * box.log_omega) - box.log_gain
@@ -305,7 +331,13 @@ def _kappa_of_cell(code, target, cell, signs, table, box):
     if ki[0] > ki[1] or kp[0] > kp[1]:
         return 1.0, 0.0
     if code == IAE and signs[0] == signs[1]:
-        h = math.exp(max(cell[ALPHA_LOW] * box.log_horizon, cell[ALPHA_HIGH] * box.log_horizon))
+        alpha, reach, real = (
+            0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH]),
+            0.5 * (cell[ALPHA_HIGH] - cell[ALPHA_LOW]),
+            np.empty(6),
+        )
+        real_integral_over(alpha, reach, -box.log_horizon, filters, real)
+        h = real[H_LARGEST]
         at = min(max(math.atan(h), cell[PSI_LOW]), cell[PSI_HIGH])
         controller = math.cos(at) + math.sin(at) * h
         for i in range(table.gain.shape[0]):
@@ -317,7 +349,7 @@ def _kappa_of_cell(code, target, cell, signs, table, box):
 
 
 @compiled
-def kappa_left(code, target, cell, signs, table, rows, box, work, slopes):
+def kappa_left(code, target, cell, signs, table, filters, rows, box, work, slopes):
     """The kappa that may meet everything and beat the target somewhere in the cell: their number; they are in `found`.
 
     Args:
@@ -325,19 +357,20 @@ def kappa_left(code, target, cell, signs, table, rows, box, work, slopes):
         cell: its ranges, as the columns say.
         signs: of kp and ki.
         table, rows, box, work: as in `allowed_intervals`; `rows` with the objective's own.
+        filters: of the cell, of `filters_over`.
         slopes: scratch for the slopes of `cells`, shape (SLOPES, n).
     """
-    low, high = _kappa_of_cell(code, target, cell, signs, table, box)
+    low, high = _kappa_of_cell(code, target, cell, signs, table, filters, box)
     if low >= high:
         return 0
-    fill_cell(cell, signs, table, work, slopes)
+    fill_cell(cell, signs, table, filters, work, slopes)
     count = 0
     for i in range(table.gain.shape[0]):
         passages = _passages_cell(i, cell, signs, table, work, slopes)
-        count = _unstable_cell(i, passages, table, work, slopes, count)
+        count = _unstable_cell(i, cell, signs, passages, table, work, slopes, count)
         for q in range(len(rows.kind)):
             if i == 0 or not (rows.nominal[q] or rows.side[q] == 0):
-                count = _row_cell(q, i, passages, cell[PSI_LOW] > 0.0, table, rows, work, slopes, count)
+                count = _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count)
     order = order_by_first(work.forbidden, count)
     reached, found = low, 0
     for r in range(count + 1):

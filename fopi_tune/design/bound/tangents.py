@@ -33,6 +33,7 @@ from fopi_tune.design.bound.cells import (
     SPREAD,
     UP,
 )
+from fopi_tune.design.bound.integrals import H_BEND, H_CHANGE, H_RATE, H_SLOPE, H_VALUE, real_integral_over
 from fopi_tune.design.bound.polygon import add_row
 from fopi_tune.design.global_search.compiled import CROSSOVER, CS, IAE, KI, LOOP_GAIN, S, compiled
 
@@ -153,7 +154,7 @@ def band_rows(kappa, half, table, rows, work, slopes, lin, count):
 
 
 @compiled
-def box_rows(code, target, kappa, cell, half, signs, table, box, lin, count):
+def box_rows(code, target, kappa, cell, half, signs, table, filters, box, lin, count):
     """Rows of the gains' ranges and of the objectives that are functions of the gains alone.
 
     ln sin and ln cos of psi are concave: below their tangents, above their chords.
@@ -187,11 +188,12 @@ def box_rows(code, target, kappa, cell, half, signs, table, box, lin, count):
             lin, count, 1.0, base + 0.5 * (left + right), half[0], a1, 0.5 * (right - left), math.log(ki[1]), 0.0
         )
     if code == IAE and signs[0] == signs[1]:
-        # C0(1/T) = cos psi + sin psi h, h = e^{alpha ln(T omega_s)}, and its logarithm's derivatives as in `cells` (1)
-        log_h = box.log_horizon
-        h, grown = math.exp(alpha * log_h), math.exp(abs(log_h) * half[1])
+        # C0 = cos psi + sin psi h at the horizon's s, h = s^-alpha or F, and the derivatives of ln C0 as in `cells` (1)
+        real = np.empty(6)
+        real_integral_over(alpha, half[1], -box.log_horizon, filters, real)
+        h, grown, rate = real[H_VALUE], math.exp(real[H_CHANGE]), real[H_RATE]
         value = cosine + sine * h
-        by_alpha, by_psi = log_h * sine * h / value, (cosine * h - sine) / value
+        by_alpha, by_psi = real[H_SLOPE] * sine * h / value, (cosine * h - sine) / value
         least = min(
             math.cos(cell[PSI_LOW]) + math.sin(cell[PSI_LOW]) * h / grown,
             math.cos(cell[PSI_HIGH]) + math.sin(cell[PSI_HIGH]) * h / grown,
@@ -201,8 +203,9 @@ def box_rows(code, target, kappa, cell, half, signs, table, box, lin, count):
             0.5
             * inverse
             * (
-                log_h * log_h * min(0.5, sine * cosine + half[2]) * h * grown * half[1] ** 2
-                + 2.0 * abs(log_h) * h * grown * half[1] * half[2]
+                rate * rate * min(0.5, sine * cosine + half[2]) * h * grown * half[1] ** 2
+                + real[H_BEND] * min(1.0, sine + half[2]) * least * h * grown * half[1] ** 2
+                + 2.0 * rate * h * grown * half[1] * half[2]
             )
         )
         for i in range(table.gain.shape[0]):
