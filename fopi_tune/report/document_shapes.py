@@ -78,7 +78,7 @@ def _design(top: JsonObject, spec: DesignSpec) -> FoPi | None:
 
 def _digital(top: JsonObject, spec: DesignSpec) -> None:
     _one_of(top, "status", CHECK_STATUSES)
-    _gains(top.child("gains"))
+    gains = _gains(top.child("gains"))
     _result(top, spec)
     if top.value.get("band_note") is not None:
         _prose(top, "band_note")
@@ -87,7 +87,8 @@ def _digital(top: JsonObject, spec: DesignSpec) -> None:
     sections = controller.children("sections")
     poles = [entry.number("pole") for entry in sections]
     residues = [entry.number("residue") for entry in sections]
-    _require(bool(residues) and max(map(abs, poles)) <= 1.0, controller, "sections", "no poles of a controller")
+    is_filter = bool(residues) or gains.ki == 0.0
+    _require(is_filter and max(map(abs, poles), default=0.0) <= 1.0, controller, "sections", "no poles of a controller")
 
 
 def _result(top: JsonObject, spec: DesignSpec) -> None:

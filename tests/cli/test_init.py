@@ -358,6 +358,16 @@ def test_the_design_of_a_fitted_family_settles_in_a_few_times_of_its_plant(
     assert overshoot <= 0.25
 
 
+def test_the_design_of_a_fitted_integrator_takes_the_error_of_a_load_away() -> None:
+    # deepest inside the bounds of |S| that a proportional controller meets, it had none, and ki = 0
+    pole = {"gain": Uncertain(0.3, 0.297, 0.302), "pole_rad_s": Uncertain.exactly(0.0)}
+    plant = PlantFamily("pole", {**pole, "dead_time_s": Uncertain(0.72, 0.66, 1.02)})
+    design = tune(parse_spec(template("a", sections_for_fitted(plant, []))), proof=False)
+    assert design.status is Status.SOLVED
+    assert design.gains is not None
+    assert design.gains.ki > 0.0
+
+
 @pytest.mark.parametrize("model", ["pole", "transfer_function"])
 def test_a_spec_from_a_model_is_solved(model: str) -> None:
     assert fopi("init", "x", "--plant", model, "--no-schema").exit_code == 0

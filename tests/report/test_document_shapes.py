@@ -7,10 +7,10 @@ import re
 from typing import Any
 
 import pytest
-from cases.reports import BRAKE, brake_documents
+from cases.reports import BRAKE, brake_documents, run_of
 
 from fopi_tune.errors import DomainError
-from fopi_tune.report.documents import documents_of
+from fopi_tune.report.documents import documents_of, documents_of_run
 from fopi_tune.spec import parse_spec
 
 
@@ -41,3 +41,24 @@ def test_the_margins_of_an_unstable_loop_are_null() -> None:
 def test_nominal_margins_that_are_not_as_this_tool_writes_them_are_refused(nominal: dict[str, Any], words: str) -> None:
     with pytest.raises(DomainError, match=re.escape(words)):
         documents_of(parse_spec(BRAKE), design_with(nominal))
+
+
+NO_INTEGRAL = """schema: 1
+name: no_integral
+plant: {model: pole, gain: 0.3, pole_rad_s: 0}
+controller: {kp: {min: 0, max: 5}, ki: 0, alpha: 1}
+requirements:
+  - {crossover_rad_s: {equals: 0.3}}
+digital: {sample_time_s: 0.2, design: sampled}
+"""
+
+
+def test_the_digital_controller_of_a_design_without_integral_action_has_no_poles() -> None:
+    documents = documents_of_run(run_of(NO_INTEGRAL))
+    assert documents.digital is not None
+    assert documents.digital["controller"]["sections"] == []
+    # which that of another design may not lack
+    digital = json.loads(json.dumps(brake_documents().digital))
+    digital["controller"]["sections"] = []
+    with pytest.raises(DomainError, match="no poles of a controller"):
+        documents_of(parse_spec(BRAKE), brake_documents().design, digital)

@@ -30,7 +30,8 @@ def sections_for_fitted(plant: PlantFamily, about: Sequence[str]) -> TemplateSec
 
     Sensitivity: far below wc a loop with alpha = 1 has about |S(jw)| = w/wc.  With a smaller alpha it has (w/wc)^alpha,
     and the step response approaches its final value as slowly as t^-alpha.  So |S| is limited to -20 dB up to wc/12 and
-    to -40 dB up to wc/100, which a loop with a small alpha can hardly meet.
+    to -40 dB up to wc/100, which a loop with a small alpha can hardly meet.  For an integrator it is -60 dB, which a
+    loop without integral action cannot meet.
 
     Sample time: about 1/50 of time constant plus dead time, or 1/12 of 1 / (geometric mean of the crossover limits)
     where that is longer, because a dead time of many samples makes the sampled loop hard to prove.
@@ -46,6 +47,7 @@ def sections_for_fitted(plant: PlantFamily, about: Sequence[str]) -> TemplateSec
     band = [10.0 ** math.floor(math.log10(1e-3 / scale)), 10.0 ** math.ceil(math.log10(1e3 / scale))]
     sample_time_s = _sample_time(max(scale / 50, 0.08 / math.sqrt(slowest * fastest)))
     side = "min: 0.0" if gain.nominal > 0 else "max: 0.0"
+    slow_db, slow_why = _SLOW.get(plant.model, _SLOW["lag"])
     wide = [name for name, number in numbers.items() if "{" in _yaml_number(number)]
     return TemplateSections(
         model=plant.model,
@@ -64,7 +66,7 @@ requirements:
   - gain_margin_db: {{at_least: 6}}           # the gain may be twice as large
   - sensitivity_db: {{at_most: -20}}          # a load on the plant and the way to a new reference die out in time:
     {f"to_rad_s: {middle!r}":<39} # what changes this slowly is reduced to a tenth,
-  - sensitivity_db: {{at_most: -40}}          # and slower still to a hundredth, without which the last per cents creep
+  {f"- sensitivity_db: {{at_most: {slow_db}}}":<41} # and slower still {slow_why}
     to_rad_s: {low!r}
   - sensitivity_db: {{at_most: 6}}            # distance from -1: no disturbance is made more than twice as large
 """,
@@ -75,6 +77,12 @@ requirements:
     )
 
 
+#: limit of |S| far below the crossover, in dB, and what it is for.  An integrator has 40 dB there without integral
+#: action, which alone takes the error of a constant load away; 60 dB ask for it
+_SLOW = {
+    "lag": (-40, "to a hundredth, without which the last per cents creep"),
+    "pole": (-60, "to a thousandth, which takes integral action"),
+}
 _PHASE_MARGIN_DEG = {"lag": 60, "pole": 50, "transfer_function": 60}
 
 
