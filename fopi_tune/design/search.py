@@ -14,7 +14,7 @@ from fopi_tune.core.stability import is_stable
 from fopi_tune.design.bracket import bracket_of, excluded_share
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
 from fopi_tune.design.global_search.basins import Basin, scan_box
-from fopi_tune.design.global_search.compiled import DEPTH, ENDLESS, KI
+from fopi_tune.design.global_search.compiled import CROSSOVER_SPREAD, DEPTH, ENDLESS, KI, MARGIN_SPREAD
 from fopi_tune.design.global_search.polish import MEETS, Polish, Polished
 from fopi_tune.design.global_search.problem import LARGEST_GAIN, Problem
 from fopi_tune.design.infeasible import explain, has_wrong_sign
@@ -31,6 +31,8 @@ _BASINS = 3
 _COARSE = 2.0
 #: of the best cost (or of 0.05): a basin that is worse by more on the scan's table is not polished
 _WORTH = 0.03
+#: of spreads, which an equality and a narrow region leave far from their minimum on the scan's rays
+_WORTH_OF_SPREADS = 0.4
 #: radii of the polish when its result is worse than the scan's
 _NEARER = (0.1, 0.03)
 #: of objectives that are a largest member: from natural units to public ones
@@ -163,8 +165,9 @@ def inside(problem: Problem, x: Array) -> Array:
 
 def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None = None) -> Polished | None:
     """The best local optimum of basins, those left out that are clearly worse than one that is known."""
+    spread = polish.problem.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
     for basin in basins:
-        worth = _WORTH * max(abs(basin.cost), 0.05)
+        worth = (_WORTH_OF_SPREADS if spread else _WORTH) * max(abs(basin.cost), 0.05)
         if best is not None and basin.cost > best.cost + worth:
             continue
         found = polish.run(basin.gains)
