@@ -28,6 +28,9 @@ def polynomial_roots(coefficients: Array) -> Complex:
 
     Returns:
         Shape (m, n); exact zeros for roots at the origin, inf in place of roots that leading zero coefficients remove.
+
+    Raises:
+        DomainError: a quotient of coefficients is beyond the range of floating-point numbers.
     """
     rows, width = coefficients.shape
     roots = np.full((rows, width - 1), np.inf + 0j, dtype=complex)
@@ -41,7 +44,13 @@ def polynomial_roots(coefficients: Array) -> Complex:
         if degree:
             companion = np.zeros((len(group), degree, degree))
             companion[:, 1:, :-1] = np.eye(degree - 1)
-            companion[:, 0, :] = -coefficients[group, start + 1 : stop + 1] / coefficients[group, start, None]
+            with np.errstate(over="ignore"):
+                companion[:, 0, :] = -coefficients[group, start + 1 : stop + 1] / coefficients[group, start, None]
+            if not np.isfinite(companion).all():
+                raise DomainError(
+                    "coefficients of a plant's polynomial differ by more than a floating-point number can hold; "
+                    "take numbers of the plant that are neither that small nor that large"
+                )
             roots[group, :degree] = np.linalg.eigvals(companion)
     return roots
 

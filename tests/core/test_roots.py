@@ -243,3 +243,9 @@ def test_the_product_and_the_inverse_are_sums_and_negatives_of_logarithms() -> N
     )
     np.testing.assert_allclose((-product).value(rows, u), -product.value(rows, u), rtol=1e-13)
     np.testing.assert_allclose(product.undelayed().value(rows, u).real, product.value(rows, u).real, rtol=1e-13)
+
+
+@pytest.mark.parametrize("coefficients", [[5e-324, 1.0], [1e-200, 1e200, 1.0]])
+def test_coefficients_whose_quotient_overflows_are_refused(coefficients: list[float]) -> None:
+    with pytest.raises(DomainError, match="differ by more than a floating-point number can hold"):
+        polynomial_roots(np.array([coefficients]))
