@@ -178,7 +178,8 @@ def test_the_better_of_two_local_optima_is_found_on_a_resonance() -> None:
 
 def test_a_narrow_basin_that_the_scan_undervalues_is_polished() -> None:
     spec = parse_spec(
-        "schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: {min: 1.6, nominal: 2.25, max: 3.1}}\n"
+        "schema: 1\nname: x\n"
+        "plant: {model: lag, static_gain: 1, time_constant_s: {min: 1.6, nominal: 2.25, max: 3.1}}\n"
         "controller: {kp: {min: 0}, ki: {min: 0}, alpha: {min: 0.3, max: 1.5}}\nrequirements:\n"
         "  - {crossover_rad_s: {equals: 0.3}, on: nominal}\n  - phase_margin_deg: {at_least: 70}\n"
         "  - {sensitivity_db: {at_most: -20}, to_rad_s: 0.02}\nobjective: {minimize: phase_margin_spread_deg}\n"

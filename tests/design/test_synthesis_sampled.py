@@ -139,6 +139,20 @@ def test_a_crossover_above_nyquists_frequency_has_no_solution() -> None:
     assert [give.requirement for give in found.clash] == [0]
 
 
+def test_an_upper_limit_of_the_crossover_above_nyquists_frequency_changes_nothing() -> None:
+    text = (
+        "schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: 2}\n"
+        "controller: {kp: {min: 0, max: 20}, ki: {min: 0, max: 20}, alpha: {min: 0.5, max: 1.3}}\n"
+        "requirements: [{sensitivity_db: {at_most: 4}}, {crossover_rad_s: {at_most: LIMIT}}]\n"
+        "objective: {maximize: ki}\ndigital: {sample_time_s: 0.3, design: sampled}\n"
+    )
+    found = [design(ft.parse_spec(text.replace("LIMIT", limit))) for limit in ("9", "100")]
+    assert [each.status for each in found] == [Status.SOLVED] * 2
+    assert found[0].gains is not None
+    assert found[1].gains is not None
+    assert found[1].gains.ki == pytest.approx(found[0].gains.ki, rel=1e-6)
+
+
 def test_gains_that_grow_without_end_are_called_unbounded_on_samples() -> None:
     text = (
         "schema: 1\nname: x\nplant: {model: transfer_function, numerator: [0.1, 1], denominator: [1, 1]}\n"

@@ -206,7 +206,9 @@ class Problem:
     def _columns(self, constraint: Constraint, table: Table) -> tuple[int, int]:
         v, v_of, last = table.v, self.scaled.v_of, len(table.v) - 1
         if constraint.quantity.name == "crossover_rad_s":
-            return int(np.argmin(np.abs(v - v_of(constraint.limit)))), last
+            at = v_of(constraint.limit)
+            # on samples a limit above Nyquist's frequency is at the end of the axis
+            return last if at == math.inf else int(np.argmin(np.abs(v - at))), last
         low, high = constraint.from_rad_s, constraint.to_rad_s
         first = int(np.searchsorted(v, v_of(math.log(low)) - 1e-9)) if low > 0 else 0
         final = int(np.searchsorted(v, v_of(math.log(high)) + 1e-9)) - 1 if high < math.inf else last
