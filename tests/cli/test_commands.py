@@ -402,7 +402,7 @@ def python(program: str, **environment: str) -> subprocess.CompletedProcess[str]
         [sys.executable, "-c", program],
         capture_output=True,
         text=True,
-        env=os.environ | {"PYTHONPATH": str(IMPORTED)} | environment,
+        env=os.environ | {"PYTHONPATH": str(IMPORTED), "PYTHONSAFEPATH": "1"} | environment,
         check=False,
         timeout=300,
     )
@@ -467,7 +467,7 @@ def test_a_full_stdout_is_told_and_the_file_is_written_all_the_same() -> None:
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
-            env=os.environ | {"PYTHONPATH": str(IMPORTED)},
+            env=os.environ | {"PYTHONPATH": str(IMPORTED), "PYTHONSAFEPATH": "1"},
             check=False,
             timeout=300,  # the first search compiles
         )

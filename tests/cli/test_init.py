@@ -341,7 +341,9 @@ def settled_s(gains: FoPi, plant: Plant, longest_s: float) -> tuple[float, float
     [
         (Uncertain(2.7, 2.5, 2.9), Uncertain(0.8, 0.7, 0.9), Uncertain(0.15, 0.12, 0.2), 8.0),
         (Uncertain(-1.0, -1.1, -0.9), Uncertain(30.0, 28.0, 33.0), Uncertain(60.0, 55.0, 66.0), 10.0),
-        (Uncertain(1.0, 0.7, 1.5), Uncertain(1.0, 0.8, 1.5), Uncertain(0.0, 0.0, 0.01), 8.0),
+        pytest.param(
+            Uncertain(1.0, 0.7, 1.5), Uncertain(1.0, 0.8, 1.5), Uncertain(0.0, 0.0, 0.01), 8.0, marks=pytest.mark.long
+        ),
     ],
 )
 def test_the_design_of_a_fitted_family_settles_in_a_few_times_of_its_plant(

@@ -22,7 +22,12 @@ from cases.project import CONTINUOUS, IMPORTED, ROOT
 
 TESTS = ROOT / "tests"
 DASK = shutil.which("dask", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", ""))))
-ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join((str(TESTS), str(IMPORTED))), "OMP_NUM_THREADS": "1"}
+#: with the package that was imported, and not that of the folder where the tests run: its code is compiled already
+ENVIRONMENT = os.environ | {
+    "PYTHONPATH": os.pathsep.join((str(TESTS), str(IMPORTED))),
+    "PYTHONSAFEPATH": "1",
+    "OMP_NUM_THREADS": "1",
+}
 SLOW = ", ".join([*(f"slow_{i}" for i in range(12)), *(f"late_{i}" for i in range(12))])
 BRAKE = f"""\
 schema: 1

@@ -46,7 +46,7 @@ from fopi_tune.study.table import collect_table, value_at
 from fopi_tune.study.worker import CellResult, combine_blocks, run_block, run_cell, run_chunk
 
 HERE = Machines(0)
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(IMPORTED)}
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(IMPORTED), "PYTHONSAFEPATH": "1"}
 VERSIONS = numeric_versions()
 LAG = """\
 schema: 1

@@ -45,13 +45,14 @@ LOOPS = {
 
 def controllers(table: Table, alpha: float, psi: float, signs: tuple[float, float]) -> Complex:
     """C0 at the table's inner columns."""
-    v = table.v[1:-1]
+    v = np.asarray(table.v[1:-1])
+    integral: Complex
     if table.sampling.half == 0.0:
         integral = np.exp(-alpha * (v + 0.5j * math.pi))
     else:
         found = controller_of(np.array([1.0, 1.0, alpha]), table.sampling)
         integral = np.array([complex(*filter_at(found, math.exp(x))) for x in v])
-    return math.cos(psi) * signs[0] + math.sin(psi) * signs[1] * integral
+    return np.asarray(math.cos(psi) * signs[0] + math.sin(psi) * signs[1] * integral, dtype=complex)
 
 
 def cell_of(draws: np.random.Generator) -> Array:
@@ -80,7 +81,7 @@ def test_loops_of_a_cell_stay_inside_what_is_said_of_it(name: str) -> None:
         places += [tuple(place) for place in draws.uniform(-1.0, 1.0, (12, 2))]
         for a, b in places:
             ratio = controllers(table, alpha + a * reach, psi + b * turn, tuple(signs)) / centre
-            change = np.log(ratio)
+            change: Complex = np.log(ratio)
             assert (np.abs(ratio - 1.0) <= radius * (1.0 + 1e-9) + 1e-10).all()
             assert (change.real <= inner[UP] + 1e-9).all()
             assert (change.real >= inner[DOWN] - 1e-9).all()

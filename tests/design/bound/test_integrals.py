@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fopi_tune.core.bode_form import Array
+from fopi_tune.core.bode_form import Complex
 from fopi_tune.design.bound.integrals import (
     ANGLE,
     BEND,
@@ -75,7 +75,7 @@ def ranges(draws: np.random.Generator, count: int) -> list[tuple[float, float]]:
     return found
 
 
-def second(values: Array, step: float) -> Array:
+def second(values: Complex, step: float) -> Complex:
     return (values[2:] - 2.0 * values[1:-1] + values[:-2]) / step**2
 
 
@@ -87,7 +87,7 @@ def test_an_integral_and_its_derivatives_stay_inside_what_is_said_of_a_range(nam
         v = float(draws.uniform(-9.0, 6.0))
         integral_over(alpha, reach, v, filters_over(alpha, reach, sampling), out)
         alphas = np.linspace(alpha - reach, alpha + reach, 41)
-        logs = np.array([log_integral(float(a), v, sampling) for a in alphas])
+        logs: Complex = np.array([log_integral(float(a), v, sampling) for a in alphas])
         centre, step = logs[20], alphas[1] - alphas[0]
         assert complex(out[F_REAL], out[F_IMAG]) == pytest.approx(np.exp(centre), rel=1e-9)
         assert out[F_SIZE] == pytest.approx(abs(np.exp(centre)), rel=1e-9)

@@ -29,6 +29,8 @@ PLANTS = {
     "negative": "{model: lag, static_gain: -1.5, time_constant_s: 2, dead_time_s: 0.2}",
     "eighth": "{model: transfer_function, numerator: [1], denominator: [1, 8, 28, 56, 70, 56, 28, 8, 1]}",
 }
+#: asked for all requirements with -m long only
+LONG = "undelayed", "undamped", "negative", "eighth"
 REQUIREMENTS = [
     "sensitivity_db: {at_most: 4}",
     "sensitivity_db: {at_most: -10}, to_rad_s: 0.05",
@@ -94,7 +96,7 @@ def meets_limits(spec: DesignSpec, loops: Loops) -> np.ndarray:
 
 
 @pytest.mark.parametrize("requirement", REQUIREMENTS)
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("plant", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in PLANTS])
 def test_the_allowed_intervals_are_those_of_the_exact_quantities(plant: str, requirement: str) -> None:
     problem = Problem.of(spec_of(PLANTS[plant], requirement))
     omega = np.exp(problem.fine_table.v[1:-1]) * problem.scale.omega_rad_s

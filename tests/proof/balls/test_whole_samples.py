@@ -115,7 +115,9 @@ def test_a_box_is_cut_at_the_whole_numbers_first() -> None:
     assert sorted(found) == sorted(loop.pieces.sides)
 
 
-@pytest.mark.parametrize("case", RANGES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.long] * (case == "across three")) for case in RANGES]
+)
 @pytest.mark.parametrize("beyond", [True, False])
 def test_limits_around_the_worst_sensitivity_are_told_apart(case: str, beyond: bool) -> None:
     """The worst by brute force over the dead time, both sides of each whole number included."""
