@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
-from fopi_tune.proof import certify, verify
+from fopi_tune.proof import Verification, certify, verify
 from fopi_tune.results.design import Discretized
 from fopi_tune.results.stamp import certificate_versions, stamp
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.digests import digests_of
 from fopi_tune.spec.load import Source
+from fopi_tune.spec.model import DesignSpec
 
 
 def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:
@@ -24,13 +25,18 @@ def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:
         SpecError: the file cannot be read, or has mistakes.
         DomainError: the spec has no such section, it cannot be met (band, sample time, precision), or kp = ki = 0.
     """
+    return discretized(load_spec(source), gains, proof)
+
+
+def discretized(spec: DesignSpec, gains: FoPi, proof: bool, found: Verification | None = None) -> Discretized:
+    """The digital controller of a spec; `found` is the verification of its loop, where there is one already."""
     from fopi_tune.digital import discretize
     from fopi_tune.digital.implementation import digital_section_of, nominal_crossover
 
-    spec = load_spec(source)
     digital = digital_section_of(spec)
     controller = discretize(gains, digital, nominal_crossover(spec, gains))
     implementation = Implementation(controller.sections, digital.delay_samples)
-    found = verify(spec, gains, implementation=implementation)
+    if found is None:
+        found = verify(spec, gains, implementation=implementation)
     certificate = certify(spec, found, certificate_versions(), implementation) if proof else None
     return Discretized(spec, controller, found, certificate, stamp(spec.sha256, None, digests_of(spec)))

@@ -19,9 +19,12 @@ from fopi_tune.proof.verification.sample import Sample
 from fopi_tune.proof.verification.stability import check_stability
 from fopi_tune.spec.model import DesignSpec
 
+#: natural units; a requirement that is missed by less is met
+TOLERANCE = 1e-6
+
 
 def verify(
-    spec: DesignSpec, gains: FoPi, tolerance: float = 1e-6, implementation: Implementation | None = None
+    spec: DesignSpec, gains: FoPi, tolerance: float = TOLERANCE, implementation: Implementation | None = None
 ) -> Verification:
     """Check stability, every requirement and the objective.
 
