@@ -98,7 +98,7 @@ def _version(wanted: bool) -> None:
 def tune(
     specs: Specs,
     prices: PricesOption = False,
-    bracket: BracketOption = True,
+    bracket: BracketOption = None,
     tradeoff: TradeoffOption = None,
     start: StartOption = None,
     stop: StopOption = None,

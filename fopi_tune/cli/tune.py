@@ -20,8 +20,12 @@ PricesOption = Annotated[
     bool, typer.Option("--prices", help="Check each multiplier by solving again with its limit moved both ways.")
 ]
 BracketOption = Annotated[
-    bool,
-    typer.Option("--bracket/--no-bracket", help="Bound in floating point how much better any other gains can be."),
+    bool | None,
+    typer.Option(
+        "--bracket/--no-bracket",
+        show_default=False,
+        help="Bound in floating point how much better any other gains can be; done when left out.",
+    ),
 ]
 TradeoffOption = Annotated[
     str | None,
@@ -45,7 +49,7 @@ class TuneOptions:
         requirement: whose limit is swept; None for none.
         start, stop, points: of the sweep; None where left out.
         solver: of the design.
-        bracket: whether to bound how much better any other gains can be.
+        bracket: whether to bound how much better any other gains can be; None, when left out, where there is a bound.
     """
 
     prices: bool
@@ -54,12 +58,14 @@ class TuneOptions:
     stop: float | None
     points: int | None
     solver: Solver = Solver.IPOPT
-    bracket: bool = True
+    bracket: bool | None = None
 
     def problem(self, specs: int) -> str | None:
         """Why the options cannot be combined, or None."""
         if self.solver is not Solver.IPOPT and (self.prices or self.requirement is not None):
             return "--prices and --tradeoff are solved by ipopt; leave --solver out"
+        if self.bracket and (self.solver is not Solver.IPOPT or self.requirement is not None):
+            return "--bracket belongs to one design by ipopt; leave --solver and --tradeoff out"
         if self.requirement is None:
             if (self.start, self.stop, self.points) != (None, None, None):
                 return "--from, --to and --points belong to --tradeoff REQUIREMENT"
@@ -83,7 +89,7 @@ def design_or_sweep(spec: DesignSpec, options: TuneOptions, proof: bool) -> Desi
         return tradeoff(spec, options.requirement, start=options.start, stop=options.stop, points=points)
     if options.solver is not Solver.IPOPT:
         return tune(spec, proof, options.solver)
-    design = tune(spec, proof, bracket=options.bracket)
+    design = tune(spec, proof, bracket=options.bracket is not False)
     return price(design) if options.prices else design
 
 

@@ -20,7 +20,6 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.sampled_loops import SampledLoops, SampledPlants, shifted
 from fopi_tune.digital import sections_of
-from fopi_tune.digital.discretize import Rule
 from fopi_tune.spec.model import DigitalSpec
 
 #: step of u for derivatives of F
@@ -42,8 +41,7 @@ class LoopKind:
     @property
     def needs_crossover(self) -> bool:
         """Whether F depends on the loop's crossover."""
-        digital = self.digital
-        return digital is not None and (digital.prewarp == "crossover" or Rule(digital.rule) is Rule.MATCHED)
+        return self.digital is not None and self.digital.depends_on_crossover
 
     def exact_at(self, crossover_rad_s: float | None) -> LoopKind:
         """The same with another crossover."""

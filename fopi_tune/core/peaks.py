@@ -127,18 +127,6 @@ def log_response_at(loops: Loops, response: Response, rows: Rows, omega_rad_s: A
         return -np.log(np.abs(k))
 
 
-def limit_at(loops: Loops, response: Response, omega_rad_s: float, largest: bool = True) -> Array:
-    """ln of what the response's absolute value tends to at an end of the axis, shape (m,); -inf and inf included.
-
-    Args:
-        loops: m loops.
-        response: which.
-        omega_rad_s: 0, or inf for the upper end of the axis.
-        largest: with a dead time there is a limit superior and, False, a limit inferior as omega -> inf.
-    """
-    return _limit(inverse_response(loops, response), omega_rad_s == 0.0, 1.0 if largest else -1.0)
-
-
 def extremes(loops: Loops, response: Response, from_rad_s: float, to_rad_s: float, largest: bool = True) -> Extremes:
     """The global maximum (or minimum) of a response over a band, for every loop.
 

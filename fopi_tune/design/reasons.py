@@ -247,11 +247,6 @@ def low_frequency_control_gain(plants: Plants) -> float:
     return float(np.log(np.abs(ends[1] / ends[0])).max())
 
 
-def cancels_integral(plants: Plants) -> bool:
-    """Whether a zero at s = 0 cancels the controller's integral, which is then an unstable hidden mode."""
-    return bool(np.any(plants.numerator[:, -1] == 0.0))
-
-
 def has_negative_gain(plants: Plants) -> bool:
     """Whether the first plant's low-frequency gain is negative."""
     log = plants.log

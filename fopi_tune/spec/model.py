@@ -136,6 +136,11 @@ class DigitalSpec:
     output_unit: str = ""
 
     @property
+    def depends_on_crossover(self) -> bool:
+        """Whether the filter changes with the loop's gain crossover."""
+        return self.prewarp == "crossover" or self.rule == "matched"
+
+    @property
     def designs_sampled(self) -> bool:
         """Whether the requirements are about the loop on samples."""
         return self.design == "sampled"

@@ -526,3 +526,10 @@ def test_every_command_is_told_in_one_whole_line_of_the_help() -> None:
         c.callback.__name__ for c in app.registered_commands if c.callback
     ]
     assert not [line for line in commands if line.endswith("...")]
+
+
+def test_a_bound_of_other_gains_is_for_one_design_by_ipopt() -> None:
+    for arguments in (("--solver", "convex"), ("--tradeoff", "sensitivity_db")):
+        refused = fopi("tune", BRAKE_FILE, *arguments, "--bracket")
+        assert refused.exit_code == 2
+        assert "--bracket belongs to one design by ipopt" in refused.stderr

@@ -57,11 +57,15 @@ def value(spec: DesignSpec, gains: FoPi | None) -> float:
     return found.objective
 
 
-@pytest.mark.parametrize("method", ["oustaloup", "modified_oustaloup", "fit"])
-@pytest.mark.parametrize("rule", [{"rule": "matched"}, {"prewarp": "crossover"}, {}])
+@pytest.mark.parametrize(
+    ("method", "rule"),
+    [
+        *((method, {"rule": "matched"}) for method in ("oustaloup", "modified_oustaloup")),
+        *((method, {"prewarp": "crossover"}) for method in ("oustaloup", "modified_oustaloup")),
+        *((method, {}) for method in ("oustaloup", "modified_oustaloup", "fit")),
+    ],
+)
 def test_its_loops_are_those_of_the_digital_controller(method: str, rule: dict[str, str]) -> None:
-    if method == "fit" and "prewarp" in rule:
-        pytest.skip("a fit has no rule to prewarp")
     spec = spec_of("sensitivity_db: {at_most: 4}", method=method, band_rad_s="[0.003, 30]", **rule)
     task = task_of(spec, nominal_crossover(spec, GAINS))
     plants = Plants.members(spec.plant, spec.plant.corners())

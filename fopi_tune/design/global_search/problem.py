@@ -107,7 +107,7 @@ class Problem:
     @property
     def needs_crossover(self) -> bool:
         """Whether the loop is on samples with a filter that depends on its crossover."""
-        return self.scaled.samples is not None and self.scaled.samples.needs_crossover
+        return self.scaled.samples is not None and self.scaled.samples.digital.depends_on_crossover
 
     def is_exact_at(self, crossover_rad_s: float | None) -> bool:
         """Whether the filter is exact at a crossover, up to what the polish leaves."""

@@ -295,11 +295,6 @@ class Samples:
         """pi/Ts."""
         return math.pi / self.digital.sample_time_s
 
-    @property
-    def needs_crossover(self) -> bool:
-        """Whether the filter depends on the loop's crossover."""
-        return self.digital.prewarp == "crossover" or Rule(self.digital.rule) is Rule.MATCHED
-
     def log_nu(self, omega_rad_s: Array) -> Array:
         """ln tan(omega Ts/2); inf from Nyquist's frequency on."""
         angle = 0.5 * np.asarray(omega_rad_s, dtype=float) * self.digital.sample_time_s

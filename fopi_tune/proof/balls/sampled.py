@@ -31,6 +31,7 @@ from fopi_tune.proof.balls.responses import LoopEnclosure
 from fopi_tune.proof.balls.sampled_controllers import (
     SampledControllerOnInterval,
     Sections,
+    has_integrator,
     sections_of,
     value_and_derivative,
     value_far_up,
@@ -67,7 +68,7 @@ class SampledBallLoop(BallLoop):
     @cached_property
     def has_integrator(self) -> bool:
         """Whether the controller has a pole at z = 1."""
-        return any(sigma.is_zero() for sigma, _ in self.sections[1])
+        return has_integrator(self.sections)
 
     def samples(self, dead_time: Dual) -> Dual:
         """The whole delay in samples; an exact delay within 1e-12 of a whole number is rounded to it.
@@ -96,12 +97,8 @@ class SampledBallLoop(BallLoop):
     def controller(self, u: arb) -> tuple[acb, acb]:
         """C and d ln C/du over a ball of u."""
         nu = u.exp()
-        value, slope = self.controller_and_derivative(acb(0, nu))
+        value, slope = value_and_derivative(self.sections, acb(0, nu))
         return value, slope / value
-
-    def controller_and_derivative(self, w: acb) -> tuple[acb, acb]:
-        """C and dC/du, u = ln nu, at w = j nu."""
-        return value_and_derivative(self.sections, w)
 
     def controller_far_up(self, inverse: acb) -> acb:
         """C at w = 1/t."""
@@ -284,7 +281,7 @@ class SampledLoopEnclosure(LoopEnclosure):
     @computed_once
     def characteristic_slope(self) -> acb:
         """d/du of D + C N z^-late; not in a tail."""
-        controller, steepness = self.loop.controller_and_derivative(self.s)
+        controller, steepness = self.at.value_and_derivative
         plant, delay = self.plant, self.delay
         assert delay is not None
         inner = (steepness + controller * self._delay_slope) * self.numerator

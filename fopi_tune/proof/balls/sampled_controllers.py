@@ -32,6 +32,11 @@ def sections_of(implementation: Implementation) -> Sections:
     return direct, tuple(pairs)
 
 
+def has_integrator(sections: Sections) -> bool:
+    """Whether C has a pole at z = 1."""
+    return any(sigma.is_zero() for sigma, _ in sections[1])
+
+
 def value_and_derivative(sections: Sections, w: acb) -> tuple[acb, acb]:
     """C and dC/du, u = ln nu, at w = j nu."""
     direct, pairs = sections
@@ -62,7 +67,7 @@ class SampledControllerOnInterval(ControllerOnInterval):
     def __init__(self, loop: LoopParameters, u: Interval, sections: Sections) -> None:
         super().__init__(loop, u)
         self.sections = sections
-        self._has_integrator = any(sigma.is_zero() for sigma, _ in sections[1])
+        self._has_integrator = has_integrator(sections)
         self._turns: dict[int, tuple[acb, acb]] = {}
 
     @computed_once
@@ -83,20 +88,21 @@ class SampledControllerOnInterval(ControllerOnInterval):
         return self.s if self.low_tail and self._has_integrator else None
 
     @computed_once
-    def _value_and_derivative(self) -> tuple[acb, acb]:
+    def value_and_derivative(self) -> tuple[acb, acb]:
+        """C and dC/du; not in a tail."""
         return value_and_derivative(self.sections, self.s)
 
     @computed_once
     def controller_slope(self) -> acb:
         """d ln C/du."""
-        value, slope = self._value_and_derivative
+        value, slope = self.value_and_derivative
         return slope / value
 
     @computed_once
     def controller_curvature(self) -> acb:
         """d2 ln C/du2; not in a tail:  d2/du2 rho/(w + sigma) = -rho w/(w + sigma)^2 (1 - 2 w/(w + sigma))."""
         w, (_, pairs) = self.s, self.sections
-        value, slope = self._value_and_derivative
+        value, slope = self.value_and_derivative
         second = acb(0)
         for sigma, rho in pairs:
             part = 1 / (w + sigma)
