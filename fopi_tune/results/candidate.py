@@ -38,6 +38,7 @@ class Candidate:
         cuts: plants and frequencies in the last problem.
         gap: no gains of the box beat the objective by more than this part (of peaks, spreads and depths below 0.1 neper
             or radian: of that), by branch and bound in floating point; None where that was not shown.
+        scenario_multipliers: the same as `multipliers`, one for each requirement on a scenario.
     """
 
     status: Status
@@ -49,6 +50,7 @@ class Candidate:
     rounds: int = 0
     cuts: int = 0
     gap: float | None = None
+    scenario_multipliers: tuple[float | None, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -56,14 +58,16 @@ class Violation:
     """A plant and frequency at which a check refuted an earlier candidate: a cut for the next design.
 
     Args:
-        requirement: index in the spec's list; None for stability.
+        requirement: index in the spec's list of requirements, or of those of scenarios; None for stability.
         theta: the plant's point in the box of uncertain numbers, shape (p,).
         omega_rad_s: the frequency; 0 and inf are limits, nan where no single one decides.
+        scenario: where it was refuted; None for the loop's frequency response.
     """
 
     requirement: int | None
     theta: tuple[float, ...]
     omega_rad_s: float
+    scenario: str | None = None
 
 
 @dataclass(frozen=True)

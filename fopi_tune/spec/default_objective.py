@@ -18,6 +18,8 @@ from fopi_tune.spec.model import DesignSpec, Objective, Relation, Requirement, S
 ADDED_SENSITIVITY_DB = 6.0
 #: quantities that a lower limit of makes the loop act
 _ACTING = ("crossover_rad_s", "complementary_sensitivity_db", "loop_gain_db")
+#: measures whose upper limit makes it act
+_ACTING_MEASURES = ("settling_time_s", "rise_time_s", "final_error", "iae", "ise")
 #: quantities that keep L away from -1
 _ROBUST = ("sensitivity_db", "phase_margin_deg")
 
@@ -43,6 +45,8 @@ def with_default_objective(spec: DesignSpec) -> DesignSpec:
     if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
         return spec
     if spec.objective is not None or any(asks_to_act(requirement) for requirement in spec.requirements):
+        return spec
+    if any(limit.measure in _ACTING_MEASURES for limit in spec.scenario_requirements):
         return spec
     added: tuple[Requirement, ...] = ()
     if not any(_keeps_away(requirement, spec) for requirement in spec.requirements):

@@ -13,7 +13,8 @@ from enum import Enum
 from typing import Any
 
 from fopi_tune.spec.default_objective import with_default_objective
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, Objective
+from fopi_tune.spec.scenario_design import designed_scenarios
 
 #: parts that gains and their proof depend on, and the digital controller besides
 DESIGN_PARTS = ("plant", "controller", "requirements", "objective", "loop")
@@ -35,14 +36,18 @@ def digests_of(spec: DesignSpec) -> dict[str, str]:
     loop: Any = "continuous"
     if spec.digital is not None and spec.digital.designs_sampled:
         loop = {name: value for name, value in _plain(spec.digital).items() if name not in _BESIDE_LOOP}
+    requirements: Any = spec.requirements
+    if spec.designs_scenarios:
+        # gains that are designed for scenarios depend on these, and on the limits of the control
+        requirements, loop = (requirements, spec.scenario_requirements, designed_scenarios(spec)), spec.digital
     parts = {
         "plant": spec.plant,
         "controller": spec.controller,
-        "requirements": spec.requirements,
+        "requirements": requirements,
         "objective": spec.objective,
         "loop": loop,
         "digital": spec.digital,
-        "scenarios": (spec.scenarios, spec.limits),
+        "scenarios": (spec.scenarios, spec.judged_limits),
     }
     return {name: _digest(part) for name, part in parts.items()}
 
@@ -75,7 +80,10 @@ def is_of_spec(stamp: object, spec: DesignSpec, parts: tuple[str, ...] = DESIGN_
 def _plain(value: Any) -> Any:
     """What JSON can hold; equal numbers are equal texts, infinite ones included."""
     if is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name not in _LEFT_OUT}
+        names = [f.name for f in fields(value) if f.name not in _LEFT_OUT]
+        if isinstance(value, Objective) and value.scenario is None:
+            names.remove("scenario")
+        return {name: _plain(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}
     if isinstance(value, tuple | list):

@@ -17,7 +17,9 @@ from fopi_tune.spec.requirements import (
     refuse_equalities_over_families,
     requirements_shape,
 )
+from fopi_tune.spec.scenario_design import check_scenario_design
 from fopi_tune.spec.scenarios import (
+    PlacedLimit,
     limits_shape,
     refuse_accelerations,
     refuse_too_many_samples,
@@ -67,8 +69,12 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     values = shape.read_partial(place)
     if values is None:
         return None
-    placed = [each for each in values.get("requirements") or [] if each is not None]
+    every = [each for each in values.get("requirements") or [] if each is not None]
+    placed = [each for each in every if isinstance(each, PlacedRequirement)]
+    measured = [each for each in every if isinstance(each, PlacedLimit)]
     _check_between_sections(values, placed, place)
+    _check_scenarios(values, measured, place)
+    values |= check_scenario_design(values, measured, place)
     placed_validation: PlacedValidation | None = values.get("validation")
     validation = None if placed_validation is None else resolve_validation(placed_validation, values.get("plant"), read)
     if place.collector.problems:
@@ -83,6 +89,7 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
         validation=validation,
         scenarios=tuple(values.get("scenarios") or ()),
         limits=tuple(each.limit for each in values.get("limits") or ()),
+        scenario_requirements=tuple(each.limit for each in measured),
         description=values.get("description", ""),
         sha256=sha256,
         schema=values["schema"],
@@ -96,7 +103,6 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
     if values.get("plant") is not None:
         refuse_equalities_over_families(placed, values["plant"])
     refuse_contradictions(placed)
-    _check_scenarios(values, place)
     digital = values.get("digital")
     if digital is not None and digital.designs_sampled:
         refuse_bands_above_nyquist(placed, math.pi / digital.sample_time_s)
@@ -110,18 +116,19 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
         place.child("objective").child("maximize").refuse(message)
 
 
-def _check_scenarios(values: Values, place: Place) -> None:
+def _check_scenarios(values: Values, measured: list[PlacedLimit], place: Place) -> None:
     scenarios, limits, digital = values.get("scenarios"), values.get("limits"), values.get("digital")
     if (scenarios is None and place.has("scenarios")) or (limits is None and place.has("limits")):
         return  # reported already
-    refuse_unknown_scenarios(scenarios or [], limits or [], place)
+    limits = [*measured, *(limits or [])]
+    refuse_unknown_scenarios(scenarios or [], limits, place)
     if not scenarios:
         return
     if not place.has("digital"):
         message = "scenarios are simulated with the digital controller; add digital: {sample_time_s: 0.2}"
         place.child("scenarios").refuse(message)
     elif digital is not None:
-        refuse_accelerations(limits or [], digital.measurement_unit)
+        refuse_accelerations(limits, digital.measurement_unit)
         refuse_too_many_samples(scenarios, digital.sample_time_s, place)
 
 

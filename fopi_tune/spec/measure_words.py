@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.spec.model import MEASURES
+from fopi_tune.spec.measures import DESIGNED_MEASURES, MEASURES
 from fopi_tune.spec.yaml.advice import limit_as_written
 from fopi_tune.spec.yaml.nodes import Node
 
@@ -49,7 +49,7 @@ def measure_meant(word: str) -> tuple[bool, str | None]:
 def measure_as_requirement(key: str, value: Node) -> str | None:
     """Where a key belongs that is no requirement but a measure of simulations; None for any other key."""
     if key in ("scenario", "limits"):
-        return f"{key} belongs to measures of simulations; write it in the section limits"
+        return f"{key} belongs to a measure of simulations; write it beside one, such as overshoot: {{at_most: 0.1}}"
     if "bandwidth" in key.lower():
         return "the bandwidth of a loop lies near its gain crossover; write crossover_rad_s (rad/s)"
     found, measure = measure_meant(key)
@@ -61,9 +61,14 @@ def measure_as_requirement(key: str, value: Node) -> str | None:
             "here, overshoot and settling_time_s in the section limits say how well damped and how fast a loop is"
         )
     limit = "{at_most: ...}" if _OTHER_UNIT.search(key.lower()) else limit_as_written(value, "{at_most: ...}")
+    if measure in DESIGNED_MEASURES:
+        return (
+            f"the key is not known here; write {{{measure}: {limit}}} ({MEASURES[measure].unit}), and what to simulate "
+            "under scenarios"
+        )
     return (
-        f"{measure} ({MEASURES[measure].unit}) is measured in simulations; write limits: [{{{measure}: {limit}}}] "
-        "beside requirements, and what to simulate under scenarios; gains are judged by it, not designed for it"
+        f"{measure} ({MEASURES[measure].unit}) changes with the gains in jumps only and is not designed for; write "
+        f"limits: [{{{measure}: {limit}}}] beside requirements, and gains are judged by it"
     )
 
 

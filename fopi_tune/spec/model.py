@@ -97,12 +97,17 @@ class Requirement:
 class Objective:
     """What to do with the freedom the requirements leave.
 
-    `horizon_s` belongs to `iae_disturbance` alone; None lets the tool choose it from the plant.
+    Args:
+        sense: which way.
+        quantity: a word of `quantities.objectives.OBJECTIVES`, or a measure of the scenario.
+        horizon_s: of `iae_disturbance` alone; None lets the tool choose it from the plant.
+        scenario: whose measure is minimised; None for the loop's own numbers.
     """
 
     sense: Sense
     quantity: str
     horizon_s: float | None = None
+    scenario: str | None = None
 
 
 @dataclass(frozen=True)
@@ -191,7 +196,7 @@ class ScenarioSpec:
 
 @dataclass(frozen=True)
 class Limit:
-    """One line of `limits:`.
+    """One line of `limits:`, or a requirement on a measure of simulations.
 
     Args:
         measure: a key of `MEASURES`.
@@ -262,7 +267,8 @@ class DesignSpec:
         digital: how the gains become a filter; None without.
         validation: how plants are drawn; None without.
         scenarios: what is simulated.
-        limits: what simulations are judged by.
+        limits: what simulations are judged by, beside the requirements on their measures.
+        scenario_requirements: on measures of scenarios, for the whole family; the gains are designed for them.
         description: for people.
         sha256: of the file's bytes, or of the text it was made from.
         schema: version of the language.
@@ -285,6 +291,18 @@ class DesignSpec:
     schema: int = 1
     source: bytes = field(default=b"", compare=False, repr=False)
     content_sha256: str = field(default="", compare=False, repr=False)
+    scenario_requirements: tuple[Limit, ...] = ()
+
+    @property
+    def judged_limits(self) -> tuple[Limit, ...]:
+        """Everything that simulations are judged by: requirements on their measures, then the limits."""
+        return (*self.scenario_requirements, *self.limits)
+
+    @property
+    def designs_scenarios(self) -> bool:
+        """Whether the gains are designed for what scenarios measure."""
+        by_objective = self.objective is not None and self.objective.scenario is not None
+        return by_objective or bool(self.scenario_requirements)
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,15 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.quantities import QUANTITIES, Quantity
 from fopi_tune.quantities.objectives import OBJECTIVES
 from fopi_tune.spec.measure_words import measure_as_requirement, measure_meant
+from fopi_tune.spec.measures import DESIGNED_MEASURES
 from fopi_tune.spec.model import Objective, Relation, Requirement, Scope, Sense
+from fopi_tune.spec.scenarios import limit_records
 from fopi_tune.spec.yaml.advice import Advised, relation_advice, word_advice
 from fopi_tune.spec.yaml.hints import closest
 from fopi_tune.spec.yaml.nodes import Place, ScalarNode
 from fopi_tune.spec.yaml.problems import quoted
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values
-from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, Shape
+from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, Shape, Text
 
 #: every pair is checked for contradictions
 MAX_REQUIREMENTS = 500
@@ -40,8 +42,9 @@ class PlacedRequirement:
 
 
 def requirements_shape() -> ListOf:
-    """Reads to a list of `PlacedRequirement`, None for each that is wrong."""
+    """Reads to a list of `PlacedRequirement` and, of measures of scenarios, `PlacedLimit`; None for each that is wrong."""
     records = {name: _record(quantity) for name, quantity in QUANTITIES.items()}
+    records |= limit_records(DESIGNED_MEASURES)
     requirement = OneKeyOf("one quantity with one relation", "quantity", records, _EXAMPLE, measure_as_requirement)
     return ListOf("what the loop must do; all of them hold together", requirement, 0, MAX_REQUIREMENTS)
 
@@ -177,12 +180,13 @@ _HORIZON_OBJECTIVE = "iae_disturbance"
 
 def _unoptimised(place: Place) -> str | None:
     text = place.node.text if isinstance(place.node, ScalarNode) else ""
-    known = [word for words in OBJECTIVES.values() for word in words]
+    known = [*(word for words in OBJECTIVES.values() for word in words), *DESIGNED_MEASURES]
     found, measure = measure_meant(text)
     if not found or text in known or closest(text, known) is not None:
         return None
-    optimised = "; minimize: iae_disturbance is close to it" if measure in ("iae", "ise") else ""
-    return f"{quoted(text)} is not optimised{optimised}; {measure or 'overshoot'} can be limited under limits"
+    if measure in DESIGNED_MEASURES:
+        return f"{quoted(text)} is no measure; write minimize: {measure}, with scenario: and the scenario's name"
+    return f"{quoted(text)} is not optimised; {measure or 'overshoot'} can be limited under limits"
 
 
 def objective_shape() -> Shape:
@@ -193,19 +197,32 @@ def objective_shape() -> Shape:
 
 
 def _sense_record(sense: Sense, words: tuple[str, ...]) -> Record:
-    keys = {sense.value: Key(Advised(Choice(f"what to {sense.value}", words), _unoptimised))}
     reason = f"horizon_s belongs to minimize: {_HORIZON_OBJECTIVE} alone; remove it"
+    of_scenarios = "scenario belongs to minimize: and a measure of it, such as iae; remove it"
+    minimised = sense is Sense.MINIMIZE
+    every = (*words, *DESIGNED_MEASURES) if minimised else words
+    keys = {sense.value: Key(Advised(Choice(f"what to {sense.value}", every), _unoptimised))}
 
     def build(values: Values, place: Place) -> Objective | None:
-        word = values[sense.value]
-        if "horizon_s" in values and word != _HORIZON_OBJECTIVE:
-            place.child("horizon_s").refuse(reason)
-            return None
-        return Objective(sense, word, values.get("horizon_s"))
+        word, wrong = values[sense.value], False
+        for key, belongs, message in (
+            ("horizon_s", word == _HORIZON_OBJECTIVE, reason),
+            ("scenario", word in DESIGNED_MEASURES, of_scenarios),
+        ):
+            if key in values and not belongs:
+                place.child(key).refuse(message)
+                wrong = True
+        return None if wrong else Objective(sense, word, values.get("horizon_s"), values.get("scenario"))
 
     meaning = f"{sense.value} one number"
-    if _HORIZON_OBJECTIVE not in words:
-        return Record(meaning, keys, build, "{maximize: ki}", {"horizon_s": reason})
+    if not minimised:
+        return Record(meaning, keys, build, "{maximize: ki}", {"horizon_s": reason, "scenario": of_scenarios})
     keys["horizon_s"] = Key(Number("discount time T of the error integral, s", above=0), required=False)
-    rules = {"dependentSchemas": {"horizon_s": {"properties": {sense.value: {"const": _HORIZON_OBJECTIVE}}}}}
-    return Record(meaning, keys, build, "{maximize: ki}", rules=rules)
+    keys["scenario"] = Key(Text("whose measure it is; of the only scenario where left out"), required=False)
+    rules = {
+        "dependentSchemas": {
+            "horizon_s": {"properties": {sense.value: {"const": _HORIZON_OBJECTIVE}}},
+            "scenario": {"properties": {sense.value: {"enum": list(DESIGNED_MEASURES)}}},
+        }
+    }
+    return Record(meaning, keys, build, "{minimize: iae, scenario: step}", rules=rules)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -15,7 +15,7 @@ from fopi_tune.spec.model import MEASURES, Knot, Limit, MeasureKind, Relation, S
 from fopi_tune.spec.yaml.advice import Advised, relation_advice
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, with_defaults_of
-from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Text
+from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Shape, Text
 
 MAX_SCENARIOS, MAX_KNOTS, MAX_SAMPLES = 100, 10_000, 1_000_000
 _NAME_PATTERN = "[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
@@ -38,11 +38,16 @@ def scenarios_shape() -> ListOf:
 
 def limits_shape() -> ListOf:
     """Reads to a list of `PlacedLimit`."""
-    records = {kind.name: _limit_record(kind) for kind in MEASURES.values()}
+    records = limit_records(MEASURES)
     one = OneKeyOf(
         "one measure of a simulation with its limit", "measure", records, _LIMIT_EXAMPLE, requirement_as_measure
     )
     return ListOf("what simulations are judged by, plant by plant", one, 0, 500)
+
+
+def limit_records(names: Collection[str]) -> dict[str, Shape]:
+    """The shapes of measures with their limits, by name; each reads to a `PlacedLimit`."""
+    return {name: _limit_record(MEASURES[name]) for name in names}
 
 
 def _scenario_shape() -> Record:

@@ -221,11 +221,11 @@ class Polish:
         if self.violation(found) <= MEETS:
             known = Polished(self.cost(found, x), x, np.full(self.real_rows, np.nan))
         for count in range(1, _ROUNDS + 1):
-            pool = _merged(pool, found)
+            pool = merged(pool, found)
             solved, cuts = self._solve(pool, x, t, radius)
             after = self.look(solved.x) if solved.ok else None
             if after is None:
-                radius, pool = 0.3 * radius, _merged([], found)
+                radius, pool = 0.3 * radius, merged([], found)
                 if radius < _SMALLEST_RADIUS:
                     break
                 continue
@@ -240,7 +240,7 @@ class Polish:
                 radius = min(2.0 * radius, FIRST_RADIUS)
                 continue
             if violation > _TOO_FAR:
-                radius, pool = 0.4 * radius, _merged(pool, after)
+                radius, pool = 0.4 * radius, merged(pool, after)
                 continue
             x, found, t = solved.x, after, self._t_of(cost)
         return known
@@ -291,7 +291,7 @@ def _with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) ->
     )  # fmt: skip
 
 
-def _merged(pool: list[Array], new: Array) -> list[Array]:
+def merged(pool: list[Array], new: Array) -> list[Array]:
     """New findings, and those older ones of which none is the same row, plant and peak."""
     merged = list(new)
     for old in pool:

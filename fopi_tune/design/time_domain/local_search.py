@@ -1,0 +1,167 @@
+"""A start -> the local optimum for the plants that are known:  sequential convex steps within a trust region.
+
+The merit is objective/scale + penalty violation.  A step that lowers it by less than a small part of what the convex
+problem promises is refused and its region made smaller.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.controller import FoPi
+from fopi_tune.design.time_domain.model import Model, Modeller
+from fopi_tune.design.time_domain.quadratic import Step, solve_step
+
+#: sizes of gains are at least this part of the unit gain
+_SMALLEST_SIZE = 0.02
+_FIRST_RADIUS, _LARGEST_RADIUS, _SMALLEST_RADIUS = 0.3, 1.0, 1e-8
+_FIRST_PENALTY, _LARGEST_PENALTY = 10.0, 1e5
+#: parts of what was promised: below the first a step is refused, below the second the region shrinks
+_ACCEPTED, _POOR, _GOOD = 1e-4, 0.25, 0.7
+#: of the merit; what promises less has converged
+_CONVERGED = 1e-9
+#: relative step of the differences that make the Hessian
+_DIFFERENCE = 1e-4
+_HESSIAN_RANGE = (1e-8, 1e5)
+
+
+@dataclass(frozen=True, eq=False)
+class Local:
+    """Where a search ended.
+
+    Args:
+        model: there.
+        step: the last convex problem's solution, with its prices; None where none was solved.
+        scale: of the objective in that problem.
+        steps: convex problems.
+    """
+
+    model: Model
+    step: Step | None
+    scale: float
+    steps: int
+
+    @property
+    def gains(self) -> FoPi:
+        """There."""
+        return self.model.gains
+
+
+def local_search(modeller: Modeller, start: FoPi, most: int, met: float = 1e-7) -> Local | None:
+    """Search from gains; None where these are no start: a loop is unstable or has no controller.
+
+    Args:
+        modeller: of the problem, with the plants that are known.
+        start: the gains.
+        most: convex problems.
+        met: a violation that counts as none.
+    """
+    problem = modeller.problem
+    low, high = problem.box
+    model = modeller.at(start)
+    if model is None:
+        return None
+    radius, penalty, step, hessian, count, scale = _FIRST_RADIUS, _FIRST_PENALTY, None, np.zeros((3, 3)), 0, 1.0
+    fresh = True
+    while count < most and radius > _SMALLEST_RADIUS:
+        count += 1
+        scale = scale_of(model.objective)
+        sizes = sizes_of(modeller, model.gains)
+        if fresh:
+            first = solve_step(model, hessian, sizes, radius, low, high, scale, penalty)
+            if first is None:
+                break
+            hessian = _hessian(modeller, model, first, sizes, scale)
+            fresh = False
+        step = solve_step(model, hessian, sizes, radius, low, high, scale, penalty)
+        if step is None:
+            break
+        if step.slack > met and penalty < _LARGEST_PENALTY:
+            # an exact penalty: raised until more of it does not lower the violation
+            more = solve_step(model, hessian, sizes, radius, low, high, scale, 10.0 * penalty)
+            if more is not None and more.slack < 0.9 * step.slack:
+                penalty, step, fresh = 10.0 * penalty, more, True
+        merit = merit_of(model, scale, penalty)
+        relative = step.d / sizes
+        promised = merit - step.expected - 0.5 * float(relative @ hessian @ relative)
+        if promised < _CONVERGED * max(1.0, abs(merit)):
+            break
+        trial = modeller.at(problem.inside(gains_array(model.gains) + step.d))
+        ratio = -np.inf if trial is None else (merit - merit_of(trial, scale, penalty)) / promised
+        if trial is None or ratio < _ACCEPTED:
+            # worst cases of the loop may have been learnt at the trial
+            again = modeller.at(model.gains, learn=False)
+            model = model if again is None else _with_violation(again, model.loop_violation)
+            radius *= 0.3
+            continue
+        model, fresh = trial, True
+        if ratio > _GOOD and np.abs(relative).max() > 0.9 * radius:
+            radius = min(2.0 * radius, _LARGEST_RADIUS)
+        elif ratio < _POOR:
+            radius *= 0.4
+    return Local(model, step, scale, count)
+
+
+def gains_array(gains: FoPi) -> Array:
+    """(kp, ki, alpha)."""
+    return np.array([gains.kp, gains.ki, gains.alpha])
+
+
+def scale_of(objective: float) -> float:
+    """The unit of an objective: its size."""
+    return max(abs(objective), 1e-6) if np.isfinite(objective) else 1.0
+
+
+def merit_of(model: Model, scale: float, penalty: float) -> float:
+    """Objective and violation as one number."""
+    objective = model.objective / scale if np.isfinite(model.objective) else 0.0
+    return objective + penalty * model.violation
+
+
+def sizes_of(modeller: Modeller, gains: FoPi) -> Array:
+    """What a step of 1 means for kp, ki and alpha, shape (3,)."""
+    units = modeller.problem.units(gains.alpha)
+    return np.maximum(np.abs(gains_array(gains)), _SMALLEST_SIZE * units) * np.array([1.0, 1.0, 0.0]) + np.array(
+        [0.0, 0.0, 1.0]
+    )
+
+
+def _with_violation(model: Model, violation: float) -> Model:
+    from dataclasses import replace
+
+    return replace(model, loop_violation=violation)
+
+
+def _hessian(modeller: Modeller, model: Model, step: Step, sizes: Array, scale: float) -> Array:
+    """Second derivatives of the Lagrangian by d/sizes, made positive semidefinite; shape (3, 3)."""
+    low, high = modeller.problem.box
+    x, found = gains_array(model.gains), np.zeros((3, 3))
+    here = modeller.at(model.gains, learn=False)
+    if here is None:
+        return found
+    gradient = _lagrangian_slope(here, step, scale)
+    for j in range(3):
+        if low[j] == high[j]:
+            continue
+        move = np.zeros(3)
+        move[j] = _DIFFERENCE * sizes[j] * (1.0 if x[j] + _DIFFERENCE * sizes[j] <= high[j] else -1.0)
+        there = modeller.at(FoPi(*(x + move)), learn=False)
+        if there is None or len(there.values) != len(here.values):
+            return np.zeros((3, 3))
+        found[j] = (_lagrangian_slope(there, step, scale) - gradient) / move[j]
+    found = 0.5 * (found + found.T) * np.outer(sizes, sizes)
+    if not np.isfinite(found).all():
+        return np.zeros((3, 3))
+    values, vectors = np.linalg.eigh(found)
+    return np.asarray((vectors * np.clip(values, *_HESSIAN_RANGE)) @ vectors.T)
+
+
+def _lagrangian_slope(model: Model, step: Step, scale: float) -> Array:
+    """Of aims and rows with the multipliers of a convex problem, shape (3,)."""
+    total = step.aim_prices @ model.aim_slopes / scale + step.row_prices @ model.slopes[step.rows]
+    for each, price, signs in zip(model.sums, step.sum_prices, step.signs, strict=True):
+        total = total + price * each.weight / (scale if each.row < 0 else 1.0) * (signs @ each.slopes)
+    return np.asarray(total)

@@ -1,0 +1,210 @@
+"""The problem at given gains, linearised:  rows that must not be positive, the objective, sums of absolute errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.controller import FoPi
+from fopi_tune.design.time_domain.loop_cuts import LoopCuts
+from fopi_tune.design.time_domain.measures import Points, errors_of, points_of
+from fopi_tune.design.time_domain.problem import TIGHTENING, ScenarioProblem, ScenarioRow
+from fopi_tune.digital.derivatives import controller_derivatives
+from fopi_tune.errors import DomainError
+from fopi_tune.simulation.sampled.plants import DiscretePlants
+from fopi_tune.simulation.sensitivities import Trajectories, trajectories
+
+
+
+@dataclass(frozen=True, eq=False)
+class Sum:
+    """weight sum_k |error_k + slope_k d| + offset of one plant: a convex function of the step d.
+
+    Args:
+        errors: shape (K,).
+        slopes: by kp, ki and alpha, shape (K, 3).
+        weight: of the sum.
+        offset: added.
+        row: what the sum is about: a row, by its place in `ScenarioProblem.rows`, or -1 for the objective.
+    """
+
+    errors: Array
+    slopes: Array
+    weight: float
+    offset: float
+    row: int
+
+    @property
+    def value(self) -> float:
+        """At d = 0."""
+        return float(self.weight * np.abs(self.errors).sum() + self.offset)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Everything that is asked, at some gains.
+
+    Args:
+        gains: there.
+        values, slopes: of what must not be positive, shapes (n,) and (n, 3), slopes by kp, ki and alpha.
+        owner: shape (n,): of a row of scenarios its place in `ScenarioProblem.rows`, of one of the loop -1 - its row.
+        aims, aim_slopes: of which the largest is minimised, shapes (k,) and (k, 3).
+        sums: those of rows are among the values neither, nor those of the objective among the aims.
+        loop_violation: of the loop's requirements over the family, natural units.
+    """
+
+    gains: FoPi
+    values: Array
+    slopes: Array
+    owner: NDArray[np.int64]
+    aims: Array
+    aim_slopes: Array
+    sums: tuple[Sum, ...]
+    loop_violation: float
+
+    @property
+    def objective(self) -> float:
+        """What is minimised; -inf where nothing is."""
+        of_sums = [each.value for each in self.sums if each.row < 0]
+        return float(max([*self.aims.tolist(), *of_sums], default=-np.inf))
+
+    @property
+    def violation(self) -> float:
+        """The largest one of what must hold."""
+        of_sums = [each.value for each in self.sums if each.row >= 0]
+        return float(max([self.loop_violation, *of_sums, float(self.values.max(initial=0.0)), 0.0]))
+
+
+@dataclass
+class Modeller:
+    """Models of one problem for the plants that are known.
+
+    Args:
+        problem: the problem.
+        cuts: of the loop.
+        points: the plants that are simulated, shape (m, p).
+    """
+
+    problem: ScenarioProblem
+    cuts: LoopCuts
+    points: Array
+
+    def __post_init__(self) -> None:
+        self.set_points(self.points)
+        self.simulated = 0
+
+    def set_points(self, points: Array) -> None:
+        """Other plants."""
+        self.points = points
+        self.held: DiscretePlants = self.problem.discrete(points)
+
+    def at(self, gains: FoPi, learn: bool = True) -> Model | None:
+        """The model at gains; None where a loop is unstable, has no controller or does not stay finite.
+
+        Args:
+            gains: the gains.
+            learn: whether the loop's worst cases are looked for, and kept; else those that are known are used.
+        """
+        violation = 0.0
+        if learn:
+            found = self.cuts.look(gains)
+            if found is None:
+                return None
+            violation = self.cuts.violation(found)
+            self.cuts.learn(found)
+        runs = self.trajectories_of(gains)
+        if runs is None:
+            return None
+        parts = _Parts()
+        self._add_loop(parts, gains)
+        for place, row in enumerate(self.problem.rows):
+            self._add_row(parts, place, row, runs[row.run.spec.name])
+        if self.problem.objective is not None:
+            self._add_aim(parts, self.problem.objective, runs[self.problem.objective.run.spec.name])
+        return parts.model(gains, violation)
+
+    def trajectories_of(self, gains: FoPi) -> dict[str, Trajectories] | None:
+        """Of each scenario by its name; None where one is not finite."""
+        try:
+            controller = controller_derivatives(self.problem.spec, gains)
+        except DomainError:
+            return None
+        found = {}
+        for run in self.problem.runs:
+            one = trajectories(controller, self.held, run.run)
+            self.simulated += len(self.points)
+            if not (np.isfinite(one.output[:, -1]).all() and np.abs(one.output[..., 0]).max() < 1e100):
+                return None
+            found[run.spec.name] = one
+        return found
+
+    def _add_loop(self, parts: _Parts, gains: FoPi) -> None:
+        slacks, slopes = self.cuts.slacks(gains)
+        rows = self.cuts.rows_of_pool
+        aims, equal = self.cuts.is_aim(rows), self.cuts.is_equality(rows)
+        parts.add(-slacks[~aims], -slopes[~aims], -1 - rows[~aims])
+        parts.add(slacks[equal & ~aims], slopes[equal & ~aims], -1 - rows[equal & ~aims])
+        parts.aim(-slacks[aims], -slopes[aims])
+        if self.cuts.maximises_ki:
+            unit = self.problem.units(gains.alpha)[1]
+            parts.aim(np.array([-gains.ki / unit]), np.array([[0.0, -1.0 / unit, 0.0]]))
+
+    def _add_row(self, parts: _Parts, place: int, row: ScenarioRow, found: Trajectories) -> None:
+        limit, measure = row.limit.limit, row.limit.measure
+        if measure == "iae" and row.side > 0.0 and not row.in_depth:
+            parts.sums += _sums(row, found, place, 1.0 / row.unit, TIGHTENING - limit / row.unit)
+            return
+        points = points_of(measure, row.run, found, limit)
+        level = 1.0 if measure == "settling_time_s" else limit
+        shifted = points.shifted(level, row.unit)
+        if row.side < 0.0:
+            largest = shifted.largest
+            shifted = Points(-largest.values, -largest.slopes)
+        values, slopes = _near(shifted)
+        if row.in_depth:
+            parts.aim(values, slopes)
+        else:
+            parts.add(values + TIGHTENING, slopes, np.full(len(values), place))
+
+    def _add_aim(self, parts: _Parts, row: ScenarioRow, found: Trajectories) -> None:
+        if row.limit.measure == "iae":
+            parts.sums += _sums(row, found, -1, 1.0, 0.0)
+        else:
+            parts.aim(*_near(points_of(row.limit.measure, row.run, found, 0.0)))
+
+
+class _Parts:
+    """A model as it is put together."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[Array, Array, Array]] = []
+        self.aims: list[tuple[Array, Array]] = []
+        self.sums: list[Sum] = []
+
+    def add(self, values: Array, slopes: Array, owner: Array) -> None:
+        self.rows.append((values, slopes, owner))
+
+    def aim(self, values: Array, slopes: Array) -> None:
+        self.aims.append((values, slopes))
+
+    def model(self, gains: FoPi, violation: float) -> Model:
+        values = np.concatenate([row[0] for row in self.rows])
+        slopes = np.concatenate([row[1] for row in self.rows])
+        owner = np.concatenate([row[2] for row in self.rows]).astype(np.int64)
+        aims = np.concatenate([np.zeros(0), *(aim[0] for aim in self.aims)])
+        aim_slopes = np.concatenate([np.zeros((0, 3)), *(aim[1] for aim in self.aims)])
+        return Model(gains, values, slopes, owner, aims, aim_slopes, tuple(self.sums), violation)
+
+
+def _near(points: Points) -> tuple[Array, Array]:
+    """All points of all plants, flat."""
+    return points.values.reshape(-1), points.slopes.reshape(-1, 3)
+
+
+def _sums(row: ScenarioRow, found: Trajectories, place: int, factor: float, offset: float) -> list[Sum]:
+    errors = errors_of(row.run, found)
+    weight = row.run.run.sample_time_s * factor
+    return [Sum(e, s, weight, offset, place) for e, s in zip(errors.values, errors.slopes, strict=True)]

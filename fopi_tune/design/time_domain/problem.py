@@ -1,0 +1,200 @@
+"""DesignSpec with requirements or an objective of scenarios -> ScenarioProblem:  what is asked, on the loop as it runs."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Plants
+from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.design.global_search.compiled import DEPTH
+from fopi_tune.design.global_search.problem import LARGEST_GAIN, Problem
+from fopi_tune.design.time_domain.measures import ScenarioRun, unit_of
+from fopi_tune.digital import sections_of
+from fopi_tune.results.candidate import Violation
+from fopi_tune.simulation.measures import horizon_of, scenario_of
+from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants
+from fopi_tune.simulation.scenario import Sensor
+from fopi_tune.spec.measures import PER_M_S, velocity_unit
+from fopi_tune.spec.model import DesignSpec, Limit, Relation, ScenarioSpec
+from fopi_tune.spec.scenario_design import frequency_part
+
+#: limits of scenarios are designed this much tighter, in their units: rounding does not undo them
+TIGHTENING = 1e-6
+#: plants of the box that are simulated to find the worst ones: those of a grid and, of several numbers, scattered ones
+_LINE, _GRID, _SCATTERED = 601, {2: 17, 3: 9, 4: 5}, 2048
+_MOST_CORNERS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class ScenarioRow:
+    """One limit of one scenario.
+
+    Args:
+        index: of the requirement in `DesignSpec.scenario_requirements`; -1 of the objective.
+        limit: what is asked.
+        run: the scenario.
+        in_depth: whether it is the smallest slack of such rows that is maximised, instead of a limit that must hold.
+    """
+
+    index: int
+    limit: Limit
+    run: ScenarioRun
+    in_depth: bool = False
+
+    @property
+    def unit(self) -> float:
+        """What its slack is counted in, public unit."""
+        return unit_of(self.limit.measure, self.run, self.limit.limit)
+
+    @property
+    def side(self) -> float:
+        """1 of an upper limit, -1 of a lower one."""
+        return 1.0 if self.limit.relation is Relation.AT_MOST else -1.0
+
+    @property
+    def key(self) -> tuple[int, str]:
+        """Requirement and scenario."""
+        return self.index, self.run.spec.name
+
+
+@dataclass(frozen=True, eq=False)
+class ScenarioProblem:
+    """A spec in the search's numbers.
+
+    Args:
+        spec: the spec.
+        loop: requirements, and objective, on the frequency response of the loop on samples.
+        rows: the limits of scenarios; one that names no scenario is a row for each.
+        objective: the measure that is minimised; None where the objective is the loop's.
+        seen: plants at which a check refuted gains.
+    """
+
+    spec: DesignSpec
+    loop: Problem
+    rows: tuple[ScenarioRow, ...]
+    objective: ScenarioRow | None
+    seen: tuple[tuple[float, ...], ...] = ()
+
+    @classmethod
+    def of(cls, spec: DesignSpec, violations: Sequence[Violation] = ()) -> ScenarioProblem:
+        """The problem of a spec.
+
+        Args:
+            spec: one that designs for scenarios.
+            violations: plants and frequencies at which a check refuted gains.
+
+        Raises:
+            DomainError: the digital controller cannot be made, or a plant cannot be simulated.
+        """
+        assert spec.digital is not None
+        loop = Problem.of(frequency_part(spec), [v for v in violations if v.scenario is None])
+        runs = {each.name: _run_of(spec, each) for each in spec.scenarios}
+        rows = tuple(
+            ScenarioRow(index, limit, runs[name], loop.code == DEPTH and not _has_measure(spec))
+            for index, limit in enumerate(spec.scenario_requirements)
+            for name in ([limit.scenario] if limit.scenario is not None else runs)
+        )
+        objective = None
+        if spec.objective is not None and spec.objective.scenario is not None:
+            aim = Limit(spec.objective.quantity, Relation.AT_MOST, 1.0, spec.objective.scenario)
+            objective = ScenarioRow(-1, aim, runs[spec.objective.scenario])
+        seen = tuple(v.theta for v in violations if v.scenario is not None)
+        return cls(spec, loop, rows, objective, seen)
+
+    def missing(self, free: frozenset[int], dropped: frozenset[int]) -> ScenarioProblem:
+        """The problem of how little the requirements in `free` have to be missed, those in `dropped` left out.
+
+        Requirements are counted through: those of the loop first, then those of scenarios.
+        """
+        first = len(self.spec.requirements)
+        loop = self.loop.missing(
+            frozenset(i for i in free if i < first), frozenset(i for i in dropped if i < first)
+        )  # fmt: skip
+        rows = tuple(
+            replace(row, in_depth=first + row.index in free) for row in self.rows if first + row.index not in dropped
+        )
+        return replace(self, loop=loop, rows=rows, objective=None)
+
+    @cached_property
+    def corners(self) -> Array:
+        """The nominal plant and the vertices of the box, shape (m, p)."""
+        family = self.spec.plant
+        corners = family.corners()[:_MOST_CORNERS]
+        points = np.vstack([family.nominal_point[None, :], corners, np.array(self.seen).reshape(-1, corners.shape[1])])
+        return np.unique(points, axis=0)
+
+    @cached_property
+    def family(self) -> Array:
+        """Plants of the whole box, shape (m, p)."""
+        low, high = self.spec.plant.low, self.spec.plant.high
+        p = len(low)
+        if p == 0:
+            return np.zeros((1, 0))
+        if p == 1:
+            points = np.linspace(low, high, _LINE)
+        else:
+            from scipy.stats import qmc
+
+            ends = np.linspace(0.0, 1.0, _GRID.get(p, 3))
+            grid = np.array(list(itertools.product(ends, repeat=p)))
+            share = np.vstack([grid, qmc.Sobol(p, scramble=False).random(_SCATTERED)])
+            points = low + share * (high - low)
+        return np.vstack([self.corners, points])
+
+    def plants(self, points: Array) -> Plants:
+        """The plants at points of the box."""
+        return Plants.members(self.spec.plant, points)
+
+    def discrete(self, points: Array) -> DiscretePlants:
+        """The same behind the hold, with the computing delay."""
+        digital = self.spec.digital
+        assert digital is not None
+        return discretize_plants(self.plants(points), digital.sample_time_s, digital.delay_samples)
+
+    @property
+    def runs(self) -> tuple[ScenarioRun, ...]:
+        """The scenarios that are needed."""
+        every = [row.run for row in (*self.rows, *([] if self.objective is None else [self.objective]))]
+        return tuple({run.spec.name: run for run in every}.values())
+
+    @property
+    def box(self) -> tuple[Array, Array]:
+        """The ranges of kp, ki and alpha; shapes (3,)."""
+        box, unit = self.spec.controller, self.units(1.0) * LARGEST_GAIN
+        low = np.array([max(box.kp.min, -unit[0]), max(box.ki.min, -unit[1]), box.alpha.min])
+        return low, np.array([min(box.kp.max, unit[0]), min(box.ki.max, unit[1]), box.alpha.max])
+
+    def units(self, alpha: float) -> Array:
+        """kp and ki with which the nominal loop's gain is about 1 at its characteristic frequency, and 1; shape (3,)."""
+        gains = self.loop.scale.controller(np.array([1.0, 1.0, alpha]))
+        return np.array([gains.kp, gains.ki, 1.0])
+
+    def inside(self, x: Array) -> FoPi:
+        """Gains within their ranges."""
+        low, high = self.box
+        kp, ki, alpha = np.clip(x, low, high)
+        return FoPi(float(kp), float(ki), float(alpha))
+
+
+def _has_measure(spec: DesignSpec) -> bool:
+    return spec.objective is not None and spec.objective.scenario is not None
+
+
+def _run_of(spec: DesignSpec, scenario: ScenarioSpec) -> ScenarioRun:
+    digital = spec.digital
+    assert digital is not None
+    # signals and delays only: any gains will do
+    any_filter = sections_of(FoPi(1.0, 0.0, 1.0), digital)
+    run = scenario_of(scenario, Implementation(any_filter, digital.delay_samples), 0)
+    unit = velocity_unit(digital.measurement_unit)
+    return ScenarioRun(
+        scenario, replace(run, sensor=Sensor()), horizon_of(scenario, run), 1.0 if unit is None else PER_M_S[unit]
+    )
+

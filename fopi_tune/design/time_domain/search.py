@@ -1,0 +1,76 @@
+"""ScenarioProblem -> Candidate:  the best gains for what scenarios measure, their multipliers, or why there are none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.design.constraints import STABILITY_GUARD, Bound
+from fopi_tune.design.time_domain.exchange import MET, Counts, Exchanged, solve
+from fopi_tune.design.time_domain.problem import ScenarioProblem
+from fopi_tune.results.candidate import Candidate, Violation
+from fopi_tune.results.status import Status
+from fopi_tune.spec.model import DesignSpec
+
+#: multipliers below this part of the objective are those of limits that do not bind
+_SMALLEST_PRICE = 1e-7
+
+
+def design_for_scenarios(
+    spec: DesignSpec, violations: Sequence[Violation] = (), start: FoPi | None = None
+) -> Candidate:
+    """Search for the gains that meet requirements on scenarios and on the loop's frequency response.
+
+    Args:
+        spec: one that designs for scenarios, with a free gain.
+        violations: plants and frequencies at which a check refuted gains.
+        start: gains close to the optimum; the whole box is searched beside them.
+
+    Raises:
+        DomainError: the digital controller cannot be made, or a plant cannot be simulated.
+    """
+    problem, counts = ScenarioProblem.of(spec, violations), Counts()
+    best = solve(problem, counts, () if start is None else (start,))
+    if best is None or best.violation > MET or (problem.objective is None and problem.loop.objective == "depth" and best.objective > MET):  # fmt: skip
+        return Candidate(Status.INFEASIBLE, None if best is None else best.gains, tuple(None for _ in spec.requirements))
+    return candidate_of(problem, best, counts)
+
+
+def candidate_of(problem: ScenarioProblem, best: Exchanged, counts: Counts) -> Candidate:
+    """The answer for a feasible spec."""
+    loop, scenarios = multipliers_of(problem, best)
+    return Candidate(
+        Status.SOLVED, best.gains, loop, solves=counts.steps, rounds=counts.rounds, cuts=counts.plants,
+        scenario_multipliers=scenarios,
+    )  # fmt: skip
+
+
+def multipliers_of(
+    problem: ScenarioProblem, best: Exchanged
+) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
+    """d objective/d limit in public units, positive where relaxing gains: of the loop's requirements, of scenarios'."""
+    spec, step, model = problem.spec, best.local.step, best.local.model
+    nothing = tuple(None for _ in spec.requirements), tuple(None for _ in spec.scenario_requirements)
+    if step is None:
+        return nothing
+    loop, scenarios = np.zeros(len(spec.requirements)), np.zeros(len(spec.scenario_requirements))
+    constraints = problem.loop.constraints
+    prices = [(int(model.owner[row]), float(price)) for row, price in zip(step.rows, step.row_prices, strict=True)]
+    prices += [(each.row, float(price)) for each, price in zip(model.sums, step.sum_prices, strict=True) if each.row >= 0]
+    for owner, price in prices:
+        worth = best.local.scale * price
+        if owner >= 0:
+            row = problem.rows[owner]
+            scenarios[row.index] += worth / row.unit
+            continue
+        constraint = constraints[-1 - owner]
+        if constraint.requirement != STABILITY_GUARD:
+            natural = constraint.natural_per_public() * constraint.scale
+            loop[constraint.requirement] += worth * (natural if constraint.bound is not Bound.EQUAL else abs(natural))
+    least = _SMALLEST_PRICE * max(abs(best.objective), 1e-12)
+    return (
+        tuple(float(abs(price)) if abs(price) > least else 0.0 for price in loop),
+        tuple(float(price) if price > least else 0.0 for price in scenarios),
+    )
