@@ -148,7 +148,7 @@ def sections_of(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None
 
 
 def _sections(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None) -> Sections:
-    low, high = digital.band_rad_s
+    low = digital.band_rad_s[0]
     sample_time_s, method = digital.sample_time_s, Method(digital.method)
     nyquist = np.pi / sample_time_s
     if low >= nyquist:
@@ -156,11 +156,23 @@ def _sections(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None) 
     if method is Method.FIT:
         return fit(gains, sample_time_s, digital.poles, digital.band_rad_s)
     integral = APPROXIMATIONS[method](gains.alpha, digital.poles, digital.band_rad_s)
-    middle = float(np.sqrt(low * min(high, nyquist)))
-    at = crossover_rad_s if crossover_rad_s is not None and crossover_rad_s < nyquist else middle
+    at = exact_at(digital, crossover_rad_s)
     if Rule(digital.rule) is Rule.TUSTIN:
         return tustin(gains, integral, sample_time_s, at if digital.prewarp == "crossover" else None)
     return matched(gains, integral, sample_time_s, at)
+
+
+def exact_at(digital: DigitalSpec, crossover_rad_s: float | None) -> float:
+    """Where `matched` keeps the gain and a prewarped `tustin` is exact, rad/s.
+
+    Args:
+        digital: the spec's section; its band begins below the Nyquist frequency.
+        crossover_rad_s: taken if it is below the Nyquist frequency; otherwise the middle of the band below that.
+    """
+    (low, high), nyquist = digital.band_rad_s, np.pi / digital.sample_time_s
+    if crossover_rad_s is not None and crossover_rad_s < nyquist:
+        return crossover_rad_s
+    return float(np.sqrt(low * min(high, nyquist)))
 
 
 def _errors_from(digital: DigitalSpec, crossover_rad_s: float | None) -> float:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,16 +76,25 @@ def fit(gains: FoPi, sample_time_s: float, poles: int, band_rad_s: tuple[float, 
         return Sections(sample_time_s, gains.kp, (), ())
     if gains.alpha == 1.0:
         return Sections(sample_time_s, gains.kp + gains.ki * half, (1.0,), (gains.ki * sample_time_s,))
-    band = _band(gains.alpha, sample_time_s, band_rad_s)
-    chosen = _refined_poles(band, _initial_poles(band, poles))
-    values = _minimax(band, chosen)
-    direct, integral, residues = values[0], values[1], values[2:] * (1.0 - chosen)
+    direct, integral, residues, chosen = _fitted(gains.alpha, sample_time_s, poles, band_rad_s)
     return Sections(
         sample_time_s,
         float(gains.kp + gains.ki * (direct + integral * half)),
         (1.0, *chosen.tolist()),
         (float(gains.ki * integral * sample_time_s), *(gains.ki * residues).tolist()),
     )
+
+
+# a search of gains asks for one order again and again, and a fit takes about a second
+@lru_cache(maxsize=64)
+def _fitted(
+    alpha: float, sample_time_s: float, poles: int, band_rad_s: tuple[float, float]
+) -> tuple[float, float, Array, Array]:
+    """d, r_0, the other residues and their poles."""
+    band = _band(alpha, sample_time_s, band_rad_s)
+    chosen = _refined_poles(band, _initial_poles(band, poles))
+    values = _minimax(band, chosen)
+    return values[0], values[1], values[2:] * (1.0 - chosen), chosen
 
 
 def _band(alpha: float, sample_time_s: float, band_rad_s: tuple[float, float]) -> _Band:

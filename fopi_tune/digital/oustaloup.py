@@ -78,7 +78,7 @@ def oustaloup(alpha: float, poles: int, band_rad_s: tuple[float, float]) -> Zero
     beta = 1.0 - alpha
     if beta == 0.0:
         return ZeroPoleGain((), (0.0,), 1.0)
-    return _with_gain(*_zeros_and_poles(beta, poles, band_rad_s), beta, band_rad_s)
+    return _with_gain(*spread_roots(beta, poles, band_rad_s), beta, band_rad_s)
 
 
 def modified_oustaloup(alpha: float, poles: int, band_rad_s: tuple[float, float]) -> ZeroPoleGain:
@@ -94,15 +94,20 @@ def modified_oustaloup(alpha: float, poles: int, band_rad_s: tuple[float, float]
         return ZeroPoleGain((), (0.0,), 1.0)
     if poles < 2:
         raise DomainError("modified_oustaloup needs at least 2 poles: one is its extra fast pole")
-    zeros, spread = _zeros_and_poles(beta, poles - 1, band_rad_s)
-    fast_zero, fast_pole = -_B * band_rad_s[1] / _D, -_B * band_rad_s[1] / (_D * (1.0 - beta))
+    zeros, spread = spread_roots(beta, poles - 1, band_rad_s)
+    fast_zero, fast_pole = fast_pair(beta, band_rad_s[1])
     return _with_gain((*zeros, fast_zero), (*spread, fast_pole), beta, band_rad_s)
 
 
-def _zeros_and_poles(
+def fast_pair(beta: float, high_rad_s: float) -> tuple[float, float]:
+    """Zero and pole of (3), rad/s; the pole is the zero over 1 - beta = alpha."""
+    return -_B * high_rad_s / _D, -_B * high_rad_s / (_D * (1.0 - beta))
+
+
+def spread_roots(
     beta: float, count: int, band_rad_s: tuple[float, float]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Zeros and poles of (1)."""
+    """Zeros and poles of (1), rad/s; at beta = 0 they are equal."""
     low, high = band_rad_s
     k = np.arange(count) + 0.5
     zeros = -low * (high / low) ** ((k - 0.5 * beta) / count)
