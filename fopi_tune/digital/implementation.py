@@ -23,7 +23,8 @@ def implementation_of(spec: DesignSpec, gains: FoPi) -> Implementation:
         DomainError: there is no such section, or it cannot be met (band, sample time).
     """
     digital = digital_section_of(spec)
-    return Implementation(sections_of(gains, digital, nominal_crossover(spec, gains)), digital.delay_samples)
+    crossover = nominal_crossover(spec, gains) if digital.depends_on_crossover else None
+    return Implementation(sections_of(gains, digital, crossover), digital.delay_samples)
 
 
 def designed_implementation(spec: DesignSpec, gains: FoPi) -> Implementation | None:

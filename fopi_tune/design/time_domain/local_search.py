@@ -13,7 +13,7 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design.time_domain.model import Model, Modeller
-from fopi_tune.design.time_domain.quadratic import Step, solve_step
+from fopi_tune.design.time_domain.quadratic import Step, lagrangian_slope, solve_step
 
 #: sizes of gains are at least this part of the unit gain
 _SMALLEST_SIZE = 0.02
@@ -142,7 +142,7 @@ def _hessian(modeller: Modeller, model: Model, step: Step, sizes: Array, scale: 
     here = modeller.at(model.gains, learn=False)
     if here is None:
         return found
-    gradient = _lagrangian_slope(here, step, scale)
+    gradient = lagrangian_slope(here, step, scale)
     for j in range(3):
         if low[j] == high[j]:
             continue
@@ -151,17 +151,9 @@ def _hessian(modeller: Modeller, model: Model, step: Step, sizes: Array, scale: 
         there = modeller.at(FoPi(*(x + move)), learn=False)
         if there is None or len(there.values) != len(here.values):
             return np.zeros((3, 3))
-        found[j] = (_lagrangian_slope(there, step, scale) - gradient) / move[j]
+        found[j] = (lagrangian_slope(there, step, scale) - gradient) / move[j]
     found = 0.5 * (found + found.T) * np.outer(sizes, sizes)
     if not np.isfinite(found).all():
         return np.zeros((3, 3))
     values, vectors = np.linalg.eigh(found)
     return np.asarray((vectors * np.clip(values, *_HESSIAN_RANGE)) @ vectors.T)
-
-
-def _lagrangian_slope(model: Model, step: Step, scale: float) -> Array:
-    """Of aims and rows with the multipliers of a convex problem, shape (3,)."""
-    total = step.aim_prices @ model.aim_slopes / scale + step.row_prices @ model.slopes[step.rows]
-    for each, price, signs in zip(model.sums, step.sum_prices, step.signs, strict=True):
-        total = total + price * each.weight / (scale if each.row < 0 else 1.0) * (signs @ each.slopes)
-    return np.asarray(total)

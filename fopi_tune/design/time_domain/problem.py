@@ -71,6 +71,7 @@ class ScenarioProblem:
     Args:
         spec: the spec.
         loop: requirements, and objective, on the frequency response of the loop on samples.
+        scanned: the same where they alone decide, for starts.
         rows: the limits of scenarios; one that names no scenario is a row for each.
         objective: the measure that is minimised; None where the objective is the loop's.
         seen: plants at which a check refuted gains.
@@ -78,6 +79,7 @@ class ScenarioProblem:
 
     spec: DesignSpec
     loop: Problem
+    scanned: Problem
     rows: tuple[ScenarioRow, ...]
     objective: ScenarioRow | None
     seen: tuple[tuple[float, ...], ...] = ()
@@ -94,10 +96,12 @@ class ScenarioProblem:
             DomainError: the digital controller cannot be made, or a plant cannot be simulated.
         """
         assert spec.digital is not None
-        loop = Problem.of(frequency_part(spec), [v for v in violations if v.scenario is None])
+        scanned = Problem.of(frequency_part(spec), [v for v in violations if v.scenario is None])
+        # with a measure for an objective the loop's requirements have to hold, no more
+        loop = scanned.missing(frozenset(), frozenset()) if _has_measure(spec) else scanned
         runs = {each.name: _run_of(spec, each) for each in spec.scenarios}
         rows = tuple(
-            ScenarioRow(index, limit, runs[name], loop.code == DEPTH and not _has_measure(spec))
+            ScenarioRow(index, limit, runs[name], scanned.code == DEPTH and not _has_measure(spec))
             for index, limit in enumerate(spec.scenario_requirements)
             for name in ([limit.scenario] if limit.scenario is not None else runs)
         )
@@ -106,7 +110,7 @@ class ScenarioProblem:
             aim = Limit(spec.objective.quantity, Relation.AT_MOST, 1.0, spec.objective.scenario)
             objective = ScenarioRow(-1, aim, runs[spec.objective.scenario])
         seen = tuple(v.theta for v in violations if v.scenario is not None)
-        return cls(spec, loop, rows, objective, seen)
+        return cls(spec, loop, scanned, rows, objective, seen)
 
     def missing(self, free: frozenset[int], dropped: frozenset[int]) -> ScenarioProblem:
         """The problem of how little the requirements in `free` have to be missed, those in `dropped` left out.

@@ -1,13 +1,14 @@
-"""The convex problem of one step:  a Model and a Hessian -> the step, by Clarabel.
+"""The convex problem of one step:  a Model and a Hessian -> the step, by Clarabel on the rows that matter.
 
     minimise    t/scale + penalty s + d' H d/2        over the step d, |d_j| <= radius size_j, within the box
     subject to  aims + slopes d <= t,   rows + slopes d <= s,   s >= 0,
                 sum_k |error_k + slope_k d| of each plant  <= t, or <= s of a row.                                  (1)
 
-Of a sum, only the errors that may change their sign within the radius get an epigraph variable of their own; the others
-are linear.
+Of thousands of rows few matter: those that the solution violates are added until none does.  A sum is the largest of
+the linear functions that its signs make; the one at the solution is added alike (Kelley's cutting planes).
 
-Source: the convex-composite step of Fletcher, Practical Methods of Optimization, 2nd ed., 1987, section 14.
+Source: the convex-composite step of Fletcher, Practical Methods of Optimization, 2nd ed., 1987, section 14; Kelley,
+J. SIAM 8, 1960.
 """
 
 from __future__ import annotations
@@ -18,11 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.design.time_domain.model import Model, Sum
+from fopi_tune.design.time_domain.model import Model
 
-#: rows, and errors with a variable of their own, that a step takes
-_MOST_ROWS, _MOST_SIGNS = 400, 600
-_TOLERANCE = 1e-10
+#: rows that are added at a time, rounds of it
+_ADDED, _ROUNDS = 6, 60
+#: of what the step promises, and absolute: rows that are violated by less are met
+_MET, _EXACT = 1e-3, 1e-11
+_TOLERANCE = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,21 +36,38 @@ class Step:
         d: the step in kp, ki and alpha, shape (3,).
         expected: of t/scale + penalty s.
         slack: s.
-        rows: places of the model's rows that were in the problem, and their multipliers.
-        row_prices: shape (len(rows),).
-        aim_prices: of the aims, shape (k,).
-        sum_prices: of the sums, shape (len(model.sums),).
+        slope: of the Lagrangian's aims, rows and sums, as `lagrangian_slope` takes them.
+        prices: of the model's rows, shape (n,); of its aims, (k,); of its sums.
         signs: of each sum's errors in the Lagrangian, in [-1, 1].
     """
 
     d: Array
     expected: float
     slack: float
-    rows: NDArray[np.int64]
     row_prices: Array
     aim_prices: Array
     sum_prices: Array
     signs: tuple[Array, ...]
+
+
+def lagrangian_slope(model: Model, step: Step, scale: float) -> Array:
+    """Of aims, rows and sums with the multipliers of a step, shape (3,)."""
+    total = step.aim_prices @ model.aim_slopes / scale + step.row_prices @ model.slopes
+    for each, price, signs in zip(model.sums, step.sum_prices, step.signs, strict=True):
+        total = total + price * each.weight / (scale if each.row < 0 else 1.0) * (signs @ each.slopes)
+    return np.asarray(total)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    """a d <= b + t/scale (of an aim) or + s:  `place` is in the model's aims, rows or sums; signs of a sum."""
+
+    a: Array
+    b: float
+    of_aim: bool
+    kind: str
+    place: int
+    signs: Array | None = None
 
 
 def solve_step(
@@ -64,93 +84,104 @@ def solve_step(
         scale: of the objective.
         penalty: of s.
     """
+    gains = np.array([model.gains.kp, model.gains.ki, model.gains.alpha])
+    region = np.maximum(np.minimum(radius, (gains - low) / sizes), 0.0), np.maximum(
+        np.minimum(radius, (high - gains) / sizes), 0.0
+    )  # fmt: skip
+    pieces = _Pieces(model, sizes, scale)
+    cuts = pieces.cuts_at(np.zeros(3), -np.inf, -np.inf, 0.0)
+    has_aim = len(model.aims) > 0 or any(each.row < 0 for each in model.sums)
+    x = z = np.zeros(0)
+    for _ in range(_ROUNDS):
+        solved = _solve(cuts, hessian, region, penalty, has_aim)
+        if solved is None:
+            return None
+        x, z = solved
+        promised = (model.objective / scale - x[3] if has_aim else 0.0) + penalty * (model.violation - x[4])
+        new = pieces.cuts_at(x[:3], x[3] if has_aim else np.inf, max(x[4], 0.0), _MET * max(promised, 0.0) + _EXACT)
+        if not new:
+            break
+        cuts += new
+    rows, aims, sums = np.zeros(len(model.values)), np.zeros(len(model.aims)), np.zeros(len(model.sums))
+    signs = [np.sign(each.errors) for each in model.sums]
+    mixed = [np.zeros(len(each.errors)) for each in model.sums]
+    for cut, price in zip(cuts, z, strict=False):
+        if cut.signs is not None:
+            sums[cut.place] += price
+            mixed[cut.place] += price * cut.signs
+        elif cut.of_aim:
+            aims[cut.place] += price
+        else:
+            rows[cut.place] += price
+    signs = [m / p if p > 0.0 else s for m, p, s in zip(mixed, sums, signs, strict=True)]
+    slack = float(max(x[4], 0.0))
+    expected = float(x[3] if has_aim else 0.0) + penalty * slack
+    return Step(sizes * x[:3], expected, slack, rows, aims, sums, tuple(signs))
+
+
+class _Pieces:
+    """The linear pieces of a model in steps by their sizes."""
+
+    def __init__(self, model: Model, sizes: Array, scale: float) -> None:
+        self.model, self.scale = model, scale
+        self.slopes, self.aim_slopes = model.slopes * sizes, model.aim_slopes * sizes / scale
+        self.aims = model.aims / scale
+        self.sums = [
+            (each.weight / (scale if each.row < 0 else 1.0), each.offset / (scale if each.row < 0 else 1.0),
+             each.slopes * sizes) for each in model.sums
+        ]  # fmt: skip
+
+    def cuts_at(self, d: Array, t: float, s: float, met: float) -> list[_Cut]:
+        """Those that a step violates by more than `met`, the worst ones first."""
+        cuts: list[_Cut] = []
+        for kind, values, slopes, level in (
+            ("row", self.model.values, self.slopes, s),
+            ("aim", self.aims, self.aim_slopes, t),
+        ):
+            excess = values + slopes @ d - level
+            for place in _largest(excess, met):
+                cuts.append(_Cut(slopes[place], -float(values[place]), kind == "aim", kind, place))
+        for place, (each, (factor, offset, slopes)) in enumerate(zip(self.model.sums, self.sums, strict=True)):
+            errors = each.errors + slopes @ d
+            if factor * np.abs(errors).sum() + offset - (t if each.row < 0 else s) > met:
+                signs = np.sign(errors)
+                value = factor * float(signs @ each.errors) + offset
+                cuts.append(_Cut(factor * (signs @ slopes), -value, each.row < 0, "sum", place, signs))
+        return cuts
+
+
+def _largest(excess: Array, met: float) -> NDArray[np.int64]:
+    over = np.flatnonzero(excess > met)
+    if len(over) > _ADDED:
+        over = over[np.argpartition(-excess[over], _ADDED)[:_ADDED]]
+    return over
+
+
+def _solve(
+    cuts: list[_Cut], hessian: Array, region: tuple[Array, Array], penalty: float, has_aim: bool
+) -> tuple[Array, Array] | None:
+    """(d/sizes, t, s) and the multipliers of the cuts."""
     import clarabel
     from scipy import sparse
 
-    slopes, aim_slopes = model.slopes * sizes, model.aim_slopes * sizes
-    reach = model.values + radius * np.abs(slopes).sum(axis=1)
-    kept = np.flatnonzero(reach > 0.0)
-    if len(kept) > _MOST_ROWS:
-        kept = kept[np.argsort(-reach[kept], kind="stable")[:_MOST_ROWS]]
-    aim_reach = model.aims + radius * np.abs(aim_slopes).sum(axis=1)
-    least = float((model.aims - radius * np.abs(aim_slopes).sum(axis=1)).max(initial=-np.inf))
-    aims = np.flatnonzero(aim_reach >= least)
-    if len(aims) > _MOST_ROWS:
-        aims = aims[np.argsort(-aim_reach[aims], kind="stable")[:_MOST_ROWS]]
-    loose = [_may_change_sign(each, sizes, radius) for each in model.sums]
-    count = 5 + sum(map(len, loose))
-    blocks: list[tuple[Array, Array]] = []
-
-    # columns: d/sizes (3), t, s, then |error| of the loose errors
-    top = np.zeros((len(aims), count))
-    top[:, :3], top[:, 3] = aim_slopes[aims] / scale, -1.0
-    blocks.append((top, -model.aims[aims] / scale))
-    bottom = np.zeros((len(kept), count))
-    bottom[:, :3], bottom[:, 4] = slopes[kept], -1.0
-    blocks.append((bottom, -model.values[kept]))
-    place = 5
-    for each, free in zip(model.sums, loose, strict=True):
-        factor = each.weight / (scale if each.row < 0 else 1.0)
-        rest = np.ones(len(each.errors), dtype=bool)
-        rest[free] = False
-        signs = np.sign(each.errors[rest])
-        row = np.zeros((1, count))
-        row[0, :3] = factor * (signs @ (each.slopes[rest] * sizes))
-        row[0, place : place + len(free)] = factor
-        row[0, 3 if each.row < 0 else 4] = -1.0
-        offset = each.offset / (scale if each.row < 0 else 1.0)
-        blocks.append((row, np.array([-offset - factor * np.abs(each.errors[rest]).sum()])))
-        place += len(free)
-    dense = np.concatenate([block for block, _ in blocks])
-    bounds = np.concatenate([bound for _, bound in blocks])
-    parts, rhs, place = [sparse.csr_matrix(dense)], [bounds], 5
-    for each, free in zip(model.sums, loose, strict=True):
-        if len(free):
-            part = sparse.csr_matrix(each.slopes[free] * sizes)
-            own = sparse.csr_matrix((np.ones(len(free)), (range(len(free)), range(place, place + len(free)))),
-                                    shape=(len(free), count))  # fmt: skip
-            wide = sparse.hstack([part, sparse.csr_matrix((len(free), count - 3))])
-            parts += [wide - own, -wide - own]
-            rhs += [-each.errors[free], each.errors[free]]
-            place += len(free)
-    gains = np.array([model.gains.kp, model.gains.ki, model.gains.alpha])
-    unit = sparse.identity(count, format="csr")
-    parts += [unit[:3], -unit[:3], -unit[4:5]]
-    rhs += [np.minimum(radius, (high - gains) / sizes), np.minimum(radius, (gains - low) / sizes), np.zeros(1)]
-    quadratic = sparse.lil_matrix((count, count))
+    n = len(cuts)
+    rows = np.zeros((n + 7, 5))
+    rhs = np.empty(n + 7)
+    for k, cut in enumerate(cuts):
+        rows[k, :3], rhs[k] = cut.a, cut.b
+        rows[k, 3 if cut.of_aim else 4] = -1.0
+    rows[n : n + 3, :3], rows[n + 3 : n + 6, :3], rows[n + 6, 4] = -np.eye(3), np.eye(3), -1.0
+    rhs[n : n + 3], rhs[n + 3 : n + 6], rhs[n + 6] = region[0], region[1], 0.0
+    quadratic, linear = np.zeros((5, 5)), np.array([0.0, 0.0, 0.0, 1.0 if has_aim else 0.0, penalty])
     quadratic[:3, :3] = np.triu(hessian)
-    linear = np.zeros(count)
-    linear[3], linear[4] = 1.0 if len(aims) or any(each.row < 0 for each in model.sums) else 0.0, penalty
-    if linear[3] == 0.0:
+    if not has_aim:
         # nothing bounds t
         quadratic[3, 3] = 1.0
-    every, all_bounds = sparse.csc_matrix(sparse.vstack(parts)), np.concatenate(rhs)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
-    cones = [clarabel.NonnegativeConeT(len(all_bounds))]
-    found = clarabel.DefaultSolver(sparse.csc_matrix(quadratic), linear, every, all_bounds, cones, settings).solve()
+    found = clarabel.DefaultSolver(
+        sparse.csc_matrix(quadratic), linear, sparse.csc_matrix(rows), rhs, [clarabel.NonnegativeConeT(n + 7)], settings
+    ).solve()
     x, z = np.array(found.x), np.array(found.z)
-    if not (np.isfinite(x).all() and np.isfinite(z).all()):
-        return None
-    a, b, c = len(aims), len(aims) + len(kept), len(aims) + len(kept) + len(model.sums)
-    aim_prices = np.zeros(len(model.aims))
-    aim_prices[aims] = z[:a]
-    sum_prices, place, signs = z[b:c], c, []
-    for each, free, price in zip(model.sums, loose, sum_prices, strict=True):
-        sign, factor = np.sign(each.errors), each.weight / (scale if each.row < 0 else 1.0)
-        n = len(free)
-        sign[free] = (z[place : place + n] - z[place + n : place + 2 * n]) / max(price * factor, 1e-300)
-        signs.append(np.clip(sign, -1.0, 1.0))
-        place += 2 * n
-    expected = float(x[3] + penalty * max(x[4], 0.0)) if linear[3] else float(penalty * max(x[4], 0.0))
-    return Step(sizes * x[:3], expected, float(max(x[4], 0.0)), kept, z[a:b], aim_prices, sum_prices, tuple(signs))
-
-
-def _may_change_sign(each: Sum, sizes: Array, radius: float) -> NDArray[np.int64]:
-    """Places of the errors that may change their sign within the radius."""
-    reach = radius * np.abs(each.slopes * sizes).sum(axis=1)
-    free = np.flatnonzero(np.abs(each.errors) < reach)
-    if len(free) > _MOST_SIGNS:
-        free = np.sort(free[np.argsort(-reach[free], kind="stable")[:_MOST_SIGNS]])
-    return free
+    return (x, z[:n]) if np.isfinite(x).all() and np.isfinite(z).all() else None

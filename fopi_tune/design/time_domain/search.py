@@ -57,7 +57,7 @@ def multipliers_of(
         return nothing
     loop, scenarios = np.zeros(len(spec.requirements)), np.zeros(len(spec.scenario_requirements))
     constraints = problem.loop.constraints
-    prices = [(int(model.owner[row]), float(price)) for row, price in zip(step.rows, step.row_prices, strict=True)]
+    prices = [(int(owner), float(price)) for owner, price in zip(model.owner, step.row_prices, strict=True)]
     prices += [(each.row, float(price)) for each, price in zip(model.sums, step.sum_prices, strict=True) if each.row >= 0]
     for owner, price in prices:
         worth = best.local.scale * price

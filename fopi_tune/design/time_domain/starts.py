@@ -42,7 +42,7 @@ def starts_of(problem: ScenarioProblem, cuts: LoopCuts, count: int, scattered: i
     ranked = sorted(ranked, key=lambda each: each[0])[:_LOOKED_AT]
     ranked += [
         (_cost(corners, gains, problem.corners), gains)
-        for gains in (problem.loop.gains(basin.gains) for basin in scan_box(problem.loop, _BASINS, 2.0).basins)
+        for gains in (problem.loop.gains(basin.gains) for basin in scan_box(problem.scanned, _BASINS, 2.0).basins)
     ]
     judged = []
     for cost, gains in ranked:

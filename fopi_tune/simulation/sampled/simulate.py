@@ -106,6 +106,10 @@ def _chunks(
     def work(parts: list[Plants], begin: int) -> Measures:
         return _measures(_run(modes, _discretized(parts, scenario), scenario, horizon, begin)[0], scenario)
 
+    if workers == 1:
+        for begin in begins:
+            yield work(_plants_between(modes, begin, min(begin + begins.step, end)), begin)
+        return
     waiting: deque[Future[Measures]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         for begin in begins:
