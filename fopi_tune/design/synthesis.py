@@ -14,6 +14,9 @@ from fopi_tune.results.status import Status
 from fopi_tune.spec.model import ControllerSpec, DesignSpec
 
 
+NO_CONTROLLER = "kp and ki are fixed at 0: there is no controller"
+
+
 def design(
     spec: DesignSpec,
     violations: Sequence[Violation] = (),
@@ -35,7 +38,7 @@ def design(
     fixed = fixed_gains(spec.controller)
     nothing = tuple(None for _ in spec.requirements)
     if fixed is not None and fixed.kp == 0.0 and fixed.ki == 0.0:
-        return Candidate(Status.INFEASIBLE, None, nothing, (), "kp and ki are fixed at 0: there is no controller")
+        return Candidate(Status.INFEASIBLE, None, nothing, (), NO_CONTROLLER)
     if fixed is not None:
         return Candidate(Status.SOLVED, fixed, nothing)
     problem = Problem.of(spec, violations)

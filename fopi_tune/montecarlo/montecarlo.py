@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,11 +37,13 @@ from fopi_tune.quantities import QUANTITIES
 from fopi_tune.simulation.measures import scenario_of
 from fopi_tune.simulation.sampled.simulate import available_threads
 from fopi_tune.simulation.scenario import Mode
-from fopi_tune.spec.model import DesignSpec, Requirement, ScenarioSpec, Scope, ValidationSpec
+from fopi_tune.spec.model import DesignSpec, Limit, Requirement, ScenarioSpec, Scope, ValidationSpec
 
 #: plants whose margins are computed at once, on a common frequency grid: another division into chunks would change
 #: the margins in their last bits
 SCANNED = 512
+#: plants that are drawn to check requirements on scenarios
+CHECKED_PLANTS = 10_000
 #: tolerance of a requirement's limit, as in the verification
 _TOLERANCE = 1e-6
 
@@ -148,7 +150,7 @@ def sample_block(
     unit = "" if spec.digital is None else spec.digital.measurement_unit
     simulated = [
         sampler.simulate_scenario(
-            spec.limits,
+            spec.judged_limits,
             scenario,
             modes,
             scenario_of(scenario, implementation, sampler.seed),
@@ -184,7 +186,7 @@ def evidence_of(spec: DesignSpec, blocks: Sequence[Block]) -> Evidence:
         found = [
             merge_family_tallies(column) for column in zip(*(block.simulated[place] for block in ordered), strict=True)
         ]
-        limits += sampler.scenario_statistics(spec.limits, scenario, found).limits
+        limits += sampler.scenario_statistics(spec.judged_limits, scenario, found).limits
     return Evidence(
         validation=sampler.validation,
         stable=stable.tally.fraction(sampler.validation.confidence),
@@ -200,9 +202,35 @@ def evidence_of(spec: DesignSpec, blocks: Sequence[Block]) -> Evidence:
     )
 
 
+def scenario_fractions(spec: DesignSpec, implementation: Implementation) -> tuple[Fraction, ...]:
+    """How many of `CHECKED_PLANTS` plants meet each requirement on a scenario, without noise; uniform over the box.
+
+    Args:
+        spec: the spec, with requirements on measures of scenarios.
+        implementation: the controller that runs.
+
+    Raises:
+        DomainError: a loop's delay is too long to be simulated.
+    """
+    drawn = ValidationSpec(samples=CHECKED_PLANTS, seed=(spec.validation or ValidationSpec()).seed)
+    sampler = PlantSampler(spec.plant, drawn)
+    modes = [Mode(controller_of(spec, implementation), sampler.plants)]
+    unit = "" if spec.digital is None else spec.digital.measurement_unit
+    found: dict[Limit, list[Fraction]] = {limit: [] for limit in spec.scenario_requirements}
+    for scenario in spec.scenarios:
+        about = limits_about(spec.scenario_requirements, scenario)
+        if about:
+            run = scenario_of(replace(scenario, noise_std=0.0), implementation, drawn.seed)
+            tallies = sampler.simulate_scenario(about, scenario, modes, run, lambda plants: None, unit=unit)
+            for outcome in sampler.scenario_statistics(about, scenario, tallies).limits:
+                assert outcome.limit is not None
+                found[outcome.limit].append(outcome.fraction)
+    return tuple(min(found[limit], key=lambda each: each.met) for limit in spec.scenario_requirements)
+
+
 def _limited_scenarios(spec: DesignSpec) -> list[ScenarioSpec]:
     """The scenarios on which there is a limit."""
-    return [scenario for scenario in spec.scenarios if limits_about(spec.limits, scenario)]
+    return [scenario for scenario in spec.scenarios if limits_about(spec.judged_limits, scenario)]
 
 
 def _sides(spec: DesignSpec) -> list[tuple[Requirement, bool]]:

@@ -10,9 +10,11 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.steady_state import largest_steady_state_error
 from fopi_tune.proof import Certificate, Place, Verdict, Verification
+from fopi_tune.proof.verification.results import MeasureResult
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.results.candidate import CheckedCandidate, Solver, Violation
 from fopi_tune.results.design import Design, RequirementReport
+from fopi_tune.results.measures import measure_reports
 from fopi_tune.results.stamp import stamp
 from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec.digests import digests_of
@@ -71,6 +73,9 @@ def assemble_design(
         solves=candidate.solves,
         steady_state_error=_steady_state_error(spec, candidate.gains, found),
         gap=candidate.gap if status is Status.SOLVED else None,
+        measures=measure_reports(
+            spec.scenario_requirements, found.measures if found else (), candidate.scenario_multipliers, checked.drawn
+        ),
     )
 
 
@@ -88,6 +93,11 @@ def new_violations(checked: CheckedCandidate, known: tuple[Violation, ...]) -> t
         return ()
     violations = [] if found.stability.stable else [_violation(None, found.stability.worst)]
     violations += [_violation(i, result.worst) for i, result in enumerate(found.requirements) if not result.is_met]
+    violations += [
+        Violation(i, result.worst.point, math.nan, result.scenario)
+        for i, result in enumerate(found.measures)
+        if not result.is_met
+    ]
     if certificate is not None:
         if certificate.stability.verdict is Verdict.REFUTED:
             violations.append(Violation(None, certificate.stability.point, math.nan))
@@ -117,6 +127,11 @@ def _missed_limits(found: Verification) -> tuple[Relaxation, ...]:
         if value is not None and math.isfinite(value):
             amount = min(abs(value - limit) for limit in result.requirement.limits)
         relaxations.append(Relaxation(i, amount, value if amount is not None else None))
+    for i, measured in enumerate(found.measures, len(found.requirements)):
+        if not measured.is_met:
+            value = measured.achieved if math.isfinite(measured.achieved) else None
+            amount = None if value is None else abs(value - measured.requirement.limit)
+            relaxations.append(Relaxation(i, amount, value))
     return tuple(relaxations)
 
 
@@ -124,7 +139,7 @@ def _fixed_gains_problem(found: Verification) -> str:
     """Why fixed gains do not meet the spec."""
     if not found.stability.stable:
         return f"these gains leave an unstable loop, whatever the limits are: {found.stability.reason}"
-    missed = sum(not result.is_met for result in found.requirements)
+    missed = sum(not result.is_met for result in (*found.requirements, *found.measures))
     return "they do not meet it" if missed == 1 else f"they miss {missed} requirements at once"
 
 
@@ -143,7 +158,8 @@ def _refuted_message(found: Verification | None) -> str:
     if not found.stability.stable:
         where = _place_in_words(found.stability.worst.plant, None)
         return f"the check refuted the best gains found: {found.stability.reason}{where}"
-    missed = (_missed_in_words(r.requirement, r.achieved, r.worst) for r in found.requirements if not r.is_met)
+    missed = [_missed_in_words(r.requirement, r.achieved, r.worst) for r in found.requirements if not r.is_met]
+    missed += [_missed_measure(result) for result in found.measures if not result.is_met]
     return f"the check refuted the best gains found: {'; '.join(missed)}"
 
 
@@ -174,6 +190,14 @@ def _missed_in_words(requirement: Requirement, value: float | None, place: Place
     reached = "has no value" if value is None else f"is {value:.9g}"
     where = _place_in_words(place.plant, place.omega_rad_s)
     return f"{requirement.quantity} {reached} ({requirement.relation.value} {limits}){where}"
+
+
+def _missed_measure(result: MeasureResult) -> str:
+    """A counterexample of a requirement on a scenario."""
+    limit = result.requirement
+    asked = f"({limit.relation.value} {limit.limit:g})"
+    where = _place_in_words(result.worst.plant, None)
+    return f"{limit.measure} is {result.achieved:.9g} {asked} in scenario {result.scenario}{where}"
 
 
 def _place_in_words(plant: Mapping[str, float], omega_rad_s: float | None) -> str:

@@ -69,7 +69,7 @@ def simulate(
     drawn = override_validation(spec.validation, samples, seed)
     spec = replace(spec, validation=drawn)
     point = refuse_simulation(spec, scenario=scenario, plant=plant, replay=replay, exact=exact, accuracy=accuracy)
-    driven, notes = spec, list(limit_notes(spec.limits))
+    driven, notes = spec, list(limit_notes(spec.judged_limits))
     if spec.digital is None:
         driven, exact = replace(spec, digital=DigitalSpec(_sample_time(spec, gains))), True
         notes.append("the spec has no section digital: the loop in continuous time")
@@ -173,7 +173,7 @@ def _sampled_results(
     # a function of the index, so that the noise is that of the draw
     modes = [Mode(controller, lambda begin, end: plants)]
     results = [
-        run_scenario(each, modes, scenario_of(each, implementation, seed), spec.limits, index, _unit(spec))
+        run_scenario(each, modes, scenario_of(each, implementation, seed), spec.judged_limits, index, _unit(spec))
         for each in scenarios
     ]
     return tuple(_noted(result, gains, spec.plant.member(point), controller.limits) for result in results)
@@ -191,7 +191,7 @@ def _continuous_results(
     step = implementation.sample_time_s
     runs = [simulate_loop(each, gains, plant, controller, step, accuracy) for each in scenarios]
     results = [
-        continuous_result(s, run, spec.limits, _unit(spec), accuracy) for s, run in zip(scenarios, runs, strict=True)
+        continuous_result(s, run, spec.judged_limits, _unit(spec), accuracy) for s, run in zip(scenarios, runs, strict=True)
     ]
     return tuple(_noted(result, gains, plant, controller.limits) for result in results)
 

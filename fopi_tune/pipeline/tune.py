@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.digital.implementation import designed_implementation
+from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.assemble import assemble_design, new_violations
 from fopi_tune.pipeline.degenerate import design_notes, without_vanished_terms
 from fopi_tune.proof import certify, verify
 from fopi_tune.quantities import QUANTITIES
-from fopi_tune.results.candidate import CheckedCandidate, Solver, Violation
+from fopi_tune.results.candidate import Candidate, CheckedCandidate, Solver, Violation
 from fopi_tune.results.design import Design
 from fopi_tune.results.stamp import certificate_versions
 from fopi_tune.results.status import Relaxation, Status
@@ -30,6 +31,7 @@ from fopi_tune.spec.load import Source
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Sense
 
 if TYPE_CHECKING:
+    from fopi_tune.montecarlo.statistics import Fraction
     from fopi_tune.design import Neighbour
 
 #: how often a refuted design is made again
@@ -70,8 +72,8 @@ def tune(
 
     Raises:
         SpecError: the file cannot be read, or has mistakes; it lists them all.
-        DomainError: a dead time so long that the loop's crossings cannot be listed, or a digital controller that the
-            spec asks for and that cannot be made.
+        DomainError: a dead time so long that the loop's crossings cannot be listed, a digital controller that the
+            spec asks for and that cannot be made, or the convex search of a spec with requirements on scenarios.
     """
     asked = load_spec(source)
     spec = with_default_objective(asked)
@@ -149,7 +151,9 @@ def _checked_candidate(
     bracket: bool,
 ) -> CheckedCandidate:
     """One run of the search, with the violations found so far as cuts, then verification and certificate."""
-    if solver is Solver.CONVEX:
+    if spec.designs_scenarios:
+        candidate = _scenario_candidate(searched, violations, solver, start)
+    elif solver is Solver.CONVEX:
         from fopi_tune.convex import convex_design
 
         candidate = convex_design(searched, violations)
@@ -162,10 +166,27 @@ def _checked_candidate(
         return CheckedCandidate(candidate)
     implementation = designed_implementation(spec, gains)
     verification = verify(spec, gains, implementation=implementation)
-    if not proof or candidate.status is not Status.SOLVED or not verification.all_met:
+    if candidate.status is not Status.SOLVED or not verification.all_met:
         return CheckedCandidate(candidate, verification)
-    certificate = certify(spec, verification, certificate_versions(), implementation)
-    return CheckedCandidate(candidate, verification, certificate)
+    drawn: tuple[Fraction, ...] = ()
+    if spec.scenario_requirements and implementation is not None:
+        from fopi_tune.montecarlo.montecarlo import scenario_fractions
+
+        drawn = scenario_fractions(spec, implementation)
+    certificate = certify(spec, verification, certificate_versions(), implementation) if proof else None
+    return CheckedCandidate(candidate, verification, certificate, drawn)
+
+
+def _scenario_candidate(
+    searched: DesignSpec, violations: tuple[Violation, ...], solver: Solver, start: FoPi | Neighbour | None
+) -> Candidate:
+    """The candidate of a spec with requirements or an objective of scenarios."""
+    from fopi_tune.design.time_domain import design_for_scenarios
+
+    if solver is Solver.CONVEX:
+        raise DomainError("measures of scenarios are no convex functions of the gains; leave --solver convex out")
+    known = start if isinstance(start, FoPi) or start is None else start.gains
+    return design_for_scenarios(searched, violations, known)
 
 
 def _confirm_relaxations(
@@ -182,6 +203,9 @@ def _confirm_relaxations(
 
 
 def _confirmed_relaxation(spec: DesignSpec, relaxation: Relaxation, is_met: Callable[[DesignSpec], bool]) -> Relaxation:
+    first = len(spec.requirements)
+    if relaxation.requirement >= first:
+        return _confirmed_measure(spec, relaxation, is_met)
     requirement = spec.requirements[relaxation.requirement]
     if relaxation.new_limit is not None:
         index = _limit_index(requirement, relaxation.new_limit)
@@ -193,6 +217,21 @@ def _confirmed_relaxation(spec: DesignSpec, relaxation: Relaxation, is_met: Call
             every = (*others[: relaxation.requirement], moved, *others[relaxation.requirement + 1 :])
             if is_met(replace(spec, requirements=every)):
                 return Relaxation(relaxation.requirement, abs(limit - old), limit)
+    return Relaxation(relaxation.requirement, None, None)
+
+
+def _confirmed_measure(spec: DesignSpec, relaxation: Relaxation, is_met: Callable[[DesignSpec], bool]) -> Relaxation:
+    """The same of a requirement on a scenario."""
+    place = relaxation.requirement - len(spec.requirements)
+    every = spec.scenario_requirements
+    old = every[place]
+    if relaxation.new_limit is not None:
+        direction = math.copysign(1.0, relaxation.new_limit - old.limit)
+        further = relaxation.new_limit + direction * _CLEARANCE * abs(relaxation.new_limit)
+        for limit in dict.fromkeys(_rounded(further, direction, digits) for digits in _DIGITS if further != 0.0):
+            moved = replace(old, limit=limit)
+            if is_met(replace(spec, scenario_requirements=(*every[:place], moved, *every[place + 1 :]))):
+                return Relaxation(relaxation.requirement, abs(limit - old.limit), limit)
     return Relaxation(relaxation.requirement, None, None)
 
 

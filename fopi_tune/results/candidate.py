@@ -10,6 +10,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.results.status import Relaxation, Status
 
 if TYPE_CHECKING:
+    from fopi_tune.montecarlo.statistics import Fraction
     from fopi_tune.proof import Certificate, Verification
 
 
@@ -78,8 +79,10 @@ class CheckedCandidate:
         candidate: the search's answer.
         verification: of its gains in floating point; None where there are none, or kp = ki = 0.
         certificate: None without a verification that is met, and where no proof was wanted.
+        drawn: of each requirement on a scenario, how many drawn plants meet it; none where no plants were drawn.
     """
 
     candidate: Candidate
     verification: Verification | None = None
     certificate: Certificate | None = None
+    drawn: tuple[Fraction, ...] = ()

@@ -25,6 +25,7 @@ from fopi_tune.results.documents import (
     stability_dict,
 )
 from fopi_tune.results.equalities import equality_notes
+from fopi_tune.results.measures import MeasureReport, measure_reports, measures_dict
 from fopi_tune.results.stamp import Stamp, certificate_versions
 from fopi_tune.results.status import Price, Relaxation, Status
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
@@ -107,6 +108,7 @@ class Design:
             floating point (`Candidate.gap`); None where that was not shown.
         notes: what a user should know besides the table: a default objective, a term that vanished, a gain at an end
             of its range.
+        measures: requirements on measures of scenarios, in the order of the spec.
     """
 
     spec: DesignSpec
@@ -126,6 +128,7 @@ class Design:
     steady_state_error: float | None = None
     gap: float | None = None
     notes: tuple[str, ...] = ()
+    measures: tuple[MeasureReport, ...] = ()
 
     @property
     def advice(self) -> str:
@@ -155,6 +158,7 @@ class Design:
             "nominal": margins_dict(self.nominal),
             "clash": [relaxation_dict(relaxation, self.spec) for relaxation in self.clash],
             "proof": proof_dict(self.certificate, self.proof_wanted),
+            **measures_dict(self.measures),
             **({} if self.optimum is None else {"optimum": optimum_dict(self.optimum)}),
         }
 
@@ -206,6 +210,11 @@ class Check:
     def reports(self) -> tuple[RequirementReport, ...]:
         """The requirements, each with its result and its proof."""
         return requirement_reports(self.verification, self.certificate)
+
+    @property
+    def measures(self) -> tuple[MeasureReport, ...]:
+        """The requirements on measures of scenarios, each with its result."""
+        return measure_reports(self.spec.scenario_requirements, self.verification.measures)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -370,13 +379,14 @@ def verification_dict(
         "stability": stability_dict(found.stability),
         "nominal": margins_dict(found.nominal),
         "proof": proof_dict(certificate, certificate is not None),
+        **measures_dict(measure_reports(spec.scenario_requirements, found.measures)),
     }
 
 
 def verification_status(found: Verification, certificate: Certificate | None) -> str:
     """`met`, `violated`, or `undecided` when the verification passed but the proof is missing."""
     verdict = certificate.verdict if certificate else Verdict.PROVED
-    if verdict is Verdict.REFUTED or not all(result.is_met for result in found.requirements):
+    if verdict is Verdict.REFUTED or not all(result.is_met for result in (*found.requirements, *found.measures)):
         return "violated"
     if not found.stability.stable and certificate is None:
         return "violated"
@@ -393,6 +403,8 @@ def objective_name(spec: DesignSpec) -> str:
     if spec.objective is None:
         return "smallest slack (natural units)"
     name = f"{spec.objective.sense.value} {spec.objective.quantity}"
+    if spec.objective.scenario is not None:
+        return f"{name} in scenario {spec.objective.scenario}, the worst plant's"
     if spec.objective.quantity != ObjectiveKind.IAE_DISTURBANCE:
         return name
     horizon_s = spec.objective.horizon_s or default_horizon_s(spec.plant)

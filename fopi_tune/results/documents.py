@@ -11,7 +11,8 @@ from fopi_tune.proof.certificate import Certificate, RequirementProof
 from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.verification.results import Place, Stability
 from fopi_tune.results.status import Price, Relaxation
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, Limit
+from fopi_tune.spec.scenario_design import every_requirement
 
 
 def finite(value: float | None) -> float | None:
@@ -96,10 +97,10 @@ def price_dict(price: Price | None) -> dict[str, Any] | None:
 
 def relaxation_dict(relaxation: Relaxation, spec: DesignSpec) -> dict[str, Any]:
     """A clashing requirement and the relaxation of its limit."""
-    requirement = spec.requirements[relaxation.requirement]
+    requirement = every_requirement(spec)[relaxation.requirement]
     return {
         "requirement": relaxation.requirement,
-        "name": requirement.quantity,
+        "name": requirement.measure if isinstance(requirement, Limit) else requirement.quantity,
         "relation": requirement.relation.value,
         "give": finite(relaxation.amount),
         "new_limit": finite(relaxation.new_limit),

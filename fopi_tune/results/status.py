@@ -30,7 +30,7 @@ class Relaxation:
     """By how much the limit of a clashing requirement must be relaxed so that all requirements can hold.
 
     Args:
-        requirement: index in the spec's list.
+        requirement: index in the spec's list; those on measures of scenarios are counted after the others.
         amount: in the quantity's public unit, > 0; None if relaxing this limit alone does not help, or none was found.
         new_limit: the relaxed limit, public unit; in a `Design` the check has found the spec met with it.
     """

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fopi_tune.spec.measures import ACCELERATION, DESIGNED_MEASURES, acceleration_problem, velocity_unit
-from fopi_tune.spec.model import DesignSpec, DigitalSpec, Objective, ScenarioSpec
+from fopi_tune.spec.model import DesignSpec, DigitalSpec, Limit, Objective, Requirement, ScenarioSpec
 from fopi_tune.spec.scenarios import PlacedLimit
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Values
@@ -26,6 +26,11 @@ def frequency_part(spec: DesignSpec) -> DesignSpec:
         return spec
     by_scenario = spec.objective is not None and spec.objective.scenario is not None
     return replace(spec, objective=None if by_scenario else spec.objective, scenario_requirements=())
+
+
+def every_requirement(spec: DesignSpec) -> tuple[Requirement | Limit, ...]:
+    """The requirements on the loop's frequency response, then those on measures of scenarios."""
+    return (*spec.requirements, *spec.scenario_requirements)
 
 
 def designed_scenarios(spec: DesignSpec) -> tuple[ScenarioSpec, ...]:

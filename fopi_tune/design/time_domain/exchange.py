@@ -78,21 +78,13 @@ def solve(problem: ScenarioProblem, counts: Counts, known: Sequence[FoPi] = (), 
         thorough: whether the whole box is searched beside them.
     """
     cuts = LoopCuts(_at_crossover(problem, known[0]).loop if known else problem.loop)
-    modeller = Modeller(problem, cuts, problem.corners)
     starts = list(known)
     if thorough or not starts:
         limited = _is_limited(problem)
         starts += starts_of(
             problem, cuts, _STARTS_LIMITED if limited else _STARTS, _SCATTERED_LIMITED if limited else _SCATTERED
         )
-    found: list[Local] = []
-    for start in starts:
-        cuts.pool = []
-        local = local_search(modeller, start, _STEPS_OF_START)
-        if local is not None:
-            counts.steps += local.steps
-            found.append(local)
-    found.sort(key=_rank)
+    found = local_optima(problem, cuts, starts, counts)
     best: Exchanged | None = None
     tried: list[Local] = []
     for local in found:
@@ -105,6 +97,18 @@ def solve(problem: ScenarioProblem, counts: Counts, known: Sequence[FoPi] = (), 
         if one is not None and (best is None or one.rank < best.rank):
             best = one
     return best
+
+
+def local_optima(problem: ScenarioProblem, cuts: LoopCuts, starts: Sequence[FoPi], counts: Counts) -> list[Local]:
+    """Where short searches with the vertices of the box end, the best first."""
+    modeller, found = Modeller(problem, cuts, problem.corners), []
+    for start in starts:
+        cuts.pool = []
+        local = local_search(modeller, start, _STEPS_OF_START)
+        if local is not None:
+            counts.steps += local.steps
+            found.append(local)
+    return sorted(found, key=_rank)
 
 
 def exchange(problem: ScenarioProblem, start: FoPi, counts: Counts) -> Exchanged | None:

@@ -126,6 +126,11 @@ class ScenarioProblem:
         )
         return replace(self, loop=loop, rows=rows, objective=None)
 
+    @property
+    def maximises_depth(self) -> bool:
+        """Whether the smallest slack is the objective: requirements then need not hold where they are missed least."""
+        return self.objective is None and self.loop.code == DEPTH
+
     @cached_property
     def corners(self) -> Array:
         """The nominal plant and the vertices of the box, shape (m, p)."""

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
+from fopi_tune.design.infeasible import explain_reason
+from fopi_tune.design.reasons import reason_without_solving
+from fopi_tune.design.synthesis import NO_CONTROLLER, fixed_gains
 from fopi_tune.design.time_domain.exchange import MET, Counts, Exchanged, solve
+from fopi_tune.design.time_domain.infeasible import explain
 from fopi_tune.design.time_domain.problem import ScenarioProblem
 from fopi_tune.results.candidate import Candidate, Violation
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.scenario_design import frequency_part
 
 #: multipliers below this part of the objective are those of limits that do not bind
 _SMALLEST_PRICE = 1e-7
@@ -24,17 +30,26 @@ def design_for_scenarios(
     """Search for the gains that meet requirements on scenarios and on the loop's frequency response.
 
     Args:
-        spec: one that designs for scenarios, with a free gain.
+        spec: one that designs for scenarios.
         violations: plants and frequencies at which a check refuted gains.
         start: gains close to the optimum; the whole box is searched beside them.
 
     Raises:
         DomainError: the digital controller cannot be made, or a plant cannot be simulated.
     """
+    fixed = fixed_gains(spec.controller)
+    nothing = tuple(None for _ in spec.requirements), tuple(None for _ in spec.scenario_requirements)
+    if fixed is not None:
+        off = fixed.kp == 0.0 and fixed.ki == 0.0
+        status, gains, why = (Status.INFEASIBLE, None, NO_CONTROLLER) if off else (Status.SOLVED, fixed, "")
+        return Candidate(status, gains, nothing[0], message=why, scenario_multipliers=nothing[1])
     problem, counts = ScenarioProblem.of(spec, violations), Counts()
+    reason = reason_without_solving(frequency_part(spec))
+    if reason is not None:
+        return replace(explain_reason(problem.scanned, reason), scenario_multipliers=nothing[1])
     best = solve(problem, counts, () if start is None else (start,))
-    if best is None or best.violation > MET or (problem.objective is None and problem.loop.objective == "depth" and best.objective > MET):  # fmt: skip
-        return Candidate(Status.INFEASIBLE, None if best is None else best.gains, tuple(None for _ in spec.requirements))
+    if best is None or best.violation > MET or (problem.maximises_depth and best.objective > MET):
+        return explain(problem, None if best is None else best.gains, counts)
     return candidate_of(problem, best, counts)
 
 

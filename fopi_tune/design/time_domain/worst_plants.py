@@ -69,6 +69,8 @@ class Family:
         """
         controller, points = self.controller(gains), self.problem.family
         values = self.values(controller, points)
+        if not values:
+            return {}
         best = {key: Worst(float(found.max()), tuple(points[int(found.argmax())])) for key, found in values.items()}
         low, high = self.problem.spec.plant.low, self.problem.spec.plant.high
         p = len(low)

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import Margins
-from fopi_tune.spec.model import Relation, Requirement
+from fopi_tune.spec.model import Limit, Relation, Requirement
 
 
 class Outcome(StrEnum):
@@ -90,6 +90,31 @@ class RequirementResult:
 
 
 @dataclass(frozen=True)
+class MeasureResult:
+    """Result of one requirement on a measure of scenarios, over the family, by simulation.
+
+    Args:
+        requirement: what the spec says.
+        scenario: name of the one in which it is worst.
+        achieved: the worst value, in the measure's unit; inf where an output does not stay finite or settle.
+        score: dimensionless, at most 1 where the limit is met.
+        worst: the plant that decides.
+        time_s: when, s; None of a measure that no single sample decides.
+        is_met: whether the limit holds within the tolerance.
+        plants: how many were simulated.
+    """
+
+    requirement: Limit
+    scenario: str
+    achieved: float
+    score: float
+    worst: Place
+    time_s: float | None
+    is_met: bool
+    plants: int
+
+
+@dataclass(frozen=True)
 class Stability:
     """Closed-loop stability of the whole family.
 
@@ -122,6 +147,7 @@ class Verification:
         objective_worst: the member and frequency that decide the objective; None when none does.
         nominal: margins with the nominal plant.
         tolerance: allowed violation of a requirement, natural units.
+        measures: the requirements on measures of scenarios, in the order of the spec.
     """
 
     gains: FoPi
@@ -131,8 +157,9 @@ class Verification:
     objective_worst: Place | None
     nominal: Margins
     tolerance: float
+    measures: tuple[MeasureResult, ...] = ()
 
     @property
     def all_met(self) -> bool:
         """The whole family is stable and every requirement holds."""
-        return self.stability.stable and all(result.is_met for result in self.requirements)
+        return self.stability.stable and all(result.is_met for result in (*self.requirements, *self.measures))

@@ -14,10 +14,12 @@ from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.proof.verification.crossing_changes import SamplePair
 from fopi_tune.proof.verification.objectives import evaluate_objective, smallest_slack
 from fopi_tune.proof.verification.requirements import assess_requirement, check_requirement
-from fopi_tune.proof.verification.results import Verification
+from fopi_tune.proof.verification.results import MeasureResult, Verification
 from fopi_tune.proof.verification.sample import Sample
+from fopi_tune.proof.verification.scenarios import check_scenarios, scenario_objective
 from fopi_tune.proof.verification.stability import check_stability
 from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.scenario_design import frequency_part
 
 #: natural units; a requirement that is missed by less is met
 TOLERANCE = 1e-6
@@ -38,12 +40,18 @@ def verify(
     Raises:
         DomainError: kp = ki = 0, or a dead time so long that the loop's crossings cannot be listed.
     """
+    loop = frequency_part(spec)
     samples = SamplePair(Sample.of(spec.plant, gains, implementation))
     stability = check_stability(samples.base)
     requirements = tuple(
         check_requirement(requirement, samples, stability, tolerance) for requirement in spec.requirements
     )
-    objective, objective_worst = evaluate_objective(spec.objective, samples, requirements)
+    measures: tuple[MeasureResult, ...] = ()
+    objective, objective_worst = evaluate_objective(loop.objective, samples, requirements)
+    if spec.designs_scenarios and implementation is not None:
+        measures = check_scenarios(spec, implementation, tolerance)
+        if loop.objective is not spec.objective:
+            objective, objective_worst = scenario_objective(spec, implementation)
     return Verification(
         gains=gains,
         stability=stability,
@@ -52,6 +60,7 @@ def verify(
         objective_worst=objective_worst,
         nominal=margins_of(samples.base.nominal_loop),
         tolerance=tolerance,
+        measures=measures,
     )
 
 
