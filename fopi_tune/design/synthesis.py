@@ -13,7 +13,6 @@ from fopi_tune.results.candidate import Candidate, Violation
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import ControllerSpec, DesignSpec
 
-
 NO_CONTROLLER = "kp and ki are fixed at 0: there is no controller"
 
 

@@ -13,8 +13,9 @@ from fopi_tune.proof import Certificate, Place, Verdict, Verification
 from fopi_tune.proof.verification.results import MeasureResult
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.results.candidate import CheckedCandidate, Solver, Violation
-from fopi_tune.results.design import Design, RequirementReport
+from fopi_tune.results.design import Design
 from fopi_tune.results.measures import measure_reports
+from fopi_tune.results.requirement_reports import RequirementReport
 from fopi_tune.results.stamp import stamp
 from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec.digests import digests_of

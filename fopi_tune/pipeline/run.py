@@ -53,4 +53,9 @@ def _verification_of(design: Design) -> Verification | None:
     if len(results) < len(design.requirements):
         return None
     # the member that decides the objective is not kept in a design, and a digital controller does not name it
-    return Verification(design.gains, design.stability, results, design.objective, None, design.nominal, TOLERANCE)
+    measures = tuple(report.result for report in design.measures if report.result is not None)
+    if len(measures) < len(design.measures):
+        return None
+    return Verification(
+        design.gains, design.stability, results, design.objective, None, design.nominal, TOLERANCE, measures
+    )

@@ -190,9 +190,8 @@ def _continuous_results(
     plant, controller = spec.plant.member(point), controller_of(spec, implementation)
     step = implementation.sample_time_s
     runs = [simulate_loop(each, gains, plant, controller, step, accuracy) for each in scenarios]
-    results = [
-        continuous_result(s, run, spec.judged_limits, _unit(spec), accuracy) for s, run in zip(scenarios, runs, strict=True)
-    ]
+    limits, unit = spec.judged_limits, _unit(spec)
+    results = [continuous_result(s, run, limits, unit, accuracy) for s, run in zip(scenarios, runs, strict=True)]
     return tuple(_noted(result, gains, plant, controller.limits) for result in results)
 
 

@@ -31,8 +31,8 @@ from fopi_tune.spec.load import Source
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Sense
 
 if TYPE_CHECKING:
-    from fopi_tune.montecarlo.statistics import Fraction
     from fopi_tune.design import Neighbour
+    from fopi_tune.montecarlo.statistics import Fraction
 
 #: how often a refuted design is made again
 _MOST_REFUTATIONS = 8
@@ -228,7 +228,9 @@ def _confirmed_measure(spec: DesignSpec, relaxation: Relaxation, is_met: Callabl
     if relaxation.new_limit is not None:
         direction = math.copysign(1.0, relaxation.new_limit - old.limit)
         further = relaxation.new_limit + direction * _CLEARANCE * abs(relaxation.new_limit)
-        for limit in dict.fromkeys(_rounded(further, direction, digits) for digits in _DIGITS if further != 0.0):
+        rounded = [_rounded(further, direction, digits) for digits in _DIGITS if further != 0.0]
+        # settling times are whole samples
+        for limit in dict.fromkeys([relaxation.new_limit] * (old.measure == "settling_time_s") + rounded):
             moved = replace(old, limit=limit)
             if is_met(replace(spec, scenario_requirements=(*every[:place], moved, *every[place + 1 :]))):
                 return Relaxation(relaxation.requirement, abs(limit - old.limit), limit)

@@ -16,8 +16,10 @@ from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.certificate import Verdict
 from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.proof.verification.results import Outcome
+from fopi_tune.report.measure_rows import check_measures
 from fopi_tune.results.design import RESULT_SCHEMA
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
+from fopi_tune.spec.scenario_design import every_requirement
 
 #: words that a status can be: of a design, of a check of given gains, of drawn plants
 DESIGN_STATUSES = ("solved", "infeasible", "unbounded", "failed")
@@ -69,7 +71,10 @@ def _design(top: JsonObject, spec: DesignSpec) -> FoPi | None:
         for entry in top.children("clash"):
             index = entry.count_or_none("requirement")
             _require(
-                index is not None and 0 <= index < len(spec.requirements), entry, "requirement", "none of the spec"
+                index is not None and 0 <= index < len(every_requirement(spec)),
+                entry,
+                "requirement",
+                "none of the spec",
             )
             entry.number_or_none("give")
             entry.number_or_none("new_limit")
@@ -100,6 +105,7 @@ def _result(top: JsonObject, spec: DesignSpec) -> None:
     _require(len(entries) == len(spec.requirements), top, "requirements", "not those of the spec")
     for entry, requirement in zip(entries, spec.requirements, strict=True):
         _requirement(entry, requirement, spec)
+    check_measures(top, spec)
     _stamp(top.child("stamp"))
     if top.get("stability") is not None:
         stability = top.child("stability")

@@ -18,6 +18,7 @@ from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.documents import digest
 from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.report.document_shapes import check_design, check_digital, check_evidence
+from fopi_tune.report.measure_rows import measures_met
 from fopi_tune.results.design import Run, loop_name
 from fopi_tune.spec.default_objective import with_default_objective
 from fopi_tune.spec.digests import DESIGN_PARTS, DIGITAL_PARTS, EVIDENCE_PARTS, digests_of, is_of_spec
@@ -213,7 +214,7 @@ def check_consistent(document: Document, certificate: Document | None, names: tu
 
 def _inconsistency(document: Document, certificate: Document | None) -> str:
     """The message that says what does not fit, with {result} and {proof} for the files' names; empty if all does."""
-    met = [bool(each["met"]) for each in document["requirements"]]
+    met = [*(bool(each["met"]) for each in document["requirements"]), *measures_met(document)]
     if document["status"] in _GOOD_STATUSES and not all(met):
         return "{result} contradicts itself: its status is good, and a requirement is not met"
     stated = document["proof"].get("certificate_digest")

@@ -18,18 +18,19 @@ from fopi_tune.report.figures.picture import Picture
 from fopi_tune.report.figures.plots import digital_picture
 from fopi_tune.report.figures.slider import HEIGHT, WIDTH, critical_point_mark, slider_of
 from fopi_tune.report.figures.step_responses import step_responses
+from fopi_tune.report.measure_rows import ENTRIES, measure_rows, measures_met
 from fopi_tune.report.page import figure_files, render_figures, render_template
 from fopi_tune.report.requirement_rows import place_phrase, requirement_rows
+from fopi_tune.report.text.design import clashing_phrase
 from fopi_tune.report.text.formatting import (
     exact_limit,
     margins_phrase,
     number,
-    requirement_phrase,
-    scope_phrase,
     score_note,
     sentence,
 )
 from fopi_tune.results.design import loop_name
+from fopi_tune.spec.scenario_design import every_requirement
 
 #: the report's file
 REPORT = "report.html"
@@ -91,14 +92,14 @@ def _slider_values(members: Members | None) -> dict[str, Any]:
 def _text_values(documents: ResultDocuments) -> dict[str, Any]:
     """Template values that are text."""
     spec, design, digital, evidence = documents.spec, documents.design, documents.digital, documents.evidence
-    rows = requirement_rows(documents.requirements, design["objective"])
+    rows = requirement_rows(documents.requirements, design["objective"]) + measure_rows(spec, design)
     status = str(design["status"])
     verdict = design["proof"]["verdict"]
     return {
         "name": spec.name,
         "description": spec.description,
         "good": status == "solved",
-        "status": " ".join([f"{status}. {design['advice']}", *_proof_words(status, verdict)]),
+        "status": " ".join([f"{status}. {design['advice']}", *_proof_words(design, verdict)]),
         "good_on_samples": digital is not None and digital["status"] == "met",
         "on_samples": "" if digital is None else f"The loop on samples: {digital['status']}.{_missed_phrase(digital)}",
         "message": sentence(design["message"]) if design["message"] else "",
@@ -111,7 +112,7 @@ def _text_values(documents: ResultDocuments) -> dict[str, Any]:
         "digital_status": "" if digital is None else _digital_words(documents, digital),
         "score_note": _score_note(documents.requirements),
         "digital_score_note": _score_note(documents.digital_requirements),
-        "digital_rows": requirement_rows(documents.digital_requirements),
+        "digital_rows": requirement_rows(documents.digital_requirements) + measure_rows(spec, digital),
         "sampling": "" if evidence is None else sampling_phrase(evidence),
         "confidence": "" if evidence is None else f"{100.0 * evidence['drawn']['confidence']:g} %",
         "evidence": () if evidence is None else evidence_rows(evidence),
@@ -134,23 +135,26 @@ def _score_note(requirements: Sequence[ReportedRequirement]) -> str:
 
 def _missed_phrase(digital: Mapping[str, Any]) -> str:
     """A sentence on how many requirements the loop on samples misses; empty if none."""
-    said = digital["requirements"]
-    missed = sum(not each["met"] for each in said)
-    return f" It misses {missed} of {len(said)} requirements; see below." if missed else ""
+    met = [*(bool(each["met"]) for each in digital["requirements"]), *measures_met(digital)]
+    missed = met.count(False)
+    return f" It misses {missed} of {len(met)} requirements; see below." if missed else ""
 
 
-def _proof_words(status: str, verdict: str) -> list[str]:
-    if status != "solved":
+def _proof_words(design: Mapping[str, Any], verdict: str) -> list[str]:
+    if design["status"] != "solved":
         return []
-    proved = verdict == "proved"
-    return ["Proved for every plant and every frequency." if proved else "Checked in floating point, not proved."]
+    if verdict != "proved":
+        return ["Checked in floating point, not proved."]
+    checked = sum(each["verdict"] == "checked" for each in design.get(ENTRIES, ()))
+    several = "one requirement" if checked == 1 else f"{checked} requirements"
+    beside = f" But {several} on scenarios: checked by simulation." if checked else ""
+    return [f"Proved for every plant and every frequency.{beside}"]
 
 
 def _clash(documents: ResultDocuments) -> list[str]:
     words = []
     for give in documents.design["clash"]:
-        requirement = documents.spec.requirements[give["requirement"]]
-        said = f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})"
+        said = clashing_phrase(every_requirement(documents.spec)[give["requirement"]])
         if give["give"] is not None and give["new_limit"] is not None:
             said += f": alone it would have to give {number(give['give'])}, to {exact_limit(give['new_limit'])}"
         words.append(said)

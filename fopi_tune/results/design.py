@@ -10,25 +10,23 @@ from fopi_tune.core.margins import Margins
 from fopi_tune.optimum.documents import to_dict as optimum_dict
 from fopi_tune.optimum.documents import to_document as optimum_to_document
 from fopi_tune.optimum.results import Optimum
-from fopi_tune.proof.certificate import Certificate, RequirementProof, Verdict
+from fopi_tune.proof.certificate import Certificate, Verdict
 from fopi_tune.proof.documents import to_document
-from fopi_tune.proof.verification.results import RequirementResult, Stability, Verification
+from fopi_tune.proof.verification.results import Stability, Verification
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.results.documents import (
     finite,
     margins_dict,
-    place_dict,
-    price_dict,
     proof_dict,
     relaxation_dict,
-    requirement_proof_dict,
     stability_dict,
 )
 from fopi_tune.results.equalities import equality_notes
 from fopi_tune.results.measures import MeasureReport, measure_reports, measures_dict
+from fopi_tune.results.requirement_reports import RequirementReport, requirement_reports
 from fopi_tune.results.stamp import Stamp, certificate_versions
-from fopi_tune.results.status import Price, Relaxation, Status
-from fopi_tune.spec.model import DesignSpec, Relation, Requirement
+from fopi_tune.results.status import Relaxation, Status
+from fopi_tune.spec.model import DesignSpec
 
 if TYPE_CHECKING:
     from fopi_tune.digital import DigitalController
@@ -37,49 +35,6 @@ if TYPE_CHECKING:
 
 #: version of the result's JSON; it may only grow
 RESULT_SCHEMA = 1
-
-
-@dataclass(frozen=True)
-class RequirementReport:
-    """One requirement with what was achieved.
-
-    Args:
-        requirement: what the spec says.
-        result: what the verification found; None when there are no gains to verify.
-        multiplier: by how much the objective would improve if the limit were relaxed by one unit; None where not known.
-        proof: what the certificate says; None without one.
-        price: the multiplier checked by solving again; None where that was not asked for, or the multiplier is zero.
-    """
-
-    requirement: Requirement
-    result: RequirementResult | None
-    multiplier: float | None
-    proof: RequirementProof | None = None
-    price: Price | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """As in the result's JSON; infinite and missing numbers are null, and `outcome` says which."""
-        requirement, result = self.requirement, self.result
-        limits = requirement.limits
-        band = {
-            "from_rad_s": finite(requirement.from_rad_s) or None,
-            "to_rad_s": finite(requirement.to_rad_s),
-        }
-        return {
-            "name": requirement.quantity,
-            "relation": requirement.relation.value,
-            "limit": list(limits) if requirement.relation is Relation.BETWEEN else limits[0],
-            "on": requirement.scope.value,
-            **(band if any(band.values()) else {}),
-            "achieved": finite(result.achieved) if result else None,
-            "outcome": result.outcome.value if result else None,
-            "met": result.is_met if result else False,
-            "score": finite(result.score) if result else None,
-            "worst": place_dict(result.worst) if result else None,
-            "multiplier": finite(self.multiplier),
-            "multiplier_checked": price_dict(self.price),
-            "proof": requirement_proof_dict(self.proof),
-        }
 
 
 @dataclass(frozen=True)
@@ -263,6 +218,11 @@ class Discretized:
         """The certificate's JSON; None without one."""
         return to_document(self.certificate) if self.certificate else None
 
+    @property
+    def measures(self) -> tuple[MeasureReport, ...]:
+        """The requirements on measures of scenarios, each with its result."""
+        return measure_reports(self.spec.scenario_requirements, self.verification.measures)
+
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON."""
         from fopi_tune.digital import to_document as digital_document
@@ -352,12 +312,6 @@ class Run:
         """The design's JSON, and the digital controller's in it."""
         digital = self.digital.to_dict() if self.digital else None
         return {**self.design.to_dict(), "digital": digital, "digital_problem": self.problem}
-
-
-def requirement_reports(found: Verification, certificate: Certificate | None) -> tuple[RequirementReport, ...]:
-    """The requirements, each with its result and, with a certificate, its proof."""
-    proofs = certificate.requirements if certificate else (None,) * len(found.requirements)
-    return tuple(RequirementReport(r.requirement, r, None, p) for r, p in zip(found.requirements, proofs, strict=True))
 
 
 def verification_dict(

@@ -53,7 +53,13 @@ class MeasureReport:
             "simulated_plants": result.plants if result else None,
             "drawn": None
             if drawn is None
-            else {"met": drawn.met, "total": drawn.total, "low": drawn.low, "confidence": drawn.confidence},
+            else {
+                "met": drawn.met,
+                "total": drawn.total,
+                "low": drawn.low,
+                "high": drawn.high,
+                "confidence": drawn.confidence,
+            },
             "multiplier": finite(self.multiplier),
         }
 

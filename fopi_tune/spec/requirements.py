@@ -42,7 +42,7 @@ class PlacedRequirement:
 
 
 def requirements_shape() -> ListOf:
-    """Reads to a list of `PlacedRequirement` and, of measures of scenarios, `PlacedLimit`; None for each that is wrong."""
+    """Reads to a list of `PlacedRequirement`, of measures of scenarios `PlacedLimit`; None for each that is wrong."""
     records = {name: _record(quantity) for name, quantity in QUANTITIES.items()}
     records |= limit_records(DESIGNED_MEASURES)
     requirement = OneKeyOf("one quantity with one relation", "quantity", records, _EXAMPLE, measure_as_requirement)

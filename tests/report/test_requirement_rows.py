@@ -12,7 +12,7 @@ from fopi_tune.report.documents import ReportedRequirement
 from fopi_tune.report.requirement_rows import RequirementRow, requirement_rows
 from fopi_tune.report.text.design import requirement_lines
 from fopi_tune.report.text.formatting import verdict_word
-from fopi_tune.results.design import RequirementReport
+from fopi_tune.results.requirement_reports import RequirementReport
 from fopi_tune.spec.model import Relation, Requirement
 
 PLANT = Place(None, {"static_gain": 0.5}, (0.5,))

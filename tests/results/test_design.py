@@ -16,7 +16,7 @@ from cases.shipped_designs import design_of
 
 import fopi_tune as ft
 from fopi_tune.report.text.design import design_text, requirement_phrase, scope_phrase
-from fopi_tune.results.design import RequirementReport
+from fopi_tune.results.requirement_reports import RequirementReport
 from fopi_tune.results.status import Relaxation
 from fopi_tune.spec.model import Relation, Requirement, Scope
 

@@ -68,7 +68,9 @@ class Exchanged:
         return (self.violation if self.violation > MET else 0.0), self.objective
 
 
-def solve(problem: ScenarioProblem, counts: Counts, known: Sequence[FoPi] = (), thorough: bool = True) -> Exchanged | None:  # fmt: skip
+def solve(
+    problem: ScenarioProblem, counts: Counts, known: Sequence[FoPi] = (), thorough: bool = True
+) -> Exchanged | None:
     """The best gains found; None where no gains give every plant a stable loop.
 
     Args:

@@ -114,7 +114,10 @@ class LoopCuts:
         return self.polish.rows.side[rows] == 0
 
     def slacks(self, gains: FoPi) -> tuple[Array, Array]:
-        """The slack of each cut in the pool (of an equality limit - value), natural units, and its slopes by kp, ki and alpha; (n,) and (n, 3)."""
+        """The slack of each cut in the pool, natural units, and its slopes by kp, ki and alpha; shapes (n,) and (n, 3).
+
+        Of an equality it is limit - value.
+        """
         x, count = self.scaled(gains), len(self.pool)
         if not count:
             return np.zeros(0), np.zeros((0, 3))

@@ -18,7 +18,6 @@ from fopi_tune.simulation.sampled.plants import DiscretePlants
 from fopi_tune.simulation.sensitivities import Trajectories, trajectories
 
 
-
 @dataclass(frozen=True, eq=False)
 class Sum:
     """weight sum_k |error_k + slope_k d| + offset of one plant: a convex function of the step d.

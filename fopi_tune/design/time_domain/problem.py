@@ -1,4 +1,4 @@
-"""DesignSpec with requirements or an objective of scenarios -> ScenarioProblem:  what is asked, on the loop as it runs."""
+"""DesignSpec with requirements or an objective of scenarios -> ScenarioProblem, on the loop as it runs."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ class ScenarioProblem:
         return low, np.array([min(box.kp.max, unit[0]), min(box.ki.max, unit[1]), box.alpha.max])
 
     def units(self, alpha: float) -> Array:
-        """kp and ki with which the nominal loop's gain is about 1 at its characteristic frequency, and 1; shape (3,)."""
+        """kp and ki that make the nominal |L| about 1 at its characteristic frequency, and 1 of alpha; shape (3,)."""
         gains = self.loop.scale.controller(np.array([1.0, 1.0, alpha]))
         return np.array([gains.kp, gains.ki, 1.0])
 
@@ -206,4 +206,3 @@ def _run_of(spec: DesignSpec, scenario: ScenarioSpec) -> ScenarioRun:
     return ScenarioRun(
         scenario, replace(run, sensor=Sensor()), horizon_of(scenario, run), 1.0 if unit is None else PER_M_S[unit]
     )
-

@@ -1,4 +1,4 @@
-"""ScenarioProblem -> Candidate:  the best gains for what scenarios measure, their multipliers, or why there are none."""
+"""ScenarioProblem -> Candidate:  the best gains for what scenarios measure, or why there are none."""
 
 from __future__ import annotations
 
@@ -73,7 +73,8 @@ def multipliers_of(
     loop, scenarios = np.zeros(len(spec.requirements)), np.zeros(len(spec.scenario_requirements))
     constraints = problem.loop.constraints
     prices = [(int(owner), float(price)) for owner, price in zip(model.owner, step.row_prices, strict=True)]
-    prices += [(each.row, float(price)) for each, price in zip(model.sums, step.sum_prices, strict=True) if each.row >= 0]
+    of_sums = zip(model.sums, step.sum_prices, strict=True)
+    prices += [(each.row, float(price)) for each, price in of_sums if each.row >= 0]
     for owner, price in prices:
         worth = best.local.scale * price
         if owner >= 0:

@@ -1,4 +1,4 @@
-"""Starts of the search:  basins of the loop's requirements, and gains scattered over the box, simulated on few plants."""
+"""Starts of the search:  basins of the loop's requirements, and gains scattered over the box, simulated."""
 
 from __future__ import annotations
 

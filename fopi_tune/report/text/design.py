@@ -38,13 +38,17 @@ from fopi_tune.report.text.formatting import (
     with_unit,
     wrapped,
 )
+from fopi_tune.report.text.measures import about_phrase, measure_lines, measure_phrase
 from fopi_tune.report.text.tradeoff import price_lines
-from fopi_tune.results.design import Check, Design, RequirementReport, loop_name, objective_name
+from fopi_tune.results.design import Check, Design, loop_name, objective_name
 from fopi_tune.results.documents import margins_dict
-from fopi_tune.spec.model import Requirement, Scope
+from fopi_tune.results.requirement_reports import RequirementReport
+from fopi_tune.spec.model import DesignSpec, Limit, Requirement, Scope
+from fopi_tune.spec.scenario_design import every_requirement
 
 if TYPE_CHECKING:
     from fopi_tune.core.margins import Margins
+    from fopi_tune.results.measures import MeasureReport
     from fopi_tune.results.status import Relaxation
 
 #: widths of the columns requirement, achieved, score, multiplier; 80 in sum with the verdict
@@ -67,11 +71,11 @@ def design_text(design: Design) -> Text:
     solved = status == "solved"
     lines: list[Line] = [*wrapped(f"{design.spec.name}: {_headline(design)}", style_of(solved))]
     lines += wrapped(f"Why: {sentence(design.message)}" if design.message else "")
-    lines += _clash(design.clash, design.spec.requirements)
+    lines += _clash(design.clash, every_requirement(design.spec))
     if design.gains is not None:
         lines += [("", ""), *wrapped(_GAINS_TITLES.get(status, "")), (gains_line(design.gains), "bold")]
     if design.gains is not None or not design.clash:
-        lines += requirement_lines(design.requirements, design.objective)
+        lines += requirement_lines(design.requirements, design.objective, design.measures)
     lines += summary_lines(objective_name(design.spec), design.objective, design.stability, design.nominal)
     lines += steady_state_lines(design.steady_state_error)
     lines += proof_lines(design.certificate)
@@ -87,16 +91,28 @@ def _headline(design: Design) -> str:
         return f"{status}. {design.advice}"
     if design.certificate is None:
         return f"{status}, not proved. {design.advice[:-1]}, as far as a check in floating point tells."
-    on_samples = " of the loop on samples" if loop_name(design.spec) == "sampled" else ""
-    return f"{status}. All requirements{on_samples} are proved for every plant and every frequency."
+    return f"{status}. {_proved(design.spec, design.measures)}"
+
+
+def _proved(spec: DesignSpec, measures: Sequence[MeasureReport]) -> str:
+    """What is proved, and what of it is only checked."""
+    on_samples = " of the loop on samples" if loop_name(spec) == "sampled" else ""
+    checked = [report for report in measures if report.verdict == "checked"]
+    if not checked:
+        return f"All requirements{on_samples} are proved for every plant and every frequency."
+    every = f"Requirements{on_samples} are proved" if spec.requirements else f"Stability{on_samples} is proved"
+    return f"{every} for every plant and frequency; {len(checked)} on scenarios {_is(checked)} checked by simulation."
+
+
+def _is(several: Sequence[object]) -> str:
+    return "is" if len(several) == 1 else "are"
 
 
 def check_text(check: Check) -> Text:
     """The verification of given gains, laid out as that of a design."""
     found = check.verification
     if check.status == "met":
-        on_samples = " of the loop on samples" if loop_name(check.spec) == "sampled" else ""
-        said = f"All requirements{on_samples} are proved for every plant and every frequency."
+        said = _proved(check.spec, check.measures)
     elif check.status == "undecided":
         said = "The gains pass the check in floating point; not everything could be proved."
     elif found.stability.stable:
@@ -105,7 +121,7 @@ def check_text(check: Check) -> Text:
         said = "The loop is not stable for every plant of the family."
     lines = [*wrapped(f"{check.spec.name}: {check.status}. {said}", style_of(check.status == "met")), ("", "")]
     lines.append((gains_line(found.gains), "bold"))
-    lines += requirement_lines(check.reports, found.objective)
+    lines += requirement_lines(check.reports, found.objective, check.measures)
     for note in check.notes:
         lines += wrapped(f"{note}.", "yellow")
     lines += summary_lines(objective_name(check.spec), found.objective, found.stability, found.nominal)
@@ -113,17 +129,20 @@ def check_text(check: Check) -> Text:
     return to_text(lines)
 
 
-def requirement_lines(reports: Sequence[RequirementReport], objective: float | None) -> Iterator[Line]:
+def requirement_lines(
+    reports: Sequence[RequirementReport], objective: float | None, measures: Sequence[MeasureReport] = ()
+) -> Iterator[Line]:
     """The table: two lines for each requirement, numbers in columns and below them the worst plant and frequency."""
     yield "", ""
-    if not reports:
+    if not reports and not measures:
         yield "No requirements but stability.", ""
         return
-    priced = any(report.multiplier is not None for report in reports)
+    priced = any(report.multiplier is not None for report in (*reports, *measures))
     header = f"{'':{FIRST_COLUMN}}{'requirement':<{_WHAT}}{'achieved':>{_ACHIEVED}}{'score':>{_SCORE}}"
     yield header + (f"{'multiplier':>{_MULTIPLIER}}" if priced else ""), "bold"
     for report in reports:
         yield from _requirement(report, objective, priced)
+    yield from measure_lines(measures, (_WHAT, _ACHIEVED, _SCORE, _MULTIPLIER), objective, priced)
     yield "", ""
     yield from wrapped(
         score_note(r.requirement for r in reports if r.result is not None and not r.result.is_met), QUIET
@@ -217,7 +236,7 @@ def _plant(plant: Mapping[str, float]) -> str:
     return f" with {named}" if named else ""
 
 
-def _clash(clash: Sequence[Relaxation], requirements: Sequence[Requirement]) -> Iterator[Line]:
+def _clash(clash: Sequence[Relaxation], requirements: Sequence[Requirement | Limit]) -> Iterator[Line]:
     """The clashing requirements, and by how much the limit of each can be relaxed."""
     if not clash:
         return
@@ -226,11 +245,18 @@ def _clash(clash: Sequence[Relaxation], requirements: Sequence[Requirement]) -> 
     yield "These clash; one of them would have to give:" if known else "These clash:", "bold"
     for relaxation in clash:
         requirement = requirements[relaxation.requirement]
-        yield from wrapped(f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})", "", "    ", "  ")
+        yield from wrapped(clashing_phrase(requirement), "", "    ", "  ")
         if relaxation.amount is not None and relaxation.new_limit is not None:
             yield f"      by {number(relaxation.amount)}, to {exact_limit(relaxation.new_limit)}", ""
         elif known:
             yield "      no change of this limit alone was found to help", ""
+
+
+def clashing_phrase(requirement: Requirement | Limit) -> str:
+    """A requirement, and for what it holds."""
+    if isinstance(requirement, Limit):
+        return f"{measure_phrase(requirement)} ({about_phrase(requirement)})"
+    return f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})"
 
 
 def summary_lines(

@@ -54,7 +54,7 @@ def digital_text(result: Discretized) -> Text:
     plural = "" if digital.delay_samples == 1.0 else "s"
     late = f", {number(digital.delay_samples)} sample{plural} of computing delay" if digital.delay_samples else ""
     lines += entry("sampled", f"every {with_unit(digital.sample_time_s, 's')} ({made}{late})")
-    lines += requirement_lines(result.reports, found.objective)
+    lines += requirement_lines(result.reports, found.objective, result.measures)
     for note in result.notes:
         lines += wrapped(f"{note}.", "yellow")
     if status == "violated" and found.stability.stable and not digital.designs_sampled:
