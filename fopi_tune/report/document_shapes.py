@@ -16,7 +16,7 @@ from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.certificate import Verdict
 from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.proof.verification.results import Outcome
-from fopi_tune.report.measure_rows import check_measures
+from fopi_tune.report.measure_entries import check_measures
 from fopi_tune.results.design import RESULT_SCHEMA
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
 from fopi_tune.spec.scenario_design import every_requirement
@@ -69,13 +69,8 @@ def _design(top: JsonObject, spec: DesignSpec) -> FoPi | None:
         _prose(top, "message")
         _prose(top, "advice")
         for entry in top.children("clash"):
-            index = entry.count_or_none("requirement")
-            _require(
-                index is not None and 0 <= index < len(every_requirement(spec)),
-                entry,
-                "requirement",
-                "none of the spec",
-            )
+            index, count = entry.count_or_none("requirement"), len(every_requirement(spec))
+            _require(index is not None and 0 <= index < count, entry, "requirement", "none of the spec")
             entry.number_or_none("give")
             entry.number_or_none("new_limit")
     return gains

@@ -18,7 +18,8 @@ from fopi_tune.report.figures.picture import Picture
 from fopi_tune.report.figures.plots import digital_picture
 from fopi_tune.report.figures.slider import HEIGHT, WIDTH, critical_point_mark, slider_of
 from fopi_tune.report.figures.step_responses import step_responses
-from fopi_tune.report.measure_rows import ENTRIES, measure_rows, measures_met
+from fopi_tune.report.measure_entries import ENTRIES, measures_met
+from fopi_tune.report.measure_rows import measure_rows
 from fopi_tune.report.page import figure_files, render_figures, render_template
 from fopi_tune.report.requirement_rows import place_phrase, requirement_rows
 from fopi_tune.report.text.design import clashing_phrase
