@@ -6,7 +6,7 @@ problem promises is refused and its region made smaller.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,8 @@ _CONVERGED = 1e-9
 #: relative step of the differences that make the Hessian
 _DIFFERENCE = 1e-4
 _HESSIAN_RANGE = (1e-8, 1e5)
+#: of limits that are missed at the end
+_RESTORATIONS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +93,15 @@ def local_search(modeller: Modeller, start: FoPi, most: int, met: float = 1e-7) 
             break
         trial = modeller.at(problem.inside(gains_array(model.gains) + step.d))
         ratio = -np.inf if trial is None else (merit - merit_of(trial, scale, penalty)) / promised
+        if trial is not None and ratio < _POOR and trial.violation > model.violation:
+            # curved limits: back to them, the shortest way
+            back = _restored(modeller, trial, sizes)
+            if back is not None and merit_of(back, scale, penalty) < merit_of(trial, scale, penalty):
+                trial, ratio = back, (merit - merit_of(back, scale, penalty)) / promised
         if trial is None or ratio < _ACCEPTED:
             # worst cases of the loop may have been learnt at the trial
             again = modeller.at(model.gains, learn=False)
-            model = model if again is None else _with_violation(again, model.loop_violation)
+            model = model if again is None else replace(again, loop_violation=model.loop_violation)
             radius *= 0.3
             continue
         model, fresh = trial, True
@@ -102,7 +109,24 @@ def local_search(modeller: Modeller, start: FoPi, most: int, met: float = 1e-7) 
             radius = min(2.0 * radius, _LARGEST_RADIUS)
         elif ratio < _POOR:
             radius *= 0.4
+    for _ in range(_RESTORATIONS):
+        if model.violation <= met:
+            break
+        back = _restored(modeller, model, sizes_of(modeller, model.gains))
+        if back is None or back.violation >= model.violation:
+            break
+        model = back
     return Local(model, step, scale, count)
+
+
+def _restored(modeller: Modeller, model: Model, sizes: Array) -> Model | None:
+    """The model at the closest gains that meet the linearised limits; None where there is none."""
+    low, high = modeller.problem.box
+    limits = replace(
+        model, aims=np.zeros(0), aim_slopes=np.zeros((0, 3)), sums=tuple(each for each in model.sums if each.row >= 0)
+    )
+    step = solve_step(limits, np.eye(3), sizes, _FIRST_RADIUS, low, high, 1.0, _LARGEST_PENALTY)
+    return None if step is None else modeller.at(modeller.problem.inside(gains_array(model.gains) + step.d))
 
 
 def gains_array(gains: FoPi) -> Array:
@@ -127,12 +151,6 @@ def sizes_of(modeller: Modeller, gains: FoPi) -> Array:
     return np.maximum(np.abs(gains_array(gains)), _SMALLEST_SIZE * units) * np.array([1.0, 1.0, 0.0]) + np.array(
         [0.0, 0.0, 1.0]
     )
-
-
-def _with_violation(model: Model, violation: float) -> Model:
-    from dataclasses import replace
-
-    return replace(model, loop_violation=violation)
 
 
 def _hessian(modeller: Modeller, model: Model, step: Step, sizes: Array, scale: float) -> Array:

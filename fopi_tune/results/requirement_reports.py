@@ -1,0 +1,61 @@
+"""Requirements on the loop's frequency response with what was achieved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from fopi_tune.proof.certificate import Certificate, RequirementProof
+from fopi_tune.proof.verification.results import RequirementResult, Verification
+from fopi_tune.results.documents import finite, place_dict, price_dict, requirement_proof_dict
+from fopi_tune.results.status import Price
+from fopi_tune.spec.model import Relation, Requirement
+
+
+@dataclass(frozen=True)
+class RequirementReport:
+    """One requirement with what was achieved.
+
+    Args:
+        requirement: what the spec says.
+        result: what the verification found; None when there are no gains to verify.
+        multiplier: by how much the objective would improve if the limit were relaxed by one unit; None where not known.
+        proof: what the certificate says; None without one.
+        price: the multiplier checked by solving again; None where that was not asked for, or the multiplier is zero.
+    """
+
+    requirement: Requirement
+    result: RequirementResult | None
+    multiplier: float | None
+    proof: RequirementProof | None = None
+    price: Price | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in the result's JSON; infinite and missing numbers are null, and `outcome` says which."""
+        requirement, result = self.requirement, self.result
+        limits = requirement.limits
+        band = {
+            "from_rad_s": finite(requirement.from_rad_s) or None,
+            "to_rad_s": finite(requirement.to_rad_s),
+        }
+        return {
+            "name": requirement.quantity,
+            "relation": requirement.relation.value,
+            "limit": list(limits) if requirement.relation is Relation.BETWEEN else limits[0],
+            "on": requirement.scope.value,
+            **(band if any(band.values()) else {}),
+            "achieved": finite(result.achieved) if result else None,
+            "outcome": result.outcome.value if result else None,
+            "met": result.is_met if result else False,
+            "score": finite(result.score) if result else None,
+            "worst": place_dict(result.worst) if result else None,
+            "multiplier": finite(self.multiplier),
+            "multiplier_checked": price_dict(self.price),
+            "proof": requirement_proof_dict(self.proof),
+        }
+
+
+def requirement_reports(found: Verification, certificate: Certificate | None) -> tuple[RequirementReport, ...]:
+    """The requirements, each with its result and, with a certificate, its proof."""
+    proofs = certificate.requirements if certificate else (None,) * len(found.requirements)
+    return tuple(RequirementReport(r.requirement, r, None, p) for r, p in zip(found.requirements, proofs, strict=True))
