@@ -135,9 +135,7 @@ def _crossover(spec: DesignSpec, gains: FoPi, digital: DigitalSpec) -> tuple[flo
     return omega, -relative / slope * omega
 
 
-def _anti_windup(
-    controller: Runtime, direct: Array, poles: Array, residues: Array, side: float
-) -> tuple[Array, Array]:
+def _anti_windup(controller: Runtime, direct: Array, poles: Array, residues: Array, side: float) -> tuple[Array, Array]:
     """Weights, shape (sections, 4), and gain, shape (4,), by the branch that `controller` has; `side` is that of ki."""
     count, taking = len(controller.poles), poles[:, 0] > 0.0
     weights, gain = np.zeros(poles.shape), np.zeros(_COLUMNS)
@@ -160,9 +158,7 @@ def _anti_windup(
     return weights, gain
 
 
-def _without_integral(
-    weights: Array, gain: Array, direct: Array, shares: Array, side: float
-) -> tuple[Array, Array]:
+def _without_integral(weights: Array, gain: Array, direct: Array, shares: Array, side: float) -> tuple[Array, Array]:
     """ki = 0: as ki -> 0 the weights are |r_k|/sum |r_j| and g is |ki| sum |r_j|/|kp|; `shares` hold r_k as d/d ki."""
     sizes = np.abs(shares[:, 2])
     total = float(sizes.sum())
