@@ -1,6 +1,6 @@
 """A filter's sections with their derivatives:  the filter of s^-alpha alone -> d/d alpha, d/d omega of its numbers.
 
-omega is the frequency at which `rule: matched` keeps the gain and a prewarped `tustin` is exact.  With the zeros z_l and
+omega is the frequency at which `rule: matched` keeps the gain and a prewarped `tustin` is exact.  With zeros z_l and
 poles p_i of the approximation, p_0 = 0 the integrator's, the residues' products are taken as
 
     rho_i = prod_{l >= 1} m_il,    m_il = (p_i - z_l)/(p_i - p_l),    m_ii = (p_i - z_i)/(p_i - p_0) .               (1)
@@ -155,7 +155,7 @@ def _matched(alpha: float, roots: _Roots, digital: DigitalSpec, omega: float) ->
     p, p_rate = np.append(0.0, roots.poles), np.append(0.0, roots.poles_rate)
     poles, zeros = np.exp(p * Ts), np.exp(roots.zeros * Ts)
     poles_rate, zeros_rate = Ts * poles * p_rate, Ts * zeros * roots.zeros_rate
-    s, z = 1j * omega, np.exp(1j * omega * Ts)
+    s, z = 1j * omega, complex(np.exp(1j * omega * Ts))
     over, under, over_z, under_z = s - roots.zeros, s - p, z - zeros, z - poles
     gain, gain_rate = _gain(alpha, roots, digital.band_rad_s)
     # logarithms: products of fifty factors over a wide band overflow
@@ -186,7 +186,8 @@ def _fractions(roots: _Roots, sample_time_s: float | None) -> tuple[Array, Array
     ones = np.ones((n + 1, 1))
     before = np.cumprod(np.hstack([ones, factors]), axis=1)
     after = np.cumprod(np.hstack([ones, factors[:, ::-1]]), axis=1)[:, ::-1]
-    return before[:, -1], (before[:, :-1] * rates * after[:, 1:]).sum(axis=1)
+    rate = (before[:, :-1] * rates * after[:, 1:]).sum(axis=1)
+    return np.asarray(before[:, -1], dtype=float), np.asarray(rate, dtype=float)
 
 
 def _difference(a: Array, a_rate: Array, b: Array, b_rate: Array, sample_time_s: float | None) -> tuple[Array, Array]:
@@ -198,7 +199,7 @@ def _difference(a: Array, a_rate: Array, b: Array, b_rate: Array, sample_time_s:
     return np.sign(a - b) * size * apart, sample_time_s * (np.exp(a) * a_rate - np.exp(b) * b_rate)
 
 
-def _log_size(factors: NDArray[np.complex128]) -> float:
+def _log_size(factors: NDArray[np.complexfloating]) -> float:
     return float(np.log(np.abs(factors)).sum())
 
 

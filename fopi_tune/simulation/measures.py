@@ -40,7 +40,9 @@ MEASURE_VALUES: dict[str, Callable[[Measures], Array]] = {
     ACCELERATION: lambda found: found.peak_rate,
     "peak_rate_per_s": lambda found: found.peak_rate,
     "overshoot": lambda found: found.overshoot,
+    "undershoot": lambda found: found.undershoot,
     "settling_time_s": lambda found: found.settling_s,
+    "rise_time_s": lambda found: found.rise_s,
     "iae": lambda found: found.iae,
     "ise": lambda found: found.ise,
     "saturation_time_s": lambda found: found.saturated_s,
@@ -192,7 +194,9 @@ def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenar
         return Measures(
             peak_rate=known(peak_rate),
             overshoot=known(steps.overshoot.max(axis=0)),
+            undershoot=known(steps.undershoot.max(axis=0)),
             settling_s=np.where(finite, np.nanmax(steps.settling_s, axis=0), np.inf),
+            rise_s=np.where(finite, np.nanmax(steps.rise_s, axis=0), np.inf),
             iae=known(Ts * np.abs(error).sum(axis=1)),
             ise=known(Ts * (error**2).sum(axis=1)),
             saturated_s=known(Ts * at_limit.sum(axis=1)),
@@ -211,20 +215,23 @@ class StepMeasures:
 
     Args:
         steps: their beginnings.
-        overshoot, settling_s, final_error: as in `Measures`.
+        overshoot, undershoot, settling_s, rise_s, final_error: as in `Measures`.
     """
 
     steps: tuple[Step, ...]
     overshoot: Array
+    undershoot: Array
     settling_s: Array
+    rise_s: Array
     final_error: Array
 
 
 def step_measures(traces: Traces, scenario: Scenario, horizon: Horizon) -> StepMeasures:
-    """Overshoot, settling time and final error, step by step."""
+    """What is judged of every step, step by step."""
     steps, reference, Ts = horizon.steps_of(scenario), scenario.signals.reference, scenario.sample_time_s
     m, count = traces.output.shape
-    overshoot, settling, final = np.full((3, len(steps), m), np.nan)
+    overshoot, undershoot, settling, rise, final = np.full((5, len(steps), m), np.nan)
+    own_ends = [step.first for step in steps if not step.of_load][1:] + [count]
     #: of each plant: the step that its time belongs to
     owner, columns = np.zeros(m, dtype=int), np.arange(m)
     begun = np.array([step.first for step in steps])
@@ -234,6 +241,9 @@ def step_measures(traces: Traces, scenario: Scenario, horizon: Horizon) -> StepM
         beyond = y - step.value
         outside = ~(np.abs(beyond) <= step.band)
         overshoot[i] = (step.direction * beyond if step.direction else np.abs(beyond)).max(axis=1)
+        undershoot[i] = np.maximum(step.direction * (step.before - y), 0.0).max(axis=1)
+        if not step.of_load:
+            rise[i] = Ts * _rise_samples(traces.output, step, own_ends.pop(0))
         # a step of the load is its own only where the output had settled
         goes_on = np.isinf(settling[owner, columns]) if step.of_load else np.zeros(m, dtype=bool)
         owner = np.where(goes_on, owner, i)
@@ -241,7 +251,26 @@ def step_measures(traces: Traces, scenario: Scenario, horizon: Horizon) -> StepM
         settling[owner, columns] = np.where(last == y.shape[1], np.inf, Ts * (step.first + last - begun[owner]))
         if i + 1 == len(steps) or not steps[i + 1].of_load:
             final[i] = reference[end - 1] - traces.output[:, end - 1]
-    return StepMeasures(steps, overshoot, settling, final)
+    return StepMeasures(steps, overshoot, undershoot, settling, rise, final)
+
+
+def _rise_samples(output: Array, step: Step, end: int) -> Array:
+    """From a tenth to nine tenths of a step, in samples, shape (m,); inf where the latter is not reached before `end`."""
+    if not step.direction:
+        return np.zeros(len(output))
+    begun, ended = (_first_crossing(output, step, level, end) for level in step.rise_levels)
+    return np.where(np.isinf(ended), np.inf, ended - np.where(np.isinf(ended), 0.0, begun))
+
+
+def _first_crossing(output: Array, step: Step, level: float, end: int) -> Array:
+    """When the output first reaches a level in the step's direction, in samples, shape (m,); inf: it does not."""
+    y, rows = output[:, step.first : end], np.arange(len(output))
+    beyond = y >= level if step.direction > 0.0 else y <= level
+    k = np.argmax(beyond, axis=1)
+    last, now = y[rows, np.maximum(k - 1, 0)], y[rows, k]
+    share = (level - last) / np.where(k > 0, now - last, 1.0)
+    crossed = np.where(k > 0, step.first + k - 1.0 + share, float(step.first))
+    return np.where(beyond.any(axis=1), crossed, np.inf)
 
 
 def _longest_run(jumps: NDArray[np.int_]) -> int:

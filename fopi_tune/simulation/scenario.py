@@ -29,6 +29,8 @@ from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 
+#: shares of a step between which the output rises
+_RISE = (0.1, 0.9)
 #: (begin, end) -> plants of the indices begin to end - 1
 PlantSupplier = Callable[[int, int], Plants]
 
@@ -243,6 +245,12 @@ class Step:
         """1 upwards, -1 downwards, 0 without a step."""
         return float(np.sign(self.value - self.before))
 
+    @property
+    def rise_levels(self) -> tuple[float, float]:
+        """Where a rise begins and where it ends, a tenth and nine tenths of the step, in the output's unit."""
+        size = self.value - self.before
+        return self.before + _RISE[0] * size, self.before + _RISE[1] * size
+
 
 @dataclass(frozen=True)
 class Horizon:
@@ -304,15 +312,22 @@ class Traces:
 class Measures:
     """One number a plant, shape (m,), over the samples of a `Horizon`; y at the samples.
 
-    Overshoot, settling time and final error are the worst of the horizon's steps, each over the samples from its first
-    to the one before the next step's.  Where an output did not stay finite the measures are nan, its settling time inf.
+    Overshoot, undershoot, settling time, rise time and final error are the worst of the horizon's steps, each over the
+    samples from its first to the one before the next step's.  Where an output did not stay finite the measures are nan,
+    its settling and rise time inf.
 
     Args:
         peak_rate: largest |dy/dt| just before and after the samples, and just after an input arrives between them.
         overshoot: largest y - value in the step's direction; negative when y stays short of it; without a step, largest
             |y - value|.  A step of the load goes on with the direction of the reference's last one.
+        undershoot: largest before - y in the step's direction, at least 0: how far the output goes back beyond the
+            reference before the step; 0 without a step.  A step of the load goes on with the direction and the value
+            before of the reference's last one.
         settling_s: from the step to the first sample after which y stays within the band; inf: it does not.  A step of
             the load that comes before y is within the band goes on with the time of the step before.
+        rise_s: from where the output first reaches a tenth of a step of the reference to where it first reaches nine
+            tenths, each on the straight line between two samples, or at the step's first sample where it is beyond
+            already; inf: it does not before the reference's next step; 0 without a step.
         iae: Ts sum |r - y|.
         ise: Ts sum (r - y)^2.
         saturated_s: time with the controller's output at a limit; the last sample's acts after the end.
@@ -326,7 +341,9 @@ class Measures:
 
     peak_rate: Array
     overshoot: Array
+    undershoot: Array
     settling_s: Array
+    rise_s: Array
     iae: Array
     ise: Array
     saturated_s: Array

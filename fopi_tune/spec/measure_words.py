@@ -12,11 +12,10 @@ from fopi_tune.spec.yaml.nodes import Node
 #: part of a word, and the measure that is meant; None where there is no such measure
 _WORDS: dict[str, str | None] = {
     **{name: name for name in MEASURES},
-    "undershoot": None,
     "overshoot": "overshoot",
     "settling": "settling_time_s",
-    "rise": None,
-    "risetime": None,
+    "rise": "rise_time_s",
+    "risetime": "rise_time_s",
     "steady_state": "final_error",
     "final": "final_error",
     "offset": "final_error",

@@ -29,7 +29,13 @@ MEASURES: dict[str, MeasureKind] = {
         MeasureKind(
             "overshoot", "output unit", "how far the output goes beyond a step's setpoint in its direction; the worst"
         ),
+        MeasureKind(
+            "undershoot", "output unit", "how far the output goes back beyond its value before a step; the worst"
+        ),
         MeasureKind("settling_time_s", "s", "from a step until the output stays within the settling band; the worst"),
+        MeasureKind(
+            "rise_time_s", "s", "from a tenth to nine tenths of a step, interpolated between the samples; the worst"
+        ),
         MeasureKind("iae", "output unit times s", "Ts times the sum of |r - y|"),
         MeasureKind("ise", "output unit squared times s", "Ts times the sum of (r - y)^2"),
         MeasureKind("saturation_time_s", "s", "time with the control at a limit"),

@@ -12,30 +12,36 @@ import numpy as np
 #: lanes: four of the widest registers, so that independent chains of operations hide each other's latency
 WIDTH = 32
 
-#: results, one row each, in the order of the first fifteen offsets below; `outside` is the last sample outside the
-#: band, `begun` the first of the step that is judged, `settled` and `step_error` the worst of the steps before it
+#: results, one row each, in the order of the first offsets below; `outside` is the last sample outside the band, `begun`
+#: the first of the step that is judged, `reached` and `risen` when the output first was at a tenth and at nine tenths of
+#: it, in samples, inf while it was not; `settled`, `step_error` and `rise` are the worst of the steps before it
 RESULTS = (
     "peak_rate", "overshoot", "outside", "iae", "ise", "saturated", "peak_control", "switches", "longest_run",
-    "chattering", "final_error", "finite", "begun", "settled", "step_error",
+    "chattering", "final_error", "finite", "begun", "settled", "step_error", "undershoot", "reached", "risen", "rise",
 )  # fmt: skip
 #: traces, one row each
 TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", "rate_after")
 
 #: offsets of rows: first the results; then the run of switches, sample of the last switch, applied control, mode, input
 #: just before the sample, control and load that act now, mode of that control, the same three one sample before, last
-#: output of the active and of the inactive controller, last error, excess u - v, switches in the window
+#: output of the active and of the inactive controller, last error, excess u - v, switches in the window; the direction
+#: of the step while a lane is rising, in the first lane, and y one sample before
 PEAK_RATE, OVERSHOOT, OUTSIDE, IAE, ISE, SATURATED, PEAK_CONTROL = (WIDTH * i for i in range(7))
 SWITCHES, LONGEST_RUN, CHATTERING, FINAL_ERROR, FINITE, BEGUN, SETTLED, STEP_ERROR = (WIDTH * i for i in range(7, 15))
-RUN, LAST_SWITCH, APPLIED, MODE, PREVIOUS_INPUT, CONTROL, LOAD, ARRIVED_MODE = (WIDTH * i for i in range(15, 23))
-OLD_CONTROL, OLD_LOAD, OLD_ARRIVED_MODE, LAST_OUTPUT, OTHER_LAST_OUTPUT, LAST_ERROR, EXCESS, RECENT_SWITCHES, NOISE = (
-    WIDTH * i for i in range(23, 32)
+UNDERSHOOT, REACHED, RISEN, RISE = (WIDTH * i for i in range(15, 19))
+RUN, LAST_SWITCH, APPLIED, MODE, PREVIOUS_INPUT, CONTROL, LOAD, ARRIVED_MODE = (WIDTH * i for i in range(19, 27))
+OLD_CONTROL, OLD_LOAD, OLD_ARRIVED_MODE, LAST_OUTPUT, OTHER_LAST_OUTPUT, LAST_ERROR, EXCESS, RECENT_SWITCHES = (
+    WIDTH * i for i in range(27, 35)
 )
+RISING, RISING_OUTPUT, NOISE = (WIDTH * i for i in range(35, 38))
 #: four rows each, for the noise of four samples; a vector may be read from the last entry
 TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
 #: rows with a fixed offset
 FIXED_ROWS = LOGARITHMS // WIDTH + 5
-#: rows of `steps`, one number a sample: the reference that is judged, direction, band, and what begins there
-VALUE, DIRECTION, BAND, BEGINS = range(4)
+#: rows of `steps`, one number a sample: the reference that is judged, direction, band, what begins there, the reference
+#: before, and a tenth and nine tenths of the reference's last step
+VALUE, DIRECTION, BAND, BEGINS, BEFORE, RISES_FROM, RISES_TO = range(7)
+STEP_ROWS = 7
 GOES_ON, REFERENCE_BEGINS, LOAD_BEGINS = 0.0, 1.0, 2.0
 #: a controller's coefficients; from SECTIONS on p, w, r of every section
 DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, SECTIONS = range(7)

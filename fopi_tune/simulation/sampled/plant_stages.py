@@ -15,6 +15,7 @@ from fopi_tune.simulation.sampled.layout import (
     APPLIED,
     ARRIVED_MODE,
     BAND,
+    BEFORE,
     BEGINS,
     BEGUN,
     CONTROL,
@@ -36,13 +37,22 @@ from fopi_tune.simulation.sampled.layout import (
     PEAK_CONTROL,
     PEAK_RATE,
     PREVIOUS_INPUT,
+    REACHED,
+    REFERENCE_BEGINS,
+    RISE,
+    RISEN,
+    RISES_FROM,
+    RISES_TO,
+    RISING,
+    RISING_OUTPUT,
     SATURATED,
     SETTLED,
     STEP_ERROR,
+    UNDERSHOOT,
     VALUE,
     WIDTH,
 )
-from fopi_tune.simulation.sampled.vectors import absolute, broadcast, load, store, where
+from fopi_tune.simulation.sampled.vectors import absolute, bits, broadcast, load, store, where
 
 _inlined: Any = njit(forceinline=True, error_model="numpy")
 
@@ -124,14 +134,42 @@ def accumulate_measures(s, k, y, rate, reference, u, applied, settings, c, other
 
 @_inlined
 def _judge_step(s, k, y, settings, steps):
-    """Overshoot and settling of the step that is judged at this sample."""
-    if k > settings.judged and steps[BEGINS * settings.steps + k] != GOES_ON:
-        _begin_step(s, k, steps[BEGINS * settings.steps + k] == LOAD_BEGINS)
+    """Overshoot, undershoot, settling and rise of the step that is judged at this sample."""
+    begins = steps[BEGINS * settings.steps + k]
+    if k > settings.judged and begins != GOES_ON:
+        _begin_step(s, k, begins == LOAD_BEGINS)
     beyond = y - broadcast(steps[VALUE * settings.steps + k])
     off, direction = absolute(beyond), steps[DIRECTION * settings.steps + k]
     store_maximum(s, OVERSHOOT, off if direction == 0.0 else broadcast(direction) * beyond)
+    if direction != 0.0:
+        back = broadcast(steps[BEFORE * settings.steps + k]) - y
+        store_maximum(s, UNDERSHOOT, broadcast(direction) * back)
+    begun = k == settings.judged or begins == REFERENCE_BEGINS
+    if begun:
+        never = broadcast(np.inf if direction != 0.0 else 0.0)
+        store(s, REACHED, never)
+        store(s, RISEN, never)
+        s[RISING] = direction
+    if s[RISING] != 0.0:
+        levels = steps[RISES_FROM * settings.steps + k], steps[RISES_TO * settings.steps + k]
+        _follow_rise(s, k, y, begun, levels)
     inside = off <= broadcast(steps[BAND * settings.steps + k])
     store(s, OUTSIDE, where(inside, load(s, OUTSIDE), broadcast(float(k))))
+
+
+@_inlined
+def _follow_rise(s, k, y, begun, levels):
+    """When the output first crosses the two levels, between the last sample and this one."""
+    last, upwards = load(s, RISING_OUTPUT), s[RISING] > 0.0
+    for row, number in ((REACHED, levels[0]), (RISEN, levels[1])):
+        level, crossed = broadcast(number), load(s, row)
+        beyond = y >= level if upwards else y <= level
+        now = broadcast(float(k)) if begun else broadcast(k - 1.0) + (level - last) / (y - last)
+        crossed = where(beyond & (crossed >= broadcast(np.inf)), now, crossed)
+        store(s, row, crossed)
+    store(s, RISING_OUTPUT, y)
+    if bits(load(s, RISEN) >= broadcast(np.inf)) == 0:
+        s[RISING] = 0.0
 
 
 @_inlined
@@ -149,6 +187,8 @@ def _begin_step(s, k, of_load):
         store(s, OUTSIDE, where(unsettled, outside, before))
     else:
         store_maximum(s, SETTLED, where(unsettled, broadcast(np.inf), lasted))
+        risen, never = load(s, RISEN), broadcast(np.inf)
+        store_maximum(s, RISE, where(risen >= never, never, risen - load(s, REACHED)))
         store(s, BEGUN, broadcast(float(k)))
         store(s, OUTSIDE, before)
         error, worst = load(s, FINAL_ERROR), load(s, STEP_ERROR)

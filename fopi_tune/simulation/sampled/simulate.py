@@ -20,12 +20,16 @@ from fopi_tune.digital.runtime import Runtime, init
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.sampled.layout import (
     BAND,
+    BEFORE,
     BEGINS,
     DIRECTION,
     LOAD_BEGINS,
     REFERENCE_BEGINS,
     RESULTS,
+    RISES_FROM,
+    RISES_TO,
     SECTIONS,
+    STEP_ROWS,
     TRACES,
     VALUE,
     WIDTH,
@@ -173,7 +177,7 @@ def _run(
     begin: int,
     keep: bool = False,
 ) -> tuple[Array, Array]:
-    """Results, shape (15, m), and traces, shape (8, m, steps) when they are kept."""
+    """Results, shape (19, m), and traces, shape (8, m, steps) when they are kept."""
     from fopi_tune.simulation.sampled.kernel import run_blocks
 
     m, count = len(held[0]), len(scenario.signals)
@@ -278,10 +282,13 @@ def _settings(
 def _step_rows(scenario: Scenario, horizon: Horizon) -> Array:
     """What is judged at each sample, in the order of `layout`."""
     steps, count = horizon.steps_of(scenario), len(scenario.signals)
-    rows = np.zeros((4, count))
+    rows = np.zeros((STEP_ROWS, count))
     for step in steps:
-        rows[[VALUE, DIRECTION, BAND], step.first :] = np.array([[step.value], [step.direction], [step.band]])
+        judged = np.array([step.value, step.direction, step.band, step.before])
+        rows[[VALUE, DIRECTION, BAND, BEFORE], step.first :] = judged[:, None]
         rows[BEGINS, step.first] = LOAD_BEGINS if step.of_load else REFERENCE_BEGINS
+        if not step.of_load:
+            rows[[RISES_FROM, RISES_TO], step.first :] = np.array(step.rise_levels)[:, None]
     return rows.ravel()
 
 
@@ -297,10 +304,14 @@ def _measures(rows: Array, scenario: Scenario) -> Measures:
     outside, at_end, before = found["outside"], found["final_error"], found["step_error"]
     lasted = np.where(outside >= steps - 1, np.inf, outside + 1.0 - found["begun"])
     settled = Ts * np.maximum(found["settled"], lasted)
+    risen = found["risen"]
+    rise = Ts * np.maximum(found["rise"], np.where(np.isinf(risen), np.inf, risen - found["reached"]))
     return Measures(
         peak_rate=known(found["peak_rate"]),
         overshoot=known(found["overshoot"]),
+        undershoot=known(found["undershoot"]),
         settling_s=np.where(finite, settled, np.inf),
+        rise_s=np.where(finite, rise, np.inf),
         iae=known(found["iae"] * Ts),
         ise=known(found["ise"] * Ts),
         saturated_s=known(found["saturated"] * Ts),

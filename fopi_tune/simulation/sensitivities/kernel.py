@@ -1,9 +1,9 @@
 """The compiled simulation with derivatives:  one plant after the other, four numbers at a time.
 
 The four numbers of a signal are its value and its derivatives by kp, ki and alpha.  The values are computed by the
-operations of `sampled.reference`, in their order.  A coefficient c of the controller is stored as c and the four numbers
-c' = (0, dc/dkp, dc/dki, dc/dalpha), so that the product with a signal x is c x_j + c'_j x_0 for j = 0 to 3: adding 0
-leaves the value as it is.
+operations of `sampled.reference`, in their order.  A coefficient c of the controller is stored as c and the four
+numbers c' = (0, dc/dkp, dc/dki, dc/dalpha), so that the product with a signal x is c x_j + c'_j x_0 for j = 0 to 3:
+adding 0 leaves the value as it is.
 
 This module imports Numba: import it where it is needed.
 """

@@ -17,8 +17,10 @@ Source: derived.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.digital.derivatives import ControllerDerivatives
@@ -115,6 +117,6 @@ def _rows(controller: ControllerDerivatives) -> Array:
     return found
 
 
-def _contiguous(values: Array) -> Array:
+def _contiguous(values: NDArray[Any]) -> NDArray[Any]:
     # the compiled function accepts one kind of array only
     return np.ascontiguousarray(values)
