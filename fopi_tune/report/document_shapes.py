@@ -19,7 +19,7 @@ from fopi_tune.proof.verification.results import Outcome
 from fopi_tune.report.measure_entries import check_measures
 from fopi_tune.results.design import RESULT_SCHEMA
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement
-from fopi_tune.spec.scenario_design import every_requirement
+from fopi_tune.spec.scenarios import every_requirement
 
 #: words that a status can be: of a design, of a check of given gains, of drawn plants
 DESIGN_STATUSES = ("solved", "infeasible", "unbounded", "failed")

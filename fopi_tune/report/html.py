@@ -31,7 +31,7 @@ from fopi_tune.report.text.formatting import (
     sentence,
 )
 from fopi_tune.results.design import loop_name
-from fopi_tune.spec.scenario_design import every_requirement
+from fopi_tune.spec.scenarios import every_requirement
 
 #: the report's file
 REPORT = "report.html"

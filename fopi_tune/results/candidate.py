@@ -39,7 +39,7 @@ class Candidate:
         cuts: plants and frequencies in the last problem.
         gap: no gains of the box beat the objective by more than this part (of peaks, spreads and depths below 0.1 neper
             or radian: of that), by branch and bound in floating point; None where that was not shown.
-        scenario_multipliers: the same as `multipliers`, one for each requirement on a scenario.
+        scenario_multipliers: of each requirement on a scenario, as `multipliers`.
     """
 
     status: Status

@@ -12,7 +12,7 @@ from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.verification.results import Place, Stability
 from fopi_tune.results.status import Price, Relaxation
 from fopi_tune.spec.model import DesignSpec, Limit
-from fopi_tune.spec.scenario_design import every_requirement
+from fopi_tune.spec.scenarios import every_requirement
 
 
 def finite(value: float | None) -> float | None:

@@ -14,7 +14,7 @@ from typing import Any
 
 from fopi_tune.spec.default_objective import with_default_objective
 from fopi_tune.spec.model import DesignSpec, Objective
-from fopi_tune.spec.scenario_design import designed_scenarios
+from fopi_tune.spec.scenarios import designed_scenarios
 
 #: parts that gains and their proof depend on, and the digital controller besides
 DESIGN_PARTS = ("plant", "controller", "requirements", "objective", "loop")

@@ -17,9 +17,9 @@ from fopi_tune.spec.requirements import (
     refuse_equalities_over_families,
     requirements_shape,
 )
-from fopi_tune.spec.scenario_design import check_scenario_design
 from fopi_tune.spec.scenarios import (
     PlacedLimit,
+    check_scenario_design,
     limits_shape,
     refuse_accelerations,
     refuse_too_many_samples,

@@ -1,26 +1,47 @@
-"""The shapes of `scenarios:` and `limits:`:  what is simulated, and limits on measures of the simulations."""
+"""The shapes of `scenarios:` and `limits:`, and designs for what scenarios measure.
+
+Requirements and an objective on measures of scenarios are about the loop as it runs: on samples, with its limits.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from fopi_tune.spec.measure_words import requirement_as_measure
-from fopi_tune.spec.measures import ACCELERATION, acceleration_problem, velocity_unit
-from fopi_tune.spec.model import MEASURES, Knot, Limit, MeasureKind, Relation, ScenarioSpec
+from fopi_tune.spec.measures import ACCELERATION, DESIGNED_MEASURES, acceleration_problem, velocity_unit
+from fopi_tune.spec.model import (
+    MEASURES,
+    DesignSpec,
+    DigitalSpec,
+    Knot,
+    Limit,
+    MeasureKind,
+    Objective,
+    Relation,
+    Requirement,
+    ScenarioSpec,
+)
 from fopi_tune.spec.yaml.advice import Advised, relation_advice
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, with_defaults_of
-from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Shape, Text
+from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Text
 
 MAX_SCENARIOS, MAX_KNOTS, MAX_SAMPLES = 100, 10_000, 1_000_000
 _NAME_PATTERN = "[A-Za-z0-9][A-Za-z0-9._-]{0,63}"
 _NAME_RULE = "a scenario's name has 1 to 64 letters, digits, '.', '_' or '-', the first a letter or digit"
 _LIMIT_EXAMPLE = "{overshoot: {at_most: 0.1}}"
+_CONTINUOUS = (
+    "requirements and objectives of scenarios are about the loop as it runs; write design: sampled, or leave it out"
+)
+_QUANTUM = (
+    "no gains are designed for a quantised measurement, in which every measure jumps; leave quantum out of scenarios "
+    "that requirements or the objective are about"
+)
 
 
 @dataclass(frozen=True)
@@ -45,7 +66,7 @@ def limits_shape() -> ListOf:
     return ListOf("what simulations are judged by, plant by plant", one, 0, 500)
 
 
-def limit_records(names: Collection[str]) -> dict[str, Shape]:
+def limit_records(names: Collection[str]) -> dict[str, Record]:
     """The shapes of measures with their limits, by name; each reads to a `PlacedLimit`."""
     return {name: _limit_record(MEASURES[name]) for name in names}
 
@@ -175,3 +196,74 @@ def refuse_too_many_samples(scenarios: list[ScenarioSpec], sample_time_s: float,
         if scenario.duration_s / sample_time_s > MAX_SAMPLES:
             where = place.child("scenarios").item(index).child("duration_s")
             where.refuse(f"{math.ceil(scenario.duration_s / sample_time_s)} samples are more than {MAX_SAMPLES}")
+
+
+def frequency_part(spec: DesignSpec) -> DesignSpec:
+    """The spec without what scenarios measure: its requirements and objective on the loop's frequency response."""
+    if not spec.designs_scenarios:
+        return spec
+    by_scenario = spec.objective is not None and spec.objective.scenario is not None
+    return replace(spec, objective=None if by_scenario else spec.objective, scenario_requirements=())
+
+
+def every_requirement(spec: DesignSpec) -> tuple[Requirement | Limit, ...]:
+    """The requirements on the loop's frequency response, then those on measures of scenarios."""
+    return (*spec.requirements, *spec.scenario_requirements)
+
+
+def designed_scenarios(spec: DesignSpec) -> tuple[ScenarioSpec, ...]:
+    """The scenarios that requirements or the objective are about, in the order of the spec."""
+    names = {limit.scenario for limit in spec.scenario_requirements}
+    names |= {spec.objective.scenario} if spec.objective is not None and spec.objective.scenario is not None else set()
+    return tuple(each for each in spec.scenarios if None in names or each.name in names)
+
+
+def check_scenario_design(values: Values, measured: Sequence[PlacedLimit], place: Place) -> Values:
+    """The sections that such a design changes, after reporting what contradicts it.
+
+    Args:
+        values: of all sections.
+        measured: the requirements on measures of scenarios.
+        place: of the whole spec.
+
+    Returns:
+        The objective with the name of its scenario, and the digital controller on samples; nothing where no scenario
+        is designed for.
+    """
+    objective: Objective | None = values.get("objective")
+    scenarios: list[ScenarioSpec] = values.get("scenarios") or []
+    digital: DigitalSpec | None = values.get("digital")
+    of_objective = objective is not None and objective.quantity in DESIGNED_MEASURES
+    if (not measured and not of_objective) or (place.has("scenarios") and not scenarios):
+        return {}
+    found: Values = {}
+    names = {each.limit.scenario for each in measured}
+    if objective is not None and of_objective:
+        objective = _with_scenario(objective, scenarios, place.child("objective"))
+        found["objective"] = objective
+        names.add(objective.scenario)
+        if objective.quantity == ACCELERATION and digital and velocity_unit(digital.measurement_unit) is None:
+            place.child("objective").child("minimize").refuse(acceleration_problem(digital.measurement_unit))
+    for index, scenario in enumerate(scenarios):
+        if scenario.quantum and (None in names or scenario.name in names):
+            place.child("scenarios").item(index).child("quantum").refuse(_QUANTUM)
+    if digital is not None:
+        if place.child("digital").has("design") and not digital.designs_sampled:
+            place.child("digital").child("design").refuse(_CONTINUOUS)
+        found["digital"] = replace(digital, design="sampled")
+    return found
+
+
+def _with_scenario(objective: Objective, scenarios: Sequence[ScenarioSpec], place: Place) -> Objective:
+    """The objective with its scenario: the only one where the spec names none."""
+    names = [each.name for each in scenarios]
+    if objective.scenario is None and len(names) == 1:
+        return replace(objective, scenario=names[0])
+    known = ", ".join(names[:20])
+    if not names:
+        place.refuse(f"{objective.quantity} is measured in a scenario and there is none; add one under scenarios")
+    elif objective.scenario is None:
+        place.refuse(f"{objective.quantity} of which scenario? add scenario: {names[0]} (there is {known})")
+    elif objective.scenario not in names:
+        place.child("scenario").refuse(f"no scenario has this name; there is {known}")
+    return objective

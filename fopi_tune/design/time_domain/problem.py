@@ -23,7 +23,7 @@ from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plant
 from fopi_tune.simulation.scenario import Sensor
 from fopi_tune.spec.measures import PER_M_S, velocity_unit
 from fopi_tune.spec.model import DesignSpec, Limit, Relation, ScenarioSpec
-from fopi_tune.spec.scenario_design import frequency_part
+from fopi_tune.spec.scenarios import frequency_part
 
 #: limits of scenarios are designed this much tighter, in their units: rounding does not undo them
 TIGHTENING = 1e-6

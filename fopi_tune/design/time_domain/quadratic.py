@@ -14,6 +14,7 @@ J. SIAM 8, 1960.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,8 +162,11 @@ def _solve(
     cuts: list[_Cut], hessian: Array, region: tuple[Array, Array], penalty: float, has_aim: bool
 ) -> tuple[Array, Array] | None:
     """(d/sizes, t, s) and the multipliers of the cuts."""
-    import clarabel
+    import clarabel as clarabel_module
     from scipy import sparse
+
+    # its compiled module has no type hints
+    clarabel: Any = clarabel_module
 
     n = len(cuts)
     rows = np.zeros((n + 7, 5))

@@ -18,7 +18,7 @@ from fopi_tune.design.time_domain.problem import ScenarioProblem
 from fopi_tune.results.candidate import Candidate, Violation
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.spec.scenario_design import frequency_part
+from fopi_tune.spec.scenarios import frequency_part
 
 #: multipliers below this part of the objective are those of limits that do not bind
 _SMALLEST_PRICE = 1e-7

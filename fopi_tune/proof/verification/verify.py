@@ -19,7 +19,7 @@ from fopi_tune.proof.verification.sample import Sample
 from fopi_tune.proof.verification.scenarios import check_scenarios, scenario_objective
 from fopi_tune.proof.verification.stability import check_stability
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.spec.scenario_design import frequency_part
+from fopi_tune.spec.scenarios import frequency_part
 
 #: natural units; a requirement that is missed by less is met
 TOLERANCE = 1e-6

@@ -44,7 +44,7 @@ from fopi_tune.results.design import Check, Design, loop_name, objective_name
 from fopi_tune.results.documents import margins_dict
 from fopi_tune.results.requirement_reports import RequirementReport
 from fopi_tune.spec.model import DesignSpec, Limit, Requirement, Scope
-from fopi_tune.spec.scenario_design import every_requirement
+from fopi_tune.spec.scenarios import every_requirement
 
 if TYPE_CHECKING:
     from fopi_tune.core.margins import Margins
