@@ -54,6 +54,10 @@ class Warm:
         """
         return cls(Problem.of(spec, violations))
 
+    def knowing(self, spec: DesignSpec, violations: tuple[Violation, ...]) -> Warm:
+        """The same with more of what a check found."""
+        return Warm.of(spec, self.problem.violations + violations)
+
     def settle(self, spec: DesignSpec, start: FoPi) -> Solution | None:
         """The exchange from a neighbour's gains; None when it leads nowhere."""
         problem = self._problem(spec, start)

@@ -34,7 +34,12 @@ def price(design: Design) -> Design:
         replace(report, price=price_of(design.spec, gains, k, report.multiplier))
         for k, report in enumerate(design.requirements, start=1)
     )
-    return replace(design, requirements=reports)
+    first = len(reports)
+    measures = tuple(
+        replace(report, price=price_of(design.spec, gains, first + k, report.multiplier))
+        for k, report in enumerate(design.measures, start=1)
+    )
+    return replace(design, requirements=reports, measures=measures)
 
 
 def tradeoff(

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities import QUANTITIES, Quantity
-from fopi_tune.spec.model import DesignSpec, Relation, Requirement
+from fopi_tune.spec.model import DesignSpec, Limit, Relation, Requirement
+from fopi_tune.spec.scenarios import every_requirement
+
+if TYPE_CHECKING:
+    from fopi_tune.proof import Verification
 
 #: the largest distance a limit is moved, by unit: dB, degrees, degrees per decade
 _LARGEST_DISTANCE = {"_db": 40.0, "_deg": 90.0, "_deg_per_decade": 180.0}
@@ -15,6 +20,35 @@ _LARGEST_DISTANCE = {"_db": 40.0, "_deg": 90.0, "_deg_per_decade": 180.0}
 _LARGEST_FACTOR = 20.0
 #: how far a sweep goes by default, relative to these
 _DEFAULT_PART = 0.15
+
+
+@dataclass(frozen=True)
+class MeasureScale:
+    """A measure of scenarios as a quantity whose natural unit is relative to its limit.
+
+    Args:
+        name: the measure's word.
+        unit: the user's limit, in the measure's unit.
+    """
+
+    name: str
+    unit: float
+
+    def to_natural(self, public: float) -> float:
+        """Relative to the user's limit."""
+        return public / self.unit
+
+    def from_natural(self, natural: float) -> float:
+        """In the measure's unit."""
+        return natural * self.unit
+
+    def natural_scale(self, limit: float) -> float:
+        """1: slacks are counted as limits are."""
+        return 1.0
+
+    def check_limit(self, limit: float) -> str | None:
+        """Why a limit makes no sense; None for any number."""
+        return None
 
 
 @dataclass(frozen=True)
@@ -34,19 +68,36 @@ class MovableLimit:
     end: str = ""
 
     @property
-    def requirement(self) -> Requirement:
+    def requirement(self) -> Requirement | Limit:
         """The requirement, with the user's limit."""
-        return self.spec.requirements[self.index]
+        return every_requirement(self.spec)[self.index]
 
     @property
-    def quantity(self) -> Quantity:
+    def quantity_name(self) -> str:
+        """Of the quantity or measure that is limited."""
+        requirement = self.requirement
+        return requirement.measure if isinstance(requirement, Limit) else requirement.quantity
+
+    @property
+    def quantity(self) -> Quantity | MeasureScale:
         """The quantity that is limited."""
-        return QUANTITIES[self.requirement.quantity]
+        requirement = self.requirement
+        if isinstance(requirement, Limit):
+            return MeasureScale(requirement.measure, abs(requirement.limit) or 1.0)
+        return QUANTITIES[requirement.quantity]
 
     @property
     def limit(self) -> float:
         """The user's limit, public unit."""
-        return self.requirement.limits[0]
+        requirement = self.requirement
+        return requirement.limit if isinstance(requirement, Limit) else requirement.limits[0]
+
+    def slack_in(self, found: Verification) -> float | None:
+        """How far inside the limit a check found gains, natural units; None where the quantity has no value."""
+        first = len(found.requirements)
+        if self.index < first:
+            return found.requirements[self.index].slack
+        return 1.0 - found.measures[self.index - first].score
 
     @property
     def name(self) -> str:
@@ -60,8 +111,13 @@ class MovableLimit:
 
     def at(self, limit: float) -> DesignSpec:
         """The spec with the limit at `limit`, in its public unit."""
-        moved = replace(self.requirement, limits=(limit,))
-        requirements = (*self.spec.requirements[: self.index], moved, *self.spec.requirements[self.index + 1 :])
+        requirement, first = self.requirement, len(self.spec.requirements)
+        if isinstance(requirement, Limit):
+            others = self.spec.scenario_requirements
+            place, moved = self.index - first, replace(requirement, limit=limit)
+            return replace(self.spec, scenario_requirements=(*others[:place], moved, *others[place + 1 :]))
+        moved_one = replace(requirement, limits=(limit,))
+        requirements = (*self.spec.requirements[: self.index], moved_one, *self.spec.requirements[self.index + 1 :])
         return replace(self.spec, requirements=requirements)
 
     def farthest_limit(self, way: int, part: float = 1.0) -> float:
@@ -72,7 +128,7 @@ class MovableLimit:
             part: relative to the largest distance, from 0 to 1.
         """
         for unit, distance in _LARGEST_DISTANCE.items():
-            if self.requirement.quantity.endswith(unit):
+            if self.quantity_name.endswith(unit):
                 return self.limit + way * part * distance
         return self.limit * _LARGEST_FACTOR ** (way * part)
 
@@ -95,7 +151,7 @@ def movable_limit(spec: DesignSpec, words: str) -> MovableLimit:
     found = [movable for movable in limits if words in (movable.name, str(movable.number))]
     if not found:
         name, _, end = words.partition(".")
-        found = [k for k in limits if k.requirement.quantity == name and end in ("", k.end)]
+        found = [k for k in limits if k.quantity_name == name and end in ("", k.end)]
     if len(found) == 1:
         return found[0]
     if not limits:
@@ -118,11 +174,16 @@ def movable_limits(spec: DesignSpec) -> tuple[MovableLimit, ...]:
         for k, end in enumerate(("lower", "upper")):
             others = (*spec.requirements[:i], sides[k], *spec.requirements[i + 1 :], sides[1 - k])
             limits.append(MovableLimit(replace(spec, requirements=others), i, i + 1, end))
+    first = len(spec.requirements)
+    limits += [MovableLimit(spec, first + i, first + i + 1) for i in range(len(spec.scenario_requirements))]
     return tuple(limits)
 
 
 def _described(movable: MovableLimit) -> str:
     requirement = movable.requirement
+    if isinstance(requirement, Limit):
+        about = f" ({requirement.scenario})" if requirement.scenario is not None else ""
+        return f"{movable.name} is {requirement.measure} {requirement.relation.value} {movable.limit:g}{about}"
     low, high = requirement.from_rad_s, requirement.to_rad_s
     band = f" from {low:g} rad/s on" if low > 0.0 else ""
     if high < math.inf:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design import Warm
+from fopi_tune.design.time_domain.warm import ScenarioWarm
 from fopi_tune.digital.implementation import designed_implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.prices.limit import MovableLimit
@@ -61,7 +62,7 @@ class Prober:
 
     knob: MovableLimit
     base: Probe
-    warm: Warm
+    warm: Warm | ScenarioWarm
     #: limits that no start met
     infeasible: list[float] = field(default_factory=list)
 
@@ -77,7 +78,8 @@ class Prober:
             raise DomainError(
                 "the design at the spec's own limit does not pass the check; there is no point to start from"
             )
-        return cls(knob, Probe(knob.limit, PointStatus.MET, found), Warm.of(knob.spec))
+        warm = ScenarioWarm() if knob.spec.designs_scenarios else Warm.of(knob.spec)
+        return cls(knob, Probe(knob.limit, PointStatus.MET, found), warm)
 
     def probe(self, limit: float, near: Probe) -> Probe:
         """The best gains with the limit there.
@@ -121,7 +123,7 @@ class Prober:
             probe = _judged(limit, found)
             if probe.is_met:
                 break
-            start, self.warm = found.gains, Warm.of(spec, self.warm.problem.violations + missed_in(found))
+            start, self.warm = found.gains, self.warm.knowing(spec, missed_in(found))
         return probe
 
     def from_all_starts(self, limit: float, refused: Probe | None = None) -> Probe:
@@ -142,14 +144,15 @@ class Prober:
     def point(self, probe: Probe) -> TradeoffPoint:
         """As the result has it."""
         found = probe.found
-        scores = [r.score for r in found.requirements if r.score is not None] if found else []
+        every = (*found.requirements, *found.measures) if found else ()
+        scores = [r.score for r in every if r.score is not None]
         binds = found is not None and self._binds(found)
         gains = found.gains if found is not None else None
         return TradeoffPoint(probe.limit, probe.status, probe.objective, gains, max(scores, default=None), binds)
 
     def _binds(self, found: Verification) -> bool:
         """Whether the limit holds gains back; where the smallest slack is the objective, by being the smallest."""
-        slack = found.requirements[self.knob.index].slack
+        slack = self.knob.slack_in(found)
         depth = found.objective or 0.0 if self.knob.spec.objective is None else 0.0
         return self.knob.tightens == 0 or slack is None or slack < _CLEAR + depth
 
@@ -170,12 +173,18 @@ def is_no_worse(prober: Prober, one: Probe, other: Probe) -> bool:
 
 def missed_in(found: Verification) -> tuple[Violation, ...]:
     """Where a check found requirements missed, for the next solve."""
-    return tuple(
+    of_loop = tuple(
         Violation(i, extreme.worst.point, _frequency(extreme.worst.omega_rad_s))
         for i, result in enumerate(found.requirements)
         if not result.is_met
         for extreme in result.extremes
     )
+    of_scenarios = (
+        Violation(i, result.worst.point, math.nan, result.scenario)
+        for i, result in enumerate(found.measures)
+        if not result.is_met
+    )
+    return (*of_loop, *of_scenarios)
 
 
 def _frequency(omega_rad_s: float | None) -> float:

@@ -11,7 +11,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.results.documents import finite
 from fopi_tune.results.stamp import Stamp
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, Limit, Requirement, Scope
 
 #: version of the result's JSON; it may only grow
 TRADEOFF_SCHEMA = 1
@@ -86,6 +86,14 @@ class FeasibleEnd:
         return {"side": side, "last_feasible": self.feasible, "first_infeasible": self.infeasible}
 
 
+def _about(requirement: Requirement | Limit) -> dict[str, Any]:
+    """For which plants and frequencies, or in which scenario, a requirement holds."""
+    if isinstance(requirement, Limit):
+        return {"on": Scope.FAMILY.value, "scenario": requirement.scenario}
+    low, high = finite(requirement.from_rad_s) or None, finite(requirement.to_rad_s)
+    return {"on": requirement.scope.value, "from_rad_s": low, "to_rad_s": high}
+
+
 @dataclass(frozen=True)
 class Tradeoff:
     """The objective against one limit, all else unchanged.
@@ -132,11 +140,9 @@ class Tradeoff:
             "requirement": {
                 "number": self.knob.number,
                 "end": self.knob.end or None,
-                "name": requirement.quantity,
+                "name": self.knob.quantity_name,
                 "relation": requirement.relation.value,
-                "on": requirement.scope.value,
-                "from_rad_s": finite(requirement.from_rad_s) or None,
-                "to_rad_s": finite(requirement.to_rad_s),
+                **_about(requirement),
             },
             "objective_quantity": self.objective_quantity,
             "own": self.own.to_dict(),

@@ -81,7 +81,7 @@ def _check(movable: MovableLimit, wanted: SweepRange) -> None:
             raise DomainError(f"{option} {value!r} is no finite number")
         problem = movable.quantity.check_limit(value)
         if problem:
-            raise DomainError(f"{option} {value:g}: a limit of {movable.requirement.quantity} {problem}")
+            raise DomainError(f"{option} {value:g}: a limit of {movable.quantity_name} {problem}")
     if wanted.start is not None and wanted.stop is not None and wanted.start >= wanted.stop:
         raise DomainError(f"--from {wanted.start:g} must be smaller than --to {wanted.stop:g}")
 

@@ -22,7 +22,6 @@ from fopi_tune.report.measure_entries import ENTRIES, measures_met
 from fopi_tune.report.measure_rows import measure_rows
 from fopi_tune.report.page import figure_files, render_figures, render_template
 from fopi_tune.report.requirement_rows import place_phrase, requirement_rows
-from fopi_tune.report.text.design import clashing_phrase
 from fopi_tune.report.text.formatting import (
     exact_limit,
     margins_phrase,
@@ -30,6 +29,7 @@ from fopi_tune.report.text.formatting import (
     score_note,
     sentence,
 )
+from fopi_tune.report.text.measures import limit_phrase, limit_scope_phrase
 from fopi_tune.results.design import loop_name
 from fopi_tune.spec.scenarios import every_requirement
 
@@ -155,7 +155,8 @@ def _proof_words(design: Mapping[str, Any], verdict: str) -> list[str]:
 def _clash(documents: ResultDocuments) -> list[str]:
     words = []
     for give in documents.design["clash"]:
-        said = clashing_phrase(every_requirement(documents.spec)[give["requirement"]])
+        requirement = every_requirement(documents.spec)[give["requirement"]]
+        said = f"{limit_phrase(requirement)} ({limit_scope_phrase(requirement)})"
         if give["give"] is not None and give["new_limit"] is not None:
             said += f": alone it would have to give {number(give['give'])}, to {exact_limit(give['new_limit'])}"
         words.append(said)

@@ -8,7 +8,8 @@ from typing import Any
 
 from fopi_tune.montecarlo.statistics import Fraction
 from fopi_tune.proof.verification.results import MeasureResult
-from fopi_tune.results.documents import finite
+from fopi_tune.results.documents import finite, price_dict
+from fopi_tune.results.status import Price
 from fopi_tune.spec.model import Limit
 
 
@@ -21,12 +22,14 @@ class MeasureReport:
         result: what the verification found by simulation; None when there are no gains to verify.
         multiplier: by how much the objective would improve if the limit were relaxed by one unit; None where not known.
         drawn: how many plants that were drawn meet it, with the interval; None where none were drawn.
+        price: the multiplier checked by solving again; None where that was not asked for, or the multiplier is zero.
     """
 
     requirement: Limit
     result: MeasureResult | None
     multiplier: float | None = None
     drawn: Fraction | None = None
+    price: Price | None = None
 
     @property
     def verdict(self) -> str:
@@ -61,6 +64,7 @@ class MeasureReport:
                 "confidence": drawn.confidence,
             },
             "multiplier": finite(self.multiplier),
+            "multiplier_checked": price_dict(self.price),
         }
 
 

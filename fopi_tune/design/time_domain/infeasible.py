@@ -101,10 +101,21 @@ def _relaxation(problem: ScenarioProblem, index: int, known: tuple[FoPi, ...], c
         found = solve(question, counts, known)
     if found is None or found.violation > MET or not math.isfinite(found.objective):
         return Relaxation(index, None, None)
-    if index >= first:
-        rows = [row for row in question.rows if first + row.index == index]
-        return _of_scenario(index, rows, found)
-    return _of_loop(question, index, found)
+    return relaxation_from(question, index, found)
+
+
+def relaxation_from(question: ScenarioProblem, index: int, found: Exchanged) -> Relaxation:
+    """The limit that gains meet in place of the one that may be missed.
+
+    Args:
+        question: in which requirement `index` may be missed.
+        index: of the requirement, those of scenarios last.
+        found: its answer.
+    """
+    first = len(question.spec.requirements)
+    if index < first:
+        return _of_loop(question, index, found)
+    return _of_scenario(index, [row for row in question.rows if first + row.index == index], found)
 
 
 def _of_scenario(index: int, rows: list[ScenarioRow], found: Exchanged) -> Relaxation:

@@ -132,6 +132,23 @@ class ScenarioLoop:
         return simulate([Mode(self.controller, plants)], run), run, horizon
 
 
+def with_limit(found: MeasureResult, limit: Limit, tolerance: float) -> MeasureResult:
+    """The result of the same measure against another limit; its unit is that of the first.
+
+    Args:
+        found: with the limit before.
+        limit: of the same measure.
+        tolerance: as for `check_scenarios`.
+    """
+    side = 1.0 if limit.relation is Relation.AT_MOST else -1.0
+    missed = found.score - 1.0
+    before = side * (found.achieved - found.requirement.limit)
+    unit = before / missed if missed != 0.0 and math.isfinite(before) else abs(limit.limit) or 1.0
+    now = side * (found.achieved - limit.limit) / unit
+    allowed = _SAME_TIME if limit.measure == "settling_time_s" else tolerance
+    return replace(found, requirement=limit, score=1.0 + now, is_met=now <= allowed)
+
+
 def limit_unit(limit: Limit, horizon: Horizon, run: Scenario) -> float:
     """What a limit's misses are counted in, public unit: of overshoots the largest step, else the limit itself."""
     if limit.measure in ("overshoot", "undershoot"):

@@ -38,7 +38,7 @@ from fopi_tune.report.text.formatting import (
     with_unit,
     wrapped,
 )
-from fopi_tune.report.text.measures import about_phrase, measure_lines, measure_phrase
+from fopi_tune.report.text.measures import limit_phrase, limit_scope_phrase, measure_lines
 from fopi_tune.report.text.tradeoff import price_lines
 from fopi_tune.results.design import Check, Design, loop_name, objective_name
 from fopi_tune.results.documents import margins_dict
@@ -151,9 +151,12 @@ def requirement_lines(
         yield "The multiplier is what the objective gains for each unit the limit gives.", QUIET
     yield from price_lines(
         [
-            (r.requirement.quantity, r.price.relaxed, r.price.tightened, r.price.agrees, r.price.has_kink)
-            for r in reports
-            if r.price is not None
+            (name, price.relaxed, price.tightened, price.agrees, price.has_kink)
+            for name, price in (
+                *((r.requirement.quantity, r.price) for r in reports),
+                *((r.requirement.measure, r.price) for r in measures),
+            )
+            if price is not None
         ]
     )
 
@@ -245,18 +248,11 @@ def _clash(clash: Sequence[Relaxation], requirements: Sequence[Requirement | Lim
     yield "These clash; one of them would have to give:" if known else "These clash:", "bold"
     for relaxation in clash:
         requirement = requirements[relaxation.requirement]
-        yield from wrapped(clashing_phrase(requirement), "", "    ", "  ")
+        yield from wrapped(f"{limit_phrase(requirement)} ({limit_scope_phrase(requirement)})", "", "    ", "  ")
         if relaxation.amount is not None and relaxation.new_limit is not None:
             yield f"      by {number(relaxation.amount)}, to {exact_limit(relaxation.new_limit)}", ""
         elif known:
             yield "      no change of this limit alone was found to help", ""
-
-
-def clashing_phrase(requirement: Requirement | Limit) -> str:
-    """A requirement, and for what it holds."""
-    if isinstance(requirement, Limit):
-        return f"{measure_phrase(requirement)} ({about_phrase(requirement)})"
-    return f"{requirement_phrase(requirement)} ({scope_phrase(requirement)})"
 
 
 def summary_lines(

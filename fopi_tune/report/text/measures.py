@@ -12,11 +12,13 @@ from fopi_tune.report.text.formatting import (
     TIE,
     Line,
     number,
+    requirement_phrase,
+    scope_phrase,
     with_unit,
     wrapped,
 )
 from fopi_tune.report.text.percentages import interval_phrase
-from fopi_tune.spec.model import MEASURES, Limit, Relation
+from fopi_tune.spec.model import Limit, Relation, Requirement
 
 if TYPE_CHECKING:
     from fopi_tune.proof.verification.results import MeasureResult
@@ -33,6 +35,16 @@ def measure_phrase(limit: Limit) -> str:
 def about_phrase(limit: Limit) -> str:
     """In which scenarios, for which plants."""
     return "family, every scenario" if limit.scenario is None else f"family, scenario {limit.scenario}"
+
+
+def limit_phrase(requirement: Requirement | Limit) -> str:
+    """Any requirement as a formula."""
+    return measure_phrase(requirement) if isinstance(requirement, Limit) else requirement_phrase(requirement)
+
+
+def limit_scope_phrase(requirement: Requirement | Limit) -> str:
+    """For which plants, and frequencies or scenarios, it holds."""
+    return about_phrase(requirement) if isinstance(requirement, Limit) else scope_phrase(requirement)
 
 
 def measure_lines(
@@ -93,8 +105,3 @@ def _multiplier(report: MeasureReport, objective: float | None) -> str:
         return "-"
     size = abs(report.requirement.limit) or 1.0
     return "0" if abs(value) * size <= 1e-6 * abs(objective or 0.0) else f"{value:.3g}"
-
-
-def unit_of(limit: Limit) -> str:
-    """The unit of a limit, for people."""
-    return MEASURES[limit.measure].unit

@@ -15,12 +15,11 @@ from fopi_tune.report.text.formatting import (
     QUIET,
     Line,
     number,
-    requirement_phrase,
-    scope_phrase,
     style_of,
     to_text,
     wrapped,
 )
+from fopi_tune.report.text.measures import limit_phrase, limit_scope_phrase
 
 if TYPE_CHECKING:
     from fopi_tune.prices import FeasibleEnd, Tradeoff, TradeoffPoint
@@ -38,7 +37,7 @@ def tradeoff_text(result: Tradeoff) -> Text:
     said = f"{met} of {of} limits can be met; the check passed each." if solved else "The check refused some gains."
     lines: list[Line] = [*wrapped(f"{result.spec.name}, trade-off: {said}", style_of(solved)), ("", "")]
     lines += wrapped(
-        f"requirement {knob.name}: {requirement_phrase(knob.requirement)}, {scope_phrase(knob.requirement)}"
+        f"requirement {knob.name}: {limit_phrase(knob.requirement)}, {limit_scope_phrase(knob.requirement)}"
     )
     lines += wrapped(f"objective: {result.objective_quantity}")
     lines += [("", ""), (f"{'limit':>12}{'objective':>13}{'kp':>12}{'ki':>12}{'alpha':>10}{'score':>9}", "bold")]
@@ -115,7 +114,7 @@ def tradeoff_svg(result: Tradeoff) -> str:
             result.own.limit, 1.01, "the spec's limit", ha="center", va="bottom", fontsize=8.0,
             transform=axes.get_xaxis_transform(),
         )  # fmt: skip
-        axes.set_xlabel(_plain(f"limit of {requirement.quantity} ({requirement.relation.value})"))
+        axes.set_xlabel(_plain(f"limit of {result.knob.quantity_name} ({requirement.relation.value})"))
         axes.set_ylabel(_plain(result.objective_quantity.partition(" (proxy")[0]))
         axes.set_title(_plain(title), pad=16.0)
         axes.grid(True, linewidth=0.3)
@@ -135,7 +134,7 @@ def _shaded(result: Tradeoff, low: float, high: float) -> Iterator[tuple[float, 
 
 def _alternative(result: Tradeoff) -> str:
     """A text alternative of the figure."""
-    words = [f"{result.objective_quantity} against the limit of {requirement_phrase(result.knob.requirement)}."]
+    words = [f"{result.objective_quantity} against the limit of {limit_phrase(result.knob.requirement)}."]
     if result.met:
         first, last = result.met[0], result.met[-1]
         words += [
