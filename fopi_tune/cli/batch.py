@@ -224,13 +224,17 @@ def _result_text(result: Result) -> Text:
         digital_text,
         evidence_text,
         simulation_text,
+        system_design_text,
         system_evidence_text,
         tradeoff_text,
     )
     from fopi_tune.results.design import Check, Design, Discretized, Validated
     from fopi_tune.results.simulation import Simulated
     from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.system_design import DesignedSystem
 
+    if isinstance(result, DesignedSystem):
+        return system_design_text(result)
     if isinstance(result, Tradeoff):
         return tradeoff_text(result)
     if isinstance(result, Validated):

@@ -40,13 +40,12 @@ from fopi_tune.cli.tune import (
     StopOption,
     TradeoffOption,
     TuneOptions,
-    design_or_sweep,
+    tune_files,
 )
 from fopi_tune.core.controller import FoPi
 from fopi_tune.results.candidate import Solver
 
 if TYPE_CHECKING:
-    from fopi_tune.prices import Tradeoff
     from fopi_tune.results.design import Check, Design, Discretized, Run
     from fopi_tune.spec.model import DesignSpec
 
@@ -118,7 +117,8 @@ def tune(
 ) -> None:
     """Find the gains that meet a spec, and prove that they do.
 
-    They meet it for every plant of its family.  The result and the certificate are also written to files.
+    They meet it for every plant of its family; of a system those of the modes under `tune:`.  The result and the
+    certificate are also written to files.
     """
     tune_options = TuneOptions(prices, tradeoff, start, stop, points, solver, bracket)
     problem = tune_options.problem(len(specs))
@@ -130,19 +130,9 @@ def tune(
         raise bad_input("--gap and --time-limit must be greater than 0")
     if certify_optimum and tradeoff is not None:
         raise bad_input("--certify-optimum is about one design and --tradeoff about many; give one of them")
-    activity = "tuning" if tradeoff is None else "sweeping"
     options = OutputOptions(out, as_json, quiet, debug, len(specs) > 1)
-
-    def compute(spec: DesignSpec) -> Design | Tradeoff:
-        from fopi_tune.cli.tune import with_optimum
-        from fopi_tune.results.design import Design
-
-        found = design_or_sweep(spec, tune_options, not no_proof)
-        if certify_optimum and isinstance(found, Design):
-            return with_optimum(found, gap, time_limit, options)
-        return found
-
-    raise typer.Exit(process_specs(specs, compute, options, activity))
+    certified = (gap, time_limit) if certify_optimum else None
+    raise typer.Exit(tune_files(specs, tune_options, not no_proof, certified, options))
 
 
 @app.command()

@@ -17,8 +17,12 @@ if TYPE_CHECKING:
     from fopi_tune.results.design import Check, Design, Discretized, Run, Validated
     from fopi_tune.results.simulation import ScenarioResult, Simulated
     from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.system_design import DesignedSystem
 
-    Result = Design | Check | Discretized | Run | Validated | Simulated | Tradeoff | SimulatedSystem | ValidatedSystem
+    Result = (
+        Design | Check | Discretized | Run | Validated | Simulated | Tradeoff | SimulatedSystem | ValidatedSystem
+        | DesignedSystem
+    )  # fmt: skip
 
 DESIGN, CHECK, DIGITAL = "design.json", "check.json", "digital.json"
 CERTIFICATE, DIGITAL_CERTIFICATE = "certificate.json", "digital_certificate.json"
@@ -27,6 +31,8 @@ OPTIMUM = "optimum.json"
 #: the folder of the exported C code, and the figure of the controller
 CODE_FOLDER, CONTROLLER_FIGURE = "c", "controller.svg"
 EVIDENCE = "evidence.json"
+#: the gains designed for a system
+SYSTEM_DESIGN = "system_design.json"
 #: prefixes of the files of simulations: of the sampled loop, and in continuous time
 SIMULATION, EXACT = "simulation", "exact"
 #: a copy of the spec of a result
@@ -51,7 +57,11 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
     from fopi_tune.results.design import Check, Discretized, Run, Validated
     from fopi_tune.results.simulation import Simulated
     from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.system_design import DesignedSystem
 
+    if isinstance(result, DesignedSystem):
+        yield SYSTEM_DESIGN, to_json(result.to_dict()) + "\n"
+        return
     if isinstance(result, Tradeoff):
         yield from _tradeoff_files(result)
         return

@@ -105,12 +105,35 @@ def _load(file: str) -> DesignSpec | SystemSpec:
     return load_any(file)
 
 
+def _gains_of_system_design(system: SystemSpec, options: OutputOptions) -> dict[str, FoPi]:
+    """The gains of a solved design of the same system in the default folder of results; none without one."""
+    from fopi_tune.cli.result_files import SYSTEM_DESIGN
+    from fopi_tune.spec.files import read_json
+
+    wanted = [mode.name for mode in system.modes if mode.name in system.tuned and mode.gains is None]
+    if not wanted:
+        return {}
+    path = replace(options, out=None, several=False).folder(system) / SYSTEM_DESIGN
+    try:
+        document = read_json(path)
+        if document["status"] != "solved" or document["stamp"]["spec_sha256"] != system.sha256:
+            raise KeyError
+        found = {name: FoPi(*(float(document["gains"][name][key]) for key in ("kp", "ki", "alpha"))) for name in wanted}
+    except (OSError, DomainError, KeyError, TypeError):
+        options.note(f"{system.name}: no design of this system there; tuning first ...")
+        return {}
+    options.note(f"{system.name}: gains from {path}")
+    return found
+
+
 def _gains_of_modes(system: SystemSpec, given: GivenGains, options: OutputOptions) -> dict[str, FoPi]:
     """Gains of earlier designs for modes without gains in the system; modes without such a design are tuned later."""
     if given:
         raise DomainError("this is a system; its modes' gains belong into its file: brake: {spec: ..., gains: ...}")
-    found = {}
+    found = _gains_of_system_design(system, options)
     for mode in system.modes:
+        if mode.name in system.tuned:
+            continue
         if mode.gains is None:
             # the default folder of `fopi tune`
             gains = gains_of_earlier_design(mode.spec, replace(options, out=None, several=False))

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fopi_tune.cli.output import progress_bar
+from fopi_tune.cli.batch import OutputOptions, process_with_loader
+from fopi_tune.cli.output import Exit, progress_bar
+from fopi_tune.errors import DomainError
 from fopi_tune.results.candidate import Solver
 
 if TYPE_CHECKING:
-    from fopi_tune.cli.batch import OutputOptions
+    from fopi_tune.cli.result_files import Result
     from fopi_tune.prices import Tradeoff
     from fopi_tune.results.design import Design
-    from fopi_tune.spec.model import DesignSpec
+    from fopi_tune.spec.model import DesignSpec, SystemSpec
 
 PricesOption = Annotated[
     bool, typer.Option("--prices", help="Check each multiplier by solving again with its limit moved both ways.")
@@ -91,6 +94,47 @@ def design_or_sweep(spec: DesignSpec, options: TuneOptions, proof: bool) -> Desi
         return tune(spec, proof, options.solver)
     design = tune(spec, proof, bracket=options.bracket is not False)
     return price(design) if options.prices else design
+
+
+def tune_files(
+    files: Sequence[str],
+    options: TuneOptions,
+    proof: bool,
+    certified: tuple[float, float] | None,
+    output: OutputOptions,
+) -> Exit:
+    """Run `fopi tune`: design each spec or system, or sweep a limit; write and print the results.
+
+    Args:
+        files: specs and systems.
+        options: of the design.
+        proof: whether to prove it.
+        certified: gap and time limit, s, of the proof of the optimum; None without one.
+        output: where results go.
+    """
+
+    def compute(loaded: DesignSpec | SystemSpec) -> Result:
+        from fopi_tune.results.design import Design
+        from fopi_tune.spec.model import SystemSpec
+
+        if isinstance(loaded, SystemSpec):
+            from fopi_tune.pipeline.tune_system import tune_system
+
+            if options != TuneOptions(False, None, None, None, None) or certified is not None or not proof:
+                raise DomainError("a system is designed by simulation and checked; leave the other options out")
+            return tune_system(loaded)
+        found = design_or_sweep(loaded, options, proof)
+        if certified is not None and isinstance(found, Design):
+            return with_optimum(found, *certified, output)
+        return found
+
+    def load(file: str) -> DesignSpec | SystemSpec:
+        from fopi_tune.spec import load_any
+
+        return load_any(file)
+
+    activity = "tuning" if options.requirement is None else "sweeping"
+    return process_with_loader(files, load, compute, output, activity)
 
 
 def with_optimum(design: Design, gap: float, time_limit_s: float, output_options: OutputOptions) -> Design:

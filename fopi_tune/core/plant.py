@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -230,3 +230,24 @@ class PlantFamily:
     def describe(self, point: Array) -> dict[str, float]:
         """The uncertain numbers of the member at `point`, shape (p,), by name, as results report their worst plant."""
         return {name: float(value) for name, value in zip(self.uncertain_names, point, strict=True)}
+
+
+@dataclass(frozen=True)
+class JointFamily(PlantFamily):
+    """Several families as one box of uncertain numbers, each named FAMILY.NUMBER.  The box itself is no plant.
+
+    Args:
+        members: the families by name.
+    """
+
+    members: Mapping[str, PlantFamily] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, members: Mapping[str, PlantFamily]) -> JointFamily:
+        """The joint box."""
+        numbers = {f"{name}.{key}": value for name, one in members.items() for key, value in one.parameters.items()}
+        return cls(" and ".join(members), numbers, members)
+
+    def problem(self, name: str, value: Uncertain) -> str | None:
+        member, _, number = name.partition(".")
+        return self.members[member].problem(number, value)

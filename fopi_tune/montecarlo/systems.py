@@ -107,6 +107,8 @@ def system_evidence(
     found = []
     for scenario, each in zip(system.scenarios, done, strict=True):
         run = hybrid_scenario(system, scenario, implementations[0], sampler.seed)
-        counts = sampler.simulate_scenario(system.limits, scenario, modes, run, each, unit=system.measurement_unit)
-        found.append(sampler.scenario_statistics(system.limits, scenario, counts))
+        counts = sampler.simulate_scenario(
+            system.judged_limits, scenario, modes, run, each, unit=system.measurement_unit
+        )
+        found.append(sampler.scenario_statistics(system.judged_limits, scenario, counts))
     return SystemEvidence(sampler.validation, tuple(found), outside, no_plants, system.family.uncertain_names)

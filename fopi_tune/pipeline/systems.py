@@ -11,7 +11,6 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
-from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.scenario_results import (
     continuous_result,
     plant_point,
@@ -20,11 +19,10 @@ from fopi_tune.pipeline.scenario_results import (
     run_scenario,
     select_scenarios,
 )
-from fopi_tune.pipeline.tune import tune
+from fopi_tune.pipeline.tune_system import mode_gains, refuse_unknown_modes
 from fopi_tune.pipeline.validate import override_validation
 from fopi_tune.results.simulation import ScenarioResult
 from fopi_tune.results.stamp import stamp
-from fopi_tune.results.status import Status
 from fopi_tune.results.system import SimulatedSystem
 from fopi_tune.simulation.notes import mode_notes
 from fopi_tune.spec import load_system
@@ -74,23 +72,23 @@ def simulate_system(
     point = refuse_system_simulation(
         system, gains, scenario=scenario, plant=plant, replay=replay, exact=exact, accuracy=accuracy
     )
-    mode_gains = _mode_gains(system, gains)
-    implementations = _implementations(system, mode_gains)
+    every_gains = mode_gains(system, gains)
+    implementations = _implementations(system, every_gains)
     scenarios = select_scenarios(system.scenarios, scenario)
     if exact:
-        results = [_inclusion_result(system, each, mode_gains, implementations, point, accuracy) for each in scenarios]
+        results = [_inclusion_result(system, each, every_gains, implementations, point, accuracy) for each in scenarios]
     else:
         modes = modes_of(system, implementations, lambda first, end: point[None, :])
         runs = [hybrid_scenario(system, each, implementations[0], validation.seed) for each in scenarios]
         results = [
-            run_scenario(each, modes, run, system.limits, replay or 0, system.measurement_unit)
+            run_scenario(each, modes, run, system.judged_limits, replay or 0, system.measurement_unit)
             for each, run in zip(scenarios, runs, strict=True)
         ]
     described = system.family.describe(point)
     made, notes = stamp(system.sha256, None), _system_notes(system)
     if exact and system.inactive == "tracking" and any(each.accuracy is None for each in results):
         notes = (*notes, "inactive: tracking is set at the jump in continuous time: without the kick of kp at a step")
-    return SimulatedSystem(system, mode_gains, described, replay, tuple(results), made, exact=exact, notes=notes)
+    return SimulatedSystem(system, every_gains, described, replay, tuple(results), made, exact=exact, notes=notes)
 
 
 def refuse_system_simulation(
@@ -120,7 +118,7 @@ def refuse_system_simulation(
 
     system = load_system(source)
     refuse_accuracy(accuracy, exact)
-    _refuse_unknown_modes(system, gains or {})
+    refuse_unknown_modes(system, gains or {})
     point = plant_point(system.family, override_validation(system.validation, samples, seed), plant, replay)
     for each in select_scenarios(system.scenarios, scenario):
         if exact:
@@ -173,35 +171,10 @@ def validate_system(
     system = load_system(source)
     system = replace(system, validation=override_validation(system.validation, samples, seed))
     refuse_system_simulation(system, gains)
-    mode_gains = _mode_gains(system, gains)
-    evidence = system_evidence(system, _implementations(system, mode_gains), progress)
+    every_gains = mode_gains(system, gains)
+    evidence = system_evidence(system, _implementations(system, every_gains), progress)
     made = replace(stamp(system.sha256, None), seed=evidence.validation.seed)
-    return ValidatedSystem(system, mode_gains, evidence, made, _system_notes(system))
-
-
-def _mode_gains(system: SystemSpec, gains: Mapping[str, FoPi] | None) -> dict[str, FoPi]:
-    """The gains of a system's modes: those given, else those of the file, else tuned ones.
-
-    Raises:
-        DomainError: a mode that does not exist, or a spec that has no solution.
-    """
-    given, found = dict(gains or {}), {}
-    _refuse_unknown_modes(system, given)
-    for mode in system.modes:
-        wanted = given.get(mode.name, mode.gains)
-        if wanted is None:
-            design = tune(mode.spec, proof=False, bracket=False)
-            if design.status is not Status.SOLVED or design.gains is None:
-                raise DomainError(f"{mode.name}: its spec is {design.status.value}, give the system its gains")
-            wanted = design.gains
-        found[mode.name] = wanted
-    return found
-
-
-def _refuse_unknown_modes(system: SystemSpec, gains: Mapping[str, FoPi]) -> None:
-    names = [mode.name for mode in system.modes]
-    if unknown := [name for name in gains if name not in names]:
-        raise DomainError(f"there is no mode {unknown[0]!r}; there is {' and '.join(names)}")
+    return ValidatedSystem(system, every_gains, evidence, made, _system_notes(system))
 
 
 def _implementations(system: SystemSpec, gains: Mapping[str, FoPi]) -> list[Implementation]:
@@ -228,4 +201,4 @@ def _inclusion_result(
     each = [gains[mode.name] for mode in system.modes]
     step = implementations[0].sample_time_s
     found = simulate_inclusion(system, scenario, each, plants, controllers, step, accuracy)
-    return continuous_result(scenario, found, system.limits, system.measurement_unit, accuracy)
+    return continuous_result(scenario, found, system.judged_limits, system.measurement_unit, accuracy)

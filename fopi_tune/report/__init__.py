@@ -7,6 +7,7 @@ from fopi_tune.report.text.digital import digital_text
 from fopi_tune.report.text.evidence import evidence_text, system_evidence_text
 from fopi_tune.report.text.simulation import simulation_text
 from fopi_tune.report.text.study import study_text
+from fopi_tune.report.text.system_design import system_design_text
 from fopi_tune.report.text.tradeoff import tradeoff_svg, tradeoff_text
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "simulation_svg",
     "simulation_text",
     "study_text",
+    "system_design_text",
     "system_evidence_text",
     "tradeoff_svg",
     "tradeoff_text",

@@ -10,7 +10,7 @@ from enum import StrEnum
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.distributions import Distribution
 from fopi_tune.core.parameter_table import ParameterTable
-from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.core.plant import JointFamily, PlantFamily
 from fopi_tune.spec.measures import MEASURES as MEASURES
 from fopi_tune.spec.measures import MeasureKind as MeasureKind
 
@@ -306,27 +306,6 @@ class DesignSpec:
 
 
 @dataclass(frozen=True)
-class JointFamily(PlantFamily):
-    """Several families as one box of uncertain numbers, each named FAMILY.NUMBER.  The box itself is no plant.
-
-    Args:
-        members: the families by name.
-    """
-
-    members: Mapping[str, PlantFamily] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, members: Mapping[str, PlantFamily]) -> JointFamily:
-        """The joint box."""
-        numbers = {f"{name}.{key}": value for name, one in members.items() for key, value in one.parameters.items()}
-        return cls(" and ".join(members), numbers, members)
-
-    def problem(self, name: str, value: Uncertain) -> str | None:
-        member, _, number = name.partition(".")
-        return self.members[member].problem(number, value)
-
-
-@dataclass(frozen=True)
 class ModeSpec:
     """One mode of a system.
 
@@ -361,6 +340,9 @@ class SystemSpec:
         description: for people.
         sha256: of the file and of its specs.
         schema: of the language.
+        requirements: on measures of scenarios, for every pair of plants.
+        objective: which measure is minimised; None where nothing is designed.
+        tuned: names of the modes whose gains are designed for them.
     """
 
     name: str
@@ -376,6 +358,14 @@ class SystemSpec:
     description: str = ""
     sha256: str = ""
     schema: int = 1
+    requirements: tuple[Limit, ...] = ()
+    objective: Objective | None = None
+    tuned: tuple[str, ...] = ()
+
+    @property
+    def judged_limits(self) -> tuple[Limit, ...]:
+        """Everything that simulations are judged by."""
+        return (*self.requirements, *self.limits)
 
     @property
     def sample_time_s(self) -> float:

@@ -38,7 +38,7 @@ _LIMIT_EXAMPLE = "{overshoot: {at_most: 0.1}}"
 _CONTINUOUS = (
     "requirements and objectives of scenarios are about the loop as it runs; write design: sampled, or leave it out"
 )
-_QUANTUM = (
+QUANTUM = (
     "no gains are designed for a quantised measurement, in which every measure jumps; leave quantum out of scenarios "
     "that requirements or the objective are about"
 )
@@ -239,14 +239,14 @@ def check_scenario_design(values: Values, measured: Sequence[PlacedLimit], place
     found: Values = {}
     names = {each.limit.scenario for each in measured}
     if objective is not None and of_objective:
-        objective = _with_scenario(objective, scenarios, place.child("objective"))
+        objective = with_scenario(objective, scenarios, place.child("objective"))
         found["objective"] = objective
         names.add(objective.scenario)
         if objective.quantity == ACCELERATION and digital and velocity_unit(digital.measurement_unit) is None:
             place.child("objective").child("minimize").refuse(acceleration_problem(digital.measurement_unit))
     for index, scenario in enumerate(scenarios):
         if scenario.quantum and (None in names or scenario.name in names):
-            place.child("scenarios").item(index).child("quantum").refuse(_QUANTUM)
+            place.child("scenarios").item(index).child("quantum").refuse(QUANTUM)
     if digital is not None:
         if place.child("digital").has("design") and not digital.designs_sampled:
             place.child("digital").child("design").refuse(_CONTINUOUS)
@@ -254,7 +254,7 @@ def check_scenario_design(values: Values, measured: Sequence[PlacedLimit], place
     return found
 
 
-def _with_scenario(objective: Objective, scenarios: Sequence[ScenarioSpec], place: Place) -> Objective:
+def with_scenario(objective: Objective, scenarios: Sequence[ScenarioSpec], place: Place) -> Objective:
     """The objective with its scenario: the only one where the spec names none."""
     names = [each.name for each in scenarios]
     if objective.scenario is None and len(names) == 1:

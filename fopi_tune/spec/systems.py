@@ -8,27 +8,32 @@ from dataclasses import replace
 from typing import Any
 
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
+from fopi_tune.core.plant import JointFamily
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
-from fopi_tune.spec.measures import ACCELERATION
-from fopi_tune.spec.model import DesignSpec, JointFamily, ModeSpec, SystemSpec
+from fopi_tune.spec.measures import ACCELERATION, DESIGNED_MEASURES, acceleration_problem, velocity_unit
+from fopi_tune.spec.model import DesignSpec, ModeSpec, Objective, Sense, SystemSpec
 from fopi_tune.spec.scenarios import (
+    QUANTUM,
     PlacedLimit,
+    limit_records,
     limits_shape,
     refuse_accelerations,
     refuse_too_many_samples,
     refuse_unknown_scenarios,
     scenarios_shape,
+    with_scenario,
 )
 from fopi_tune.spec.validation import FileReader, PlacedValidation, resolve_validation, validation_shape
 from fopi_tune.spec.yaml.nodes import MappingNode, Place
-from fopi_tune.spec.yaml.records import Key, Record, Values, with_defaults_of
-from fopi_tune.spec.yaml.shapes import Choice, Number, Pair, Shape, Text, Version
+from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, with_defaults_of
+from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Pair, Shape, Text, Version
 
 #: the key that distinguishes a system from a spec
 SYSTEM = "system"
 MODES = ("throttle", "brake")
 _INACTIVE = ("held", "tracking", "reset")
+_LIMIT = "{acceleration_m_s2: {at_most: 2}}"
 _EXAMPLE = "{throttle: {spec: throttle.yaml}, brake: {spec: brake.yaml}, hysteresis: 0.5}"
 
 #: path as it is written in the system file -> the spec there
@@ -49,6 +54,9 @@ def system_shape() -> Record:
         SYSTEM: Key(_modes_shape()),
         "scenarios": Key(scenarios_shape()),
         "limits": Key(limits_shape(), required=False),
+        "requirements": Key(_requirements_shape(), required=False),
+        "objective": Key(_objective_shape(), required=False),
+        "tune": Key(ListOf("modes whose gains are designed", Choice("a mode", MODES), 1, 2), required=False),
         "validation": Key(validation_shape(MODES), required=False),
     }
     return Record("two loops that share their output and take turns", keys, lambda values, place: values, _EXAMPLE)
@@ -67,7 +75,10 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
     values = system_shape().read_partial(place)
     if values is None:
         return None
-    refuse_unknown_scenarios(values.get("scenarios") or [], values.get("limits") or [], place)
+    requirements: list[PlacedLimit] = values.get("requirements") or []
+    limits = [*requirements, *(values.get("limits") or [])]
+    refuse_unknown_scenarios(values.get("scenarios") or [], limits, place)
+    objective = _checked_objective(values, requirements, place)
     modes_section = values.get(SYSTEM)
     if modes_section is None or place.collector.problems:
         return None
@@ -89,10 +100,49 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
         description=values.get("description", ""),
         sha256=_digest(sha256, throttle, brake),
         schema=values["schema"],
+        requirements=tuple(each.limit for each in requirements),
+        objective=objective,
+        tuned=tuple(dict.fromkeys(values.get("tune") or ())),
     )
     _refuse_short_window(system, place.child(SYSTEM))
-    _refuse_accelerations(system, values.get("limits") or [])
+    _refuse_accelerations(system, limits)
+    if objective is not None and objective.quantity == ACCELERATION and velocity_unit(system.measurement_unit) is None:
+        place.child("objective").child("minimize").refuse(acceleration_problem(system.measurement_unit))
     return None if place.collector.problems else system
+
+
+def _requirements_shape() -> ListOf:
+    one = OneKeyOf("one measure of a simulation with its limit", "measure", limit_records(DESIGNED_MEASURES), _LIMIT)
+    return ListOf("what every pair of plants must do in the scenarios", one, 0, 500)
+
+
+def _objective_shape() -> Record:
+    keys = {
+        "minimize": Key(Choice("a measure of a scenario", DESIGNED_MEASURES)),
+        "scenario": Key(Text("whose measure it is; of the only scenario where left out"), required=False),
+    }
+    return Record(
+        "what is minimised, of the worst pair of plants", keys,
+        lambda values, place: Objective(Sense.MINIMIZE, values["minimize"], scenario=values.get("scenario")),
+        "{minimize: iae, scenario: stop}",
+    )  # fmt: skip
+
+
+def _checked_objective(values: Values, requirements: list[PlacedLimit], place: Place) -> Objective | None:
+    """The objective with its scenario, after reporting what is missing for a design."""
+    objective: Objective | None = values.get("objective")
+    if place.has("tune") and objective is None and not place.has("objective"):
+        place.child("tune").refuse("what is the best? add objective: {minimize: iae, scenario: ...}")
+    if objective is None:
+        return None
+    if not place.has("tune"):
+        place.child("objective").refuse("whose gains? add tune: [brake], [throttle] or both")
+    objective = with_scenario(objective, values.get("scenarios") or [], place.child("objective"))
+    names = {objective.scenario, *(each.limit.scenario for each in requirements)}
+    for index, scenario in enumerate(values.get("scenarios") or []):
+        if scenario.quantum and (None in names or scenario.name in names):
+            place.child("scenarios").item(index).child("quantum").refuse(QUANTUM)
+    return objective
 
 
 def _refuse_short_window(system: SystemSpec, place: Place) -> None:

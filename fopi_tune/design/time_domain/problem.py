@@ -176,20 +176,30 @@ class ScenarioProblem:
     @property
     def box(self) -> tuple[Array, Array]:
         """The ranges of kp, ki and alpha; shapes (3,)."""
-        box, unit = self.spec.controller, self.units(1.0) * LARGEST_GAIN
-        low = np.array([max(box.kp.min, -unit[0]), max(box.ki.min, -unit[1]), box.alpha.min])
-        return low, np.array([min(box.kp.max, unit[0]), min(box.ki.max, unit[1]), box.alpha.max])
+        return box_of(self.loop)
 
     def units(self, alpha: float) -> Array:
-        """kp and ki that make the nominal |L| about 1 at its characteristic frequency, and 1 of alpha; shape (3,)."""
-        gains = self.loop.scale.controller(np.array([1.0, 1.0, alpha]))
-        return np.array([gains.kp, gains.ki, 1.0])
+        """As `units_of`."""
+        return units_of(self.loop, alpha)
 
     def inside(self, x: Array) -> FoPi:
         """Gains within their ranges."""
         low, high = self.box
         kp, ki, alpha = np.clip(x, low, high)
         return FoPi(float(kp), float(ki), float(alpha))
+
+
+def box_of(loop: Problem) -> tuple[Array, Array]:
+    """The ranges of kp, ki and alpha, those that are open cut where gains count as unbounded; shapes (3,)."""
+    box, most = loop.spec.controller, units_of(loop, 1.0) * LARGEST_GAIN
+    low = np.array([max(box.kp.min, -most[0]), max(box.ki.min, -most[1]), box.alpha.min])
+    return low, np.array([min(box.kp.max, most[0]), min(box.ki.max, most[1]), box.alpha.max])
+
+
+def units_of(loop: Problem, alpha: float) -> Array:
+    """kp and ki that make the nominal |L| about 1 at its characteristic frequency, and 1 of alpha; shape (3,)."""
+    gains = loop.scale.controller(np.array([1.0, 1.0, alpha]))
+    return np.array([gains.kp, gains.ki, 1.0])
 
 
 def _has_measure(spec: DesignSpec) -> bool:

@@ -7,9 +7,10 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design.global_search.basins import scan_box
+from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.time_domain.local_search import gains_array
 from fopi_tune.design.time_domain.loop_cuts import LoopCuts
-from fopi_tune.design.time_domain.problem import ScenarioProblem
+from fopi_tune.design.time_domain.problem import ScenarioProblem, box_of, units_of
 from fopi_tune.design.time_domain.worst_plants import Family
 from fopi_tune.errors import DomainError
 
@@ -72,6 +73,24 @@ def scatter(problem: ScenarioProblem, count: int) -> list[FoPi]:
         if both[0] != 0.0 or both[1] != 0.0:
             found.append(FoPi(both[0], both[1], float(alpha)))
     return found
+
+
+def gains_between(loop: Problem, x: Array) -> FoPi:
+    """Gains at a point of the unit cube: kp and ki evenly in their logarithms about the unit gains.
+
+    Args:
+        loop: gives ranges and units.
+        x: shape (3,); of a range that holds both signs the lower half is the negative one.
+    """
+    low, high = box_of(loop)
+    alpha = low[2] + x[2] * (high[2] - low[2])
+    units, both = units_of(loop, float(alpha)), []
+    for k in range(2):
+        share, sign = float(x[k]), 0.0
+        if low[k] < 0.0 < high[k]:
+            share, sign = abs(2.0 * share - 1.0), 0.0 if share >= 0.5 else 1.0
+        both.append(_between(share, sign, low[k], high[k], units[k]))
+    return FoPi(both[0], both[1], float(alpha))
 
 
 def _between(share: float, sign: float, low: float, high: float, unit: float) -> float:
