@@ -68,7 +68,8 @@ def scenario_result(
     about = [e for e in limits if e.scenario in (None, scenario.name)]
     wanted = {e.measure: float(measure_values(numbers, e.measure, unit)[0]) for e in about}
     jumps = np.flatnonzero(np.diff(traces.mode[0])) + 1
-    rows = zip(steps.steps, steps.overshoot[:, 0], steps.settling_s[:, 0], steps.final_error[:, 0], strict=True)
+    of_steps = (steps.overshoot, steps.undershoot, steps.settling_s, steps.rise_s, steps.final_error)
+    rows = zip(steps.steps, *(values[:, 0] for values in of_steps), strict=True)
     return ScenarioResult(
         scenario,
         reference,

@@ -25,7 +25,8 @@ class JudgedStep:
         at_s: its beginning.
         before, value: the reference before it and at its end, output unit; equal where there is no step of it.
         of_load: whether it is the load that changes.
-        overshoot, settling_time_s, final_error: as the words after `limits:`; infinite: it did not settle.
+        overshoot, undershoot, settling_time_s, rise_time_s, final_error: as the words after `limits:`; infinite: it did
+            not settle, or not rise.
     """
 
     at_s: float
@@ -33,7 +34,9 @@ class JudgedStep:
     value: float
     of_load: bool
     overshoot: float
+    undershoot: float
     settling_time_s: float
+    rise_time_s: float
     final_error: float
 
     def phrase(self) -> str:
@@ -44,7 +47,9 @@ class JudgedStep:
 
 
 #: the measures of `JudgedStep`
-STEP_MEASURES = ("overshoot", "settling_time_s", "final_error")
+STEP_MEASURES = ("overshoot", "undershoot", "settling_time_s", "rise_time_s", "final_error")
+#: those of them that are 0 where a step has none
+_OF_SOME_STEPS = ("undershoot", "rise_time_s")
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,7 @@ class ScenarioResult:
         """Which step counts in each of `STEP_MEASURES`, where there is more than one."""
         found: dict[str, JudgedStep] = {}
         for name in STEP_MEASURES if len(self.steps) > 1 else ():
-            known = [step for step in self.steps if not math.isnan(getattr(step, name))]
+            known = [step for step in self.steps if _has(step, name)]
             if known:
                 found[name] = max(
                     known, key=lambda step: abs(step.final_error) if name == "final_error" else getattr(step, name)
@@ -127,6 +132,11 @@ class ScenarioResult:
         yield from zip(
             t.time_s.tolist(), self.reference.tolist(), *(column[0].tolist() for column in columns), strict=True
         )
+
+
+def _has(step: JudgedStep, name: str) -> bool:
+    value = getattr(step, name)
+    return not (math.isnan(value) or (name in _OF_SOME_STEPS and value == 0.0))
 
 
 def _finite(value: float) -> float | None:

@@ -231,7 +231,8 @@ def step_measures(traces: Traces, scenario: Scenario, horizon: Horizon) -> StepM
     steps, reference, Ts = horizon.steps_of(scenario), scenario.signals.reference, scenario.sample_time_s
     m, count = traces.output.shape
     overshoot, undershoot, settling, rise, final = np.full((5, len(steps), m), np.nan)
-    own_ends = [step.first for step in steps if not step.of_load][1:] + [count]
+    # a rise goes on when the load changes
+    next_own = iter([*[step.first for step in steps if not step.of_load][1:], count])
     #: of each plant: the step that its time belongs to
     owner, columns = np.zeros(m, dtype=int), np.arange(m)
     begun = np.array([step.first for step in steps])
@@ -243,7 +244,7 @@ def step_measures(traces: Traces, scenario: Scenario, horizon: Horizon) -> StepM
         overshoot[i] = (step.direction * beyond if step.direction else np.abs(beyond)).max(axis=1)
         undershoot[i] = np.maximum(step.direction * (step.before - y), 0.0).max(axis=1)
         if not step.of_load:
-            rise[i] = Ts * _rise_samples(traces.output, step, own_ends.pop(0))
+            rise[i] = Ts * _rise_samples(traces.output, step, next(next_own))
         # a step of the load is its own only where the output had settled
         goes_on = np.isinf(settling[owner, columns]) if step.of_load else np.zeros(m, dtype=bool)
         owner = np.where(goes_on, owner, i)
@@ -255,11 +256,11 @@ def step_measures(traces: Traces, scenario: Scenario, horizon: Horizon) -> StepM
 
 
 def _rise_samples(output: Array, step: Step, end: int) -> Array:
-    """From a tenth to nine tenths of a step, in samples, shape (m,); inf where the latter is not reached before `end`."""
+    """From a tenth to nine tenths of a step, in samples, shape (m,); inf: the latter is not reached before `end`."""
     if not step.direction:
         return np.zeros(len(output))
     begun, ended = (_first_crossing(output, step, level, end) for level in step.rise_levels)
-    return np.where(np.isinf(ended), np.inf, ended - np.where(np.isinf(ended), 0.0, begun))
+    return ended - np.where(np.isinf(ended), 0.0, begun)
 
 
 def _first_crossing(output: Array, step: Step, level: float, end: int) -> Array:

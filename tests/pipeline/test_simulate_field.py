@@ -76,7 +76,48 @@ def test_a_step_down_is_judged_by_itself() -> None:
     assert driven.measures["overshoot"] == pytest.approx(0.0, abs=1e-12)
     assert driven.measures["settling_time_s"] == pytest.approx(max(settled)) == pytest.approx(3.85)
     assert [step.settling_time_s for step in driven.steps] == pytest.approx(settled)
+    # a hold's half sample later than 1 - e^-t, whose rise takes ln 9
+    assert driven.measures["rise_time_s"] == pytest.approx(math.log(9.0), abs=0.06)
+    assert driven.measures["undershoot"] == pytest.approx(0.0, abs=1e-12)
+    assert set(driven.worst_steps) >= {"overshoot", "settling_time_s", "rise_time_s", "final_error"}
     assert all(met for _, met in driven.limits)
+
+
+def test_rise_and_undershoot_in_continuous_time() -> None:
+    # L = 1/s: each step is 1 - e^-t of its size
+    driven = ft.simulate(FIELD / "two_setpoints.yaml", UNIT, exact=True).driven[0]
+    assert driven.measures["rise_time_s"] == pytest.approx(math.log(9.0), rel=1e-3)
+    assert driven.measures["undershoot"] == pytest.approx(0.0, abs=1e-9)
+    # (1 - s)/(1 + s)^2 goes the wrong way first, in continuous time as on fine samples
+    plant = (
+        "model: lag, static_gain: 1, time_constant_s: 1",
+        "model: transfer_function, numerator: [-1, 1], denominator: [1, 2, 1]",
+    )
+    spec = parse_spec(spec_text("two_setpoints", plant, ("sample_time_s: 0.05", "sample_time_s: 0.01")))
+    exact, sampled = (ft.simulate(spec, FoPi(0.4, 0.3, 1.0), exact=way).driven[0] for way in (True, False))
+    for name in ("undershoot", "rise_time_s"):
+        assert exact.measures[name] == pytest.approx(sampled.measures[name], rel=0.02)
+        assert exact.measures[name] > 0.5
+    assert exact.worst_steps["undershoot"].at_s == 0.0
+    document = exact.to_dict()
+    assert document["steps"][0]["undershoot"] == pytest.approx(2.0 * document["steps"][1]["undershoot"], rel=1e-3)
+    # the limits are judged
+    spec = parse_spec(
+        spec_text(
+            "two_setpoints", ("overshoot: {at_most: 0.5}", "rise_time_s: {at_most: 2.1}}, {undershoot: {at_most: 0.1}")
+        )
+    )
+    assert [met for _, met in ft.simulate(spec, UNIT).driven[0].limits] == [False, True]
+
+
+def test_a_rise_that_is_not_over_is_never() -> None:
+    driven = ft.simulate(parse_spec(spec_text("two_setpoints", ("at_s: 100", "at_s: 1"))), UNIT).driven[0]
+    assert driven.measures["rise_time_s"] == math.inf
+    assert driven.worst_steps["rise_time_s"].at_s == 0.0
+    document = driven.to_dict()
+    assert document["measures"]["rise_time_s"] is None
+    assert document["steps"][0]["rise_time_s"] is None
+    assert document["worst_steps"]["rise_time_s"] == 0
 
 
 @pytest.mark.parametrize("back", [0.0, 10.0])

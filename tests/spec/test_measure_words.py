@@ -42,7 +42,10 @@ def test_every_measure_under_requirements_is_sent_to_limits(name: str) -> None:
         ("overshoot_percent: {at_most: 10}", "overshoot (output unit) is measured in simulations"),
         ("overshoot_percent: {at_most: 10}", "limits: [{overshoot: {at_most: ...}}]"),
         ("steady_state_error: {at_most: 0.01}", "limits: [{final_error: {at_most: 0.01}}]"),
-        ("rise_time_s: {at_most: 1}", "neither a requirement nor a measure"),
+        ("rise_time: {at_most: 1}", "limits: [{rise_time_s: {at_most: 1}}]"),
+        ("risetime_ms: {at_most: 100}", "limits: [{rise_time_s: {at_most: ...}}]"),
+        ("undershoot_percent: 5", "limits: [{undershoot: {at_most: ...}}]"),
+        ("decay_ratio: {at_most: 0.25}", "neither a requirement nor a measure"),
         ("bandwidth: {at_least: 1}", "write crossover_rad_s (rad/s)"),
     ],
 )

@@ -18,7 +18,15 @@ if TYPE_CHECKING:
 
 _NAME, _VALUE = 22, 14
 #: the measures of single steps, in words
-_WORDS = {"overshoot": "overshoot", "settling_time_s": "settling time", "final_error": "final error"}
+_WORDS = {
+    "overshoot": "overshoot",
+    "undershoot": "undershoot",
+    "settling_time_s": "settling time",
+    "rise_time_s": "rise time",
+    "final_error": "final error",
+}
+#: the measures that are infinite where an output never gets there
+_TIMES = ("settling_time_s", "rise_time_s")
 
 
 def simulation_text(result: Simulated | SimulatedSystem) -> Text:
@@ -67,7 +75,7 @@ def _scenario_lines(driven: ScenarioResult) -> Iterator[Line]:
     yield from wrapped(driven.outcome, QUIET, indent="  ")
     for name in driven.measures:
         kind, value = MEASURES[name], driven.measures[name]
-        never = name == "settling_time_s" and math.isinf(value)
+        never = name in _TIMES and math.isinf(value)
         shown = number(value) if math.isfinite(value) else "never" if never else "unknown"
         unit = "" if kind.unit == "1" or not math.isfinite(value) else kind.unit
         verdicts = "".join(_verdict(limit, kept) for limit, kept in driven.limits if limit.measure == name)

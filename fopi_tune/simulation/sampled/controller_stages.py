@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 
 from fopi_tune.simulation.sampled.layout import (
+    ALL_LANES,
     APPLIED,
     CHATTERING,
     DIRECT,
@@ -50,7 +51,6 @@ from fopi_tune.simulation.sampled.vectors import (
 )
 
 _BIG = float(np.finfo(np.float64).max)
-_ALL = 2**WIDTH - 1
 #: with signals below the first, coefficients below the second and poles at most 1, sums over all samples are finite
 _LARGE, _LARGE_COEFFICIENT = 1e150, 1e100
 
@@ -91,7 +91,7 @@ def _store_where(s, row, some, value):
 @_inlined
 def all_small(e, d, u, rate):
     """Whether all signals of the sample are far from overflow (e contains y; d and u contain v)."""
-    return bits(absolute(e) + absolute(d) + absolute(u) + absolute(rate) <= broadcast(_LARGE)) == _ALL
+    return bits(absolute(e) + absolute(d) + absolute(u) + absolute(rate) <= broadcast(_LARGE)) == ALL_LANES
 
 
 @_compiled
@@ -111,7 +111,7 @@ def any_large(table, controllers, block):
 def resolve_mode(c, other, second):
     """(c, other) for `coefficient`:  where all lanes have one mode, as most often, `other` is 0: nothing to select."""
     word = bits(second)
-    if word == _ALL:
+    if word == ALL_LANES:
         return offset_pointer(c, other), 0
     return c, other if word != 0 else 0
 
@@ -200,7 +200,7 @@ def track_applied(s, c, other, second, old, new, sections, e, applied):
         x = where(coefficient(c, INTEGRATES, other, second) > broadcast(0.5), u - rest, x)
         store(s, new, flushed(x))
         total = total + x
-    if bits(is_finite(total)) != _ALL:
+    if bits(is_finite(total)) != ALL_LANES:
         good = is_finite(e) & is_finite(v) & is_finite(applied)
         for i in range(sections):
             good = good & is_finite(load(s, new + i * WIDTH))

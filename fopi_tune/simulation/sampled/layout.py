@@ -11,10 +11,12 @@ import numpy as np
 
 #: lanes: four of the widest registers, so that independent chains of operations hide each other's latency
 WIDTH = 32
+#: the mask of every lane as a whole number
+ALL_LANES = 2**WIDTH - 1
 
-#: results, one row each, in the order of the first offsets below; `outside` is the last sample outside the band, `begun`
-#: the first of the step that is judged, `reached` and `risen` when the output first was at a tenth and at nine tenths of
-#: it, in samples, inf while it was not; `settled`, `step_error` and `rise` are the worst of the steps before it
+#: results, one row each, in the order of the first offsets below; `outside` is the last sample outside the band,
+#: `begun` the first of the step that is judged, `reached` and `risen` when the output first was at a tenth and at nine
+#: tenths of it, in samples, inf while it was not; `settled`, `step_error` and `rise` the worst of the steps before it
 RESULTS = (
     "peak_rate", "overshoot", "outside", "iae", "ise", "saturated", "peak_control", "switches", "longest_run",
     "chattering", "final_error", "finite", "begun", "settled", "step_error", "undershoot", "reached", "risen", "rise",
@@ -24,8 +26,8 @@ TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", 
 
 #: offsets of rows: first the results; then the run of switches, sample of the last switch, applied control, mode, input
 #: just before the sample, control and load that act now, mode of that control, the same three one sample before, last
-#: output of the active and of the inactive controller, last error, excess u - v, switches in the window; the direction
-#: of the step while a lane is rising, in the first lane, and y one sample before
+#: output of the active and of the inactive controller, last error, excess u - v, switches in the window; of a rise the
+#: direction and the lanes that wait for its two levels, in three places, and y one sample before
 PEAK_RATE, OVERSHOOT, OUTSIDE, IAE, ISE, SATURATED, PEAK_CONTROL = (WIDTH * i for i in range(7))
 SWITCHES, LONGEST_RUN, CHATTERING, FINAL_ERROR, FINITE, BEGUN, SETTLED, STEP_ERROR = (WIDTH * i for i in range(7, 15))
 UNDERSHOOT, REACHED, RISEN, RISE = (WIDTH * i for i in range(15, 19))

@@ -12,6 +12,7 @@ from numba import njit
 
 from fopi_tune.simulation.sampled.controller_stages import coefficient, flushed, resolve_mode, store_maximum
 from fopi_tune.simulation.sampled.layout import (
+    ALL_LANES,
     APPLIED,
     ARRIVED_MODE,
     BAND,
@@ -52,7 +53,7 @@ from fopi_tune.simulation.sampled.layout import (
     VALUE,
     WIDTH,
 )
-from fopi_tune.simulation.sampled.vectors import absolute, bits, broadcast, load, store, where
+from fopi_tune.simulation.sampled.vectors import absolute, bits, broadcast, load, mask_from_bits, store, where
 
 _inlined: Any = njit(forceinline=True, error_model="numpy")
 
@@ -142,34 +143,55 @@ def _judge_step(s, k, y, settings, steps):
     off, direction = absolute(beyond), steps[DIRECTION * settings.steps + k]
     store_maximum(s, OVERSHOOT, off if direction == 0.0 else broadcast(direction) * beyond)
     if direction != 0.0:
-        back = broadcast(steps[BEFORE * settings.steps + k]) - y
-        store_maximum(s, UNDERSHOOT, broadcast(direction) * back)
+        # a comparison is all that it costs where no output is back beyond its value before the step
+        before = broadcast(steps[BEFORE * settings.steps + k])
+        if bits(y < before if direction > 0.0 else y > before) != 0:
+            store_maximum(s, UNDERSHOOT, broadcast(direction) * (before - y))
     begun = k == settings.judged or begins == REFERENCE_BEGINS
     if begun:
-        never = broadcast(np.inf if direction != 0.0 else 0.0)
-        store(s, REACHED, never)
-        store(s, RISEN, never)
-        s[RISING] = direction
+        _begin_rise(s, direction)
     if s[RISING] != 0.0:
-        levels = steps[RISES_FROM * settings.steps + k], steps[RISES_TO * settings.steps + k]
-        _follow_rise(s, k, y, begun, levels)
+        _follow_rise(s, k, y, begun, steps[RISES_FROM * settings.steps + k], steps[RISES_TO * settings.steps + k])
     inside = off <= broadcast(steps[BAND * settings.steps + k])
     store(s, OUTSIDE, where(inside, load(s, OUTSIDE), broadcast(float(k))))
 
 
 @_inlined
-def _follow_rise(s, k, y, begun, levels):
-    """When the output first crosses the two levels, between the last sample and this one."""
-    last, upwards = load(s, RISING_OUTPUT), s[RISING] > 0.0
-    for row, number in ((REACHED, levels[0]), (RISEN, levels[1])):
-        level, crossed = broadcast(number), load(s, row)
-        beyond = y >= level if upwards else y <= level
-        now = broadcast(float(k)) if begun else broadcast(k - 1.0) + (level - last) / (y - last)
-        crossed = where(beyond & (crossed >= broadcast(np.inf)), now, crossed)
-        store(s, row, crossed)
+def _begin_rise(s, direction):
+    """No lane has crossed a level of the new step; without a step there is nothing to wait for."""
+    never = broadcast(np.inf if direction != 0.0 else 0.0)
+    store(s, REACHED, never)
+    store(s, RISEN, never)
+    s[RISING] = direction
+    s[RISING + 1] = s[RISING + 2] = float(ALL_LANES)
+
+
+@_inlined
+def _follow_rise(s, k, y, begun, low, high):
+    """When the output first crosses two levels, between the last sample and this one.
+
+    RISING holds the direction, and as whole numbers the lanes that have not crossed the first and the second level.
+    """
+    first, second = int(s[RISING + 1]), int(s[RISING + 2])
+    if s[RISING] > 0.0:
+        at_first, at_second = bits(y >= broadcast(low)) & first, bits(y >= broadcast(high)) & second
+    else:
+        at_first, at_second = bits(y <= broadcast(low)) & first, bits(y <= broadcast(high)) & second
+    if at_first | at_second != 0:
+        _store_crossing(s, REACHED, k, y, begun, low, at_first)
+        _store_crossing(s, RISEN, k, y, begun, high, at_second)
+        s[RISING + 1], s[RISING + 2] = float(first & ~at_first), float(second & ~at_second)
+        if second == at_second:
+            s[RISING] = 0.0
     store(s, RISING_OUTPUT, y)
-    if bits(load(s, RISEN) >= broadcast(np.inf)) == 0:
-        s[RISING] = 0.0
+
+
+@_inlined
+def _store_crossing(s, row, k, y, begun, level, lanes):
+    """Time of a crossing in samples, in some lanes; at a step's first sample the output is beyond already."""
+    last = load(s, RISING_OUTPUT)
+    between = broadcast(k - 1.0) + (broadcast(level) - last) / (y - last)
+    store(s, row, where(mask_from_bits(lanes), broadcast(float(k)) if begun else between, load(s, row)))
 
 
 @_inlined
