@@ -4,7 +4,8 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
-sys.path.insert(0, str(Path(__file__).parents[1]))
+# the checkout's package where none is installed: what an installed one has compiled is then used again
+sys.path.append(str(Path(__file__).parents[1]))
 
 from fopi_tune import __version__
 

@@ -29,3 +29,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     failed = [half.args for half in halves if half.wait()]
     if failed:
         raise pytest.UsageError(f"the search cannot be compiled: {failed}")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests of the pages first, which take longest each: at the end no process waits for another one."""
+    items.sort(key=lambda item: item.path.name != "test_docs.py")

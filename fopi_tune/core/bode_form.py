@@ -66,9 +66,23 @@ class _Rays:
     sine: Array
 
     @cached_property
+    def _is_large(self) -> NDArray[np.bool_]:
+        return self.exponent > 0.0
+
+    @cached_property
+    def _along(self) -> Array:
+        """Shape (n, K), m cos psi."""
+        return self.small * self.cosine
+
+    @cached_property
+    def _across(self) -> Array:
+        """Shape (n, K), m sin psi."""
+        return self.small * self.sine
+
+    @cached_property
     def squared_distance(self) -> Array:
         """Shape (n, K), d: as a sum of squares it is accurate near w = -1 too."""
-        return (1.0 + self.small * self.cosine) ** 2 + (self.small * self.sine) ** 2
+        return (1.0 + self._along) ** 2 + self._across**2
 
     def log_gain(self) -> Array:
         """Shape (n, K), ln|1 + w|."""
@@ -81,14 +95,12 @@ class _Rays:
 
     def phase(self) -> Array:
         """Shape (n, K), arg(1 + w) in rad."""
-        large = self.exponent > 0.0
-        real = np.where(large, self.small + self.cosine, 1.0 + self.small * self.cosine)
-        return np.arctan2(np.where(large, self.sine, self.small * self.sine), real)
+        real = np.where(self._is_large, self.small + self.cosine, 1.0 + self._along)
+        return np.arctan2(np.where(self._is_large, self.sine, self._across), real)
 
     def real_part(self) -> Array:
         """Shape (n, K), d Re w/(1 + w)."""
-        small, cosine = self.small, self.cosine
-        return np.where(self.exponent > 0.0, 1.0 + small * cosine, small * (small + cosine))
+        return np.where(self._is_large, 1.0 + self._along, self.small * (self.small + self.cosine))
 
 
 @dataclass(frozen=True)
@@ -148,40 +160,36 @@ class BodeForm:
 
     def derivative(self, rows: Rows, u: Array) -> Complex:
         """d ln f / du at u: the slope of ln|f| and, imaginary, that of the phase in rad."""
-        found = [self._derivative_at_once(rows[part], u[part]) for part in portions(len(u))]
-        return found[0] if len(found) == 1 else np.concatenate(found)
+        if len(u) <= PORTION:
+            return self._derivative_at_once(rows, u)
+        return np.concatenate([self._derivative_at_once(rows[part], u[part]) for part in portions(len(u))])
 
     def value_and_derivative(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
         """ln f, unwrapped, and d ln f / du at u; rows and u of equal shape (n,)."""
+        if len(u) <= PORTION:
+            return self._at_once(rows, u)
         found = [self._at_once(rows[part], u[part]) for part in portions(len(u))]
-        if len(found) == 1:
-            return found[0]
         return np.concatenate([value for value, _ in found]), np.concatenate([slope for _, slope in found])
 
     def _derivative_at_once(self, rows: Rows, u: Array) -> Complex:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            return self._derivative(rows, self._rays(rows, u), self.delay[rows] * np.exp(u))
+            (_, slope0, _, delay), (nu, corner, cosine, sine, _, weight) = self._selected(rows)
+            rays = _rays(nu, corner, cosine, sine, u)
+            return _derivative(slope0, weight, rays, delay * np.exp(u))
 
     def _at_once(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            rays, turn = self._rays(rows, u), self.delay[rows] * np.exp(u)
-            sign = self.sign[rows]
+            (scale, slope0, phase0, delay), (nu, corner, cosine, sine, sign, weight) = self._selected(rows)
+            rays, turn = _rays(nu, corner, cosine, sine, u), delay * np.exp(u)
             value = np.empty(len(u), dtype=complex)
-            value.real = self.scale[rows] + self.slope0[rows] * u + (sign * rays.log_gain()).sum(axis=1)
-            value.imag = self.phase0[rows] - turn + (sign * rays.phase()).sum(axis=1)
-            return value, self._derivative(rows, rays, turn)
+            value.real = scale + slope0 * u + np.add.reduce(sign * rays.log_gain(), axis=1)
+            value.imag = phase0 - turn + np.add.reduce(sign * rays.phase(), axis=1)
+            return value, _derivative(slope0, weight, rays, turn)
 
-    def _rays(self, rows: Rows, u: Array) -> _Rays:
-        exponent = np.clip(self.nu[rows] * (u[:, None] - self.corner[rows]), -_EXPONENT_CAP, _EXPONENT_CAP)
-        return _Rays(exponent, np.exp(-np.abs(exponent)), self._direction.real[rows], self._direction.imag[rows])
-
-    def _derivative(self, rows: Rows, rays: _Rays, turn: Array) -> Complex:
-        """Formula (2)."""
-        weight = self.sign[rows] * self.nu[rows] / rays.squared_distance
-        slope = np.empty(len(turn), dtype=complex)
-        slope.real = self.slope0[rows] + (weight * rays.real_part()).sum(axis=1)
-        slope.imag = (weight * rays.small * rays.sine).sum(axis=1) - turn
-        return slope
+    def _selected(self, rows: Rows) -> tuple[Array, Array]:
+        """Rows of the numbers of functions, shape (4, n), and of factors, shape (6, n, K): two selections, not ten."""
+        terms, factors = self._tables
+        return terms.take(rows, axis=1), factors.take(rows, axis=1)
 
     def curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
         """An upper bound of |d2 ln f / du2| on [low, high], by (2)."""
@@ -189,17 +197,20 @@ class BodeForm:
 
     def gain_curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
         """An upper bound of |d2 ln|f| / du2| on [low, high]; a dead time changes only the phase."""
-        found = [self._gain_curvature_bound(rows[part], low[part], high[part]) for part in portions(len(rows))]
-        return found[0] if len(found) == 1 else np.concatenate(found)
+        if len(rows) <= PORTION:
+            return self._gain_curvature_bound(rows, low, high)
+        return np.concatenate(
+            [self._gain_curvature_bound(rows[part], low[part], high[part]) for part in portions(len(rows))]
+        )
 
     def _gain_curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
-        nu, corner, cosine = self.nu[rows], self.corner[rows], self._direction[rows].real
-        rho_low = np.exp(np.clip(nu * (low[:, None] - corner), -_BOUND_EXPONENT_CAP, _BOUND_EXPONENT_CAP))
-        rho_high = np.exp(np.clip(nu * (high[:, None] - corner), -_BOUND_EXPONENT_CAP, _BOUND_EXPONENT_CAP))
+        nu, corner, cosine, sine, sign, _ = self._selected(rows)[1]
+        rho_low = np.exp(_clipped(nu * (low[:, None] - corner), _BOUND_EXPONENT_CAP))
+        rho_high = np.exp(_clipped(nu * (high[:, None] - corner), _BOUND_EXPONENT_CAP))
         # The point of the ray's piece that lies closest to -1 has |w| = -cos psi, or is an end of the piece.
-        closest = np.clip(-cosine, rho_low, rho_high)
-        squared_distance = (closest + cosine) ** 2 + self._direction[rows].imag ** 2
-        return (np.abs(self.sign[rows]) * nu**2 * rho_high / np.maximum(squared_distance, 1e-300)).sum(axis=1)
+        closest = np.minimum(np.maximum(-cosine, rho_low), rho_high)
+        squared_distance = (closest + cosine) ** 2 + sine**2
+        return np.add.reduce(np.abs(sign) * nu**2 * rho_high / np.maximum(squared_distance, 1e-300), axis=1)
 
     def slope_end(self) -> Array:
         """Shape (m,), d ln|f| / du as omega -> inf."""
@@ -223,5 +234,27 @@ class BodeForm:
         return np.where(none, -1.0, low), np.where(none, 1.0, high)
 
     @cached_property
-    def _direction(self) -> Complex:
-        return np.exp(1j * self.psi)
+    def _tables(self) -> tuple[Array, Array]:
+        """What `_selected` selects of: scale, slope0, phase0, delay; nu, corner, cos psi, sin psi, sign, sign nu."""
+        direction = np.exp(1j * self.psi)
+        factors = self.nu, self.corner, direction.real, direction.imag, self.sign, self.sign * self.nu
+        return np.array([self.scale, self.slope0, self.phase0, self.delay]), np.array(factors)
+
+
+def _clipped(exponent: Array, cap: float) -> Array:
+    """As `np.clip`, which takes longer than what it is for where arrays are short."""
+    return np.minimum(np.maximum(exponent, -cap), cap)
+
+
+def _rays(nu: Array, corner: Array, cosine: Array, sine: Array, u: Array) -> _Rays:
+    exponent = _clipped(nu * (u[:, None] - corner), _EXPONENT_CAP)
+    return _Rays(exponent, np.exp(-np.abs(exponent)), cosine, sine)
+
+
+def _derivative(slope0: Array, weight: Array, rays: _Rays, turn: Array) -> Complex:
+    """Formula (2); the weight of a factor is its sign times its exponent."""
+    weight = weight / rays.squared_distance
+    slope = np.empty(len(turn), dtype=complex)
+    slope.real = slope0 + np.add.reduce(weight * rays.real_part(), axis=1)
+    slope.imag = np.add.reduce(weight * rays.small * rays.sine, axis=1) - turn
+    return slope

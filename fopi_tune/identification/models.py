@@ -165,22 +165,29 @@ class Structure:
 
     def columns(self, signals: Signals, shape: Array, dead: float) -> Array:
         """What the linear parameters multiply, shape (n, linear)."""
+        return self._columns_and_slope(signals, shape, dead)[0]
+
+    def _columns_and_slope(self, signals: Signals, shape: Array, dead: float) -> tuple[Array, Array]:
+        """These columns, and the derivative of the last one with respect to time, shape (n,)."""
         parts = [np.ones((len(signals.time), 1))]
         if not self.at_rest:
             parts.append(own_motion(signals, self.model, shape))
-        parts.append(forced_response(signals, self.model, shape, dead)[0][:, None])
-        return np.concatenate(parts, axis=1)
+        forced, slope = forced_response(signals, self.model, shape, dead)
+        return np.concatenate([*parts, forced[:, None]], axis=1), slope
+
+    def responses(self, signals: Signals, parameters: Array) -> tuple[Array, Array]:
+        """What output and jacobian at parameters both need: columns (n, linear), and the last one's slope (n,)."""
+        return self._columns_and_slope(signals, parameters[self.linear : -1], parameters[-1])
 
     def output(self, signals: Signals, parameters: Array) -> Array:
         """The model's output, shape (n,)."""
-        shape = parameters[self.linear : -1]
-        return self.columns(signals, shape, parameters[-1]) @ parameters[: self.linear]
+        return self.responses(signals, parameters)[0] @ parameters[: self.linear]
 
     def squares(self, signals: Signals, parameters: Array) -> float:
         """Sum of the squared residuals."""
         return float(np.sum((self.output(signals, parameters) - signals.output) ** 2))
 
-    def jacobian(self, signals: Signals, parameters: Array) -> Array:
+    def jacobian(self, signals: Signals, parameters: Array, responses: tuple[Array, Array] | None = None) -> Array:
         """Derivatives of the output with respect to the parameters, shape (n, size)."""
         linear, shape, dead = parameters[: self.linear], parameters[self.linear : -1], parameters[-1]
         by_shape: list[Array] = []
@@ -189,6 +196,6 @@ class Structure:
                 self.columns(signals, shape + sign * _STEP * (np.arange(len(shape)) == k), dead) for sign in (1, -1)
             ]
             by_shape.append((ends[0] - ends[1]) @ linear / (2 * _STEP))
+        columns, slope = responses or self.responses(signals, parameters)
         # y_f(t; L) = y_f(t - L; 0)
-        by_dead = -linear[-1] * forced_response(signals, self.model, shape, dead)[1]
-        return np.column_stack([self.columns(signals, shape, dead), *by_shape, by_dead])
+        return np.column_stack([columns, *by_shape, -linear[-1] * slope])

@@ -156,10 +156,18 @@ def _solve_from(
     def full(p: Array) -> Array:
         return np.concatenate([p, fixed])
 
+    # derivatives are asked for where the residuals were computed last
+    last: list[tuple[bytes, tuple[Array, Array]]] = []
+
+    def responses(p: Array) -> tuple[Array, Array]:
+        if not last or last[0][0] != p.tobytes():
+            last[:] = [(p.tobytes(), structure.responses(signals, full(p)))]
+        return last[0][1]
+
     solution: Any = least_squares(
-        lambda p: structure.output(signals, full(p)) - signals.output,
+        lambda p: responses(p)[0] @ full(p)[: structure.linear] - signals.output,
         np.clip(start[:kept], low + inside, high - inside),
-        jac=lambda p: structure.jacobian(signals, full(p))[:, :kept],  # pyright: ignore[reportArgumentType]
+        jac=lambda p: structure.jacobian(signals, full(p), responses(p))[:, :kept],  # pyright: ignore[reportArgumentType]
         bounds=(low, high),
         x_scale="jac",
         ftol=tolerance,

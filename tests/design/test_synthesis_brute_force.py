@@ -33,8 +33,8 @@ def chosen(cases: list[Case]) -> list:
 
 @cache
 def tuned(name: str) -> ft.Design:
-    """The design of a case; several tests look at some of them."""
-    return ft.tune(ft.parse_spec(next(case.text for case in CASES if case.name == name)))
+    """The design of a case; several tests look at some of them, none at a proof."""
+    return ft.tune(ft.parse_spec(next(case.text for case in CASES if case.name == name)), proof=False)
 
 
 def own(gains: FoPi | None) -> Gains:
@@ -72,7 +72,7 @@ def check_solved(design: ft.Design, reference: float | None) -> None:
 
 @pytest.mark.parametrize("path", SPECS, ids=lambda path: path.stem)
 def test_a_shipped_spec_is_solved_to_the_references_optimum(path: Path) -> None:
-    check_solved(ft.tune(path), REFERENCES[f"spec:{path.stem}"])
+    check_solved(ft.tune(path, proof=False), REFERENCES[f"spec:{path.stem}"])
 
 
 @pytest.mark.parametrize("case", chosen(SOLVED))

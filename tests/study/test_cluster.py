@@ -301,7 +301,7 @@ def test_an_address_where_nothing_answers_is_bad_input(tmp_path: Path) -> None:
 def test_draws_that_are_divided_among_processes_give_the_same_rows(tmp_path: Path) -> None:
     brake = json.dumps(str(CONTINUOUS / "brake.yaml"))
     (tmp_path / "s.yaml").write_text(
-        f"schema: 1\nname: s\nspecs: [{brake}]\ngrid: {{validation.samples: [3000], validation.seed: [1, 2]}}\n"
+        f"schema: 1\nname: s\nspecs: [{brake}]\ngrid: {{validation.samples: [1100], validation.seed: [1, 2]}}\n"
         "stages: [tune, validate]\n"
         'collect: ["validate.requirements[0].fraction", "validate.requirements[0].quantiles"]\n',
         encoding="utf-8",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -59,6 +60,7 @@ RAYS = [
     (0.7, -0.4, 1.0),
     (1.1, -1.0, -0.5),
 ]
+KAPPAS = np.linspace(-6.0, 6.0, 241) + 0.0123
 #: neper; the grid shows the ends of intervals this exactly; of a slope it has differences only
 NEAR, NEAR_OF_A_SLOPE = 0.06, 0.4
 
@@ -70,22 +72,32 @@ def spec_of(plant: str, requirement: str) -> DesignSpec:
     )
 
 
-def meets(problem: Problem, alpha: float, c: float, s: float, kappas: np.ndarray) -> np.ndarray:
-    """By core/: stable, no closer to -1 than the guard, and every requirement met."""
-    spec, scale = problem.spec, problem.scale
-    k = np.exp(kappas)
-    kp, ki = k * c / scale.gain, k * s / scale.gain * scale.omega_rad_s**alpha
-    plants = Plants.members(spec.plant, np.zeros((len(k), 0)))
-    loops = Loops(kp, ki, np.full(len(k), alpha), plants)
-    good = is_stable(loops)
+@cache
+def guarded_loops(plant: str, scale: tuple[float, float], alpha: float, c: float, s: float) -> tuple[Loops, np.ndarray]:
+    """The loops along a ray, and the indices of those that are stable and no closer to -1 than the guard, by core/.
+
+    Requirements that leave the scale of gain and frequency as it is share them.
+    """
+    gain, omega_rad_s = scale
+    k = np.exp(KAPPAS)
+    plants = Plants.members(spec_of(PLANTS[plant], REQUIREMENTS[0]).plant, np.zeros((len(k), 0)))
+    loops = Loops(k * c / gain, k * s / gain * omega_rad_s**alpha, np.full(len(k), alpha), plants)
     # of unstable loops nothing else is asked: some have more peaks than can be searched
-    stable = np.flatnonzero(good)
-    good[stable] = meets_limits(spec, loops.take(stable))
+    stable = np.flatnonzero(is_stable(loops))
+    near = QUANTITIES["sensitivity_db"].measure(loops.take(stable), True, 0.0, np.inf).value > 40.0
+    return loops, stable[~near]
+
+
+def meets(problem: Problem, plant: str, alpha: float, c: float, s: float) -> np.ndarray:
+    """By core/: stable, no closer to -1 than the guard, and every requirement met."""
+    loops, guarded = guarded_loops(plant, (problem.scale.gain, problem.scale.omega_rad_s), alpha, c, s)
+    good = np.zeros(len(KAPPAS), dtype=bool)
+    good[guarded] = meets_limits(problem.spec, loops.take(guarded))
     return good
 
 
 def meets_limits(spec: DesignSpec, loops: Loops) -> np.ndarray:
-    good = QUANTITIES["sensitivity_db"].measure(loops, True, 0.0, np.inf).value <= 40.0
+    good = np.ones(len(loops.kp), dtype=bool)
     for r in spec.requirements:
         for largest, limit in ((False, r.lower), (True, r.upper)):
             if math.isfinite(limit):
@@ -102,23 +114,22 @@ def test_the_allowed_intervals_are_those_of_the_exact_quantities(plant: str, req
     omega = np.exp(problem.fine_table.v[1:-1]) * problem.scale.omega_rad_s
     table = table_of(problem.scaled, np.zeros((1, 0)), omega, problem.horizon_s)
     rows, work = problem.rows(table), work_for(table)
-    kappas = np.linspace(-6.0, 6.0, 241) + 0.0123
     near = NEAR_OF_A_SLOPE if "slope" in requirement else NEAR
     for alpha, c, s in RAYS:
         if plant == "proper" and s == 0.0:
             continue  # |S| tends to its peak as omega grows without reaching it: core/ refuses that search
         count = allowed_intervals(alpha, c, s, -6.5, 6.5, table, rows, work)
         low, high = work.found[:count, 0], work.found[:count, 1]
-        found = ((kappas[:, None] >= low) & (kappas[:, None] <= high)).any(axis=1)
-        exact = meets(problem, alpha, c, s, kappas)
+        found = ((KAPPAS[:, None] >= low) & (KAPPAS[:, None] <= high)).any(axis=1)
+        exact = meets(problem, plant, alpha, c, s)
         ends = np.concatenate([low, high, [-99.0]])
-        clear = np.abs(kappas[:, None] - ends).min(axis=1) > near
+        clear = np.abs(KAPPAS[:, None] - ends).min(axis=1) > near
         wrong = clear & (found != exact)
         assert not wrong.any(), (
             alpha,
             c,
             s,
-            kappas[wrong],
+            KAPPAS[wrong],
             found[wrong],
             np.round(work.found[:count], 4),
             exact[wrong],
