@@ -133,9 +133,8 @@ class SystemProblem:
         objective = _finite(values[aim.scenario or "", aim.quantity])
         missed, worst = [], [int(objective.argmax())]
         for limit in self.system.requirements:
-            every = [
-                v for (name, word), v in values.items() if word == limit.measure and limit.scenario in (None, name)
-            ]
+            about = [(name, limit.measure) for name, _ in values if limit.scenario in (None, name)]
+            every = [values[key] for key in dict.fromkeys(about) if key in values]
             away = np.max([_missed(limit, _finite(v)) for v in every], axis=0)
             missed.append(float(away.max()))
             worst.append(int(away.argmax()))

@@ -85,9 +85,8 @@ class _Search:
         best = min(ends, key=lambda end: end[1])[0]
         for _ in range(_ROUNDS):
             # a fresh simplex: the old one may have collapsed on a kink
-            best = self._simplex(self._simplex(best, _NEAR_EDGE, _LAST_EVALUATIONS)[0], 0.1 * _NEAR_EDGE, _EVALUATIONS)[
-                0
-            ]
+            best = self._simplex(best, _NEAR_EDGE, _LAST_EVALUATIONS)[0]
+            best = self._simplex(best, 0.1 * _NEAR_EDGE, _EVALUATIONS)[0]
             everywhere = problem.judge(problem.gains(best), problem.family)
             if everywhere is None:
                 break
@@ -165,6 +164,6 @@ def reasons_by_formula(system: SystemSpec) -> Iterator[str]:
             if least > limit.limit:
                 yield (
                     f"{limit.measure} at most {limit.limit:g} in scenario {scenario.name}: the {brake.name}'s mode "
-                    f"begins at once at {entry:g}, where its plant alone slows by {least:.3g}; let the setpoint fall in "
-                    "a ramp"
+                    f"begins at once at {entry:g}, where its plant alone slows by {least:.3g}; let the setpoint fall "
+                    "in a ramp"
                 )
