@@ -55,7 +55,12 @@ class Warm:
         return cls(Problem.of(spec, violations))
 
     def knowing(self, spec: DesignSpec, violations: tuple[Violation, ...]) -> Warm:
-        """The same with more of what a check found."""
+        """The same with more of what a check found.
+
+        Args:
+            spec: with any limits.
+            violations: plants and frequencies of the check.
+        """
         return Warm.of(spec, self.problem.violations + violations)
 
     def settle(self, spec: DesignSpec, start: FoPi) -> Solution | None:

@@ -34,7 +34,7 @@ def tune_system(source: SystemSource, gains: Mapping[str, FoPi] | None = None) -
 
     Args:
         source: a system file, or a system, with `tune:` and an objective.
-        gains: of modes that are not tuned, by name; those of the file where left out, and tuned where the file has none.
+        gains: of modes that are not tuned, by name; where left out those of the file, or those of the mode's own spec.
 
     Raises:
         SpecError: the file, or a spec it names, cannot be read, or has mistakes.
@@ -45,8 +45,8 @@ def tune_system(source: SystemSource, gains: Mapping[str, FoPi] | None = None) -
     system = load_system(source)
     if not system.tuned or system.objective is None:
         raise DomainError(
-            "the system says not what to tune; add tune: [brake], requirements and objective: {minimize: iae, scenario: "
-            "...}, or tune the modes' own specs"
+            "the system says not what to tune; add tune: [brake], requirements and objective: {minimize: iae, "
+            "scenario: ...}, or tune the modes' own specs"
         )
     fixed = mode_gains(system, gains, system.tuned)
     found = design_system(system, fixed)

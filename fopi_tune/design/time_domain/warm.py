@@ -25,7 +25,12 @@ class ScenarioWarm:
     violations: tuple[Violation, ...] = ()
 
     def knowing(self, spec: DesignSpec, violations: tuple[Violation, ...]) -> ScenarioWarm:
-        """The same with more of what a check found."""
+        """The same with more of what a check found.
+
+        Args:
+            spec: with any limits.
+            violations: plants and frequencies of the check.
+        """
         return ScenarioWarm(self.violations + violations)
 
     def settle(self, spec: DesignSpec, start: FoPi) -> Solution | None:
