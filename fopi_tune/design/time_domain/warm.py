@@ -10,7 +10,7 @@ from fopi_tune.design.time_domain.infeasible import relaxation_from
 from fopi_tune.design.time_domain.problem import ScenarioProblem
 from fopi_tune.design.warm import Solution
 from fopi_tune.results.candidate import Violation
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, Limit
 from fopi_tune.spec.scenarios import every_requirement
 
 
@@ -59,9 +59,9 @@ class ScenarioWarm:
         if found is None or found.violation > MET:
             return None
         wanted = every_requirement(spec)[requirement]
-        own = getattr(wanted, "limit", None)
+        own = wanted.limit if isinstance(wanted, Limit) else wanted.limits[0]
         moved = relaxation_from(problem, requirement, found).new_limit if found.objective > 0.0 else None
-        return (moved if moved is not None else wanted.limits[0] if own is None else own), found.gains
+        return (own if moved is None else moved), found.gains
 
 
 def _solution(found: Exchanged | None, counts: Counts) -> Solution | None:
