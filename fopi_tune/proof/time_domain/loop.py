@@ -1,0 +1,361 @@
+"""Trajectories of the sampled loop over a box of plants:  case, box, pattern -> models of output and control.
+
+With the plants of `plants`, the filter of `patterns` (v = v_a - path y, u = u_a - F y) and y, u as deviations from the
+rest before the first sample, a trajectory is the solution of a linear system,
+
+    A y = N u_a + M w + kick,      A = D + N F .                                                                     (1)
+
+At the centre of the box A_0 has the inverse Q, which is tested.  On the box, A = A_0 + E and y = y_0 + z,
+
+    z = b - (Q E) z,      b = Q (change of the right side - E y_0) .                                                 (2)
+
+The terms of (2) of first and second order in the uncertain numbers are computed sample by sample.  What is left is
+bounded by the norms of its factors, where q = |Q E| < 1:
+
+    z = b - (Q E) b + (Q E)^2 (1 + Q E)^-1 b .                                                                       (3)
+
+Nothing is propagated from sample to sample but at the centre, so that nothing wraps.
+
+Source: derived here; (3) is Neumann's series.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from flint import ctx
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.proof.balls.box import Box
+from fopi_tune.proof.time_domain.bounded import Causal, Delays, Signals, above
+from fopi_tune.proof.time_domain.case import PRECISION, TimeDomainCase
+from fopi_tune.proof.time_domain.jets import pairs_of
+from fopi_tune.proof.time_domain.models import Model
+from fopi_tune.proof.time_domain.patterns import Filter, Pattern, filter_under
+from fopi_tune.proof.time_domain.plants import HeldPlants, Polynomial, hold_plants
+
+#: largest |Q E| for which (3) is used
+_MOST_CHANGE = 0.75
+#: filters under patterns that are kept
+_KEPT = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Signals over a box.
+
+    Args:
+        plants: of the box.
+        output: y, K samples, as a deviation from `plants.output`.
+        demanded: v, before the limits.
+        applied: u, as a deviation from `plants.past`.
+        curvature: of each axis, its part of the output's terms of second order, shape (p, K).
+        limited: whether a sample may be limited.
+    """
+
+    plants: HeldPlants
+    output: Model
+    demanded: Model
+    applied: Model
+    curvature: Array
+    limited: bool
+
+
+class Loop:
+    """The loop of a case; keeps the filters of the patterns met last."""
+
+    def __init__(self, case: TimeDomainCase) -> None:
+        self.case = case
+        self._filters: OrderedDict[bytes, Filter | None] = OrderedDict()
+
+    def plants(self, box: Box) -> HeldPlants | None:
+        """The plants of a box; None where it must be split."""
+        case = self.case
+        with ctx.workprec(PRECISION):
+            return hold_plants(
+                case.family, box, case.sample_time_s, case.delay_samples, (case.run.start.output, case.rests),
+                case.load is not None,
+            )  # fmt: skip
+
+    def trajectory(self, plants: HeldPlants, pattern: Pattern) -> Trajectory | None:
+        """The trajectories of a box if the pattern is theirs; None where (3) does not hold."""
+        if pattern.key not in self._filters:
+            self._filters[pattern.key] = filter_under(self.case, pattern)
+            while len(self._filters) > _KEPT:
+                self._filters.popitem(last=False)
+        self._filters.move_to_end(pattern.key)
+        own = self._filters[pattern.key]
+        if own is None:
+            return None
+        with np.errstate(all="ignore"):
+            return _Solution(self.case, plants, pattern, own).trajectory()
+
+
+def _apply(polynomial: tuple[Delays, float], signals: Signals) -> Signals:
+    """A polynomial with the norm of its rounding."""
+    delays, rounding = polynomial
+    found = delays.apply(signals)
+    return Signals(found.values, above(1.0) * (found.errors + rounding * signals.sizes))
+
+
+@dataclass(frozen=True, eq=False)
+class _Inputs:
+    """v_a, and u_a as a deviation from the input before the first sample; a column each of something's effect."""
+
+    demanded: Signals
+    applied: Signals
+
+
+@dataclass(frozen=True, eq=False)
+class _Expansion:
+    """A signal's terms:  value + slopes delta + rests symbols + pairs delta delta, columns each, + remainder."""
+
+    value: Signals
+    slopes: Signals
+    rests: Signals
+    pairs: Signals
+    remainder: float
+
+
+class _Solution:
+    """One box under one pattern; terms as in the module's docstring."""
+
+    def __init__(self, case: TimeDomainCase, plants: HeldPlants, pattern: Pattern, own: Filter) -> None:
+        self.case, self.plants, self.pattern, self.own = case, plants, pattern, own
+        self.radii, self.count = plants.radii, case.samples
+        self.pairs = pairs_of(len(self.radii))
+        self.products = np.array([self.radii[j] * self.radii[i] for j, i in self.pairs])
+        self.free = 1.0 - pattern.share
+        self.load = Signals.exactly((np.zeros(self.count) if case.load is None else case.load)[:, None])
+
+    def trajectory(self) -> Trajectory | None:
+        """(2) and (3)."""
+        inverse = self._inverse()
+        if inverse is None:
+            return None
+        base, slopes, bends, rests, rest_radii = self._inputs()
+        y0 = inverse.apply(self._right(base))
+        u0 = base.applied - self.own.control.apply(y0)
+        sides = [self._slope_side(axis, y0, u0, slopes) for axis in range(len(self.radii))]
+        plant_sides, plant_radii = self._plant_rests(y0, u0)
+        rest_sides = _apply(self.plants.control.centre, rests.applied)
+        first = inverse.apply(Signals.beside([*sides, *plant_sides, rest_sides]))
+        along, others = first[: len(sides)], first[len(sides) :]
+        u_along = slopes.applied - self.own.control.apply(along)
+        bent = (along, u_along, y0, u0, bends)
+        second = inverse.apply(Signals.beside([*(self._pair_side(row, bent) for row in range(len(self.pairs))), y0[:0]]))
+        radii = np.concatenate([plant_radii, rest_radii])
+        inputs = [_total(each.applied, size) for each, size in ((slopes, self.radii), (bends, self.products), (rests, rest_radii))]
+        remainders = self._remainders(inverse, inputs, (along, others, radii, second))
+        if remainders is None:
+            return None
+        path = self.own.path
+        nothing = Signals.exactly(np.zeros((self.count, len(plant_radii))))
+        direct = Signals.beside([nothing, rests.demanded])
+        output = self._model(_Expansion(y0, along, others, second, remainders[0]), radii)
+        demanded = self._model(
+            _Expansion(
+                base.demanded - path.apply(y0),
+                slopes.demanded - path.apply(along),
+                direct - path.apply(others),
+                bends.demanded - path.apply(second),
+                remainders[1],
+            ),
+            radii,
+        )
+        applied = demanded.times(self.free) + Model.constant(self.pattern.limited, self.radii)
+        applied = applied.wider(self.pattern.reach) - self.plants.past
+        return Trajectory(self.plants, output, demanded, applied, self._curvature(second), not self.pattern.is_free)
+
+    def _inverse(self) -> Causal | None:
+        """Q."""
+        denominator, rounding_d = self.plants.denominator.centre
+        control, rounding_n = self.plants.control.centre
+        found = self.own.control.delayed(control).plus_delays(denominator)
+        error = found.error + rounding_d + rounding_n * self.own.control.norm
+        return replace(found, error=above(error)).inverse()
+
+    def _inputs(self) -> tuple[_Inputs, _Inputs, _Inputs, _Inputs, Array]:
+        """At the centre, of first and of second order, and of all else with its radius: past input, start, symbols."""
+        case, own, pattern = self.case, self.own, self.pattern
+        past, first, count = self.plants.past, self._first_state(), self.count
+        ones = np.ones((count, 1))
+        reference = case.run.signals.reference - self.plants.output
+        rounding = 2.0**-52 * np.abs(reference).max()
+        error = case.path.apply(Signals(reference[:, None], np.array([rounding])))
+        limited = case.correction.apply(Signals.exactly(pattern.limited[:, None])) if not pattern.is_free else None
+        demanded = error + Signals.exactly(first.values[0] * ones)
+        demanded = self._through(demanded if limited is None else demanded + limited)
+        applied = demanded.times(self.free) + Signals.exactly(pattern.limited[:, None])
+        base = _Inputs(demanded, applied - Signals.exactly(past.values[0] * ones))
+
+        def uniform(starts: Array, pasts: Array) -> _Inputs:
+            v = self._through(Signals.exactly(ones * starts[None, :]))
+            return _Inputs(v, v.times(self.free) - Signals.exactly(ones * pasts[None, :]))
+
+        slopes, bends = uniform(first.slopes[:, 0], past.slopes[:, 0]), uniform(first.pairs[:, 0], past.pairs[:, 0])
+        rest = uniform(np.array([0.0, 1.0]), np.array([1.0, 0.0]))
+        radii = np.array([past.rest[0], first.rest[0]])
+        symbols = pattern.symbols
+        if len(symbols):
+            units = np.zeros((count, len(symbols)))
+            units[symbols, np.arange(len(symbols))] = 1.0
+            v = self._through(case.correction.apply(Signals.exactly(units)))
+            each = _Inputs(v, v.times(self.free) + Signals.exactly(units))
+            rest = _Inputs(
+                Signals.beside([rest.demanded, each.demanded]), Signals.beside([rest.applied, each.applied])
+            )
+            radii = np.concatenate([radii, pattern.reach[symbols]])
+        return base, slopes, bends, rest, radii
+
+    def _first_state(self) -> Model:
+        """The integrator's state at the first sample."""
+        case, past = self.case, self.plants.past
+        if not (case.run.start.bumpless and case.controller.has_integrator):
+            return Model.constant(np.array([case.first_output]), self.radii)
+        low, high = case.output_limits
+        if past.low[0] >= low and past.high[0] <= high:
+            return past
+        ends = np.clip([past.low[0], past.high[0]], low, high)
+        middle, reach = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]) * (1.0 + 1e-15) + 1e-15 * abs(ends).max()
+        return Model.constant(np.array([middle]), self.radii).wider(np.array([reach]))
+
+    def _through(self, signals: Signals) -> Signals:
+        return signals if self.own.own is None else self.own.own.apply(signals)
+
+    def _right(self, base: _Inputs) -> Signals:
+        """The right side of (1) at the centre."""
+        plants = self.plants
+        found = _apply(plants.control.centre, base.applied)
+        if plants.load is not None:
+            found = found + _apply(plants.load.centre, self.load)
+        if plants.kick:
+            kick = np.zeros((self.count, 1))
+            kick[0] = plants.kick
+            found = found + Signals.exactly(kick)
+        return found
+
+    def _slope_side(self, axis: int, y0: Signals, u0: Signals, slopes: _Inputs) -> Signals:
+        """Q of it is the output's slope along an axis."""
+        plants = self.plants
+        found = _apply(plants.control.along(axis), u0) - _apply(plants.denominator.along(axis), y0)
+        found = found + _apply(plants.control.centre, slopes.applied[axis : axis + 1])
+        return found if plants.load is None else found + _apply(plants.load.along(axis), self.load)
+
+    def _plant_rests(self, y0: Signals, u0: Signals) -> tuple[list[Signals], Array]:
+        """The same for what centre and slopes leave out of each coefficient, with its radius."""
+        plants = self.plants
+        parts = [(plants.denominator, y0), (plants.control, u0)]
+        parts += [(plants.load, self.load)] if plants.load is not None else []
+        found = [(basis.apply(signals), rest) for part, signals in parts for basis, rest in part.rests]
+        return [side for side, _ in found], np.array([rest for _, rest in found])
+
+    def _pair_side(self, row: int, terms: tuple[Signals, Signals, Signals, Signals, _Inputs]) -> Signals:
+        """Q of it is the output's term of second order in two numbers."""
+        along, u_along, y0, u0, bends = terms
+        plants, (j, i) = self.plants, self.pairs[row]
+
+        def mixed(axis: int, other: int) -> Signals:
+            column = slice(other, other + 1)
+            found = _apply(plants.control.along(axis), u_along[column])
+            return found - _apply(plants.denominator.along(axis), along[column])
+
+        found = _apply(plants.control.pair(row), u0) - _apply(plants.denominator.pair(row), y0)
+        found = found + _apply(plants.control.centre, bends.applied[row : row + 1]) + mixed(j, i)
+        found = found if plants.load is None else found + _apply(plants.load.pair(row), self.load)
+        return found if i == j else found + mixed(i, j)
+
+    def _remainders(
+        self, inverse: Causal, inputs: Sequence[float], terms: tuple[Signals, Signals, Array, Signals]
+    ) -> tuple[float, float] | None:
+        """What (3) leaves of y and of v beyond the terms of second order; None where |Q E| is too large.
+
+        Args:
+            inverse: Q.
+            inputs: sizes of the changes of u_a of first and second order, and of the others.
+            terms: of y, of first order, others with their radii, and of second order.
+        """
+        along, others, radii, second = terms
+        plants, h, control = self.plants, self.radii, self.own.control
+        path_inverse = self.own.path.after(inverse)
+        whole = [0.0, 0.0]
+        for axis, radius in enumerate(h):
+            (d, rounding_d), (n, rounding_n) = plants.denominator.along(axis), plants.control.along(axis)
+            for place, each in enumerate((inverse, path_inverse)):
+                size = (each.after_delays(d) + each.after_delays(n).after(control)).norm
+                whole[place] += radius * (size + each.norm * (rounding_d + rounding_n * control.norm))
+        q1, q1_path = (above(value) for value in whole)
+        loop_norms = [
+            each.after(control).norm if each.steady and control.steady else each.norm * control.norm
+            for each in (inverse, path_inverse)
+        ]
+        # what changes A beyond first order
+        of_output = _beyond(plants.denominator, self.products)
+        of_control = _beyond(plants.control, self.products)
+        rest, rest_path = (
+            above(each.norm * sum(of_output) + loop * sum(of_control))
+            for each, loop in zip((inverse, path_inverse), loop_norms, strict=True)
+        )
+        q = above(q1 + rest)
+        if not q < _MOST_CHANGE:
+            return None
+        # sizes of the parts of b: of first order, rests, of second order, and products of higher order
+        n1 = sum(r * _size(plants.control.along(axis)) for axis, r in enumerate(h))
+        (n2, n_rest), (a1, a2, a_rest) = of_control, inputs
+        crossed = above(n1 * (a2 + a_rest) + n2 * (a1 + a2 + a_rest) + n_rest * (a1 + a2 + a_rest))
+        b1, b_rest, b3 = _reach(along, h), _reach(others, radii), above(inverse.norm * crossed)
+        # the terms of second order are those of b and -(Q E) b together
+        both = _reach(second, self.products)
+        b2 = above(both + q1 * b1)
+        b = above(b1 + b_rest + b2 + b3)
+        # (Q E) b without its part of second order
+        later, later_path = (
+            above(one * (b_rest + b2 + b3) + two * b) for one, two in ((q1, rest), (q1_path, rest_path))
+        )
+        twice = above((min(q1 * b1, both + b2) + later) / (1.0 - q))
+        return (
+            above(b3 + later + q * twice),
+            above(path_inverse.norm * crossed + later_path + (q1_path + rest_path) * twice),
+        )
+
+    def _model(self, terms: _Expansion, rest_radii: Array) -> Model:
+        """The model of a signal."""
+        h = self.radii
+        values, pairs = terms.value.values[:, 0].copy(), terms.pairs.values.T.copy()
+        errors = float(terms.value.errors[0] + terms.slopes.errors @ h + terms.pairs.errors @ self.products)
+        errors = above(errors + float(terms.rests.errors @ rest_radii))
+        rest = (np.abs(terms.rests.values) @ rest_radii + errors + terms.remainder) * above(1.0, len(rest_radii))
+        return Model(values, terms.slopes.values.T.copy(), pairs, rest, h)
+
+    def _curvature(self, second: Signals) -> Array:
+        """Of each axis, its part of the output's terms of second order, shape (p, K)."""
+        found = np.zeros((len(self.radii), self.count))
+        for (j, i), column in zip(self.pairs, np.abs(second.values).T, strict=True):
+            for axis in (j, i):
+                found[axis] += 0.5 * self.radii[j] * self.radii[i] * column
+        return found
+
+
+def _beyond(polynomial: Polynomial, products: Array) -> tuple[float, float]:
+    """Norms of the terms of second order and of the rests of a polynomial."""
+    second = sum(size * _size(polynomial.pair(row)) for row, size in enumerate(products))
+    return above(second), above(sum(basis.norm * rest for basis, rest in polynomial.rests))
+
+
+def _size(polynomial: tuple[Delays, float]) -> float:
+    """A polynomial's norm, rounding included."""
+    return above(polynomial[0].norm + polynomial[1])
+
+
+def _reach(signals: Signals, radii: Array) -> float:
+    """The largest sample of sum_i |signal_i| radius_i, rounded up."""
+    if not len(radii):
+        return 0.0
+    return above(float((np.abs(signals.values) @ radii).max() + signals.errors @ radii), len(radii))
+
+
+def _total(signals: Signals, radii: Array) -> float:
+    return above(float(signals.sizes @ radii), len(radii))
