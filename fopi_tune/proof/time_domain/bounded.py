@@ -22,6 +22,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -34,7 +35,10 @@ _U = 2.0**-53
 _TINY = 1e-280
 
 
-def above(number: float, terms: int = 0) -> float:
+Number = TypeVar("Number", float, Array)
+
+
+def above(number: Number, terms: int = 0) -> Number:
     """Not below the exact value of a sum of products of nonnegative numbers, of a few dozens or `terms` more."""
     return number * (1.0 + (64 + 2 * terms) * _U) + _TINY
 
@@ -150,10 +154,16 @@ class Causal:
         return np.ascontiguousarray(sliding_window_view(padded, count)[:, ::-1])
 
     @cached_property
+    def norms(self) -> Array:
+        """|A| over the samples up to each one, which are all that a sample depends on, rounded up; shape (K,)."""
+        sizes = np.abs(self.terms)
+        sums = np.cumsum(sizes) if self.steady else np.maximum.accumulate(sizes.sum(axis=1))
+        return above(sums + self.error, len(self.terms))
+
+    @property
     def norm(self) -> float:
         """|A|, rounded up."""
-        sums = np.abs(self.terms).sum(axis=None if self.steady else 1)
-        return above(float(np.max(sums)) + self.error, len(self.terms))
+        return float(self.norms[-1])
 
     def apply(self, signals: Signals) -> Signals:
         """The operator on signals."""

@@ -32,6 +32,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.proof.balls.box import Box
 from fopi_tune.proof.time_domain.bounded import Causal, Delays, Signals, above
 from fopi_tune.proof.time_domain.case import PRECISION, TimeDomainCase
+from fopi_tune.proof.time_domain.centre import centre_signals
 from fopi_tune.proof.time_domain.jets import pairs_of
 from fopi_tune.proof.time_domain.models import Model
 from fopi_tune.proof.time_domain.patterns import Filter, Pattern, filter_under
@@ -39,6 +40,8 @@ from fopi_tune.proof.time_domain.plants import HeldPlants, Polynomial, hold_plan
 
 #: largest |Q E| for which (3) is used
 _MOST_CHANGE = 0.75
+#: the centre is computed again, in balls, where its error is more than this share of what (3) leaves
+_MOST_ERROR = 1e-2
 #: filters under patterns that are kept
 _KEPT = 8
 
@@ -52,7 +55,7 @@ class Trajectory:
         output: y, K samples, as a deviation from `plants.output`.
         demanded: v, before the limits.
         applied: u, as a deviation from `plants.past`.
-        curvature: of each axis, its part of the output's terms of second order, shape (p, K).
+        shares: the part of each axis in what the output has beyond first order, shape (p, K).
         limited: whether a sample may be limited.
     """
 
@@ -60,7 +63,7 @@ class Trajectory:
     output: Model
     demanded: Model
     applied: Model
-    curvature: Array
+    shares: Array
     limited: bool
 
 
@@ -117,7 +120,21 @@ class _Expansion:
     slopes: Signals
     rests: Signals
     pairs: Signals
-    remainder: float
+    remainder: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Remainders:
+    """What (3) leaves beyond second order, inf where it does not hold.
+
+    Args:
+        output, demanded: of y and of v, shape (K,).
+        change: the part of |Q E| of each axis, up to each sample, shape (p, K).
+    """
+
+    output: Array
+    demanded: Array
+    change: Array
 
 
 class _Solution:
@@ -138,6 +155,7 @@ class _Solution:
             return None
         base, slopes, bends, rests, rest_radii = self._inputs()
         y0 = inverse.apply(self._right(base))
+        v0 = base.demanded - self.own.path.apply(y0)
         u0 = base.applied - self.own.control.apply(y0)
         sides = [self._slope_side(axis, y0, u0, slopes) for axis in range(len(self.radii))]
         plant_sides, plant_radii = self._plant_rests(y0, u0)
@@ -150,25 +168,27 @@ class _Solution:
         radii = np.concatenate([plant_radii, rest_radii])
         inputs = [_total(each.applied, size) for each, size in ((slopes, self.radii), (bends, self.products), (rests, rest_radii))]
         remainders = self._remainders(inverse, inputs, (along, others, radii, second))
-        if remainders is None:
+        if not np.isfinite(remainders.output[0]):
             return None
         path = self.own.path
         nothing = Signals.exactly(np.zeros((self.count, len(plant_radii))))
         direct = Signals.beside([nothing, rests.demanded])
-        output = self._model(_Expansion(y0, along, others, second, remainders[0]), radii)
+        if max(y0.errors[0], v0.errors[0]) > _MOST_ERROR * min(remainders.output.max(), remainders.demanded.max()):
+            y0, v0 = centre_signals(self.case, self.plants, self.pattern, float(self._first_state().values[0]))
+        output = self._model(_Expansion(y0, along, others, second, remainders.output), radii)
         demanded = self._model(
             _Expansion(
-                base.demanded - path.apply(y0),
+                v0,
                 slopes.demanded - path.apply(along),
                 direct - path.apply(others),
                 bends.demanded - path.apply(second),
-                remainders[1],
+                remainders.demanded,
             ),
             radii,
         )
         applied = demanded.times(self.free) + Model.constant(self.pattern.limited, self.radii)
         applied = applied.wider(self.pattern.reach) - self.plants.past
-        return Trajectory(self.plants, output, demanded, applied, self._curvature(second), not self.pattern.is_free)
+        return Trajectory(self.plants, output, demanded, applied, self._shares(second, remainders), not self.pattern.is_free)
 
     def _inverse(self) -> Causal | None:
         """Q."""
@@ -270,8 +290,8 @@ class _Solution:
 
     def _remainders(
         self, inverse: Causal, inputs: Sequence[float], terms: tuple[Signals, Signals, Array, Signals]
-    ) -> tuple[float, float] | None:
-        """What (3) leaves of y and of v beyond the terms of second order; None where |Q E| is too large.
+    ) -> _Remainders:
+        """What (3) leaves of y and of v beyond the terms of second order.
 
         Args:
             inverse: Q.
@@ -281,32 +301,30 @@ class _Solution:
         along, others, radii, second = terms
         plants, h, control = self.plants, self.radii, self.own.control
         path_inverse = self.own.path.after(inverse)
-        whole = [0.0, 0.0]
+        change = np.zeros((2, len(h), self.count))
         for axis, radius in enumerate(h):
             (d, rounding_d), (n, rounding_n) = plants.denominator.along(axis), plants.control.along(axis)
             for place, each in enumerate((inverse, path_inverse)):
-                size = (each.after_delays(d) + each.after_delays(n).after(control)).norm
-                whole[place] += radius * (size + each.norm * (rounding_d + rounding_n * control.norm))
-        q1, q1_path = (above(value) for value in whole)
+                sizes = (each.after_delays(d) + each.after_delays(n).after(control)).norms
+                change[place, axis] = radius * (sizes + each.norms * (rounding_d + rounding_n * control.norms))
+        q1, q1_path = above(change.sum(axis=1))
         loop_norms = [
-            each.after(control).norm if each.steady and control.steady else each.norm * control.norm
+            each.after(control).norms if each.steady and control.steady else each.norms * control.norms
             for each in (inverse, path_inverse)
         ]
         # what changes A beyond first order
         of_output = _beyond(plants.denominator, self.products)
         of_control = _beyond(plants.control, self.products)
         rest, rest_path = (
-            above(each.norm * sum(of_output) + loop * sum(of_control))
+            above(each.norms * sum(of_output) + loop * sum(of_control))
             for each, loop in zip((inverse, path_inverse), loop_norms, strict=True)
         )
         q = above(q1 + rest)
-        if not q < _MOST_CHANGE:
-            return None
         # sizes of the parts of b: of first order, rests, of second order, and products of higher order
         n1 = sum(r * _size(plants.control.along(axis)) for axis, r in enumerate(h))
         (n2, n_rest), (a1, a2, a_rest) = of_control, inputs
         crossed = above(n1 * (a2 + a_rest) + n2 * (a1 + a2 + a_rest) + n_rest * (a1 + a2 + a_rest))
-        b1, b_rest, b3 = _reach(along, h), _reach(others, radii), above(inverse.norm * crossed)
+        b1, b_rest, b3 = _reach(along, h), _reach(others, radii), above(inverse.norms * crossed)
         # the terms of second order are those of b and -(Q E) b together
         both = _reach(second, self.products)
         b2 = above(both + q1 * b1)
@@ -315,11 +333,11 @@ class _Solution:
         later, later_path = (
             above(one * (b_rest + b2 + b3) + two * b) for one, two in ((q1, rest), (q1_path, rest_path))
         )
-        twice = above((min(q1 * b1, both + b2) + later) / (1.0 - q))
-        return (
-            above(b3 + later + q * twice),
-            above(path_inverse.norm * crossed + later_path + (q1_path + rest_path) * twice),
-        )
+        left = np.where(q < _MOST_CHANGE, 1.0 - q, np.nan)
+        twice = above((np.minimum(q1 * b1, both + b2) + later) / left)
+        of_output = above(b3 + later + q * twice)
+        of_demanded = above(path_inverse.norms * crossed + later_path + (q1_path + rest_path) * twice)
+        return _Remainders(*(np.where(np.isfinite(x), x, np.inf) for x in (of_output, of_demanded)), change[0])
 
     def _model(self, terms: _Expansion, rest_radii: Array) -> Model:
         """The model of a signal."""
@@ -330,13 +348,16 @@ class _Solution:
         rest = (np.abs(terms.rests.values) @ rest_radii + errors + terms.remainder) * above(1.0, len(rest_radii))
         return Model(values, terms.slopes.values.T.copy(), pairs, rest, h)
 
-    def _curvature(self, second: Signals) -> Array:
-        """Of each axis, its part of the output's terms of second order, shape (p, K)."""
+    def _shares(self, second: Signals, remainders: _Remainders) -> Array:
+        """The part of each axis in what is beyond first order, shape (p, K)."""
         found = np.zeros((len(self.radii), self.count))
         for (j, i), column in zip(self.pairs, np.abs(second.values).T, strict=True):
             for axis in (j, i):
                 found[axis] += 0.5 * self.radii[j] * self.radii[i] * column
-        return found
+        whole = above(remainders.change.sum(axis=0))
+        rest = np.where(np.isfinite(remainders.output), remainders.output, np.abs(second.values).sum(axis=1))
+        found += remainders.change / np.maximum(whole, 1e-300) * rest
+        return found / np.maximum(found.sum(axis=0), 1e-300)
 
 
 def _beyond(polynomial: Polynomial, products: Array) -> tuple[float, float]:
@@ -350,11 +371,10 @@ def _size(polynomial: tuple[Delays, float]) -> float:
     return above(polynomial[0].norm + polynomial[1])
 
 
-def _reach(signals: Signals, radii: Array) -> float:
-    """The largest sample of sum_i |signal_i| radius_i, rounded up."""
-    if not len(radii):
-        return 0.0
-    return above(float((np.abs(signals.values) @ radii).max() + signals.errors @ radii), len(radii))
+def _reach(signals: Signals, radii: Array) -> Array:
+    """The largest sample of sum_i |signal_i| radius_i up to each one, rounded up; shape (K,)."""
+    sizes = np.abs(signals.values) @ radii + signals.errors @ radii
+    return np.maximum.accumulate(above(sizes, len(radii)))
 
 
 def _total(signals: Signals, radii: Array) -> float:

@@ -153,8 +153,8 @@ class _Search:
         measured = measure_range(self.case, found)
         if not len(measured.slopes) or widest < 0:
             return _Examined(box, measured, widest)
-        curvature = found.curvature[:, measured.sample] if measured.sample is not None else found.curvature.sum(axis=1)
-        scores = np.abs(measured.slopes) * radii + measured.bent * curvature / max(float(curvature.sum()), 1e-300)
+        shares_bent = found.shares[:, measured.sample] if measured.sample is not None else found.shares.mean(axis=1)
+        scores = np.abs(measured.slopes) * radii + min(measured.bent, 1e300) * shares_bent
         axis = int(np.argmax(scores)) if np.all(np.isfinite(scores)) and scores.max() > 0.0 else widest
         return _Examined(box, measured, axis)
 
