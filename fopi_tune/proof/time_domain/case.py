@@ -69,6 +69,11 @@ class TimeDomainCase:
         return len(self.run.signals)
 
     @property
+    def delays(self) -> set[float]:
+        """What control and, where there is one, load are late by beside the dead time, samples."""
+        return {self.delay_samples, 0.0} if self.load is not None else {self.delay_samples}
+
+    @property
     def rests(self) -> bool:
         """Whether an input holds the initial output before the first sample."""
         return self.run.start.before is InitialInput.REST or self.run.start.output == 0.0

@@ -12,13 +12,14 @@ and its derivatives are integrals of s^n e^{-xs} over [0, 1] up to the sign, and
 of a ball enclose them.
 
 A delay within 1e-12 of a whole number of samples counts as whole, as in the simulation; both readings are enclosed.
-Where the dead time is uncertain a box must lie between two whole numbers, see `dead_time_cuts`.
+Where the dead time is uncertain a box must lie between two whole numbers, see `cut_at_whole_samples`.
 
 Source: (2) Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, section 2.3.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,7 +30,7 @@ from flint import arb, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.proof.balls.box import Box, ball_of, centre_of
+from fopi_tune.proof.balls.box import Box, ball_of, centre_of, with_interval
 from fopi_tune.proof.time_domain.bounded import Delays, above
 from fopi_tune.proof.time_domain.jets import Derivatives, Jet, assemble_jets
 from fopi_tune.proof.time_domain.models import Model, number_model
@@ -157,7 +158,7 @@ def radii_of(box: Box) -> Array:
     return np.array([max(high - c, c - low) * (1.0 + 4 * _U) for (low, high), c in zip(box, centre, strict=True)])
 
 
-def dead_time_cuts(family: PlantFamily, sample_time_s: float, more: set[float]) -> tuple[float, ...]:
+def _dead_time_cuts(family: PlantFamily, sample_time_s: float, more: set[float]) -> tuple[float, ...]:
     """Dead times inside their range, s, that are whole numbers of samples or just above, with one of more samples."""
     number, found = family.parameters["dead_time_s"], set()
     for extra in more:
@@ -170,6 +171,17 @@ def dead_time_cuts(family: PlantFamily, sample_time_s: float, more: set[float]) 
             if number.min < cut < number.max:
                 found.add(cut)
     return tuple(sorted(found))
+
+
+def cut_at_whole_samples(family: PlantFamily, sample_time_s: float, more: set[float]) -> list[Box]:
+    """The family's box, cut where the dead time with one of these delays, in samples, is a whole number of samples."""
+    box: Box = tuple((float(low), float(high)) for low, high in zip(family.low, family.high, strict=True))
+    names = family.uncertain_names
+    if "dead_time_s" not in names:
+        return [box]
+    axis = names.index("dead_time_s")
+    edges = [box[axis][0], *_dead_time_cuts(family, sample_time_s, more), box[axis][1]]
+    return [with_interval(box, axis, ends) for ends in itertools.pairwise(edges)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,18 +65,27 @@ class Level:
     per_unit: float
 
     @classmethod
-    def of(cls, case: TimeDomainCase, tolerance: float) -> Level:
-        """The level of a case's limit."""
+    def of(cls, case: TimeDomainCase, tolerance: float, margin: float = 0.0) -> Level:
+        """The level of a case's limit.
+
+        Args:
+            case: with the limit.
+            tolerance: as in a proof.
+            margin: share of the tolerance that a search keeps, so that a recheck with other roundings agrees with it.
+        """
         limit, scale = case.limit.limit, case.per_unit
         size = abs(limit)
         if case.limit.measure in _OF_STEP:
             steps = case.horizon.steps_of(case.run)
             size = max(abs(step.value - step.before) for step in steps) or size
         upper = case.limit.relation is Relation.AT_MOST
-        level = (limit + tolerance * size if upper else limit - tolerance * size) * scale
-        rounding = _ROUNDING * (abs(limit) + size) * scale * (1.0 if upper else -1.0)
+        sign = 1.0 if upper else -1.0
+        within, beyond = (
+            (limit + sign * tolerance * share * size) * scale for share in (1.0 - margin, 1.0 + margin)
+        )
+        rounding = sign * _ROUNDING * (abs(limit) + size) * scale
         # without a tolerance the limit itself meets the limit
-        return cls(upper, level - rounding if tolerance else level, level + rounding, scale)
+        return cls(upper, within - rounding if tolerance else within, beyond + rounding, scale)
 
     def is_met(self, found: MeasureRange) -> bool:
         """Whether every plant meets the limit."""

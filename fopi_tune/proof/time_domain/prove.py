@@ -10,17 +10,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.balls.box import Box, centre_of, point_box, split, with_interval
+from fopi_tune.proof.balls.box import Box, centre_of, point_box, split
 from fopi_tune.proof.certificate import Verdict
 from fopi_tune.proof.time_domain.case import TimeDomainCase
 from fopi_tune.proof.time_domain.enclosure import Enclosure
 from fopi_tune.proof.time_domain.measures import PROVABLE, RATES, MeasureRange, measure_range
-from fopi_tune.proof.time_domain.plants import dead_time_cuts, order_of
+from fopi_tune.proof.time_domain.plants import cut_at_whole_samples, order_of
 from fopi_tune.proof.time_domain.proof import FREE, LIMITED, Level, TimeDomainProof
 from fopi_tune.spec.measures import ACCELERATION, acceleration_problem, velocity_unit
 
 #: default budget, boxes and single plants
 BUDGET = 10_000
+#: share of the tolerance that is kept for a recheck
+_MARGIN = 1e-3
 #: samples; the memory of a box grows with their square
 _MOST_SAMPLES = 2_000
 
@@ -41,7 +43,7 @@ def prove_limit(case: TimeDomainCase, tolerance: float = 1e-6, budget: int = BUD
     reason = why_no_method(case)
     if reason:
         return TimeDomainProof(Verdict.UNDECIDED, "", tolerance, message=f"no method: {reason}")
-    return _Search(case, Level.of(case, tolerance), budget).run(tolerance)
+    return _Search(case, Level.of(case, tolerance, _MARGIN), budget).run(tolerance)
 
 
 def why_no_method(case: TimeDomainCase) -> str:
@@ -91,7 +93,7 @@ class _Search:
     def run(self, tolerance: float) -> TimeDomainProof:
         """The proof."""
         order, heap, leaves, worst = itertools.count(), [], [], None
-        for box in whole_boxes(self.case):
+        for box in cut_at_whole_samples(self.case.family, self.case.sample_time_s, self.case.delays):
             heapq.heappush(heap, (-math.inf, next(order), _Examined(box, None, 0)))
         pending = [entry[2].box for entry in heap]
         heap.clear()
@@ -182,16 +184,3 @@ class _Search:
                     Verdict.REFUTED, method, 0.0, None, point, time_s, self.level.witness(at_point)
                 )  # fmt: skip
         return None
-
-
-def whole_boxes(case: TimeDomainCase) -> list[Box]:
-    """The family's box, cut where a delay is a whole number of samples."""
-    family = case.family
-    box: Box = tuple((float(low), float(high)) for low, high in zip(family.low, family.high, strict=True))
-    names = family.uncertain_names
-    if "dead_time_s" not in names:
-        return [box]
-    axis = names.index("dead_time_s")
-    cuts = dead_time_cuts(family, case.sample_time_s, {case.delay_samples, 0.0} if case.load is not None else {case.delay_samples})
-    edges = [box[axis][0], *cuts, box[axis][1]]
-    return [with_interval(box, axis, ends) for ends in itertools.pairwise(edges)]
