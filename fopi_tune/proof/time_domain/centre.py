@@ -14,7 +14,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.proof.time_domain.bounded import Signals
 from fopi_tune.proof.time_domain.case import TimeDomainCase
 from fopi_tune.proof.time_domain.patterns import Pattern
-from fopi_tune.proof.time_domain.plants import HeldPlants, Polynomial
+from fopi_tune.proof.time_domain.plants.held import HeldPlants, Polynomial
 
 #: bits; of the result, and of what a sample may cost
 _BITS, _BITS_A_SAMPLE = 100, 1
@@ -75,8 +75,7 @@ def _rows(case: TimeDomainCase) -> tuple[tuple[float, ...], ...]:
 
 
 def _terms(polynomial: Polynomial) -> list[tuple[int, arb]]:
-    delays, _ = polynomial.centre
-    return [(power, arb(float(value))) for power, value in enumerate(delays.values, delays.first) if value]
+    return sorted(polynomial.exact_centre().items())
 
 
 def _added(case: TimeDomainCase, plants: HeldPlants) -> list[arb]:

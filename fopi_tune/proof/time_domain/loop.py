@@ -36,7 +36,8 @@ from fopi_tune.proof.time_domain.centre import centre_signals
 from fopi_tune.proof.time_domain.jets import pairs_of
 from fopi_tune.proof.time_domain.models import Model
 from fopi_tune.proof.time_domain.patterns import Filter, Pattern, filter_under
-from fopi_tune.proof.time_domain.plants import HeldPlants, Polynomial, hold_plants
+from fopi_tune.proof.time_domain.plants.held import HeldPlants, Polynomial
+from fopi_tune.proof.time_domain.plants.hold import hold_plants
 
 #: largest |Q E| for which (3) is used
 _MOST_CHANGE = 0.75
@@ -261,9 +262,9 @@ class _Solution:
     def _slope_side(self, axis: int, y0: Signals, u0: Signals, slopes: _Inputs) -> Signals:
         """Q of it is the output's slope along an axis."""
         plants = self.plants
-        found = _apply(plants.control.along(axis), u0) - _apply(plants.denominator.along(axis), y0)
+        found = _apply(plants.control.slopes[axis], u0) - _apply(plants.denominator.slopes[axis], y0)
         found = found + _apply(plants.control.centre, slopes.applied[axis : axis + 1])
-        return found if plants.load is None else found + _apply(plants.load.along(axis), self.load)
+        return found if plants.load is None else found + _apply(plants.load.slopes[axis], self.load)
 
     def _plant_rests(self, y0: Signals, u0: Signals) -> tuple[list[Signals], Array]:
         """The same for what centre and slopes leave out of each coefficient, with its radius."""
@@ -280,12 +281,12 @@ class _Solution:
 
         def mixed(axis: int, other: int) -> Signals:
             column = slice(other, other + 1)
-            found = _apply(plants.control.along(axis), u_along[column])
-            return found - _apply(plants.denominator.along(axis), along[column])
+            found = _apply(plants.control.slopes[axis], u_along[column])
+            return found - _apply(plants.denominator.slopes[axis], along[column])
 
-        found = _apply(plants.control.pair(row), u0) - _apply(plants.denominator.pair(row), y0)
+        found = _apply(plants.control.pairs[row], u0) - _apply(plants.denominator.pairs[row], y0)
         found = found + _apply(plants.control.centre, bends.applied[row : row + 1]) + mixed(j, i)
-        found = found if plants.load is None else found + _apply(plants.load.pair(row), self.load)
+        found = found if plants.load is None else found + _apply(plants.load.pairs[row], self.load)
         return found if i == j else found + mixed(i, j)
 
     def _remainders(
@@ -303,7 +304,7 @@ class _Solution:
         path_inverse = self.own.path.after(inverse)
         change = np.zeros((2, len(h), self.count))
         for axis, radius in enumerate(h):
-            (d, rounding_d), (n, rounding_n) = plants.denominator.along(axis), plants.control.along(axis)
+            (d, rounding_d), (n, rounding_n) = plants.denominator.slopes[axis], plants.control.slopes[axis]
             for place, each in enumerate((inverse, path_inverse)):
                 sizes = (each.after_delays(d) + each.after_delays(n).after(control)).norms
                 change[place, axis] = radius * (sizes + each.norms * (rounding_d + rounding_n * control.norms))
@@ -321,7 +322,7 @@ class _Solution:
         )
         q = above(q1 + rest)
         # sizes of the parts of b: of first order, rests, of second order, and products of higher order
-        n1 = sum(r * _size(plants.control.along(axis)) for axis, r in enumerate(h))
+        n1 = sum(r * _size(plants.control.slopes[axis]) for axis, r in enumerate(h))
         (n2, n_rest), (a1, a2, a_rest) = of_control, inputs
         crossed = above(n1 * (a2 + a_rest) + n2 * (a1 + a2 + a_rest) + n_rest * (a1 + a2 + a_rest))
         b1, b_rest, b3 = _reach(along, h), _reach(others, radii), above(inverse.norms * crossed)
@@ -362,7 +363,7 @@ class _Solution:
 
 def _beyond(polynomial: Polynomial, products: Array) -> tuple[float, float]:
     """Norms of the terms of second order and of the rests of a polynomial."""
-    second = sum(size * _size(polynomial.pair(row)) for row, size in enumerate(products))
+    second = sum(size * _size(polynomial.pairs[row]) for row, size in enumerate(products))
     return above(second), above(sum(basis.norm * rest for basis, rest in polynomial.rests))
 
 

@@ -15,7 +15,8 @@ from fopi_tune.proof.certificate import Verdict
 from fopi_tune.proof.time_domain.case import TimeDomainCase
 from fopi_tune.proof.time_domain.enclosure import Enclosure
 from fopi_tune.proof.time_domain.measures import PROVABLE, RATES, MeasureRange, measure_range
-from fopi_tune.proof.time_domain.plants import cut_at_whole_samples, order_of
+from fopi_tune.proof.time_domain.plants.hold import holding_problem, order_of
+from fopi_tune.proof.time_domain.plants.lateness import cut_at_whole_samples
 from fopi_tune.proof.time_domain.proof import FREE, LIMITED, Level, TimeDomainProof
 from fopi_tune.spec.measures import ACCELERATION, acceleration_problem, velocity_unit
 
@@ -63,8 +64,8 @@ def why_no_method(case: TimeDomainCase) -> str:
         return "plants of the family differ in their order, or have a direct path"
     if order != 1 and measure in RATES:
         return f"rates of plants of order {order}; only those of first order are largest at the samples"
-    if order != 1:
-        return f"plants of order {order}"
+    if reason := holding_problem(case.family, case.run.start.output, case.rests):
+        return reason
     if measure == "undershoot" and not all(step.direction for step in case.horizon.steps_of(case.run)):
         return "undershoot needs a step of the reference"
     return ""

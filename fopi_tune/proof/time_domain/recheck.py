@@ -10,7 +10,7 @@ from fopi_tune.proof.certificate import LARGEST_TOLERANCE, Verdict
 from fopi_tune.proof.time_domain.case import TimeDomainCase
 from fopi_tune.proof.time_domain.enclosure import Enclosure
 from fopi_tune.proof.time_domain.measures import MeasureRange, measure_range
-from fopi_tune.proof.time_domain.plants import cut_at_whole_samples
+from fopi_tune.proof.time_domain.plants.lateness import cut_at_whole_samples
 from fopi_tune.proof.time_domain.proof import Level, TimeDomainProof
 from fopi_tune.proof.time_domain.prove import why_no_method
 
