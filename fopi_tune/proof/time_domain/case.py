@@ -53,9 +53,7 @@ class TimeDomainCase:
     @cached_property
     def run(self) -> Scenario:
         """The scenario on samples."""
-        sections = Sections(
-            self.sample_time_s, self.controller.direct, self.controller.poles, self.controller.residues
-        )
+        sections = Sections(self.sample_time_s, self.controller.direct, self.controller.poles, self.controller.residues)
         return scenario_of(self.scenario, Implementation(sections, self.delay_samples), 0)
 
     @cached_property

@@ -1,8 +1,7 @@
 """The trajectory of a box's centre in ball arithmetic, sample by sample.
 
-Rounding alone is propagated here, and the precision is higher than it can grow: sums of absolute values grow by a factor
-of less than two a sample.  What the solution in floating point leaves of the centre is too much for a limit that is
-met by parts of a million.
+Rounding alone is propagated here, and the precision is higher than it grows, which the radii of the result show.  What
+the solution in floating point leaves of the centre is too much for a limit that is met by parts of a million.
 """
 
 from __future__ import annotations

@@ -63,7 +63,9 @@ class Jet:
     def __mul__(self, other: Any) -> Jet:
         if not isinstance(other, Jet):
             factor = arb(other)
-            return Jet(self.value * factor, tuple(x * factor for x in self.slopes), tuple(x * factor for x in self.pairs))
+            return Jet(
+                self.value * factor, tuple(x * factor for x in self.slopes), tuple(x * factor for x in self.pairs)
+            )
         a, b = self.value, other.value
         slopes = tuple(a * y + b * x for x, y in zip(self.slopes, other.slopes, strict=True))
         mixed = (self.slopes[j] * other.slopes[i] + self.slopes[i] * other.slopes[j] for j, i in pairs_of(len(slopes)))

@@ -165,9 +165,14 @@ class _Solution:
         along, others = first[: len(sides)], first[len(sides) :]
         u_along = slopes.applied - self.own.control.apply(along)
         bent = (along, u_along, y0, u0, bends)
-        second = inverse.apply(Signals.beside([*(self._pair_side(row, bent) for row in range(len(self.pairs))), y0[:0]]))
+        second = inverse.apply(
+            Signals.beside([*(self._pair_side(row, bent) for row in range(len(self.pairs))), y0[:0]])
+        )
         radii = np.concatenate([plant_radii, rest_radii])
-        inputs = [_total(each.applied, size) for each, size in ((slopes, self.radii), (bends, self.products), (rests, rest_radii))]
+        inputs = [
+            _total(each.applied, size)
+            for each, size in ((slopes, self.radii), (bends, self.products), (rests, rest_radii))
+        ]
         remainders = self._remainders(inverse, inputs, (along, others, radii, second))
         if not np.isfinite(remainders.output[0]):
             return None
@@ -189,7 +194,9 @@ class _Solution:
         )
         applied = demanded.times(self.free) + Model.constant(self.pattern.limited, self.radii)
         applied = applied.wider(self.pattern.reach) - self.plants.past
-        return Trajectory(self.plants, output, demanded, applied, self._shares(second, remainders), not self.pattern.is_free)
+        return Trajectory(
+            self.plants, output, demanded, applied, self._shares(second, remainders), not self.pattern.is_free
+        )
 
     def _inverse(self) -> Causal | None:
         """Q."""
@@ -226,9 +233,7 @@ class _Solution:
             units[symbols, np.arange(len(symbols))] = 1.0
             v = self._through(case.correction.apply(Signals.exactly(units)))
             each = _Inputs(v, v.times(self.free) + Signals.exactly(units))
-            rest = _Inputs(
-                Signals.beside([rest.demanded, each.demanded]), Signals.beside([rest.applied, each.applied])
-            )
+            rest = _Inputs(Signals.beside([rest.demanded, each.demanded]), Signals.beside([rest.applied, each.applied]))
             radii = np.concatenate([radii, pattern.reach[symbols]])
         return base, slopes, bends, rest, radii
 

@@ -89,7 +89,9 @@ class _Part:
 
 def _largest_size(parts: Sequence[_Part]) -> MeasureRange:
     """Of the largest |number|."""
-    both = [part for each in parts for part in (each, _Part(each.model.times(np.array([-1.0])), each.surely, each.perhaps))]
+    both = [
+        part for each in parts for part in (each, _Part(each.model.times(np.array([-1.0])), each.surely, each.perhaps))
+    ]
     return _largest(both)
 
 
@@ -119,8 +121,7 @@ def _samples(first: int, end: int) -> NDArray[np.int_]:
 def _rates(case: TimeDomainCase, found: Trajectory) -> list[_Part]:
     """dy/dt just before the samples, and just after inputs arrive."""
     plants, first, count = found.plants, case.horizon.first, case.samples
-    if plants.pole is None or plants.gain is None:
-        raise ValueError("rates are those of plants of first order")
+    assert plants.pole is not None and plants.gain is not None, "plants of first order"
     late, load_late = plants.delay
     control = delayed(found.applied, late)
     load = Model.constant(np.zeros(count) if case.load is None else case.load, plants.radii)
@@ -166,7 +167,9 @@ def _peak_control(case: TimeDomainCase, found: Trajectory) -> MeasureRange:
     """The largest |u|; u is v within the limits, and rises with it."""
     counted = _samples(case.horizon.first, case.samples)
     part = _largest_size([_Part(found.demanded, counted, counted)])
-    ends = [np.clip(each[case.horizon.first :], *case.output_limits) for each in (found.demanded.low, found.demanded.high)]
+    ends = [
+        np.clip(each[case.horizon.first :], *case.output_limits) for each in (found.demanded.low, found.demanded.high)
+    ]
     most = np.maximum(np.abs(ends[0]), np.abs(ends[1]))
     crosses = (ends[0] <= 0.0) & (ends[1] >= 0.0)
     least = np.where(crosses, 0.0, np.minimum(np.abs(ends[0]), np.abs(ends[1])))

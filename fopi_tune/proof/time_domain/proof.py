@@ -80,9 +80,7 @@ class Level:
             size = max(abs(step.value - step.before) for step in steps) or size
         upper = case.limit.relation is Relation.AT_MOST
         sign = 1.0 if upper else -1.0
-        within, beyond = (
-            (limit + sign * tolerance * share * size) * scale for share in (1.0 - margin, 1.0 + margin)
-        )
+        within, beyond = ((limit + sign * tolerance * share * size) * scale for share in (1.0 - margin, 1.0 + margin))
         rounding = sign * _ROUNDING * (abs(limit) + size) * scale
         # without a tolerance the limit itself meets the limit
         return cls(upper, within - rounding if tolerance else within, beyond + rounding, scale)

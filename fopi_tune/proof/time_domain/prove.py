@@ -5,12 +5,12 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.balls.box import Box, centre_of, point_box, split
+from fopi_tune.proof.balls.box import Box, Interval, centre_of, point_box, split
 from fopi_tune.proof.certificate import Verdict
 from fopi_tune.proof.time_domain.case import TimeDomainCase
 from fopi_tune.proof.time_domain.enclosure import Enclosure
@@ -24,6 +24,8 @@ from fopi_tune.spec.measures import ACCELERATION, acceleration_problem, velocity
 BUDGET = 10_000
 #: share of the tolerance that is kept for a recheck
 _MARGIN = 1e-3
+#: in place of an infinite remainder
+_LARGE = 1e300
 #: samples; the memory of a box grows with their square
 _MOST_SAMPLES = 2_000
 
@@ -44,7 +46,7 @@ def prove_limit(case: TimeDomainCase, tolerance: float = 1e-6, budget: int = BUD
     reason = why_no_method(case)
     if reason:
         return TimeDomainProof(Verdict.UNDECIDED, "", tolerance, message=f"no method: {reason}")
-    return _Search(case, Level.of(case, tolerance, _MARGIN), budget).run(tolerance)
+    return _Search(case, tolerance, budget).run()
 
 
 def why_no_method(case: TimeDomainCase) -> str:
@@ -56,10 +58,10 @@ def why_no_method(case: TimeDomainCase) -> str:
         return acceleration_problem(case.measurement_unit)
     if case.scenario.quantum:
         return "a measurement with a quantum is not continuous in the plant"
-    if case.scenario.noise_std:
-        return "the measurement has noise"
     if case.samples > _MOST_SAMPLES:
         return f"{case.samples} samples are more than {_MOST_SAMPLES}"
+    if case.family.parameters["dead_time_s"].max / case.sample_time_s + case.delay_samples > _MOST_SAMPLES:
+        return f"a delay of more than {_MOST_SAMPLES} samples"
     if order is None:
         return "plants of the family differ in their order, or have a direct path"
     if order != 1 and measure in RATES:
@@ -73,115 +75,124 @@ def why_no_method(case: TimeDomainCase) -> str:
 
 @dataclass(frozen=True)
 class _Examined:
-    """A box with the range of its measure; None where the box must be split before there is one."""
+    """A box after a look at it.
+
+    Args:
+        box: of plants.
+        found: the range of its measure; None where it must be split before there is one.
+        axis: along which it is split; -1 for a single plant.
+        reason: why there is no range.
+    """
 
     box: Box
     found: MeasureRange | None
     axis: int
-    limited: bool = False
+    reason: str = ""
 
 
 class _Search:
     """Branch and bound: the worst box first."""
 
-    def __init__(self, case: TimeDomainCase, level: Level, budget: int) -> None:
-        self.case, self.level, self.budget = case, level, budget
-        self.enclosure, self.examined, self.limited = Enclosure(case), 0, False
-        family = case.family
-        self.widths = family.high - family.low
+    def __init__(self, case: TimeDomainCase, tolerance: float, budget: int) -> None:
+        self.case, self.tolerance, self.budget = case, tolerance, budget
+        self.level = Level.of(case, tolerance, _MARGIN)
+        self.enclosure, self.examined, self.method = Enclosure(case), 0, FREE
+        self.widths = case.family.high - case.family.low
         self.tested: set[tuple[float, ...]] = set()
 
-    def run(self, tolerance: float) -> TimeDomainProof:
+    def run(self) -> TimeDomainProof:
         """The proof."""
-        order, heap, leaves, worst = itertools.count(), [], [], None
-        for box in cut_at_whole_samples(self.case.family, self.case.sample_time_s, self.case.delays):
-            heapq.heappush(heap, (-math.inf, next(order), _Examined(box, None, 0)))
-        pending = [entry[2].box for entry in heap]
-        heap.clear()
-        message = ""
-        while pending or heap:
+        order = itertools.count()
+        waiting: list[tuple[float, int, _Examined]] = []
+        leaves: list[_Examined] = []
+        case, message = self.case, ""
+        pending = cut_at_whole_samples(case.family, case.sample_time_s, case.delays)
+        while pending or waiting:
             if not pending:
-                examined = heapq.heappop(heap)[2]
-                pieces = split(examined.box, examined.axis)
+                worst = heapq.heappop(waiting)[2]
+                pieces = split(worst.box, worst.axis) if worst.axis >= 0 else None
                 if pieces is None:
-                    message = f"a box cannot be split further: {self.enclosure.reason or 'the limit is met exactly'}"
-                    heapq.heappush(heap, (-math.inf, next(order), examined))
+                    message = worst.reason or "the limit is met or missed by less than the rounding"
+                    message = f"a box cannot be split further: {message}"
+                    leaves.append(worst)
                     break
                 pending += pieces
             if self.examined >= self.budget:
-                message = f"the budget of {self.budget} boxes is spent"
-                if any(entry[2].found is None for entry in heap):
-                    message += f"; {self.enclosure.reason}"
+                reasons = [entry[2].reason for entry in waiting if entry[2].reason]
+                message = "; of a box ".join([f"the budget of {self.budget} boxes is spent", *reasons[:1]])
                 break
             examined = self._examine(pending.pop())
             found = examined.found
             if found is not None and self.level.is_met(found):
                 leaves.append(examined)
                 continue
-            witness = self._witness(examined)
-            if witness is not None:
-                return replace(witness, tolerance=tolerance, examined=self.examined)
-            if not examined.box or examined.axis < 0:
-                message = "the limit is met or missed by less than the rounding"
-                heapq.heappush(heap, (0.0, next(order), examined))
-                break
-            priority = -math.inf if found is None else -self.level.excess(found)
-            heapq.heappush(heap, (priority, next(order), examined))
-        return self._ended(leaves, [entry[2] for entry in heap], bool(pending), message, tolerance)
+            if (witness := self._witness(examined)) is not None:
+                return witness
+            excess = math.inf if found is None else self.level.excess(found)
+            heapq.heappush(waiting, (-excess, next(order), examined))
+        return self._ended([*leaves, *(entry[2] for entry in waiting)], not pending, message)
 
-    def _ended(
-        self, leaves: list[_Examined], others: list[_Examined], unknown: bool, message: str, tolerance: float
-    ) -> TimeDomainProof:
-        every = [*leaves, *others]
-        bounds = [self.level.bound(each.found) for each in every if each.found is not None]
+    def _ended(self, boxes: list[_Examined], whole: bool, message: str) -> TimeDomainProof:
+        """What the boxes prove; `whole`: they cover the family."""
+        known = [self.level.bound(each.found) for each in boxes if each.found is not None]
         bound = None
-        if not unknown and len(bounds) == len(every) and np.all(np.isfinite(bounds)):
-            bound = max(bounds) if self.level.upper else min(bounds)
-        boxes = () if others or unknown else tuple(each.box for each in leaves)
-        verdict = Verdict.PROVED if boxes else Verdict.UNDECIDED
-        method = LIMITED if self.limited else FREE
+        if whole and len(known) == len(boxes) and np.all(np.isfinite(known)):
+            bound = max(known) if self.level.upper else min(known)
+        proved = Verdict.UNDECIDED if message else Verdict.PROVED
+        leaves = () if message else tuple(each.box for each in boxes)
         return TimeDomainProof(
-            verdict, method, tolerance, bound, boxes=boxes, message=message, examined=self.examined
+            proved, self.method, self.tolerance, bound, boxes=leaves, message=message, examined=self.examined
         )
 
     def _examine(self, box: Box) -> _Examined:
         self.examined += 1
-        found = self.enclosure.trajectory(box)
         radii = np.array([0.5 * (high - low) for low, high in box])
         shares = np.divide(radii, self.widths, out=np.zeros_like(radii), where=self.widths > 0.0)
         widest = int(np.argmax(shares)) if len(radii) and radii.max() > 0.0 else -1
-        if found is None:
-            return _Examined(box, None, widest)
-        self.limited |= found.limited
-        measured = measure_range(self.case, found)
-        if not len(measured.slopes) or widest < 0:
-            return _Examined(box, measured, widest)
-        shares_bent = found.shares[:, measured.sample] if measured.sample is not None else found.shares.mean(axis=1)
-        scores = np.abs(measured.slopes) * radii + min(measured.bent, 1e300) * shares_bent
-        axis = int(np.argmax(scores)) if np.all(np.isfinite(scores)) and scores.max() > 0.0 else widest
+        with np.errstate(all="ignore"):
+            found = self.enclosure.trajectory(box)
+            if found is None:
+                return _Examined(box, None, widest, self.enclosure.reason)
+            self.method = LIMITED if found.limited else self.method
+            measured = measure_range(self.case, found)
+            if not len(measured.slopes) or widest < 0:
+                return _Examined(box, measured, widest)
+            # what the slopes lead to is split as well as what is beyond them
+            bent = found.shares.mean(axis=1) if measured.sample is None else found.shares[:, measured.sample]
+            scores = np.abs(measured.slopes) * radii + min(measured.bent, _LARGE) * bent
+        usable = np.all(np.isfinite(scores)) and scores.max() > 0.0
+        axis = int(np.argmax(np.where(radii > 0.0, scores, -1.0))) if usable else widest
         return _Examined(box, measured, axis)
 
     def _witness(self, examined: _Examined) -> TimeDomainProof | None:
         """A plant of a box that surely misses the limit: its centre, or the corner to which the slopes point."""
         found, centre = examined.found, centre_of(examined.box)
-        if found is None:
+        if found is None or (self.level.upper and not found.linear > self.level.beyond):
             return None
         points = [centre]
         if len(found.slopes):
             toward = found.slopes if self.level.upper else -found.slopes
-            points.append(
-                tuple(high if s > 0.0 else low if s < 0.0 else c
-                      for (low, high), s, c in zip(examined.box, toward, centre, strict=True))
-            )  # fmt: skip
+            points.append(tuple(map(_end, examined.box, toward.tolist(), centre)))
         for point in points:
             if point in self.tested or self.examined >= self.budget:
                 continue
             self.tested.add(point)
-            at_point = self._examine(point_box(point)).found
-            if at_point is not None and self.level.is_missed(at_point):
-                time_s = None if at_point.sample is None else at_point.sample * self.case.sample_time_s
-                method = LIMITED if self.limited else FREE
+            there = self._examine(point_box(point)).found
+            if there is not None and self.level.is_missed(there):
                 return TimeDomainProof(
-                    Verdict.REFUTED, method, 0.0, None, point, time_s, self.level.witness(at_point)
-                )  # fmt: skip
+                    Verdict.REFUTED,
+                    self.method,
+                    self.tolerance,
+                    theta=point,
+                    time_s=None if there.sample is None else there.sample * self.case.sample_time_s,
+                    value=self.level.witness(there),
+                    examined=self.examined,
+                )
         return None
+
+
+def _end(interval: Interval, slope: float, centre: float) -> float:
+    """The end to which a slope leads."""
+    if slope == 0.0:
+        return centre
+    return interval[1] if slope > 0.0 else interval[0]

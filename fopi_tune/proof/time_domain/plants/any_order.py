@@ -193,7 +193,9 @@ class _StateSpace:
             sums = [x + y for x, y in zip(sums, bent, strict=True)]
             last = last * max(size, 1e-3) / k
         # |M|^k/k! e^|M| of the terms from k + 1 on, of k and of k - 1 for the derivatives
-        rest = [arb(size) ** max(k + 1 - less, 0) / arb(max(k + 1 - less, 0)).fac() * arb(size).exp() for less in range(3)]
+        rest = [
+            arb(size) ** max(k + 1 - less, 0) / arb(max(k + 1 - less, 0)).fac() * arb(size).exp() for less in range(3)
+        ]
         total = _wider(total, rest[0])
         totals = [_wider(x, rest[1] * slope) for x, slope in zip(totals, slopes, strict=True)]
         sums = [
