@@ -114,7 +114,7 @@ def _sums(one: Sequence[arb], other: Sequence[arb]) -> tuple[arb, ...]:
 
 
 def assemble_jets(family: PlantFamily, theta: Sequence[arb]) -> tuple[list[Jet], list[Jet], Jet]:
-    """Numerator and denominator without leading zeros, and dead time, where the uncertain numbers lie in these balls."""
+    """Numerator and denominator without leading zeros, and dead time, with the uncertain numbers in these balls."""
     axes, uncertain = len(theta), iter(enumerate(theta))
     values: dict[str, Any] = {}
     # in the model's own order, which defines the lists of coefficients

@@ -208,7 +208,7 @@ class _Solution:
 
     def _inputs(self) -> tuple[_Inputs, _Inputs, _Inputs, _Inputs, Array]:
         """At the centre, of first and of second order, and of all else with its radius: past input, start, symbols."""
-        case, own, pattern = self.case, self.own, self.pattern
+        case, pattern = self.case, self.pattern
         past, first, count = self.plants.past, self._first_state(), self.count
         ones = np.ones((count, 1))
         reference = case.run.signals.reference - self.plants.output

@@ -121,7 +121,9 @@ def _samples(first: int, end: int) -> NDArray[np.int_]:
 def _rates(case: TimeDomainCase, found: Trajectory) -> list[_Part]:
     """dy/dt just before the samples, and just after inputs arrive."""
     plants, first, count = found.plants, case.horizon.first, case.samples
-    assert plants.pole is not None and plants.gain is not None, "plants of first order"
+    if plants.pole is None or plants.gain is None:
+        # `prove.why_no_method` refuses plants of higher order
+        return []
     late, load_late = plants.delay
     control = delayed(found.applied, late)
     load = Model.constant(np.zeros(count) if case.load is None else case.load, plants.radii)
@@ -173,8 +175,8 @@ def _peak_control(case: TimeDomainCase, found: Trajectory) -> MeasureRange:
     most = np.maximum(np.abs(ends[0]), np.abs(ends[1]))
     crosses = (ends[0] <= 0.0) & (ends[1] >= 0.0)
     least = np.where(crosses, 0.0, np.minimum(np.abs(ends[0]), np.abs(ends[1])))
-    reach = min(part.linear, max(abs(limit) for limit in case.output_limits))
-    return MeasureRange(float(least.max()), float(most.max()), part.sample, part.slopes, part.bent, reach)
+    linear = min(part.linear, max(abs(limit) for limit in case.output_limits))
+    return MeasureRange(float(least.max()), float(most.max()), part.sample, part.slopes, part.bent, linear)
 
 
 def _error(case: TimeDomainCase, found: Trajectory) -> Model:

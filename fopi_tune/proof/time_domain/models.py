@@ -1,6 +1,6 @@
 """Numbers that depend on a plant, over a box of plants: their terms up to second order, and a bound of all others.
 
-    f = values + sum_j slopes_j d_j + sum_(i <= j) pairs_ji d_j d_i + at most `rest`,    d = theta - centre           (1)
+    f = values + sum_j slopes_j d_j + sum_(i <= j) pairs_ji d_j d_i + at most `rest`,   d = theta - centre           (1)
 
 with |d_j| <= radii_j.  A `Model` holds (1) for n numbers at once; one number is a model of length 1 and combines with
 any other.  Sums and products are exact up to the rest, which takes what is of third order, and rounding.

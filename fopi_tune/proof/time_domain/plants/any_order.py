@@ -4,9 +4,9 @@
 
 With an input that is d + f samples late, g = W(1 - f) and h = e^{A(1 - f)} W(f), and E = Phi - I,
 
-    det(delta - E) = sum_k d_k delta^(n-k),    c adj(delta - E) g = sum_k n_k delta^(n-1-k),    delta = z - 1,        (2)
+    det(delta - E) = sum_k d_k delta^(n-k),    c adj(delta - E) g = sum_k n_k delta^(n-1-k),    delta = z - 1,       (2)
 
-    D(x) = sum_k d_k x^k (1 - x)^(n-k),        N(x) = x^{d+1} sum_k (n_k(g) + x n_k(h)) x^k (1 - x)^(n-1-k) .         (3)
+    D(x) = sum_k d_k x^k (1 - x)^(n-k),        N(x) = x^{d+1} sum_k (n_k(g) + x n_k(h)) x^k (1 - x)^(n-1-k) .        (3)
 
 The coefficients of (2) come from the recursion of Faddeev and LeVerrier, and e^A from its series; both are computed
 with first and second derivatives.  What a series leaves out after m terms is, in the norm |A| of row sums, at most

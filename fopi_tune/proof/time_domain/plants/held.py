@@ -90,7 +90,7 @@ def _overlap(parts: Sequence[tuple[Delays, float]]) -> bool:
 class Arrivals:
     """dy/dt of plants of first order when an input arrives at the fraction `instant` of a sample.
 
-        dy/dt = state y + control u_(k - delay) + control_before u_(k - delay - 1) + the same of the load             (2)
+        dy/dt = state y + control u_(k - delay) + control_before u_(k - delay - 1) + the same of the load            (2)
 
     Args:
         state, control, control_before, load, load_before: models of length 1.
