@@ -252,7 +252,7 @@ def _triangular_inverse(matrix: Array) -> Array:
     """By halves: large products are fast."""
     count = len(matrix)
     if count <= 32:
-        return np.tril(np.linalg.inv(matrix))
+        return np.asarray(np.tril(np.linalg.inv(matrix)), dtype=float)
     half = count // 2
     one, two = _triangular_inverse(matrix[:half, :half]), _triangular_inverse(matrix[half:, half:])
     found = np.zeros_like(matrix)

@@ -17,9 +17,10 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.proof.balls.box import Box, centre_of
 from fopi_tune.proof.time_domain.case import TimeDomainCase
-from fopi_tune.proof.time_domain.loop import Loop, Trajectory
+from fopi_tune.proof.time_domain.loop import Loop
 from fopi_tune.proof.time_domain.models import delayed
 from fopi_tune.proof.time_domain.patterns import Pattern, free_pattern, pattern_of
+from fopi_tune.proof.time_domain.solution import Trajectory
 from fopi_tune.simulation.sampled.simulate import simulate
 from fopi_tune.simulation.scenario import Mode, Sensor
 

@@ -101,7 +101,8 @@ class Jet:
 
     def exp(self) -> Jet:
         """e to it."""
-        return self.through(lambda x: (x.exp(),) * 3)
+        value = self.value.exp()
+        return self.through(lambda x: (value, value, value))
 
 
 def pairs_of(axes: int) -> list[tuple[int, int]]:

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.proof.time_domain.case import TimeDomainCase
-from fopi_tune.proof.time_domain.loop import Trajectory
 from fopi_tune.proof.time_domain.models import Model, delayed
+from fopi_tune.proof.time_domain.solution import Trajectory
 from fopi_tune.spec.measures import ACCELERATION
 
 #: measures that can be proved; `undershoot` is the largest distance to which a step first goes the wrong way

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.proof.time_domain.bounded import Causal
@@ -55,7 +56,7 @@ class Pattern:
         return not self.share.any()
 
     @cached_property
-    def symbols(self) -> Array:
+    def symbols(self) -> NDArray[np.intp]:
         """The samples with a symbol."""
         return np.flatnonzero(self.reach)
 

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fopi_tune.digital.realise import Precision
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.balls.box import Box, Interval, centre_of, point_box, split
 from fopi_tune.proof.certificate import Verdict
 from fopi_tune.proof.time_domain.case import TimeDomainCase
 from fopi_tune.proof.time_domain.enclosure import Enclosure
 from fopi_tune.proof.time_domain.measures import PROVABLE, RATES, MeasureRange, measure_range
-from fopi_tune.proof.time_domain.plants.hold import holding_problem, order_of
+from fopi_tune.proof.time_domain.plants.hold import family_problem, holding_problem
 from fopi_tune.proof.time_domain.plants.lateness import cut_at_whole_samples
 from fopi_tune.proof.time_domain.proof import FREE, LIMITED, Level, TimeDomainProof
 from fopi_tune.spec.measures import ACCELERATION, acceleration_problem, velocity_unit
@@ -51,7 +52,7 @@ def prove_limit(case: TimeDomainCase, tolerance: float = 1e-6, budget: int = BUD
 
 def why_no_method(case: TimeDomainCase) -> str:
     """Why nothing can be proved of a case, whatever its numbers; empty where something may be."""
-    measure, order = case.limit.measure, order_of(case.family)
+    measure = case.limit.measure
     if measure not in PROVABLE:
         return f"of {measure}"
     if measure == ACCELERATION and velocity_unit(case.measurement_unit) is None:
@@ -62,10 +63,10 @@ def why_no_method(case: TimeDomainCase) -> str:
         return f"{case.samples} samples are more than {_MOST_SAMPLES}"
     if case.family.parameters["dead_time_s"].max / case.sample_time_s + case.delay_samples > _MOST_SAMPLES:
         return f"a delay of more than {_MOST_SAMPLES} samples"
-    if order is None:
-        return "plants of the family differ in their order, or have a direct path"
-    if order != 1 and measure in RATES:
-        return f"rates of plants of order {order}; only those of first order are largest at the samples"
+    if case.controller.precision is not Precision.FLOAT64:
+        return "the filter is not in float64"
+    if reason := family_problem(case.family, measure in RATES):
+        return reason
     if reason := holding_problem(case.family, case.run.start.output, case.rests):
         return reason
     if measure == "undershoot" and not all(step.direction for step in case.horizon.steps_of(case.run)):

@@ -1,6 +1,6 @@
-"""Plants of any order without a direct path behind a zero-order hold, with their derivatives.
+"""Plants of any order behind a zero-order hold, with their derivatives.
 
-    y = c x,  x' = A x + b v,  time in samples:      Phi = e^A,   W(t) = int_0^t e^{As} b ds                         (1)
+    y = c x + b_0 v,  x' = A x + b v,  time in samples:      Phi = e^A,   W(t) = int_0^t e^{As} b ds                         (1)
 
 With an input that is d + f samples late, g = W(1 - f) and h = e^{A(1 - f)} W(f), and E = Phi - I,
 
@@ -8,7 +8,7 @@ With an input that is d + f samples late, g = W(1 - f) and h = e^{A(1 - f)} W(f)
 
     D(x) = sum_k d_k x^k (1 - x)^(n-k),        N(x) = x^{d+1} sum_k (n_k(g) + x n_k(h)) x^k (1 - x)^(n-1-k) .        (3)
 
-The coefficients of (2) come from the recursion of Faddeev and LeVerrier, and e^A from its series; both are computed
+A direct path b_0 adds x^{d+1} b_0 D(x) to N: at a sample y still has the input of before.  The coefficients of (2) come from the recursion of Faddeev and LeVerrier, and e^A from its series; both are computed
 with first and second derivatives.  What a series leaves out after m terms is, in the norm |A| of row sums, at most
 |A|^m/m! e^|A|, and of its derivatives what the derivative of that is.
 
@@ -94,14 +94,20 @@ def _inputs(wide: _StateSpace, narrow: _StateSpace, late: Lateness, radii: Array
     wider = wide.most_change * late.beyond * (1.0 + 1e-9)
     pairs = [(late.whole + 1, wide.weights(1 - late.part), narrow.weights(1 - late.centre))]
     if not late.is_whole:
-        pairs.append((late.whole + 2, *(
-            space.weights(part, 1 - part) for space, part in ((wide, late.part), (narrow, late.centre))
-        )))  # fmt: skip
+        own, at = (space.weights(part, 1 - part) for space, part in ((wide, late.part), (narrow, late.centre)))
+        pairs.append((late.whole + 2, own, at))
     terms = [
         (_delays(first, k, order - 1), number_model(own[k], at[k], radii, wider))
         for first, own, at in pairs
         for k in range(order)
     ]
+    if wide.direct is not None and narrow.direct is not None:
+        # its delay is exact
+        found = [
+            number_model(wide.direct * own, narrow.direct * at, radii)
+            for own, at in zip(wide.characteristic, narrow.characteristic, strict=True)
+        ]
+        terms += [(_delays(late.whole + 1, k, order), model) for k, model in enumerate(found)]
     if late.beyond:
         nothing = Model.constant(np.zeros(1), radii).wider(np.array([wider]))
         outer = [first for first in (late.whole, late.whole + 2 + (not late.is_whole)) if first]
@@ -130,9 +136,13 @@ class _StateSpace:
         self.order, self.axes = n, len(leading.slopes)
         # time in samples: coefficients of descending powers times Ts^0, Ts^1, ...
         self.top = [-(c / leading) * ts**k for k, c in enumerate(denominator[1:], 1)]
-        missing = n - len(numerator)
+        self.direct = numerator[0] / leading if len(numerator) > n else None
+        own = numerator if self.direct is None else numerator[1:]
+        missing = n - len(own)
         rows = [Jet.constant(0, self.axes)] * missing
-        self.c = [*rows, *(b / leading * ts ** (missing + 1 + k) for k, b in enumerate(numerator))]
+        self.c = [*rows, *(b / leading * ts ** (missing + 1 + k) for k, b in enumerate(own))]
+        if self.direct is not None:
+            self.c = [c + self.direct * a for c, a in zip(self.c, self.top, strict=True)]
         whole = self._exponential(Jet.constant(1, self.axes))
         phi = [[whole.entry(i, j) for j in range(n)] for i in range(n)]
         e = [[phi[i][j] - int(i == j) for j in range(n)] for i in range(n)]

@@ -1,6 +1,6 @@
 """Plants of first order behind a zero-order hold.
 
-    y' = -p y + k v:      D(x) = 1 - e^{-p Ts} x,      N(x) = x^{d+1} (W(1 - f) + e^{-p (1 - f) Ts} W(f) x)           (1)
+    y' = -p y + k v:      D(x) = 1 - e^{-p Ts} x,      N(x) = x^{d+1} (W(1 - f) + e^{-p (1 - f) Ts} W(f) x)          (1)
 
 with an input that is d + f samples late and W(t) = (k/p) (1 - e^{-p Ts t}), where the pole may be 0 in the form
 k Ts t phi(p Ts t), phi(x) = (1 - e^{-x})/x.  phi and its derivatives are integrals of s^n e^{-xs} over [0, 1] up to the

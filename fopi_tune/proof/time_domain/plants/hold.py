@@ -20,13 +20,24 @@ from fopi_tune.proof.time_domain.plants.lateness import lateness_of
 _U = 2.0**-53
 
 
-def order_of(family: PlantFamily) -> int | None:
-    """The order of every plant of a family; None where they differ, or where a plant has a direct path."""
-    theta = [ball_of((number.min, number.max)) for number in family.parameters.values() if not number.is_exact]
-    numerator, denominator, _ = assemble_jets(family, theta)
-    if len(numerator) >= len(denominator) or denominator[0].value.contains(0):
-        return None
-    return len(denominator) - 1
+def family_problem(family: PlantFamily, rates: bool) -> str:
+    """Why there is no form of a family's plants; empty where there is one.
+
+    Args:
+        family: of the plants.
+        rates: whether dy/dt is asked for.
+    """
+    numerator, denominator, _ = assemble_jets(family, _whole(family))
+    order, direct = len(denominator) - 1, len(numerator) == len(denominator)
+    if denominator[0].value.contains(0) or len(numerator) > len(denominator):
+        return "plants of the family differ in their order"
+    if direct and not family.parameters["dead_time_s"].is_exact:
+        return "plants with a direct path are not continuous in an uncertain dead time"
+    if rates and (order != 1 or direct):
+        return (
+            f"rates of plants of order {order}{' with a direct path' if direct else ''}; they may be largest anywhere"
+        )
+    return ""
 
 
 def holding_problem(family: PlantFamily, output: float, rests: bool) -> str:
@@ -37,18 +48,22 @@ def holding_problem(family: PlantFamily, output: float, rests: bool) -> str:
         output: before the first sample.
         rests: whether an input holds it there.
     """
-    theta = [ball_of((number.min, number.max)) for number in family.parameters.values() if not number.is_exact]
-    numerator, denominator, _ = assemble_jets(family, theta)
+    numerator, denominator, _ = assemble_jets(family, _whole(family))
     if output == 0.0:
         return ""
     if not rests:
-        return "" if len(denominator) == 2 else "an initial output without input needs plants of first order"
+        strict = len(denominator) == 2 and len(numerator) < 2
+        return "" if strict else "an initial output without input needs plants of first order without a direct path"
     # an integrator is held anywhere, but only if all plants of the family are integrators
     if denominator[-1].is_zero:
         return ""
     if denominator[-1].value.contains(0) and len(denominator) > 2:
         return "some plants of the family have an integrator and others have none"
     return "no input holds a plant there, because P(0) may be 0" if numerator[-1].value.contains(0) else ""
+
+
+def _whole(family: PlantFamily) -> list[arb]:
+    return [ball_of((number.min, number.max)) for number in family.parameters.values() if not number.is_exact]
 
 
 def radii_of(box: Box) -> Array:
@@ -87,7 +102,7 @@ def hold_plants(
     if rests and output and not bottom[-1].is_zero:
         past = number_model(bottom[-1] / top[-1] * output, bottom_0[-1] / top_0[-1] * output, radii)
     begin, lates = Start(past, output, rests), (late[0], late[1])
-    if len(bottom) != 2:
+    if len(bottom) != 2 or len(top) == 2:
         return any_order((top, bottom), (top_0, bottom_0), radii, arb(sample_time_s), lates, begin, loaded)
     integrates = bottom[1].value.contains(0)
 
