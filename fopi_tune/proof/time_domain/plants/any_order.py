@@ -1,6 +1,6 @@
 """Plants of any order behind a zero-order hold, with their derivatives.
 
-    y = c x + b_0 v,  x' = A x + b v,  time in samples:   Phi = e^A,   W(t) = int_0^t e^{As} b ds                     (1)
+    y = c x + b_0 v,  x' = A x + b v,  time in samples:   Phi = e^A,   W(t) = int_0^t e^{As} b ds                    (1)
 
 With an input that is d + f samples late, g = W(1 - f) and h = e^{A(1 - f)} W(f), and E = Phi - I,
 
@@ -9,8 +9,9 @@ With an input that is d + f samples late, g = W(1 - f) and h = e^{A(1 - f)} W(f)
     D(x) = sum_k d_k x^k (1 - x)^(n-k),        N(x) = x^{d+1} sum_k (n_k(g) + x n_k(h)) x^k (1 - x)^(n-1-k) .        (3)
 
 A direct path b_0 adds x^{d+1} b_0 D(x) to N: at a sample y still has the input of before.  The coefficients of (2) come
-from the recursion of Faddeev and LeVerrier, and e^A from its series; both with first and second derivatives.  What a series leaves out after m terms is, in the norm |A| of row sums, at most
-|A|^m/m! e^|A|, and of its derivatives what the derivative of that is.
+from the recursion of Faddeev and LeVerrier, and e^A from its series; both with first and second derivatives.  What a
+series leaves out after m terms is, in the norm |A| of row sums, at most |A|^m/m! e^|A|, and of its derivatives what the
+derivative of that is.
 
 Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sections 2.3 and 2.4.
 """
