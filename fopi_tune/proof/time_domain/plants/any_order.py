@@ -1,0 +1,237 @@
+"""Plants of any order behind a zero-order hold, with their derivatives.
+
+    y = c x + b_0 v,  x' = A x + b v,  time in samples:   Phi = e^A,   W(t) = int_0^t e^{As} b ds                    (1)
+
+With an input that is d + f samples late, g = W(1 - f) and h = e^{A(1 - f)} W(f), and E = Phi - I,
+
+    det(delta - E) = sum_k d_k delta^(n-k),    c adj(delta - E) g = sum_k n_k delta^(n-1-k),    delta = z - 1,       (2)
+
+    D(x) = sum_k d_k x^k (1 - x)^(n-k),        N(x) = x^{d+1} sum_k (n_k(g) + x n_k(h)) x^k (1 - x)^(n-1-k) .        (3)
+
+A direct path b_0 adds x^{d+1} b_0 D(x) to N: at a sample y still has the input of before.  The coefficients of (2) come
+from the recursion of Faddeev and LeVerrier, and e^A from its series; both with first and second derivatives.  What a
+series leaves out after m terms is, in the norm |A| of row sums, at most |A|^m/m! e^|A|, and of its derivatives what the
+derivative of that is.
+
+Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sections 2.3 and 2.4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from flint import arb, arb_mat
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.proof.time_domain.bounded import Delays
+from fopi_tune.proof.time_domain.jets import Jet, pairs_of
+from fopi_tune.proof.time_domain.models import Model, number_model
+from fopi_tune.proof.time_domain.plants.held import HeldPlants, Polynomial, Start
+from fopi_tune.proof.time_domain.plants.lateness import Lateness
+
+#: size of the last term of a series, and most terms
+_LAST, _MOST_TERMS = 1e-40, 400
+
+Coefficients = tuple[list[Jet], list[Jet]]
+
+
+def any_order(
+    over: Coefficients, centre: Coefficients, radii: Array, ts: arb, late: tuple[Lateness, Lateness], start: Start,
+    loaded: bool,
+) -> HeldPlants:  # fmt: skip
+    """The plants of a box.
+
+    Args:
+        over: numerator and denominator over the box, descending powers.
+        centre: the same at its centre.
+        radii: of the box.
+        ts: Ts.
+        late: of control and load.
+        start: at rest.
+        loaded: whether there is a load.
+    """
+    order = len(over[1]) - 1
+    wide, narrow = _StateSpace(*over, ts), _StateSpace(*centre, ts)
+    kept = list(zip(wide.characteristic, narrow.characteristic, strict=True))
+    # without dynamics, D(x) = 1
+    nothing = ((Delays(np.zeros(1)), Model.constant(np.zeros(1), radii)),) if order == 0 else ()
+    base = Delays(np.array(_basis(0, order)))
+    terms = ((_delays(0, k, order), number_model(*kept[k], radii)) for k in range(1, order + 1))
+    denominator = Polynomial(base, (*terms, *nothing))
+    polynomials = [_inputs(wide, narrow, each, radii) for each in late[: 2 if loaded else 1]]
+    return HeldPlants(
+        order=order,
+        radii=radii,
+        denominator=denominator,
+        control=polynomials[0],
+        load=polynomials[1] if loaded else None,
+        past=start.past,
+        output=start.output,
+        kick=0.0,
+        delay=(late[0].whole, late[1].whole),
+        pole=None,
+        gain=None,
+        arrivals=(),
+    )
+
+
+def _basis(power: int, factors: int) -> list[int]:
+    """x^power (1 - x)^(factors - power), ascending powers."""
+    found = [1]
+    for _ in range(factors - power):
+        found = [a - b for a, b in zip([*found, 0], [0, *found], strict=True)]
+    return [0] * power + found
+
+
+def _delays(first: int, power: int, factors: int) -> Delays:
+    return Delays(np.array(_basis(power, factors), dtype=float), first)
+
+
+def _inputs(wide: _StateSpace, narrow: _StateSpace, late: Lateness, radii: Array) -> Polynomial:
+    """N of (3); what a delay just beyond a whole number of samples changes is added to the rests."""
+    order = wide.order
+    wider = wide.most_change * late.beyond * (1.0 + 1e-9)
+    pairs = [(late.whole + 1, wide.weights(1 - late.part), narrow.weights(1 - late.centre))]
+    if not late.is_whole:
+        own, at = (space.weights(part, 1 - part) for space, part in ((wide, late.part), (narrow, late.centre)))
+        pairs.append((late.whole + 2, own, at))
+    terms = [
+        (_delays(first, k, order - 1), number_model(own[k], at[k], radii, wider))
+        for first, own, at in pairs
+        for k in range(order)
+    ]
+    if wide.direct is not None and narrow.direct is not None:
+        # its delay is exact
+        found = [
+            number_model(wide.direct * own, narrow.direct * at, radii)
+            for own, at in zip(wide.characteristic, narrow.characteristic, strict=True)
+        ]
+        terms += [(_delays(late.whole + 1, k, order), model) for k, model in enumerate(found)]
+    if late.beyond:
+        nothing = Model.constant(np.zeros(1), radii).wider(np.array([wider]))
+        outer = [first for first in (late.whole, late.whole + 2 + (not late.is_whole)) if first]
+        terms += [(_delays(first, k, order - 1), nothing) for first in outer for k in range(order)]
+    return Polynomial(None, tuple(terms))
+
+
+@dataclass(frozen=True, eq=False)
+class _Exponential:
+    """e^M of a matrix of jets: its value and its derivatives."""
+
+    value: arb_mat
+    slopes: list[arb_mat]
+    pairs: list[arb_mat]
+
+    def entry(self, i: int, j: int) -> Jet:
+        """One number of it."""
+        return Jet(self.value[i, j], tuple(m[i, j] for m in self.slopes), tuple(m[i, j] for m in self.pairs))
+
+
+class _StateSpace:
+    """(1) and (2) of plants whose coefficients are jets."""
+
+    def __init__(self, numerator: Sequence[Jet], denominator: Sequence[Jet], ts: arb) -> None:
+        leading, n = denominator[0], len(denominator) - 1
+        self.order, self.axes = n, len(leading.slopes)
+        # time in samples: coefficients of descending powers times Ts^0, Ts^1, ...
+        self.top = [-(c / leading) * ts**k for k, c in enumerate(denominator[1:], 1)]
+        self.direct = numerator[0] / leading if len(numerator) > n else None
+        own = numerator if self.direct is None else numerator[1:]
+        missing = n - len(own)
+        rows = [Jet.constant(0, self.axes)] * missing
+        self.c = [*rows, *(b / leading * ts ** (missing + 1 + k) for k, b in enumerate(own))]
+        if self.direct is not None:
+            self.c = [c + self.direct * a for c, a in zip(self.c, self.top, strict=True)]
+        whole = self._exponential(Jet.constant(1, self.axes))
+        phi = [[whole.entry(i, j) for j in range(n)] for i in range(n)]
+        e = [[phi[i][j] - int(i == j) for j in range(n)] for i in range(n)]
+        self.characteristic, self._adjoint = [Jet.constant(1, self.axes)], []
+        b = [[Jet.constant(int(i == j), self.axes) for j in range(n)] for i in range(n)]
+        for k in range(n):
+            # c B_k, whose product with g is n_k
+            self._adjoint.append([_total([self.c[i] * b[i][j] for i in range(n)]) for j in range(n)])
+            eb = [[_total([e[i][h] * b[h][j] for h in range(n)]) for j in range(n)] for i in range(n)]
+            self.characteristic.append(_total([eb[i][i] for i in range(n)]) * (arb(-1) / (k + 1)))
+            b = [[eb[i][j] + self.characteristic[-1] if i == j else eb[i][j] for j in range(n)] for i in range(n)]
+        for k in range(1, n + 1):
+            # an integrator's pole is at z = 1 exactly
+            if all(c.is_zero for c in denominator[k:]):
+                self.characteristic[k] = Jet.constant(0, self.axes)
+        size = sum((abs(m) for row in self._adjoint for m in (x.value for x in row)), arb(0))
+        growth = sum((abs(x.value) for x in self.top), arb(1)).exp()
+        self.most_change = float((size * growth).upper())
+
+    def weights(self, time: Jet, then: Jet | None = None) -> list[Jet]:
+        """n_k of W(time), or of e^{A then} W(time)."""
+        n = self.order
+        held = self._exponential(time)
+        column = [held.entry(i, n) for i in range(n)]
+        if then is not None:
+            moved = self._exponential(then)
+            column = [_total([moved.entry(i, j) * column[j] for j in range(n)]) for i in range(n)]
+        return [_total([x * y for x, y in zip(row, column, strict=True)]) for row in self._adjoint]
+
+    def _exponential(self, time: Jet) -> _Exponential:
+        """e^{M time}, M = [[A, b], [0, 0]], by its series with derivatives, and what that leaves out."""
+        n, axes, pairs = self.order, self.axes, pairs_of(self.axes)
+        rows = [[Jet.constant(0, axes) for _ in range(n + 1)] for _ in range(n + 1)]
+        rows[0][:n] = [x * time for x in self.top]
+        rows[0][n] = time
+        for i in range(1, n):
+            rows[i][i - 1] = time
+        m = arb_mat([[x.value for x in row] for row in rows])
+        first = [arb_mat([[x.slopes[j] for x in row] for row in rows]) for j in range(axes)]
+        second = [arb_mat([[x.pairs[k] for x in row] for row in rows]) for k in range(len(pairs))]
+        size, slopes, bends = _norm(m), [_norm(x) for x in first], [_norm(x) for x in second]
+        zero = arb_mat(n + 1, n + 1)
+        value = arb_mat([[int(i == j) for j in range(n + 1)] for i in range(n + 1)])
+        total, totals, sums = value, [zero] * axes, [zero] * len(pairs)
+        term, terms, bent = value, [zero] * axes, [zero] * len(pairs)
+        k, last = 0, 1.0
+        # a sixth power more than the value needs, for the derivatives
+        while (last > _LAST or k < size + 4) and k < _MOST_TERMS and math.isfinite(size):
+            k += 1
+            scale = arb(1) / k
+            bent = [
+                (second[row] * term + first[j] * terms[i] + first[i] * terms[j] + m * bent[row]) * scale
+                for row, (j, i) in enumerate(pairs)
+            ]
+            terms = [(first[j] * term + m * terms[j]) * scale for j in range(axes)]
+            term = m * term * scale
+            total, totals = total + term, [x + y for x, y in zip(totals, terms, strict=True)]
+            sums = [x + y for x, y in zip(sums, bent, strict=True)]
+            last = last * max(size, 1e-3) / k
+        # |M|^k/k! e^|M| of the terms from k + 1 on, of k and of k - 1 for the derivatives
+        rest = [
+            arb(size) ** max(k + 1 - less, 0) / arb(max(k + 1 - less, 0)).fac() * arb(size).exp() for less in range(3)
+        ]
+        total = _wider(total, rest[0])
+        totals = [_wider(x, rest[1] * slope) for x, slope in zip(totals, slopes, strict=True)]
+        sums = [
+            _wider(x, rest[1] * bends[row] + rest[2] * slopes[j] * slopes[i])
+            for row, ((j, i), x) in enumerate(zip(pairs, sums, strict=True))
+        ]
+        return _Exponential(total, totals, sums)
+
+
+def _total(terms: Sequence[Jet]) -> Jet:
+    found = terms[0]
+    for term in terms[1:]:
+        found = found + term
+    return found
+
+
+def _norm(matrix: arb_mat) -> float:
+    """The largest sum of a row, rounded up."""
+    rows = range(matrix.nrows())
+    sums = [sum((abs(matrix[i, j]) for j in range(matrix.ncols())), arb(0)) for i in rows]
+    return max(float(s.upper()) for s in sums) * (1.0 + 1e-12)
+
+
+def _wider(matrix: arb_mat, by: arb) -> arb_mat:
+    """Each entry with a larger radius."""
+    ball = arb(0, float(by.upper()) * (1.0 + 1e-12))
+    return arb_mat([[matrix[i, j] + ball for j in range(matrix.ncols())] for i in range(matrix.nrows())])
