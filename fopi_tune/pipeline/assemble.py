@@ -75,7 +75,11 @@ def assemble_design(
         steady_state_error=_steady_state_error(spec, candidate.gains, found),
         gap=candidate.gap if status is Status.SOLVED else None,
         measures=measure_reports(
-            spec.scenario_requirements, found.measures if found else (), candidate.scenario_multipliers, checked.drawn
+            spec.scenario_requirements,
+            found.measures if found else (),
+            candidate.scenario_multipliers,
+            checked.drawn,
+            certificate,
         ),
     )
 
@@ -107,6 +111,11 @@ def new_violations(checked: CheckedCandidate, known: tuple[Violation, ...]) -> t
             for i, proved in enumerate(certificate.requirements)
             for side in proved.sides
             if side.verdict is Verdict.REFUTED
+        ]
+        violations += [
+            Violation(each.index, each.proof.theta, math.nan, each.case.scenario.name)
+            for each in certificate.scenarios
+            if each.proof.verdict is Verdict.REFUTED and each.proof.theta is not None
         ]
     return tuple(v for v in dict.fromkeys(violations) if v not in known)
 
@@ -182,6 +191,12 @@ def _unproved_message(spec: DesignSpec, certificate: Certificate) -> str:
             parts.append(f"refuted: {'; '.join(counterexamples)}")
         elif proof.verdict is not Verdict.PROVED:
             parts.append(f"{proof.requirement.quantity} is {proof.verdict.value}: {proof.explanation}")
+    for each in certificate.scenarios:
+        limit, shown = each.case.limit, each.proof
+        if shown.verdict is Verdict.REFUTED and shown.theta is not None:
+            where = _place_in_words(spec.plant.describe(np.array(shown.theta)), None)
+            asked = f"({limit.relation.value} {limit.limit:g})"
+            parts.append(f"refuted: {limit.measure} is {shown.value:.9g} {asked} in {each.case.scenario.name}{where}")
     return "the gains pass the check in floating point, but the proof is missing: " + "; ".join(parts)
 
 

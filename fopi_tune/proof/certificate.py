@@ -8,42 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 from fopi_tune.proof.obligations import Case
+from fopi_tune.proof.scenario_proofs import ScenarioProof, decided
+from fopi_tune.proof.verdict import LARGEST_TOLERANCE as LARGEST_TOLERANCE
+from fopi_tune.proof.verdict import Verdict as Verdict
+from fopi_tune.proof.verdict import overall as overall
 from fopi_tune.proof.verification.results import Place
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.spec.model import Relation, Requirement
 
-#: the largest tolerance of a certificate, natural units: a proof with a larger one would say nothing useful
-LARGEST_TOLERANCE = 1e-2
 #: added to the reason of an undecided statement whose searches did not come to an end
 _BUDGET_SPENT = "the counted budget of its searches was spent"
-
-
-class Verdict(StrEnum):
-    """Result of trying to prove a statement; `advice` says what it means."""
-
-    PROVED = "proved"
-    REFUTED = "refuted"
-    UNDECIDED = "undecided"
-
-    @property
-    def advice(self) -> str:
-        """One sentence."""
-        return {
-            Verdict.PROVED: "It holds for every plant of the family and every frequency.",
-            Verdict.REFUTED: "A plant and a frequency are named at which it does not hold.",
-            Verdict.UNDECIDED: "Neither was shown; the gap that is left is stated.",
-        }[self]
-
-
-def overall(verdicts: tuple[Verdict, ...]) -> Verdict:
-    """Verdict of a conjunction: refuted if any statement is refuted, proved if all are proved."""
-    if Verdict.REFUTED in verdicts:
-        return Verdict.REFUTED
-    return Verdict.PROVED if all(v is Verdict.PROVED for v in verdicts) else Verdict.UNDECIDED
 
 
 @dataclass(frozen=True)
@@ -228,6 +205,7 @@ class Certificate:
         stability: of the whole family.
         requirements: in the order of the spec.
         versions: installed distribution -> version.
+        scenarios: of requirements on measures of scenarios.
     """
 
     name: str
@@ -237,17 +215,20 @@ class Certificate:
     stability: StabilityProof
     requirements: tuple[RequirementProof, ...]
     versions: Mapping[str, str]
+    scenarios: tuple[ScenarioProof, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict of stability and all requirements together."""
-        return overall((self.stability.verdict, *(proof.verdict for proof in self.requirements)))
+        """Verdict of stability and all requirements together; those on scenarios that were left to the check aside."""
+        of_loop = (proof.verdict for proof in self.requirements)
+        return overall((self.stability.verdict, *of_loop, *decided(self.scenarios)))
 
     @property
     def boxes(self) -> int:
         """Number of examined boxes."""
         records = [record for proof in self.requirements for side in proof.sides for record in side.records]
-        return sum(record.boxes for record in (*self.stability.records, *records))
+        of_scenarios = sum(max(len(each.proof.boxes), 1) for each in self.scenarios)
+        return sum(record.boxes for record in (*self.stability.records, *records)) + of_scenarios
 
 
 def relaxed_limit(requirement: Requirement, upper: bool, tolerance: float) -> float:

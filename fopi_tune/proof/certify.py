@@ -37,6 +37,7 @@ from fopi_tune.proof.obligations import (
     stability_claims,
     violation_claims,
 )
+from fopi_tune.proof.scenario_proofs import ScenarioProof, prove_scenarios
 from fopi_tune.proof.searches import BUDGET, LAST_BUDGET, REQUIREMENT_WORK, STABILITY_WORK, Searches
 from fopi_tune.proof.verification.results import Extreme, Outcome, Place, RequirementResult, Verification
 from fopi_tune.quantities import QUANTITIES
@@ -82,7 +83,10 @@ def certify(
             _requirement(case, result, found.tolerance, searches, _has_margins(case, stability, result.requirement))
             for result in found.requirements
         )
-    return Certificate(spec.name, spec.sha256, case, found.tolerance, stability, proofs, versions)
+    scenarios: tuple[ScenarioProof, ...] = ()
+    if implementation is not None and spec.scenario_requirements:
+        scenarios = prove_scenarios(spec, implementation, found.tolerance)
+    return Certificate(spec.name, spec.sha256, case, found.tolerance, stability, proofs, versions, scenarios)
 
 
 def _origin(case: Case, crossings: tuple[float, ...]) -> float:

@@ -29,6 +29,7 @@ from fopi_tune.proof.certificate import (
     Verdict,
 )
 from fopi_tune.proof.obligations import Case
+from fopi_tune.proof.scenario_proofs import read_scenario_proofs, scenario_entries
 from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.proof.verification.results import Place
 from fopi_tune.quantities import QUANTITIES
@@ -62,6 +63,7 @@ def to_document(certificate: Certificate) -> dict[str, Any]:
         **({"implementation": _implementation(case.implementation)} if case.implementation else {}),
         "stability": _stability(certificate.stability, case),
         "requirements": [_requirement(proof, case) for proof in certificate.requirements],
+        **({"scenarios": scenario_entries(certificate.scenarios)} if certificate.scenarios else {}),
         "versions": dict(certificate.versions),
     }
     return {**document, "digest": digest(document)}
@@ -189,6 +191,9 @@ def from_document(document: object) -> Certificate:
         stability=_read_stability(top.child("stability"), case),
         requirements=tuple(_read_requirement(child, case) for child in top.children("requirements")),
         versions=top.texts("versions"),
+        scenarios=read_scenario_proofs(
+            top.children("scenarios") if "scenarios" in top.value else (), family, implementation
+        ),
     )
 
 

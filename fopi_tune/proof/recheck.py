@@ -29,6 +29,7 @@ from fopi_tune.proof.obligations import (
     violation_claims,
 )
 from fopi_tune.proof.places import place_problem, reaches
+from fopi_tune.proof.scenario_proofs import mismatches, scenario_problems
 from fopi_tune.proof.strict_json import first_difference
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.default_objective import with_default_objective
@@ -82,6 +83,7 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
         problems += _stability(certificate)
         for index, proof in enumerate(certificate.requirements):
             problems += [f"requirements[{index}]: {problem}" for problem in _requirement(certificate, proof)]
+    problems += scenario_problems(certificate.scenarios)
     return Recheck(certificate, tuple(problems), _boxes(certificate))
 
 
@@ -114,6 +116,7 @@ def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
     asked = [[_meaning(r) for r in each.requirements] for each in (spec, with_default_objective(spec))]
     if stated not in asked:
         problems.append("the requirements are not those of the spec")
+    problems += mismatches(certificate.scenarios, spec, case.implementation)
     if spec.digital is not None and spec.digital.designs_sampled and case.implementation is None:
         problems.append("the spec is about the loop on samples (design: sampled), the certificate is not")
     return problems
@@ -250,7 +253,7 @@ def _boxes(certificate: Certificate) -> int:
     for proof in certificate.requirements:
         for side in proof.sides:
             every += [*side.records, *side.witness_records]
-    return sum(len(record.tokens) for record in every)
+    return sum(len(record.tokens) for record in every) + sum(len(each.proof.boxes) for each in certificate.scenarios)
 
 
 __all__ = ["CertificateError", "Recheck", "recheck"]

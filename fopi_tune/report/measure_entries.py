@@ -39,7 +39,7 @@ def check_measures(top: JsonObject, spec: DesignSpec) -> None:
         if entry.text("verdict") not in SIGNS:
             raise CertificateError(f"{entry.at('verdict')} is none of {', '.join(SIGNS)}")
         entry.flag("met")
-        for key in ("achieved", "score", "multiplier"):
+        for key in ("achieved", "score", "multiplier", "proved_bound"):
             entry.number_or_none(key)
         if entry.get("worst") is not None:
             worst = entry.child("worst")

@@ -10,7 +10,7 @@ from fopi_tune.report.requirement_rows import RequirementRow
 from fopi_tune.report.text.formatting import TIE, number, with_unit
 from fopi_tune.report.text.measures import about_phrase, measure_phrase
 from fopi_tune.report.text.percentages import interval_phrase
-from fopi_tune.spec.model import DesignSpec, Limit
+from fopi_tune.spec.model import DesignSpec, Limit, Relation
 
 
 def measure_rows(spec: DesignSpec, document: Mapping[str, Any] | None) -> tuple[RequirementRow, ...]:
@@ -37,6 +37,10 @@ def _row(limit: Limit, said: Mapping[str, Any]) -> RequirementRow:
     if drawn is not None:
         share = interval_phrase(drawn["low"], drawn["high"])
         counted = f"{drawn['met']} of {drawn['total']} drawn plants meet it ({share})"
+    shown = said["proved_bound"]
+    if shown is not None:
+        word = "at most" if limit.relation is Relation.AT_MOST else "at least"
+        counted = f"{word} {number(shown, 9)}{f'; {counted}' if counted else ''}"
     return RequirementRow(
         verdict=said["verdict"],
         sign=SIGNS[said["verdict"]],

@@ -169,7 +169,9 @@ class Check:
     @property
     def measures(self) -> tuple[MeasureReport, ...]:
         """The requirements on measures of scenarios, each with its result."""
-        return measure_reports(self.spec.scenario_requirements, self.verification.measures)
+        return measure_reports(
+            self.spec.scenario_requirements, self.verification.measures, certificate=self.certificate
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -221,7 +223,9 @@ class Discretized:
     @property
     def measures(self) -> tuple[MeasureReport, ...]:
         """The requirements on measures of scenarios, each with its result."""
-        return measure_reports(self.spec.scenario_requirements, self.verification.measures)
+        return measure_reports(
+            self.spec.scenario_requirements, self.verification.measures, certificate=self.certificate
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON."""
@@ -333,7 +337,7 @@ def verification_dict(
         "stability": stability_dict(found.stability),
         "nominal": margins_dict(found.nominal),
         "proof": proof_dict(certificate, certificate is not None),
-        **measures_dict(measure_reports(spec.scenario_requirements, found.measures)),
+        **measures_dict(measure_reports(spec.scenario_requirements, found.measures, certificate=certificate)),
     }
 
 

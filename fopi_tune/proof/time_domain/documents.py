@@ -9,10 +9,10 @@ from typing import Any
 
 from fopi_tune.errors import CertificateError
 from fopi_tune.proof.balls.box import Box
-from fopi_tune.proof.certificate import LARGEST_TOLERANCE, Verdict
 from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.proof.time_domain.case import TimeDomainCase
 from fopi_tune.proof.time_domain.proof import TimeDomainProof
+from fopi_tune.proof.verdict import LARGEST_TOLERANCE, Verdict
 from fopi_tune.spec.model import Relation
 
 #: of a proof that is read
@@ -27,20 +27,19 @@ def to_document(case: TimeDomainCase, proof: TimeDomainProof) -> dict[str, Any]:
         proof: of the case's limit.
     """
     limit, names = case.limit, case.family.uncertain_names
+    proved = proof.verdict is Verdict.PROVED
     return {
         "measure": limit.measure,
         "relation": limit.relation.value,
         "limit": limit.limit,
         "scenario": case.scenario.name,
         "verdict": proof.verdict.value,
-        "method": proof.method,
         "tolerance": proof.tolerance,
-        "bound": proof.bound,
+        # what was not decided could not be tested
+        "bound": proof.bound if proved else None,
         "plant": None if proof.theta is None else dict(zip(names, proof.theta, strict=True)),
         "time_s": proof.time_s,
         "value": proof.value,
-        "message": proof.message,
-        "examined": proof.examined,
         # all lower and upper ends, axis after axis, box after box
         "boxes": [[end for interval in box for end in interval] for box in proof.boxes],
     }
@@ -62,23 +61,25 @@ def from_document(case: TimeDomainCase, document: object, place: str = "") -> Ti
     asked = (limit.measure, limit.relation, limit.limit, case.scenario.name)
     if told != asked:
         raise CertificateError(f"{place or 'the proof'} is about {told[0]} in {told[3]}, not about this limit")
-    tolerance, examined = entry.number("tolerance"), entry.count_or_none("examined")
+    tolerance = entry.number("tolerance")
     if not 0.0 <= tolerance <= LARGEST_TOLERANCE:
         raise CertificateError(f"{entry.at('tolerance')} must be at least 0 and at most {LARGEST_TOLERANCE:g}")
-    if examined is None or examined < 0:
-        raise CertificateError(f"{entry.at('examined')} must be a whole number of at least 0")
-    return TimeDomainProof(
+    found = TimeDomainProof(
         verdict=entry.word("verdict", Verdict),
-        method=entry.text("method"),
+        method="",
         tolerance=tolerance,
         bound=entry.number_or_none("bound"),
         theta=_plant(entry, case),
         time_s=entry.number_or_none("time_s"),
         value=entry.number_or_none("value"),
         boxes=_boxes(entry, len(case.family.uncertain_names)),
-        message=entry.text("message"),
-        examined=examined,
     )
+    shown, witness = found.bound is not None or found.boxes, (found.theta, found.time_s, found.value)
+    if (shown and found.verdict is not Verdict.PROVED) or (
+        any(each is not None for each in witness) and found.verdict is not Verdict.REFUTED
+    ):
+        raise CertificateError(f"{place or 'the proof'} states bounds or a plant that do not belong to its verdict")
+    return found
 
 
 def _plant(entry: JsonObject, case: TimeDomainCase) -> tuple[float, ...] | None:

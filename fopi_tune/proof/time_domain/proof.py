@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fopi_tune.proof.balls.box import Box
-from fopi_tune.proof.certificate import Verdict
 from fopi_tune.proof.time_domain.case import TimeDomainCase
 from fopi_tune.proof.time_domain.measures import MeasureRange
+from fopi_tune.proof.verdict import Verdict
 from fopi_tune.spec.model import Relation
 
 #: methods

@@ -12,13 +12,13 @@ import numpy as np
 from fopi_tune.digital.realise import Precision
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.balls.box import Box, Interval, centre_of, point_box, split
-from fopi_tune.proof.certificate import Verdict
 from fopi_tune.proof.time_domain.case import TimeDomainCase
 from fopi_tune.proof.time_domain.enclosure import Enclosure
 from fopi_tune.proof.time_domain.measures import PROVABLE, RATES, MeasureRange, measure_range
 from fopi_tune.proof.time_domain.plants.hold import family_problem, holding_problem
 from fopi_tune.proof.time_domain.plants.lateness import cut_at_whole_samples
 from fopi_tune.proof.time_domain.proof import FREE, LIMITED, Level, TimeDomainProof
+from fopi_tune.proof.verdict import Verdict
 from fopi_tune.spec.measures import ACCELERATION, acceleration_problem, velocity_unit
 
 #: default budget, boxes and single plants

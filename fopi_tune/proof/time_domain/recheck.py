@@ -6,13 +6,13 @@ import math
 from collections.abc import Sequence
 
 from fopi_tune.proof.balls.box import Box, point_box, with_interval
-from fopi_tune.proof.certificate import LARGEST_TOLERANCE, Verdict
 from fopi_tune.proof.time_domain.case import TimeDomainCase
 from fopi_tune.proof.time_domain.enclosure import Enclosure
 from fopi_tune.proof.time_domain.measures import MeasureRange, measure_range
 from fopi_tune.proof.time_domain.plants.lateness import cut_at_whole_samples
 from fopi_tune.proof.time_domain.proof import Level, TimeDomainProof
 from fopi_tune.proof.time_domain.prove import why_no_method
+from fopi_tune.proof.verdict import LARGEST_TOLERANCE, Verdict
 
 #: relative; by how much a stated number may differ from the one found again, which another machine rounds otherwise
 _ROUNDING = 1e-9
@@ -58,6 +58,9 @@ def _witness_problems(case: TimeDomainCase, proof: TimeDomainProof, level: Level
     reached = level.witness(found)
     if (proof.value - reached) * (1.0 if level.upper else -1.0) > _ROUNDING * max(abs(reached), abs(proof.value)):
         return (f"the measure of the plant that refutes it is {reached!r}, not {proof.value!r}",)
+    time_s = None if found.sample is None else found.sample * case.sample_time_s
+    if proof.time_s != time_s:
+        return (f"the plant that refutes it does so at {time_s!r} s, not at {proof.time_s!r} s",)
     return ()
 
 

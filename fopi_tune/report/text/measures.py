@@ -95,6 +95,10 @@ def _details(report: MeasureReport) -> Iterator[str]:
     where = f" in {result.scenario}" if report.requirement.scenario is None else ""
     named = ", ".join(f"{name}{TIE}={TIE}{number(value)}" for name, value in result.worst.plant.items())
     yield f"worst{where}{when}{f' with {named}' if named else ''}" if when or where or named else "one plant"
+    if report.bound is not None:
+        yield f"shown: {'at most' if report.requirement.relation is Relation.AT_MOST else 'at least'} {report.bound:.9g}"
+    if report.why_checked:
+        yield f"not proved: {report.why_checked}"
     if drawn is not None and drawn.total and named:
         yield f"{drawn.met} of {drawn.total} drawn plants meet it ({interval_phrase(drawn.low, drawn.high)})"
 
