@@ -305,7 +305,6 @@ def _measures(rows: Array, scenario: Scenario) -> Measures:
     lasted = np.where(outside >= steps - 1, np.inf, outside + 1.0 - found["begun"])
     settled = Ts * np.maximum(found["settled"], lasted)
     risen = found["risen"]
-    # what has not begun to rise has not ended to: inf, not inf - inf
     rise = Ts * np.maximum(found["rise"], risen - np.where(np.isinf(risen), 0.0, found["reached"]))
     return Measures(
         peak_rate=known(found["peak_rate"]),
