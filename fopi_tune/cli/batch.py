@@ -59,6 +59,8 @@ class OutputOptions:
     quiet: bool
     debug: bool
     several: bool = False
+    #: whether what is only checked counts as undecided
+    require_proof: bool = False
 
     def folder(self, spec: DesignSpec | SystemSpec) -> Path:
         """The folder of a spec's results."""
@@ -158,7 +160,7 @@ def _process_one(
     problem = getattr(result, "problem", "")
     if problem:
         say(f"{spec.name}: {problem}")
-    code = max(_exit_code(result), failed, Exit.BAD_INPUT if problem else Exit.MET)
+    code = max(_exit_code(result, options.require_proof), failed, Exit.BAD_INPUT if problem else Exit.MET)
     code = max(code, write_files(options.folder(spec), files, spec.name, options))
     if table is not None:
         if documents:
@@ -210,9 +212,11 @@ def _obsolete_files(written: set[str]) -> list[str]:
     return undrawn + ([CERTIFICATE] if CHECK in written and CERTIFICATE not in written else [])
 
 
-def _exit_code(result: Result) -> Exit:
+def _exit_code(result: Result, require_proof: bool) -> Exit:
     if result.status in ("solved", "met"):
-        return Exit.MET
+        reports = getattr(getattr(result, "design", result), "measures", ())
+        checked = any(report.verdict == "checked" for report in reports)
+        return Exit.TOOL_FAILED if require_proof and checked else Exit.MET
     return Exit.TOOL_FAILED if result.status in ("failed", "undecided", "contradiction") else Exit.NOT_MET
 
 

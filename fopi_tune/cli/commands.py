@@ -71,6 +71,9 @@ Kp = Annotated[float | None, typer.Option(help="Proportional gain.")]
 Ki = Annotated[float | None, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")]
 Alpha = Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")]
+RequireProof = Annotated[
+    bool, typer.Option("--require-proof", help="Exit with 3 where a requirement is checked by simulation only.")
+]
 NoProof = Annotated[bool, typer.Option("--no-proof", help="Leave the certificate out; the result says so.")]
 SolverOption = Annotated[
     Solver, typer.Option("--solver", help="What finds the gains; convex is a slower, independent second opinion.")
@@ -106,6 +109,7 @@ def tune(
     as_json: AsJson = False,
     solver: SolverOption = Solver.IPOPT,
     no_proof: NoProof = False,
+    require_proof: RequireProof = False,
     certify_optimum: Annotated[
         bool,
         typer.Option("--certify-optimum", help="Prove how far the gains can be from the best; or that none exist."),
@@ -130,7 +134,7 @@ def tune(
         raise bad_input("--gap and --time-limit must be greater than 0")
     if certify_optimum and tradeoff is not None:
         raise bad_input("--certify-optimum is about one design and --tradeoff about many; give one of them")
-    options = OutputOptions(out, as_json, quiet, debug, len(specs) > 1)
+    options = OutputOptions(out, as_json, quiet, debug, len(specs) > 1, require_proof)
     certified = (gap, time_limit) if certify_optimum else None
     raise typer.Exit(tune_files(specs, tune_options, not no_proof, certified, options))
 
@@ -141,6 +145,7 @@ def run(
     out: Out = None,
     as_json: AsJson = False,
     no_proof: NoProof = False,
+    require_proof: RequireProof = False,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
@@ -156,9 +161,8 @@ def run(
 
         return run(spec, not no_proof)
 
-    raise typer.Exit(
-        process_specs(specs, compute, OutputOptions(out, as_json, quiet, debug, len(specs) > 1), "running")
-    )
+    options = OutputOptions(out, as_json, quiet, debug, len(specs) > 1, require_proof)
+    raise typer.Exit(process_specs(specs, compute, options, "running"))
 
 
 @app.command()
@@ -200,6 +204,7 @@ def prove(
         str | None,
         typer.Option(metavar="FILE", help="Check a certificate instead; with SPEC, also that it is about that spec."),
     ] = None,
+    require_proof: RequireProof = False,
     out: Out = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -212,7 +217,7 @@ def prove(
     The gains may come from anywhere; the ranges that the spec gives them are not looked at.  Without --kp, --ki and
     --alpha they are those of DIR/design.json if it is of this spec, and are tuned otherwise.
     """
-    options = OutputOptions(out, as_json, quiet, debug)
+    options = OutputOptions(out, as_json, quiet, debug, require_proof=require_proof)
     if recheck is not None:
         if any(gain is not None for gain in (kp, ki, alpha)):
             raise bad_input("--recheck takes the gains from the certificate; leave --kp, --ki and --alpha out")

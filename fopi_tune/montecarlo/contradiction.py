@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 from fopi_tune.montecarlo.montecarlo import Evidence
 from fopi_tune.montecarlo.outcomes import OutcomeStatistics
@@ -38,7 +39,26 @@ def contradictions(evidence: Evidence, certificate: Certificate | None) -> tuple
                 found.append(f"plant {worst.index} has no {name} within the limit, though that is proved of all plants")
         elif bound is not None and _is_beyond(outcome, worst.value, bound):
             found.append(f"plant {worst.index} has {name} = {worst.value!r}, beyond the proved {bound!r}")
-    return tuple(found)
+    return (*found, *_of_scenarios(evidence, certificate))
+
+
+def _of_scenarios(evidence: Evidence, certificate: Certificate) -> Iterator[str]:
+    """The same of measures of scenarios, which are proved without noise."""
+    for each in certificate.scenarios:
+        limit, bound = each.case.limit, each.proof.bound
+        if each.proof.verdict is not Verdict.PROVED or bound is None:
+            continue
+        for outcome in evidence.limits:
+            said, worst = outcome.limit, outcome.worst_inside
+            same = said is not None and (said.measure, said.relation, said.limit) == (
+                limit.measure, limit.relation, limit.limit,
+            )  # fmt: skip
+            noisy = outcome.scenario in evidence.noisy_scenarios
+            if not same or noisy or worst is None or outcome.scenario != each.case.scenario.name:
+                continue
+            room = _ROUNDING * max(1.0, abs(bound))
+            if worst.value > bound + room if outcome.upper else worst.value < bound - room:
+                yield f"plant {worst.index} has {limit.measure} = {worst.value!r}, beyond the proved {bound!r}"
 
 
 def _key(r: Requirement) -> tuple[object, ...]:

@@ -61,6 +61,7 @@ class Evidence:
         unstable_inside: plants of the family whose loop is unstable.
         no_plants: draws that are no plants, such as one with a negative time constant; they enter no other count.
         numbers: names of the uncertain numbers.
+        noisy_scenarios: names of those with noise.
     """
 
     validation: ValidationSpec
@@ -71,6 +72,7 @@ class Evidence:
     unstable_inside: int = 0
     no_plants: int = 0
     numbers: tuple[str, ...] = ()
+    noisy_scenarios: tuple[str, ...] = ()
 
     @property
     def missed_inside(self) -> bool:
@@ -199,6 +201,7 @@ def evidence_of(spec: DesignSpec, blocks: Sequence[Block]) -> Evidence:
         unstable_inside=stable.missed_inside,
         no_plants=no_plants,
         numbers=spec.plant.uncertain_names,
+        noisy_scenarios=tuple(scenario.name for scenario in spec.scenarios if scenario.noise_std),
     )
 
 

@@ -100,14 +100,16 @@ def _record(quantity: Quantity) -> Record:
         "on": Key(Choice("every plant, or the nominal one alone", [s.value for s in Scope]), False, Scope.FAMILY.value),
     }
     build = partial(_build_requirement, quantity)
+    simulated = f"{quantity.name} is about the loop's frequency response, whatever is simulated; remove the key"
+    elsewhere = {"scenario": simulated}
     if not quantity.takes_band:
         reason = f"{quantity.name} is one number a loop, not a function of frequency; remove the key"
-        elsewhere: dict[str, str] = dict.fromkeys(_BAND_KEYS, reason)
+        elsewhere |= dict.fromkeys(_BAND_KEYS, reason)
         return Record(quantity.meaning, keys, build, _EXAMPLE, elsewhere)
     meanings = ("lower end of the band", "upper end of the band", "the only frequency")
     for key, meaning in zip(_BAND_KEYS, meanings, strict=True):
         keys[key] = Key(Number(f"{meaning}, rad/s", above=0), required=False)
-    return Record(quantity.meaning, keys, build, _EXAMPLE, rules=_band_rules(quantity.name))
+    return Record(quantity.meaning, keys, build, _EXAMPLE, elsewhere, rules=_band_rules(quantity.name))
 
 
 def _band_rules(name: str) -> JsonSchema:

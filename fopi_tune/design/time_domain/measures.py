@@ -6,10 +6,12 @@ limits' rows and the objective are linear models of these; `simulation.measures`
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.simulation.scenario import Horizon, Scenario, Step
@@ -155,18 +157,38 @@ def _undershoots(run: ScenarioRun, found: Trajectories, _: float) -> Points:
 
 
 def _settling_points(run: ScenarioRun, found: Trajectories, limit: float) -> Points:
-    """|y - value| in settling bands from the limit on; a step of the load before that goes on with the step before."""
     late, m = int(np.floor(limit / run.run.sample_time_s + 1e-9)), len(found.output)
     parts = [Points(np.zeros((m, 1)), np.zeros((m, 1, 3)))]
-    begun = 0
+    for index, (step, counts) in enumerate(
+        zip(run.steps, settling_samples(run, found.output[..., 0], late), strict=True)
+    ):
+        numbers = _beyond(run, found, index)
+        # what need not be settled yet lies at the value
+        numbers[~counts] = 0.0
+        parts.append(_both(numbers).shifted(0.0, step.band or np.finfo(float).tiny))
+    return Points.joined(parts)
+
+
+def settling_samples(run: ScenarioRun, output: Array, late: int) -> list[NDArray[np.bool_]]:
+    """Which samples of each step have to be settled, shape (m, samples) each.
+
+    Args:
+        run: the scenario.
+        output: shape (m, steps).
+        late: samples from the step on that need not be; a step of the load before which a plant has not settled goes on
+            with the time of the step before.
+    """
+    begun, found = np.zeros(len(output), dtype=int), []
     for index, step in enumerate(run.steps):
         samples = run.samples_of(index)
-        if not step.of_load or samples.start >= begun + late:
-            begun = samples.start
-        numbers = _beyond(run, found, index)[:, max(begun + late - samples.start, 0) :]
-        if numbers.shape[1]:
-            parts.append(_both(numbers).shifted(0.0, step.band or np.finfo(float).tiny))
-    return Points.joined(parts)
+        last = np.abs(output[:, samples.start - 1] - step.value) if index else np.zeros(len(output))
+        # a step of the load has the value and the band of the step before
+        begun = np.where(step.of_load & ~(last <= step.band), begun, samples.start)
+        counts = np.arange(samples.start, samples.stop) >= (begun + late)[:, None]
+        # what is outside at the end of a step has not settled, however long that may take
+        counts[:, -1] |= index + 1 == len(run.steps) or not run.steps[index + 1].of_load
+        found.append(counts)
+    return found
 
 
 def _final_errors(run: ScenarioRun, found: Trajectories, _: float) -> Points:
@@ -195,9 +217,11 @@ def _absolutes(run: ScenarioRun, found: Trajectories, _: float) -> Points:
 def _rise_times(run: ScenarioRun, found: Trajectories, _: float) -> Points:
     m = len(found.output)
     parts = [Points(np.zeros((m, 1)), np.zeros((m, 1, 3)))]
-    for index, step in enumerate(run.steps):
-        if step.direction and not step.of_load:
-            numbers = found.output[:, run.samples_of(index)].copy()
+    # a step of the load ends no rise
+    own = [step for step in run.steps if not step.of_load]
+    for step, after in itertools.zip_longest(own, own[1:]):
+        if step.direction:
+            numbers = found.output[:, step.first : None if after is None else after.first].copy()
             numbers[..., 0] -= step.before
             numbers = numbers / (step.value - step.before)
             both = [_rise(row, run.run.sample_time_s) for row in numbers]
@@ -208,14 +232,14 @@ def _rise_times(run: ScenarioRun, found: Trajectories, _: float) -> Points:
 def _rise(progress: Array, sample_time_s: float) -> Array:
     """From 10 % to 90 % of a step, s, with derivatives, shape (4,); beyond its end where 90 % is not reached."""
     ends = []
-    for level in (0.1, 0.9):
+    for level in (0.9, 0.1):
         above = np.flatnonzero(progress[:, 0] >= level)
         if not len(above):
             most = progress[np.argmax(progress[:, 0])]
             late = -_MISSING_RISE * len(progress) * most
             late[0] += len(progress) * (1.0 + _MISSING_RISE * level)
-            ends.append(late)
-            continue
+            # when the rise began counts no more: a later beginning would be worth more than a higher end
+            return sample_time_s * late
         k = int(above[0])
         if k == 0:
             ends.append(np.zeros(4))
@@ -226,7 +250,7 @@ def _rise(progress: Array, sample_time_s: float) -> Array:
         # d share = -(d before + share d rise)/rise
         slope = -(before[1:] + share * rise[1:]) / rise[0]
         ends.append(np.array([k - 1 + share, *slope]))
-    return sample_time_s * (ends[1] - ends[0])
+    return np.asarray(sample_time_s * (ends[0] - ends[1]))
 
 
 _POINTS: dict[str, Callable[[ScenarioRun, Trajectories, float], Points]] = {

@@ -15,6 +15,8 @@ from fopi_tune.design.synthesis import NO_CONTROLLER, fixed_gains
 from fopi_tune.design.time_domain.exchange import MET, Counts, Exchanged, solve
 from fopi_tune.design.time_domain.infeasible import explain
 from fopi_tune.design.time_domain.problem import ScenarioProblem
+from fopi_tune.digital.discretize import Method
+from fopi_tune.errors import DomainError
 from fopi_tune.results.candidate import Candidate, Violation
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec
@@ -22,6 +24,10 @@ from fopi_tune.spec.scenarios import frequency_part
 
 #: multipliers below this part of the objective are those of limits that do not bind
 _SMALLEST_PRICE = 1e-7
+_NO_FIT = (
+    "method: fit has no gains designed for scenarios, as its frequency response is not searched; write method: "
+    "modified_oustaloup or oustaloup, or fix kp, ki and alpha"
+)
 
 
 def design_for_scenarios(
@@ -35,7 +41,7 @@ def design_for_scenarios(
         start: gains close to the optimum; the whole box is searched beside them.
 
     Raises:
-        DomainError: the digital controller cannot be made, or a plant cannot be simulated.
+        DomainError: the digital controller cannot be made, a plant cannot be simulated, or the filter is fitted.
     """
     fixed = fixed_gains(spec.controller)
     nothing = tuple(None for _ in spec.requirements), tuple(None for _ in spec.scenario_requirements)
@@ -43,6 +49,9 @@ def design_for_scenarios(
         off = fixed.kp == 0.0 and fixed.ki == 0.0
         status, gains, why = (Status.INFEASIBLE, None, NO_CONTROLLER) if off else (Status.SOLVED, fixed, "")
         return Candidate(status, gains, nothing[0], message=why, scenario_multipliers=nothing[1])
+    assert spec.digital is not None
+    if Method(spec.digital.method) is Method.FIT:
+        raise DomainError(_NO_FIT)
     problem, counts = ScenarioProblem.of(spec, violations), Counts()
     reason = reason_without_solving(frequency_part(spec))
     if reason is not None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.design.time_domain.measures import ScenarioRun
+from fopi_tune.design.time_domain.measures import ScenarioRun, settling_samples
 from fopi_tune.design.time_domain.problem import ScenarioProblem, ScenarioRow
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.digital.realise import Precision
@@ -136,15 +136,10 @@ def _missed(row: ScenarioRow, numbers: Measures) -> Array:
 
 def _outside(run: ScenarioRun, output: Array, limit: float) -> Array:
     """max |y - value|/band from the limit on, step by step, as `measures.points_of` has it; shape (m,)."""
-    late, begun, worst = int(np.floor(limit / run.run.sample_time_s + 1e-9)), 0, np.zeros(len(output))
-    for index, step in enumerate(run.steps):
-        samples = run.samples_of(index)
-        if not step.of_load or samples.start >= begun + late:
-            begun = samples.start
-        y = output[:, max(begun + late, samples.start) : samples.stop]
-        if y.shape[1]:
-            away = np.abs(y - step.value).max(axis=1)
-            worst = np.maximum(worst, away / (step.band or np.finfo(float).tiny))
+    late, worst = int(np.floor(limit / run.run.sample_time_s + 1e-9)), np.zeros(len(output))
+    for index, (step, counts) in enumerate(zip(run.steps, settling_samples(run, output, late), strict=True)):
+        away = np.where(counts, np.abs(output[:, run.samples_of(index)] - step.value), 0.0).max(axis=1)
+        worst = np.maximum(worst, away / (step.band or np.finfo(float).tiny))
     return worst
 
 

@@ -74,10 +74,9 @@ def from_document(case: TimeDomainCase, document: object, place: str = "") -> Ti
         value=entry.number_or_none("value"),
         boxes=_boxes(entry, len(case.family.uncertain_names)),
     )
-    shown, witness = found.bound is not None or found.boxes, (found.theta, found.time_s, found.value)
-    if (shown and found.verdict is not Verdict.PROVED) or (
-        any(each is not None for each in witness) and found.verdict is not Verdict.REFUTED
-    ):
+    bounds = found.bound is not None or bool(found.boxes)
+    witness = any(each is not None for each in (found.theta, found.time_s, found.value))
+    if (bounds and found.verdict is not Verdict.PROVED) or (witness and found.verdict is not Verdict.REFUTED):
         raise CertificateError(f"{place or 'the proof'} states bounds or a plant that do not belong to its verdict")
     return found
 

@@ -22,10 +22,13 @@ from fopi_tune.report.text.formatting import (
     to_text,
     wrapped,
 )
+from fopi_tune.report.text.measures import measure_phrase
+from fopi_tune.spec.model import Relation
 
 if TYPE_CHECKING:
     from fopi_tune.proof import Certificate, Recheck
     from fopi_tune.proof.certificate import RequirementProof
+    from fopi_tune.proof.scenario_proofs import ScenarioProof
 
 _USUAL_TOLERANCE = 1e-6
 
@@ -51,8 +54,23 @@ def recheck_text(found: Recheck) -> Text:
     for proof in certificate.requirements:
         lines += wrapped(f"{proof.verdict.value:<{FIRST_COLUMN}}{requirement_phrase(proof.requirement)}")
         lines += wrapped(_bounds(proof), QUIET, indent=" " * (FIRST_COLUMN + 2))
+    for each in certificate.scenarios:
+        word = "checked" if each.proof.verdict is Verdict.UNDECIDED else each.proof.verdict.value
+        lines += wrapped(f"{word:<{FIRST_COLUMN}}{measure_phrase(each.case.limit)}")
+        lines += wrapped(_shown(each), QUIET, indent=" " * (FIRST_COLUMN + 2))
     lines += entry("stability", f"{certificate.stability.verdict.value}: {certificate.stability.reason}")
     return to_text(lines)
+
+
+def _shown(each: ScenarioProof) -> str:
+    """What is shown of a measure in a scenario."""
+    proof, about = each.proof, f"family, scenario {each.case.scenario.name}"
+    if proof.verdict is Verdict.UNDECIDED:
+        return f"{about}; not proved, left to the check by simulation"
+    if proof.verdict is Verdict.REFUTED:
+        return f"{about}; a plant reaches {number(proof.value or 0.0, 9)}"
+    edge = "at most" if each.case.limit.relation is Relation.AT_MOST else "at least"
+    return f"{about}; shown to be {edge} {number(proof.bound or 0.0, 9)}"
 
 
 def _bounds(proof: RequirementProof) -> str:

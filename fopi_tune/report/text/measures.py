@@ -96,7 +96,8 @@ def _details(report: MeasureReport) -> Iterator[str]:
     named = ", ".join(f"{name}{TIE}={TIE}{number(value)}" for name, value in result.worst.plant.items())
     yield f"worst{where}{when}{f' with {named}' if named else ''}" if when or where or named else "one plant"
     if report.bound is not None:
-        yield f"shown: {'at most' if report.requirement.relation is Relation.AT_MOST else 'at least'} {report.bound:.9g}"
+        edge = "at most" if report.requirement.relation is Relation.AT_MOST else "at least"
+        yield f"shown: {edge} {report.bound:.9g}"
     if report.why_checked:
         yield f"not proved: {report.why_checked}"
     if drawn is not None and drawn.total and named:

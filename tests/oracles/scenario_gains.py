@@ -1,0 +1,129 @@
+"""Requirements and objectives of scenarios at given gains, by simulation of plants of the box and the verification.
+
+Nothing of the search is used: a plant's measures are those of the compiled simulation, the frequency response is the
+verification's.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Plants
+from fopi_tune.digital.implementation import implementation_of
+from fopi_tune.digital.realise import Precision
+from fopi_tune.digital.runtime import Runtime
+from fopi_tune.errors import DomainError
+from fopi_tune.proof import verify
+from fopi_tune.simulation.measures import horizon_of, measure_values, scenario_of
+from fopi_tune.simulation.sampled.simulate import measure
+from fopi_tune.simulation.scenario import Mode
+from fopi_tune.spec.model import DesignSpec, GainRange, Relation
+from fopi_tune.spec.scenarios import frequency_part
+
+#: by which limits may be missed: relative, of overshoots to the size of a step
+ALLOWED = 1e-6
+
+
+def grid(spec: DesignSpec, per_axis: int) -> Array:
+    """Plants of the box, shape (m, p)."""
+    low, high = spec.plant.low, spec.plant.high
+    shares = np.array(list(itertools.product(np.linspace(0.0, 1.0, per_axis), repeat=len(low)))).reshape(-1, len(low))
+    return np.asarray(low + shares * (high - low))
+
+
+def drawn(spec: DesignSpec, count: int, seed: int) -> Array:
+    """Plants of the box, evenly, shape (count, p)."""
+    low, high = spec.plant.low, spec.plant.high
+    return np.asarray(low + np.random.default_rng(seed).random((count, len(low))) * (high - low))
+
+
+def measured(spec: DesignSpec, gains: FoPi, scenario: str, name: str, points: Array) -> Array:
+    """A measure of plants at points of the box, shape (m,); inf where it has no value.
+
+    Raises:
+        DomainError: there is no digital controller with these gains.
+    """
+    assert spec.digital is not None
+    implementation = implementation_of(spec, gains)
+    about = next(each for each in spec.scenarios if each.name == scenario)
+    run = scenario_of(replace(about, noise_std=0.0, quantum=0.0), implementation, 0)
+    runtime = Runtime.of(implementation.sections, Precision.FLOAT64, spec.digital.output_limits)
+    found = measure([Mode(runtime, Plants.members(spec.plant, points))], run, horizon_of(about, run), threads=1)
+    values = measure_values(found, name, spec.digital.measurement_unit)
+    return np.where(np.isfinite(values), values, np.inf)
+
+
+def missed(spec: DesignSpec, gains: FoPi, points: Array) -> list[float]:
+    """By how much each requirement on a scenario is missed, in the measure's unit; negative inside."""
+    found = []
+    for limit in spec.scenario_requirements:
+        side = 1.0 if limit.relation is Relation.AT_MOST else -1.0
+        names = [limit.scenario] if limit.scenario is not None else [each.name for each in spec.scenarios]
+        values = [measured(spec, gains, name, limit.measure, points) for name in names]
+        found.append(max(float((side * (each - limit.limit)).max()) for each in values))
+    return found
+
+
+def objective(spec: DesignSpec, gains: FoPi, points: Array) -> float:
+    """The worst plant's measure that is minimised, or minus the gain that is maximised."""
+    aim = spec.objective
+    assert aim is not None
+    if aim.scenario is None:
+        assert aim.quantity in ("ki", "integral_gain")
+        return -gains.ki
+    return float(measured(spec, gains, aim.scenario, aim.quantity, points).max())
+
+
+def is_met(spec: DesignSpec, gains: FoPi, points: Array) -> bool:
+    """Whether every requirement holds, of scenarios for these plants."""
+    sizes = [
+        max(abs(knot.value - scenario.initial_output) for scenario in spec.scenarios for knot in scenario.reference)
+        if limit.measure in ("overshoot", "undershoot")
+        else abs(limit.limit)
+        for limit in spec.scenario_requirements
+    ]
+    both = zip(missed(spec, gains, points), sizes, strict=True)
+    if any(by > ALLOWED * size for by, size in both):
+        return False
+    return verify(frequency_part(spec), gains, implementation=implementation_of(spec, gains)).all_met
+
+
+def best_of(
+    spec: DesignSpec, candidates: Iterable[FoPi], points: Array, better_than: float
+) -> tuple[float, FoPi | None]:
+    """The best gains that meet everything with these plants, and their objective; None where none beat a value."""
+    best, found = better_than, None
+    for gains in candidates:
+        try:
+            value = objective(spec, gains, points)
+            if value < best and is_met(spec, gains, points):
+                best, found = value, gains
+        except DomainError:
+            continue
+    return best, found
+
+
+def near(spec: DesignSpec, gains: FoPi, count: int, seed: int) -> Iterable[FoPi]:
+    """Gains about others, from a thousandth of them away to a half, within their ranges."""
+    rng = np.random.default_rng(seed)
+    box = spec.controller
+
+    def within(value: float, ends: GainRange) -> float:
+        return float(np.clip(value, ends.min, ends.max))
+
+    for _ in range(count):
+        size = 10.0 ** rng.uniform(-3.0, -0.3)
+        kp, ki, alpha = rng.normal(size=3)
+        order = box.alpha
+        yield FoPi(
+            within(gains.kp * math.exp(size * kp), box.kp),
+            within(gains.ki * math.exp(size * ki), box.ki),
+            float(np.clip(gains.alpha + 0.3 * size * alpha, order.min, order.max)),
+        )
