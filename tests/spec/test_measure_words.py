@@ -52,21 +52,12 @@ def test_a_count_under_requirements_is_sent_to_limits(name: str) -> None:
         ("settling_time: {at_most: 5}", "write {settling_time_s: {at_most: 5}} (s), and what to simulate"),
         ("max_overshoot: 0.1", "write {overshoot: {at_most: 0.1}} (output unit)"),
         # 10 of another unit is not repeated
-<<<<<<< HEAD
-        ("overshoot_percent: {at_most: 10}", "overshoot (output unit) is measured in simulations"),
-        ("overshoot_percent: {at_most: 10}", "limits: [{overshoot: {at_most: ...}}]"),
-        ("steady_state_error: {at_most: 0.01}", "limits: [{final_error: {at_most: 0.01}}]"),
-        ("rise_time: {at_most: 1}", "limits: [{rise_time_s: {at_most: 1}}]"),
-        ("risetime_ms: {at_most: 100}", "limits: [{rise_time_s: {at_most: ...}}]"),
-        ("undershoot_percent: 5", "limits: [{undershoot: {at_most: ...}}]"),
-=======
         ("overshoot_percent: {at_most: 10}", "write {overshoot: {at_most: ...}} (output unit)"),
         ("steady_state_error: {at_most: 0.01}", "write {final_error: {at_most: 0.01}}"),
         ("rise_time: {at_most: 1}", "write {rise_time_s: {at_most: 1}}"),
         ("risetime_ms: {at_most: 100}", "write {rise_time_s: {at_most: ...}}"),
         ("undershoot_percent: 5", "write {undershoot: {at_most: ...}}"),
         ("saturation: {at_most: 1}", "limits: [{saturation_time_s: {at_most: 1}}]"),
->>>>>>> tests19
         ("decay_ratio: {at_most: 0.25}", "neither a requirement nor a measure"),
         ("bandwidth: {at_least: 1}", "write crossover_rad_s (rad/s)"),
         ("settling_time_s: 5", "write one such as {at_most: 2.0}"),
