@@ -106,6 +106,20 @@ def test_derivatives_are_the_differences_of_the_controller_that_runs(name: str) 
                 )
 
 
+def test_weights_from_the_sizes_of_residues() -> None:
+    # poles so close to 1 that weights of both signs do not count as stable
+    spec = spec_of("poles: 6, band_rad_s: [1.5e-9, 4.0e-7]")
+    for gains, at_most in ((FoPi(-0.05, 0.5, 1.1), 1.0), (FoPi(5.0, 0.05, 1.1), 0.999)):
+        runs, found = runtime_of(spec, gains), controller_derivatives(spec, gains)
+        shares = np.where(np.array(runs.poles) > 0.0, runs.residues, 0.0)
+        assert np.abs(shares / shares.sum() - runs.weights).max() > 0.1
+        assert 0.01 < runs.tracking_gain <= at_most
+        for column in range(3):
+            for part, expected in zip(parts(found), differences(spec, gains, column), strict=True):
+                scale = max(np.abs(part).max(), np.abs(expected).max(), 1e-3)
+                np.testing.assert_allclose(part[:, 1 + column], expected, rtol=0.0, atol=1e-8 * scale)
+
+
 @pytest.mark.parametrize("name", FILTERS)
 def test_the_values_are_those_of_the_controller_that_runs(name: str) -> None:
     spec = spec_of(f"{FILTERS[name]}, output_limits: [-1, 2]")
