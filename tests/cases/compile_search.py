@@ -1,4 +1,6 @@
-"""Compiles a half of the search before the tests, so that no process of them does:  python compile_search.py HALF.
+"""Compiles a half of search and simulation before the tests, so that no process of them does:
+
+    python compile_search.py HALF
 
 HALF is `rays` or `worst_cases`; what both need is compiled twice, and takes less than all of it in each test process.
 """
@@ -8,8 +10,9 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from cases.project import CONTINUOUS
+from cases.project import CONTINUOUS, ROOT
 
+from fopi_tune.core.controller import FoPi
 from fopi_tune.design.bracket import bracket_of
 from fopi_tune.design.global_search.basins import scan_box
 from fopi_tune.design.global_search.compiled import work_for
@@ -18,6 +21,7 @@ from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.samples import filter_at, integral_at_real
 from fopi_tune.design.global_search.worst_case import highest_crossover
+from fopi_tune.pipeline.simulate import simulate
 from fopi_tune.spec import load_spec
 
 #: with two equalities, and without any
@@ -41,11 +45,24 @@ def worst_cases(problem: Problem) -> None:
     bracket_of(polish, 1.0, x, budget=1)
 
 
+def on_samples() -> None:
+    """What the bound needs of filters and of crossings on samples."""
+    problem = Problem.of(load_spec(ROOT / "specs" / "brake.yaml"))
+    bracket_of(Polish(problem), 1.0, np.array([0.5, 0.4, 0.9]), budget=50)
+
+
+def simulated() -> None:
+    """The loop in time."""
+    simulate(load_spec(ROOT / "specs" / "brake.yaml"), FoPi(0.4, 0.4, 0.8))
+
+
 def main() -> None:
     """Compile; Numba keeps the code beside the package."""
+    half = sys.argv[1]
     for name in SPECS:
         problem = Problem.of(load_spec(CONTINUOUS / f"{name}.yaml"))
-        {"rays": rays, "worst_cases": worst_cases}[sys.argv[1]](problem)
+        {"rays": rays, "worst_cases": worst_cases}[half](problem)
+    {"rays": simulated, "worst_cases": on_samples}[half]()
 
 
 if __name__ == "__main__":

@@ -549,7 +549,7 @@ UNBOUNDED = [
 ]
 
 #: what takes seconds; run with -m long
-SLOW = {"gain_and_lag_ki", "resonant_uncertain", "negative_plant", "iso_damping_free_crossover", "no_sensitivity"}
+SLOW = {"gain_and_lag_ki", "resonant_uncertain", "negative_plant", "no_sensitivity"}
 SLOW |= {"no_stability", "no_gain_margin", "gain_tiny"}
 
 CASES = SOLVED + INFEASIBLE + UNBOUNDED

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.crossings import gain_crossovers, phase_crossovers
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER_SPREAD,
     CS,
@@ -34,26 +35,26 @@ from fopi_tune.design.global_search.compiled import (
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.program import ERRORS, INDEX, SIZES, raising_interrupts, solver_of
 from fopi_tune.design.global_search.rays import fill_ray
-from fopi_tune.design.global_search.responses import AT_GAIN, AT_PHASE
 from fopi_tune.design.global_search.samples import controller_of
 from fopi_tune.design.global_search.slots import (
     Slot,
     error_rows,
+    has_vanished,
     idle_slot,
+    merged,
     order_of,
     reference_slot,
     slots_of,
 )
 from fopi_tune.design.global_search.worst_case import (
     FIELDS,
-    MODE,
     ROW,
     SLACK,
-    V,
     highest_crossover,
     smallest_margin,
     worst_cases,
 )
+from fopi_tune.errors import DomainError
 
 #: natural units; requirements that are missed by less are met, an objective that is this exact is known
 MEETS = 2e-7
@@ -61,12 +62,12 @@ MEETS = 2e-7
 _NO_CONTROLLER = 1e-9
 #: natural units; findings of requirements with more slack are not looked at
 _WITHIN = 0.25
-_MOST_FINDINGS, _MOST_KEPT = 96, 28
-#: |v| within which a finding replaces an older one of the same row and plant
-_SAME_PEAK, _SAME_CROSSING = 0.5, 0.2
+_MOST_FINDINGS = 96
 _ROUNDS = 16
 FIRST_RADIUS = 0.5
 _SMALLEST_RADIUS = 0.005
+#: radii of steps up to gains with a new crossing: the first, the smallest; most of them
+_WALK, _SMALLEST_STEP, _MOST_STEPS = 0.01, 1e-5, 40
 #: natural units; a step that violates by more was too long
 _TOO_FAR = 0.5
 _FREQUENCY_REACH = 1.5
@@ -230,13 +231,15 @@ class Polish:
                     break
                 continue
             violation, cost = self.violation(after), self.cost(after, solved.x)
-            gap = 0.0 if self.code == KI else self._t_of(cost) - solved.t if self.code != DEPTH else solved.t + cost
-            if violation <= MEETS and gap <= MEETS:
+            if violation <= MEETS and self._gap(cost, solved) <= MEETS:
                 if known is None or cost <= known.cost + 1e-9 * max(1.0, abs(cost)):
                     known = Polished(cost, solved.x, solved.prices, count, cuts, not solved.on_boundary)
                 x, found, t = solved.x, after, solved.t
-                if not solved.on_boundary or cost > hopeless:
+                if cost > hopeless:
                     break
+                if not solved.on_boundary:
+                    held = known.x is x and has_vanished(pool, found) and len(self.problem.fine_points[0]) == 1
+                    return self._walked(known, found, t) if held else known
                 radius = min(2.0 * radius, FIRST_RADIUS)
                 continue
             if violation > _TOO_FAR:
@@ -244,6 +247,42 @@ class Polish:
                 continue
             x, found, t = solved.x, after, self._t_of(cost)
         return known
+
+    def _walked(self, known: Polished, found: Array, t: float) -> Polished:
+        """Better gains, up to those where a crossing appears at once, as where |L| touches 1 at another frequency.
+
+        A program that knows it keeps its quantities also where it does not exist, and ends too early; one that does not
+        steps over the border.  So steps without it are taken, and halved when it appears.  Of a single plant only:
+        where it first appears in a box is not known exactly, and a look's grid sees it too late.
+        """
+        radius, crossings = _WALK, self._count_crossings(known.x)
+        for count in range(known.rounds + 1, known.rounds + _MOST_STEPS if crossings else 0):
+            solved, cuts = self._solve(merged([], found), known.x, t, radius)
+            after = self.look(solved.x) if solved.ok else None
+            cost = math.inf if after is None else self.cost(after, solved.x)
+            met = after is not None and max(self.violation(after), self._gap(cost, solved)) <= MEETS
+            if after is not None and met and cost < known.cost and self._count_crossings(solved.x) == crossings:
+                known = Polished(cost, solved.x, solved.prices, count, cuts, True)
+                found, t = after, solved.t
+                if not solved.on_boundary:
+                    break
+            else:
+                radius *= 0.5
+            if radius < _SMALLEST_STEP:
+                break
+        return known
+
+    def _count_crossings(self, x: Array) -> tuple[int, int] | None:
+        """How many gain and phase crossovers the loops have, by core/; None where it cannot list them."""
+        try:
+            loops = self.problem.loops(self.problem.gains(x), self.problem.fine_points[0])
+            return len(gain_crossovers(loops).row), len(phase_crossovers(loops).row)
+        except DomainError:
+            return None
+
+    def _gap(self, cost: float, solved: Solved) -> float:
+        """By how much the exact cost is worse than that of the program."""
+        return 0.0 if self.code == KI else solved.t + cost if self.code == DEPTH else cost - solved.t
 
     def _t_of(self, cost: float) -> float:
         return -cost if self.code == DEPTH else (0.0 if self.code == KI else cost)
@@ -289,18 +328,6 @@ def _with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) ->
         joined(own.low_v, [-math.inf] * count), joined(own.high_v, [math.inf] * count),
         joined(own.soft, [False] * count),
     )  # fmt: skip
-
-
-def merged(pool: list[Array], new: Array) -> list[Array]:
-    """New findings, and those older ones of which none is the same row, plant and peak."""
-    merged = list(new)
-    for old in pool:
-        apart = _SAME_CROSSING if old[MODE] in (AT_GAIN, AT_PHASE) else _SAME_PEAK
-        near = new[(new[:, ROW] == old[ROW]) & (np.abs(new[:, V] - old[V]) < apart)]
-        same = np.all(np.abs(near[:, FIELDS:] - old[FIELDS:]) < 1e-6 * (1.0 + np.abs(old[FIELDS:])), axis=1)
-        if not same.any():
-            merged.append(old)
-    return merged[:_MOST_KEPT]
 
 
 def solve(

@@ -42,6 +42,8 @@ _STEEP = 0.3
 _EQUATION = {AT_PEAK: "peak", AT_FIXED: "fixed", AT_GAIN: "gain", AT_PHASE: "phase", AT_REFERENCE: "reference"}
 _STEP = 1e-5
 _MARGINS = (PHASE_MARGIN, GAIN_MARGIN, DELAY_MARGIN)
+#: |v| within which a finding replaces an older one of the same row and plant; how many are kept
+_SAME_PEAK, _SAME_CROSSING, _MOST_KEPT = 0.5, 0.2, 28
 
 
 @dataclass(frozen=True)
@@ -221,3 +223,22 @@ def _gain_margin(
 def order_of(findings: list[Array], rows: Rows, real_rows: int) -> list[Array]:
     """The findings by importance: those of the objective, then the smallest slacks."""
     return sorted(findings, key=lambda f: f[SLACK] if f[ROW] < real_rows else -9.0)
+
+
+def merged(pool: list[Array], new: Array) -> list[Array]:
+    """New findings, and those older ones of which none is the same row, plant and peak."""
+    merged = list(new)
+    for old in pool:
+        apart = _SAME_CROSSING if old[MODE] in (AT_GAIN, AT_PHASE) else _SAME_PEAK
+        near = new[(new[:, ROW] == old[ROW]) & (np.abs(new[:, V] - old[V]) < apart)]
+        same = np.all(np.abs(near[:, FIELDS:] - old[FIELDS:]) < 1e-6 * (1.0 + np.abs(old[FIELDS:])), axis=1)
+        if not same.any():
+            merged.append(old)
+    return merged[:_MOST_KEPT]
+
+
+def has_vanished(pool: list[Array], found: Array) -> bool:
+    """Whether the program knew a crossing that the loops at the present gains do not have."""
+    crossings = [old for old in pool if old[MODE] in (AT_GAIN, AT_PHASE)]
+    apart = [np.abs(found[found[:, ROW] == old[ROW], V] - old[V]) for old in crossings]
+    return any(np.min(distances, initial=math.inf) >= _SAME_CROSSING for distances in apart)

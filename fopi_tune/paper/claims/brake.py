@@ -124,6 +124,7 @@ def _order() -> Row:
     design = tune(
         with_alpha(with_requirements(wanted, *nominal_requirements(wanted)), BRAKE.alpha.value, BRAKE.alpha.value),
         proof=False,
+        bracket=False,
     )
     return Row(
         f"An order of {BRAKE.alpha.text} can meet {_SPECIFIED}",
@@ -136,7 +137,9 @@ def _order() -> Row:
 
 def _other_gains() -> Row:
     wanted = spec("brake")
-    design = tune(with_alpha(with_requirements(wanted, *nominal_requirements(wanted)), 0.8, 0.8), proof=False)
+    design = tune(
+        with_alpha(with_requirements(wanted, *nominal_requirements(wanted)), 0.8, 0.8), proof=False, bracket=False
+    )
     gains = design.gains
     return Row(
         f"Some gains meet {_SPECIFIED} on the stated plant",
@@ -166,7 +169,7 @@ def _family() -> Row:
 
 
 def _robust() -> Row:
-    design = tune(spec("brake"))
+    design = tune(spec("brake"), bracket=False)
     gains = design.gains
     solved = design.status is Status.SOLVED
     least = next(r for r in design.requirements if r.requirement.lower == _ROBUST_DEG)

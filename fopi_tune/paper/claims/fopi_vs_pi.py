@@ -89,7 +89,9 @@ def fopi_vs_pi() -> tuple[Row, ...]:
 
 def design_pair(wanted: DesignSpec) -> DesignPair:
     """Both designs of a spec."""
-    return DesignPair(tune(wanted, proof=False), tune(with_alpha(wanted, 1.0, 1.0), proof=False))
+    return DesignPair(
+        tune(wanted, proof=False, bracket=False), tune(with_alpha(wanted, 1.0, 1.0), proof=False, bracket=False)
+    )
 
 
 def uncertain_gain() -> DesignSpec:

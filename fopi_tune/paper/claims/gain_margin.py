@@ -49,8 +49,8 @@ def _equality() -> Row:
     """As an equality, with and without the other two specifications."""
     wanted = spec("brake")
     equality = Requirement("gain_margin_db", Relation.EQUALS, (_MARGIN_DB,), Scope.NOMINAL)
-    alone = tune(with_alpha(with_requirements(wanted, equality), 0.3, 1.0), proof=False)
-    three = tune(with_requirements(wanted, *nominal_requirements(wanted), equality), proof=False)
+    alone = tune(with_alpha(with_requirements(wanted, equality), 0.3, 1.0), proof=False, bracket=False)
+    three = tune(with_requirements(wanted, *nominal_requirements(wanted), equality), proof=False, bracket=False)
     return Row(
         f"PM = 90 deg, 0.3 rad/s and Mg = {SPECIFIED_GAIN_MARGIN.text} can hold together, as equalities",
         "fmincon, with the equalities as constraints",

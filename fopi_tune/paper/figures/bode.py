@@ -57,7 +57,7 @@ def bode_brake() -> Picture:
 
 def bode_family() -> Picture:
     """Fig. 4: over tau, the published gains with a static gain of 10, and the robust design for the stated plant."""
-    design = tune(spec("brake"), proof=False)
+    design = tune(spec("brake"), proof=False, bracket=False)
     if design.gains is None or design.status is not Status.SOLVED:
         raise DomainError(f"the robust brake is {design.status.value}: {design.message}; there is nothing to draw")
     families = []
