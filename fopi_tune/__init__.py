@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from fopi_tune.pipeline.simulate import simulate
     from fopi_tune.pipeline.systems import simulate_system, validate_system
     from fopi_tune.pipeline.tune import tune
+    from fopi_tune.pipeline.tune_system import tune_system
     from fopi_tune.pipeline.validate import validate
     from fopi_tune.prices import Tradeoff
     from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from fopi_tune.results.simulation import Simulated
     from fopi_tune.results.status import Status
     from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.system_design import DesignedSystem
     from fopi_tune.spec import load_spec, load_system, parse_spec
     from fopi_tune.spec.model import DesignSpec, SystemSpec
 
@@ -44,6 +46,7 @@ _PUBLIC = {
     "Check": "fopi_tune.results.design",
     "Design": "fopi_tune.results.design",
     "DesignSpec": "fopi_tune.spec.model",
+    "DesignedSystem": "fopi_tune.results.system_design",
     "Discretized": "fopi_tune.results.design",
     "DomainError": "fopi_tune.errors",
     "FoPi": "fopi_tune.core.controller",
@@ -85,6 +88,7 @@ _PUBLIC = {
     "simulate_system": "fopi_tune.pipeline.systems",
     "tradeoff": "fopi_tune.pipeline.price",
     "tune": "fopi_tune.pipeline.tune",
+    "tune_system": "fopi_tune.pipeline.tune_system",
     "validate": "fopi_tune.pipeline.validate",
     "validate_system": "fopi_tune.pipeline.systems",
 }
@@ -95,6 +99,7 @@ __all__ = [
     "Check",
     "Design",
     "DesignSpec",
+    "DesignedSystem",
     "Discretized",
     "DomainError",
     "FoPi",
@@ -136,6 +141,7 @@ __all__ = [
     "simulate_system",
     "tradeoff",
     "tune",
+    "tune_system",
     "validate",
     "validate_system",
 ]

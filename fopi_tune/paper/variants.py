@@ -7,7 +7,18 @@ from dataclasses import replace
 from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
 from fopi_tune.paper.published import TAU_NOMINAL_S
 from fopi_tune.spec.load import packaged_spec, packaged_system
-from fopi_tune.spec.model import DesignSpec, GainRange, Objective, Requirement, Scope, Sense, SystemSpec
+from fopi_tune.spec.model import (
+    ControllerSpec,
+    DesignSpec,
+    GainRange,
+    Limit,
+    Objective,
+    Relation,
+    Requirement,
+    Scope,
+    Sense,
+    SystemSpec,
+)
 
 _PACKAGE = "fopi_tune.paper"
 
@@ -43,6 +54,29 @@ def with_numbers(base: DesignSpec, **numbers: float | Uncertain) -> DesignSpec:
 def with_alpha(base: DesignSpec, low: float, high: float) -> DesignSpec:
     """The spec with another range of alpha."""
     return replace(base, controller=replace(base.controller, alpha=GainRange(low, high)))
+
+
+def with_comfort(base: DesignSpec, scenario: str, most_m_s2: float) -> DesignSpec:
+    """The spec with free gains that are to keep an acceleration in a scenario, and follow its reference best.
+
+    Args:
+        base: with the scenario.
+        scenario: its name.
+        most_m_s2: the limit.
+    """
+    robust = (
+        Requirement("sensitivity_db", Relation.AT_MOST, (2.0,)),
+        Requirement("phase_margin_deg", Relation.AT_LEAST, (60.0,)),
+    )
+    assert base.digital is not None
+    return replace(
+        base,
+        controller=ControllerSpec(GainRange(0.0, 5.0), GainRange(0.0, 5.0), GainRange(0.3, 1.5)),
+        requirements=robust,
+        scenario_requirements=(Limit("acceleration_m_s2", Relation.AT_MOST, most_m_s2, scenario),),
+        objective=Objective(Sense.MINIMIZE, "iae", scenario=scenario),
+        digital=replace(base.digital, design="sampled"),
+    )
 
 
 def with_objective(base: DesignSpec, quantity: str) -> DesignSpec:
