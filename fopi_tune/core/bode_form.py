@@ -236,7 +236,7 @@ class BodeForm:
     @cached_property
     def _tables(self) -> tuple[Array, Array]:
         """What `_selected` selects of: scale, slope0, phase0, delay; nu, corner, cos psi, sin psi, sign, sign nu."""
-        direction = np.exp(1j * self.psi)
+        direction: Complex = np.exp(1j * self.psi)
         factors = self.nu, self.corner, direction.real, direction.imag, self.sign, self.sign * self.nu
         return np.array([self.scale, self.slope0, self.phase0, self.delay]), np.array(factors)
 

@@ -51,6 +51,8 @@ _GAPS = (5e-7, 5e-5, 5e-4, 1e-2)
 _ENCLOSURES = (4e-12, 1e-10, 1e-8)
 #: a worst value relatively closer to the limit than this: proving the limit itself would take too many boxes
 _LEAST_ROOM = 1e-8
+#: natural units; this much beyond the limit is shown at least, half of what a recheck sees of an undecided side
+_LEAST_BEYOND = 5e-4
 #: relative distance of the witness from the value in floating point
 _WITNESS = 1e-10
 _MOST_ROUNDS = 6
@@ -194,6 +196,8 @@ class _Side:
             if worse is None or not self.is_beyond(worse[0], worst):
                 break
             worst, place = worse
+            if self.is_beyond(worst, self.relaxed):
+                return self._refuted(worst, place)
         return self._undecided(worst, place, None, ())
 
     def _broken(self, level: float) -> tuple[float, ...]:
@@ -245,10 +249,11 @@ class _Side:
         return None
 
     def _refuted(self, worst: float, place: Place) -> SideProof:
-        # at most half-way to the limit
-        room = abs(worst - self.relaxed)
-        for amount in (1e-10, 1e-7, 1e-3):
-            level = self.beyond(worst, -min(amount * gap_scale(self.requirement, worst), 0.5 * room))
+        # at most half-way to the limit; of a peak that is a pole but for rounding, close to the limit
+        room, scale = abs(worst - self.relaxed), gap_scale(self.requirement, worst)
+        near = [min(amount * scale, 0.5 * room) for amount in (1e-10, 1e-7, 1e-3)]
+        for amount in (*near, 0.5 * room, 0.9 * room, room - min(0.1 * room, _LEAST_BEYOND)):
+            level = self.beyond(worst, -amount)
             claims = violation_claims(self.case, self.requirement, self.upper, level, place.point, place.omega_rad_s)
             records = self.searches.shown(claims)
             if records is not None:

@@ -89,7 +89,7 @@ def test_damaged_results_and_certificates_are_read_or_refused(files: Path) -> No
 
 
 def check_in_children(targets: Sequence[Target], folder: Path, seed: int, count: int, batch: int = 100) -> None:
-    """Thousands of files, a batch of them in a process, whose time and memory are measured."""
+    """Many files, a batch of them in a process, whose time and memory are measured."""
     chance, left = random.Random(seed), count
     while left > 0:
         ends = run_in_child(mutants(targets, folder, chance, batch), folder)
@@ -99,21 +99,21 @@ def check_in_children(targets: Sequence[Target], folder: Path, seed: int, count:
 
 
 @pytest.mark.long
-def test_thousands_of_damaged_specs_studies_and_recordings(files: Path) -> None:
-    check_in_children(spec_targets(files), files, 3, 3_000)
+def test_a_thousand_damaged_specs_studies_and_recordings(files: Path) -> None:
+    check_in_children(spec_targets(files), files, 3, 1_000)
 
 
 @pytest.mark.long
-def test_thousands_of_damaged_results_and_certificates(files: Path) -> None:
-    check_in_children(result_targets(files, "brake"), files, 4, 2_000)
+def test_hundreds_of_damaged_results_and_certificates(files: Path) -> None:
+    check_in_children(result_targets(files, "brake"), files, 4, 500)
 
 
 @pytest.mark.long
-def test_hundreds_of_damaged_specs_and_systems_that_are_computed(files: Path) -> None:
+def test_a_hundred_damaged_specs_and_systems_that_are_computed(files: Path) -> None:
     # the good files of these take more memory already: their plants are many
     heavy = ("lag_gain_and_delay", "second_order")
     targets = [each for each in computing_targets(files) if not any(name in each.file for name in heavy)]
-    check_in_children(targets, files, 5, 300, batch=1)
+    check_in_children(targets, files, 5, 100, batch=1)
 
 
 # -- wrong entries of results ------------------------------------------------------------------------------------------

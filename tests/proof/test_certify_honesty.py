@@ -128,6 +128,15 @@ def test_limits_around_the_true_worst_case_are_told_apart(block: int) -> None:
     assert "bound" in kinds
 
 
+def test_a_limit_that_plants_at_the_border_of_stability_break_is_refuted() -> None:
+    # |S| of 262 dB is rounding: balls show less, and any limit is broken
+    spec, gains = design(2077)
+    for outwards in (0.0, 1.0):
+        found, certificate = certified(moved_limit(spec, 1.0 + 260.0 * outwards, outwards), gains)
+        assert not found.stability.stable
+        assert certificate.requirements[0].verdict is ft.Verdict.REFUTED
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seed", SLOW)
 def test_limits_around_the_true_worst_case_of_a_slow_design_are_told_apart(seed: int) -> None:

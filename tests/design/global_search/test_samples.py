@@ -273,10 +273,14 @@ def test_the_allowed_gains_of_a_ray_are_those_of_core(plant: str, requirement: s
 
 
 @cache
+def _problem(plant: str) -> Problem:
+    return Problem.of(spec_of(PLANTS[plant], QUANTITIES_ASKED[:1], RAYS_DIGITAL))
+
+
+@cache
 def _guarded(plant: str, points: tuple[tuple[float, ...], ...], gains: FoPi) -> Loops | None:
     """The loops with gains, None where one is unstable or closer to -1 than the guard; requirements share them."""
-    problem = Problem.of(spec_of(PLANTS[plant], QUANTITIES_ASKED[:1], RAYS_DIGITAL))
-    loops = problem.loops(gains, np.array(points))
+    loops = _problem(plant).loops(gains, np.array(points))
     if not is_stable(loops).all():
         return None
     peak = QUANTITIES["sensitivity_db"].measure(loops, True, 0.0, np.inf).value.max()
