@@ -20,7 +20,7 @@ from fopi_tune.design.reasons import describe
 from fopi_tune.design.time_domain.exchange import MET, Counts, Exchanged, local_optima, solve
 from fopi_tune.design.time_domain.loop_cuts import LoopCuts
 from fopi_tune.design.time_domain.problem import ScenarioProblem, ScenarioRow
-from fopi_tune.design.time_domain.starts import starts_of
+from fopi_tune.design.time_domain.settling import shortest_settling
 from fopi_tune.results.candidate import Candidate
 from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.simulation.sampled.plants import discretize_plants
@@ -29,10 +29,6 @@ from fopi_tune.spec.model import DesignSpec, Limit, Relation
 _UNSTABLE = "no gains within their ranges were found that give every plant of the family a stable loop"
 #: relaxed limits are moved further by this part: there rounding decides
 _CLEARANCE = 1e-5
-#: gains from which a settling time is asked for, and gains that are scattered where none are known
-_STARTS, _SCATTERED = 2, 200
-#: samples by which worst plants inside the box may settle later than those at its vertices
-_MORE_SAMPLES = 4
 #: relative; a setpoint that is missed by less can be held
 _SAME = 1e-9
 
@@ -149,31 +145,16 @@ def _longer_settling(problem: ScenarioProblem, index: int, known: tuple[FoPi, ..
     runs = [row.run for row in problem.rows if row.index == place]
     step = runs[0].run.sample_time_s
     low, high = math.floor(limit.limit / step), max(len(run.run.signals) for run in runs)
-    starts, best = list(known), None
 
     def question(count: int) -> ScenarioProblem:
         moved = replace(limit, limit=count * step)
         rows = tuple(replace(row, limit=moved) if row.index == place else row for row in problem.rows)
         return replace(problem, rows=rows).missing(frozenset({index}), frozenset())
 
-    while high - low > 1:
-        middle = (low + high) // 2
-        asked = question(middle)
-        if not starts:
-            starts = starts_of(asked, LoopCuts(asked.loop), _STARTS, _SCATTERED)
-        found = local_optima(asked, LoopCuts(asked.loop), starts[-_STARTS:], counts)
-        met = [each for each in found if each.model.violation <= MET and each.model.objective <= 0.0]
-        if met:
-            best, high = middle, middle
-            starts.append(met[0].gains)
-        else:
-            low = middle
-    # of the vertices of the box so far; of the whole family a few samples more
-    for count in () if best is None else range(best, best + _MORE_SAMPLES):
-        whole = solve(question(count), counts, starts[-_STARTS:], thorough=False)
-        if whole is not None and whole.violation <= MET and whole.objective <= 0.0:
-            return Relaxation(index, count * step - limit.limit, count * step)
-    return Relaxation(index, None, None)
+    found = shortest_settling(question, low, high, known, counts)
+    if found is None:
+        return Relaxation(index, None, None)
+    return Relaxation(index, found[0] * step - limit.limit, found[0] * step)
 
 
 def reason_by_formula(problem: ScenarioProblem) -> str:

@@ -14,7 +14,8 @@ from fopi_tune.design.reasons import reason_without_solving
 from fopi_tune.design.synthesis import NO_CONTROLLER, fixed_gains
 from fopi_tune.design.time_domain.exchange import MET, Counts, Exchanged, solve
 from fopi_tune.design.time_domain.infeasible import explain
-from fopi_tune.design.time_domain.problem import ScenarioProblem
+from fopi_tune.design.time_domain.problem import ScenarioProblem, ScenarioRow
+from fopi_tune.design.time_domain.settling import shortest_settling
 from fopi_tune.digital.discretize import Method
 from fopi_tune.errors import DomainError
 from fopi_tune.results.candidate import Candidate, Violation
@@ -56,10 +57,34 @@ def design_for_scenarios(
     reason = reason_without_solving(frequency_part(spec))
     if reason is not None:
         return replace(explain_reason(problem.scanned, reason), scenario_multipliers=nothing[1])
+    if problem.objective is not None and problem.objective.limit.measure == "settling_time_s":
+        return _fastest(problem, problem.objective, counts, () if start is None else (start,))
     best = solve(problem, counts, () if start is None else (start,))
     if best is None or best.violation > MET or (problem.maximises_depth and best.objective > MET):
         return explain(problem, None if best is None else best.gains, counts)
     return candidate_of(problem, best, counts)
+
+
+def _fastest(problem: ScenarioProblem, aim: ScenarioRow, counts: Counts, known: tuple[FoPi, ...]) -> Candidate:
+    """The gains with which every plant settles first; without multipliers, as a settling time changes in jumps."""
+    Ts, spec = aim.run.run.sample_time_s, problem.spec
+
+    def question(count: int) -> ScenarioProblem:
+        limit = replace(aim.limit, limit=count * Ts)
+        return replace(problem, objective=None, rows=(*problem.rows, replace(aim, limit=limit, in_depth=True)))
+
+    found = shortest_settling(question, -1, len(aim.run.run.signals), known, counts)
+    if found is None:
+        met = solve(replace(problem, objective=None), counts, known)
+        if met is None or met.violation > MET:
+            return explain(problem, None if met is None else met.gains, counts)
+        message = f"no gains were found with which every plant settles within scenario {aim.run.spec.name}"
+        return replace(explain(problem, met.gains, counts), message=message)
+    nothing = tuple(None for _ in spec.requirements), tuple(None for _ in spec.scenario_requirements)
+    return Candidate(
+        Status.SOLVED, found[1], nothing[0], solves=counts.steps, rounds=counts.rounds, cuts=counts.plants,
+        scenario_multipliers=nothing[1],
+    )  # fmt: skip
 
 
 def candidate_of(problem: ScenarioProblem, best: Exchanged, counts: Counts) -> Candidate:
