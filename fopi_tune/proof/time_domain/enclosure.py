@@ -39,8 +39,6 @@ class Enclosure:
 
     def __init__(self, case: TimeDomainCase) -> None:
         self.case, self.loop, self._free = case, Loop(case), free_pattern(case)
-        # most boxes of a family are limited if one is: then a guess comes first
-        self._limited = False
         #: why the last box had no trajectory
         self.reason = ""
 
@@ -50,14 +48,12 @@ class Enclosure:
         if plants is None:
             self.reason = "its delay reaches across a whole number of samples"
             return None
-        pattern = self._guess(box) if self._limited else self._free
+        # what is found depends on the box alone: a recheck must find the same
+        pattern = self._guess(box) if self._has_limits else self._free
         for _ in range(_GUESSES):
             found = self.loop.trajectory(plants, pattern)
             if found is not None and pattern.is_confirmed(found.demanded):
                 return found if self._follows(found) else None
-            if pattern is self._free and self._has_limits:
-                self._limited, pattern = True, self._guess(box)
-                continue
             if found is None or not np.all(np.isfinite(found.demanded.high)):
                 self.reason = "its loops are too different"
                 return None

@@ -72,7 +72,7 @@ def _cover_problems(case: TimeDomainCase, proof: TimeDomainProof, level: Level) 
     if any(len(box) != axes or not all(low <= high for low, high in box) for box in proof.boxes):
         return (*problems, f"a box is none of {axes} uncertain numbers")
     for whole in cut_at_whole_samples(case.family, case.sample_time_s, case.delays):
-        if (gap := _uncovered(whole, proof.boxes)) is not None:
+        if (gap := uncovered(whole, proof.boxes)) is not None:
             problems.append(f"no box holds the plant {gap}")
     enclosure = Enclosure(case)
     for number, box in enumerate(proof.boxes):
@@ -86,7 +86,7 @@ def _cover_problems(case: TimeDomainCase, proof: TimeDomainProof, level: Level) 
     return tuple(problems)
 
 
-def _uncovered(whole: Box, boxes: Sequence[Box]) -> tuple[float, ...] | None:
+def uncovered(whole: Box, boxes: Sequence[Box]) -> tuple[float, ...] | None:
     """A point that no box holds; None where they cover the whole one.  Ends of boxes are compared exactly."""
     pending = [(whole, list(boxes))]
     while pending:

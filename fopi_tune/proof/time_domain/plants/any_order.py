@@ -33,9 +33,11 @@ from fopi_tune.proof.time_domain.plants.held import HeldPlants, Polynomial, Star
 from fopi_tune.proof.time_domain.plants.lateness import Lateness
 
 #: size of the last term of a series, and most terms
-_LAST, _MOST_TERMS = 1e-40, 400
+_LAST, _MOST_TERMS = 1e-28, 400
 
 Coefficients = tuple[list[Jet], list[Jet]]
+#: n_k of the new input and of the old one
+_Weights = tuple[list[Jet], list[Jet]]
 
 
 def any_order(
@@ -54,14 +56,19 @@ def any_order(
         loaded: whether there is a load.
     """
     order = len(over[1]) - 1
-    wide, narrow = _StateSpace(*over, ts), _StateSpace(*centre, ts)
+    wide, narrow = _StateSpace(*over, ts), _StateSpace(*centre, ts, bent=False)
     kept = list(zip(wide.characteristic, narrow.characteristic, strict=True))
     # without dynamics, D(x) = 1
     nothing = ((Delays(np.zeros(1)), Model.constant(np.zeros(1), radii)),) if order == 0 else ()
     base = Delays(np.array(_basis(0, order)))
     terms = ((_delays(0, k, order), number_model(*kept[k], radii)) for k in range(1, order + 1))
     denominator = Polynomial(base, (*terms, *nothing))
-    polynomials = [_inputs(wide, narrow, each, radii) for each in late[: 2 if loaded else 1]]
+    polynomials: list[Polynomial] = []
+    weights: list[_Weights] = []
+    for number, each in enumerate(late[: 2 if loaded else 1]):
+        if number == 0 or not _same(each, late[0]):
+            weights = [wide.weights(each.part), narrow.weights(each.centre)]
+        polynomials.append(_inputs(wide, narrow, each, weights, radii))
     return HeldPlants(
         order=order,
         radii=radii,
@@ -90,14 +97,22 @@ def _delays(first: int, power: int, factors: int) -> Delays:
     return Delays(np.array(_basis(power, factors), dtype=float), first)
 
 
-def _inputs(wide: _StateSpace, narrow: _StateSpace, late: Lateness, radii: Array) -> Polynomial:
+def _same(one: Lateness, other: Lateness) -> bool:
+    """Whether two inputs are late by the same part of a sample."""
+    pairs = zip((one.part.value, *one.part.slopes), (other.part.value, *other.part.slopes), strict=True)
+    return all(bool(a.mid() == b.mid()) and bool(a.rad() == b.rad()) for a, b in pairs)
+
+
+def _inputs(
+    wide: _StateSpace, narrow: _StateSpace, late: Lateness, weights: Sequence[_Weights], radii: Array
+) -> Polynomial:
     """N of (3); what a delay just beyond a whole number of samples changes is added to the rests."""
     order = wide.order
     wider = wide.most_change * late.beyond * (1.0 + 1e-9)
-    pairs = [(late.whole + 1, wide.weights(1 - late.part), narrow.weights(1 - late.centre))]
+    (new, old), (new_0, old_0) = weights
+    pairs = [(late.whole + 1, new, new_0)]
     if not late.is_whole:
-        own, at = (space.weights(part, 1 - part) for space, part in ((wide, late.part), (narrow, late.centre)))
-        pairs.append((late.whole + 2, own, at))
+        pairs.append((late.whole + 2, old, old_0))
     terms = [
         (_delays(first, k, order - 1), number_model(own[k], at[k], radii, wider))
         for first, own, at in pairs
@@ -131,9 +146,10 @@ class _Exponential:
 
 
 class _StateSpace:
-    """(1) and (2) of plants whose coefficients are jets."""
+    """(1) and (2) of plants whose coefficients are jets; at a centre second derivatives are not needed."""
 
-    def __init__(self, numerator: Sequence[Jet], denominator: Sequence[Jet], ts: arb) -> None:
+    def __init__(self, numerator: Sequence[Jet], denominator: Sequence[Jet], ts: arb, bent: bool = True) -> None:
+        self._bent = bent
         leading, n = denominator[0], len(denominator) - 1
         self.order, self.axes = n, len(leading.slopes)
         # time in samples: coefficients of descending powers times Ts^0, Ts^1, ...
@@ -164,14 +180,17 @@ class _StateSpace:
         growth = sum((abs(x.value) for x in self.top), arb(1)).exp()
         self.most_change = float((size * growth).upper())
 
-    def weights(self, time: Jet, then: Jet | None = None) -> list[Jet]:
-        """n_k of W(time), or of e^{A then} W(time)."""
+    def weights(self, part: Jet) -> _Weights:
+        """n_k of W(1 - part), and of e^{A (1 - part)} W(part)."""
         n = self.order
-        held = self._exponential(time)
-        column = [held.entry(i, n) for i in range(n)]
-        if then is not None:
-            moved = self._exponential(then)
-            column = [_total([moved.entry(i, j) * column[j] for j in range(n)]) for i in range(n)]
+        late = self._exponential(1 - part)
+        new, old = [late.entry(i, n) for i in range(n)], [Jet.constant(0, self.axes)] * n
+        if not part.is_zero:
+            early = self._exponential(part)
+            old = [_total([late.entry(i, j) * early.entry(j, n) for j in range(n)]) for i in range(n)]
+        return self._products(new), self._products(old)
+
+    def _products(self, column: Sequence[Jet]) -> list[Jet]:
         return [_total([x * y for x, y in zip(row, column, strict=True)]) for row in self._adjoint]
 
     def _exponential(self, time: Jet) -> _Exponential:
@@ -186,34 +205,37 @@ class _StateSpace:
         first = [arb_mat([[x.slopes[j] for x in row] for row in rows]) for j in range(axes)]
         second = [arb_mat([[x.pairs[k] for x in row] for row in rows]) for k in range(len(pairs))]
         size, slopes, bends = _norm(m), [_norm(x) for x in first], [_norm(x) for x in second]
+        # the derivatives that are not 0
+        moving = [j for j in range(axes) if slopes[j] > 0.0]
+        bending = [row for row, (j, i) in enumerate(pairs) if self._bent and (j in moving and i in moving)]
         zero = arb_mat(n + 1, n + 1)
-        value = arb_mat([[int(i == j) for j in range(n + 1)] for i in range(n + 1)])
-        total, totals, sums = value, [zero] * axes, [zero] * len(pairs)
-        term, terms, bent = value, [zero] * axes, [zero] * len(pairs)
+        term = total = arb_mat([[int(i == j) for j in range(n + 1)] for i in range(n + 1)])
+        terms, bent = [zero] * axes, [zero] * len(pairs)
+        totals, sums = [zero] * axes, [zero] * len(pairs)
         k, last = 0, 1.0
-        # a sixth power more than the value needs, for the derivatives
         while (last > _LAST or k < size + 4) and k < _MOST_TERMS and math.isfinite(size):
             k += 1
             scale = arb(1) / k
-            bent = [
-                (second[row] * term + first[j] * terms[i] + first[i] * terms[j] + m * bent[row]) * scale
-                for row, (j, i) in enumerate(pairs)
-            ]
-            terms = [(first[j] * term + m * terms[j]) * scale for j in range(axes)]
+            for row in bending:
+                j, i = pairs[row]
+                mixed = first[j] * terms[i] + first[i] * terms[j]
+                bent[row] = (second[row] * term + mixed + m * bent[row]) * scale
+                sums[row] = sums[row] + bent[row]
+            for j in moving:
+                terms[j] = (first[j] * term + m * terms[j]) * scale
+                totals[j] = totals[j] + terms[j]
             term = m * term * scale
-            total, totals = total + term, [x + y for x, y in zip(totals, terms, strict=True)]
-            sums = [x + y for x, y in zip(sums, bent, strict=True)]
+            total = total + term
             last = last * max(size, 1e-3) / k
         # |M|^k/k! e^|M| of the terms from k + 1 on, of k and of k - 1 for the derivatives
-        rest = [
-            arb(size) ** max(k + 1 - less, 0) / arb(max(k + 1 - less, 0)).fac() * arb(size).exp() for less in range(3)
-        ]
+        powers = [max(k + 1 - less, 0) for less in range(3)]
+        rest = [arb(size) ** power / arb(power).fac() * arb(size).exp() for power in powers]
         total = _wider(total, rest[0])
-        totals = [_wider(x, rest[1] * slope) for x, slope in zip(totals, slopes, strict=True)]
-        sums = [
-            _wider(x, rest[1] * bends[row] + rest[2] * slopes[j] * slopes[i])
-            for row, ((j, i), x) in enumerate(zip(pairs, sums, strict=True))
-        ]
+        for j in moving:
+            totals[j] = _wider(totals[j], rest[1] * slopes[j])
+        for row in bending:
+            j, i = pairs[row]
+            sums[row] = _wider(sums[row], rest[1] * bends[row] + rest[2] * slopes[j] * slopes[i])
         return _Exponential(total, totals, sums)
 
 

@@ -23,7 +23,7 @@ from fopi_tune.proof.time_domain.bounded import Delays, above
 from fopi_tune.proof.time_domain.jets import Derivatives, Jet
 from fopi_tune.proof.time_domain.models import Model, number_model
 from fopi_tune.proof.time_domain.plants.held import Arrivals, HeldPlants, Polynomial, Start
-from fopi_tune.proof.time_domain.plants.lateness import MOST_BEYOND, Lateness
+from fopi_tune.proof.time_domain.plants.lateness import MOST_BEYOND, WHOLE, Lateness
 
 
 def _phi(x: arb) -> Derivatives:
@@ -116,7 +116,7 @@ def _arrivals(
 ) -> tuple[Arrivals, ...]:
     """dy/dt at the instants of control and load; how far these are apart does not depend on the dead time."""
     apart = delay_samples - late[0].whole + late[1].whole
-    apart = 0.0 if abs(apart) < MOST_BEYOND else apart
+    apart = 0.0 if abs(apart) < WHOLE else apart
     pole, gain = (each.value for each in one.over[:2])
     beyond = max(late[0].beyond, late[1].beyond)
     scale = ((1 + abs(pole)) ** 2 * (1 + abs(gain)) * (1 + ts) * (abs(pole) * ts).exp()).upper()
