@@ -261,14 +261,13 @@ class Polish:
             after = self.look(solved.x) if solved.ok else None
             cost = math.inf if after is None else self.cost(after, solved.x)
             met = after is not None and max(self.violation(after), self._gap(cost, solved)) <= MEETS
-            if after is not None and met and cost < known.cost and self._count_crossings(solved.x) == crossings:
+            met = met and self._count_crossings(solved.x) == crossings
+            if after is not None and met and cost < known.cost:
                 known = Polished(cost, solved.x, solved.prices, count, cuts, True)
                 found, t = after, solved.t
-                if not solved.on_boundary:
-                    break
             else:
                 radius *= 0.5
-            if radius < _SMALLEST_STEP:
+            if (met and not solved.on_boundary) or radius < _SMALLEST_STEP:
                 break
         return known
 
