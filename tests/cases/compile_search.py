@@ -9,7 +9,9 @@ import sys
 
 import numpy as np
 from cases.project import CONTINUOUS
+from cases.scenario_designs import DESIGNS
 
+from fopi_tune.core.controller import FoPi
 from fopi_tune.design.bracket import bracket_of
 from fopi_tune.design.global_search.basins import scan_box
 from fopi_tune.design.global_search.compiled import work_for
@@ -18,6 +20,10 @@ from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.samples import filter_at, integral_at_real
 from fopi_tune.design.global_search.worst_case import highest_crossover
+from fopi_tune.design.time_domain.loop_cuts import LoopCuts
+from fopi_tune.design.time_domain.model import Modeller
+from fopi_tune.design.time_domain.problem import ScenarioProblem
+from fopi_tune.design.time_domain.worst_plants import Family
 from fopi_tune.spec import load_spec
 
 #: with two equalities, and without any
@@ -41,11 +47,26 @@ def worst_cases(problem: Problem) -> None:
     bracket_of(polish, 1.0, x, budget=1)
 
 
+def scenarios(problem: ScenarioProblem) -> None:
+    """What designs for scenarios need besides: simulations with and without derivatives, and the loop's cuts."""
+    gains = FoPi(0.2, 0.1, 0.9)
+    cuts = LoopCuts(problem.loop)
+    found = cuts.look(gains)
+    assert found is not None
+    cuts.learn(found)
+    cuts.slacks(gains)
+    Modeller(problem, cuts, problem.corners).trajectories_of(gains)
+    Family(problem).worst(gains, refine=False)
+
+
 def main() -> None:
     """Compile; Numba keeps the code beside the package."""
+    half = sys.argv[1]
     for name in SPECS:
         problem = Problem.of(load_spec(CONTINUOUS / f"{name}.yaml"))
-        {"rays": rays, "worst_cases": worst_cases}[sys.argv[1]](problem)
+        {"rays": rays, "worst_cases": worst_cases}[half](problem)
+    if half == "worst_cases":
+        scenarios(ScenarioProblem.of(DESIGNS["throttle"].spec))
 
 
 if __name__ == "__main__":
