@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -63,7 +64,8 @@ def test_a_run_says_what_is_proved_and_what_is_checked(finished: tuple[Path, Res
     assert said.startswith(f"stop: solved. {proved} by simulation.")
     # of the digital controller no more is proved
     assert f"stop, digital: met. {proved}" in said
-    assert "checked acceleration_m_s2 <= 2 2 1.000 38.2 family, scenario step; worst at 0.6 s with" in said
+    # the rate is at its limit twice, to rounding
+    assert re.search("checked acceleration_m_s2 <= 2 2 1.000 38.2 family, scenario step; worst at 0.[68] s with", said)
     assert "10000 of 10000 drawn plants meet it (99.94 .. 100 %)" in said
     assert "objective minimize iae in scenario step, the worst plant's: 119.36" in said
 
