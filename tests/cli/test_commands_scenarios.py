@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from fopi_tune.cli import app
 
-#: 0.08 of the figures' time, and the same problem
+#: a limit that does not bind beside one that does
 TEXT = brake("stop", "step").replace("objective:", "  - {settling_time_s: {at_most: 40}, scenario: step}\nobjective:")
 WANTED = (0.0315, 0.0355, 0.975)
 GAINS = ("--kp", "0.0315", "--ki", "0.0355", "--alpha", "0.975")
