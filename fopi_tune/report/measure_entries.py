@@ -7,7 +7,7 @@ from typing import Any
 
 from fopi_tune.errors import CertificateError
 from fopi_tune.proof.strict_json import JsonObject
-from fopi_tune.spec.model import DesignSpec, Relation
+from fopi_tune.spec.model import DesignSpec, Limit, Relation
 
 #: the entry of a result's JSON
 ENTRIES = "scenario_requirements"
@@ -18,6 +18,21 @@ SIGNS = {"proved": "✓", "checked": "✓", "violated": "✗", "open": "–"}
 def measures_met(document: Mapping[str, Any]) -> list[bool]:
     """Whether each is met."""
     return [bool(each["met"]) for each in document.get(ENTRIES, ())]
+
+
+def _refuse_contradictions(entry: JsonObject, limit: Limit) -> None:
+    """Verdict, score and value say the same."""
+    achieved, score = entry.number_or_none("achieved"), entry.number_or_none("score")
+    expected = {"checked", "proved"} if entry.flag("met") else {"open" if entry.get("worst") is None else "violated"}
+    if entry.text("verdict") not in expected:
+        raise CertificateError(f"{entry.at('verdict')} is none of an entry with this {entry.at('met')}")
+    if achieved is None or score is None:
+        if entry.flag("met"):
+            raise CertificateError(f"{entry.at('met')} is true without a value")
+        return
+    over = achieved > limit.limit if limit.relation is Relation.AT_MOST else achieved < limit.limit
+    if over is not (score > 1.0) or (not entry.flag("met") and not over):
+        raise CertificateError(f"{entry.at('achieved')} is none with this {entry.at('score')}")
 
 
 def check_measures(top: JsonObject, spec: DesignSpec) -> None:
@@ -41,6 +56,7 @@ def check_measures(top: JsonObject, spec: DesignSpec) -> None:
         entry.flag("met")
         for key in ("achieved", "score", "multiplier", "proved_bound"):
             entry.number_or_none(key)
+        _refuse_contradictions(entry, limit)
         if entry.get("worst") is not None:
             worst = entry.child("worst")
             worst.number_or_none("time_s")

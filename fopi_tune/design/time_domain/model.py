@@ -166,7 +166,9 @@ class Modeller:
         if row.in_depth:
             parts.aim(values, slopes)
         else:
-            parts.add(values + TIGHTENING, slopes, np.full(len(values), place))
+            # what no gain moves, such as an undershoot of 0, is no tighter than it is
+            tightened = values + np.where(slopes.any(axis=1), TIGHTENING, 0.0)
+            parts.add(tightened, slopes, np.full(len(values), place))
 
     def _add_aim(self, parts: _Parts, row: ScenarioRow, found: Trajectories) -> None:
         if row.limit.measure == "iae":

@@ -100,7 +100,7 @@ def _between(share: float, sign: float, low: float, high: float, unit: float) ->
     upwards = high > 0.0 and (low >= 0.0 or sign < high / (high - low))
     far, near = (high, max(low, 0.0)) if upwards else (-low, max(-high, 0.0))
     most = min(far, max(_SPAN * unit, 2.0 * near))
-    least = min(max(near, unit / _SPAN), 0.5 * most)
+    least = max(near, min(unit / _SPAN, 0.5 * most))
     size = float(least * (most / least) ** share)
     return size if upwards else -size
 

@@ -91,10 +91,10 @@ def _headline(design: Design) -> str:
         return f"{status}. {design.advice}"
     if design.certificate is None:
         return f"{status}, not proved. {design.advice[:-1]}, as far as a check in floating point tells."
-    return f"{status}. {_proved(design.spec, design.measures)}"
+    return f"{status}. {proved_sentence(design.spec, design.measures)}"
 
 
-def _proved(spec: DesignSpec, measures: Sequence[MeasureReport]) -> str:
+def proved_sentence(spec: DesignSpec, measures: Sequence[MeasureReport]) -> str:
     """What is proved, and what of it is only checked."""
     on_samples = " of the loop on samples" if loop_name(spec) == "sampled" else ""
     checked = [report for report in measures if report.verdict == "checked"]
@@ -112,7 +112,7 @@ def check_text(check: Check) -> Text:
     """The verification of given gains, laid out as that of a design."""
     found = check.verification
     if check.status == "met":
-        said = _proved(check.spec, check.measures)
+        said = proved_sentence(check.spec, check.measures)
     elif check.status == "undecided":
         said = "The gains pass the check in floating point; not everything could be proved."
     elif found.stability.stable:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from fopi_tune.report.text.certificates import proof_lines
-from fopi_tune.report.text.design import requirement_lines, summary_lines
+from fopi_tune.report.text.design import proved_sentence, requirement_lines, summary_lines
 from fopi_tune.report.text.formatting import (
     BAD,
     QUIET,
@@ -42,6 +42,8 @@ def digital_text(result: Discretized) -> Text:
         said = "The loop on samples is not stable for every plant of the family."
     elif result.certificate is None and status == "met":
         said = "The loop on samples meets all requirements, as far as a check in floating point tells."
+    elif status == "met" and result.measures:
+        said = proved_sentence(result.spec, result.measures)
     lines: list[Line] = [
         *wrapped(f"{result.spec.name}, digital: {status}. {said}", style_of(status == "met")),
         ("", ""),

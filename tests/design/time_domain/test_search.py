@@ -226,6 +226,17 @@ def test_a_limit_that_does_not_bind_costs_nothing() -> None:
     assert (found.multipliers[1], *found.scenario_multipliers) == (0.0, 0.0, 0.0)
 
 
+def test_a_limit_that_no_gain_moves_costs_nothing() -> None:
+    """There is no undershoot below 0."""
+    spec = small(PEAK, "{undershoot: {at_most: 0}, scenario: step}", "{overshoot: {at_most: 0}, scenario: step}")
+    gains, _, found = solved(spec)
+    undershoot, overshoot = found.scenario_multipliers
+    assert undershoot == 0.0
+    assert overshoot is not None
+    assert overshoot > 0.0
+    assert max(missed(spec, gains, drawn(spec, 300, seed=3))) <= MET
+
+
 def test_the_same_gains_whatever_was_solved_before_and_whatever_its_name() -> None:
     _, _, before = solved(DESIGNS["brake_step"].spec)
     design_for_scenarios(VARIANTS["ki fixed"])
