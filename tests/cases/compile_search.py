@@ -10,12 +10,8 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-<<<<<<< HEAD
 from cases.project import CONTINUOUS, ROOT
-=======
-from cases.project import CONTINUOUS
 from cases.scenario_designs import DESIGNS
->>>>>>> tests19
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design.bracket import bracket_of
@@ -26,14 +22,11 @@ from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.samples import filter_at, integral_at_real
 from fopi_tune.design.global_search.worst_case import highest_crossover
-<<<<<<< HEAD
-from fopi_tune.pipeline.simulate import simulate
-=======
 from fopi_tune.design.time_domain.loop_cuts import LoopCuts
 from fopi_tune.design.time_domain.model import Modeller
 from fopi_tune.design.time_domain.problem import ScenarioProblem
 from fopi_tune.design.time_domain.worst_plants import Family
->>>>>>> tests19
+from fopi_tune.pipeline.simulate import simulate
 from fopi_tune.spec import load_spec
 
 #: with two equalities, and without any
@@ -57,7 +50,6 @@ def worst_cases(problem: Problem) -> None:
     bracket_of(polish, 1.0, x, budget=1)
 
 
-<<<<<<< HEAD
 def on_samples() -> None:
     """What the bound needs of filters and of crossings on samples."""
     problem = Problem.of(load_spec(ROOT / "specs" / "brake.yaml"))
@@ -67,7 +59,8 @@ def on_samples() -> None:
 def simulated() -> None:
     """The loop in time."""
     simulate(load_spec(ROOT / "specs" / "brake.yaml"), FoPi(0.4, 0.4, 0.8))
-=======
+
+
 def scenarios(problem: ScenarioProblem) -> None:
     """What designs for scenarios need besides: simulations with and without derivatives, and the loop's cuts."""
     gains = FoPi(0.2, 0.1, 0.9)
@@ -78,7 +71,6 @@ def scenarios(problem: ScenarioProblem) -> None:
     cuts.slacks(gains)
     Modeller(problem, cuts, problem.corners).trajectories_of(gains)
     Family(problem).worst(gains, refine=False)
->>>>>>> tests19
 
 
 def main() -> None:
@@ -87,12 +79,11 @@ def main() -> None:
     for name in SPECS:
         problem = Problem.of(load_spec(CONTINUOUS / f"{name}.yaml"))
         {"rays": rays, "worst_cases": worst_cases}[half](problem)
-<<<<<<< HEAD
-    {"rays": simulated, "worst_cases": on_samples}[half]()
-=======
-    if half == "worst_cases":
+    if half == "rays":
+        simulated()
         scenarios(ScenarioProblem.of(DESIGNS["throttle"].spec))
->>>>>>> tests19
+    else:
+        on_samples()
 
 
 if __name__ == "__main__":
