@@ -7,8 +7,17 @@ from dataclasses import replace
 import pytest
 
 import fopi_tune as ft
+from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.digital.implementation import implementation_of
-from fopi_tune.proof.scenario_proofs import cases_of
+from fopi_tune.errors import CertificateError
+from fopi_tune.proof.scenario_proofs import (
+    ScenarioProof,
+    cases_of,
+    read_scenario_proofs,
+    scenario_entries,
+    scenario_problems,
+)
+from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.proof.time_domain import TimeDomainCase, prove_limit, recheck_limit
 from fopi_tune.proof.verdict import Verdict
 from fopi_tune.spec import parse_spec
@@ -52,3 +61,30 @@ def test_a_witness_within_the_limit_is_found(cases: list[TimeDomainCase]) -> Non
     assert refuted.verdict is Verdict.REFUTED
     assert recheck_limit(cases[2], refuted) == ()
     assert "does not miss the limit" in recheck_limit(cases[2], replace(refuted, value=0.0005))[0]
+
+
+def test_a_requirement_that_is_left_out_is_found(cases: list[TimeDomainCase]) -> None:
+    proofs = [ScenarioProof(index, cases[1], prove_limit(cases[1])) for index in (0, 1)]
+    assert scenario_problems(proofs) == []
+    assert scenario_problems([replace(proofs[1], index=2), proofs[0]]) == [
+        "scenarios: requirement 2 stands where requirement 0 is expected",
+        "scenarios: requirement 0 stands where requirement 3 is expected",
+    ]
+    assert "requirement 1 stands where requirement 0" in scenario_problems(proofs[1:])[0]
+
+
+def test_a_scenario_judged_from_before_its_start_is_none(cases: list[TimeDomainCase]) -> None:
+    case = cases[1]
+    implementation = Implementation(case_sections(case), case.delay_samples)
+    entries = scenario_entries([ScenarioProof(0, case, prove_limit(case))])
+    read = read_scenario_proofs([JsonObject(entries[0], "scenarios[0]")], case.family, implementation)
+    assert scenario_problems(read) == []
+    for judged in (-0.1, 30.0):
+        entries[0]["scenario"]["judged_from_s"] = judged
+        with pytest.raises(CertificateError, match="judged_from_s"):
+            read_scenario_proofs([JsonObject(entries[0], "scenarios[0]")], case.family, implementation)
+
+
+def case_sections(case: TimeDomainCase) -> Sections:
+    runtime = case.controller
+    return Sections(case.sample_time_s, runtime.direct, runtime.poles, runtime.residues)
