@@ -6,6 +6,7 @@ checked by simulation; a certificate is no less proved for it, and says which re
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -172,6 +173,8 @@ def _read_scenario(entry: JsonObject, sample_time_s: float) -> ScenarioSpec:
     duration, before = entry.number("duration_s"), entry.text("before")
     if not 0.0 < duration <= _MOST_SAMPLES * sample_time_s or before not in ("rest", "free"):
         raise CertificateError(f"{entry.place} is no scenario of at most {_MOST_SAMPLES} samples")
+    if not 0.0 <= entry.number("judged_from_s") < duration:
+        raise CertificateError(f"{entry.place}: judged_from_s must be at least 0, and before the end")
     if (rate is not None and not rate > 0.0) or (band is not None and not band > 0.0):
         raise CertificateError(f"{entry.place}: rate_per_s and settling_band must be greater than 0")
     return ScenarioSpec(
@@ -207,7 +210,14 @@ def _read_knots(entry: JsonObject, key: str, duration: float) -> tuple[Knot, ...
 
 def scenario_problems(proofs: Sequence[ScenarioProof]) -> list[str]:
     """What does not hold of the proofs in a certificate."""
+    numbers = [each.index for each in proofs]
+    gaps = [(0, numbers[0])] if numbers else []
+    gaps += [(before + 1, after) for before, after in itertools.pairwise(numbers) if after != before]
     return [
+        f"scenarios: requirement {found} stands where requirement {expected} is expected"
+        for expected, found in gaps
+        if expected != found
+    ] + [
         f"scenarios[{place}]: {problem}"
         for place, each in enumerate(proofs)
         for problem in recheck_limit(each.case, each.proof)

@@ -22,6 +22,7 @@ from fopi_tune.spec.scenarios import (
     check_scenario_design,
     limits_shape,
     refuse_accelerations,
+    refuse_contradicting_limits,
     refuse_too_many_samples,
     refuse_unknown_scenarios,
     scenarios_shape,
@@ -63,7 +64,7 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     if refuse_foreign(place, (*shape.keys, "system"), f"the file is no spec; {_START}"):
         return None
     if place.has("system"):
-        message = "the file describes a system; `fopi simulate` and `fopi validate` take it, the others its two specs"
+        message = "the file describes a system; `fopi tune`, `simulate` and `validate` take it, others its two specs"
         place.child("system").refuse(message)
         return None
     values = shape.read_partial(place)
@@ -120,6 +121,7 @@ def _check_scenarios(values: Values, measured: list[PlacedLimit], place: Place) 
     scenarios, limits, digital = values.get("scenarios"), values.get("limits"), values.get("digital")
     if (scenarios is None and place.has("scenarios")) or (limits is None and place.has("limits")):
         return  # reported already
+    refuse_contradicting_limits(measured)
     limits = [*measured, *(limits or [])]
     refuse_unknown_scenarios(scenarios or [], limits, place)
     if not scenarios:

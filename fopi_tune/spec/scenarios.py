@@ -182,6 +182,29 @@ def refuse_unknown_scenarios(scenarios: list[ScenarioSpec], limits: list[PlacedL
             each.place.refuse("there is no scenario to judge by it; add one under scenarios")
 
 
+def refuse_contradicting_limits(limits: Sequence[PlacedLimit]) -> None:
+    """Reports every requirement on a measure that contradicts an earlier one in a scenario of both, once."""
+    for number, later in enumerate(limits):
+        earlier = next((each for each in limits[:number] if _contradict(each.limit, later.limit)), None)
+        if earlier is not None:
+            (here, where), (there, _) = _in_words(later), _in_words(earlier)
+            lines = where.mark.line, earlier.place.mark.line
+            where.refuse(f"{here} on line {lines[0]} contradicts {there} on line {lines[1]}; relax one")
+
+
+def _contradict(a: Limit, b: Limit) -> bool:
+    if a.measure != b.measure or a.relation is b.relation:
+        return False
+    most, least = (a, b) if a.relation is Relation.AT_MOST else (b, a)
+    # every plant of the family has to keep both, in each scenario that both are about
+    return most.limit < least.limit and (a.scenario == b.scenario or None in (a.scenario, b.scenario))
+
+
+def _in_words(placed: PlacedLimit) -> tuple[str, Place]:
+    limit = placed.limit
+    return f"{limit.relation.value} {limit.limit:g}", placed.place.child(limit.measure).child(limit.relation.value)
+
+
 def refuse_accelerations(limits: list[PlacedLimit], measurement_unit: str) -> None:
     """Reports limits of the acceleration where the output is no velocity."""
     if velocity_unit(measurement_unit) is None:

@@ -394,7 +394,7 @@ def test_the_command_drives_and_validates_a_system(folder: Path) -> None:
         (["simulate", "--scenario", "none"], "there is up, down"),
         (["simulate", "--replay", "40"], "was not drawn"),
         (["validate", "--samples", "0"], "at least 1"),
-        (["tune"], "describes a system"),
+        (["tune"], "says not what to tune"),
     ],
 )
 def test_what_a_system_cannot_do_is_bad_input(folder: Path, arguments: list[str], words: str) -> None:

@@ -48,6 +48,14 @@ REFUSED = {
         f"{HEAD}digital: {{sample_time_s: 0.1, design: continuous}}\n{OVERSHOOT}{ONE}",
         ["4: digital.design: requirements and objectives of scenarios are about the loop as it runs; write"],
     ),
+    "a scenario without its measure": (
+        f"{HEAD}{DIGITAL}{ONE}requirements: [{{scenario: one}}]\n",
+        ["6: requirements[0].scenario: scenario belongs to a measure of simulations; write it beside one"],
+    ),
+    "limits that contradict each other": (
+        f"{HEAD}{DIGITAL}{ONE}requirements: [{{iae: {{at_most: 3}}}}, {{iae: {{at_least: 4}}, scenario: one}}]\n",
+        ["6: requirements[1].iae.at_least: at_least 4 on line 6 contradicts at_most 3 on line 6; relax one"],
+    ),
     "an unknown scenario": (
         f"{HEAD}{DIGITAL}requirements: [{{overshoot: {{at_most: 0.1}}, scenario: three}}]\n{TWO}",
         ["5: requirements[0].scenario: no scenario has this name; there is one, two"],
@@ -187,3 +195,9 @@ def test_the_objectives_scenario_counts_as_written_where_it_is_the_only_one() ->
     long = parse_spec(HEAD + DIGITAL + ONE + "objective: {minimize: iae, scenario: one}\n")
     assert digests_of(short) == digests_of(long)
     assert dataclasses.replace(short, sha256="", source=b"") == dataclasses.replace(long, sha256="", source=b"")
+
+
+def test_limits_of_different_scenarios_do_not_contradict_each_other() -> None:
+    both = "[{iae: {at_most: 3}, scenario: one}, {iae: {at_least: 4}, scenario: two}]"
+    spec = parse_spec(f"{HEAD}{DIGITAL}{TWO}requirements: {both}\n")
+    assert [limit.scenario for limit in spec.scenario_requirements] == ["one", "two"]

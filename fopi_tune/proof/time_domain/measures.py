@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +58,7 @@ def measure_range(case: TimeDomainCase, found: Trajectory) -> MeasureRange:
     if measure in RATES:
         return _largest_size(_rates(case, found))
     if measure in ("overshoot", "undershoot"):
-        return _largest(_beyond_steps(case, found))
+        return _at_least_0(measure, _largest(_beyond_steps(case, found)))
     if measure == "peak_control":
         return _peak_control(case, found)
     if measure == "final_error":
@@ -144,6 +144,13 @@ def _rates(case: TimeDomainCase, found: Trajectory) -> list[_Part]:
         perhaps = _samples(max(first - int(arrival.may_end), 0), count - 1)
         parts.append(_Part(rate, _samples(first, count - 1 - int(arrival.may_end)), perhaps))
     return parts
+
+
+def _at_least_0(measure: str, found: MeasureRange) -> MeasureRange:
+    """The range; an output that never goes back has no undershoot, not one below 0."""
+    if measure != "undershoot":
+        return found
+    return replace(found, low=max(found.low, 0.0), high=max(found.high, 0.0), linear=max(found.linear, 0.0))
 
 
 def _shifted(model: Model, sign: float, by: float, offset: float) -> Model:

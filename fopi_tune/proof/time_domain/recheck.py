@@ -58,6 +58,8 @@ def _witness_problems(case: TimeDomainCase, proof: TimeDomainProof, level: Level
     reached = level.witness(found)
     if (proof.value - reached) * (1.0 if level.upper else -1.0) > _ROUNDING * max(abs(reached), abs(proof.value)):
         return (f"the measure of the plant that refutes it is {reached!r}, not {proof.value!r}",)
+    if not (proof.value - case.limit.limit) * (1.0 if level.upper else -1.0) > 0.0:
+        return (f"the measure of the plant that refutes it, {proof.value!r}, does not miss the limit",)
     time_s = None if found.sample is None else found.sample * case.sample_time_s
     if proof.time_s != time_s:
         return (f"the plant that refutes it does so at {time_s!r} s, not at {proof.time_s!r} s",)
@@ -69,6 +71,8 @@ def _cover_problems(case: TimeDomainCase, proof: TimeDomainProof, level: Level) 
     axes = len(case.family.low)
     if proof.bound is None or not math.isfinite(proof.bound):
         problems.append("there is no bound")
+    elif (proof.bound * level.per_unit - level.within) * (1.0 if level.upper else -1.0) > _ROUNDING * abs(level.within):
+        problems.append(f"the bound {proof.bound!r} does not meet the limit")
     if any(len(box) != axes or not all(low <= high for low, high in box) for box in proof.boxes):
         return (*problems, f"a box is none of {axes} uncertain numbers")
     for whole in cut_at_whole_samples(case.family, case.sample_time_s, case.delays):

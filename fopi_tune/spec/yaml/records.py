@@ -137,11 +137,17 @@ class OneKeyOf(Shape):
         assert isinstance(place.node, MappingNode)
         present = [key for key in place.node.entries if key in self.records]
         if not present:
+            known = _keys_of(self.records)
             reasons = {key: self.elsewhere(key, value) for key, (_, value) in place.node.entries.items()}
             elsewhere = {key: reason for key, reason in reasons.items() if reason is not None}
-            meant = refuse_unknown_keys(place, _keys_of(self.records), elsewhere)
-            if not elsewhere and not meant & set(self.records):
-                place.refuse(f"a {self.what} is missing; write one of {', '.join(self.records)}")
+            # a key that is known beside another one is not reported with the unknown ones
+            beside = [key for key in elsewhere if key in known]
+            meant = refuse_unknown_keys(place, known, elsewhere)
+            if len(beside) == len(elsewhere) and not meant & set(self.records):
+                for key in beside:
+                    place.child(key).refuse(elsewhere[key])
+                if not beside:
+                    place.refuse(f"a {self.what} is missing; write one of {', '.join(self.records)}")
             return None
         if len(present) > 1:
             line = place.node.entries[present[0]][0].line
