@@ -172,7 +172,7 @@ class Causal:
         count = len(self.terms)
         if self.steady and count > _LONG:
             columns = [np.convolve(self.terms, column)[:count] for column in signals.values.T]
-            found = np.stack(columns, axis=1) if columns else np.zeros_like(signals.values)
+            found = np.array(columns, dtype=float).reshape(len(columns), count).T
         else:
             found = self.matrix @ signals.values
         rounding = gamma(len(found)) * signals.sizes
