@@ -31,6 +31,8 @@ from fopi_tune.core.bode_form import Array
 
 #: unit roundoff of a double
 _U = 2.0**-53
+#: samples from which on a power series is not written as a matrix
+_LONG = 1_000
 #: what underflow can take from a sum of products
 _TINY = 1e-280
 
@@ -167,7 +169,12 @@ class Causal:
 
     def apply(self, signals: Signals) -> Signals:
         """The operator on signals."""
-        found = self.matrix @ signals.values
+        count = len(self.terms)
+        if self.steady and count > _LONG:
+            columns = [np.convolve(self.terms, column)[:count] for column in signals.values.T]
+            found = np.array(columns, dtype=float).reshape(len(columns), count).T
+        else:
+            found = self.matrix @ signals.values
         rounding = gamma(len(found)) * signals.sizes
         return Signals(found, above(self.norm) * (signals.errors + rounding) + above(self.error) * signals.sizes)
 

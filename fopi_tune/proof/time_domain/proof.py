@@ -83,7 +83,8 @@ class Level:
         within, beyond = ((limit + sign * tolerance * share * size) * scale for share in (1.0 - margin, 1.0 + margin))
         rounding = sign * _ROUNDING * (abs(limit) + size) * scale
         # without a tolerance the limit itself meets the limit
-        return cls(upper, within - rounding if tolerance else within, beyond + rounding, scale)
+        exact = tolerance == 0.0 and scale == 1.0
+        return cls(upper, within if exact else within - rounding, beyond + rounding, scale)
 
     def is_met(self, found: MeasureRange) -> bool:
         """Whether every plant meets the limit."""

@@ -20,6 +20,7 @@ from fopi_tune.proof.time_domain.plants.lateness import cut_at_whole_samples
 from fopi_tune.proof.time_domain.proof import FREE, LIMITED, Level, TimeDomainProof
 from fopi_tune.proof.verdict import Verdict
 from fopi_tune.spec.measures import ACCELERATION, acceleration_problem, velocity_unit
+from fopi_tune.spec.model import Relation
 
 #: default budget, boxes and single plants
 BUDGET = 10_000
@@ -27,12 +28,12 @@ BUDGET = 10_000
 _MARGIN = 1e-3
 #: in place of an infinite remainder
 _LARGE = 1e300
-#: samples; the memory of a box grows with their square
-_MOST_SAMPLES = 2_000
+#: samples; with output limits the memory of a box grows with their square
+_MOST_SAMPLES, _MOST_LIMITED = 10_000, 2_000
 
 
 def prove_limit(case: TimeDomainCase, tolerance: float = 1e-6, budget: int = BUDGET) -> TimeDomainProof:
-    """Prove or refute a limit on a measure for every plant of the family.
+    """Prove or refute a limit on a measure for every plant of the family; noise of the measurement is left out.
 
     Args:
         case: loop, scenario and limit.
@@ -59,8 +60,12 @@ def why_no_method(case: TimeDomainCase) -> str:
         return acceleration_problem(case.measurement_unit)
     if case.scenario.quantum:
         return "a measurement with a quantum is not continuous in the plant"
-    if case.samples > _MOST_SAMPLES:
-        return f"{case.samples} samples are more than {_MOST_SAMPLES}"
+    limited = any(map(math.isfinite, case.output_limits))
+    most = _MOST_LIMITED if limited else _MOST_SAMPLES
+    if case.samples > most:
+        return f"{case.samples} samples are more than {most}{' with output limits' if limited else ''}"
+    if case.limit.relation not in (Relation.AT_MOST, Relation.AT_LEAST):
+        return f"of a limit that is {case.limit.relation.value}"
     if case.family.parameters["dead_time_s"].max / case.sample_time_s + case.delay_samples > _MOST_SAMPLES:
         return f"a delay of more than {_MOST_SAMPLES} samples"
     if case.controller.precision is not Precision.FLOAT64:

@@ -91,3 +91,13 @@ def test_norms_are_those_up_to_each_sample() -> None:
         sums = np.abs(own.matrix).sum(axis=1)
         assert np.all(own.norms >= np.maximum.accumulate(sums))
         assert np.all(own.norms <= np.maximum.accumulate(sums) * (1.0 + 1e-12))
+
+
+def test_long_series_are_no_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
+    series, signals = operators()[0], Signals.exactly(RNG.standard_normal((K, 2)))
+    expected = series.apply(signals)
+    monkeypatch.setattr("fopi_tune.proof.time_domain.bounded._LONG", 10)
+    found = series.apply(signals)
+    assert np.all(np.abs(found.values - expected.values) <= found.errors + expected.errors)
+    assert found.errors == pytest.approx(expected.errors)
+    assert series.apply(signals[:0]).values.shape == (K, 0)

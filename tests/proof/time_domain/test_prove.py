@@ -137,6 +137,7 @@ def test_the_actuators_rate_limit_must_not_be_reached() -> None:
 
 def _refused() -> list[tuple[TimeDomainCase, str]]:
     case = case_of(lag(1.0, (1.0, 2.0)), GAINS, 0.2, STEP)
+    limited = case_of(lag(1.0, (1.0, 2.0)), GAINS, 0.2, STEP, (-5.0, 5.0))
     second = case_of(transfer_function([1.0], [1.0, (1.0, 2.0), 1.0]), GAINS, 0.2, STEP)
     late = case_of(transfer_function([0.1, 0.5, 1.0], [1.0, 2.0, 1.0], (0.1, 0.2)), GAINS, 0.2, STEP)
     either = case_of(transfer_function([1.0], [(-0.5, 0.5), 1.0]), GAINS, 0.2, STEP)
@@ -147,6 +148,8 @@ def _refused() -> list[tuple[TimeDomainCase, str]]:
         (replace(at_most(case, 1.0, "acceleration_m_s2"), measurement_unit="bar"), "needs a measured velocity"),
         (replace(case, scenario=replace(STEP, quantum=0.1)), "quantum"),
         (replace(case, scenario=replace(STEP, duration_s=1e4)), "50001 samples"),
+        (replace(limited, scenario=replace(STEP, duration_s=500.0)), "2501 samples are more than 2000 with output"),
+        (replace(case, limit=Limit("overshoot", Relation.EQUALS, 1.0)), "equals"),
         (replace(case, delay_samples=1e5), "delay of more than"),
         (replace(case, controller=single), "float64"),
         (at_most(second, 1.0, "peak_rate_per_s"), "rates of plants of order 2"),
@@ -165,7 +168,7 @@ def some_sections() -> Sections:
     return filter_of(GAINS, 0.2)
 
 
-@pytest.mark.parametrize("number", range(12))
+@pytest.mark.parametrize("number", range(14))
 def test_what_has_no_method_says_why(number: int) -> None:
     case, reason = _refused()[number]
     assert reason in why_no_method(case)

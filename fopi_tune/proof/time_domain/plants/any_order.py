@@ -9,9 +9,9 @@ With an input that is d + f samples late, g = W(1 - f) and h = e^{A(1 - f)} W(f)
     D(x) = sum_k d_k x^k (1 - x)^(n-k),        N(x) = x^{d+1} sum_k (n_k(g) + x n_k(h)) x^k (1 - x)^(n-1-k) .        (3)
 
 A direct path b_0 adds x^{d+1} b_0 D(x) to N: at a sample y still has the input of before.  The coefficients of (2) come
-from the recursion of Faddeev and LeVerrier, and e^A from its series; both with first and second derivatives.  What a
-series leaves out after m terms is, in the norm |A| of row sums, at most |A|^m/m! e^|A|, and of its derivatives what the
-derivative of that is.
+from the recursion of Faddeev and LeVerrier, and e^A from the series of a part of A, squared; both with first and second
+derivatives.  What a series leaves out after m terms is, in the norm |A| of row sums, at most |A|^m/m! e^|A|, and of its
+derivatives what the derivative of that is.
 
 Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sections 2.3 and 2.4.
 """
@@ -108,7 +108,7 @@ def _inputs(
 ) -> Polynomial:
     """N of (3); what a delay just beyond a whole number of samples changes is added to the rests."""
     order = wide.order
-    wider = wide.most_change * late.beyond * (1.0 + 1e-9)
+    wider = wide.most_change(late.beyond) * (1.0 + 1e-9) if late.beyond else 0.0
     (new, old), (new_0, old_0) = weights
     pairs = [(late.whole + 1, new, new_0)]
     if not late.is_whole:
@@ -161,7 +161,7 @@ class _StateSpace:
         self.c = [*rows, *(b / leading * ts ** (missing + 1 + k) for k, b in enumerate(own))]
         if self.direct is not None:
             self.c = [c + self.direct * a for c, a in zip(self.c, self.top, strict=True)]
-        whole = self._exponential(Jet.constant(1, self.axes))
+        whole = _exponential(self.top, Jet.constant(1, self.axes), bent)
         phi = [[whole.entry(i, j) for j in range(n)] for i in range(n)]
         e = [[phi[i][j] - int(i == j) for j in range(n)] for i in range(n)]
         self.characteristic, self._adjoint = [Jet.constant(1, self.axes)], []
@@ -176,67 +176,95 @@ class _StateSpace:
             # an integrator's pole is at z = 1 exactly
             if all(c.is_zero for c in denominator[k:]):
                 self.characteristic[k] = Jet.constant(0, self.axes)
-        size = sum((abs(m) for row in self._adjoint for m in (x.value for x in row)), arb(0))
-        growth = sum((abs(x.value) for x in self.top), arb(1)).exp()
-        self.most_change = float((size * growth).upper())
+
+    def most_change(self, beyond: float) -> float:
+        """By how much n_k may change where an input is late by so much of a sample more or less than a whole one.
+
+        W(1) - e^{A s} W(1 - s) = W(s), and what is late by s in place of 0 moves e^{A (1 - s)} W(s).
+        """
+        late = Jet(arb(0).union(arb(beyond)), (), ())
+        top = [Jet(x.value, (), ()) for x in self.top]
+        early, moved = _exponential(top, late, False), _exponential(top, 1 - late, False)
+        n, most = self.order, arb(0)
+        for row in self._adjoint:
+            column = [early.value[i, n] for i in range(n)]
+            later = [sum((moved.value[i, j] * column[j] for j in range(n)), arb(0)) for i in range(n)]
+            for each in (column, later):
+                most = most.max(sum((abs(x.value * y) for x, y in zip(row, each, strict=True)), arb(0)))
+        return float(most.upper())
 
     def weights(self, part: Jet) -> _Weights:
         """n_k of W(1 - part), and of e^{A (1 - part)} W(part)."""
         n = self.order
-        late = self._exponential(1 - part)
+        late = _exponential(self.top, 1 - part, self._bent)
         new, old = [late.entry(i, n) for i in range(n)], [Jet.constant(0, self.axes)] * n
         if not part.is_zero:
-            early = self._exponential(part)
+            early = _exponential(self.top, part, self._bent)
             old = [_total([late.entry(i, j) * early.entry(j, n) for j in range(n)]) for i in range(n)]
         return self._products(new), self._products(old)
 
     def _products(self, column: Sequence[Jet]) -> list[Jet]:
         return [_total([x * y for x, y in zip(row, column, strict=True)]) for row in self._adjoint]
 
-    def _exponential(self, time: Jet) -> _Exponential:
-        """e^{M time}, M = [[A, b], [0, 0]], by its series with derivatives, and what that leaves out."""
-        n, axes, pairs = self.order, self.axes, pairs_of(self.axes)
-        rows = [[Jet.constant(0, axes) for _ in range(n + 1)] for _ in range(n + 1)]
-        rows[0][:n] = [x * time for x in self.top]
-        rows[0][n] = time
-        for i in range(1, n):
-            rows[i][i - 1] = time
-        m = arb_mat([[x.value for x in row] for row in rows])
-        first = [arb_mat([[x.slopes[j] for x in row] for row in rows]) for j in range(axes)]
-        second = [arb_mat([[x.pairs[k] for x in row] for row in rows]) for k in range(len(pairs))]
-        size, slopes, bends = _norm(m), [_norm(x) for x in first], [_norm(x) for x in second]
-        # the derivatives that are not 0
-        moving = [j for j in range(axes) if slopes[j] > 0.0]
-        bending = [row for row, (j, i) in enumerate(pairs) if self._bent and (j in moving and i in moving)]
-        zero = arb_mat(n + 1, n + 1)
-        term = total = arb_mat([[int(i == j) for j in range(n + 1)] for i in range(n + 1)])
-        terms, bent = [zero] * axes, [zero] * len(pairs)
-        totals, sums = [zero] * axes, [zero] * len(pairs)
-        k, last = 0, 1.0
-        while (last > _LAST or k < size + 4) and k < _MOST_TERMS and math.isfinite(size):
-            k += 1
-            scale = arb(1) / k
-            for row in bending:
-                j, i = pairs[row]
-                mixed = first[j] * terms[i] + first[i] * terms[j]
-                bent[row] = (second[row] * term + mixed + m * bent[row]) * scale
-                sums[row] = sums[row] + bent[row]
-            for j in moving:
-                terms[j] = (first[j] * term + m * terms[j]) * scale
-                totals[j] = totals[j] + terms[j]
-            term = m * term * scale
-            total = total + term
-            last = last * max(size, 1e-3) / k
-        # |M|^k/k! e^|M| of the terms from k + 1 on, of k and of k - 1 for the derivatives
-        powers = [max(k + 1 - less, 0) for less in range(3)]
-        rest = [arb(size) ** power / arb(power).fac() * arb(size).exp() for power in powers]
-        total = _wider(total, rest[0])
-        for j in moving:
-            totals[j] = _wider(totals[j], rest[1] * slopes[j])
+
+def _exponential(top: Sequence[Jet], time: Jet, bent_too: bool) -> _Exponential:
+    """e^{M time}, M = [[A, b], [0, 0]] with the top row of A; second derivatives only where they are asked for."""
+    n, axes = len(top), len(time.slopes)
+    pairs = pairs_of(axes)
+    rows = [[Jet.constant(0, axes) for _ in range(n + 1)] for _ in range(n + 1)]
+    rows[0][:n] = [x * time for x in top]
+    rows[0][n] = time
+    for i in range(1, n):
+        rows[i][i - 1] = time
+    m = arb_mat([[x.value for x in row] for row in rows])
+    first = [arb_mat([[x.slopes[j] for x in row] for row in rows]) for j in range(axes)]
+    second = [arb_mat([[x.pairs[k] for x in row] for row in rows]) for k in range(len(pairs))]
+    # e^M = (e^(M/2^halvings))^(2^halvings): the series of a large M cancels
+    size = _norm(m)
+    halvings = max(0, math.ceil(math.log2(size))) if 1.0 < size < math.inf else 0
+    half = arb(2) ** -halvings
+    m, first, second = m * half, [x * half for x in first], [x * half for x in second]
+    size, slopes, bends = _norm(m), [_norm(x) for x in first], [_norm(x) for x in second]
+    # the derivatives that are not 0
+    moving = [j for j in range(axes) if slopes[j] > 0.0]
+    bending = [row for row, (j, i) in enumerate(pairs) if bent_too and j in moving and i in moving]
+    zero = arb_mat(n + 1, n + 1)
+    term = total = arb_mat([[int(i == j) for j in range(n + 1)] for i in range(n + 1)])
+    terms, bent = [zero] * axes, [zero] * len(pairs)
+    totals, sums = [zero] * axes, [zero] * len(pairs)
+    k, last = 0, 1.0
+    while (last > _LAST or k < size + 4) and k < _MOST_TERMS and math.isfinite(size):
+        k += 1
+        scale = arb(1) / k
         for row in bending:
             j, i = pairs[row]
-            sums[row] = _wider(sums[row], rest[1] * bends[row] + rest[2] * slopes[j] * slopes[i])
-        return _Exponential(total, totals, sums)
+            mixed = first[j] * terms[i] + first[i] * terms[j]
+            bent[row] = (second[row] * term + mixed + m * bent[row]) * scale
+            sums[row] = sums[row] + bent[row]
+        for j in moving:
+            terms[j] = (first[j] * term + m * terms[j]) * scale
+            totals[j] = totals[j] + terms[j]
+        term = m * term * scale
+        total = total + term
+        last = last * max(size, 1e-3) / k
+    # |M|^k/k! e^|M| of the terms from k + 1 on, of k and of k - 1 for the derivatives
+    powers = [max(k + 1 - less, 0) for less in range(3)]
+    rest = [arb(size) ** power / arb(power).fac() * arb(size).exp() for power in powers]
+    total = _wider(total, rest[0])
+    for j in moving:
+        totals[j] = _wider(totals[j], rest[1] * slopes[j])
+    for row in bending:
+        j, i = pairs[row]
+        sums[row] = _wider(sums[row], rest[1] * bends[row] + rest[2] * slopes[j] * slopes[i])
+    for _ in range(halvings):
+        for row in bending:
+            j, i = pairs[row]
+            mixed = totals[j] * totals[i] + totals[i] * totals[j]
+            sums[row] = sums[row] * total + mixed + total * sums[row]
+        for j in moving:
+            totals[j] = totals[j] * total + total * totals[j]
+        total = total * total
+    return _Exponential(total, totals, sums)
 
 
 def _total(terms: Sequence[Jet]) -> Jet:

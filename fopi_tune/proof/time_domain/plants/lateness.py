@@ -52,7 +52,7 @@ def cut_at_whole_samples(family: PlantFamily, sample_time_s: float, more: set[fl
 
 @dataclass(frozen=True, eq=False)
 class Lateness:
-    """A delay of whole + part samples over a box and at its centre; `beyond` is what a part may have above 1."""
+    """A delay of whole + part samples over a box and at its centre; `beyond` is by how much it may be off 0 or 1."""
 
     whole: int
     part: Jet
@@ -81,7 +81,7 @@ def lateness_of(
     nearest = round(float(middle.mid()))
     if ends[0] == ends[1] and abs(middle - nearest) < WHOLE:
         nothing = Jet.constant(0, len(dead_time.slopes))
-        return Lateness(nearest, nothing, nothing, WHOLE)
+        return Lateness(nearest, nothing, nothing, float(abs(middle - nearest).upper()))
     whole = math.floor(float(low.mid()) + 0.5 * WHOLE)
     beyond = max(float((high - (whole + 1)).upper()), float((whole - low).upper()), 0.0)
     if beyond > MOST_BEYOND:

@@ -74,3 +74,11 @@ def assert_holds(model: Model, shift: np.ndarray, value: float) -> None:
     near = model.values[0] + shift @ model.slopes[:, 0] + np.array(pairs) @ model.pairs[:, 0]
     assert abs(near - value) <= model.rest[0] * (1.0 + 1e-9) + 1e-15
     assert model.rest[0] <= 0.2 * model.linear[0] + 1e-15
+
+
+def test_a_pole_far_beyond_the_sampling_is_one_that_is_not_there() -> None:
+    """1/((1e-3 s + 1)(1.5 s + 1)) sampled every 0.1 s: e^-100 is left of the fast pole."""
+    fast = at_point(transfer_function([1.0], [1.5e-3, (1.4, 1.6), 1.0], 0.07), (1.501,))
+    whole = coefficients(fast.denominator)
+    assert whole[:4] == pytest.approx([1.0, -np.exp(-0.1 / 1.5), 0.0, 0.0], abs=1e-12)
+    assert all(model.rest[0] < 1e-14 for _, model in (*fast.denominator.terms, *fast.control.terms))
