@@ -22,7 +22,9 @@ def measure_rows(spec: DesignSpec, document: Mapping[str, Any] | None) -> tuple[
     """
     if document is None:
         return ()
-    return tuple(_row(limit, said) for limit, said in zip(spec.scenario_requirements, document.get(ENTRIES, ()), strict=True))
+    return tuple(
+        _row(limit, said) for limit, said in zip(spec.scenario_requirements, document.get(ENTRIES, ()), strict=True)
+    )
 
 
 def _row(limit: Limit, said: Mapping[str, Any]) -> RequirementRow:
