@@ -38,10 +38,9 @@ READINGS: Mapping[str, str] = {
 def manoeuvre() -> tuple[Row, ...]:
     """The claims: the start, the comfort limit under each reading, gains designed for it, and the control needed."""
     rows = [_start(), _noise()]
-    for gain in GAINS:
-        evidence = validate(spec_of(gain), BRAKE.gains).evidence
-        rows += [_comfort(gain, reading, evidence) for reading in READINGS]
-    rows += [_designed(reading, evidence) for reading in READINGS]
+    evidence = {gain: validate(spec_of(gain), BRAKE.gains).evidence for gain in GAINS}
+    rows += [_comfort(gain, reading, evidence[gain]) for gain in GAINS for reading in READINGS]
+    rows += [_designed(reading, evidence[DESIGNED_GAIN]) for reading in READINGS]
     return (*rows, *(_control(gain) for gain in GAINS))
 
 

@@ -36,7 +36,7 @@ class TimeDomainCase:
         family: of the plants.
         controller: the filter with its limits and anti-windup, in float64.
         sample_time_s: Ts.
-        delay_samples: computing delay, in samples.
+        delay_samples: computing delay, in units of the sample time.
         scenario: the spec's.
         limit: the requirement; `undershoot` is known here as well.
         measurement_unit: of the output; an acceleration needs a velocity.
@@ -78,7 +78,7 @@ class TimeDomainCase:
 
     @property
     def output_limits(self) -> tuple[float, float]:
-        """Of the control, infinite where there is none."""
+        """Lower and upper limit of the control, shape (2,); infinite where there is none."""
         low, high = self.controller.limits
         return low if low > -_NO_LIMIT else -math.inf, high if high < _NO_LIMIT else math.inf
 

@@ -30,7 +30,7 @@ class TimeDomainProof:
             where the limit is a lower one).  None when none was proved.
         theta: the uncertain numbers of a plant that refutes it, in the family's order; None without one.
         time_s: when, s; None for a measure of all samples.
-        value: of the measure at that plant, rounded towards the limit.
+        value: of the measure at that plant, in its unit, rounded towards the limit.
         boxes: that cover the family, each meeting the limit; empty unless it was proved.
         message: why it is undecided.
         examined: number of boxes.

@@ -42,6 +42,9 @@ def prove_limit(case: TimeDomainCase, tolerance: float = 1e-6, budget: int = BUD
 
     Returns:
         Undecided with a message where there is no method for the case, or the budget is spent.
+
+    Raises:
+        DomainError: a tolerance that is negative or not finite, or a budget below 1.
     """
     if not (0.0 <= tolerance < math.inf and budget >= 1):
         raise DomainError(f"tolerance {tolerance!r} must be finite and >= 0, and the budget {budget!r} at least 1")

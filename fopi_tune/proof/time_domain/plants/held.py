@@ -4,6 +4,8 @@
 
 u is the control, which is late by the dead time and the computing delay, w the load, which is late by the dead time.
 The coefficients are models of second order in the uncertain numbers, and the polynomials beside them are exact.
+
+Source: derived; `simulation.sampled.plants`, (1).
 """
 
 from __future__ import annotations
@@ -95,6 +97,8 @@ class Arrivals:
     Args:
         state, control, control_before, load, load_before: models of length 1.
         may_end: whether the instant may be the end of the sample, where the simulation counts it for the next one.
+
+    Source: derived; `DiscretePlants.arrivals`.
     """
 
     state: Model
