@@ -78,7 +78,11 @@ class TimeDomainCase:
 
     @property
     def output_limits(self) -> tuple[float, float]:
-        """Lower and upper limit of the control, shape (2,); infinite where there is none."""
+        """Of the control, infinite where there is none.
+
+        Returns:
+            The lower and the upper one, in the control's unit.
+        """
         low, high = self.controller.limits
         return low if low > -_NO_LIMIT else -math.inf, high if high < _NO_LIMIT else math.inf
 
