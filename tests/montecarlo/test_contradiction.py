@@ -32,7 +32,9 @@ def told(
     upper = requirement.relation is Relation.AT_MOST
     outcome = OutcomeStatistics(requirement, None, None, upper, fraction(1, 2), (), (worst,), 1, worst)
     evidence = Evidence(ValidationSpec(), fraction(2, 2), (outcome,), (), 0)
-    certificate: Any = SimpleNamespace(stability=SimpleNamespace(verdict=stability), requirements=(proof,))
+    certificate: Any = SimpleNamespace(
+        stability=SimpleNamespace(verdict=stability), requirements=(proof,), scenarios=()
+    )
     return contradictions(evidence, cast(Certificate, certificate))
 
 
