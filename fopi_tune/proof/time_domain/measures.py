@@ -5,8 +5,9 @@ a sample: over a box the measure is not above the largest of their upper bounds 
 ones.  A settling time grows with every sample outside the band: it is that of the samples which may be outside at most,
 and that of those which are surely outside at least.
 
-dy/dt of a plant of first order decays between two arrivals of an input, so that the largest rates are those just before
-and after the samples, and just after an input arrives between samples: what is proved of these holds at all times.
+dy/dt of a stable plant of first order decays between two arrivals of an input, so that the largest rates are those just
+before and after the samples, and just after an input arrives between samples: what is proved of these holds at all
+times.  That of an unstable one grows, which is the same where inputs arrive at samples.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from fopi_tune.spec.measures import ACCELERATION, acceleration_problem, velocity
 from fopi_tune.spec.model import Relation
 
 #: default budget, boxes and single plants
-BUDGET = 10_000
+BUDGET = 4_000
 #: share of the tolerance that is kept for a recheck
 _MARGIN = 1e-3
 #: in place of an infinite remainder

@@ -70,3 +70,11 @@ def test_what_is_judged_from_a_time_on() -> None:
     for late in (0.2, 0.25, 0.3):
         agree(case, (1.3, late))
     agree(replace(case, scenario=replace(scenario, judged_from_s=11.0)), (1.3, 0.25))
+
+
+def test_what_the_last_sample_begins_does_not_count() -> None:
+    scenario = ScenarioSpec("s", 6.0, (Knot(0.0, 0.1), Knot(5.9, 50.0)))
+    for late in (0.0, 0.05):
+        case = case_of(lag(1.0, (1.0, 1.5), late), ft.FoPi(0.9, 0.7, 1.0), 0.2, scenario)
+        assert case.run.signals.reference[-2] < 1.0 < case.run.signals.reference[-1]
+        agree(case, (1.3,))
