@@ -69,7 +69,8 @@ def started(file: Path, folder: Path, workers: str, *words: str) -> subprocess.P
 
 def table_of(file: Path, folder: Path, workers: str, *words: str) -> str:
     process = started(file, folder, workers, *words)
-    _, said = process.communicate(timeout=300)
+    # the first one may have to compile, beside whatever else the machine does
+    _, said = process.communicate(timeout=900)
     assert process.returncode == 0, said
     return (folder / "table.csv").read_text(encoding="utf-8")
 
