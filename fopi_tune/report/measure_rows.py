@@ -22,9 +22,9 @@ def measure_rows(spec: DesignSpec, document: Mapping[str, Any] | None) -> tuple[
     """
     if document is None:
         return ()
-    return tuple(
-        _row(limit, said) for limit, said in zip(spec.scenario_requirements, document.get(ENTRIES, ()), strict=True)
-    )
+    # a document has no such entry where the spec has no such requirement
+    entries = document.get(ENTRIES, ())
+    return tuple(_row(limit, said) for limit, said in zip(spec.scenario_requirements, entries, strict=True))
 
 
 def _row(limit: Limit, said: Mapping[str, Any]) -> RequirementRow:

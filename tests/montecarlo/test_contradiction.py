@@ -14,7 +14,7 @@ from fopi_tune.montecarlo.outcomes import OutcomeStatistics, WorstPlant
 from fopi_tune.montecarlo.statistics import fraction
 from fopi_tune.proof.certificate import Certificate, Record, RequirementProof, SideProof, Verdict
 from fopi_tune.proof.verification.results import Place
-from fopi_tune.spec.model import Relation, Requirement, ValidationSpec
+from fopi_tune.spec.model import Limit, Relation, Requirement, ValidationSpec
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 
@@ -77,3 +77,25 @@ def test_a_missing_margin_contradicts_nothing_that_is_not_proved(verdict: Verdic
 def test_without_a_certificate_nothing_is_contradicted() -> None:
     evidence = Evidence(ValidationSpec(), fraction(1, 2), (), (), 0, unstable_inside=1)
     assert contradictions(evidence, None) == ()
+
+
+@pytest.mark.parametrize(
+    ("value", "noisy", "scenario", "contradicts"),
+    [(2.1, False, "stop", True), (2.0, False, "stop", False), (2.1, True, "stop", False), (2.1, False, "go", False)],
+)
+def test_a_draw_beyond_what_is_proved_of_a_scenario_contradicts_it(
+    value: float, noisy: bool, scenario: str, contradicts: bool
+) -> None:
+    limit = Limit("acceleration_m_s2", Relation.AT_MOST, 2.0)
+    worst = WorstPlant(7, value, {}, True)
+    outcome = OutcomeStatistics(None, limit, "stop", True, fraction(1, 2), (), (worst,), 1, worst)
+    names = ("stop",) if noisy else ()
+    evidence = Evidence(ValidationSpec(), fraction(2, 2), (), (outcome,), 0, noisy_scenarios=names)
+    shown = SimpleNamespace(
+        case=SimpleNamespace(limit=limit, scenario=SimpleNamespace(name=scenario)),
+        proof=SimpleNamespace(verdict=PROVED, bound=2.000001),
+    )
+    certificate: Any = SimpleNamespace(
+        stability=SimpleNamespace(verdict=PROVED), requirements=(), scenarios=(shown,)
+    )  # fmt: skip
+    assert bool(contradictions(evidence, cast(Certificate, certificate))) == contradicts

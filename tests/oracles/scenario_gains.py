@@ -16,6 +16,7 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
@@ -90,9 +91,33 @@ def is_met(spec: DesignSpec, gains: FoPi, points: Array) -> bool:
         for limit in spec.scenario_requirements
     ]
     both = zip(missed(spec, gains, points), sizes, strict=True)
-    if any(by > ALLOWED * size for by, size in both):
+    if any(by > ALLOWED * size for by, size in both) or is_refused_at_once(spec, gains, points):
         return False
     return verify(frequency_part(spec), gains, implementation=implementation_of(spec, gains)).all_met
+
+
+def is_refused_at_once(spec: DesignSpec, gains: FoPi, points: Array) -> bool:
+    """Whether limits of |S| and of the phase margin are missed clearly; the verification says the rest, and slower."""
+    implementation = implementation_of(spec, gains)
+    loops = SampledLoops.implemented(gains, implementation, Plants.members(spec.plant, points))
+    omega = np.geomspace(1e-3, 0.999 * implementation.nyquist_rad_s, 300)
+    rows = np.repeat(np.arange(len(points)), len(omega))
+    response = loops.response(rows, np.tile(omega, len(points))).reshape(len(points), -1)
+    for each in spec.requirements:
+        band = (omega >= each.from_rad_s) & (omega <= each.to_rad_s)
+        if each.quantity == "sensitivity_db" and each.relation is Relation.AT_MOST:
+            least = 10.0 ** (-(each.limits[0] + 1e-3) / 20.0)
+            if np.any(np.abs(1.0 + response[:, band]) < least):
+                return True
+        if each.quantity == "phase_margin_deg" and each.relation is Relation.AT_LEAST:
+            # |1 + L| = 2 sin(margin/2) at |L| = 1, less next to it
+            least = 2.0 * math.sin(math.radians(each.limits[0]) / 2.0)
+            size = np.abs(response)
+            crossed = (size[:, 1:] < 1.0) != (size[:, :-1] < 1.0)
+            near_there = np.maximum(np.abs(1.0 + response[:, 1:]), np.abs(1.0 + response[:, :-1]))
+            if np.any(crossed & (near_there < 0.97 * least)):
+                return True
+    return False
 
 
 def best_of(

@@ -85,6 +85,13 @@ def test_the_rows_of_a_document() -> None:
     assert measures_met(DOCUMENT) == [True, False]
 
 
+def test_a_spec_without_such_requirements_has_no_rows() -> None:
+    plain = parse_spec(
+        "schema: 1\nname: a\nplant: {model: lag, static_gain: 1, time_constant_s: 2}\nobjective: {maximize: ki}\n"
+    )
+    assert measure_rows(plain, {"requirements": []}) == ()
+
+
 def test_what_is_not_known() -> None:
     never = rows(changed(0, verdict="violated", achieved=None, score=None, met=False))[0]
     assert (never.achieved, never.score) == ("never", "–")

@@ -83,7 +83,7 @@ def assert_optimal(spec: DesignSpec, gains: FoPi, per_axis: int = 5, count: int 
     return here
 
 
-SHORT = {"brake_ramp_4.5", "brake_step", "brake_delay", "throttle_sat"}
+SHORT = {"brake_step", "brake_delay"}
 
 
 @pytest.mark.parametrize("name", [pytest.param(k, marks=pytest.mark.long if k not in SHORT else ()) for k in DESIGNS])
@@ -113,7 +113,7 @@ OBJECTIVES = {
     "undershoot": ("{minimize: undershoot, scenario: step}", (PEAK, "{iae: {at_most: 2.0}, scenario: load}")),
     "settling time": ("{minimize: settling_time_s, scenario: step}", (PEAK,)),
 }
-LONG = {"undershoot", "overshoot", "peak control", "settling time", "peak rate"}
+LONG = {"undershoot", "overshoot", "peak control", "settling time", "peak rate", "ise"}
 
 
 @pytest.mark.parametrize("name", [pytest.param(k, marks=pytest.mark.long if k in LONG else ()) for k in OBJECTIVES])
@@ -146,9 +146,7 @@ VARIANTS = {
     "no requirement of the loop": small(CALM),
     "no requirement": small("sensitivity_db: {at_most: 20}", objective="objective: {minimize: iae, scenario: step}"),
 }
-SHORT_VARIANTS = {
-    "ki fixed", "order fixed", "exact at the crossover", "maximize ki", "at least", "no requirement of the loop",
-}  # fmt: skip
+SHORT_VARIANTS = {"order fixed", "exact at the crossover", "maximize ki", "limited"}
 
 
 @pytest.mark.parametrize(
@@ -196,7 +194,7 @@ PRICED = {
     ),
     "at least": (VARIANTS["at least"].source.decode(), "rise_time_s: {at_least: 3}", 3.0, "scenarios", 0),
 }  # fmt: skip
-LONG_PRICES = {"overshoot", "brake_ramp_4.5", "iae", "at least"}
+LONG_PRICES = {"overshoot", "brake_ramp_4.5", "iae", "at least", "low band"}
 
 
 @pytest.mark.parametrize("name", [pytest.param(k, marks=pytest.mark.long if k in LONG_PRICES else ()) for k in PRICED])
@@ -220,10 +218,11 @@ def test_a_multiplier_is_what_a_moved_limit_changes(name: str) -> None:
 
 
 def test_a_limit_that_does_not_bind_costs_nothing() -> None:
-    _, _, found = solved(DESIGNS["throttle_sat"].spec)
-    assert found.multipliers[0] is not None
-    assert found.multipliers[0] > 0.0
-    assert (found.multipliers[1], *found.scenario_multipliers) == (0.0, 0.0, 0.0)
+    _, _, found = solved(DESIGNS["brake_step"].spec)
+    assert found.multipliers == (0.0, 0.0)
+    (price,) = found.scenario_multipliers
+    assert price is not None
+    assert price > 1.0
 
 
 def test_a_limit_that_no_gain_moves_costs_nothing() -> None:
@@ -258,6 +257,7 @@ def test_a_start_that_is_close_changes_no_optimum() -> None:
     assert objective(known.spec, found.gains, grid(known.spec, 200)) == pytest.approx(known.iae, rel=OPTIMAL)
 
 
+@pytest.mark.long
 def test_worst_plants_inside_the_box_count() -> None:
     """Between the vertices the rate of a ramp is above that of both."""
     spec = DESIGNS["throttle_sat"].spec
@@ -270,7 +270,7 @@ def test_worst_plants_inside_the_box_count() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["brake_ramp_4.5", "throttle_sat", "brake_delay"])
+@pytest.mark.parametrize("name", ["brake_ramp_4.5", "throttle_sat"])
 def test_no_gains_of_a_grid_are_better(name: str) -> None:
     known, spec = DESIGNS[name], DESIGNS[name].spec
     box, points = spec.controller, grid(spec, 3)

@@ -111,7 +111,13 @@ def test_the_worst_scenario_of_a_requirement_on_all() -> None:
 
 
 @pytest.mark.parametrize(
-    ("measure", "unit"), [("iae", None), ("overshoot", 1.0), ("peak_control", None), ("peak_rate_per_s", None)]
+    ("measure", "unit"),
+    [
+        ("iae", None),
+        ("overshoot", 1.0),
+        pytest.param("peak_control", None, marks=pytest.mark.long),
+        pytest.param("peak_rate_per_s", None, marks=pytest.mark.long),
+    ],
 )
 def test_a_limit_may_be_missed_by_the_tolerance_and_no_more(measure: str, unit: float | None) -> None:
     spec = spec_of(f"{measure}: {{at_most: 7}}, scenario: step")
