@@ -160,7 +160,7 @@ def _process_one(
     problem = getattr(result, "problem", "")
     if problem:
         say(f"{spec.name}: {problem}")
-    code = max(_exit_code(result, options.require_proof), failed, Exit.BAD_INPUT if problem else Exit.MET)
+    code = max(exit_code_of(result, options.require_proof), failed, Exit.BAD_INPUT if problem else Exit.MET)
     code = max(code, write_files(options.folder(spec), files, spec.name, options))
     if table is not None:
         if documents:
@@ -212,10 +212,19 @@ def _obsolete_files(written: set[str]) -> list[str]:
     return undrawn + ([CERTIFICATE] if CHECK in written and CERTIFICATE not in written else [])
 
 
-def _exit_code(result: Result, require_proof: bool) -> Exit:
+def exit_code_of(result: Result, require_proof: bool) -> Exit:
+    """The exit code of a result.
+
+    Args:
+        result: of a command.
+        require_proof: whether what is only checked by simulation counts as undecided.
+    """
+    from fopi_tune.results.system_design import DesignedSystem
+
     if result.status in ("solved", "met"):
         reports = getattr(getattr(result, "design", result), "measures", ())
-        checked = any(report.verdict == "checked" for report in reports)
+        # of a system's design nothing is proved
+        checked = isinstance(result, DesignedSystem) or any(report.verdict == "checked" for report in reports)
         return Exit.TOOL_FAILED if require_proof and checked else Exit.MET
     return Exit.TOOL_FAILED if result.status in ("failed", "undecided", "contradiction") else Exit.NOT_MET
 

@@ -130,6 +130,9 @@ class MovableLimit:
         for unit, distance in _LARGEST_DISTANCE.items():
             if self.quantity_name.endswith(unit):
                 return self.limit + way * part * distance
+        if self.limit <= 0.0:
+            # a measure's, such as an overshoot of 0, which no factor moves to the other side
+            return self.limit + way * (abs(self.limit) or 1.0) * (_LARGEST_FACTOR**part - 1.0)
         return self.limit * _LARGEST_FACTOR ** (way * part)
 
     def default_end(self, way: int) -> float:
@@ -161,11 +164,16 @@ def movable_limit(spec: DesignSpec, words: str) -> MovableLimit:
 
 
 def movable_limits(spec: DesignSpec) -> tuple[MovableLimit, ...]:
-    """Every limit of a spec, in its order."""
+    """Every limit of a spec: those of the loop's frequency response, then those of scenarios.
+
+    They are numbered by their places in the spec's text, where both kinds may stand in any order.
+    """
     limits: list[MovableLimit] = []
+    every = every_requirement(spec)
+    numbers = {place: number for number, place in enumerate(sorted(range(len(every)), key=lambda i: every[i].line), 1)}
     for i, requirement in enumerate(spec.requirements):
         if requirement.relation is not Relation.BETWEEN:
-            limits.append(MovableLimit(spec, i, i + 1))
+            limits.append(MovableLimit(spec, i, numbers[i]))
             continue
         sides = [
             replace(requirement, relation=relation, limits=(limit,))
@@ -173,9 +181,9 @@ def movable_limits(spec: DesignSpec) -> tuple[MovableLimit, ...]:
         ]
         for k, end in enumerate(("lower", "upper")):
             others = (*spec.requirements[:i], sides[k], *spec.requirements[i + 1 :], sides[1 - k])
-            limits.append(MovableLimit(replace(spec, requirements=others), i, i + 1, end))
+            limits.append(MovableLimit(replace(spec, requirements=others), i, numbers[i], end))
     first = len(spec.requirements)
-    limits += [MovableLimit(spec, first + i, first + i + 1) for i in range(len(spec.scenario_requirements))]
+    limits += [MovableLimit(spec, first + i, numbers[first + i]) for i in range(len(spec.scenario_requirements))]
     return tuple(limits)
 
 

@@ -35,7 +35,7 @@ def price_of(spec: DesignSpec, gains: FoPi, number: int, multiplier: float | Non
     Args:
         spec: the user's.
         gains: its designed gains.
-        number: of the requirement, from 1 on.
+        number: of the requirement from 1 on, those of scenarios last.
         multiplier: the solver's; None where it has none.
 
     Returns:
@@ -45,7 +45,7 @@ def price_of(spec: DesignSpec, gains: FoPi, number: int, multiplier: float | Non
         return None
     found: list[Price] = []
     for movable in movable_limits(spec):
-        if movable.number != number:
+        if movable.index + 1 != number:
             continue
         prober = Prober.of(movable, gains)
         if abs(multiplier) * (abs(movable.limit) or 1.0) <= _NO_PRICE * abs(prober.base.objective or 0.0):

@@ -26,6 +26,8 @@ _CONVERGED = 1e-9
 #: relative step of the differences that make the Hessian
 _DIFFERENCE = 1e-4
 _HESSIAN_RANGE = (1e-8, 1e5)
+#: of the objective's unit
+_LEAST_SCALE = 1e-6
 #: of limits that are missed at the end
 _RESTORATIONS = 4
 
@@ -67,10 +69,10 @@ def local_search(modeller: Modeller, start: FoPi, most: int, met: float = 1e-7) 
     if model is None:
         return None
     radius, penalty, step, hessian, count, scale = _FIRST_RADIUS, _FIRST_PENALTY, None, np.zeros((3, 3)), 0, 1.0
-    fresh = True
+    fresh, least = True, least_scale(model.objective)
     while count < most and radius > _SMALLEST_RADIUS:
         count += 1
-        scale = scale_of(model.objective)
+        scale = scale_of(model.objective, least)
         sizes = sizes_of(modeller, model.gains)
         if fresh:
             first = solve_step(model, hessian, sizes, radius, low, high, scale, penalty)
@@ -134,9 +136,14 @@ def gains_array(gains: FoPi) -> Array:
     return np.array([gains.kp, gains.ki, gains.alpha])
 
 
-def scale_of(objective: float) -> float:
-    """The unit of an objective: its size."""
-    return max(abs(objective), 1e-6) if np.isfinite(objective) else 1.0
+def scale_of(objective: float, least: float) -> float:
+    """The unit of an objective: its size, or the least one."""
+    return max(abs(objective), least) if np.isfinite(objective) else 1.0
+
+
+def least_scale(first: float) -> float:
+    """The least unit of an objective that is `first` at the start: in small units of time a measure is small."""
+    return _LEAST_SCALE * min(1.0, abs(first)) if first != 0.0 and np.isfinite(first) else _LEAST_SCALE
 
 
 def merit_of(model: Model, scale: float, penalty: float) -> float:

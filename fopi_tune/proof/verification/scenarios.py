@@ -104,14 +104,14 @@ class ScenarioLoop:
         run, horizon = self.run_of(scenario)
         points = _sample(self.family)
         count = len(points)
-        values = self._values(run, horizon, name, points)
+        values = self._values(run, horizon, name, side, points)
         best = int((side * values).argmax())
         value, point = float(values[best]), points[best]
         low, high = self.family.low, self.family.high
         pattern, reach = _pattern(len(low)), _REACH * (high - low)
         for _ in range(_ROUNDS if len(low) and math.isfinite(value) else 0):
             near = np.clip(point + pattern * reach, low, high)
-            values = self._values(run, horizon, name, near)
+            values = self._values(run, horizon, name, side, near)
             count += len(near)
             best = int((side * values).argmax())
             if side * values[best] > side * value:
@@ -119,11 +119,11 @@ class ScenarioLoop:
             reach = _SHRINK * reach
         return value, tuple(float(number) for number in point), count
 
-    def _values(self, run: Scenario, horizon: Horizon, name: str, points: Array) -> Array:
+    def _values(self, run: Scenario, horizon: Horizon, name: str, side: float, points: Array) -> Array:
         plants = Plants.members(self.family, points)
         found = measure_values(measure([Mode(self.controller, plants)], run, horizon), name, self.unit)
         # an output that does not stay finite has no measure: the worst there is
-        return np.where(np.isnan(found), np.inf, found)
+        return np.where(np.isnan(found), side * np.inf, found)
 
     def traces(self, scenario: ScenarioSpec, point: tuple[float, ...]) -> tuple[Traces, Scenario, Horizon]:
         """Signals of one plant."""

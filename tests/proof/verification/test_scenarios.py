@@ -159,6 +159,11 @@ def test_an_unstable_loop_misses_everything() -> None:
     assert not found.all_met
 
 
+def test_an_output_that_does_not_stay_finite_misses_lower_limits_too() -> None:
+    spec = spec_of("iae: {at_least: 1}", "peak_control: {at_least: 1}", plant=TWO)
+    assert [result.is_met for result in checked(spec, FoPi(1e12, 1e12, 1.0)).measures] == [False, False]
+
+
 POINTWISE = ("acceleration_m_s2", "peak_rate_per_s", "overshoot", "undershoot", "peak_control")
 
 
