@@ -42,6 +42,9 @@ DOCUMENT: dict[str, Any] = {
             "simulated_plants": 1029,
             "drawn": {"met": 9990, "total": 10000, "low": 0.998, "high": 0.9996, "confidence": 0.99},
             "multiplier": 3.5,
+            "multiplier_checked": None,
+            "proved_bound": None,
+            "why_checked": "the budget of 2000 boxes is spent",
         },
         {
             "name": "iae",
@@ -56,6 +59,9 @@ DOCUMENT: dict[str, Any] = {
             "simulated_plants": 1029,
             "drawn": None,
             "multiplier": None,
+            "multiplier_checked": None,
+            "proved_bound": None,
+            "why_checked": None,
         },
     ]
 }

@@ -42,6 +42,9 @@ def test_every_number_of_a_checked_requirement() -> None:
         "simulated_plants": 1029,
         "drawn": {"met": 9990, "total": 10000, "low": 0.998, "high": 0.9996, "confidence": 0.99},
         "multiplier": 3.5,
+        "multiplier_checked": None,
+        "proved_bound": None,
+        "why_checked": None,
     }
 
 

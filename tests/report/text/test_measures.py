@@ -8,11 +8,11 @@ import pytest
 
 from fopi_tune.montecarlo.statistics import Fraction
 from fopi_tune.proof.verification.results import MeasureResult, Place
-from fopi_tune.report.text.design import clashing_phrase, requirement_lines
+from fopi_tune.report.text.design import requirement_lines
 from fopi_tune.report.text.formatting import TIE
-from fopi_tune.report.text.measures import about_phrase, measure_phrase, unit_of
+from fopi_tune.report.text.measures import about_phrase, limit_phrase, limit_scope_phrase, measure_phrase
 from fopi_tune.results.measures import MeasureReport
-from fopi_tune.spec.model import Limit, Relation
+from fopi_tune.spec.model import Limit, Relation, Requirement
 
 PLACE = Place(None, {"static_gain": 1.2}, (1.2,))
 DRAWN = Fraction(10000, 10000, 0.9994703, 1.0, 0.9995, 1.0, 0.99)
@@ -92,5 +92,6 @@ def test_phrases() -> None:
     limit = Limit("settling_time_s", Relation.AT_MOST, 12.0)
     assert measure_phrase(limit) == "settling_time_s <= 12"
     assert about_phrase(limit) == "family, every scenario"
-    assert clashing_phrase(limit) == "settling_time_s <= 12 (family, every scenario)"
-    assert unit_of(limit) == "s"
+    assert (limit_phrase(limit), limit_scope_phrase(limit)) == ("settling_time_s <= 12", "family, every scenario")
+    margin = Requirement("phase_margin_deg", Relation.AT_LEAST, (60.0,))
+    assert (limit_phrase(margin), limit_scope_phrase(margin)) == ("phase_margin_deg >= 60", "family")
