@@ -11,8 +11,9 @@ import pytest
 from cases.time_domain_cases import at_most, brake_ramp, three_numbers
 
 from fopi_tune.errors import CertificateError
-from fopi_tune.proof.time_domain import prove_limit
+from fopi_tune.proof.time_domain import TimeDomainProof, prove_limit
 from fopi_tune.proof.time_domain.documents import from_document, to_document
+from fopi_tune.proof.verdict import Verdict
 
 CASE = brake_ramp()
 
@@ -21,7 +22,9 @@ CASE = brake_ramp()
 def test_proofs_and_refutations_survive(limit: float) -> None:
     case = at_most(CASE, limit)
     proof = prove_limit(case)
-    assert from_document(case, json.loads(json.dumps(to_document(case, proof)))) == proof
+    # how it was found is left out: a recheck could not test it
+    told = replace(proof, method="", examined=0)
+    assert from_document(case, json.loads(json.dumps(to_document(case, proof)))) == told
 
 
 def test_what_is_undecided_survives() -> None:
@@ -31,15 +34,14 @@ def test_what_is_undecided_survives() -> None:
         prove_limit(replace(case, scenario=replace(case.scenario, quantum=0.1))),
     ):
         assert proof.message
-        assert from_document(case, json.loads(json.dumps(to_document(case, proof)))) == proof
+        told = TimeDomainProof(Verdict.UNDECIDED, "", proof.tolerance)
+        assert from_document(case, json.loads(json.dumps(to_document(case, proof)))) == told
 
 
 CHANGES: list[tuple[dict[str, Any], str]] = [
     ({"limit": 2.1}, "not about this limit"),
     ({"scenario": "step"}, "not about this limit"),
     ({"tolerance": 0.5}, "tolerance"),
-    ({"examined": -1}, "examined"),
-    ({"examined": 1.5}, "examined"),
     ({"verdict": "perhaps"}, "verdict"),
     ({"bound": "2"}, "bound"),
     ({"bound": float("nan")}, "bound"),
@@ -50,7 +52,9 @@ CHANGES: list[tuple[dict[str, Any], str]] = [
     ({"boxes": [[1.6, "3.1"]]}, "boxes[0]"),
     ({"boxes": [[3.1, 1.6]]}, "boxes[0]"),
     ({"boxes": [[1.6, 3.1, 0.0, 1.0]]}, "boxes[0]"),
-    ({"message": "\x1b[2J"}, "message"),
+    ({"time_s": 3.2}, "do not belong to its verdict"),
+    ({"verdict": "undecided"}, "do not belong to its verdict"),
+    ({"verdict": "refuted"}, "do not belong to its verdict"),
 ]
 
 
