@@ -82,7 +82,8 @@ def design_or_sweep(spec: DesignSpec, options: TuneOptions, proof: bool) -> Desi
     """The design, with checked multipliers if requested, or the sweep.
 
     Raises:
-        DomainError: of the sweep: there is no such requirement, or no design to start from.
+        DomainError: of the sweep: there is no such requirement, or no design to start from; or of a bound that cannot
+            be had.
     """
     from fopi_tune.pipeline.price import price, tradeoff
     from fopi_tune.pipeline.tune import tune
@@ -90,6 +91,8 @@ def design_or_sweep(spec: DesignSpec, options: TuneOptions, proof: bool) -> Desi
     if options.requirement is not None:
         points = 50 if options.points is None else options.points
         return tradeoff(spec, options.requirement, start=options.start, stop=options.stop, points=points)
+    if options.bracket and spec.designs_scenarios:
+        raise DomainError("there is no bound of gains for what scenarios measure; leave --bracket out")
     if options.solver is not Solver.IPOPT:
         return tune(spec, proof, options.solver)
     design = tune(spec, proof, bracket=options.bracket is not False)

@@ -88,3 +88,11 @@ def test_a_scenario_judged_from_before_its_start_is_none(cases: list[TimeDomainC
 def case_sections(case: TimeDomainCase) -> Sections:
     runtime = case.controller
     return Sections(case.sample_time_s, runtime.direct, runtime.poles, runtime.residues)
+
+
+def test_the_search_ends_where_not_even_one_plant_can_be_enclosed(cases: list[TimeDomainCase]) -> None:
+    slow = replace(cases[1], scenario=replace(cases[1].scenario, rate_per_s=0.1))
+    found = prove_limit(slow)
+    assert found.verdict is Verdict.UNDECIDED
+    assert "single plant: the actuator's rate limit may be reached" in found.message
+    assert found.examined <= 4
