@@ -393,7 +393,7 @@ def test_what_is_not_known_after_chattering_is_not_called_violated(tmp_path: Pat
 
 def test_what_is_refused_is_refused_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ran: list[str] = []
-    monkeypatch.setattr("fopi_tune.pipeline.systems.tune", lambda *_args, **_options: ran.append("tune"))
+    monkeypatch.setattr("fopi_tune.pipeline.tune_system.tune", lambda *_args, **_options: ran.append("tune"))
     path = system_file(
         tmp_path,
         "delay_in_exact",
