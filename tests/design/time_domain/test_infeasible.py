@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from cases.scenario_designs import DESIGNS, parsed
-from oracles.scenario_gains import grid, is_met, measured
+from oracles.scenario_gains import grid, is_met, is_refused_at_once, measured, missed
 from scipy.optimize import minimize
 
 from fopi_tune.core.controller import FoPi
@@ -128,7 +128,8 @@ def least(spec: DesignSpec, scenario: str, measure: str, starts: list[FoPi]) -> 
         gains = FoPi(float(np.exp(x[0])), float(np.exp(x[1])), float(np.clip(x[2], box.alpha.min, box.alpha.max)))
         try:
             value = float(measured(spec, gains, scenario, measure, points).max())
-            return value if np.isfinite(value) and is_met(spec, gains, points) else 1e9
+            over = max(missed(spec, gains, points)) > 0.0 or is_refused_at_once(spec, gains, points)
+            return value if np.isfinite(value) and not over else 1e9
         except DomainError:
             return 1e9
 
@@ -137,7 +138,7 @@ def least(spec: DesignSpec, scenario: str, measure: str, starts: list[FoPi]) -> 
         x = np.array([np.log(start.kp), np.log(start.ki), start.alpha])
         for size in (0.05, 0.01, 0.003):
             simplex = np.vstack([x, *(x + size * np.eye(3))])
-            options = {"initial_simplex": simplex, "xatol": 1e-7, "fatol": 1e-9, "maxfev": 400}
+            options = {"initial_simplex": simplex, "xatol": 1e-7, "fatol": 1e-9, "maxfev": 250}
             x = minimize(cost, x, method="Nelder-Mead", options=options).x
         best = min(best, cost(x))
     return best
@@ -150,7 +151,7 @@ def test_a_relaxed_acceleration_is_the_least_there_is() -> None:
     relaxed = next(each.new_limit for each in found.clash if each.requirement == 2)
     free = without(spec, {2})
     # inside of what has to hold
-    starts = [FoPi(0.06, 0.045, 0.95), FoPi(0.08, 0.06, 1.0), FoPi(0.05, 0.05, 0.9)]
+    starts = [FoPi(0.06, 0.045, 0.95), FoPi(0.08, 0.06, 1.0)]
     assert relaxed == pytest.approx(least(free, "step", "acceleration_m_s2", starts), rel=RIGHT)
 
 
