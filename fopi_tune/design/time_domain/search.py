@@ -99,7 +99,10 @@ def candidate_of(problem: ScenarioProblem, best: Exchanged, counts: Counts) -> C
 def multipliers_of(
     problem: ScenarioProblem, best: Exchanged
 ) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
-    """d objective/d limit in public units, positive where relaxing gains: of the loop's requirements, of scenarios'."""
+    """d objective/d limit in public units, positive where relaxing gains: of the loop's requirements, of scenarios'.
+
+    None of a settling time, which changes in jumps of a sample.
+    """
     spec, step, model = problem.spec, best.local.step, best.local.model
     nothing = tuple(None for _ in spec.requirements), tuple(None for _ in spec.scenario_requirements)
     if step is None:
@@ -122,5 +125,9 @@ def multipliers_of(
     least = _SMALLEST_PRICE * max(abs(best.objective), 1e-12)
     return (
         tuple(float(abs(price)) if abs(price) > least else 0.0 for price in loop),
-        tuple(float(price) if price > least else 0.0 for price in scenarios),
+        tuple(
+            # what the search moves is how far outside its band an output is, and not when it settles
+            None if limit.measure == "settling_time_s" else float(price) if price > least else 0.0
+            for limit, price in zip(spec.scenario_requirements, scenarios, strict=True)
+        ),
     )

@@ -236,6 +236,12 @@ def test_a_limit_that_no_gain_moves_costs_nothing() -> None:
     assert max(missed(spec, gains, drawn(spec, 300, seed=3))) <= MET
 
 
+def test_a_settling_time_has_no_multiplier() -> None:
+    _, _, found = solved(small(CALM, "{settling_time_s: {at_most: 12}, scenario: step}"))
+    assert found.scenario_multipliers[0] is not None
+    assert found.scenario_multipliers[1] is None
+
+
 def test_the_same_gains_whatever_was_solved_before_and_whatever_its_name() -> None:
     _, _, before = solved(DESIGNS["brake_step"].spec)
     design_for_scenarios(VARIANTS["ki fixed"])
