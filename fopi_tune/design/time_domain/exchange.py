@@ -183,11 +183,11 @@ def _new_points(
             new.append(found.point)
     size = np.maximum(problem.spec.plant.high - problem.spec.plant.low, 1e-300)
     kept: list[np.ndarray] = []
-    for point in np.array(sorted(set(new))).reshape(-1, points.shape[1]):
+    for point in map(np.array, sorted(set(new))):
         known = np.vstack([points, *kept]) if kept else points
         if not np.any(np.all(np.abs(known - point) <= 1e-9 * size, axis=1)):
             kept.append(point)
-    return np.array(kept).reshape(-1, points.shape[1])
+    return np.array(kept).reshape(len(kept), points.shape[1])
 
 
 def _at_crossover(problem: ScenarioProblem, gains: FoPi) -> ScenarioProblem:

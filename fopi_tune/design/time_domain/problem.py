@@ -136,7 +136,9 @@ class ScenarioProblem:
         """The nominal plant and the vertices of the box, shape (m, p)."""
         family = self.spec.plant
         corners = family.corners()[:_MOST_CORNERS]
-        points = np.vstack([family.nominal_point[None, :], corners, np.array(self.seen).reshape(-1, corners.shape[1])])
+        points = np.vstack(
+            [family.nominal_point[None, :], corners, np.array(self.seen).reshape(len(self.seen), family.low.size)]
+        )
         return np.unique(points, axis=0)
 
     @cached_property
