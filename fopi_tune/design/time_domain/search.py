@@ -20,7 +20,7 @@ from fopi_tune.digital.discretize import Method
 from fopi_tune.errors import DomainError
 from fopi_tune.results.candidate import Candidate, Violation
 from fopi_tune.results.status import Status
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, Limit
 from fopi_tune.spec.scenarios import frequency_part
 
 #: multipliers below this part of the objective are those of limits that do not bind
@@ -122,12 +122,15 @@ def multipliers_of(
         if constraint.requirement != STABILITY_GUARD:
             natural = constraint.natural_per_public() * constraint.scale
             loop[constraint.requirement] += worth * (natural if constraint.bound is not Bound.EQUAL else abs(natural))
-    least = _SMALLEST_PRICE * max(abs(best.objective), 1e-12)
+    least = _SMALLEST_PRICE * max(abs(best.objective), best.local.scale)
     return (
         tuple(float(abs(price)) if abs(price) > least else 0.0 for price in loop),
-        tuple(
-            # what the search moves is how far outside its band an output is, and not when it settles
-            None if limit.measure == "settling_time_s" else float(price) if price > least else 0.0
-            for limit, price in zip(spec.scenario_requirements, scenarios, strict=True)
-        ),
+        tuple(map(_priced, spec.scenario_requirements, scenarios.tolist(), [least] * len(scenarios))),
     )
+
+
+def _priced(limit: Limit, price: float, least: float) -> float | None:
+    """A multiplier, 0 where it is worth less than `least`; that of a settling time is per band, and of no use."""
+    if limit.measure == "settling_time_s":
+        return None
+    return price if price * (abs(limit.limit) or 1.0) > least else 0.0

@@ -24,6 +24,8 @@ from fopi_tune.simulation.scenario import InitialInput, Start
 #: a delay this close to a whole number of samples counts as whole
 _WHOLE = 1e-12
 _MOST_DELAY_SAMPLES = 10_000
+#: of a sample; arrivals this close are one
+_SAME_PART = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +116,8 @@ class DiscretePlants:
         if not np.all(integrates | (np.isfinite(self.static_gain) & (self.static_gain != 0.0))):
             raise DomainError(f"no input holds a plant at {y0!r}, because P(0) is 0; start it at initial_output: 0")
         held = np.where(integrates, 0.0, y0 / np.where(integrates, 1.0, self.static_gain))
+        if self.order == 0:
+            return np.zeros((m, 0)), held
         states = np.where(integrates[:, None], 0.0, self.equilibrium) * held[:, None]
         with np.errstate(divide="ignore"):
             states[:, -1] = np.where(integrates, y0 / self.output[:, -1], states[:, -1])
@@ -153,7 +157,7 @@ def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float
         if n == 1:
             control, load = _scaled(control, c), _scaled(load, c)
             equilibrium, rate_state, c = equilibrium * c, a[:, 0, :] / sample_time_s, np.ones_like(c)
-    parts = _part(samples + delay_samples), _part(samples)
+    parts = _parts(samples, delay_samples)
     scale = rate_input[:, None] * sample_time_s if n == 1 else np.ones((len(c), 1))
     arrivals = _arrivals(a, parts, scale, rate_state, rate_input)
     return DiscretePlants(control, load, c, direct, rate_state, rate_input, gain, equilibrium, arrivals)
@@ -179,6 +183,12 @@ def _arrivals(
                 effect = np.einsum("mi,mi->m", rate_state, weight * scale)
                 found[:, row, place] = effect + np.where(acts, rate_input, 0.0)
     return found
+
+
+def _parts(samples: Array, delay_samples: float) -> tuple[Array, Array]:
+    """The fractions of a sample after which control and load arrive: the same one where only rounding differs."""
+    control, load = _part(samples + delay_samples), _part(samples)
+    return np.where(np.abs(control - load) <= _SAME_PART, load, control), load
 
 
 def _part(samples: Array) -> Array:
