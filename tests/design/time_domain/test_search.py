@@ -97,6 +97,7 @@ def test_a_problem_is_solved_to_a_thousandth(name: str) -> None:
     assert max(missed(spec, gains, points), default=0.0) <= MET
     # the objective over drawn plants is below that of the worst plant, and not far
     assert objective(spec, gains, points) == pytest.approx(known.iae, rel=0.02)
+    assert checked.objective is not None
     assert objective(spec, gains, points) <= checked.objective * (1.0 + 1e-9)
 
 
