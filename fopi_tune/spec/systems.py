@@ -10,7 +10,9 @@ from typing import Any
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
 from fopi_tune.core.plant import JointFamily
 from fopi_tune.errors import DomainError, SpecError
+from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
+from fopi_tune.spec.measure_words import measure_as_requirement
 from fopi_tune.spec.measures import ACCELERATION, DESIGNED_MEASURES, acceleration_problem, velocity_unit
 from fopi_tune.spec.model import DesignSpec, ModeSpec, Objective, Sense, SystemSpec
 from fopi_tune.spec.scenarios import (
@@ -26,7 +28,7 @@ from fopi_tune.spec.scenarios import (
     with_scenario,
 )
 from fopi_tune.spec.validation import FileReader, PlacedValidation, resolve_validation, validation_shape
-from fopi_tune.spec.yaml.nodes import MappingNode, Place
+from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, with_defaults_of
 from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Pair, Shape, Text, Version
 
@@ -114,8 +116,16 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
 
 
 def _requirements_shape() -> ListOf:
-    one = OneKeyOf("one measure of a simulation with its limit", "measure", limit_records(DESIGNED_MEASURES), _LIMIT)
+    records = limit_records(DESIGNED_MEASURES)
+    one = OneKeyOf("one measure of a simulation with its limit", "measure", records, _LIMIT, _no_requirement)
     return ListOf("what every pair of plants must do in the scenarios", one, 0, 500)
+
+
+def _no_requirement(key: str, value: Node) -> str | None:
+    """Where a key belongs that is no requirement of a system; None where that is not known."""
+    if key in QUANTITIES:
+        return f"{key} is about the frequency response of one loop; write it under requirements of that mode's own spec"
+    return measure_as_requirement(key, value)
 
 
 def _objective_shape() -> Record:
