@@ -16,7 +16,7 @@ from fopi_tune.results.candidate import CheckedCandidate, Solver, Violation
 from fopi_tune.results.design import Design
 from fopi_tune.results.measures import measure_reports
 from fopi_tune.results.requirement_reports import RequirementReport
-from fopi_tune.results.stamp import stamp
+from fopi_tune.results.stamp import CONVEX_STEPS, stamp
 from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec.digests import digests_of
 from fopi_tune.spec.model import DesignSpec, Requirement
@@ -70,7 +70,7 @@ def assemble_design(
         proof_wanted=proof,
         clash=clash,
         message=message,
-        stamp=stamp(spec.sha256, solver.value, digests_of(spec)),
+        stamp=stamp(spec.sha256, CONVEX_STEPS if spec.designs_scenarios else solver.value, digests_of(spec)),
         solves=candidate.solves,
         steady_state_error=_steady_state_error(spec, candidate.gains, found),
         gap=candidate.gap if status is Status.SOLVED else None,

@@ -18,8 +18,10 @@ _DISTRIBUTIONS = ("casadi", "numpy")
 _NUMERIC = ("casadi", "numba", "numpy", "python-flint", "scipy")
 #: endings of this package's files that can
 _SOURCES = (".py", ".yaml", ".jinja")
-#: the same for gains found by convex problems
-_CONVEX_DISTRIBUTIONS = ("clarabel", "cvxpy", "numpy")
+#: `Stamp.solver` of gains for scenarios
+CONVEX_STEPS = "convex steps on simulations"
+#: the same for gains found by convex problems, and for scenarios
+_OTHERS = {"convex": ("clarabel", "cvxpy", "numpy"), CONVEX_STEPS: ("clarabel", "numba", "numpy", "scipy")}
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,7 @@ class Stamp:
 def stamp(spec_sha256: str, solver: str | None, digests: Mapping[str, str] | None = None) -> Stamp:
     """The stamp of a result made here and now; it holds no time, so that equal inputs give equal files."""
     versions = {"fopi-tune": __version__}
-    names = _CONVEX_DISTRIBUTIONS if solver == "convex" else _DISTRIBUTIONS
-    versions |= {name: _version_of(name) for name in names}
+    versions |= {name: _version_of(name) for name in _OTHERS.get(solver or "", _DISTRIBUTIONS)}
     machine = f"{platform.system()} {platform.machine()}"
     return Stamp(spec_sha256, versions, platform.python_version(), machine, solver, digests=dict(digests or {}))
 
