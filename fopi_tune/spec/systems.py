@@ -108,6 +108,10 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
         objective=objective,
         tuned=tuple(dict.fromkeys(values.get("tune") or ())),
     )
+    for mode in system.modes:
+        if mode.gains is not None and mode.name in system.tuned:
+            where = place.child(SYSTEM).child(mode.name).child("gains")
+            where.refuse(f"the {mode.name} is under tune: its gains are designed; remove one of the two")
     _refuse_short_window(system, place.child(SYSTEM))
     _refuse_accelerations(system, limits)
     if objective is not None and objective.quantity == ACCELERATION and velocity_unit(system.measurement_unit) is None:

@@ -1,0 +1,60 @@
+"""Gains of two loops that take turns: the requirements hold, nothing scattered is better, and what no gains can do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from cases.project import ROOT
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.design.systems import design_system
+from fopi_tune.design.systems.problem import NO_LOOP, SystemProblem, merit
+from fopi_tune.design.systems.search import reasons_by_formula
+from fopi_tune.spec import load_system
+from fopi_tune.spec.model import Knot, SystemSpec
+
+
+def car() -> SystemSpec:
+    """One short drive of the shipped car."""
+    whole = load_system(ROOT / "systems" / "car_comfort.yaml")
+    drive = replace(whole.scenarios[0], duration_s=60.0, reference=whole.scenarios[0].reference[:2])
+    assert whole.objective is not None
+    objective = replace(whole.objective, scenario=drive.name)
+    return replace(whole, scenarios=(drive,), tuned=("throttle",), objective=objective)
+
+
+def test_the_best_gains_of_one_mode_beside_fixed_ones_of_the_other() -> None:
+    system = car()
+    brake = design_system(replace(system, tuned=("brake",)), {"throttle": FoPi(0.09, 0.025, 0.8)}).gains
+    assert brake is not None
+    found = design_system(system, {"brake": brake["brake"]})
+    assert found.is_met
+    assert found.gains is not None
+    assert found.judged is not None
+    assert found.gains["brake"] == brake["brake"]
+    problem = SystemProblem(system, {"brake": brake["brake"]})
+    rng = np.random.default_rng(5)
+    scattered = [problem.judge(problem.gains(x), problem.corners) for x in rng.random((150, 3))]
+    met = [each.objective for each in scattered if each is not None and each.violation == 0.0]
+    assert met
+    assert min(met) >= found.judged.objective * (1.0 - 1e-3)
+    # the same again
+    assert design_system(system, {"brake": brake["brake"]}) == found
+
+
+def test_no_loop_costs_as_much_as_can_be() -> None:
+    assert merit(None, 1.0) == NO_LOOP
+
+
+def test_a_mode_that_begins_too_fast_is_told_by_a_formula() -> None:
+    system = car()
+    start = replace(
+        system.scenarios[0], initial_output=30.0, before="free", reference=(Knot(0.0, 10.0),)
+    )  # fmt: skip
+    (reason,) = reasons_by_formula(replace(system, scenarios=(start,)))
+    # y/tau at 30 km/h and 1.6 s
+    assert f"slows by {30.0 / 1.6 / 3.6:.3g}" in reason
+    slow = replace(start, reference=(Knot(0.0, 10.0, ramp_s=20.0),))
+    assert list(reasons_by_formula(replace(system, scenarios=(slow,)))) == []
+    assert list(reasons_by_formula(system)) == []
