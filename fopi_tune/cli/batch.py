@@ -213,7 +213,7 @@ def _obsolete_files(written: set[str]) -> list[str]:
 
 
 def _exit_code(result: Result, require_proof: bool) -> Exit:
-    if result.status in ("solved", "met"):
+    if result.status in ("solved", "met", "settles"):
         reports = getattr(getattr(result, "design", result), "measures", ())
         checked = any(report.verdict == "checked" for report in reports)
         return Exit.TOOL_FAILED if require_proof and checked else Exit.MET
@@ -230,13 +230,17 @@ def _result_text(result: Result) -> Text:
         simulation_text,
         system_design_text,
         system_evidence_text,
+        system_proof_text,
         tradeoff_text,
     )
     from fopi_tune.results.design import Check, Design, Discretized, Validated
+    from fopi_tune.results.proved_system import ProvedSystem
     from fopi_tune.results.simulation import Simulated
     from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
 
+    if isinstance(result, ProvedSystem):
+        return system_proof_text(result)
     if isinstance(result, DesignedSystem):
         return system_design_text(result)
     if isinstance(result, Tradeoff):

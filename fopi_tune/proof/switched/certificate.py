@@ -89,7 +89,8 @@ class SystemCertificate:
         """What is proved, a sentence each; the reason last where something is missing."""
         found = [
             f"{loop.name}: with its limits and anti-windup the loop alone settles from every state, on each setpoint "
-            f"that a control within the limits holds; the state's norm shrinks by {proof.decay:.6g} per sample or more."
+            f"that a control within the limits holds; the state's norm shrinks to {proof.decay:.6g} of itself or less per "
+            "sample."
             for loop, proof in zip(self.model.loops, self.loops, strict=True)
             if proof is not None
         ]
@@ -112,9 +113,9 @@ class SystemCertificate:
             f"{_upwards(proof.overshoot)} above the setpoint."
         )
 
-    @staticmethod
-    def _cycle(proof: CycleProof) -> str:
-        numbers = [f"{name} = {value:g}" for plant in proof.plants for name, value in plant.items()]
+    def _cycle(self, proof: CycleProof) -> str:
+        plants = zip(self.model.loops, proof.plants, strict=True)
+        numbers = [f"{loop.name}.{name} = {value:g}" for loop, plant in plants for name, value in plant.items()]
         pull = "an attracting" if proof.attracts else "a"
         return (
             f"At setpoint {proof.setpoint:g}{''.join(', ' + each for each in numbers)}: {pull} periodic orbit of "

@@ -29,7 +29,9 @@ def test_from_every_state_needs_the_throttle_with_its_limits() -> None:
 def test_an_orbit_is_told_with_its_place() -> None:
     held = switched.certificate("held")
     (first, *_), cycle = held.statements[2:], held.cycles[0]
-    assert first.startswith(f"At setpoint {cycle.setpoint:g}, time_constant_s = {cycle.plants[1]['time_constant_s']:g}")
+    assert first.startswith(
+        f"At setpoint {cycle.setpoint:g}, brake.time_constant_s = {cycle.plants[1]['time_constant_s']:g}"
+    )
     assert f"an attracting periodic orbit of {len(cycle.modes)} samples" in first
     assert replace(held, cycles=(replace(cycle, attraction=None),)).statements[2].count(": a periodic orbit") == 1
     assert held.statements[-1].startswith("Not proved: a held memory")
