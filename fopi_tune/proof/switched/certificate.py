@@ -89,8 +89,8 @@ class SystemCertificate:
         """What is proved, a sentence each; the reason last where something is missing."""
         found = [
             f"{loop.name}: with its limits and anti-windup the loop alone settles from every state, on each setpoint "
-            f"that a control within the limits holds; the state's norm shrinks to {proof.decay:.6g} of itself or less per "
-            "sample."
+            f"that a control within the limits holds; the state's norm shrinks by the factor "
+            f"{proof.decay:.6g} or more per sample."
             for loop, proof in zip(self.model.loops, self.loops, strict=True)
             if proof is not None
         ]

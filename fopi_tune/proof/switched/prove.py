@@ -10,7 +10,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.switched.certificate import SystemCertificate
 from fopi_tune.proof.switched.cycle_search import prove_cycles
-from fopi_tune.proof.switched.model import SwitchedModel, loop_obstacle
+from fopi_tune.proof.switched.model import Memory, SwitchedModel, loop_obstacle
 from fopi_tune.proof.switched.saturated_loop import SaturatedLoopProof, prove_saturated_loop
 from fopi_tune.proof.switched.settling_search import SettlingSearch, prove_settling
 from fopi_tune.spec.model import SystemSpec
@@ -39,6 +39,9 @@ def prove_system(
     throttle, brake = (_loop(model, index) for index in (0, 1))
     obstacle = model.obstacle
     search = SettlingSearch(None, obstacle) if obstacle else prove_settling(model, asked)
+    reason = search.reason
+    if not reason and model.memory is Memory.RESET and throttle is None:
+        reason = f"with its limits the {model.loops[0].name} alone is not shown to settle from every state"
     found = SystemCertificate(
         name=system.name,
         system_sha256=system.sha256,
@@ -46,12 +49,11 @@ def prove_system(
         setpoints=asked,
         loops=(throttle, brake),
         settling=search.proof,
-        reason=search.reason,
+        reason=reason,
         cycles=(),
         versions=dict(versions or {}),
     )
-    complete = search.proof is not None and not search.reason
-    if complete or obstacle:
+    if obstacle or not reason:
         return found
     cycles = prove_cycles(model, asked)
     return replace(found, cycles=cycles)

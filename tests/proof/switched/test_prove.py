@@ -7,7 +7,7 @@ from cases import switched
 from cases.project import ROOT
 
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.switched import SystemVerdict, prove_system, recheck_system
+from fopi_tune.proof.switched import SystemVerdict, prove, prove_system, recheck_system
 from fopi_tune.spec import load_system
 
 VERDICTS = {"reset": SystemVerdict.SETTLES, "tracking": SystemVerdict.SETTLES, "held": SystemVerdict.CYCLES}
@@ -45,6 +45,15 @@ def test_a_system_that_the_methods_do_not_handle_is_undecided_with_a_reason() ->
     assert found.verdict in (SystemVerdict.UNDECIDED, SystemVerdict.CYCLES)
     assert found.reason.startswith("without hysteresis")
     assert recheck_system(found, system, gains).accepted
+
+
+def test_a_throttle_that_may_not_settle_from_every_state_is_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(prove, "prove_saturated_loop", lambda loop, sample_time_s: None)
+    found = prove_system(switched.car("reset"), switched.GAINS, setpoints=switched.SETPOINTS)
+    assert found.verdict is SystemVerdict.UNDECIDED
+    assert found.statements[0].startswith("From every state with the brake active")
+    assert "the throttle alone is not shown to settle" in found.statements[-1]
+    assert recheck_system(found).accepted
 
 
 @pytest.mark.parametrize("setpoints", [(5.0, 2.0), (float("nan"), 3.0), (1.0, float("inf"))])
