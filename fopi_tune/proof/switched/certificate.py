@@ -25,6 +25,8 @@ ASSUMPTIONS = (
     "The setpoint is constant from the time on that a statement is about.",
     "Plants are of first order; a time constant may vary within its range while driving, a gain is constant.",
 )
+#: bounds below are told as this one
+_LEAST = 1e-12
 
 
 class SystemVerdict(StrEnum):
@@ -125,7 +127,7 @@ class SystemCertificate:
 
 def _upwards(bound: float) -> str:
     """A bound with four digits, not below it."""
-    if bound <= 0.0:
-        return "0"
+    if bound < _LEAST:
+        return "0" if bound <= 0.0 else f"{_LEAST:g}"
     step = 10.0 ** (math.floor(math.log10(bound)) - 3)
     return f"{math.ceil(bound / step) * step:.4g}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 from cases import switched
 
 from fopi_tune.proof.switched import SystemVerdict
@@ -16,6 +17,16 @@ def test_settling_is_told_with_its_start_and_its_bounds() -> None:
     # rounded upwards: 4.99300...
     assert "4.994 below" in reset.statements[-1]
     assert tracking.statements[-1].startswith("After a step down from rest")
+
+
+@pytest.mark.parametrize(
+    ("bound", "told"), [(4.99300001, "4.994 below"), (12.0, "12 below"), (5e-324, "1e-12 below"), (-1.0, "0 below")]
+)
+def test_bounds_are_rounded_upwards(bound: float, told: str) -> None:
+    reset = switched.certificate("reset")
+    assert reset.settling is not None
+    said = replace(reset, settling=replace(reset.settling, undershoot=bound)).statements[-1]
+    assert f"stays between {told}" in said
 
 
 def test_from_every_state_needs_the_throttle_with_its_limits() -> None:
