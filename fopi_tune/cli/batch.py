@@ -221,7 +221,7 @@ def exit_code_of(result: Result, require_proof: bool) -> Exit:
     """
     from fopi_tune.results.system_design import DesignedSystem
 
-    if result.status in ("solved", "met"):
+    if result.status in ("solved", "met", "settles"):
         reports = getattr(getattr(result, "design", result), "measures", ())
         # of a system's design nothing is proved
         checked = isinstance(result, DesignedSystem) or any(report.verdict == "checked" for report in reports)
@@ -239,13 +239,17 @@ def _result_text(result: Result) -> Text:
         simulation_text,
         system_design_text,
         system_evidence_text,
+        system_proof_text,
         tradeoff_text,
     )
     from fopi_tune.results.design import Check, Design, Discretized, Validated
+    from fopi_tune.results.proved_system import ProvedSystem
     from fopi_tune.results.simulation import Simulated
     from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
 
+    if isinstance(result, ProvedSystem):
+        return system_proof_text(result)
     if isinstance(result, DesignedSystem):
         return system_design_text(result)
     if isinstance(result, Tradeoff):

@@ -29,6 +29,7 @@ from fopi_tune.cli.init import (
     write_spec,
 )
 from fopi_tune.cli.output import bad_input, print_out, report_failure, to_json
+from fopi_tune.cli.prove import prove_file
 from fopi_tune.cli.recheck import recheck_file
 from fopi_tune.cli.simulations import SimulationOptions, parameters_from_options, simulate_file, validate_file
 from fopi_tune.cli.study import study
@@ -46,7 +47,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.results.candidate import Solver
 
 if TYPE_CHECKING:
-    from fopi_tune.results.design import Check, Design, Discretized, Run
+    from fopi_tune.results.design import Design, Discretized, Run
     from fopi_tune.spec.model import DesignSpec
 
 app = typer.Typer(
@@ -193,7 +194,7 @@ def report(
 
 @app.command()
 def prove(
-    spec: Annotated[str | None, typer.Argument(metavar="[SPEC]", help="Spec file.")] = None,
+    spec: Annotated[str | None, typer.Argument(metavar="[SPEC]", help="Spec or system file.")] = None,
     kp: Kp = None,
     ki: Ki = None,
     alpha: Alpha = None,
@@ -216,6 +217,8 @@ def prove(
 
     The gains may come from anywhere; the ranges that the spec gives them are not looked at.  Without --kp, --ki and
     --alpha they are those of DIR/design.json if it is of this spec, and are tuned otherwise.
+
+    Of a system it is proved that it settles, or that it ends in a cycle; undecided is exit code 3.
     """
     options = OutputOptions(out, as_json, quiet, debug, require_proof=require_proof)
     if recheck is not None:
@@ -224,15 +227,7 @@ def prove(
         raise typer.Exit(recheck_file(recheck, spec, options))
     if spec is None:
         raise bad_input("there is no SPEC to prove; name a spec file, or a certificate with --recheck")
-    given = GivenGains(kp, ki, alpha)
-
-    def compute(loaded: DesignSpec) -> Check | Design:
-        from fopi_tune.pipeline.prove import prove
-
-        gains = given_or_tuned_gains(loaded, given, options)
-        return gains if not isinstance(gains, FoPi) else prove(loaded, gains, tolerance)
-
-    raise typer.Exit(process_specs([spec], compute, options, "proving"))
+    raise typer.Exit(prove_file(spec, GivenGains(kp, ki, alpha), tolerance, options))
 
 
 @app.command()

@@ -28,6 +28,8 @@ def recheck_file(file: str, spec_file: str | None, options: OutputOptions) -> Ex
     try:
         if isinstance(document, dict) and document.get("kind") == "fopi_tune optimum":
             return recheck_optimum_file(document, spec_file, options)
+        if isinstance(document, dict) and document.get("kind") == "fopi-tune system certificate":
+            return recheck_system_file(document, spec_file, options)
         from fopi_tune.pipeline.prove import recheck
 
         found = recheck(document, spec_file)
@@ -35,7 +37,7 @@ def recheck_file(file: str, spec_file: str | None, options: OutputOptions) -> Ex
         for problem in error.problems:
             say(str(problem))
         return Exit.BAD_INPUT
-    except CertificateError as error:
+    except (CertificateError, DomainError) as error:
         say(f"{file}: {error}")
         return Exit.BAD_INPUT
     except Exception as error:
@@ -96,3 +98,30 @@ def _optimum_document(found: OptimumRecheck) -> dict[str, Any]:
         "problems": list(found.problems),
         "notes": list(found.notes),
     }
+
+
+def recheck_system_file(document: Any, system_file: str | None, options: OutputOptions) -> Exit:
+    """Check the certificate of a system and print the result.
+
+    Raises:
+        CertificateError: the document is no such certificate.
+        SpecError: the system cannot be used.
+        DomainError: the system's file lacks gains of a mode.
+    """
+    from fopi_tune.pipeline.prove_system import recheck_system
+
+    certificate, found = recheck_system(document, system_file)
+    verdict = certificate.verdict.value
+    code = Exit.MET if found.accepted and verdict == "settles" else Exit.NOT_MET
+    told = {
+        "schema": 1,
+        "status": "sound" if found.accepted else "refused",
+        "verdict": verdict if found.accepted else None,
+        "name": certificate.name,
+        "problems": list(found.problems),
+    }
+    if options.as_json:
+        return max(code, print_out(to_json(told)))
+    first = f"{certificate.name}: sound, {verdict}" if found.accepted else f"{certificate.name}: refused"
+    said = certificate.statements if found.accepted else found.problems
+    return max(code, print_out("\n".join([first, *(f"  {each}" for each in said)])))

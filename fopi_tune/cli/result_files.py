@@ -15,13 +15,14 @@ from fopi_tune.cli.output import to_json
 if TYPE_CHECKING:
     from fopi_tune.prices import Tradeoff
     from fopi_tune.results.design import Check, Design, Discretized, Run, Validated
+    from fopi_tune.results.proved_system import ProvedSystem
     from fopi_tune.results.simulation import ScenarioResult, Simulated
     from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
 
     Result = (
         Design | Check | Discretized | Run | Validated | Simulated | Tradeoff | SimulatedSystem | ValidatedSystem
-        | DesignedSystem
+        | DesignedSystem | ProvedSystem
     )  # fmt: skip
 
 DESIGN, CHECK, DIGITAL = "design.json", "check.json", "digital.json"
@@ -33,6 +34,8 @@ CODE_FOLDER, CONTROLLER_FIGURE = "c", "controller.svg"
 EVIDENCE = "evidence.json"
 #: the gains designed for a system
 SYSTEM_DESIGN = "system_design.json"
+#: what is proved of a system
+SYSTEM_PROOF, SYSTEM_CERTIFICATE = "system_proof.json", "system_certificate.json"
 #: prefixes of the files of simulations: of the sampled loop, and in continuous time
 SIMULATION, EXACT = "simulation", "exact"
 #: a copy of the spec of a result
@@ -55,10 +58,15 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
     """
     from fopi_tune.prices.result import Tradeoff
     from fopi_tune.results.design import Check, Discretized, Run, Validated
+    from fopi_tune.results.proved_system import ProvedSystem
     from fopi_tune.results.simulation import Simulated
     from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
 
+    if isinstance(result, ProvedSystem):
+        yield SYSTEM_CERTIFICATE, to_json(result.certificate_document()) + "\n"
+        yield SYSTEM_PROOF, to_json(result.to_dict()) + "\n"
+        return
     if isinstance(result, DesignedSystem):
         yield SYSTEM_DESIGN, to_json(result.to_dict()) + "\n"
         return

@@ -60,7 +60,7 @@ def validate_file(file: str, given: GivenGains, samples: int | None, seed: int |
         from fopi_tune.spec.model import SystemSpec
 
         if isinstance(loaded, SystemSpec):
-            gains = _gains_of_modes(loaded, given, options)
+            gains = gains_of_modes(loaded, given, options)
             with progress_bar("loops", options.quiet) as progress:
                 return validate_system(loaded, gains, samples=samples, seed=seed, progress=progress)
         found = given_or_tuned_gains(loaded, given, options)
@@ -91,7 +91,7 @@ def simulate_file(file: str, given: GivenGains, selection: SimulationOptions, op
         }
         if isinstance(loaded, SystemSpec):
             refuse_system_simulation(loaded, **arguments)
-            return simulate_system(loaded, _gains_of_modes(loaded, given, options), **arguments)
+            return simulate_system(loaded, gains_of_modes(loaded, given, options), **arguments)
         refuse_simulation(loaded, **arguments)
         found = given_or_tuned_gains(loaded, given, options)
         return found if not isinstance(found, FoPi) else simulate(loaded, found, **arguments)
@@ -126,7 +126,7 @@ def _gains_of_system_design(system: SystemSpec, options: OutputOptions) -> dict[
     return found
 
 
-def _gains_of_modes(system: SystemSpec, given: GivenGains, options: OutputOptions) -> dict[str, FoPi]:
+def gains_of_modes(system: SystemSpec, given: GivenGains, options: OutputOptions) -> dict[str, FoPi]:
     """Gains of earlier designs for modes without gains in the system; modes without such a design are tuned later."""
     if given:
         raise DomainError("this is a system; its modes' gains belong into its file: brake: {spec: ..., gains: ...}")

@@ -8,6 +8,7 @@ from fopi_tune.report.text.evidence import evidence_text, system_evidence_text
 from fopi_tune.report.text.simulation import simulation_text
 from fopi_tune.report.text.study import study_text
 from fopi_tune.report.text.system_design import system_design_text
+from fopi_tune.report.text.system_proof import system_proof_text
 from fopi_tune.report.text.tradeoff import tradeoff_svg, tradeoff_text
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "study_text",
     "system_design_text",
     "system_evidence_text",
+    "system_proof_text",
     "tradeoff_svg",
     "tradeoff_text",
 ]

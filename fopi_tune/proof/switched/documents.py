@@ -1,0 +1,243 @@
+"""Certificates of systems as JSON:  SystemCertificate <-> dictionary.
+
+Reading is strict: what is read is written again, and the two must agree in every entry, verdict, words and digest
+included.  Whether the statements are true is tested by `recheck`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
+from fopi_tune.digital.realise import Precision
+from fopi_tune.digital.runtime import Runtime
+from fopi_tune.errors import CertificateError, DomainError
+from fopi_tune.proof.documents import digest
+from fopi_tune.proof.strict_json import JsonObject, first_difference
+from fopi_tune.proof.switched.certificate import ASSUMPTIONS, SystemCertificate
+from fopi_tune.proof.switched.cycles import LONGEST_WORD, CycleProof
+from fopi_tune.proof.switched.definite import Triangle
+from fopi_tune.proof.switched.model import Memory, SwitchedLoop, SwitchedModel
+from fopi_tune.proof.switched.saturated_loop import SaturatedLoopProof
+from fopi_tune.proof.switched.settling import MOST_SAMPLES, SettlingProof
+
+KIND, SCHEMA = "fopi-tune system certificate", 1
+#: of a certificate that is read
+_MOST_SECTIONS, _MOST_CYCLES = 64, 1000
+
+
+def to_document(certificate: SystemCertificate) -> dict[str, Any]:
+    """The certificate's JSON, with its digest.
+
+    Raises:
+        CertificateError: a number is not finite, which JSON does not have.
+    """
+    model = certificate.model
+    document = {
+        "kind": KIND,
+        "schema": SCHEMA,
+        "name": certificate.name,
+        "system_sha256": certificate.system_sha256,
+        "verdict": certificate.verdict.value,
+        "statements": list(certificate.statements),
+        "assumptions": list(ASSUMPTIONS),
+        "sample_time_s": model.sample_time_s,
+        "hysteresis": model.hysteresis,
+        "inactive": model.memory.value,
+        "modes": [_loop(*each) for each in zip(model.loops, certificate.loops, strict=True)],
+        "setpoints": None if certificate.setpoints is None else list(certificate.setpoints),
+        "settling": None if certificate.settling is None else _settling(certificate.settling),
+        "reason": certificate.reason,
+        "cycles": [_cycle(cycle) for cycle in certificate.cycles],
+        "versions": dict(certificate.versions),
+    }
+    return {**document, "digest": digest(document)}
+
+
+def from_document(document: object) -> SystemCertificate:
+    """Read a certificate's JSON.
+
+    Raises:
+        CertificateError: not a certificate of a system, an entry is missing, has the wrong type, or does not agree with
+            the others.
+    """
+    top = JsonObject(document, "")
+    if top.get("kind") != KIND:
+        raise CertificateError("this is not a certificate of a system: its kind is another")
+    if top.number("schema") != SCHEMA:
+        raise CertificateError(f"schema {top.number('schema'):g} is not known; this version reads {SCHEMA}")
+    modes = top.children("modes")
+    if len(modes) != 2:
+        raise CertificateError(f"{top.at('modes')} must be two")
+    loops, proofs = zip(*(_read_loop(entry) for entry in modes), strict=True)
+    sample_time_s, hysteresis = top.number("sample_time_s"), top.number("hysteresis")
+    if not (sample_time_s > 0.0 and hysteresis >= 0.0):
+        raise CertificateError("the sample time must be greater than 0 and the hysteresis at least 0")
+    cycles = top.children("cycles")
+    if len(cycles) > _MOST_CYCLES:
+        raise CertificateError(f"{top.at('cycles')} has more than {_MOST_CYCLES} entries")
+    found = SystemCertificate(
+        name=top.text("name"),
+        system_sha256=top.text("system_sha256"),
+        model=SwitchedModel(sample_time_s, hysteresis, top.word("inactive", Memory), (loops[0], loops[1])),
+        setpoints=None if top.get("setpoints") is None else _pair(top, "setpoints"),
+        loops=(proofs[0], proofs[1]),
+        settling=None if top.get("settling") is None else _read_settling(top.child("settling")),
+        reason=top.text("reason"),
+        cycles=tuple(_read_cycle(entry) for entry in cycles),
+        versions=top.texts("versions"),
+    )
+    if (different := first_difference(top.value, to_document(found), "the certificate")) is not None:
+        raise CertificateError(f"{different} does not agree with the other entries")
+    return found
+
+
+def _loop(loop: SwitchedLoop, proof: SaturatedLoopProof | None) -> dict[str, Any]:
+    controller = loop.controller
+    numbers = loop.plant.parameters.items()
+    return {
+        "name": loop.name,
+        "controller": {
+            "direct": controller.direct,
+            "poles": list(controller.poles),
+            "residues": list(controller.residues),
+            "weights": list(controller.weights),
+            "tracking_gain": controller.tracking_gain,
+            "limits": list(controller.limits),
+            "delay_samples": loop.delay_samples,
+        },
+        "plant": {
+            "model": loop.plant.model,
+            "parameters": [{"name": name, "nominal": n.nominal, "min": n.min, "max": n.max} for name, n in numbers],
+        },
+        "decays": None
+        if proof is None
+        else {"matrix": _rows(proof.matrix), "multiplier": proof.multiplier, "decay": proof.decay},
+    }
+
+
+def _settling(proof: SettlingProof) -> dict[str, Any]:
+    return {
+        "setpoints": list(proof.setpoints),
+        "samples": proof.samples,
+        "matrix": _rows(proof.matrix),
+        "decay": proof.decay,
+        "undershoot": proof.undershoot,
+        "overshoot": proof.overshoot,
+    }
+
+
+def _cycle(proof: CycleProof) -> dict[str, Any]:
+    return {
+        "setpoint": proof.setpoint,
+        "plants": [dict(numbers) for numbers in proof.plants],
+        "modes": proof.modes,
+        "parts": proof.parts,
+        "attraction": None if proof.attraction is None else _rows(proof.attraction),
+        "lowest": proof.lowest,
+        "highest": proof.highest,
+    }
+
+
+def _rows(triangle: Triangle) -> list[list[float]]:
+    return [list(row) for row in triangle]
+
+
+def _read_loop(entry: JsonObject) -> tuple[SwitchedLoop, SaturatedLoopProof | None]:
+    loop = SwitchedLoop(
+        entry.text("name"),
+        _read_controller(entry.child("controller")),
+        _read_plant(entry.child("plant")),
+        entry.child("controller").number("delay_samples"),
+    )
+    if entry.get("decays") is None:
+        return loop, None
+    proof = entry.child("decays")
+    return loop, SaturatedLoopProof(_triangle(proof, "matrix"), proof.number("multiplier"), proof.number("decay"))
+
+
+def _read_controller(entry: JsonObject) -> Runtime:
+    poles, residues, weights = (entry.numbers(key) for key in ("poles", "residues", "weights"))
+    low, high = _pair(entry, "limits")
+    if not len(poles) == len(residues) == len(weights) <= _MOST_SECTIONS:
+        raise CertificateError(f"{entry.place}: poles, residues and weights are no sum of at most {_MOST_SECTIONS}")
+    if any(abs(pole) >= 1.0 for pole in poles[1:]) or any(not -1.0 < pole <= 1.0 for pole in poles[:1]):
+        raise CertificateError(f"{entry.place}: the sections are not stable")
+    if not low < high:
+        raise CertificateError(f"{entry.place}.limits are empty")
+    direct, gain = entry.number("direct"), entry.number("tracking_gain")
+    return Runtime(Precision.FLOAT64, direct, poles, residues, weights, gain, (low, high))
+
+
+def _read_plant(entry: JsonObject) -> PlantFamily:
+    model = PLANT_MODELS.get(entry.text("model"))
+    if model is None:
+        raise CertificateError(f"{entry.at('model')} is none of {', '.join(PLANT_MODELS)}")
+    numbers: dict[str, Uncertain] = {}
+    for one in entry.children("parameters"):
+        name = one.text("name")
+        try:
+            number = Uncertain(one.number("nominal"), one.number("min"), one.number("max"))
+        except DomainError as error:
+            raise CertificateError(f"{one.place}: {error}") from None
+        if wrong := model.check(name, number):
+            raise CertificateError(f"{one.place}: {name} {wrong}")
+        numbers[name] = number
+    if not model.lists and tuple(numbers) != model.scalars:
+        raise CertificateError(f"{entry.at('parameters')} are not those of model {model.name}")
+    return PlantFamily(model.name, numbers)
+
+
+def _read_settling(entry: JsonObject) -> SettlingProof:
+    samples = entry.count_or_none("samples")
+    if samples is None or not 1 <= samples <= MOST_SAMPLES:
+        raise CertificateError(f"{entry.at('samples')} must be from 1 to {MOST_SAMPLES}")
+    return SettlingProof(
+        _pair(entry, "setpoints"),
+        samples,
+        _triangle(entry, "matrix"),
+        entry.number("decay"),
+        entry.number("undershoot"),
+        entry.number("overshoot"),
+    )
+
+
+def _read_cycle(entry: JsonObject) -> CycleProof:
+    plants = entry.children("plants")
+    modes, parts = entry.text("modes"), entry.text("parts")
+    if len(plants) != 2:
+        raise CertificateError(f"{entry.at('plants')} must be two")
+    if not 2 <= len(modes) == len(parts) <= LONGEST_WORD or set(modes) != {"T", "B"} or not set(parts) <= set("-0+"):
+        raise CertificateError(f"{entry.place}: modes and parts are no word of at most {LONGEST_WORD} samples")
+    return CycleProof(
+        entry.number("setpoint"),
+        (_numbers(plants[0]), _numbers(plants[1])),
+        modes,
+        parts,
+        None if entry.get("attraction") is None else _triangle(entry, "attraction"),
+        entry.number("lowest"),
+        entry.number("highest"),
+    )
+
+
+def _numbers(entry: JsonObject) -> Mapping[str, float]:
+    return {name: entry.number(name) for name in entry.value}
+
+
+def _pair(entry: JsonObject, key: str) -> tuple[float, float]:
+    numbers = entry.numbers(key)
+    if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
+        raise CertificateError(f"{entry.at(key)} must be two numbers")
+    return numbers[0], numbers[1]
+
+
+def _triangle(entry: JsonObject, key: str) -> Triangle:
+    rows = entry.get(key)
+    if not isinstance(rows, list) or not 1 <= len(rows) <= 2 * _MOST_SECTIONS + 1:
+        raise CertificateError(f"{entry.at(key)} is no lower triangle")
+    found = tuple(JsonObject({"row": row}, f"{entry.at(key)}[{k}]").numbers("row") for k, row in enumerate(rows))
+    if any(len(row) != k + 1 for k, row in enumerate(found)):
+        raise CertificateError(f"{entry.at(key)} is no lower triangle")
+    return found

@@ -1,0 +1,60 @@
+"""`fopi prove SYSTEM` and the recheck of its certificate: exit codes, text, files and JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from cases.project import ROOT
+from typer.testing import CliRunner, Result
+
+from fopi_tune.cli import app
+
+
+def fopi(*arguments: str) -> Result:
+    return CliRunner().invoke(app, list(arguments))
+
+
+def car(folder: Path, memory: str) -> str:
+    text = (ROOT / "systems" / "car.yaml").read_text(encoding="utf-8")
+    path = folder / f"{memory}.yaml"
+    changed = text.replace("inactive: held ", f"inactive: {memory} ").replace("../specs", str(ROOT / "specs"))
+    path.write_text(changed, encoding="utf-8")
+    return str(path)
+
+
+@pytest.mark.parametrize(("memory", "verdict", "code"), [("reset", "settles", 0), ("held", "cycles", 1)])
+def test_a_system_is_proved_and_rechecked(tmp_path: Path, memory: str, verdict: str, code: int) -> None:
+    file, out = car(tmp_path, memory), tmp_path / "out"
+    proved = fopi("prove", file, "--out", str(out), "--quiet")
+    assert (proved.exit_code, proved.stderr) == (code, "")
+    assert proved.stdout.startswith(f"car: {verdict}. ")
+    assert all(len(line) <= 80 and line.isascii() for line in proved.stdout.splitlines())
+    assert json.loads((out / "system_proof.json").read_text(encoding="utf-8"))["status"] == verdict
+    certificate = str(out / "system_certificate.json")
+    again = fopi("prove", "--recheck", certificate, file)
+    assert again.exit_code == code
+    assert again.stdout.startswith(f"car: sound, {verdict}")
+    told = json.loads(fopi("prove", "--recheck", certificate, "--json").stdout)
+    assert (told["status"], told["verdict"]) == ("sound", verdict)
+
+
+def test_a_certificate_of_another_system_is_refused(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    fopi("prove", car(tmp_path, "reset"), "--out", str(out), "--quiet")
+    certificate = out / "system_certificate.json"
+    other = fopi("prove", "--recheck", str(certificate), car(tmp_path, "tracking"))
+    assert other.exit_code == 1
+    assert "refused" in other.stdout
+    document = json.loads(certificate.read_text(encoding="utf-8"))
+    certificate.write_text(json.dumps({**document, "hysteresis": 0.6}), encoding="utf-8")
+    changed = fopi("prove", "--recheck", str(certificate))
+    assert changed.exit_code == 2
+    assert "does not agree with the other entries" in changed.stderr
+
+
+def test_gains_of_a_spec_are_refused_for_a_system(tmp_path: Path) -> None:
+    refused = fopi("prove", car(tmp_path, "reset"), "--kp", "1", "--quiet", "--out", str(tmp_path))
+    assert refused.exit_code == 2
+    assert "its modes' gains belong into its file" in refused.stderr

@@ -1,0 +1,59 @@
+"""The switched loop written down once more, in floating point for many lanes, with a brake that varies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.digital.runtime import Runtime
+from fopi_tune.proof.switched.model import Memory, SwitchedModel
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Outputs and active modes, shape (samples, lanes)."""
+
+    y: Array
+    mode: np.ndarray
+
+
+def run(
+    model: SwitchedModel, setpoint: Array, output: Array, mode: np.ndarray, memories: list[Array],
+    throttle: tuple[float, float], brake: tuple[Array, float],
+) -> Run:  # fmt: skip
+    """Simulate; `memories` have shape (sections, lanes), `throttle` is (m, K), `brake` is m (samples, lanes) and K."""
+    y, x, mode = output.copy(), [each.copy() for each in memories], mode.copy()
+    outputs, modes = [], []
+    for share in brake[0]:
+        to_brake = (mode == 0) & (y >= setpoint + model.hysteresis)
+        to_throttle = (mode == 1) & (y <= setpoint - model.hysteresis)
+        for index, begins in ((1, to_brake), (0, to_throttle)):
+            mode[begins] = index
+            if model.memory is Memory.RESET:
+                x[index][:, begins] = 0.0
+        e = setpoint - y
+        results = [_step(loop.controller, x[k], e) for k, loop in enumerate(model.loops)]
+        u = np.where(mode == 0, results[0][0], results[1][0])
+        for k, loop in enumerate(model.loops):
+            idle = _track(loop.controller, x[k], e, u) if model.memory is Memory.TRACKING else x[k]
+            x[k] = np.where(mode == k, results[k][1], idle)
+        outputs.append(y)
+        modes.append(mode.copy())
+        m = np.where(mode == 0, throttle[0], share)
+        y = y + m * (np.where(mode == 0, throttle[1], brake[1]) * u - y)
+    return Run(np.array(outputs), np.array(modes))
+
+
+def _step(c: Runtime, x: Array, e: Array) -> tuple[Array, Array]:
+    p, r, w = (np.array(row)[:, None] for row in (c.poles, c.residues, c.weights))
+    v = c.direct * e + x.sum(axis=0)
+    u = np.clip(v, *c.limits)
+    return u, p * (x + w * c.tracking_gain * (u - v)) + r * e
+
+
+def _track(c: Runtime, x: Array, e: Array, applied: Array) -> Array:
+    following = np.array(c.poles)[:, None] * x
+    following[0] = np.clip(applied, *c.limits) - c.direct * e - following[1:].sum(axis=0)
+    return following

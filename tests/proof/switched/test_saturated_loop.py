@@ -1,0 +1,72 @@
+"""One loop with its limits:  found and verified, refused where it is false, and true in simulations from everywhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import switched
+
+from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.proof.switched.saturated_loop import (
+    SaturatedLoopProof,
+    prove_saturated_loop,
+    verify_saturated_loop,
+)
+
+
+def full(proof: SaturatedLoopProof) -> np.ndarray:
+    size = len(proof.matrix)
+    return np.array([[proof.matrix[max(i, j)][min(i, j)] for j in range(size)] for i in range(size)])
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_the_car_decays_with_its_limits(index: int) -> None:
+    proof = switched.certificate("reset").loops[index]
+    assert proof is not None
+    assert verify_saturated_loop(switched.model("reset").loops[index], 0.2, proof)
+    assert proof.decay < 1.0
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_simulated_states_shrink_as_stated(index: int) -> None:
+    proof, loop = switched.certificate("reset").loops[index], switched.model("reset").loops[index]
+    assert proof is not None
+    c, p, rng = loop.controller, full(proof), np.random.default_rng(index)
+    poles, residues, weights = (np.array(row) for row in (c.poles, c.residues, c.weights))
+    setpoint, gain = (10.0, 4.39 / 0.1746) if index == 0 else (-0.4, 1.0)
+    rest = setpoint / gain
+    for _ in range(50):
+        x, y = rng.normal(size=len(poles)) * 10.0 ** rng.uniform(-2, 1), rng.uniform(-50.0, 50.0)
+        for _ in range(40):
+            z = np.concatenate([[y - setpoint, x[0] - rest], x[1:]])
+            m = -np.expm1(-0.2 * 0.1746) if index == 0 else -np.expm1(-0.2 / rng.uniform(1.6, 3.1))
+            v = c.direct * (setpoint - y) + x.sum()
+            u = min(max(v, c.limits[0]), c.limits[1])
+            x = poles * (x + weights * c.tracking_gain * (u - v)) + residues * (setpoint - y)
+            y = y + m * (gain * u - y)
+            after = np.concatenate([[y - setpoint, x[0] - rest], x[1:]])
+            # rounding of the quadratic form
+            assert after @ p @ after <= proof.decay**2 * (z @ p @ z) * (1.0 + 1e-9)
+
+
+def test_false_statements_are_refused() -> None:
+    proof, loop = switched.certificate("reset").loops[1], switched.model("reset").loops[1]
+    assert proof is not None
+    slower = Uncertain(2.25, 1.6, 300.0)
+    wider = PlantFamily("lag", {**loop.plant.parameters, "time_constant_s": slower})
+    negative = (*proof.matrix[:-1], (*proof.matrix[-1][:-1], -proof.matrix[-1][-1]))
+    assert not verify_saturated_loop(loop, 0.2, replace(proof, decay=0.9))
+    assert not verify_saturated_loop(loop, 0.2, replace(proof, decay=1.0))
+    assert not verify_saturated_loop(loop, 0.2, replace(proof, multiplier=0.0))
+    assert not verify_saturated_loop(loop, 0.2, replace(proof, multiplier=-1.0))
+    assert not verify_saturated_loop(loop, 0.2, replace(proof, matrix=negative))
+    assert not verify_saturated_loop(loop, 0.2, replace(proof, matrix=proof.matrix[:-1]))
+    assert not verify_saturated_loop(replace(loop, plant=wider), 0.2, proof)
+
+
+def test_an_unstable_loop_has_no_proof() -> None:
+    loop = switched.model("reset").loops[0]
+    strong = replace(loop.controller, direct=50.0)
+    assert prove_saturated_loop(replace(loop, controller=strong), 0.2) is None

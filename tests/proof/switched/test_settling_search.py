@@ -1,0 +1,63 @@
+"""Which setpoints the search finds, and what it says of the others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from cases import switched
+
+from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.proof.switched.settling import verify_settling
+from fopi_tune.proof.switched.settling_search import prove_settling
+
+
+@pytest.mark.parametrize("memory", ["reset", "tracking"])
+def test_without_a_question_the_widest_range_is_found(memory: str) -> None:
+    model = switched.model(memory)
+    found = prove_settling(model, None)
+    assert found.proof is not None
+    assert found.reason == ""
+    low, high = found.proof.setpoints
+    # the brake needs a setpoint above the hysteresis, and the throttle holds at most 4.39/0.1746 = 25.14
+    assert low <= 1.0
+    assert 25.0 <= high < 25.15
+    wider = replace(found.proof, setpoints=(low, 25.15))
+    assert verify_settling(model, wider) is None
+
+
+def test_a_range_that_can_be_proved_in_part_says_what_ends_it() -> None:
+    found = prove_settling(switched.model("reset"), (5.0, 30.0))
+    assert found.proof is not None
+    assert found.proof.setpoints[0] == 5.0
+    assert found.proof.setpoints[1] < 25.15
+    assert found.reason.startswith("above 25.1")
+
+
+def test_setpoints_out_of_reach_have_no_proof() -> None:
+    found = prove_settling(switched.model("reset"), (26.0, 30.0))
+    assert found.proof is None
+    assert "above 25.1" in found.reason
+
+
+def test_what_is_not_handled_is_said() -> None:
+    held, reset = switched.model("held"), switched.model("reset")
+    throttle, brake = reset.loops
+    uncertain = PlantFamily("pole", {**throttle.plant.parameters, "gain": Uncertain(4.39, 4.0, 5.0)})
+    assert "held memory" in prove_settling(held, None).reason
+    assert "hysteresis greater than 0" in prove_settling(replace(reset, hysteresis=0.0), None).reason
+    several = replace(reset, loops=(replace(throttle, plant=uncertain), brake))
+    assert "its plant is uncertain" in prove_settling(several, None).reason
+
+
+def test_a_throttle_that_overshoots_is_proved_only_where_it_does_not_reach_the_brake() -> None:
+    throttle, brake = switched.model("reset").loops
+    # ten times the integral action: the output swings over the upper line
+    eager = replace(throttle.controller, residues=tuple(10.0 * each for each in throttle.controller.residues))
+    model = replace(switched.model("reset"), loops=(replace(throttle, controller=eager), brake))
+    found = prove_settling(model, switched.SETPOINTS)
+    assert found.proof is not None
+    assert found.proof.setpoints[1] < 11.0
+    assert found.proof.overshoot < model.hysteresis
+    assert found.reason == f"above {10.5:g}: the output overshoots by the hysteresis"
+    assert prove_settling(model, (12.0, 22.0)).proof is None
