@@ -96,7 +96,12 @@ SEALED: list[tuple[str, tuple[Any, ...], Callable[[Any], Any]]] = [
 ]
 
 
-@pytest.mark.parametrize(("memory", "path", "change"), SEALED, ids=lambda each: str(each) if each else "")
+@pytest.mark.parametrize(
+    ("memory", "path", "change"),
+    # a function's own name has its address in it, which differs between the processes of the tests
+    SEALED,
+    ids=[f"{memory}-{'.'.join(map(str, path))}" for memory, path, _ in SEALED],
+)
 def test_a_change_by_somebody_who_knows_the_digest_is_refused(
     memory: str, path: tuple[Any, ...], change: Callable[[Any], Any]
 ) -> None:
