@@ -53,7 +53,7 @@ def _note(result: RequirementResult) -> Iterator[str]:
     limit, missed = requirement.limits[0], abs(achieved - requirement.limits[0])
     unit = next(unit for ending, unit in _UNITS.items() if requirement.quantity.endswith(ending))
     has_percent = not _is_angle(requirement) and unit != "dB" and limit != 0.0
-    part = f" ({100.0 * missed / abs(limit):.2g} %)" if has_percent else ""
+    part = f" ({100.0 * missed / abs(limit):.3g} %)" if has_percent else ""
     words = f"{requirement.quantity} = {limit:.10g} is missed by {missed:.3g} {unit}{part}"
     if shown_score(requirement, achieved) <= _NEAR:
         low, high = _range_around(requirement, limit, missed)
