@@ -16,9 +16,11 @@ import numpy as np
 from fopi_tune.optimum.parametrization import GainParametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.central_loops import Suggestion
+from fopi_tune.optimum.pruning.combinations import Combination, are_excluded_together
 from fopi_tune.optimum.pruning.conditions import Test
 from fopi_tune.optimum.pruning.crossover_suggestions import suggestions
 from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
+from fopi_tune.optimum.pruning.joint_suggestions import combinations
 from fopi_tune.optimum.pruning.sample_points import (
     constant_reasons,
     first_reasons,
@@ -26,7 +28,7 @@ from fopi_tune.optimum.pruning.sample_points import (
     meets_conditions,
     plants_to_try,
 )
-from fopi_tune.optimum.pruning.screen import Boxes, ScreeningSamples
+from fopi_tune.optimum.pruning.screen import Boxes, LinearBounds, ScreeningResult, ScreeningSamples
 from fopi_tune.optimum.tree import Node
 from fopi_tune.proof.balls.box import centre_of
 
@@ -40,6 +42,8 @@ _SURE, _WORTH = 1.0 + 1e-9, 1.02
 _REFINE_EVERY, _REFINE_BOXES = 4, 24
 #: box centres tried as controllers each time
 _MOST_TRIED = 3
+#: crossings of a box that are tested one by one
+_MOST_CROSSINGS = 2
 #: splits between attempts at claims that cost milliseconds
 _COSTLY_EVERY = 3
 #: a box whose widest side is this fraction of its root's is not split further
@@ -161,10 +165,15 @@ class BranchAndBound:
         return False
 
     def _still_holds(self, leaf: Node) -> bool:
-        assert leaf.reason is not None
-        if not self.problem.conditions.every[leaf.reason.condition].of_objective:
+        reason, conditions = leaf.reason, self.problem.conditions.every
+        assert reason is not None
+        several = reason.reasons if isinstance(reason, Combination) else (reason,)
+        if not any(conditions[each.condition].of_objective for each in several):
             return True
-        return is_excluded(self.problem, self.problem.parametrization.controllers(leaf.box), leaf.reason)
+        controllers = self.problem.parametrization.controllers(leaf.box)
+        if isinstance(reason, Combination):
+            return are_excluded_together(self.problem, controllers, reason)
+        return is_excluded(self.problem, controllers, reason)
 
     def _examined(self, batch: list[Node]) -> list[tuple[Node, float]] | None:
         """Discard what can be discarded and split the rest.
@@ -183,7 +192,7 @@ class BranchAndBound:
             rows.append(row)
         rows = self._by_fixed_margin(batch, self._simple(batch, rows))
         if rows:
-            rows = self._from_crossovers(batch, boxes, rows, axes, ratios)
+            rows = self._from_crossovers(batch, boxes, found, rows, axes, ratios)
         left = []
         for row in rows:
             node = batch[row]
@@ -213,26 +222,62 @@ class BranchAndBound:
         return [row for row in rows if not any(self._discard(batch[row], reason) for reason in simple)]
 
     def _from_crossovers(
-        self, batch: list[Node], boxes: Boxes, rows: list[int], axes: np.ndarray, ratios: np.ndarray
+        self,
+        batch: list[Node],
+        boxes: Boxes,
+        found: ScreeningResult,
+        rows: list[int],
+        axes: np.ndarray,
+        ratios: np.ndarray,
     ) -> list[int]:
+        """By one crossing, or by conditions that are not met together."""
         picked = np.array(rows)
-        by_row: dict[int, list[Suggestion]] = {}
+        by_row: list[list[Suggestion]] = [[] for _ in rows]
         for suggestion in suggestions(self.problem, boxes.take(picked), self.points):
-            by_row.setdefault(suggestion.row, []).append(suggestion)
-        left = []
+            by_row[suggestion.row].append(suggestion)
+        left: list[int] = []
         for k, row in enumerate(rows):
             node = batch[row]
-            own = sorted(by_row.get(k, []), key=lambda s: -s.ratio)
+            own = sorted(by_row[k], key=lambda s: -s.ratio)
             if self.problem.margin_is_fixed and not self.problem.is_line(node.box):
                 own = [s for s in own if not self._is_cover(s)]
-            if any(s.ratio > _WORTH and self._discard(node, s.reason) for s in own):
+            by_row[k] = own
+            sure = [s for s in own if s.ratio > _WORTH][:_MOST_CROSSINGS]
+            if any(self._discard(node, s.reason) for s in sure):
                 continue
             if own and own[0].axis >= 0 and own[0].ratio > ratios[row]:
                 axes[row], ratios[row] = own[0].axis, own[0].ratio
-            if self._depth(node) % _COSTLY_EVERY == 0 and self._costly(node, own):
-                continue
-            left.append(row)
-        return left
+            left.append(k)
+        left = self._together(batch, boxes, found, rows, left, by_row)
+        costly = [k for k in left if self._depth(batch[rows[k]]) % _COSTLY_EVERY == 0]
+        gone = {k for k in costly if self._costly(batch[rows[k]], by_row[k])}
+        return [rows[k] for k in left if k not in gone]
+
+    def _together(
+        self,
+        batch: list[Node],
+        boxes: Boxes,
+        found: ScreeningResult,
+        rows: list[int],
+        left: list[int],
+        by_row: list[list[Suggestion]],
+    ) -> list[int]:
+        """Discard boxes by conditions that are not met together; what is left of `left`, places in `rows`."""
+        if not left:
+            return left
+        assert self._samples is not None
+        picked = np.array([rows[k] for k in left])
+        bounds = LinearBounds(found.bounds.middle[picked], found.bounds.slopes[picked])
+        own = [by_row[k] for k in left]
+        joint = combinations(self.problem, boxes.take(picked), self._samples.reasons, bounds, own)
+        return [k for k, each in zip(left, joint, strict=True) if not self._discard_together(batch[rows[k]], each)]
+
+    def _discard_together(self, node: Node, combination: Combination | None) -> bool:
+        controllers = self.problem.parametrization.controllers(node.box)
+        if combination is None or not are_excluded_together(self.problem, controllers, combination):
+            return False
+        node.reason = combination
+        return True
 
     def _by_fixed_margin(self, batch: list[Node], rows: list[int]) -> list[int]:
         """Discard boxes in which no lower crossover can have the fixed nominal phase margin."""

@@ -11,8 +11,8 @@ from fopi_tune.optimum.results import Optimum, OptimumProof, OptimumStatus
 from fopi_tune.optimum.tree import Cover
 from fopi_tune.proof.strict_json import JsonObject
 
-#: version of the file; it may only grow.  In 1 margins were read from the unwrapped phase
-OPTIMUM_SCHEMA = 2
+#: version of the file; it may only grow.  In 1 margins were read from the unwrapped phase, in 2 a box had one reason
+OPTIMUM_SCHEMA = 3
 KIND = "fopi_tune optimum"
 
 
@@ -96,6 +96,8 @@ class OptimumDocument:
                 "schema 1 is about another phase margin and delay margin, read from the unwrapped phase; they are now "
                 "the distances of a stable loop from -1: certify the optimum again"
             )
+        if top.number("schema") == 2:
+            raise CertificateError("schema 2 proves each box by one condition only: certify the optimum again")
         if top.number("schema") != OPTIMUM_SCHEMA:
             raise CertificateError(f"schema {top.number('schema'):g} is not known; this version reads {OPTIMUM_SCHEMA}")
         self.name, self.spec_sha256 = top.text("name"), top.text("spec_sha256")

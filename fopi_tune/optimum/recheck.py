@@ -19,6 +19,7 @@ from fopi_tune.optimum.branch_and_bound import Termination
 from fopi_tune.optimum.certify import NOTHING_SHOWN, better_gains_reason, incumbent_refusal, met_reason, why_no_bound
 from fopi_tune.optimum.documents import OptimumDocument, to_document
 from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.pruning.combinations import Combination, are_excluded_together
 from fopi_tune.optimum.pruning.conditions import Condition, Test, conditions_of, is_maximized
 from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.results import SMALLEST_OBJECTIVE, OptimumProof, OptimumStatus, relative_gap
@@ -198,10 +199,16 @@ def _check_proof(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]
         try:
             for box, reason in walk(cover, proof.reasons):
                 leaves += 1
-                test = problem.conditions.every[reason.condition].test
-                if on_line and test is Test.LOWER_CROSSOVER:
-                    return leaves, [f"box {leaves} lies on a line of the fixed margin, where its reason says nothing"]
-                if not is_excluded(problem, problem.parametrization.controllers(box), reason):
+                controllers = problem.parametrization.controllers(box)
+                if isinstance(reason, Combination):
+                    is_discarded = are_excluded_together(problem, controllers, reason)
+                else:
+                    test = problem.conditions.every[reason.condition].test
+                    if on_line and test is Test.LOWER_CROSSOVER:
+                        words = "lies on a line of the fixed margin, where its reason says nothing"
+                        return leaves, [f"box {leaves} {words}"]
+                    is_discarded = is_excluded(problem, controllers, reason)
+                if not is_discarded:
                     return leaves, [f"box {leaves} is not discarded by the reason that is given"]
         except ValueError as error:
             return leaves, [str(error)]

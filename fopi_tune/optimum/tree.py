@@ -1,14 +1,17 @@
 """The branch-and-bound tree:  a root box is bisected repeatedly; each leaf has the reason why it is discarded.
 
 Boxes are always split half-way along one axis, so the leaves cover the root by construction.  The serialised tree is a
-list of tokens in preorder: `1` splits along axis 1, `#7` is a leaf with reason 7.
+list of tokens in preorder: `1` splits along axis 1, `#7` is a leaf with reason 7, and `#7*0.5#9*2` one with reasons 7
+and 9 together, with their weights.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
+from fopi_tune.optimum.pruning.combinations import MOST_REASONS, Combination
 from fopi_tune.optimum.pruning.exclusion import Reason
 from fopi_tune.proof.balls.box import Box, split
 
@@ -27,7 +30,7 @@ class Node:
     box: Box
     axis: int = -1
     pieces: tuple[Node, ...] = ()
-    reason: Reason | None = None
+    reason: Reason | Combination | None = None
 
     def cut(self, axis: int) -> tuple[Node, Node] | None:
         """Both halves; None when no double lies between the ends."""
@@ -88,17 +91,43 @@ def to_cover(root: Node, reasons: Reasons) -> Cover:
             pending += reversed(node.pieces)
         else:
             assert node.reason is not None, "an open box cannot be written down"
-            tokens.append(f"#{reasons.index(node.reason)}")
+            tokens.append(_token(node.reason, reasons))
     return Cover(root.box, tuple(tokens))
+
+
+def _token(reason: Reason | Combination, reasons: Reasons) -> str:
+    if isinstance(reason, Reason):
+        return f"#{reasons.index(reason)}"
+    pairs = zip(reason.reasons, reason.weights, strict=True)
+    return "".join(f"#{reasons.index(each)}*{weight!r}" for each, weight in pairs)
+
+
+def _numbers(token: str) -> tuple[list[int], list[float] | None] | None:
+    """The numbers of a leaf's reasons, and the weights of several; None of what is no leaf."""
+    parts = token[1:].split("#") if token[:1] == "#" else []
+    pairs = [part.split("*") for part in parts]
+    if not pairs or not all(pair[0].isdecimal() and len(pair[0]) < 9 for pair in pairs):
+        return None
+    numbers = [int(pair[0]) for pair in pairs]
+    if len(pairs) == 1 and len(pairs[0]) == 1:
+        return numbers, None
+    if len(pairs) > MOST_REASONS or not all(len(pair) == 2 for pair in pairs):
+        return None
+    try:
+        weights = [float(pair[1]) for pair in pairs]
+    except ValueError:
+        return None
+    return (numbers, weights) if all(0.0 < weight < math.inf for weight in weights) else None
 
 
 def uses_every_reason(covers: Sequence[Cover], reasons: Sequence[Reason]) -> bool:
     """Whether the reasons are those of the leaves, each once and in the order of its first use."""
-    used = dict.fromkeys(token for cover in covers for token in cover.tokens if token.startswith("#"))
-    return list(used) == [f"#{k}" for k in range(len(reasons))] and len(set(reasons)) == len(reasons)
+    leaves = (_numbers(token) for cover in covers for token in cover.tokens)
+    used = dict.fromkeys(number for leaf in leaves if leaf is not None for number in leaf[0])
+    return list(used) == list(range(len(reasons))) and len(set(reasons)) == len(reasons)
 
 
-def walk(cover: Cover, reasons: Sequence[Reason]) -> Iterator[tuple[Box, Reason]]:
+def walk(cover: Cover, reasons: Sequence[Reason]) -> Iterator[tuple[Box, Reason | Combination]]:
     """Every leaf of a cover with its reason.
 
     Raises:
@@ -111,9 +140,10 @@ def walk(cover: Cover, reasons: Sequence[Reason]) -> Iterator[tuple[Box, Reason]
             raise ValueError("the tree ends before the box is covered")
         box, token = pending.pop(), cover.tokens[position]
         position += 1
-        number = int(token[1:]) if token[:1] == "#" and token[1:].isdecimal() and len(token) < 10 else -1
-        if 0 <= number < len(reasons):
-            yield box, reasons[number]
+        leaf = _numbers(token)
+        if leaf is not None and all(number < len(reasons) for number in leaf[0]):
+            named = tuple(reasons[number] for number in leaf[0])
+            yield box, named[0] if leaf[1] is None else Combination(named, tuple(leaf[1]))
             continue
         axis = int(token) if token.isdecimal() and len(token) < 3 else len(box)
         pieces = split(box, axis) if axis < len(box) else None

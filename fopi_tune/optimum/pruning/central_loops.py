@@ -36,6 +36,8 @@ class Suggestion:
         axis: along which the condition varies most; -1 where that is not known.
         reason: to be tested.
         excess: violation of the condition at the centre, neper or radian; negative where it is met.
+        slopes: derivatives of the violation along the coordinates, times the half-widths; empty where not known.
+        rest: about what these slopes leave of the violation.
     """
 
     row: int
@@ -43,6 +45,8 @@ class Suggestion:
     axis: int
     reason: Reason
     excess: float = 1.0
+    slopes: tuple[float, ...] = ()
+    rest: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -122,9 +126,14 @@ class Movements:
         """Change of |ln L|, shape (n,)."""
         return np.abs(self.slopes).sum(axis=1)
 
+    @property
+    def rest(self) -> Array:
+        """About what first derivatives leave of these changes."""
+        return 0.5 * np.minimum(self.size, 1.0) ** 2
+
     def _moves(self, parts: Array, steep: Array) -> Array:
         """To first order, and something for the second."""
-        return (np.abs(parts).sum(axis=1) + 0.5 * np.minimum(self.size, 1.0) ** 2) / np.abs(steep) + _LEAST_WIDTH
+        return (np.abs(parts).sum(axis=1) + self.rest) / np.abs(steep) + _LEAST_WIDTH
 
 
 def _away_from_zero(slope: Array) -> Array:

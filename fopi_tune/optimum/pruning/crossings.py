@@ -83,6 +83,13 @@ class GainCrossovers:
             for low, high in gaps
         )
 
+    def are_below_unless_at(self, omega: float) -> bool:
+        """Whether a controller has crossovers above a frequency only if |L| > 1 there: |L| falls from there on."""
+        u = math.log(omega) - _ROUNDING
+        # next to the frequency |L| only falls, farther it stays below 1
+        reach = next((step for step in (1.0, *_STEPS) if self.bounds.is_decreasing((u, u + step))), None)
+        return reach is not None and self.bounds.has_no_crossover(u + reach, math.inf, only_below=True)
+
     def _widened(self, bracket: Interval) -> Interval:
         """ln of a bracket's ends, moved outwards over where |L| cannot be 1.
 

@@ -65,7 +65,10 @@ def _margins(at: CentralLoops, moves: Movements, k: int, condition: Condition) -
     b = found.angle_from_minus_one_rad
     distance = np.abs(b) if rate is None else np.mod(b, 2.0 * np.pi) - rate * found.omega_rad_s
     varies = moves.angle(rate or 0.0)
-    excess = (distance - float(condition.level.mid())) * (1.0 if condition.upper else -1.0)
+    sign = 1.0 if condition.upper else -1.0
+    excess = (distance - float(condition.level.mid())) * sign
+    # |b| rises with b, or falls
+    varies = sign * (varies if rate is not None else np.where(b >= 0.0, 1.0, -1.0)[:, None] * varies)
     chosen = (moves.plant == 0) if condition.nominal else np.ones(len(b), dtype=bool)
     if condition.upper:
         chosen &= count[found.row] == 1
@@ -80,16 +83,20 @@ def _margins(at: CentralLoops, moves: Movements, k: int, condition: Condition) -
 def _best(
     at: CentralLoops, moves: Movements, k: int, excess: Array, varies: Array, width: Array, chosen: Array
 ) -> Iterator[Suggestion]:
-    """Of every box the crossing with the largest ratio."""
-    box, u = moves.box, moves.found.u
+    """Of every box and plant the crossing with the largest ratio."""
+    box, u, each = moves.box, moves.found.u, moves.box * len(at.points) + moves.plant
     ratio = excess / (np.abs(varies).sum(axis=1) + _TINY)
     index = np.flatnonzero(chosen & np.isfinite(ratio) & (ratio > -1.0) & (width < 3.0))
-    order = index[np.lexsort((ratio[index], box[index]))]
-    last = order[np.append(box[order][1:] != box[order][:-1], True)] if len(order) else order
-    for i in last:
+    order = index[np.lexsort((ratio[index], each[index]))]
+    last = order[np.append(each[order][1:] != each[order][:-1], True)] if len(order) else order
+    axes = np.argmax(np.abs(varies), axis=1)
+    for i in last.tolist():
         ends = float(np.exp(u[i] - width[i])), float(np.exp(u[i] + width[i]))
         reason = Reason(k, at.points[moves.plant[i]], ends)
-        yield Suggestion(int(box[i]), float(ratio[i]), int(np.argmax(np.abs(varies[i]))), reason, float(excess[i]))
+        slopes = tuple(varies[i].tolist())
+        yield Suggestion(
+            int(box[i]), float(ratio[i]), int(axes[i]), reason, float(excess[i]), slopes, float(moves.rest[i])
+        )
 
 
 def _low_crossovers(at: CentralLoops, moves: Movements, k: int, condition: Condition) -> Iterator[Suggestion]:
@@ -116,25 +123,27 @@ def _spreads(at: CentralLoops, moves: Movements, k: int, level: float) -> Iterat
     place[found.row] = np.arange(len(found.row))
     place = np.where(np.bincount(found.row, minlength=len(at.loops)) == 1, place, -1).reshape(-1, m)
     for row in range(len(at.boxes)):
-        best: tuple[float, int, Reason] | None = None
         zero = place[row, 0]
         for plant in range(1, m):
             i = place[row, plant]
             if zero < 0 or i < 0:
                 continue
-            apart, varies = margin[i] - margin[zero], np.abs(angle[i] - angle[zero])
-            ratio = (abs(apart) - level) / (varies.sum() + _TINY)
-            if best is None or ratio > best[0]:
-                above = bool(apart > 0)
-                wide = [max(_WIDE * move[j], _LEAST_COVER) for j in (i, zero)]
-                own = wide[0] if above else _NARROW * move[i]
-                other = _NARROW * move[zero] if above else wide[1]
-                ends = (found.u[i] - own, found.u[i] + own)
-                others = (found.u[zero] - other, found.u[zero] + other)
-                omega = tuple(float(np.exp(u)) for u in (*ends, *others))
-                best = (float(ratio), int(np.argmax(varies)), Reason(k, at.points[plant], omega, above))
-        if best is not None and best[0] > -1.0:
-            yield Suggestion(row, *best, excess=best[0])
+            apart = margin[i] - margin[zero]
+            above = bool(apart > 0)
+            varies = (angle[i] - angle[zero]) * (1.0 if above else -1.0)
+            excess = abs(apart) - level
+            ratio = float(excess / (np.abs(varies).sum() + _TINY))
+            if not ratio > -1.0:
+                continue
+            wide = [max(_WIDE * move[j], _LEAST_COVER) for j in (i, zero)]
+            own = wide[0] if above else _NARROW * move[i]
+            other = _NARROW * move[zero] if above else wide[1]
+            ends = (found.u[i] - own, found.u[i] + own)
+            others = (found.u[zero] - other, found.u[zero] + other)
+            omega = tuple(float(np.exp(u)) for u in (*ends, *others))
+            reason, axis = Reason(k, at.points[plant], omega, above), int(np.argmax(np.abs(varies)))
+            rest = float(moves.rest[i] + moves.rest[zero])
+            yield Suggestion(row, ratio, axis, reason, float(excess), tuple(varies.tolist()), rest)
 
 
 def _at_phase_crossovers(at: CentralLoops, k: int, condition: Condition) -> Iterator[Suggestion]:
@@ -149,4 +158,6 @@ def _at_phase_crossovers(at: CentralLoops, k: int, condition: Condition) -> Iter
     moves, log_gain = at.movements(_taken(found, inside)), log_gain[inside]
     excess = np.minimum(-log_gain, log_gain + level)
     chosen = (moves.plant == 0) if condition.nominal else np.ones(len(excess), dtype=bool)
-    yield from _best(at, moves, k, excess, moves.log_gain, moves.of_phase_crossovers * _NARROW, chosen)
+    # either way out of -level < ln|L| < 0; below the level is where |L| falls
+    varies = np.where(-log_gain < log_gain + level, -1.0, 1.0)[:, None] * moves.log_gain
+    yield from _best(at, moves, k, excess, varies, moves.of_phase_crossovers * _NARROW, chosen)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from flint import arb
+from flint import acb, arb
 
 from fopi_tune.core.peaks import Response
 from fopi_tune.optimum.parametrization import ControllerBox
@@ -50,35 +50,50 @@ class Reason:
 def is_excluded(problem: Problem, controllers: ControllerBox, reason: Reason) -> bool:
     """Whether every controller of a box fails a condition, for this reason."""
     condition = problem.conditions.every[reason.condition]
+    return is_about_members(problem, condition, reason) and _TESTS[condition.test](
+        problem, controllers, condition, reason
+    )
+
+
+def is_about_members(problem: Problem, condition: Condition, reason: Reason) -> bool:
+    """Whether a reason names a plant of the family, and as many frequencies as its condition is read at."""
     no_plant = condition.test in (Test.GAIN, Test.LOWER_CROSSOVER)
     if not no_plant and not problem.has_member(reason.point, condition.nominal):
         return False
     if len(reason.omega) not in _FREQUENCIES[condition.test]:
         return False
-    if not all(math.isfinite(omega) and omega > 0.0 for omega in reason.omega):
-        return False
-    return _TESTS[condition.test](problem, controllers, condition, reason)
+    return all(math.isfinite(omega) and omega > 0.0 for omega in reason.omega)
+
+
+def response_quadratic(
+    problem: Problem, condition: Condition, reason: Reason
+) -> tuple[acb, tuple[arb, acb, arb]] | None:
+    """ln s and the quadratic of a response, or of a disturbance's error:  T |P/(1 + C P)| < level at s = 1/T.
+
+    The latter is |S| with 1/M = T |P|/level.  None where the reason names no frequency of the condition's.
+    """
+    if condition.test is Test.DISTURBANCE:
+        if not condition.level > 0:
+            return None
+        log_s, p = problem.real_response(reason.point, condition.horizon_s)
+        limit = (condition.level / (condition.horizon_s * abs(p))) ** 2
+        return log_s, quadratic(Response.SENSITIVITY, p, limit, True)
+    low, high = condition.band_rad_s
+    if not reason.omega or not low <= reason.omega[0] <= high or condition.response is None:
+        return None
+    log_s, p = problem.response(reason.point, reason.omega[0])
+    return log_s, quadratic(condition.response, p, (2 * condition.level).exp(), condition.upper)
 
 
 def _response(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    low, high = condition.band_rad_s
-    if not reason.omega:  # |S| -> 1 as omega -> inf, whatever the gains
+    if condition.test is Test.RESPONSE and not reason.omega:  # |S| -> 1 as omega -> inf, whatever the gains
         is_decreasing = condition.response is Response.SENSITIVITY and condition.upper and rolls_off(problem.family)
-        return is_decreasing and math.isinf(high) and bool(condition.level < 0)
-    (omega,) = reason.omega
-    if not low <= omega <= high or condition.response is None:
+        return is_decreasing and math.isinf(condition.band_rad_s[1]) and bool(condition.level < 0)
+    found = response_quadratic(problem, condition, reason)
+    if found is None:
         return False
-    log_s, p = problem.response(reason.point, omega)
-    q = quadratic(condition.response, p, (2 * condition.level).exp(), condition.upper)
+    log_s, q = found
     return bool(lower_bound(q, controllers.taylor_model(log_s), controllers.half) > 0)
-
-
-def _disturbance(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    """T |P/(1 + C P)| >= level:  |S| with 1/M = T |P|/level, at s = 1/T."""
-    log_s, p = problem.real_response(reason.point, condition.horizon_s)
-    limit = (condition.level / (condition.horizon_s * abs(p))) ** 2
-    q = quadratic(Response.SENSITIVITY, p, limit, True)
-    return bool(condition.level > 0 and lower_bound(q, controllers.taylor_model(log_s), controllers.half) > 0)
 
 
 def _gain(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
@@ -98,7 +113,7 @@ def _margin(problem: Problem, controllers: ControllerBox, condition: Condition, 
     """A crossover is too close to -1; or every crossover is too far from it, or there is none."""
     if condition.rate is not None:
         return _delay_margin(problem, controllers, condition, condition.rate, reason)
-    crossovers, brackets = GainCrossovers.of(problem, controllers, reason.point), _brackets(reason)
+    crossovers, brackets = GainCrossovers.of(problem, controllers, reason.point), brackets_of(reason)
     if not brackets:
         return condition.upper and crossovers.are_in(())
     at = LoopBracket.of(problem, controllers, reason.point, log_interval(*brackets[0]))
@@ -118,7 +133,7 @@ def _delay_margin(
 
     The lag modulo a turn is at least any that is less than a turn, and at most any that is not negative.
     """
-    crossovers, brackets = GainCrossovers.of(problem, controllers, reason.point), _brackets(reason)
+    crossovers, brackets = GainCrossovers.of(problem, controllers, reason.point), brackets_of(reason)
     if not brackets:
         return condition.upper and crossovers.are_in((), falls=True)
     at = LoopBracket.of(problem, controllers, reason.point, log_interval(*brackets[0]))
@@ -134,7 +149,7 @@ def _spread(problem: Problem, controllers: ControllerBox, condition: Condition, 
     """The difference of two margins: of one a crossover must exist, of the other no second one may exist."""
     if not reason.omega:
         return bool(condition.level <= 0)
-    places = list(zip((reason.point, problem.nominal), _brackets(reason), strict=True))
+    places = list(zip((reason.point, problem.nominal), brackets_of(reason), strict=True))
     large, small = places if reason.above else places[::-1]
     angles = [LoopBracket.of(problem, controllers, point, log_interval(*bracket)) for point, bracket in (large, small)]
     if angles[0] is None or angles[1] is None:
@@ -153,6 +168,15 @@ def _are_apart(larger: MeanValueForm, smaller: MeanValueForm, level: arb) -> boo
 
 def _gain_margin(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """Im L changes its sign in the bracket, Re L < 0 there, and  -level < ln|L| < 0  where Im L = 0."""
+    if not sign_changes(problem, controllers, reason):
+        return False
+    at = LoopBracket.of(problem, controllers, reason.point, log_interval(reason.omega[0], reason.omega[1]))
+    found = None if at is None else at.gain_where_negative
+    return found is not None and bool(found.upper < 0) and bool(found.lower > -condition.level)
+
+
+def sign_changes(problem: Problem, controllers: ControllerBox, reason: Reason) -> bool:
+    """Whether Im L changes its sign in the bracket, for every controller."""
     ends = reason.omega[0], reason.omega[1]
     if not ends[0] < ends[1]:
         return False
@@ -163,11 +187,7 @@ def _gain_margin(problem: Problem, controllers: ControllerBox, condition: Condit
         reach = sum((abs((p * s).imag) * h for s, h in zip(taylor_model.slopes, controllers.half, strict=True)), _ZERO)
         value, reach = (p * taylor_model.middle).imag, reach + abs(p) * taylor_model.remainder
         signs.append(1 if value > reach else -1 if value < -reach else 0)
-    if signs[0] * signs[1] >= 0:
-        return False
-    at = LoopBracket.of(problem, controllers, reason.point, log_interval(*ends))
-    found = None if at is None else at.gain_where_negative
-    return found is not None and bool(found.upper < 0) and bool(found.lower > -condition.level)
+    return signs[0] * signs[1] < 0
 
 
 def _crossover(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
@@ -190,10 +210,11 @@ def _gain_spread(problem: Problem, controllers: ControllerBox, condition: Condit
 def _stability(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """One plant's loop is unstable for every controller."""
     delay_s = _ZERO if condition.rate is None else condition.rate
-    return delay_s >= 0 and is_unstable(problem, controllers, reason.point, _brackets(reason), delay_s)
+    return delay_s >= 0 and is_unstable(problem, controllers, reason.point, brackets_of(reason), delay_s)
 
 
-def _brackets(reason: Reason) -> list[Interval]:
+def brackets_of(reason: Reason) -> list[Interval]:
+    """The brackets of frequencies that a reason names."""
     return list(zip(reason.omega[::2], reason.omega[1::2], strict=True))
 
 
@@ -224,7 +245,7 @@ _FREQUENCIES = {
 }
 _TESTS = {
     Test.RESPONSE: _response,
-    Test.DISTURBANCE: _disturbance,
+    Test.DISTURBANCE: _response,
     Test.MARGIN: _margin,
     Test.GAIN_MARGIN: _gain_margin,
     Test.CROSSOVER: _crossover,

@@ -11,17 +11,51 @@ Such a limit says that C stays outside a disc, or inside, or on one side of a li
 
 and the opposite for >=.  With the Taylor model of `fopi_tune.optimum.parametrization` and w = a conj(C_c) + b,
 
-    q >= q(C_c) - 2 sum |Re(w C_i)| h_i - 2 |w| r - max(-a, 0) (sum |C_i| h_i + r)^2 .                       (2)
+    q >= q(C_c) + 2 sum Re(w C_i) t_i - 2 |w| r - max(-a, 0) (sum |C_i| h_i + r)^2 ,     |t_i| <= h_i .      (2)
 
 Source: derived; (1) is each response's limit squared and written out, (2) a lower bound over the Taylor model.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from flint import acb, arb
 
 from fopi_tune.core.peaks import Response
 from fopi_tune.optimum.parametrization import TaylorModel
+
+_ZERO = arb(0)
+
+
+@dataclass(frozen=True)
+class LinearBound:
+    """A lower bound of a condition's violation over a box that is linear in its coordinates.
+
+    The violation of gains at the coordinates centre + t is at least  middle + sum_i slopes_i t_i/half_i ; gains that
+    meet the condition have none above 0.
+
+    Args:
+        middle: at the centre, less all that is not linear.
+        slopes: along the coordinates, times the half-widths.
+    """
+
+    middle: arb
+    slopes: tuple[arb, ...]
+
+    @property
+    def lowest(self) -> arb:
+        """No gains of the box have less."""
+        return self.middle - sum((abs(slope) for slope in self.slopes), _ZERO)
+
+    def scaled(self, weight: arb) -> LinearBound:
+        """The weighted violation; the weight must not be negative."""
+        return LinearBound(weight * self.middle, tuple(weight * slope for slope in self.slopes))
+
+    def plus(self, other: LinearBound) -> LinearBound:
+        """The sum of two violations of the same gains."""
+        slopes = tuple(a + b for a, b in zip(self.slopes, other.slopes, strict=True))
+        return LinearBound(self.middle + other.middle, slopes)
 
 
 def quadratic(response: Response, p: acb, limit: arb, upper: bool) -> tuple[arb, acb, arb]:
@@ -37,15 +71,19 @@ def quadratic(response: Response, p: acb, limit: arb, upper: bool) -> tuple[arb,
     return found if upper else (-found[0], -found[1], -found[2])
 
 
-def lower_bound(q: tuple[arb, acb, arb], taylor_model: TaylorModel, half: tuple[arb, ...]) -> arb:
+def linear_bound(q: tuple[arb, acb, arb], taylor_model: TaylorModel, half: tuple[arb, ...]) -> LinearBound:
     """The bound (2)."""
     a, b, c = q
     middle = taylor_model.middle
     w = a * middle.conjugate() + b
-    value = a * abs(middle) ** 2 + 2 * (b * middle).real + c
     pairs = list(zip(taylor_model.slopes, half, strict=True))
-    value = value - 2 * sum((abs((w * slope).real) * h for slope, h in pairs), abs(w) * taylor_model.remainder)
+    value = a * abs(middle) ** 2 + 2 * (b * middle).real + c - 2 * abs(w) * taylor_model.remainder
     if not a >= 0:
         reach = sum((abs(slope) * h for slope, h in pairs), taylor_model.remainder)
         value = value - abs(a) * reach**2
-    return value
+    return LinearBound(value, tuple(2 * (w * slope).real * h for slope, h in pairs))
+
+
+def lower_bound(q: tuple[arb, acb, arb], taylor_model: TaylorModel, half: tuple[arb, ...]) -> arb:
+    """The least value of q over a box, by (2)."""
+    return linear_bound(q, taylor_model, half).lowest

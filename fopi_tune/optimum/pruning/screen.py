@@ -108,6 +108,19 @@ def gains_at(parametrization: Parametrization, coordinates: Array) -> tuple[Arra
 
 
 @dataclass(frozen=True)
+class LinearBounds:
+    """Linear lower bounds of m violations over n boxes, as `fopi_tune.optimum.pruning.response_bounds` has them.
+
+    Args:
+        middle: shape (n, m).
+        slopes: times the half-widths, shape (n, m, k).
+    """
+
+    middle: Array
+    slopes: Array
+
+
+@dataclass(frozen=True)
 class ScreeningResult:
     """Result of screening n boxes.
 
@@ -115,11 +128,13 @@ class ScreeningResult:
         ratio: the largest ratio of each box.
         reason: index of its sample.
         axis: along which its condition varies most.
+        bounds: of all samples.
     """
 
     ratio: Array
     reason: NDArray[np.intp]
     axis: NDArray[np.intp]
+    bounds: LinearBounds
 
 
 @dataclass(frozen=True)
@@ -145,23 +160,26 @@ class ScreeningSamples:
 
     def screen(self, parametrization: Parametrization, boxes: Boxes) -> ScreeningResult:
         """The largest ratio of every box."""
+        n, k = boxes.low.shape
         if not self.reasons:
-            none = np.full(len(boxes), -1)
-            return ScreeningResult(np.full(len(boxes), -np.inf), none, none)
+            none = np.full(n, -1)
+            empty = LinearBounds(np.empty((n, 0)), np.empty((n, 0, k)))
+            return ScreeningResult(np.full(n, -np.inf), none, none, empty)
         at, half = taylor_models(parametrization, boxes, self.log_s), boxes.half
         a, b, c, concave = self.a, self.b, self.c, self._concave
         with np.errstate(all="ignore"):
             w = a * at.value.conj() + b
             q = a * np.abs(at.value) ** 2 + 2.0 * np.real(b * at.value) + c
-            parts = [2.0 * np.abs(np.real(w * s)) * half[:, k, None] for k, s in enumerate(at.slopes)]
+            slopes = np.stack([2.0 * np.real(w * s) * half[:, k, None] for k, s in enumerate(at.slopes)], axis=2)
+            parts = np.abs(slopes)
             reach = sum(np.abs(s) * half[:, k, None] for k, s in enumerate(at.slopes)) + at.remainder
-            varies = sum(parts) + 2.0 * np.abs(w) * at.remainder + concave * reach**2 + _TINY
-            ratio = q / varies
+            rest = 2.0 * np.abs(w) * at.remainder + concave * reach**2
+            ratio = q / (parts.sum(axis=2) + rest + _TINY)
         ratio = np.where(np.isfinite(ratio), ratio, -np.inf)
         best = np.argmax(ratio, axis=1)
-        every = np.arange(len(boxes))
-        axis = np.argmax(np.stack([part[every, best] for part in parts], axis=1), axis=1)
-        return ScreeningResult(ratio[every, best], best, axis)
+        every = np.arange(n)
+        axis = np.argmax(parts[every, best], axis=1)
+        return ScreeningResult(ratio[every, best], best, axis, LinearBounds(q - rest, slopes))
 
 
 def _coefficients(problem: Problem, reason: Reason) -> tuple[complex, complex, complex, complex]:
