@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from cases.project import CONTINUOUS, IMPORTED
 
-from fopi_tune.errors import Problem, SpecError
+from fopi_tune.errors import SpecError
 from fopi_tune.spec import load_spec, parse_spec
 
 BRAKE = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
