@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -113,6 +114,7 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
             where = place.child(SYSTEM).child(mode.name).child("gains")
             where.refuse(f"the {mode.name} is under tune: its gains are designed; remove one of the two")
     _refuse_short_window(system, place.child(SYSTEM))
+    _refuse_long_dwell(system, place.child(SYSTEM))
     _refuse_accelerations(system, limits)
     if objective is not None and objective.quantity == ACCELERATION and velocity_unit(system.measurement_unit) is None:
         place.child("objective").child("minimize").refuse(acceleration_problem(system.measurement_unit))
@@ -163,11 +165,23 @@ def _checked_objective(values: Values, requirements: list[PlacedLimit], place: P
 
 def _refuse_short_window(system: SystemSpec, place: Place) -> None:
     """Reports a window in which more than `most_switches` jumps, one a sample, cannot happen."""
-    shortest = system.most_switches * system.sample_time_s
+    shortest, apart = system.most_switches * system.fastest_switch_s, f"samples of {system.sample_time_s:g} s"
+    if system.min_dwell_samples > 1:
+        apart = f"switches that are {system.fastest_switch_s:g} s apart by min_dwell_s"
     if system.chattering_window_s < shortest * (1.0 - 1e-9):
         place.child("window_s").refuse(
-            f"{system.window_s:g} s cannot hold {system.most_switches + 1} samples of {system.sample_time_s:g} s, so "
-            f"that nothing would chatter; write at least {shortest:g}, or leave it out for {2 * shortest:g}"
+            f"{system.window_s:g} s cannot hold {system.most_switches + 1} {apart}, so that nothing would chatter; "
+            f"write at least {shortest:g}, or leave it out for {2 * shortest:g}"
+        )
+
+
+def _refuse_long_dwell(system: SystemSpec, place: Place) -> None:
+    """Reports a dwell that no scenario would see the end of."""
+    longest = max((scenario.duration_s for scenario in system.scenarios), default=math.inf)
+    if system.min_dwell_s > longest:
+        place.child("min_dwell_s").refuse(
+            f"{system.min_dwell_s:g} s is longer than every scenario, so that no mode would be left after a switch; "
+            f"write it in s, at most {longest:g}, or lengthen a scenario"
         )
 
 
@@ -191,7 +205,11 @@ def _modes_shape() -> Shape:
         "first": Key(Choice("mode at the start", MODES), required=False),
         "most_switches": Key(Number("more jumps than this within window_s chatter", at_least=1, whole=True), False),
         "window_s": Key(
-            Number("of chattering, s; 2 most_switches samples when left out", above=0, at_most=1e9), required=False
+            Number("of chattering, s; of 2 most_switches switches when left out", above=0, at_most=1e9), required=False
+        ),
+        "min_dwell_s": Key(
+            Number("a mode stays at least so long after a switch, s; rounded up to samples", at_least=0, at_most=1e9),
+            required=False,
         ),
     }
     keys = with_defaults_of(SystemSpec, keys)
