@@ -25,7 +25,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 
 from flint import arb, arb_mat
 
@@ -34,19 +33,12 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
+from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import SystemSpec
 
 #: m and K of (2)
 Lag = tuple[arb, arb]
-
-
-class Memory(StrEnum):
-    """What the inactive controller remembers; the value is the word in a system's file."""
-
-    HELD = "held"
-    TRACKING = "tracking"
-    RESET = "reset"
 
 
 @dataclass(frozen=True)
