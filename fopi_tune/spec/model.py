@@ -372,14 +372,9 @@ class SystemSpec:
         return math.ceil(self.min_dwell_s / self.sample_time_s * (1.0 - 1e-9)) if self.sample_time_s else 0
 
     @property
-    def fastest_switch_s(self) -> float:
-        """The least time between two switches on samples."""
-        return max(1, self.min_dwell_samples) * self.sample_time_s
-
-    @property
     def chattering_window_s(self) -> float:
-        """The window of chattering; where the system gives none, twice the least time of `most_switches` switches."""
-        return 2.0 * self.most_switches * self.fastest_switch_s if self.window_s is None else self.window_s
+        """The window of chattering; where the system gives none, twice `most_switches` samples."""
+        return 2.0 * self.most_switches * self.sample_time_s if self.window_s is None else self.window_s
 
     @property
     def measurement_unit(self) -> str:

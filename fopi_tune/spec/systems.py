@@ -165,13 +165,11 @@ def _checked_objective(values: Values, requirements: list[PlacedLimit], place: P
 
 def _refuse_short_window(system: SystemSpec, place: Place) -> None:
     """Reports a window in which more than `most_switches` jumps, one a sample, cannot happen."""
-    shortest, apart = system.most_switches * system.fastest_switch_s, f"samples of {system.sample_time_s:g} s"
-    if system.min_dwell_samples > 1:
-        apart = f"switches that are {system.fastest_switch_s:g} s apart by min_dwell_s"
+    shortest = system.most_switches * system.sample_time_s
     if system.chattering_window_s < shortest * (1.0 - 1e-9):
         place.child("window_s").refuse(
-            f"{system.window_s:g} s cannot hold {system.most_switches + 1} {apart}, so that nothing would chatter; "
-            f"write at least {shortest:g}, or leave it out for {2 * shortest:g}"
+            f"{system.window_s:g} s cannot hold {system.most_switches + 1} samples of {system.sample_time_s:g} s, so "
+            f"that nothing would chatter; write at least {shortest:g}, or leave it out for {2 * shortest:g}"
         )
 
 
@@ -205,7 +203,7 @@ def _modes_shape() -> Shape:
         "first": Key(Choice("mode at the start", MODES), required=False),
         "most_switches": Key(Number("more jumps than this within window_s chatter", at_least=1, whole=True), False),
         "window_s": Key(
-            Number("of chattering, s; of 2 most_switches switches when left out", above=0, at_most=1e9), required=False
+            Number("of chattering, s; 2 most_switches samples when left out", above=0, at_most=1e9), required=False
         ),
         "min_dwell_s": Key(
             Number("a mode stays at least so long after a switch, s; rounded up to samples", at_least=0, at_most=1e9),
