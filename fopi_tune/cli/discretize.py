@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 def system_text(result: DiscretizedSystem) -> Text:
     """Gains, switching, and the errors of both filters."""
-    from fopi_tune.report.text.formatting import BAD, QUIET, Line, entry, gains_lines, to_text, with_unit, wrapped
+    from fopi_tune.report.text.formatting import BAD, QUIET, TIE, Line, entry, gains_lines, to_text, with_unit, wrapped
 
     spec, controllers = result.spec, result.controllers
     lines: list[Line] = [
@@ -25,7 +25,8 @@ def system_text(result: DiscretizedSystem) -> Text:
     unit, dwell = spec.measurement_unit, spec.min_dwell_samples
     eps = with_unit(spec.hysteresis, unit) if unit else f"{spec.hysteresis:g}"
     lines += entry("sampled", f"every {with_unit(spec.sample_time_s, 's')}")
-    lines += entry("switching", f"{brake} from the setpoint + {eps} on, {throttle} from the setpoint - {eps} on")
+    above, below = (f"the setpoint{TIE}{sign}{TIE}{eps}" for sign in "+-")
+    lines += entry("switching", f"{brake} from {above} on, {throttle} from {below} on")
     if dwell > 1:
         lines += entry("dwell", f"at least {dwell} samples, {with_unit(dwell * spec.sample_time_s, 's')}")
     lines += entry("inactive", spec.inactive)

@@ -34,7 +34,7 @@ from fopi_tune.spec import load_any, load_spec, load_system
 from fopi_tune.spec.model import DesignSpec, SystemSpec
 from fopi_tune.spec.systems import system_json_schema
 
-CAR = ROOT / "systems" / "car.yaml"
+CAR, CAR_HELD = ROOT / "systems" / "car.yaml", ROOT / "systems" / "car_held.yaml"
 SWITCHING = ROOT / "systems" / "switching.yaml"
 MODES = "throttle", "brake"
 
@@ -286,6 +286,19 @@ def test_every_simulation_of_a_system_keeps_the_minimum_dwell(folder: Path) -> N
         least = 1.5 if exact else 1.6
         assert plain.min() < least - 0.1 <= dwelling.min() - 0.1 + 1e-9
         assert len(dwelling) > 4
+
+
+def test_evidence_of_a_system_keeps_the_minimum_dwell() -> None:
+    held = replace(load_system(CAR_HELD), min_dwell_s=4.0)
+    evidence = ft.validate_system(held, samples=30).evidence
+    for scenario in evidence.scenarios:
+        (counted,) = (each for each in scenario.limits if each.limit and each.limit.measure == "switch_count")
+        (duration,) = (each.duration_s for each in held.scenarios if each.name == scenario.scenario)
+        assert counted.worst[0].value <= duration / 4.0 + 1.0
+        assert counted.fraction.met == 30
+        # the acceleration where the brake begins is what it is without one
+    plain = ft.validate_system(replace(held, min_dwell_s=0.0), samples=30).evidence
+    assert plain.scenarios[0].limits[1].fraction.met == 0
 
 
 # ---- in continuous time ----

@@ -79,6 +79,25 @@ def test_a_proof_of_a_shorter_dwell_is_none_of_a_longer_one(memory: str) -> None
     assert named in found.reason
 
 
+@pytest.mark.parametrize(
+    ("memory", "seconds", "setpoints"),
+    [
+        ("reset", 0.6, (0.6, 25.1)),
+        ("reset", 1.0, (0.6, 20.7)),
+        ("reset", 2.0, (0.6, 13.7)),
+        ("reset", 4.0, (0.6, 10.5)),
+        ("tracking", 1.0, (1.2, 25.1)),
+        ("tracking", 2.0, (2.7, 25.1)),
+        ("tracking", 4.0, (10.3, 25.1)),
+    ],
+)
+def test_setpoints_that_are_left_with_a_dwell(memory: str, seconds: float, setpoints: tuple[float, float]) -> None:
+    """Those that the page of limits states."""
+    found = dwelling(memory, seconds).settling
+    assert found is not None
+    assert found.setpoints == setpoints
+
+
 def test_lowest_entries_are_those_of_full_braking_for_the_whole_dwell() -> None:
     """r - y at the switch, by the closed form of a lag at its limit from the line on."""
     for samples in (2, 6, 12):
