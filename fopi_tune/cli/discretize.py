@@ -31,8 +31,9 @@ def system_text(result: DiscretizedSystem) -> Text:
         lines += entry("dwell", f"at least {dwell} samples, {with_unit(dwell * spec.sample_time_s, 's')}")
     lines += entry("inactive", spec.inactive)
     for mode, controller in zip(spec.modes, controllers, strict=True):
-        errors = [f"{100 * error:.3g} % up to {with_unit(omega, 'rad/s')}" for omega, error in controller.errors]
-        lines += entry(mode.name, f"largest relative error of its filter: {', '.join(errors)}")
+        errors = [f"{100 * error:.3g}{TIE}% up to {with_unit(omega, 'rad/s')}" for omega, error in controller.errors]
+        low = with_unit(controller.errors_from_rad_s, "rad/s")
+        lines += entry(mode.name, f"largest relative error of its filter from {low}: {', '.join(errors)}")
         if controller.band_note:
             lines += entry("", f"NOTE: {controller.band_note}", BAD)
     for note in result.notes:

@@ -22,6 +22,7 @@ from fopi_tune.digital.system_vectors import COLUMNS, system_operations
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.sampled.simulate import simulate
 from fopi_tune.simulation.scenario import (
+    Actuator,
     Hybrid,
     InactiveController,
     InitialInput,
@@ -99,10 +100,10 @@ def replayed(program: Path, table: str = "test_vectors.csv") -> subprocess.Compl
 @pytest.mark.parametrize("memory", Memory)
 def test_the_vectors_are_met_bit_for_bit(tmp_path: Path, memory: Memory, dwell: int, compiler: str) -> None:
     files = export_system_c(exported(Switching(0.5, memory, dwell, first=dwell % 2)))
-    program = built(files, tmp_path / "plain", compiler, "-O2")
-    done = replayed(program)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "rows are equal bit for bit" in done.stdout
+    for level in ("-O0", "-O2"):
+        done = replayed(built(files, tmp_path / level[1:], compiler, level))
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "rows are equal bit for bit" in done.stdout
     sanitized = built(files, tmp_path / "sanitized", compiler, "-O1", *SANITIZE)
     assert replayed(sanitized).returncode == 0
 
@@ -130,10 +131,11 @@ def test_the_vectors_switch_saturate_and_wait(memory: Memory, dwell: int) -> Non
 
 
 @with_each_compiler
+@pytest.mark.parametrize("delay", [0.0, 0.6, 2.0])
 @pytest.mark.parametrize("dwell", [0, 7])
 @pytest.mark.parametrize("memory", Memory)
 def test_long_random_runs_are_the_compiled_simulation_bit_for_bit(
-    tmp_path: Path, memory: Memory, dwell: int, compiler: str
+    tmp_path: Path, memory: Memory, dwell: int, delay: float, compiler: str
 ) -> None:
     export = exported(Switching(0.5, memory, dwell))
     pair, single = pair_of(export), pair_of(export, Precision.FLOAT32)
@@ -142,7 +144,8 @@ def test_long_random_runs_are_the_compiled_simulation_bit_for_bit(
     # the last fifth rests
     levels[-samples // 5 :] = 0.0
     hybrid = Hybrid(0.5, INACTIVE[memory], min_dwell_samples=dwell)
-    scenario = Scenario(TS, Signals(levels), Sensor(0.0, 0.4, 5), start=Start(2.0, InitialInput.FREE), hybrid=hybrid)
+    start, actuator = Start(2.0, InitialInput.FREE), Actuator(delay_samples=delay)
+    scenario = Scenario(TS, Signals(levels), Sensor(0.0, 0.4, 5), actuator, start, hybrid)
     # the second pair's output overflows
     throttle, brake = np.array([[1.0, 0.17], [1.0, -1.0]]), np.array([[2.25, 1.0], [2.25, -5.0]])
     plants = Plants(np.full((2, 1), 4.39), throttle, np.zeros(2)), Plants(np.ones((2, 1)), brake, np.zeros(2))
@@ -151,6 +154,8 @@ def test_long_random_runs_are_the_compiled_simulation_bit_for_bit(
     assert np.isfinite(traces.measured[0]).all()
     assert not np.isfinite(traces.measured[1]).all()
     assert np.sum(traces.mode[0, 1:] != traces.mode[0, :-1]) > 50
+    low, high = (np.min(traces.demanded[0]), np.max(traces.demanded[0]))
+    assert (low, high) == (-1.0, 1.0)
     program = built(export_system_c(export), tmp_path, compiler, "-O2")
     for row in range(2):
         steps = list(zip(levels.tolist(), traces.measured[row].tolist(), strict=True))

@@ -120,7 +120,7 @@ def _follow(model: SwitchedModel, proof: SettlingProof, a: arb_mat, c: arb_mat, 
         if k % _COLLECTED == 0:
             columns, more = _cut(columns, lengths)
             error = (error + more).upper()
-            wrong_y, wrong_v = (error * each for each in per_output)
+        wrong_y, wrong_v = (error * each for each in per_output)
         following = both * columns
         for j, corner in enumerate(corners):
             y, v = columns[0, j], following[size, j]
