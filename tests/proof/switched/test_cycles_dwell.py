@@ -51,3 +51,17 @@ def test_an_orbit_is_one_of_its_own_dwell_only() -> None:
         assert verify_cycle(replace(held, min_dwell_samples=shortest_run(proof.modes) + 1), proof) is None
     plain = next(each for each in switched.certificate("held").cycles if shortest_run(each.modes) < 12)
     assert verify_cycle(replace(held, min_dwell_samples=12), plain) is None
+
+
+def test_with_a_dwell_of_ten_samples_each_orbit_of_the_published_car_is_wider() -> None:
+    held = switched.model("held")
+    plain, dwelling = (
+        {
+            (each.setpoint, each.plants[1]["time_constant_s"]): each.highest - each.lowest
+            for each in prove_cycles(replace(held, min_dwell_samples=dwell), None)
+        }
+        for dwell in (0, 10)
+    )
+    assert len(plain) > 15
+    assert set(plain) == set(dwelling)
+    assert all(dwelling[place] > plain[place] for place in plain)
