@@ -221,7 +221,7 @@ def exit_code_of(result: Result, require_proof: bool) -> Exit:
     """
     from fopi_tune.results.system_design import DesignedSystem
 
-    if result.status in ("solved", "met", "settles"):
+    if result.status in ("solved", "met", "settles", "made"):
         reports = getattr(getattr(result, "design", result), "measures", ())
         # of a system's design nothing is proved
         checked = isinstance(result, DesignedSystem) or any(report.verdict == "checked" for report in reports)
@@ -245,9 +245,13 @@ def _result_text(result: Result) -> Text:
     from fopi_tune.results.design import Check, Design, Discretized, Validated
     from fopi_tune.results.proved_system import ProvedSystem
     from fopi_tune.results.simulation import Simulated
-    from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.system import DiscretizedSystem, SimulatedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
 
+    if isinstance(result, DiscretizedSystem):
+        from fopi_tune.cli.discretize import system_text
+
+        return system_text(result)
     if isinstance(result, ProvedSystem):
         return system_proof_text(result)
     if isinstance(result, DesignedSystem):

@@ -43,6 +43,7 @@ class ProvedSystem:
             "name": self.spec.name,
             "gains": {name: asdict(found) for name, found in self.gains.items()},
             "inactive": self.spec.inactive,
+            **({"min_dwell_s": self.spec.min_dwell_s} if self.spec.min_dwell_s else {}),
             "statements": list(self.certificate.statements),
             "stamp": asdict(self.stamp),
         }

@@ -19,7 +19,7 @@ def fopi(*arguments: str) -> Result:
 def car(folder: Path, memory: str) -> str:
     text = (ROOT / "systems" / "car.yaml").read_text(encoding="utf-8")
     path = folder / f"{memory}.yaml"
-    changed = text.replace("inactive: held ", f"inactive: {memory} ").replace("../specs", str(ROOT / "specs"))
+    changed = text.replace("inactive: reset ", f"inactive: {memory} ").replace("../specs", str(ROOT / "specs"))
     path.write_text(changed, encoding="utf-8")
     return str(path)
 

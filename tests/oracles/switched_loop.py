@@ -21,14 +21,20 @@ class Run:
 
 def run(
     model: SwitchedModel, setpoint: Array, output: Array, mode: np.ndarray, memories: list[Array],
-    throttle: tuple[float, float], brake: tuple[Array, float],
+    throttle: tuple[float, float], brake: tuple[Array, float], waits: np.ndarray | None = None,
 ) -> Run:  # fmt: skip
-    """Simulate; `memories` have shape (sections, lanes), `throttle` is (m, K), `brake` is m (samples, lanes) and K."""
+    """Simulate; `memories` have shape (sections, lanes), `throttle` is (m, K), `brake` is m (samples, lanes) and K.
+
+    `waits` is how many samples of the minimum dwell are left at the start, of each lane; none where left out.
+    """
     y, x, mode = output.copy(), [each.copy() for each in memories], mode.copy()
+    left = np.zeros(len(y), dtype=np.int64) if waits is None else waits.copy()
     outputs, modes = [], []
     for share in brake[0]:
-        to_brake = (mode == 0) & (y >= setpoint + model.hysteresis)
-        to_throttle = (mode == 1) & (y <= setpoint - model.hysteresis)
+        to_brake = (mode == 0) & (y >= setpoint + model.hysteresis) & (left == 0)
+        to_throttle = (mode == 1) & (y <= setpoint - model.hysteresis) & (left == 0)
+        left = np.where(to_brake | to_throttle, max(model.min_dwell_samples, 1), left)
+        left = np.maximum(left - 1, 0)
         for index, begins in ((1, to_brake), (0, to_throttle)):
             mode[begins] = index
             if model.memory is Memory.RESET:

@@ -316,7 +316,7 @@ def test_the_brake_breaks_the_limit_above_the_speed_its_plant_allows(table: Tabl
 
 def test_the_largest_acceleration_is_where_the_brakes_mode_begins() -> None:
     for name in ("experiment_1", "experiment_2"):
-        (driven,) = ft.simulate_system(ROOT / "systems" / "car.yaml", scenario=name).driven
+        (driven,) = ft.simulate_system(ROOT / "systems" / "car_held.yaml", scenario=name).driven
         t = driven.traces
         worst = int(np.abs(t.rate[0]).argmax())
         # at the sample that changes to mode 2, or the next one

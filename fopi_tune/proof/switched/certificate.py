@@ -96,6 +96,9 @@ class SystemCertificate:
             for loop, proof in zip(self.model.loops, self.loops, strict=True)
             if proof is not None
         ]
+        if self.model.min_dwell_samples > 1 and (self.settling is not None or self.cycles):
+            dwell = self.model.min_dwell_samples
+            found.append(f"What follows is for modes that stay at least {dwell} samples after a switch.")
         if self.settling is not None:
             found.append(self._settling(self.settling))
         found += [self._cycle(cycle) for cycle in self.cycles]

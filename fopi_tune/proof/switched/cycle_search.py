@@ -86,7 +86,7 @@ def _words(
         model.sample_time_s,
         Signals(np.full(_SAMPLES, setpoint)),
         start=Start(start, InitialInput.REST, bumpless=True),
-        hybrid=Hybrid(model.hysteresis, _INACTIVE[model.memory]),
+        hybrid=Hybrid(model.hysteresis, _INACTIVE[model.memory], min_dwell_samples=model.min_dwell_samples),
     )
     modes = [
         Mode(loop.controller, Plants.members(loop.plant, points))

@@ -46,6 +46,7 @@ def to_document(certificate: SystemCertificate) -> dict[str, Any]:
         "sample_time_s": model.sample_time_s,
         "hysteresis": model.hysteresis,
         "inactive": model.memory.value,
+        **({"min_dwell_samples": model.min_dwell_samples} if model.min_dwell_samples else {}),
         "modes": [_loop(*each) for each in zip(model.loops, certificate.loops, strict=True)],
         "setpoints": None if certificate.setpoints is None else list(certificate.setpoints),
         "settling": None if certificate.settling is None else _settling(certificate.settling),
@@ -81,7 +82,7 @@ def from_document(document: object) -> SystemCertificate:
     found = SystemCertificate(
         name=top.text("name"),
         system_sha256=top.text("system_sha256"),
-        model=SwitchedModel(sample_time_s, hysteresis, top.word("inactive", Memory), (loops[0], loops[1])),
+        model=SwitchedModel(sample_time_s, hysteresis, top.word("inactive", Memory), (loops[0], loops[1]), _dwell(top)),
         setpoints=None if top.get("setpoints") is None else _pair(top, "setpoints"),
         loops=(proofs[0], proofs[1]),
         settling=None if top.get("settling") is None else _read_settling(top.child("settling")),
@@ -91,6 +92,14 @@ def from_document(document: object) -> SystemCertificate:
     )
     if (different := first_difference(top.value, to_document(found), "the certificate")) is not None:
         raise CertificateError(f"{different} does not agree with the other entries")
+    return found
+
+
+def _dwell(top: JsonObject) -> int:
+    """The minimum dwell in samples; certificates without one are of systems without one."""
+    found = top.count_or_none("min_dwell_samples") if "min_dwell_samples" in top.value else 0
+    if found is None or found < 0:
+        raise CertificateError(f"{top.at('min_dwell_samples')} must be a whole number of at least 0")
     return found
 
 

@@ -6,6 +6,13 @@ has y_last > r - eps, and the first one of the throttle phase
 
     r - eps >= y_0 >= (1 - m) y_last + m bottom,       m the largest one .                                           (1)
 
+A minimum dwell of D samples may keep the brake active below the line.  The phase begins with an output above it, and a
+phase that is longer than D samples ends as without a dwell, so that in any case
+
+    y_last >= bottom + (1 - m)^{D-1} (r - eps - bottom),     y_0 >= bottom + (1 - m) (y_last - bottom) .            (2)
+
+As long as y_last > top the output falls to y_0 < y_last.
+
 After `reset` the throttle's controller starts with the state of an output of 0.  With `tracking` of a brake whose
 control lies below the throttle's limits, the integrator holds x_0 = low - direct (r - y_last), and sections that were 0
 before, as at rest, are 0.  In coordinates (y - r, x_0 - r/K, x_1, ...) the corners of (1) are affine in r:  a property
@@ -52,6 +59,21 @@ def brake_top(model: SwitchedModel) -> arb:
     return first
 
 
+def dwell_margin(model: SwitchedModel) -> arb:
+    """How much higher than without a dwell setpoints must be for y_last > top in (2); only `tracking` needs it."""
+    if model.memory is not Memory.TRACKING or model.min_dwell_samples <= 1:
+        return arb(0)
+    share, bottom = _fastest_fall(model)
+    return (brake_top(model) - bottom) * (1 / (1 - share) ** (model.min_dwell_samples - 1) - 1)
+
+
+def _fastest_fall(model: SwitchedModel) -> Lag:
+    """The largest m and the least K u of the brake."""
+    brake, lags = model.loops[1], lag_range(model.loops[1], model.sample_time_s)
+    low = arb(brake.controller.limits[0])
+    return lags.shares[1], (lags.gains[0] * low).min(lags.gains[1] * low)
+
+
 def starts_above_low(model: SwitchedModel) -> bool:
     """Whether v >= low is known of the first sample: after tracking, v = low + direct (y_last - y_0), y_last > y_0."""
     return model.memory is Memory.TRACKING and model.loops[0].controller.direct >= 0.0
@@ -65,14 +87,13 @@ def entry_corners(model: SwitchedModel, setpoint: arb) -> arb_mat:
         setpoint: r, in the output's unit.
 
     Returns:
-        One state per column, shape (n + 1, 2) after a reset, (n + 1, 3) after tracking.
+        One state per column, shape (n + 1, 2) after a reset, (n + 1, 3) after tracking, (n + 1, 4) with a dwell too.
     """
-    throttle, brake = model.loops
-    controller, lags = throttle.controller, lag_range(brake, model.sample_time_s)
-    share, low = lags.shares[1], arb(brake.controller.limits[0])
-    bottom = (lags.gains[0] * low).min(lags.gains[1] * low)
+    controller, dwell = model.loops[0].controller, max(1, model.min_dwell_samples)
+    share, bottom = _fastest_fall(model)
     line = setpoint - arb(model.hysteresis)
-    lowest = (1 - share) * line + share * bottom
+    last = line if dwell == 1 else bottom + (1 - share) ** (dwell - 1) * (line - bottom)
+    lowest = (1 - share) * last + share * bottom
     if model.memory is Memory.RESET:
         start = min(max(0.0, controller.limits[0]), controller.limits[1])
         corners = [(lowest, arb(start)), (line, arb(start))]
@@ -82,7 +103,9 @@ def entry_corners(model: SwitchedModel, setpoint: arb) -> arb_mat:
         def tracked(last: arb) -> arb:
             return arb(controller.limits[0]) - arb(controller.direct) * (setpoint - last)
 
-        corners = [(lowest, tracked(line)), (line, tracked(line)), (line, tracked(highest))]
+        corners = [(lowest, tracked(last)), (line, tracked(line)), (line, tracked(highest))]
+        if dwell > 1:
+            corners.append((last, tracked(last)))
     columns = arb_mat(len(controller.poles) + 1, len(corners))
     for j, (output, integrator) in enumerate(corners):
         columns[0, j] = output - setpoint

@@ -25,7 +25,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 
 from flint import arb, arb_mat
 
@@ -34,19 +33,12 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
+from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import SystemSpec
 
 #: m and K of (2)
 Lag = tuple[arb, arb]
-
-
-class Memory(StrEnum):
-    """What the inactive controller remembers; the value is the word in a system's file."""
-
-    HELD = "held"
-    TRACKING = "tracking"
-    RESET = "reset"
 
 
 @dataclass(frozen=True)
@@ -75,19 +67,21 @@ class SwitchedModel:
         hysteresis: half-width around the setpoint, output unit.
         memory: of the inactive controller.
         loops: throttle and brake.
+        min_dwell_samples: samples that a mode stays at least after it was entered; 0 and 1 are any.
     """
 
     sample_time_s: float
     hysteresis: float
     memory: Memory
     loops: tuple[SwitchedLoop, SwitchedLoop]
+    min_dwell_samples: int = 0
 
     @classmethod
     def of(cls, system: SystemSpec, gains: Mapping[str, FoPi]) -> SwitchedModel:
         """The model of a system with its digital controllers.
 
         Args:
-            system: gives plants, digital sections, hysteresis and memory.
+            system: gives plants, digital sections, hysteresis, memory and minimum dwell.
             gains: of both modes, by name.
 
         Raises:
@@ -96,7 +90,8 @@ class SwitchedModel:
         if missing := [mode.name for mode in system.modes if mode.name not in gains]:
             raise DomainError(f"there are no gains of {' and '.join(missing)}; give those of both modes")
         throttle, brake = (_loop_of(system, index, gains[mode.name]) for index, mode in enumerate(system.modes))
-        return cls(system.sample_time_s, system.hysteresis, Memory(system.inactive), (throttle, brake))
+        memory, dwell = Memory(system.inactive), system.min_dwell_samples
+        return cls(system.sample_time_s, system.hysteresis, memory, (throttle, brake), dwell)
 
     @property
     def sizes(self) -> tuple[int, int]:

@@ -130,7 +130,7 @@ def _search(vertices: Sequence[tuple[Array, ...]], decay: float) -> SaturatedLoo
     problem = cp.Problem(cp.Maximize(gap), constraints)
     try:
         problem.solve(solver=cp.CLARABEL)
-    except (cp.error.SolverError, ValueError):
+    except (cp.SolverError, ValueError):
         return None
     if p.value is None or multiplier.value is None:
         return None

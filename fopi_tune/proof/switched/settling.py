@@ -25,7 +25,14 @@ from dataclasses import dataclass
 from flint import arb, arb_mat, ctx
 
 from fopi_tune.proof.switched.definite import Triangle, is_positive_definite, quadratic_norm, symmetric
-from fopi_tune.proof.switched.entries import brake_top, entry_corners, starts_above_low, throttle_lag, why_no_entries
+from fopi_tune.proof.switched.entries import (
+    brake_top,
+    dwell_margin,
+    entry_corners,
+    starts_above_low,
+    throttle_lag,
+    why_no_entries,
+)
 from fopi_tune.proof.switched.model import SwitchedModel, loop_matrices
 
 #: bits; and samples after which radii are collected
@@ -81,7 +88,7 @@ def verify_settling(model: SwitchedModel, proof: SettlingProof) -> Excursions | 
     if not (1 <= proof.samples <= MOST_SAMPLES and 0.0 < proof.decay < 1.0):
         return None
     with ctx.workprec(_PRECISION):
-        if not brake_top(model) < arb(lowest) - arb(model.hysteresis):
+        if not brake_top(model) + dwell_margin(model) < arb(lowest) - arb(model.hysteresis):
             return None
         a, _, c = loop_matrices(model.loops[0].controller, throttle_lag(model))
         p = symmetric(proof.matrix)
@@ -113,7 +120,7 @@ def _follow(model: SwitchedModel, proof: SettlingProof, a: arb_mat, c: arb_mat, 
         if k % _COLLECTED == 0:
             columns, more = _cut(columns, lengths)
             error = (error + more).upper()
-            wrong_y, wrong_v = (error * each for each in per_output)
+        wrong_y, wrong_v = (error * each for each in per_output)
         following = both * columns
         for j, corner in enumerate(corners):
             y, v = columns[0, j], following[size, j]

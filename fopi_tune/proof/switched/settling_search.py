@@ -15,7 +15,14 @@ from flint import arb, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.proof.switched.definite import lower_triangle, midpoints
-from fopi_tune.proof.switched.entries import brake_top, entry_corners, starts_above_low, throttle_lag, why_no_entries
+from fopi_tune.proof.switched.entries import (
+    brake_top,
+    dwell_margin,
+    entry_corners,
+    starts_above_low,
+    throttle_lag,
+    why_no_entries,
+)
 from fopi_tune.proof.switched.model import SwitchedModel, loop_matrices
 from fopi_tune.proof.switched.settling import MOST_SAMPLES, SettlingProof, verify_settling
 
@@ -95,11 +102,12 @@ class _Responses:
     rest: float
     control: tuple[float, float]
     least: float
+    least_name: str
 
     @property
     def bounds(self) -> list[tuple[float, float, str]]:
         """The setpoints that each kind of inequality allows, with what ends them."""
-        found = [(self.least, math.inf, "the brake's largest control holds the output above the hysteresis")]
+        found = [(self.least, math.inf, self.least_name)]
         found.append((self.control[0] / self.rest, self.control[1] / self.rest, "the throttle's limits at rest"))
         for constant, slope, bound, name in self.limits:
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -168,7 +176,8 @@ def _responses(model: SwitchedModel) -> _Responses | None:
         a, _, c = (midpoints(each) for each in loop_matrices(model.loops[0].controller, lag))
         constant = midpoints(entry_corners(model, arb(0)))
         slope = midpoints(entry_corners(model, arb(1))) - constant
-        rest, least = 1.0 / float(lag[1]), float(brake_top(model)) + model.hysteresis
+        rest, margin = 1.0 / float(lag[1]), float(dwell_margin(model))
+        least = float(brake_top(model)) + model.hysteresis + margin
     level = _level_set(a, c)
     if level is None:
         return None
@@ -193,7 +202,10 @@ def _responses(model: SwitchedModel) -> _Responses | None:
     )
     inverse = np.linalg.inv(level.full)
     gains = math.sqrt(inverse[0, 0]), math.sqrt(float((c @ inverse @ c.T)[0, 0]))
-    return _Responses(limits, tuple(states), level, gains, model.hysteresis, rest, (low, high), least)
+    name = "the brake's largest control holds the output above the hysteresis"
+    if margin > 0.0:
+        name = "within min_dwell_s the output may fall below what the brake's largest control holds"
+    return _Responses(limits, tuple(states), level, gains, model.hysteresis, rest, (low, high), least, name)
 
 
 def _level_set(a: Array, c: Array) -> _Level | None:
