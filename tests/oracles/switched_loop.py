@@ -57,3 +57,38 @@ def _track(c: Runtime, x: Array, e: Array, applied: Array) -> Array:
     following = np.array(c.poles)[:, None] * x
     following[0] = np.clip(applied, *c.limits) - c.direct * e - following[1:].sum(axis=0)
     return following
+
+
+def run_any(
+    model: SwitchedModel, setpoint: Array, output: Array, mode: np.ndarray, memories: list[Array],
+    lags: list[tuple[Array, Array]],
+) -> tuple[Array, list[Array]]:  # fmt: skip
+    """Outputs, and the largest of each section's and of their sum's size, where somebody else switches.
+
+    `setpoint` and `mode` have shape (samples, lanes); `lags` are m and K of both plants, of that shape too.
+    """
+    y, x = output.copy(), [each.copy() for each in memories]
+    outputs, largest = [], [np.zeros(len(each) + 1) for each in memories]
+    for k, active in enumerate(mode):
+        if model.memory is Memory.RESET and k:
+            for index, loop in enumerate(model.loops):
+                low, high = loop.controller.limits
+                begins = (active == index) & (mode[k - 1] != index)
+                x[index][:, begins] = 0.0
+                x[index][0, begins] = min(max(0.0, low), high)
+        for index, each in enumerate(x):
+            sizes = np.vstack([np.abs(each.sum(axis=0)), np.abs(each)])
+            if model.memory is Memory.RESET:
+                # what waits for its reset counts for nothing, but it is what the last phase left
+                sizes = np.where(active == index, sizes, 0.0)
+            largest[index] = np.maximum(largest[index], sizes.max(axis=1))
+        e = setpoint[k] - y
+        results = [_step(loop.controller, x[i], e) for i, loop in enumerate(model.loops)]
+        u = np.where(active == 0, results[0][0], results[1][0])
+        for i, loop in enumerate(model.loops):
+            idle = _track(loop.controller, x[i], e, u) if model.memory is Memory.TRACKING else x[i]
+            x[i] = np.where(active == i, results[i][1], idle)
+        outputs.append(y)
+        m, gain = (np.where(active == 0, lags[0][part][k], lags[1][part][k]) for part in (0, 1))
+        y = y + m * (gain * u - y)
+    return np.array(outputs), largest

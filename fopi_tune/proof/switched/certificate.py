@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from fopi_tune.proof.switched.bounded import BoundedProof
 from fopi_tune.proof.switched.cycles import CycleProof
 from fopi_tune.proof.switched.model import Memory, SwitchedModel
 from fopi_tune.proof.switched.saturated_loop import SaturatedLoopProof
@@ -59,6 +60,8 @@ class SystemCertificate:
         settling: of throttle phases; None where there is no proof.
         reason: why settling is not proved, or not for all setpoints that were asked for; empty where it is.
         cycles: orbits, each proved.
+        bounded: that output and memories stay within numbers, whatever switches; None where not even the output does.
+        unbounded: what is not bounded, and why; empty where everything is.
         versions: of the programs that made it, by name.
     """
 
@@ -70,6 +73,8 @@ class SystemCertificate:
     settling: SettlingProof | None
     reason: str
     cycles: tuple[CycleProof, ...]
+    bounded: BoundedProof | None
+    unbounded: str
     versions: Mapping[str, str]
 
     @property
@@ -98,6 +103,10 @@ class SystemCertificate:
         ]
         if self.settling is not None:
             found.append(self._settling(self.settling))
+        if self.bounded is not None:
+            found.append(self._bounded(self.bounded))
+        if self.unbounded and self.unbounded != self.reason:
+            found.append(f"Not bounded by a proof: {self.unbounded}.")
         found += [self._cycle(cycle) for cycle in self.cycles]
         return (*found, *([f"Not proved: {self.reason}."] if self.reason else ()))
 
@@ -113,6 +122,20 @@ class SystemCertificate:
             f"{start}, the output settles on each setpoint from {low:g} to {high:g}: the {brake} ends in finite time, "
             f"then there is no other switch, and the output stays between {_upwards(proof.undershoot)} below and "
             f"{_upwards(proof.overshoot)} above the setpoint."
+        )
+
+    def _bounded(self, proof: BoundedProof) -> str:
+        (low, high), (least, most) = proof.outputs, proof.setpoints
+        memories = [
+            f"the memory of the {loop.name} within {_upwards(bounds.total)} in sum and "
+            f"{_upwards(max(bounds.sections))} in each section, in its control's unit"
+            for loop, bounds in zip(self.model.loops, proof.memories, strict=True)
+            if bounds is not None
+        ]
+        return (
+            f"Under every switching, also one without this hysteresis, every plant of the families, also one that "
+            f"varies, and every setpoint that moves between {least:g} and {most:g}: from rest at an output between "
+            f"{low:g} and {high:g} the output stays there{''.join('; ' + each for each in memories)}."
         )
 
     def _cycle(self, proof: CycleProof) -> str:

@@ -16,6 +16,7 @@ from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.documents import digest
 from fopi_tune.proof.strict_json import JsonObject, first_difference
+from fopi_tune.proof.switched.bounded import MOST_FOLLOWED, BoundedProof, MemoryBounds
 from fopi_tune.proof.switched.certificate import ASSUMPTIONS, SystemCertificate
 from fopi_tune.proof.switched.cycles import LONGEST_WORD, CycleProof
 from fopi_tune.proof.switched.definite import Triangle
@@ -51,6 +52,8 @@ def to_document(certificate: SystemCertificate) -> dict[str, Any]:
         "settling": None if certificate.settling is None else _settling(certificate.settling),
         "reason": certificate.reason,
         "cycles": [_cycle(cycle) for cycle in certificate.cycles],
+        "bounded": None if certificate.bounded is None else _bounded(certificate.bounded),
+        "unbounded": certificate.unbounded,
         "versions": dict(certificate.versions),
     }
     return {**document, "digest": digest(document)}
@@ -87,6 +90,8 @@ def from_document(document: object) -> SystemCertificate:
         settling=None if top.get("settling") is None else _read_settling(top.child("settling")),
         reason=top.text("reason"),
         cycles=tuple(_read_cycle(entry) for entry in cycles),
+        bounded=None if top.get("bounded") is None else _read_bounded(top.child("bounded")),
+        unbounded=top.text("unbounded"),
         versions=top.texts("versions"),
     )
     if (different := first_difference(top.value, to_document(found), "the certificate")) is not None:
@@ -138,6 +143,17 @@ def _cycle(proof: CycleProof) -> dict[str, Any]:
         "attraction": None if proof.attraction is None else _rows(proof.attraction),
         "lowest": proof.lowest,
         "highest": proof.highest,
+    }
+
+
+def _bounded(proof: BoundedProof) -> dict[str, Any]:
+    return {
+        "setpoints": list(proof.setpoints),
+        "outputs": list(proof.outputs),
+        "memories": [
+            {} if each is None else {"samples": each.samples, "sections": list(each.sections), "total": each.total}
+            for each in proof.memories
+        ],
     }
 
 
@@ -220,6 +236,21 @@ def _read_cycle(entry: JsonObject) -> CycleProof:
         entry.number("lowest"),
         entry.number("highest"),
     )
+
+
+def _read_bounded(entry: JsonObject) -> BoundedProof:
+    memories = entry.children("memories")
+    if len(memories) != 2:
+        raise CertificateError(f"{entry.at('memories')} must be two")
+    throttle, brake = (_read_memory(each) if each.value else None for each in memories)
+    return BoundedProof(_pair(entry, "setpoints"), _pair(entry, "outputs"), (throttle, brake))
+
+
+def _read_memory(entry: JsonObject) -> MemoryBounds:
+    samples = entry.count_or_none("samples")
+    if samples is None or not 1 <= samples <= MOST_FOLLOWED:
+        raise CertificateError(f"{entry.at('samples')} must be from 1 to {MOST_FOLLOWED}")
+    return MemoryBounds(samples, entry.numbers("sections"), entry.number("total"))
 
 
 def _numbers(entry: JsonObject) -> Mapping[str, float]:

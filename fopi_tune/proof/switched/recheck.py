@@ -1,6 +1,6 @@
 """Test a certificate of a system without searches:  SystemCertificate -> what is wrong with it, in seconds.
 
-Only balls are used: no semidefinite program, no simulation, no eigenvalues.
+Only balls are used: no optimisation, no simulation, no eigenvalues in floating point.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.proof.switched.bounded import verify_bounded
 from fopi_tune.proof.switched.certificate import SystemCertificate
 from fopi_tune.proof.switched.cycles import CycleProof, verify_cycle
 from fopi_tune.proof.switched.model import SwitchedModel, loop_obstacle
@@ -56,6 +57,8 @@ def recheck_system(
     for loop, proof in zip(model.loops, certificate.loops, strict=True):
         if proof is not None and (loop_obstacle(loop) or not verify_saturated_loop(loop, model.sample_time_s, proof)):
             problems.append(f"{loop.name}: the loop is not shown to decay with its limits")
+    if certificate.bounded is not None and not verify_bounded(model, certificate.bounded):
+        problems.append("output and memories are not shown to stay within what is stated")
     if certificate.settling is not None and not _settles(model, certificate.settling):
         problems.append("settling is not shown as stated")
     for number, cycle in enumerate(certificate.cycles, 1):

@@ -110,6 +110,7 @@ def _circle(controller: Runtime, lag: tuple[arb, arb], p: arb_mat, proof: Satura
 def _search(vertices: Sequence[tuple[Array, ...]], decay: float) -> SaturatedLoopProof | None:
     """P and lambda from a semidefinite program; None where the solver found none."""
     import cvxpy as cp
+    from cvxpy.error import SolverError
     from scipy.linalg import solve_discrete_lyapunov
 
     size = len(vertices[0][0])
@@ -130,7 +131,7 @@ def _search(vertices: Sequence[tuple[Array, ...]], decay: float) -> SaturatedLoo
     problem = cp.Problem(cp.Maximize(gap), constraints)
     try:
         problem.solve(solver=cp.CLARABEL)
-    except (cp.error.SolverError, ValueError):
+    except (SolverError, ValueError):
         return None
     if p.value is None or multiplier.value is None:
         return None

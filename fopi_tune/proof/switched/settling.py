@@ -108,6 +108,7 @@ def _follow(model: SwitchedModel, proof: SettlingProof, a: arb_mat, c: arb_mat, 
     both, eps, decay = arb_mat([*a.tolist(), *c.tolist()]), arb(model.hysteresis), arb(proof.decay)
     # the error that was cut off, in the norm of P; the same for all columns
     error, undershoot, overshoot = arb(0), arb(0), arb(0)
+    wrong_y, wrong_v = arb(0), arb(0)
     known = starts_above_low(model)
     for k in range(proof.samples):
         if k % _COLLECTED == 0:

@@ -86,6 +86,14 @@ SEALED: list[tuple[str, tuple[Any, ...], Callable[[Any], Any]]] = [
     ("reset", ("modes", 1, "plant", "parameters", 1, "max"), lambda value: 3.2),
     ("reset", ("modes", 0, "decays", "decay"), lambda value: 0.99),
     ("reset", ("modes", 1, "decays", "multiplier"), lambda value: 0.0),
+    ("reset", ("bounded", "outputs", 1), lambda value: value - 0.1),
+    ("reset", ("bounded", "setpoints", 1), lambda value: value + 3.0),
+    ("reset", ("bounded", "memories", 0, "total"), lambda value: 0.999 * value),
+    ("reset", ("bounded", "memories", 1, "sections", 2), lambda value: 0.999 * value),
+    ("tracking", ("bounded", "memories", 0, "samples"), lambda value: 20),
+    ("tracking", ("bounded", "memories", 0, "sections", 1), lambda value: 0.99 * value),
+    ("tracking", ("bounded", "memories", 1, "sections", 0), lambda value: 0.999 * value),
+    ("tracking", ("bounded", "memories", 1, "sections"), lambda value: value[:-1]),
     ("held", ("cycles", 0, "modes"), lambda value: value[1:] + value[0]),
     ("held", ("cycles", 0, "parts"), lambda value: value.replace("+", "0")),
     ("held", ("cycles", 0, "setpoint"), lambda value: value + 3.0),
@@ -129,6 +137,8 @@ def test_a_change_by_somebody_who_knows_the_digest_is_refused(
         (("modes", 0, "decays", "matrix"), 3, "no lower triangle"),
         (("settling", "samples"), 10**9, "must be from 1"),
         (("settling", "samples"), None, "must be from 1"),
+        (("bounded", "memories"), [], "must be two"),
+        (("bounded", "memories", 0, "samples"), 0, "must be from 1"),
     ],
 )
 def test_what_is_no_certificate_is_told(path: tuple[Any, ...], value: Any, words: str) -> None:
@@ -160,7 +170,7 @@ def test_statements_about_a_model_that_the_methods_do_not_handle_are_refused() -
         sound = switched.certificate(memory)
         late = tuple(replace(loop, delay_samples=1.0) for loop in sound.model.loops)
         found = recheck_system(replace(sound, model=replace(sound.model, loops=(late[0], late[1]))))
-        assert len(found.problems) == 2 + len(sound.cycles) + (sound.settling is not None)
+        assert len(found.problems) == 3 + len(sound.cycles) + (sound.settling is not None)
 
 
 def test_a_recheck_needs_no_solver() -> None:
