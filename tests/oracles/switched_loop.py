@@ -21,10 +21,14 @@ class Run:
 
 def run(
     model: SwitchedModel, setpoint: Array, output: Array, mode: np.ndarray, memories: list[Array],
-    throttle: tuple[float, float], brake: tuple[Array, float],
+    throttle: tuple[float, float], brake: tuple[Array, float], delay: float = 0.0,
 ) -> Run:  # fmt: skip
-    """Simulate; `memories` have shape (sections, lanes), `throttle` is (m, K), `brake` is m (samples, lanes) and K."""
+    """Simulate; `memories` have shape (sections, lanes), `throttle` is (m, K), `brake` is m (samples, lanes) and K.
+
+    With a `delay`, in samples, a mode arrives with its control; the control before the start is 0.
+    """
     y, x, mode = output.copy(), [each.copy() for each in memories], mode.copy()
+    last, arrived = np.zeros(len(y)), mode.copy()
     outputs, modes = [], []
     for share in brake[0]:
         to_brake = (mode == 0) & (y >= setpoint + model.hysteresis)
@@ -41,8 +45,10 @@ def run(
             x[k] = np.where(mode == k, results[k][1], idle)
         outputs.append(y)
         modes.append(mode.copy())
-        m = np.where(mode == 0, throttle[0], share)
-        y = y + m * (np.where(mode == 0, throttle[1], brake[1]) * u - y)
+        for control, by, time in ((last, arrived, delay), (u, mode, 1.0 - delay)):
+            m = -np.expm1(time * np.log1p(-np.where(by == 0, throttle[0], share)))
+            y = y + m * (np.where(by == 0, throttle[1], brake[1]) * control - y)
+        last, arrived = u, mode.copy()
     return Run(np.array(outputs), np.array(modes))
 
 

@@ -22,7 +22,8 @@ from fopi_tune.proof.switched.settling import SettlingProof
 #: of every certificate; part of its file
 ASSUMPTIONS = (
     "Controllers and plants have exactly the numbers of this file; the controllers' arithmetic is exact.",
-    "Controls are held from sample to sample, without computing delay, rate limit, quantisation or noise.",
+    "Controls are held from sample to sample and act after the computing delay, with their plants where modes change; "
+    "there is no rate limit, quantisation or noise.",
     "The setpoint is constant from the time on that a statement is about.",
     "Plants are of first order; a time constant may vary within its range while driving, a gain is constant.",
 )

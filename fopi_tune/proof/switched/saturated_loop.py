@@ -27,7 +27,7 @@ from flint import arb, arb_mat, ctx
 from fopi_tune.core.bode_form import Array
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.proof.switched.definite import Triangle, is_positive_definite, lower_triangle, midpoints, symmetric
-from fopi_tune.proof.switched.model import SwitchedLoop, lag_range, loop_matrices
+from fopi_tune.proof.switched.model import Lag, SwitchedLoop, lag_range, loop_matrices
 
 #: bits of the verification
 _PRECISION = 192
@@ -40,7 +40,7 @@ class SaturatedLoopProof:
     """That a loop with its limits decays from every state.
 
     Args:
-        matrix: lower triangle of P, shape (n + 1, n + 1) as a whole.
+        matrix: lower triangle of P, shape (N, N) of A as a whole.
         multiplier: lambda, in the unit of P's entries for the control.
         decay: rho per sample, dimensionless.
     """
@@ -81,7 +81,7 @@ def verify_saturated_loop(loop: SwitchedLoop, sample_time_s: float, proof: Satur
         sample_time_s: Ts, in s.
         proof: what is claimed of it.
     """
-    size = len(loop.controller.poles) + 1
+    size = len(loop.controller.poles) + 1 + (loop.delay_samples > 0.0)
     if len(proof.matrix) != size or not (proof.multiplier >= 0.0 and 0.0 < proof.decay < 1.0):
         return False
     with ctx.workprec(_PRECISION):
@@ -92,7 +92,7 @@ def verify_saturated_loop(loop: SwitchedLoop, sample_time_s: float, proof: Satur
         return all(is_positive_definite(_circle(loop.controller, lag, p, proof)) for lag in lags)
 
 
-def _circle(controller: Runtime, lag: tuple[arb, arb], p: arb_mat, proof: SaturatedLoopProof) -> arb_mat:
+def _circle(controller: Runtime, lag: Lag, p: arb_mat, proof: SaturatedLoopProof) -> arb_mat:
     """The matrix of (1) for one plant."""
     a, b, c = loop_matrices(controller, lag)
     size = a.nrows()

@@ -168,7 +168,7 @@ def _responses(model: SwitchedModel) -> _Responses | None:
         a, _, c = (midpoints(each) for each in loop_matrices(model.loops[0].controller, lag))
         constant = midpoints(entry_corners(model, arb(0)))
         slope = midpoints(entry_corners(model, arb(1))) - constant
-        rest, least = 1.0 / float(lag[1]), float(brake_top(model)) + model.hysteresis
+        rest, least = 1.0 / float(lag.gain), float(brake_top(model)) + model.hysteresis
     level = _level_set(a, c)
     if level is None:
         return None

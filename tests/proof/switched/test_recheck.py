@@ -168,7 +168,7 @@ def test_a_certificate_of_another_system_is_told() -> None:
 def test_statements_about_a_model_that_the_methods_do_not_handle_are_refused() -> None:
     for memory in ("reset", "held"):
         sound = switched.certificate(memory)
-        late = tuple(replace(loop, delay_samples=1.0) for loop in sound.model.loops)
+        late = tuple(replace(loop, delay_samples=1.5) for loop in sound.model.loops)
         found = recheck_system(replace(sound, model=replace(sound.model, loops=(late[0], late[1]))))
         assert len(found.problems) == 3 + len(sound.cycles) + (sound.settling is not None)
 
