@@ -21,7 +21,7 @@ from fopi_tune.proof.switched.certificate import ASSUMPTIONS, SystemCertificate
 from fopi_tune.proof.switched.cycles import LONGEST_WORD, CycleProof
 from fopi_tune.proof.switched.definite import Triangle
 from fopi_tune.proof.switched.model import Memory, SwitchedLoop, SwitchedModel
-from fopi_tune.proof.switched.saturated_loop import SaturatedLoopProof
+from fopi_tune.proof.switched.saturated_loop import SaturatedLoopProof, decay_entry, read_decay
 from fopi_tune.proof.switched.settling import MOST_SAMPLES, SettlingProof
 
 KIND, SCHEMA = "fopi-tune system certificate", 1
@@ -117,9 +117,7 @@ def _loop(loop: SwitchedLoop, proof: SaturatedLoopProof | None) -> dict[str, Any
             "model": loop.plant.model,
             "parameters": [{"name": name, "nominal": n.nominal, "min": n.min, "max": n.max} for name, n in numbers],
         },
-        "decays": None
-        if proof is None
-        else {"matrix": _rows(proof.matrix), "multiplier": proof.multiplier, "decay": proof.decay},
+        "decays": None if proof is None else decay_entry(proof),
     }
 
 
@@ -170,8 +168,7 @@ def _read_loop(entry: JsonObject) -> tuple[SwitchedLoop, SaturatedLoopProof | No
     )
     if entry.get("decays") is None:
         return loop, None
-    proof = entry.child("decays")
-    return loop, SaturatedLoopProof(_triangle(proof, "matrix"), proof.number("multiplier"), proof.number("decay"))
+    return loop, read_decay(entry.child("decays"))
 
 
 def _read_controller(entry: JsonObject) -> Runtime:
@@ -213,7 +210,7 @@ def _read_settling(entry: JsonObject) -> SettlingProof:
     return SettlingProof(
         _pair(entry, "setpoints"),
         samples,
-        _triangle(entry, "matrix"),
+        entry.lower_triangle("matrix"),
         entry.number("decay"),
         entry.number("undershoot"),
         entry.number("overshoot"),
@@ -232,7 +229,7 @@ def _read_cycle(entry: JsonObject) -> CycleProof:
         (_numbers(plants[0]), _numbers(plants[1])),
         modes,
         parts,
-        None if entry.get("attraction") is None else _triangle(entry, "attraction"),
+        None if entry.get("attraction") is None else entry.lower_triangle("attraction"),
         entry.number("lowest"),
         entry.number("highest"),
     )
@@ -262,13 +259,3 @@ def _pair(entry: JsonObject, key: str) -> tuple[float, float]:
     if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
         raise CertificateError(f"{entry.at(key)} must be two numbers")
     return numbers[0], numbers[1]
-
-
-def _triangle(entry: JsonObject, key: str) -> Triangle:
-    rows = entry.get(key)
-    if not isinstance(rows, list) or not 1 <= len(rows) <= 2 * _MOST_SECTIONS + 1:
-        raise CertificateError(f"{entry.at(key)} is no lower triangle")
-    found = tuple(JsonObject({"row": row}, f"{entry.at(key)}[{k}]").numbers("row") for k, row in enumerate(rows))
-    if any(len(row) != k + 1 for k, row in enumerate(found)):
-        raise CertificateError(f"{entry.at(key)} is no lower triangle")
-    return found

@@ -256,18 +256,24 @@ def _loop_of(system: SystemSpec, index: int, gains: FoPi) -> SwitchedLoop:
 
 
 def loop_obstacle(loop: SwitchedLoop) -> str:
+    """Why a loop is outside of these methods, with its name; empty where it is not."""
+    found = plant_obstacle(loop)
+    return f"{loop.name}: {found}" if found else ""
+
+
+def plant_obstacle(loop: SwitchedLoop) -> str:
     """Why a loop is outside of these methods; empty where it is not."""
-    parameters, name = loop.plant.parameters, loop.name
+    parameters = loop.plant.parameters
     if loop.plant.model not in ("lag", "pole"):
-        return f"{name}: only plants of model lag or pole are handled; write this one so"
+        return "only plants of model lag or pole are handled"
     if parameters["dead_time_s"].max > 0.0:
-        return f"{name}: a dead time is not modelled in this proof"
+        return "a dead time is not modelled in this proof"
     if not 0.0 <= loop.delay_samples <= 1.0:
-        return f"{name}: a computing delay of more than one sample is not modelled in this proof"
+        return "a computing delay of more than one sample is not modelled in this proof"
     if parameters["static_gain" if loop.plant.model == "lag" else "gain"].min <= 0.0:
-        return f"{name}: the plant's gain must be positive; turn the sign of its control"
+        return "the plant's gain must be positive; turn the sign of its control"
     if loop.plant.model == "pole" and parameters["pole_rad_s"].min <= 0.0:
-        return f"{name}: the plant is not stable by itself; only stable ones are handled"
+        return "the plant is not stable by itself; only stable ones are handled"
     if not loop.controller.has_integrator:
-        return f"{name}: the controller has no integrator, so that it rests beside the setpoint"
+        return "the controller has no integrator, so that it rests beside the setpoint"
     return ""

@@ -20,12 +20,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.digital.runtime import Runtime
+from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.proof.switched.definite import Triangle, is_positive_definite, lower_triangle, midpoints, symmetric
 from fopi_tune.proof.switched.model import Lag, SwitchedLoop, lag_range, loop_matrices
 
@@ -90,6 +92,21 @@ def verify_saturated_loop(loop: SwitchedLoop, sample_time_s: float, proof: Satur
             return False
         lags = lag_range(loop, sample_time_s).vertices
         return all(is_positive_definite(_circle(loop.controller, lag, p, proof)) for lag in lags)
+
+
+def decay_entry(proof: SaturatedLoopProof) -> dict[str, Any]:
+    """A proof as JSON."""
+    rows = [list(row) for row in proof.matrix]
+    return {"matrix": rows, "multiplier": proof.multiplier, "decay": proof.decay}
+
+
+def read_decay(entry: JsonObject) -> SaturatedLoopProof:
+    """A proof from JSON.
+
+    Raises:
+        CertificateError: an entry is missing or has the wrong type.
+    """
+    return SaturatedLoopProof(entry.lower_triangle("matrix"), entry.number("multiplier"), entry.number("decay"))
 
 
 def _circle(controller: Runtime, lag: Lag, p: arb_mat, proof: SaturatedLoopProof) -> arb_mat:
