@@ -99,7 +99,7 @@ class Reference:
             return FoPi(math.exp(u[0]), math.exp(u[1]), float(np.clip(u[2], box.alpha.min, box.alpha.max)))
 
         found = differential_evolution(
-            lambda u: self.merit(gains(u)), bounds, seed=seed, popsize=12, maxiter=30, polish=False, init="sobol"
+            lambda u: self.merit(gains(u)), bounds, rng=seed, popsize=12, maxiter=30, polish=False, init="sobol"
         )
         x = found.x
         for edge in (0.08, -0.05, 0.02):

@@ -43,7 +43,7 @@ def residual_notes(
     if abs(spread.correlation) > _MAX_CORRELATION:
         share = 100 * spread.residual_std
         notes.append(
-            f"what the curve leaves, {share:.2g} % of the output's range, is no independent noise (correlation "
+            f"what the curve leaves, {share:.3g} % of the output's range, is no independent noise (correlation "
             f"{spread.correlation:.2f} from one sample to the next): the plant is not quite of this model, or is "
             "disturbed; the intervals are wider for it"
         )
@@ -84,7 +84,7 @@ def _second_order(problem: Scaled, structure: Structure, spread: Spread) -> _Rea
     left = math.sqrt(other.squares(problem.signals, parameters) / max(problem.n - other.size, 1))
     if left > _MUCH_LESS * spread.residual_std:
         return None
-    return _Reason(f"a second order leaves {100 * left:.2g} % of the output's range: --model second_order", left)
+    return _Reason(f"a second order leaves {100 * left:.3g} % of the output's range: --model second_order", left)
 
 
 def _trend(problem: Scaled, structure: Structure, parameters: Array, spread: Spread) -> _Reason | None:
@@ -97,7 +97,7 @@ def _trend(problem: Scaled, structure: Structure, parameters: Array, spread: Spr
     size, _, left = found
     text = (
         f"what the curve leaves has a trend of {size * problem.height / problem.length_s:.3g} per s, "
-        f"{100 * abs(size):.2g} % of the output's range over the record: the plant drifts, or does not end where this "
+        f"{100 * abs(size):.3g} % of the output's range over the record: the plant drifts, or does not end where this "
         "model does"
     )
     return _Reason(text, left)
@@ -130,7 +130,7 @@ def _step(
     at = float(recording.time_s[problem.rows[place]])
     text = (
         f"what the curve leaves steps by {size * problem.height:.3g} at about {at:.4g} s ({where}), "
-        f"{100 * abs(size):.2g} % of the output's range, without the input: a disturbance? keep what is before or "
+        f"{100 * abs(size):.3g} % of the output's range, without the input: a disturbance? keep what is before or "
         "after (--to, --from)"
     )
     return _Reason(text, remaining)

@@ -101,7 +101,7 @@ class Optimum:
             return f"Nothing is proved of the best gains: {self.reason}."
         return (
             "No gains in the box that meet every requirement (exactly) have an objective better than "
-            f"{self.bound:.8g}; the design's is {self.objective:.8g}, a gap of {100.0 * self.gap:.2g} %."
+            f"{self.bound:.8g}; the design's is {self.objective:.8g}, a gap of {100.0 * self.gap:.3g} %."
         )
 
 

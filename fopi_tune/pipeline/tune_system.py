@@ -55,12 +55,13 @@ def tune_system(source: SystemSource, gains: Mapping[str, FoPi] | None = None) -
     if found.gains is None or found.judged is None:
         message = reasons or "no gains within their ranges were found that give every plant a stable loop"
         return DesignedSystem(
-            system, Status.INFEASIBLE, None, None, (), {}, message, (), found.evaluations, stamped
+            system, Status.INFEASIBLE, None, None, (), {}, (), message, (), found.evaluations, stamped
         )  # fmt: skip
     loops = {name: _verified(system, name, found.gains[name]) for name in system.tuned}
     checked = _checked(system, found.gains)
     met = found.is_met and all(each.is_met for each in checked) and all(loop.all_met for loop in loops.values())
     message = "" if met else reasons or "no gains were found that meet every requirement with every pair of plants"
+    clash = () if met else found.clash
     return DesignedSystem(
         system,
         Status.SOLVED if met else Status.INFEASIBLE,
@@ -68,6 +69,7 @@ def tune_system(source: SystemSource, gains: Mapping[str, FoPi] | None = None) -
         found.judged.objective,
         checked,
         loops,
+        clash,
         message,
         _notes(system),
         found.evaluations,

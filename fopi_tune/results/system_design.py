@@ -12,7 +12,7 @@ from fopi_tune.proof.verification.results import Verification
 from fopi_tune.results.documents import finite
 from fopi_tune.results.requirement_reports import RequirementReport, requirement_reports
 from fopi_tune.results.stamp import Stamp
-from fopi_tune.results.status import Status
+from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec.model import Limit, SystemSpec
 
 _SCHEMA = 1
@@ -67,6 +67,8 @@ class DesignedSystem:
         objective: of the worst pair that was simulated, in the measure's unit; None without gains.
         requirements: on scenarios; none without gains.
         loops: the tuned modes' own loops, verified in floating point.
+        clash: requirements on scenarios that were not found to hold together, and by how much each would have to be
+            relaxed; none where solved, or where no gains meet the modes' own requirements.
         message: why, in words; empty when solved.
         notes: what to know besides.
         evaluations: gains that were simulated.
@@ -79,6 +81,7 @@ class DesignedSystem:
     objective: float | None
     requirements: tuple[DrawnRequirement, ...]
     loops: Mapping[str, Verification]
+    clash: tuple[Relaxation, ...]
     message: str
     notes: tuple[str, ...]
     evaluations: int
@@ -108,6 +111,7 @@ class DesignedSystem:
             "objective_quantity": self.objective_name,
             "requirements": [each.to_dict() for each in self.requirements],
             "loops": {name: [each.to_dict() for each in reports] for name, reports in self.loop_reports.items()},
+            "clash": [asdict(each) for each in self.clash],
             "message": self.message,
             "notes": list(self.notes),
             "stamp": asdict(self.stamp),

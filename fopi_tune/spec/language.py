@@ -22,7 +22,7 @@ from fopi_tune.spec.scenarios import (
     check_scenario_design,
     limits_shape,
     refuse_accelerations,
-    refuse_contradicting_limits,
+    refuse_impossible_limits,
     refuse_too_many_samples,
     refuse_unknown_scenarios,
     scenarios_shape,
@@ -121,7 +121,7 @@ def _check_scenarios(values: Values, measured: list[PlacedLimit], place: Place) 
     scenarios, limits, digital = values.get("scenarios"), values.get("limits"), values.get("digital")
     if (scenarios is None and place.has("scenarios")) or (limits is None and place.has("limits")):
         return  # reported already
-    refuse_contradicting_limits(measured)
+    refuse_impossible_limits(measured)
     limits = [*measured, *(limits or [])]
     refuse_unknown_scenarios(scenarios or [], limits, place)
     if not scenarios:

@@ -47,6 +47,8 @@ MEASURES: dict[str, MeasureKind] = {
 
 #: of these, the ones that gains are designed for; counts of samples do not change with the gains but in jumps
 DESIGNED_MEASURES = tuple(name for name in MEASURES if name not in ("saturation_time_s", "switch_count"))
+#: of these, the ones that are never negative; the output may end short of a setpoint, a negative overshoot
+NEVER_NEGATIVE = tuple(name for name in DESIGNED_MEASURES if name != "overshoot")
 #: the measure that only a velocity has
 ACCELERATION = "acceleration_m_s2"
 #: unit of a velocity -> how many of it are 1 m/s; a mile is 1609.344 m

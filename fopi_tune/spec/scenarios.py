@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any
 
 from fopi_tune.spec.measure_words import requirement_as_measure
-from fopi_tune.spec.measures import ACCELERATION, DESIGNED_MEASURES, acceleration_problem, velocity_unit
+from fopi_tune.spec.measures import ACCELERATION, DESIGNED_MEASURES, NEVER_NEGATIVE, acceleration_problem, velocity_unit
 from fopi_tune.spec.model import (
     MEASURES,
     DesignSpec,
@@ -182,9 +182,13 @@ def refuse_unknown_scenarios(scenarios: list[ScenarioSpec], limits: list[PlacedL
             each.place.refuse("there is no scenario to judge by it; add one under scenarios")
 
 
-def refuse_contradicting_limits(limits: Sequence[PlacedLimit]) -> None:
-    """Reports every requirement on a measure that contradicts an earlier one in a scenario of both, once."""
+def refuse_impossible_limits(limits: Sequence[PlacedLimit]) -> None:
+    """Reports every requirement on a measure that nothing meets, alone or with an earlier one in a scenario of both."""
     for number, later in enumerate(limits):
+        limit, place = later.limit, _in_words(later)[1]
+        if limit.relation is Relation.AT_MOST and limit.limit < 0.0 and limit.measure in NEVER_NEGATIVE:
+            place.refuse(f"{limit.limit:g} is never met, {limit.measure} is not negative; write a limit of 0 or more")
+            continue
         earlier = next((each for each in limits[:number] if _contradict(each.limit, later.limit)), None)
         if earlier is not None:
             (here, where), (there, _) = _in_words(later), _in_words(earlier)

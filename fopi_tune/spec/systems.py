@@ -21,7 +21,7 @@ from fopi_tune.spec.scenarios import (
     limit_records,
     limits_shape,
     refuse_accelerations,
-    refuse_contradicting_limits,
+    refuse_impossible_limits,
     refuse_too_many_samples,
     refuse_unknown_scenarios,
     scenarios_shape,
@@ -80,7 +80,7 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
         return None
     requirements: list[PlacedLimit] = values.get("requirements") or []
     limits = [*requirements, *(values.get("limits") or [])]
-    refuse_contradicting_limits([each for each in requirements if each is not None])
+    refuse_impossible_limits([each for each in requirements if each is not None])
     refuse_unknown_scenarios(values.get("scenarios") or [], limits, place)
     objective = _checked_objective(values, requirements, place)
     modes_section = values.get(SYSTEM)

@@ -16,7 +16,7 @@ def test_nothing_of_a_systems_design_is_proved() -> None:
     system = load_system(ROOT / "systems" / "car_comfort.yaml")
 
     def design(status: Status) -> DesignedSystem:
-        return DesignedSystem(system, status, None, None, (), {}, "", (), 0, stamp(system.sha256, "simplex"))
+        return DesignedSystem(system, status, None, None, (), {}, (), "", (), 0, stamp(system.sha256, "simplex"))
 
     assert exit_code_of(design(Status.SOLVED), require_proof=False) is Exit.MET
     assert exit_code_of(design(Status.SOLVED), require_proof=True) is Exit.TOOL_FAILED

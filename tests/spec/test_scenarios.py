@@ -56,6 +56,10 @@ REFUSED = {
         f"{HEAD}{DIGITAL}{ONE}requirements: [{{iae: {{at_most: 3}}}}, {{iae: {{at_least: 4}}, scenario: one}}]\n",
         ["6: requirements[1].iae.at_least: at_least 4 on line 6 contradicts at_most 3 on line 6; relax one"],
     ),
+    "limits below all values": (
+        f"{HEAD}{DIGITAL}{ONE}requirements: [{{iae: {{at_most: -3}}}}, {{overshoot: {{at_most: -0.1}}}}]\n",
+        ["6: requirements[0].iae.at_most: -3 is never met, iae is not negative; write a limit of 0 or more"],
+    ),
     "an unknown scenario": (
         f"{HEAD}{DIGITAL}requirements: [{{overshoot: {{at_most: 0.1}}, scenario: three}}]\n{TWO}",
         ["5: requirements[0].scenario: no scenario has this name; there is one, two"],

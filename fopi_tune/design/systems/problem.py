@@ -26,6 +26,8 @@ from fopi_tune.spec.scenarios import frequency_part
 
 #: limits are designed this much tighter, in their units
 TIGHTENING = 1e-6
+#: the modes' own requirements are met where they are missed by less, neper or radian
+MET = 5e-7
 #: pairs of plants of the joint box that are simulated to find the worst
 _SCATTERED = 2048
 #: what a violation costs, in objectives; gains without a loop cost as much as can be
@@ -49,10 +51,18 @@ class Judged:
     loops: float
     worst: tuple[int, ...]
 
-    @property
-    def violation(self) -> float:
-        """The largest of all misses, 0 where everything holds."""
-        return max(0.0, self.loops, *(each + TIGHTENING for each in self.missed))
+    def holds_without(self, left_out: frozenset[int] = frozenset()) -> bool:
+        """Whether the other requirements and those of the modes' loops hold, as they are and no tighter."""
+        held = (each <= 0.0 for index, each in enumerate(self.missed) if index not in left_out)
+        return self.loops <= MET and all(held)
+
+    def violation_without(self, left_out: frozenset[int]) -> float:
+        """The sum of what the other requirements, tightened, and the modes' loops miss; 0 where they hold.
+
+        A sum: of a limit that no gains move the tightening is always missed, and a maximum would hide that of others.
+        """
+        held = (each + TIGHTENING for index, each in enumerate(self.missed) if index not in left_out)
+        return max(0.0, self.loops) + sum(max(0.0, each) for each in held)
 
 
 @dataclass(frozen=True)
@@ -149,9 +159,14 @@ def _finite(values: Array) -> Array:
     return np.where(np.isnan(values), np.inf, values)
 
 
+def unit_of(limit: Limit) -> float:
+    """What the miss of a requirement is counted in, in the measure's unit."""
+    return abs(limit.limit) or 1.0
+
+
 def _missed(limit: Limit, values: Array) -> Array:
     side = 1.0 if limit.relation is Relation.AT_MOST else -1.0
-    return np.asarray(side * (values - limit.limit) / (abs(limit.limit) or 1.0))
+    return np.asarray(side * (values - limit.limit) / unit_of(limit))
 
 
 def _loop_problem(spec: DesignSpec) -> Problem:
@@ -161,13 +176,32 @@ def _loop_problem(spec: DesignSpec) -> Problem:
     return Problem.of(sampled).missing(frozenset(), frozenset())
 
 
-def merit(judged: Judged | None, scale: float) -> float:
-    """Objective and violation as one number.
+@dataclass(frozen=True)
+class Question:
+    """What gains are searched for.
 
     Args:
-        judged: of the gains; None where there is no loop.
         scale: of the objective.
+        missed: requirements that may be missed, the largest miss of which is made small instead of the objective.
+        ignored: requirements that count for nothing.
     """
-    if judged is None or not math.isfinite(judged.objective):
-        return NO_LOOP
-    return judged.objective / scale + PENALTY * min(judged.violation, 1e6)
+
+    scale: float = 1.0
+    missed: frozenset[int] = frozenset()
+    ignored: frozenset[int] = frozenset()
+
+    def violation(self, judged: Judged) -> float:
+        """By how much what has to hold is missed."""
+        return judged.violation_without(self.missed | self.ignored)
+
+    def aim(self, judged: Judged) -> float:
+        """What is made small, where everything else holds."""
+        if not self.missed:
+            return judged.objective / self.scale
+        return max(0.0, *(judged.missed[index] + TIGHTENING for index in self.missed))
+
+    def merit(self, judged: Judged | None) -> float:
+        """Aim and violation as one number; of gains without a loop as large as can be."""
+        if judged is None or not (self.missed or math.isfinite(judged.objective)):
+            return NO_LOOP
+        return min(self.aim(judged), NO_LOOP) + PENALTY * min(self.violation(judged), 1e6)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
-from fopi_tune.design.systems.problem import Judged, SystemProblem, merit
+from fopi_tune.design.systems.problem import MET, TIGHTENING, Judged, Question, SystemProblem, unit_of
+from fopi_tune.results.status import Relaxation
 from fopi_tune.simulation.sampled.plants import discretize_plants
 from fopi_tune.spec.measures import ACCELERATION, PER_M_S, velocity_unit
 from fopi_tune.spec.model import Relation, SystemSpec
@@ -22,8 +23,8 @@ _STARTS, _EVALUATIONS, _LAST_EVALUATIONS = 4, 160, 260
 _ROUNDS = 6
 #: edges of the first simplex in the unit cube: of a start, and of rounds after it
 _EDGE, _NEAR_EDGE = 0.06, 0.01
-#: in the limits' units; what is missed by less is met
-MET = 5e-7
+#: relative, by which a relaxed limit is moved farther than the search found necessary
+_CLEARANCE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -35,17 +36,20 @@ class SystemCandidate:
         judged: what they do with a dense sample of both families; None without gains.
         evaluations: how many gains were simulated.
         reasons: why requirements cannot be met by any gains, as formulas show; none otherwise.
+        clash: where they are not met: requirements on scenarios that were not found to hold together, and by how much
+            each would have to be relaxed; none where the modes' own loops miss theirs.
     """
 
     gains: Mapping[str, FoPi] | None
     judged: Judged | None
     evaluations: int
     reasons: tuple[str, ...] = ()
+    clash: tuple[Relaxation, ...] = ()
 
     @property
     def is_met(self) -> bool:
         """Whether everything holds for the sample."""
-        return self.judged is not None and self.judged.violation <= MET
+        return self.judged is not None and self.judged.holds_without()
 
 
 def design_system(system: SystemSpec, fixed: Mapping[str, FoPi]) -> SystemCandidate:
@@ -59,54 +63,102 @@ def design_system(system: SystemSpec, fixed: Mapping[str, FoPi]) -> SystemCandid
         DomainError: a mode's digital controller cannot be made.
     """
     search = _Search(SystemProblem(system, fixed))
-    return search.run()
+    reasons = tuple(dict.fromkeys(reasons_by_formula(system)))
+    found = search.best()
+    if found is None:
+        return SystemCandidate(None, None, search.evaluations, reasons)
+    candidate = SystemCandidate(search.problem.gains(found.x), found.judged, search.evaluations, reasons)
+    if candidate.is_met:
+        return candidate
+    clash = tuple(_clash(search, found.x))
+    return replace(candidate, clash=clash, evaluations=search.evaluations)
+
+
+def _clash(search: _Search, nearest: Array) -> Iterator[Relaxation]:
+    """Requirements of which none can be left out, each with the limit that it would need beside all others."""
+    requirements = search.problem.system.requirements
+    every = frozenset(range(len(requirements)))
+    together = search.refined(nearest, Question(missed=every))
+    if together.judged.loops > MET:
+        return
+    clash = every
+    for index in sorted(every):
+        rest = clash - {index}
+        if rest and search.refined(together.x, Question(missed=rest, ignored=every - rest)).missed(rest) > MET:
+            clash = rest
+    for index in sorted(clash):
+        found = search.refined(together.x, Question(missed=frozenset({index})))
+        miss = found.judged.missed[index] + TIGHTENING
+        if not (found.judged.holds_without(frozenset({index})) and np.isfinite(miss)):
+            yield Relaxation(index, None, None)
+            continue
+        requirement = requirements[index]
+        moved = max(miss, 0.0) * (1.0 + _CLEARANCE) * unit_of(requirement)
+        side = 1.0 if requirement.relation is Relation.AT_MOST else -1.0
+        yield Relaxation(index, moved, requirement.limit + side * moved)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A point of the unit cube, and what its gains do with a dense sample of both families."""
+
+    x: Array
+    judged: Judged
+
+    def missed(self, requirements: Iterable[int]) -> float:
+        """The largest miss of some requirements, or of the modes' own loops."""
+        return max(self.judged.loops, *(self.judged.missed[index] for index in requirements))
 
 
 class _Search:
     def __init__(self, problem: SystemProblem) -> None:
-        self.problem, self.points, self.evaluations, self.scale = problem, problem.corners, 0, 1.0
+        self.problem, self.points, self.evaluations = problem, problem.corners, 0
         self.size = 3 * len(problem.tuned)
 
-    def run(self) -> SystemCandidate:
+    def best(self) -> _Found | None:
+        """The best gains from scattered ones; None where none give stable loops."""
         from scipy.stats import qmc
 
         problem = self.problem
-        reasons = tuple(dict.fromkeys(reasons_by_formula(problem.system)))
         count = 2 ** int(np.ceil(np.log2(_SCATTERED * len(problem.tuned))))
         cube = qmc.Sobol(self.size, scramble=False).random(count)[1:]
         judged = [self._judge(x) for x in cube]
         finite = [each.objective for each in judged if each is not None and np.isfinite(each.objective)]
         if not finite:
-            return SystemCandidate(None, None, self.evaluations, reasons)
-        self.scale = max(float(np.median(finite)), 1e-12)
-        order = sorted(range(len(cube)), key=lambda k: merit(judged[k], self.scale))
+            return None
+        question = Question(scale=max(float(np.median(finite)), 1e-12))
+        order = sorted(range(len(cube)), key=lambda k: question.merit(judged[k]))
         starts = self._apart([cube[k] for k in order])
-        ends = [self._simplex(x, _EDGE, _EVALUATIONS) for x in starts]
-        best = min(ends, key=lambda end: end[1])[0]
+        ends = [self._simplex(x, question, _EDGE, _EVALUATIONS) for x in starts]
+        return self.refined(min(ends, key=lambda end: end[1])[0], question, _LAST_EVALUATIONS)
+
+    def refined(self, x: Array, question: Question, evaluations: int = _EVALUATIONS) -> _Found:
+        """The best gains near others, of which stable loops are known; the worst pairs of plants are exchanged."""
+        problem, start = self.problem, x
         for _ in range(_ROUNDS):
             # a fresh simplex: the old one may have collapsed on a kink
-            best = self._simplex(best, _NEAR_EDGE, _LAST_EVALUATIONS)[0]
-            best = self._simplex(best, 0.1 * _NEAR_EDGE, _EVALUATIONS)[0]
-            everywhere = problem.judge(problem.gains(best), problem.family)
+            x = self._simplex(x, question, _NEAR_EDGE, evaluations)[0]
+            x = self._simplex(x, question, 0.1 * _NEAR_EDGE, _EVALUATIONS)[0]
+            everywhere = problem.judge(problem.gains(x), problem.family)
             if everywhere is None:
                 break
             new = [problem.family[k] for k in dict.fromkeys(everywhere.worst)]
             known = {tuple(point) for point in self.points}
             added = [point for point in new if tuple(point) not in known]
-            here = problem.judge(problem.gains(best), self.points)
-            worse = here is None or everywhere.violation > max(here.violation, MET)
-            higher = here is None or everywhere.objective > here.objective * (1.0 + 1e-6)
+            here = problem.judge(problem.gains(x), self.points)
+            worse = here is None or question.violation(everywhere) > max(question.violation(here), MET)
+            higher = here is None or question.aim(everywhere) > question.aim(here) * (1.0 + 1e-6)
             if not added or not (worse or higher):
                 break
             self.points = np.vstack([self.points, *[point[None, :] for point in added]])
-        gains = problem.gains(best)
-        return SystemCandidate(gains, problem.judge(gains, problem.family), self.evaluations, reasons)
+        ends = [(end, problem.judge(problem.gains(end), problem.family)) for end in (x, start)]
+        return next(_Found(end, judged) for end, judged in ends if judged is not None)
 
     def _judge(self, x: Array) -> Judged | None:
         self.evaluations += 1
         return self.problem.judge(self.problem.gains(x), self.points)
 
-    def _simplex(self, start: Array, edge: float, most: int) -> tuple[Array, float]:
+    def _simplex(self, start: Array, question: Question, edge: float, most: int) -> tuple[Array, float]:
         """Nelder and Mead's search within the unit cube; ends are those of the gains' ranges."""
         from scipy.optimize import minimize
 
@@ -117,7 +169,7 @@ class _Search:
             corner[axis] += edge if corner[axis] + edge <= 1.0 else -edge
             corners.append(corner)
         found = minimize(
-            lambda x: merit(self._judge(x), self.scale), inside, method="Nelder-Mead", bounds=[(0.0, 1.0)] * self.size,
+            lambda x: question.merit(self._judge(x)), inside, method="Nelder-Mead", bounds=[(0.0, 1.0)] * self.size,
             options={"maxfev": most, "initial_simplex": np.array(corners), "xatol": 1e-9, "fatol": 1e-11},
         )  # fmt: skip
         return np.clip(found.x, 0.0, 1.0), float(found.fun)

@@ -90,7 +90,7 @@ def _relaxation(problem: ScenarioProblem, index: int, known: tuple[FoPi, ...], c
     """The smallest change of one limit with which all requirements can be met."""
     first = len(problem.spec.requirements)
     if index >= first and problem.spec.scenario_requirements[index - first].measure == "settling_time_s":
-        return _longer_settling(problem, index, known, counts)
+        return _other_settling(problem, index, known, counts)
     question = problem.missing(frozenset({index}), frozenset())
     found = solve(question, counts, known, thorough=False)
     if found is None or found.violation > MET:
@@ -138,23 +138,26 @@ def _of_loop(question: ScenarioProblem, index: int, found: Exchanged) -> Relaxat
     return Relaxation(index, None, None) if best is None else Relaxation(index, best[2], best[1])
 
 
-def _longer_settling(problem: ScenarioProblem, index: int, known: tuple[FoPi, ...], counts: Counts) -> Relaxation:
-    """The shortest settling time that can be had, by bisection over whole samples."""
+def _other_settling(problem: ScenarioProblem, index: int, known: tuple[FoPi, ...], counts: Counts) -> Relaxation:
+    """The settling time next to the limit that can be had, by bisection over whole samples."""
     place = index - len(problem.spec.requirements)
     limit = problem.spec.scenario_requirements[place]
-    runs = [row.run for row in problem.rows if row.index == place]
-    step = runs[0].run.sample_time_s
-    low, high = math.floor(limit.limit / step), max(len(run.run.signals) for run in runs)
+    rows = [row for row in problem.rows if row.index == place]
+    step, side = rows[0].run.run.sample_time_s, int(rows[0].side)
+    # the last whole number of samples that cannot be had
+    start = math.floor(limit.limit / step) if side > 0 else math.ceil(limit.limit / step)
+    most = max(len(row.run.run.signals) for row in rows) - start if side > 0 else start
 
     def question(count: int) -> ScenarioProblem:
-        moved = replace(limit, limit=count * step)
+        moved = replace(limit, limit=(start + side * count) * step)
         rows = tuple(replace(row, limit=moved) if row.index == place else row for row in problem.rows)
         return replace(problem, rows=rows).missing(frozenset({index}), frozenset())
 
-    found = shortest_settling(question, low, high, known, counts)
+    found = shortest_settling(question, 0, most, known, counts)
     if found is None:
         return Relaxation(index, None, None)
-    return Relaxation(index, found[0] * step - limit.limit, found[0] * step)
+    relaxed = (start + side * found[0]) * step
+    return Relaxation(index, abs(relaxed - limit.limit), relaxed)
 
 
 def reason_by_formula(problem: ScenarioProblem) -> str:

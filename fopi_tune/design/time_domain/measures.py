@@ -98,17 +98,17 @@ def errors_of(run: ScenarioRun, found: Trajectories) -> Points:
     return Points(run.run.signals.reference[None, first:] + numbers[..., 0], numbers[..., 1:])
 
 
-def points_of(measure: str, run: ScenarioRun, found: Trajectories, limit: float) -> Points:
+def points_of(measure: str, run: ScenarioRun, found: Trajectories, unsettled: int = 0) -> Points:
     """The points of a measure in its public unit.
 
     Args:
         measure: a word of `DESIGNED_MEASURES`.
         run: the scenario.
         found: its trajectories.
-        limit: of a settling time, s: its points are then the distances from the reference, in settling bands, and the
-            limit is met where none is above 1.
+        unsettled: of a settling time, samples after a step that do not count: its points are then the distances from
+            the reference of the others, in settling bands, and the limit is met where none is above 1.
     """
-    return _POINTS[measure](run, found, limit)
+    return _POINTS[measure](run, found, unsettled)
 
 
 def _both(numbers: Array) -> Points:
@@ -116,17 +116,17 @@ def _both(numbers: Array) -> Points:
     return Points.of(np.concatenate([numbers, -numbers], axis=1))
 
 
-def _rates(run: ScenarioRun, found: Trajectories, _: float) -> Points:
+def _rates(run: ScenarioRun, found: Trajectories, _: int) -> Points:
     first = run.horizon.first
     # the rate after the last sample lies beyond the end
     return _both(np.concatenate([found.rate[:, first:], found.rate_after[:, first:-1]], axis=1))
 
 
-def _accelerations(run: ScenarioRun, found: Trajectories, _: float) -> Points:
-    return _rates(run, found, 0.0).shifted(0.0, run.per_m_s)
+def _accelerations(run: ScenarioRun, found: Trajectories, _: int) -> Points:
+    return _rates(run, found, 0).shifted(0.0, run.per_m_s)
 
 
-def _controls(run: ScenarioRun, found: Trajectories, _: float) -> Points:
+def _controls(run: ScenarioRun, found: Trajectories, _: int) -> Points:
     return _both(found.applied[:, run.horizon.first :])
 
 
@@ -137,7 +137,7 @@ def _beyond(run: ScenarioRun, found: Trajectories, index: int) -> Array:
     return numbers
 
 
-def _overshoots(run: ScenarioRun, found: Trajectories, _: float) -> Points:
+def _overshoots(run: ScenarioRun, found: Trajectories, _: int) -> Points:
     parts = []
     for index, step in enumerate(run.steps):
         numbers = _beyond(run, found, index)
@@ -145,7 +145,7 @@ def _overshoots(run: ScenarioRun, found: Trajectories, _: float) -> Points:
     return Points.joined(parts)
 
 
-def _undershoots(run: ScenarioRun, found: Trajectories, _: float) -> Points:
+def _undershoots(run: ScenarioRun, found: Trajectories, _: int) -> Points:
     m = len(found.output)
     # without a step there is none
     parts = [Points(np.zeros((m, 1)), np.zeros((m, 1, 3)))]
@@ -156,11 +156,11 @@ def _undershoots(run: ScenarioRun, found: Trajectories, _: float) -> Points:
     return Points.joined(parts)
 
 
-def _settling_points(run: ScenarioRun, found: Trajectories, limit: float) -> Points:
-    late, m = int(np.floor(limit / run.run.sample_time_s + 1e-9)), len(found.output)
+def _settling_points(run: ScenarioRun, found: Trajectories, unsettled: int) -> Points:
+    m = len(found.output)
     parts = [Points(np.zeros((m, 1)), np.zeros((m, 1, 3)))]
     for index, (step, counts) in enumerate(
-        zip(run.steps, settling_samples(run, found.output[..., 0], late), strict=True)
+        zip(run.steps, settling_samples(run, found.output[..., 0], unsettled), strict=True)
     ):
         numbers = _beyond(run, found, index)
         # what need not be settled yet lies at the value
@@ -191,7 +191,7 @@ def settling_samples(run: ScenarioRun, output: Array, late: int) -> list[NDArray
     return found
 
 
-def _final_errors(run: ScenarioRun, found: Trajectories, _: float) -> Points:
+def _final_errors(run: ScenarioRun, found: Trajectories, _: int) -> Points:
     steps = run.steps
     last = [run.samples_of(i).stop - 1 for i in range(len(steps)) if i + 1 == len(steps) or not steps[i + 1].of_load]
     numbers = -found.output[:, last]
@@ -199,13 +199,13 @@ def _final_errors(run: ScenarioRun, found: Trajectories, _: float) -> Points:
     return _both(numbers)
 
 
-def _squares(run: ScenarioRun, found: Trajectories, _: float) -> Points:
+def _squares(run: ScenarioRun, found: Trajectories, _: int) -> Points:
     errors, Ts = errors_of(run, found), run.run.sample_time_s
     values = Ts * (errors.values**2).sum(axis=1, keepdims=True)
     return Points(values, 2.0 * Ts * np.einsum("mk,mkj->mj", errors.values, errors.slopes)[:, None, :])
 
 
-def _absolutes(run: ScenarioRun, found: Trajectories, _: float) -> Points:
+def _absolutes(run: ScenarioRun, found: Trajectories, _: int) -> Points:
     errors, Ts = errors_of(run, found), run.run.sample_time_s
     signs = np.sign(errors.values)
     return Points(
@@ -214,7 +214,7 @@ def _absolutes(run: ScenarioRun, found: Trajectories, _: float) -> Points:
     )
 
 
-def _rise_times(run: ScenarioRun, found: Trajectories, _: float) -> Points:
+def _rise_times(run: ScenarioRun, found: Trajectories, _: int) -> Points:
     m = len(found.output)
     parts = [Points(np.zeros((m, 1)), np.zeros((m, 1, 3)))]
     # a step of the load ends no rise
@@ -253,7 +253,7 @@ def _rise(progress: Array, sample_time_s: float) -> Array:
     return np.asarray(sample_time_s * (ends[0] - ends[1]))
 
 
-_POINTS: dict[str, Callable[[ScenarioRun, Trajectories, float], Points]] = {
+_POINTS: dict[str, Callable[[ScenarioRun, Trajectories, int], Points]] = {
     ACCELERATION: _accelerations,
     "peak_rate_per_s": _rates,
     "overshoot": _overshoots,

@@ -156,7 +156,7 @@ class Modeller:
         if measure == "iae" and row.side > 0.0 and not row.in_depth:
             parts.sums += _sums(row, found, place, 1.0 / row.unit, TIGHTENING - limit / row.unit)
             return
-        points = points_of(measure, row.run, found, limit)
+        points = points_of(measure, row.run, found, row.unsettled_samples)
         level = 1.0 if measure == "settling_time_s" else limit
         shifted = points.shifted(level, row.unit)
         if row.side < 0.0:
@@ -174,7 +174,7 @@ class Modeller:
         if row.limit.measure == "iae":
             parts.sums += _sums(row, found, -1, 1.0, 0.0)
         else:
-            parts.aim(*_near(points_of(row.limit.measure, row.run, found, 0.0)))
+            parts.aim(*_near(points_of(row.limit.measure, row.run, found)))
 
 
 class _Parts:

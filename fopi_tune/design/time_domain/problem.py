@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -30,6 +31,8 @@ TIGHTENING = 1e-6
 #: plants of the box that are simulated to find the worst ones: those of a grid and, of several numbers, scattered ones
 _LINE, _GRID, _SCATTERED = 601, {2: 17, 3: 9, 4: 5}, 2048
 _MOST_CORNERS = 32
+#: of a limit in samples
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +60,15 @@ class ScenarioRow:
     def side(self) -> float:
         """1 of an upper limit, -1 of a lower one."""
         return 1.0 if self.limit.relation is Relation.AT_MOST else -1.0
+
+    @property
+    def unsettled_samples(self) -> int:
+        """Of a settling time: samples after a step whose distance from its value does not count.
+
+        n samples or less are settled from sample n on; n or more have left the band at sample n - 1 or later.
+        """
+        samples = self.limit.limit / self.run.run.sample_time_s
+        return math.floor(samples + _ROUNDING) if self.side > 0.0 else math.ceil(samples - _ROUNDING) - 1
 
     @property
     def key(self) -> tuple[int, str]:

@@ -24,6 +24,8 @@ def shortest_settling(
 ) -> tuple[int, FoPi] | None:
     """The fewest samples in which every plant settles, and gains that do it; None where no number is enough.
 
+    Of a lower limit: by how many samples it has to be relaxed at least.
+
     Args:
         question: the problem of how far the output leaves its band after so many samples, the rest held.
         low: a number that is too few.

@@ -120,7 +120,7 @@ class Family:
         for first in range(0, len(points), _KEPT):
             plants = self.problem.plants(points[first : first + _KEPT])
             traces = simulate([Mode(controller, plants)], row.run.run)
-            parts.append(_outside(row.run, traces.output, row.limit.limit))
+            parts.append(_outside(row.run, traces.output, row.unsettled_samples))
         missed = row.side * (np.concatenate(parts) - 1.0)
         return np.where(np.isfinite(missed), missed, np.inf)
 
@@ -134,10 +134,10 @@ def _missed(row: ScenarioRow, numbers: Measures) -> Array:
     return np.where(np.isfinite(values), values, np.inf)
 
 
-def _outside(run: ScenarioRun, output: Array, limit: float) -> Array:
-    """max |y - value|/band from the limit on, step by step, as `measures.points_of` has it; shape (m,)."""
-    late, worst = int(np.floor(limit / run.run.sample_time_s + 1e-9)), np.zeros(len(output))
-    for index, (step, counts) in enumerate(zip(run.steps, settling_samples(run, output, late), strict=True)):
+def _outside(run: ScenarioRun, output: Array, unsettled: int) -> Array:
+    """max |y - value|/band after the samples that do not count, as `measures.points_of` has it; shape (m,)."""
+    worst = np.zeros(len(output))
+    for index, (step, counts) in enumerate(zip(run.steps, settling_samples(run, output, unsettled), strict=True)):
         away = np.where(counts, np.abs(output[:, run.samples_of(index)] - step.value), 0.0).max(axis=1)
         worst = np.maximum(worst, away / (step.band or np.finfo(float).tiny))
     return worst

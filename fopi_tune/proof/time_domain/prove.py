@@ -58,7 +58,7 @@ def why_no_method(case: TimeDomainCase) -> str:
     """Why nothing can be proved of a case, whatever its numbers; empty where something may be."""
     measure = case.limit.measure
     if measure not in PROVABLE:
-        return f"of {measure}"
+        return f"{measure} has none"
     if measure == ACCELERATION and velocity_unit(case.measurement_unit) is None:
         return acceleration_problem(case.measurement_unit)
     if case.scenario.quantum:
@@ -68,7 +68,7 @@ def why_no_method(case: TimeDomainCase) -> str:
     if case.samples > most:
         return f"{case.samples} samples are more than {most}{' with output limits' if limited else ''}"
     if case.limit.relation not in (Relation.AT_MOST, Relation.AT_LEAST):
-        return f"of a limit that is {case.limit.relation.value}"
+        return f"a limit of {measure} that is {case.limit.relation.value} has none"
     if case.family.parameters["dead_time_s"].max / case.sample_time_s + case.delay_samples > _MOST_SAMPLES:
         return f"a delay of more than {_MOST_SAMPLES} samples"
     if case.controller.precision is not Precision.FLOAT64:

@@ -71,7 +71,7 @@ def design_text(design: Design) -> Text:
     solved = status == "solved"
     lines: list[Line] = [*wrapped(f"{design.spec.name}: {_headline(design)}", style_of(solved))]
     lines += wrapped(f"Why: {sentence(design.message)}" if design.message else "")
-    lines += _clash(design.clash, every_requirement(design.spec))
+    lines += clash_lines(design.clash, every_requirement(design.spec))
     if design.gains is not None:
         lines += [("", ""), *wrapped(_GAINS_TITLES.get(status, "")), (gains_line(design.gains), "bold")]
     if design.gains is not None or not design.clash:
@@ -100,8 +100,9 @@ def proved_sentence(spec: DesignSpec, measures: Sequence[MeasureReport]) -> str:
     checked = [report for report in measures if report.verdict == "checked"]
     if not checked:
         return f"All requirements{on_samples} are proved for every plant and every frequency."
+    some = f"{len(checked)}{f' of {len(measures)}' if len(measures) > len(checked) else ''}"
     every = f"Requirements{on_samples} are proved" if spec.requirements else f"Stability{on_samples} is proved"
-    return f"{every} for every plant and frequency; {len(checked)} on scenarios {_is(checked)} checked by simulation."
+    return f"{every} for every plant and frequency; {some} on scenarios {_is(checked)} checked by simulation."
 
 
 def _is(several: Sequence[object]) -> str:
@@ -239,7 +240,7 @@ def _plant(plant: Mapping[str, float]) -> str:
     return f" with {named}" if named else ""
 
 
-def _clash(clash: Sequence[Relaxation], requirements: Sequence[Requirement | Limit]) -> Iterator[Line]:
+def clash_lines(clash: Sequence[Relaxation], requirements: Sequence[Requirement | Limit]) -> Iterator[Line]:
     """The clashing requirements, and by how much the limit of each can be relaxed."""
     if not clash:
         return
@@ -284,7 +285,7 @@ def optimum_lines(optimum: Optimum | None, gap: float | None = None) -> Iterator
     """The bound on the global optimum that is proved, else the gap that was checked; nothing without either."""
     if optimum is None:
         if gap is not None:
-            yield from entry("optimum", f"nothing better by more than {100.0 * gap:.2g} % is possible (checked)")
+            yield from entry("optimum", f"nothing better by more than {100.0 * gap:.3g} % is possible (checked)")
         return
     good = optimum.status in (OptimumStatus.CERTIFIED, OptimumStatus.INFEASIBLE)
     yield from entry("optimum", _optimum_words(optimum), "" if good else "yellow")
@@ -305,4 +306,4 @@ def _optimum_words(optimum: Optimum) -> str:
         found += f"; better gains: kp = {number(g.kp, 8)}, ki = {number(g.ki, 8)}, alpha = {number(g.alpha, 8)}"
     word = "certified" if status is OptimumStatus.CERTIFIED else f"bounded, {optimum.reason}"
     unused = f"; not used: {', '.join(optimum.left_out)}" if optimum.left_out else ""
-    return f"{word}: {found}, a gap of {100.0 * optimum.gap:.2g} % ({effort}){unused}"
+    return f"{word}: {found}, a gap of {100.0 * optimum.gap:.3g} % ({effort}){unused}"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from fopi_tune.report.text.design import requirement_lines
+from fopi_tune.report.text.design import clash_lines, requirement_lines
 from fopi_tune.report.text.formatting import (
     FIRST_COLUMN,
     QUIET,
@@ -38,9 +38,11 @@ def system_design_text(result: DesignedSystem) -> Text:
         said = "Not every pair of plants meets all requirements." if result.gains else "There are no gains."
     lines: list[Line] = [*wrapped(f"{result.spec.name}: {result.status.value}. {said}", style_of(solved))]
     lines += wrapped(f"Why: {sentence(result.message)}" if result.message else "")
+    lines += clash_lines(result.clash, result.spec.requirements)
     if result.gains is not None:
         lines += [("", ""), *gains_lines(result.gains), ("", "")]
-        lines.append((f"{'':{FIRST_COLUMN}}{'requirement':<{_WHAT}}{'achieved':>{_ACHIEVED}}", "bold"))
+        if result.requirements:
+            lines.append((f"{'':{FIRST_COLUMN}}{'requirement':<{_WHAT}}{'achieved':>{_ACHIEVED}}", "bold"))
         for each in result.requirements:
             lines += _requirement(each)
         value = "unknown" if result.objective is None else number(result.objective)

@@ -34,7 +34,11 @@ def tradeoff_text(result: Tradeoff) -> Text:
     knob, solved = result.knob, result.status == "solved"
     every = -(-len(result.points) // _MOST_ROWS)
     met, of = len(result.met), len(result.points)
-    said = f"{met} of {of} limits can be met; the check passed each." if solved else "The check refused some gains."
+    said = (
+        f"{met} of {of} limits of the sweep can be met; the check passed each."
+        if solved
+        else "The check refused some gains."
+    )
     lines: list[Line] = [*wrapped(f"{result.spec.name}, trade-off: {said}", style_of(solved)), ("", "")]
     lines += wrapped(
         f"requirement {knob.name}: {limit_phrase(knob.requirement)}, {limit_scope_phrase(knob.requirement)}"

@@ -5,20 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from cases.project import ROOT
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design.systems import design_system
-from fopi_tune.design.systems.problem import NO_LOOP, SystemProblem, merit
+from fopi_tune.design.systems.problem import NO_LOOP, Question, SystemProblem
 from fopi_tune.design.systems.search import reasons_by_formula
 from fopi_tune.spec import load_system
-from fopi_tune.spec.model import Knot, SystemSpec
+from fopi_tune.spec.model import Knot, Limit, Relation, SystemSpec
 
 
 def car() -> SystemSpec:
     """One short drive of the shipped car."""
     whole = load_system(ROOT / "systems" / "car_comfort.yaml")
-    drive = replace(whole.scenarios[0], duration_s=60.0, reference=whole.scenarios[0].reference[:2])
+    drive = replace(whole.scenarios[0], duration_s=45.0, reference=whole.scenarios[0].reference[:2])
     assert whole.objective is not None
     objective = replace(whole.objective, scenario=drive.name)
     return replace(whole, scenarios=(drive,), tuned=("throttle",), objective=objective)
@@ -36,7 +37,7 @@ def test_the_best_gains_of_one_mode_beside_fixed_ones_of_the_other() -> None:
     problem = SystemProblem(system, {"brake": brake["brake"]})
     rng = np.random.default_rng(5)
     scattered = [problem.judge(problem.gains(x), problem.corners) for x in rng.random((150, 3))]
-    met = [each.objective for each in scattered if each is not None and each.violation == 0.0]
+    met = [each.objective for each in scattered if each is not None and each.holds_without()]
     assert met
     assert min(met) >= found.judged.objective * (1.0 - 1e-3)
     # the same again
@@ -44,7 +45,7 @@ def test_the_best_gains_of_one_mode_beside_fixed_ones_of_the_other() -> None:
 
 
 def test_no_loop_costs_as_much_as_can_be() -> None:
-    assert merit(None, 1.0) == NO_LOOP
+    assert Question().merit(None) == NO_LOOP
 
 
 def test_a_mode_that_begins_too_fast_is_told_by_a_formula() -> None:
@@ -58,3 +59,27 @@ def test_a_mode_that_begins_too_fast_is_told_by_a_formula() -> None:
     slow = replace(start, reference=(Knot(0.0, 10.0, ramp_s=20.0),))
     assert list(reasons_by_formula(replace(system, scenarios=(slow,)))) == []
     assert list(reasons_by_formula(system)) == []
+
+
+def test_requirements_that_clash_are_named_with_the_limits_that_would_do() -> None:
+    system, brake = car(), {"brake": FoPi(0.07, 0.11, 0.45)}
+    name = system.scenarios[0].name
+    overshoot = Limit("overshoot", Relation.AT_MOST, 0.4, name)
+    system = replace(system, requirements=(Limit("peak_control", Relation.AT_MOST, 1.0, name), overshoot))
+    best = design_system(system, brake)
+    assert best.is_met
+    assert best.clash == ()
+    assert best.judged is not None
+    # nine tenths of the least integral that there is: the control's limit has no part in it
+    least = best.judged.objective
+    asked = (*system.requirements, Limit("iae", Relation.AT_MOST, 0.9 * least, name))
+    found = design_system(replace(system, requirements=asked), brake)
+    assert not found.is_met
+    relaxed = {relaxation.requirement: relaxation.new_limit for relaxation in found.clash}
+    assert 2 in relaxed
+    assert 0 not in relaxed
+    for index, limit in relaxed.items():
+        assert limit is not None
+        changed = tuple(replace(each, limit=limit) if i == index else each for i, each in enumerate(asked))
+        assert design_system(replace(system, requirements=changed), brake).is_met
+    assert relaxed[2] == pytest.approx(least, rel=0.01)

@@ -10,7 +10,7 @@ import pytest
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.design.time_domain.measures import Points, ScenarioRun, points_of, unit_of
-from fopi_tune.design.time_domain.problem import ScenarioProblem
+from fopi_tune.design.time_domain.problem import ScenarioProblem, ScenarioRow
 from fopi_tune.digital.derivatives import controller_derivatives
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.digital.realise import Precision
@@ -21,7 +21,7 @@ from fopi_tune.simulation.scenario import Measures, Mode
 from fopi_tune.simulation.sensitivities import trajectories
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.measures import DESIGNED_MEASURES
-from fopi_tune.spec.model import DesignSpec
+from fopi_tune.spec.model import DesignSpec, Limit, Relation
 
 TEXT = """
 schema: 1
@@ -76,11 +76,12 @@ def run_of(name: str) -> ScenarioRun:
 
 
 @lru_cache(maxsize=512)
-def points(name: str, gains: FoPi, word: str, limit: float = 1.0) -> Points:
+def points(name: str, gains: FoPi, word: str, limit: float = 1.0, relation: Relation = Relation.AT_MOST) -> Points:
     spec, run = spec_of(name), run_of(name)
+    row = ScenarioRow(0, Limit(word, relation, limit), run)
     problem = ScenarioProblem.of(spec)
     found = trajectories(controller_derivatives(spec, gains), problem.discrete(POINTS), run.run)
-    return points_of(word, run, found, limit)
+    return points_of(word, run, found, row.unsettled_samples)
 
 
 @lru_cache(maxsize=512)
@@ -123,6 +124,8 @@ def test_a_settling_time_is_kept_where_no_point_is_above_1(name: str, which: str
     for limit in sorted(limits):
         inside = points(name, GAINS[which], "settling_time_s", limit).values.max(axis=1) <= 1.0
         np.testing.assert_array_equal(inside, settled <= limit + 1e-9, err_msg=f"{limit} s; {settled}")
+        outside = points(name, GAINS[which], "settling_time_s", limit, Relation.AT_LEAST).values.max(axis=1) > 1.0
+        np.testing.assert_array_equal(outside, settled >= limit - 1e-9, err_msg=f"at least {limit} s; {settled}")
 
 
 @pytest.mark.parametrize("which", GAINS)

@@ -144,7 +144,7 @@ def _refused() -> list[tuple[TimeDomainCase, str]]:
     above = replace(STEP, initial_output=1.0)
     single = Runtime.of(some_sections(), Precision.FLOAT32)
     return [
-        (at_most(case, 1.0, "saturation_time_s"), "of saturation_time_s"),
+        (at_most(case, 1.0, "saturation_time_s"), "saturation_time_s has none"),
         (replace(at_most(case, 1.0, "acceleration_m_s2"), measurement_unit="bar"), "needs a measured velocity"),
         (replace(case, scenario=replace(STEP, quantum=0.1)), "quantum"),
         (replace(case, scenario=replace(STEP, duration_s=1e4)), "50001 samples"),
