@@ -16,6 +16,7 @@ from fopi_tune.cli.result_files import (
     DIGITAL_CERTIFICATE,
     EVIDENCE,
     SYSTEM_CERTIFICATE,
+    SYSTEM_PROOF,
 )
 from fopi_tune.errors import CertificateError, DomainError
 
@@ -122,7 +123,14 @@ def system_report_from_folder(folder: Path, system: SystemSpec | None) -> Made:
         raise DomainError(f"{path} is of another system, or of another text of this one; run `fopi prove` again")
     if not found.accepted:
         raise DomainError(f"{path} does not show what it says: {found.problems[0]}; run `fopi prove` again")
-    return Made(system_report_files(certificate), ())
+    unit = _stated_unit(folder) if system is None else system.measurement_unit
+    return Made(system_report_files(certificate, unit), ())
+
+
+def _stated_unit(folder: Path) -> str:
+    """The output's unit as the result beside a certificate has it; empty without."""
+    unit = (_read_document(folder / SYSTEM_PROOF) or {}).get("measurement_unit")
+    return unit if isinstance(unit, str) and unit.isprintable() else ""
 
 
 def _read_findings(spec: DesignSpec, folder: Path, file: str) -> ResultDocuments:

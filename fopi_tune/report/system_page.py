@@ -6,6 +6,7 @@ Equal certificates give equal bytes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 
 from fopi_tune.proof.switched import SystemCertificate, SystemVerdict
 from fopi_tune.proof.switched.certificate import ASSUMPTIONS
@@ -19,33 +20,35 @@ SYSTEM_REPORT = "system_report.html"
 #: what an undecided verdict still has
 _STILL = "What is still proved, and how far the proof came, is below."
 
-_FIGURES: Mapping[str, Callable[[SystemCertificate], Picture | None]] = {
+_FIGURES: Mapping[str, Callable[..., Picture | None]] = {
     "orbit": orbit_picture,
     "region": region_picture,
 }
 
 
-def system_report_files(certificate: SystemCertificate) -> dict[str, str | bytes]:
+def system_report_files(certificate: SystemCertificate, unit: str = "") -> dict[str, str | bytes]:
     """The page and its figures, by their names in the folder of results.
 
     Args:
         certificate: that was checked.
+        unit: of the output, which a certificate does not hold; empty where it is not known.
 
     Returns:
         Figures as text (SVG) and bytes (PNG), `system_report.html` last, as text.
     """
-    figures = list(render_figures(_FIGURES, certificate))
+    figures = list(render_figures({name: partial(make, unit=unit) for name, make in _FIGURES.items()}, certificate))
     verdict = certificate.verdict
     still = f" {_STILL}" if verdict is SystemVerdict.UNDECIDED else ""
     values = {
         "name": certificate.name,
+        "unit": unit or "the output's unit",
         "good": verdict is SystemVerdict.SETTLES,
         "status": f"{verdict.value}. {verdict.advice}{still}",
         "statements": [said for said in certificate.statements if not said.startswith("At setpoint")],
         "orbits": list(_orbits(certificate)),
         "bounds": list(_bounds(certificate)),
         "assumptions": ASSUMPTIONS,
-        "model": list(_model(certificate)),
+        "model": list(_model(certificate, unit)),
         "figures": figures,
         "versions": ", ".join(f"{name} {version}" for name, version in certificate.versions.items()),
         "system_sha256": certificate.system_sha256,
@@ -76,11 +79,11 @@ def _bounds(certificate: SystemCertificate) -> Iterator[tuple[str, ...]]:
             yield loop.name, number(bounds.total), ", ".join(number(each) for each in bounds.sections)
 
 
-def _model(certificate: SystemCertificate) -> Iterator[tuple[str, str]]:
+def _model(certificate: SystemCertificate, unit: str) -> Iterator[tuple[str, str]]:
     """What the certificate is about."""
     model = certificate.model
     yield "sample time", f"{model.sample_time_s:g} s"
-    yield "hysteresis", f"{model.hysteresis:g} on both sides of the setpoint"
+    yield "hysteresis", f"{model.hysteresis:g}{' ' + unit if unit else ''} on both sides of the setpoint"
     yield "inactive controller", model.memory.value
     delay = model.loops[0].delay_samples
     if delay:

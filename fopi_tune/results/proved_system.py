@@ -43,6 +43,7 @@ class ProvedSystem:
             "name": self.spec.name,
             "gains": {name: asdict(found) for name, found in self.gains.items()},
             "inactive": self.spec.inactive,
+            "measurement_unit": self.spec.measurement_unit,
             "statements": list(self.certificate.statements),
             "stamp": asdict(self.stamp),
         }

@@ -42,6 +42,15 @@ def test_the_page_has_every_statement_orbit_and_bound() -> None:
     assert "brake plant lag: " in of_reset.replace("brakeplant", "brake plant")
 
 
+def test_the_output_has_its_unit_where_it_is_known() -> None:
+    held = switched.certificate("held")
+    known, unknown = (str(system_report_files(held, unit)[SYSTEM_REPORT]) for unit in ("km/h", ""))
+    for words in ("output, km/h", "setpoint, km/h", "Deviations are from the setpoint, in km/h.", "0.5 km/h on both"):
+        assert words in known
+    assert "km/h" not in unknown
+    assert "in the output&#39;s unit." in unknown
+
+
 def test_an_undecided_system_says_what_is_still_proved() -> None:
     reset = switched.certificate("reset")
     undecided = replace(reset, settling=None, reason="the level set is not reached")

@@ -39,8 +39,6 @@ from fopi_tune.proof.switched.model import Memory, SwitchedLoop, SwitchedModel, 
 #: bits; and samples of (2) and (3) that are followed at most
 _PRECISION = 192
 MOST_FOLLOWED = 4_000
-#: a control without limits has those of a double; one like this is taken for none too
-_LARGEST_LIMIT = 1e100
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ def why_not_bounded(model: SwitchedModel) -> str:
     for loop in model.loops:
         if found := loop_obstacle(loop):
             return found
-        if not all(abs(limit) < _LARGEST_LIMIT for limit in loop.controller.limits):
+        if not loop.is_limited:
             return f"{loop.name}: without output_limits nothing bounds the output under every switching"
     return ""
 

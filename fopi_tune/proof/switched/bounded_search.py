@@ -30,6 +30,8 @@ from fopi_tune.proof.switched.model import Memory, SwitchedLoop, SwitchedModel
 _PRECISION, _FOLLOWED = 128, (500, 2_000, MOST_FOLLOWED)
 #: relative; what is left for rounding, in the program and in what is stated
 _MARGIN = 1e-7
+#: behind the point; a power of ten below would be no double
+_MOST_DIGITS = 300
 
 
 @dataclass(frozen=True)
@@ -156,7 +158,7 @@ def _parts(memory: Memory, loop: SwitchedLoop, error: float) -> _Parts | None:
 
 def _outwards(low: float, high: float) -> tuple[float, float]:
     """The range with three digits of its width, outwards."""
-    digits = 2 - math.floor(math.log10(high - low)) if high > low else 0
+    digits = min(2 - math.floor(math.log10(high - low)), _MOST_DIGITS) if high > low else 0
     step = 10.0**-digits
     ends = round(math.floor(low / step) * step, digits), round(math.ceil(high / step) * step, digits)
     return min(ends[0], low), max(ends[1], high)

@@ -113,16 +113,19 @@ class SystemCertificate:
 
     def _settling(self, proof: SettlingProof) -> str:
         (low, high), (throttle, brake) = proof.setpoints, (loop.name for loop in self.model.loops)
+        then = (
+            f"ends in finite time, then there is no other switch, and the output stays between "
+            f"{_upwards(proof.undershoot)} below and {_upwards(proof.overshoot)} above the setpoint."
+        )
+        settles = f"the output settles on each setpoint from {low:g} to {high:g}"
         if self.model.memory is Memory.TRACKING:
-            start = f"After a step down from rest, from the {throttle} to the {brake}"
-        elif self.loops[0] is not None:
-            start = f"From every state with the {throttle} active, after at most two switches, and else after three"
-        else:
-            start = f"From every state with the {brake} active and the output above the hysteresis' lower line"
+            return f"After a step down from rest, from the {throttle} to the {brake}, {settles}: the {brake} {then}"
+        above = f"with the {brake} active and the output above the hysteresis' lower line"
+        if self.loops[0] is None:
+            return f"From every state {above} {settles}: the {brake} {then}"
         return (
-            f"{start}, the output settles on each setpoint from {low:g} to {high:g}: the {brake} ends in finite time, "
-            f"then there is no other switch, and the output stays between {_upwards(proof.undershoot)} below and "
-            f"{_upwards(proof.overshoot)} above the setpoint."
+            f"From every state {settles}, after at most two switches with the {throttle} active at first and three "
+            f"with the {brake}. A phase {above} {then}"
         )
 
     def _bounded(self, proof: BoundedProof) -> str:

@@ -38,13 +38,15 @@ def why_no_entries(model: SwitchedModel) -> str:
     Args:
         model: with `obstacle == ""`.
     """
-    throttle = model.loops[0]
+    throttle, brake = model.loops
     if not model.hysteresis > 0.0:
         return "without hysteresis a switch may follow every sample; write a hysteresis greater than 0"
     if model.memory is Memory.HELD:
         return "a held memory begins the throttle phase with what it had: nothing bounds its overshoot"
     if throttle.plant.uncertain_names:
         return f"{throttle.name}: its plant is uncertain; settling is proved for an exact one"
+    if not brake.is_limited:
+        return f"{brake.name}: without output_limits its control may take the output anywhere within a sample"
     return ""
 
 

@@ -44,6 +44,9 @@ from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import SystemSpec
 
+#: a control without limits has those of a double; one like this is taken for none too
+_LARGEST_LIMIT = 1e100
+
 
 @dataclass(frozen=True)
 class Lag:
@@ -83,6 +86,11 @@ class SwitchedLoop:
     controller: Runtime
     plant: PlantFamily
     delay_samples: float = 0.0
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether the control has limits on both sides."""
+        return all(abs(limit) < _LARGEST_LIMIT for limit in self.controller.limits)
 
 
 @dataclass(frozen=True)

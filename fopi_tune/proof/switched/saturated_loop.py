@@ -18,6 +18,7 @@ with Saturating Actuators, 2011; discrete time and convexity in the plants are d
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -146,10 +147,13 @@ def _search(vertices: Sequence[tuple[Array, ...]], decay: float) -> SaturatedLoo
         matrix = decay**2 * state.T @ p @ state - both.T @ p @ both - multiplier * sector
         constraints.append(matrix >> gap * np.eye(size + 1))
     problem = cp.Problem(cp.Maximize(gap), constraints)
-    try:
-        problem.solve(solver=cp.CLARABEL)
-    except (SolverError, ValueError):
-        return None
+    with warnings.catch_warnings():
+        # "may be inaccurate": what it says is verified in any case
+        warnings.simplefilter("ignore")
+        try:
+            problem.solve(solver=cp.CLARABEL)
+        except (SolverError, ValueError):
+            return None
     if p.value is None or multiplier.value is None:
         return None
     matrix = scale[:, None] * np.asarray(p.value) * scale

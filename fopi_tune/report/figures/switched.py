@@ -17,8 +17,13 @@ if TYPE_CHECKING:
 _PERIODS, _SAMPLES = 3, 40
 
 
-def orbit_picture(certificate: SystemCertificate) -> Picture | None:
-    """The widest of the proved orbits against time, the second mode shaded; None without an orbit."""
+def orbit_picture(certificate: SystemCertificate, unit: str = "") -> Picture | None:
+    """The widest of the proved orbits against time, the second mode shaded; None without an orbit.
+
+    Args:
+        certificate: that was checked.
+        unit: of the output, which a certificate does not hold.
+    """
     if not certificate.cycles:
         return None
     shown = max(certificate.cycles, key=lambda each: each.highest - each.lowest)
@@ -36,7 +41,7 @@ def orbit_picture(certificate: SystemCertificate) -> Picture | None:
         axes = figure.subplots()
         edges = np.flatnonzero(np.diff(braking.astype(int), prepend=0, append=0))
         for k, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
-            label = f"the {brake} is active" if k == 0 else None
+            label = _plain(f"the {brake} is active") if k == 0 else None
             axes.axvspan(float(time_s[begin]), float(time_s[end]), color="0.85", linewidth=0, label=label)
         axes.plot(time_s, y, color=BLUE, marker=".", markersize=3, linewidth=0.9, label="output at the samples")
         axes.axhline(shown.setpoint, color=ORANGE, linestyle="--", linewidth=0.9, label="setpoint")
@@ -45,7 +50,7 @@ def orbit_picture(certificate: SystemCertificate) -> Picture | None:
             line = shown.setpoint + side * model.hysteresis
             axes.axhline(line, color=GREEN, linestyle=":", linewidth=0.9, label=label)
         axes.set_xlim(0.0, float(time_s[-1]))
-        label_axes(axes, "output", "time, s")
+        label_axes(axes, _labelled("output", unit), "time, s")
         legend_below(figure, axes)
 
     place = place_of(certificate, shown)
@@ -54,14 +59,19 @@ def orbit_picture(certificate: SystemCertificate) -> Picture | None:
         f"{certificate.name}: a periodic orbit, proved",
         f"The output over {time_s[-1]:g} s on the {attracts}orbit at {place}: {period} samples or "
         f"{period * model.sample_time_s:g} s repeat for ever, between {shown.setpoint + shown.lowest:.4g} and "
-        f"{shown.setpoint + shown.highest:.4g}. Grey where the {brake} is active.",
+        f"{shown.setpoint + shown.highest:.4g}{f' {unit}' if unit else ''}. Grey where the {brake} is active.",
         draw,
         (WIDE, 4.0),
     )
 
 
-def region_picture(certificate: SystemCertificate) -> Picture | None:
-    """Setpoints and plants where settling or an orbit is proved; None where neither is."""
+def region_picture(certificate: SystemCertificate, unit: str = "") -> Picture | None:
+    """Setpoints and plants where settling or an orbit is proved; None where neither is.
+
+    Args:
+        certificate: that was checked.
+        unit: of the output and the setpoint, which a certificate does not hold.
+    """
     settling, cycles = certificate.settling, certificate.cycles
     if settling is None and not cycles:
         return None
@@ -85,7 +95,11 @@ def region_picture(certificate: SystemCertificate) -> Picture | None:
         axes.set_ylim(low - room, high + room)
         if axis is None:
             axes.set_yticks([])
-        label_axes(axes, "" if axis is None else f"{certificate.model.loops[axis[0]].name}: {axis[1]}", "setpoint")
+        label_axes(
+            axes,
+            "" if axis is None else _plain(f"{certificate.model.loops[axis[0]].name}: {axis[1]}"),
+            _labelled("setpoint", unit),
+        )
         legend_below(figure, axes)
 
     return Picture(
@@ -98,6 +112,15 @@ def place_of(certificate: SystemCertificate, cycle: CycleProof) -> str:
     plants = zip(certificate.model.loops, cycle.plants, strict=True)
     numbers = [f"{loop.name}.{name} = {value:g}" for loop, plant in plants for name, value in plant.items()]
     return ", ".join([f"setpoint {cycle.setpoint:g}", *numbers])
+
+
+def _labelled(quantity: str, unit: str) -> str:
+    return _plain(f"{quantity}, {unit}") if unit else quantity
+
+
+def _plain(text: str) -> str:
+    """A name of somebody else's, for a label: without mathematics."""
+    return text.replace("$", r"\$")
 
 
 def _plant_axis(certificate: SystemCertificate) -> tuple[int, str, float, float] | None:

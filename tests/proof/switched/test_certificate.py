@@ -12,7 +12,9 @@ from fopi_tune.proof.switched import SystemVerdict
 
 def test_settling_is_told_with_its_start_and_its_bounds() -> None:
     reset, tracking = switched.certificate("reset"), switched.certificate("tracking")
-    assert reset.statements[2].startswith("From every state with the throttle active, after at most two switches")
+    assert reset.statements[2].startswith(
+        "From every state the output settles on each setpoint from 2 to 22, after at most two"
+    )
     assert "from 2 to 22" in reset.statements[2]
     # rounded upwards: 4.99300...
     assert "4.994 below" in reset.statements[2]

@@ -10,7 +10,7 @@ import pytest
 from cases import switched
 from oracles.switched_loop import run
 
-from fopi_tune.report.figures.picture import Picture
+from fopi_tune.report.figures.picture import Picture, svg_of
 from fopi_tune.report.figures.switched import orbit_picture, region_picture
 
 
@@ -83,3 +83,14 @@ def test_without_an_uncertain_plant_the_axis_is_the_setpoint_alone() -> None:
     exact = replace(brake, plant=replace(brake.plant, parameters=throttle.plant.parameters))
     plain = replace(held, model=replace(held.model, loops=(throttle, exact)))
     assert set(line(drawn(region_picture(plain)), "periodic orbit, proved")[:, 1].tolist()) == {0.5}
+
+
+def test_names_are_drawn_as_they_are() -> None:
+    held = switched.certificate("held")
+    odd = r"$\bad$"
+    throttle, brake = (replace(loop, name=odd) for loop in held.model.loops)
+    named = replace(held, name=odd, model=replace(held.model, loops=(throttle, brake)))
+    for make in (orbit_picture, region_picture):
+        picture = make(named, odd)
+        assert picture is not None
+        assert r">setpoint, $\bad$<" in svg_of(picture) or r">output, $\bad$<" in svg_of(picture)
