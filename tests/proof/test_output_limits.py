@@ -14,6 +14,7 @@ from cases.project import ROOT
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.digital.implementation import implementation_of
+from fopi_tune.errors import CertificateError
 from fopi_tune.pipeline.prove import prove, recheck
 from fopi_tune.proof.documents import digest
 from fopi_tune.proof.output_limits import prove_with_limits
@@ -112,6 +113,14 @@ def test_a_change_by_somebody_who_knows_the_digest_is_refused(name: str) -> None
     CHANGES[name](document["with_limits"])
     document["digest"] = digest(document)
     assert recheck(document, brake()).problems != ()
+
+
+@pytest.mark.parametrize("decay", [-0.5, 0.0, 1.0, 2.0])
+def test_a_decay_that_is_none_is_no_certificate(decay: float) -> None:
+    document = copy.deepcopy(CHECK.certificate_document())
+    document["with_limits"]["decays"]["decay"] = decay
+    with pytest.raises(CertificateError, match="must be between 0 and 1"):
+        recheck(document)
 
 
 def test_limits_of_another_spec_are_refused() -> None:

@@ -7,6 +7,7 @@ included.  Whether the statements are true is tested by `recheck`.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -94,6 +95,13 @@ def from_document(document: object) -> SystemCertificate:
         unbounded=top.text("unbounded"),
         versions=top.texts("versions"),
     )
+    if not re.fullmatch("([0-9a-f]{64})?", found.system_sha256):
+        raise CertificateError(f"{top.at('system_sha256')} is no digest")
+    if bool(found.reason) == found.settles:
+        raise CertificateError(f"{top.at('reason')} must say why settling is not proved, and nothing where it is")
+    whole = found.bounded is not None and None not in found.bounded.memories
+    if bool(found.unbounded) == whole:
+        raise CertificateError(f"{top.at('unbounded')} must say what is not bounded, and nothing where all is")
     if (different := first_difference(top.value, to_document(found), "the certificate")) is not None:
         raise CertificateError(f"{different} does not agree with the other entries")
     return found

@@ -28,6 +28,7 @@ from flint import arb, arb_mat, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.digital.runtime import Runtime
+from fopi_tune.errors import CertificateError
 from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.proof.switched.definite import Triangle, is_positive_definite, lower_triangle, midpoints, symmetric
 from fopi_tune.proof.switched.model import Lag, SwitchedLoop, lag_range, loop_matrices
@@ -105,9 +106,12 @@ def read_decay(entry: JsonObject) -> SaturatedLoopProof:
     """A proof from JSON.
 
     Raises:
-        CertificateError: an entry is missing or has the wrong type.
+        CertificateError: an entry is missing or has the wrong type, or the decay is none.
     """
-    return SaturatedLoopProof(entry.lower_triangle("matrix"), entry.number("multiplier"), entry.number("decay"))
+    decay = entry.number("decay")
+    if not 0.0 < decay < 1.0:
+        raise CertificateError(f"{entry.at('decay')} must be between 0 and 1")
+    return SaturatedLoopProof(entry.lower_triangle("matrix"), entry.number("multiplier"), decay)
 
 
 def _circle(controller: Runtime, lag: Lag, p: arb_mat, proof: SaturatedLoopProof) -> arb_mat:

@@ -78,6 +78,9 @@ SEALED: list[tuple[str, tuple[Any, ...], Callable[[Any], Any]]] = [
     ("reset", ("settling", "decay"), lambda value: 0.999),
     ("reset", ("settling", "matrix", 3, 3), lambda value: -value),
     ("reset", ("hysteresis",), lambda value: 0.6),
+    ("reset", ("name",), lambda value: value + "x"),
+    ("reset", ("system_sha256",), lambda value: value + "x"),
+    ("reset", ("modes", 0, "decays", "decay"), lambda value: -value),
     ("reset", ("inactive",), lambda value: "tracking"),
     ("reset", ("verdict",), lambda value: "cycles"),
     ("reset", ("statements", 0), lambda value: "Everything settles."),
@@ -136,6 +139,8 @@ def test_a_change_by_somebody_who_knows_the_digest_is_refused(
         (("modes", 0, "decays", "matrix"), [[1.0, 2.0]], "no lower triangle"),
         (("modes", 0, "decays", "matrix"), 3, "no lower triangle"),
         (("settling", "samples"), 10**9, "must be from 1"),
+        (("reason",), "it is late", "must say why settling is not proved"),
+        (("unbounded",), "all of it", "must say what is not bounded"),
         (("settling", "samples"), None, "must be from 1"),
         (("bounded", "memories"), [], "must be two"),
         (("bounded", "memories", 0, "samples"), 0, "must be from 1"),
@@ -163,6 +168,14 @@ def test_a_certificate_of_another_system_is_told() -> None:
     found = recheck_system(switched.certificate("reset"), switched.car("reset"), switched.TUNED)
     assert not found.accepted
     assert "other controllers" in found.problems[0]
+
+
+def test_another_text_of_the_system_is_noted() -> None:
+    sound = switched.certificate("reset")
+    assert recheck_system(sound, switched.car("reset"), switched.GAINS).notes == ()
+    of_before = recheck_system(replace(sound, system_sha256="0" * 64), switched.car("reset"), switched.GAINS)
+    assert of_before.accepted
+    assert "another text of this system" in of_before.notes[0]
 
 
 def test_statements_about_a_model_that_the_methods_do_not_handle_are_refused() -> None:
