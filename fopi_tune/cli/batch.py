@@ -34,6 +34,8 @@ from fopi_tune.cli.result_files import (
     REPORT,
     REPORT_FIGURES,
     SIMULATION,
+    SYSTEM_FIGURES,
+    SYSTEM_REPORT,
     files_of,
 )
 from fopi_tune.errors import DomainError, SpecError
@@ -203,6 +205,8 @@ def _obsolete_files(written: set[str]) -> list[str]:
         if REPORT in written
         else []
     )
+    if SYSTEM_REPORT in written:
+        figures = [f"{FIGURES_FOLDER}/{name}.{kind}" for name in SYSTEM_FIGURES for kind in ("svg", "png")]
     undrawn = [file for file in figures if file not in written]
     if DIGITAL in written:
         return undrawn + ([] if DIGITAL_CERTIFICATE in written else [DIGITAL_CERTIFICATE])

@@ -167,7 +167,9 @@ def run(
 
 @app.command()
 def report(
-    specs: Annotated[list[str], typer.Argument(metavar="SPEC", help="Spec files, or folders that `fopi run` filled.")],
+    specs: Annotated[
+        list[str], typer.Argument(metavar="SPEC", help="Spec or system files, or folders of their results.")
+    ],
     compare: Annotated[
         bool, typer.Option("--compare", help="One page with all of them side by side, in results/compare.")
     ] = False,
@@ -177,7 +179,7 @@ def report(
 ) -> None:
     """Make reports again from results.
 
-    From the results that `fopi run` and `fopi validate` left.
+    From the results that `fopi run` and `fopi validate` left, or the certificate of `fopi prove SYSTEM`.
 
     The results must be of the spec as it is; a folder holds its own.  Prints where the report is.  With --compare also
     folders that `fopi tune` or `fopi prove` filled, or the design.json or check.json in them.

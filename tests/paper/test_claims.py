@@ -428,6 +428,15 @@ def test_the_same_figure_has_the_same_bytes() -> None:
     assert picture.description.encode() in data
 
 
+def test_the_switched_car_cycles_with_memories_held_and_settles_with_reset_ones(table: Table) -> None:
+    held, reset = table["settling"]
+    assert held.verdict is Verdict.DOES_NOT_HOLD
+    assert "at r = 6 km/h, tau = 3.1 s it ends in a periodic orbit" in held.recomputed
+    assert reset.verdict is Verdict.HOLDS_WITH
+    # the bound that an independent program found is 4.994
+    assert "at most 4.994 km/h below the setpoint" in reset.recomputed
+
+
 def test_an_unknown_figure_is_named() -> None:
     with pytest.raises(DomainError, match="there is bode_brake, bode_family"):
         figure_png("bode")

@@ -67,13 +67,21 @@ class Orbit:
 
     Args:
         matrix: M of the whole period without the constant, shape (N, N).
-        lowest: least y - r, output unit.
-        highest: largest y - r, output unit.
+        deviations: y - r at each sample of the period, output unit, rounded.
     """
 
     matrix: arb_mat
-    lowest: float
-    highest: float
+    deviations: tuple[float, ...]
+
+    @property
+    def lowest(self) -> float:
+        """Least y - r, output unit."""
+        return min(self.deviations)
+
+    @property
+    def highest(self) -> float:
+        """Largest y - r, output unit."""
+        return max(self.deviations)
 
 
 def verify_cycle(model: SwitchedModel, proof: CycleProof) -> Orbit | None:
@@ -103,8 +111,7 @@ def verify_cycle(model: SwitchedModel, proof: CycleProof) -> Orbit | None:
         outputs = _outputs(model, proof, maps, arb_mat([*start.tolist(), [arb(1)]]), setpoint)
         if outputs is None or (proof.attraction is not None and not _attracts(proof.attraction, matrix)):
             return None
-        deviations = [float((y - setpoint).mid()) for y in outputs]
-        return Orbit(matrix, min(deviations), max(deviations))
+        return Orbit(matrix, tuple(float((y - setpoint).mid()) for y in outputs))
 
 
 def _is_word(proof: CycleProof) -> bool:

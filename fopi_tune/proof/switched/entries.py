@@ -15,10 +15,21 @@ As long as y_last > top the output falls to y_0 < y_last.
 
 After `reset` the throttle's controller starts with the state of an output of 0.  With `tracking` of a brake whose
 control lies below the throttle's limits, the integrator holds x_0 = low - direct (r - y_last), and sections that were 0
-before, as at rest, are 0.  In coordinates (y - r, x_0 - r/K, x_1, ...) the corners of (1) are affine in r:  a property
-that is convex in state and setpoint holds for all entries when it holds at the corners for both ends of the setpoints.
+before, as at rest, are 0.
 
-Source: derived here from (2) of `model`.
+With a computing delay the last control before may still be the throttle's, over a share m_1 of the throttle's plant, if
+the brake was active for one sample: both cases are enclosed.  After the switch the brake's last control acts for a
+while: y_0 moves to (1 - m_1) y_0 + m_1 w, w between bottom and top.  The throttle's plant would do the same with a last
+control of
+
+    ((1 - m_1) y_0 + m_1 w - (1 - n_1) y_0)/(n_1 K),       n_1 its own m_1,                                          (3)
+
+which is therefore the last part of the state.
+
+In coordinates (y - r, x_0 - r/K, x_1, ...) the corners of (1) are affine in r:  a property that is convex in state and
+setpoint holds for all entries when it holds at the corners for both ends of the setpoints.
+
+Source: derived here from (2) and (4) of `model`.
 """
 
 from __future__ import annotations
@@ -34,13 +45,17 @@ def why_no_entries(model: SwitchedModel) -> str:
     Args:
         model: with `obstacle == ""`.
     """
-    throttle = model.loops[0]
+    throttle, brake = model.loops
     if not model.hysteresis > 0.0:
         return "without hysteresis a switch may follow every sample; write a hysteresis greater than 0"
     if model.memory is Memory.HELD:
         return "a held memory begins the throttle phase with what it had: nothing bounds its overshoot"
     if throttle.plant.uncertain_names:
         return f"{throttle.name}: its plant is uncertain; settling is proved for an exact one"
+    if model.min_dwell_samples > 1 and throttle.delay_samples > 0.0:
+        return "settling with both a minimum dwell and a computing delay is not modelled in this proof"
+    if not brake.is_limited:
+        return f"{brake.name}: without output_limits its control may take the output anywhere within a sample"
     return ""
 
 
@@ -53,10 +68,8 @@ def brake_top(model: SwitchedModel) -> arb:
     """The largest K u of the brake: the phase ends for setpoints above it by more than the hysteresis."""
     brake = model.loops[1]
     high = arb(brake.controller.limits[1])
-    first, *others = (gain * high for gain in lag_range(brake, model.sample_time_s).gains)
-    for other in others:
-        first = first.max(other)
-    return first
+    least, largest = (gain * high for gain in lag_range(brake, model.sample_time_s).gains)
+    return least.max(largest)
 
 
 def dwell_margin(model: SwitchedModel) -> arb:
@@ -67,7 +80,7 @@ def dwell_margin(model: SwitchedModel) -> arb:
     return (brake_top(model) - bottom) * (1 / (1 - share) ** (model.min_dwell_samples - 1) - 1)
 
 
-def _fastest_fall(model: SwitchedModel) -> Lag:
+def _fastest_fall(model: SwitchedModel) -> tuple[arb, arb]:
     """The largest m and the least K u of the brake."""
     brake, lags = model.loops[1], lag_range(model.loops[1], model.sample_time_s)
     low = arb(brake.controller.limits[0])
@@ -87,18 +100,24 @@ def entry_corners(model: SwitchedModel, setpoint: arb) -> arb_mat:
         setpoint: r, in the output's unit.
 
     Returns:
-        One state per column, shape (n + 1, 2) after a reset, (n + 1, 3) after tracking, (n + 1, 4) with a dwell too.
+        One state per column, shape (n + 1, 2) after a reset, (n + 1, 3) after tracking, (n + 1, 4) with a dwell too;
+        with a computing delay there are n + 2 rows, and four times as many columns.
     """
     controller, dwell = model.loops[0].controller, max(1, model.min_dwell_samples)
     share, bottom = _fastest_fall(model)
     line = setpoint - arb(model.hysteresis)
     last = line if dwell == 1 else bottom + (1 - share) ** (dwell - 1) * (line - bottom)
-    lowest = (1 - share) * last + share * bottom
+    # y_0 = kept y_last + moved at the least
+    ways = [(1 - share, share * bottom)]
+    lag = throttle_lag(model)
+    if lag.late is not None:
+        ways += _one_sample_brake(model, lag.late, bottom)
+    lowest = _least([kept * last + moved for kept, moved in ways])
     if model.memory is Memory.RESET:
         start = min(max(0.0, controller.limits[0]), controller.limits[1])
         corners = [(lowest, arb(start)), (line, arb(start))]
     else:
-        highest = (line - share * bottom) / (1 - share)
+        highest = -_least([(moved - line) / kept for kept, moved in ways])
 
         def tracked(last: arb) -> arb:
             return arb(controller.limits[0]) - arb(controller.direct) * (setpoint - last)
@@ -109,5 +128,35 @@ def entry_corners(model: SwitchedModel, setpoint: arb) -> arb_mat:
     columns = arb_mat(len(controller.poles) + 1, len(corners))
     for j, (output, integrator) in enumerate(corners):
         columns[0, j] = output - setpoint
-        columns[1, j] = integrator - setpoint / throttle_lag(model)[1]
-    return columns
+        columns[1, j] = integrator - setpoint / lag.gain
+    return columns if lag.late is None else _with_last_control(model, lag.late, columns, setpoint, bottom)
+
+
+def _one_sample_brake(model: SwitchedModel, late: arb, bottom: arb) -> list[tuple[arb, arb]]:
+    """y_0 = kept y_last + moved at the least, where the throttle's last control acts first; for each share after it."""
+    throttle, brake = throttle_lag(model), lag_range(model.loops[1], model.sample_time_s)
+    first = throttle.gain * arb(model.loops[0].controller.limits[0])
+    return [
+        ((1 - each.share) * (1 - late), (1 - each.share) * late * first + each.share * bottom)
+        for each in brake.vertices
+    ]
+
+
+def _with_last_control(model: SwitchedModel, own: arb, columns: arb_mat, setpoint: arb, bottom: arb) -> arb_mat:
+    """Each corner with the four corners of (3) below it."""
+    lag, brake = throttle_lag(model), lag_range(model.loops[1], model.sample_time_s)
+    found = []
+    for column in columns.transpose().tolist():
+        y = column[0] + setpoint
+        for late in brake.late:
+            for held in (bottom, brake_top(model)):
+                last = ((1 - late) * y + late * held - (1 - own) * y) / (own * lag.gain)
+                found.append([*column, last - setpoint / lag.gain])
+    return arb_mat(found).transpose()
+
+
+def _least(numbers: list[arb]) -> arb:
+    first, *others = numbers
+    for other in others:
+        first = first.min(other)
+    return first

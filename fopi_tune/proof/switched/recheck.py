@@ -1,6 +1,6 @@
 """Test a certificate of a system without searches:  SystemCertificate -> what is wrong with it, in seconds.
 
-Only balls are used: no semidefinite program, no simulation, no eigenvalues.
+Only balls are used: no optimisation, no simulation, no eigenvalues in floating point.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.proof.switched.bounded import verify_bounded
 from fopi_tune.proof.switched.certificate import SystemCertificate
 from fopi_tune.proof.switched.cycles import CycleProof, verify_cycle
 from fopi_tune.proof.switched.model import SwitchedModel, loop_obstacle
@@ -19,6 +20,10 @@ from fopi_tune.spec.model import SystemSpec
 
 #: relative; numbers that are only stated may differ by this from those found again
 _ROUNDING = 1e-9
+_OTHER_TEXT = (
+    "it was made of another text of this system (`system_sha256`); what it is about was compared with this text entry "
+    "by entry"
+)
 
 
 @dataclass(frozen=True)
@@ -27,9 +32,11 @@ class SystemRecheck:
 
     Args:
         problems: what does not hold, a sentence each; none for a certificate that is accepted.
+        notes: what else there is to say.
     """
 
     problems: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def accepted(self) -> bool:
@@ -53,15 +60,20 @@ def recheck_system(
     model, problems = certificate.model, []
     if system is not None and SwitchedModel.of(system, gains or {}) != model:
         problems.append("the certificate is about other controllers, plants or switching than this system's")
+    if system is not None and system.name != certificate.name:
+        problems.append("the certificate is about a system of another name")
     for loop, proof in zip(model.loops, certificate.loops, strict=True):
         if proof is not None and (loop_obstacle(loop) or not verify_saturated_loop(loop, model.sample_time_s, proof)):
             problems.append(f"{loop.name}: the loop is not shown to decay with its limits")
+    if certificate.bounded is not None and not verify_bounded(model, certificate.bounded):
+        problems.append("output and memories are not shown to stay within what is stated")
     if certificate.settling is not None and not _settles(model, certificate.settling):
         problems.append("settling is not shown as stated")
     for number, cycle in enumerate(certificate.cycles, 1):
         if not _cycles(model, cycle):
             problems.append(f"orbit {number} is not shown as stated")
-    return SystemRecheck(tuple(problems))
+    other_text = system is not None and certificate.system_sha256 != system.sha256
+    return SystemRecheck(tuple(problems), (_OTHER_TEXT,) if other_text else ())
 
 
 def _settles(model: SwitchedModel, proof: SettlingProof) -> bool:

@@ -31,6 +31,8 @@ _PRECISION, _EVERY = 128, 50
 #: relative distance kept to what the search says is the end
 _MARGIN = 1e-3
 _BISECTIONS = 40
+#: behind the point; a power of ten below would be no double
+_MOST_DIGITS = 300
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ class _Responses:
         found = [(self.least, math.inf, self.least_name)]
         found.append((self.control[0] / self.rest, self.control[1] / self.rest, "the throttle's limits at rest"))
         for constant, slope, bound, name in self.limits:
-            with np.errstate(divide="ignore", invalid="ignore"):
+            with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
                 edge = (bound - constant) / slope
             lower = float(np.max(edge, where=slope < 0.0, initial=-math.inf))
             upper = float(np.min(edge, where=slope > 0.0, initial=math.inf))
@@ -162,7 +164,7 @@ class _Responses:
         low = max(self.bounds, key=lambda each: each[0])
         high = min(self.bounds, key=lambda each: each[1])
         if not low[0] < high[1]:
-            return f"no setpoint: {low[2]}; {high[2]}"
+            return f"no setpoint: {'; '.join(dict.fromkeys((low[2], high[2])))}"
         asked = setpoints or (low[0], high[1])
         told = [f"below {low[0]:.4g}: {low[2]}"] if asked[0] <= low[0] else []
         told += [f"above {high[1]:.4g}: {high[2]}"] if asked[1] >= high[1] else []
@@ -176,7 +178,7 @@ def _responses(model: SwitchedModel) -> _Responses | None:
         a, _, c = (midpoints(each) for each in loop_matrices(model.loops[0].controller, lag))
         constant = midpoints(entry_corners(model, arb(0)))
         slope = midpoints(entry_corners(model, arb(1))) - constant
-        rest, margin = 1.0 / float(lag[1]), float(dwell_margin(model))
+        rest, margin = 1.0 / float(lag.gain), float(dwell_margin(model))
         least = float(brake_top(model)) + model.hysteresis + margin
     level = _level_set(a, c)
     if level is None:
@@ -227,7 +229,7 @@ def _level_set(a: Array, c: Array) -> _Level | None:
 
 def _rounded(low: float, high: float) -> tuple[float, float]:
     """Ends with three digits of the range's width, inwards; a range too narrow for that stays."""
-    digits = 2 - math.floor(math.log10(high - low)) if high > low else 0
+    digits = min(2 - math.floor(math.log10(high - low)), _MOST_DIGITS) if high > low else 0
     step = 10.0**-digits
     ends = round(math.ceil(low / step) * step, digits), round(math.floor(high / step) * step, digits)
     return ends if ends[0] < ends[1] else (low, high)
