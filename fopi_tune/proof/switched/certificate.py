@@ -77,10 +77,11 @@ class SystemCertificate:
         """What the proofs amount to."""
         if self.cycles:
             return SystemVerdict.CYCLES
-        return SystemVerdict.SETTLES if self._settles else SystemVerdict.UNDECIDED
+        return SystemVerdict.SETTLES if self.settles else SystemVerdict.UNDECIDED
 
     @property
-    def _settles(self) -> bool:
+    def settles(self) -> bool:
+        """Whether settling is stated for all setpoints that were asked for; then there is no reason why not."""
         if self.settling is None or (self.model.memory is Memory.RESET and self.loops[0] is None):
             return False
         (low, high), asked = self.settling.setpoints, self.setpoints or self.settling.setpoints

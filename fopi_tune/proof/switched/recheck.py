@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from fopi_tune.core.controller import FoPi
 from fopi_tune.proof.switched.certificate import SystemCertificate
 from fopi_tune.proof.switched.cycles import CycleProof, verify_cycle
+from fopi_tune.proof.switched.entries import why_no_entries
 from fopi_tune.proof.switched.model import SwitchedModel, loop_obstacle
 from fopi_tune.proof.switched.saturated_loop import verify_saturated_loop
 from fopi_tune.proof.switched.settling import SettlingProof, verify_settling
@@ -27,9 +28,11 @@ class SystemRecheck:
 
     Args:
         problems: what does not hold, a sentence each; none for a certificate that is accepted.
+        notes: what is not confirmed and need not be for the statements to be true.
     """
 
     problems: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def accepted(self) -> bool:
@@ -50,18 +53,41 @@ def recheck_system(
     Raises:
         DomainError: `system` is given and no model can be made of it with `gains`.
     """
-    model, problems = certificate.model, []
-    if system is not None and SwitchedModel.of(system, gains or {}) != model:
-        problems.append("the certificate is about other controllers, plants or switching than this system's")
+    model, notes = certificate.model, list[str]()
+    problems = _reason_problems(certificate)
+    if system is not None:
+        if SwitchedModel.of(system, gains or {}) != model:
+            problems.append("the certificate is about other controllers, plants or switching than this system's")
+        if certificate.name != system.name:
+            problems.append(f"the certificate names another system than {system.name}")
+        if certificate.system_sha256 != system.sha256:
+            notes.append(
+                "it was made of another text of this system (`system_sha256`); what it is about was compared with this "
+                "text entry by entry"
+            )
     for loop, proof in zip(model.loops, certificate.loops, strict=True):
         if proof is not None and (loop_obstacle(loop) or not verify_saturated_loop(loop, model.sample_time_s, proof)):
             problems.append(f"{loop.name}: the loop is not shown to decay with its limits")
     if certificate.settling is not None and not _settles(model, certificate.settling):
         problems.append("settling is not shown as stated")
+    known = list[tuple[object, ...]]()
     for number, cycle in enumerate(certificate.cycles, 1):
-        if not _cycles(model, cycle):
+        about = cycle.setpoint, cycle.plants
+        if about in known:
+            problems.append(f"orbit {number} is stated twice")
+        elif not _cycles(model, cycle):
             problems.append(f"orbit {number} is not shown as stated")
-    return SystemRecheck(tuple(problems))
+        known.append(about)
+    return SystemRecheck(tuple(problems), tuple(notes))
+
+
+def _reason_problems(certificate: SystemCertificate) -> list[str]:
+    """A reason stands where settling is not stated for all setpoints that were asked for; some follow from the model."""
+    reason, model = certificate.reason, certificate.model
+    if bool(reason) is certificate.settles:
+        return ["a reason why settling is not proved is stated where it is, or left out where it is not"]
+    known = "" if certificate.settles else model.obstacle or why_no_entries(model)
+    return ["the reason stated is not the one that follows from the model"] if known and reason != known else []
 
 
 def _settles(model: SwitchedModel, proof: SettlingProof) -> bool:
