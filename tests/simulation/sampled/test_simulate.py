@@ -15,6 +15,7 @@ import pytest
 import scipy.signal
 import scipy.special
 from cases.project import ROOT
+from cases.thinned import thinned
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
@@ -121,7 +122,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.long), 3])
 @pytest.mark.parametrize("case", CASES)
 def test_the_kernel_computes_what_the_plain_simulation_does(case: str, order: int) -> None:
     for direct in (False, True):
@@ -132,7 +133,7 @@ def test_the_kernel_computes_what_the_plain_simulation_does(case: str, order: in
 
 
 @pytest.mark.parametrize("inactive", InactiveController)
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", thinned(CASES))
 def test_a_hybrid_loop_switches_in_the_kernel_as_in_the_plain_simulation(
     case: str, inactive: InactiveController
 ) -> None:
