@@ -112,20 +112,23 @@ def _first_order(plant: PlantEnclosure, ts: arb, times: list[Dual], first: int) 
     P = (n1/d1) z^-(m+1) z^(1-K) (1 - w) (1 + sum_j phi_j z^(k_j - 1) (z - 1))/(1 + w coth(x/2)),
     phi_j = (1 - e^{-x t_j})/(1 - e^{-x}),   k_j = K - j,   j = 0 ... K - 1 .
 
-    Where d0 is known, with (n1 Ts/(2 d0)) q/(w + tanh(x/2)), q = tanh(x/2)/(x/2), in place of (n1/d1)/(1 + w coth(x/2)):
-    towards z = -1 a slow pole then hardly matters, which the quotient of two numbers that depend on it would not show.
+    Where d0 is known, with (n1 Ts/(2 d0)) q/(w + tanh(x/2)), q = tanh(x/2)/(x/2), in place of
+    (n1/d1)/(1 + w coth(x/2)): towards z = -1 a slow pole then hardly matters, which the quotient of two numbers that
+    depend on it would not show.
     """
     rate = plant.denominator[0] / plant.denominator[1]
     x = ts / rate
     half = x.value / 2
     if plant.denominator[0].gradient:
         lag = Dual(half.coth(), {axis: -slope / (2 * half.sinh() ** 2) for axis, slope in x.gradient.items()})
-        bottom, gain = [lag, Dual.of(1)], plant.numerator[-1] / plant.denominator[1]
+        bottom = [lag, Dual.of(1)]
+        gain = plant.numerator[-1] / plant.denominator[1]
     else:
         pole = Dual(half.tanh(), {axis: slope / (2 * half.cosh() ** 2) for axis, slope in x.gradient.items()})
         quotient = _monotone_range(x.value, lambda y: (y / 2).tanh() / (y / 2))
         slopes = {axis: quotient * _tanh_slope(x.value) * slope for axis, slope in x.gradient.items()}
-        bottom, gain = [Dual.of(1), pole], plant.numerator[-1] / plant.denominator[0] * (ts / 2) * Dual(quotient, slopes)
+        bottom = [Dual.of(1), pole]
+        gain = plant.numerator[-1] / plant.denominator[0] * (ts / 2) * Dual(quotient, slopes)
     span = len(times)
     top = [Dual.of(c) for c in _monomial(0, 0, span)]
     for j, t in enumerate(times):

@@ -82,7 +82,7 @@ def recheck_system(
 
 
 def _reason_problems(certificate: SystemCertificate) -> list[str]:
-    """A reason stands where settling is not stated for all setpoints that were asked for; some follow from the model."""
+    """A reason stands where settling is not stated for all setpoints asked for; some follow from the model."""
     reason, model = certificate.reason, certificate.model
     if bool(reason) is certificate.settles:
         return ["a reason why settling is not proved is stated where it is, or left out where it is not"]
