@@ -84,7 +84,7 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
         problems += _stability(certificate)
         for index, proof in enumerate(certificate.requirements):
             problems += [f"requirements[{index}]: {problem}" for problem in _requirement(certificate, proof)]
-    problems += scenario_problems(certificate.scenarios) + limits_problems(certificate.limited)
+    problems += scenario_problems(certificate.scenarios, certificate.tolerance) + limits_problems(certificate.limited)
     return Recheck(certificate, tuple(problems), _boxes(certificate))
 
 

@@ -6,7 +6,6 @@ included.  Whether the statements are true is tested by `recheck`.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -87,7 +86,7 @@ def from_document(document: object) -> SystemCertificate:
         name=top.text("name"),
         system_sha256=top.text("system_sha256"),
         model=SwitchedModel(sample_time_s, hysteresis, top.word("inactive", Memory), (loops[0], loops[1]), _dwell(top)),
-        setpoints=None if top.get("setpoints") is None else _pair(top, "setpoints"),
+        setpoints=None if top.get("setpoints") is None else _range(top, "setpoints"),
         loops=(proofs[0], proofs[1]),
         settling=None if top.get("settling") is None else _read_settling(top.child("settling")),
         reason=top.text("reason"),
@@ -225,7 +224,7 @@ def _read_settling(entry: JsonObject) -> SettlingProof:
     if samples is None or not 1 <= samples <= MOST_SAMPLES:
         raise CertificateError(f"{entry.at('samples')} must be from 1 to {MOST_SAMPLES}")
     return SettlingProof(
-        _pair(entry, "setpoints"),
+        _range(entry, "setpoints"),
         samples,
         entry.lower_triangle("matrix"),
         entry.number("decay"),
@@ -271,8 +270,15 @@ def _numbers(entry: JsonObject) -> Mapping[str, float]:
     return {name: entry.number(name) for name in entry.value}
 
 
+def _range(entry: JsonObject, key: str) -> tuple[float, float]:
+    low, high = _pair(entry, key)
+    if not low <= high:
+        raise CertificateError(f"{entry.at(key)}: the smaller number is the first one")
+    return low, high
+
+
 def _pair(entry: JsonObject, key: str) -> tuple[float, float]:
     numbers = entry.numbers(key)
-    if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
+    if len(numbers) != 2:
         raise CertificateError(f"{entry.at(key)} must be two numbers")
     return numbers[0], numbers[1]

@@ -13,6 +13,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.proof.switched.bounded import verify_bounded
 from fopi_tune.proof.switched.certificate import SystemCertificate
 from fopi_tune.proof.switched.cycles import CycleProof, verify_cycle
+from fopi_tune.proof.switched.entries import why_no_entries
 from fopi_tune.proof.switched.model import SwitchedModel, loop_obstacle
 from fopi_tune.proof.switched.saturated_loop import verify_saturated_loop
 from fopi_tune.proof.switched.settling import SettlingProof, verify_settling
@@ -57,7 +58,7 @@ def recheck_system(
     Raises:
         DomainError: `system` is given and no model can be made of it with `gains`.
     """
-    model, problems = certificate.model, []
+    model, problems = certificate.model, _reason_problems(certificate)
     if system is not None and SwitchedModel.of(system, gains or {}) != model:
         problems.append("the certificate is about other controllers, plants or switching than this system's")
     if system is not None and system.name != certificate.name:
@@ -69,11 +70,23 @@ def recheck_system(
         problems.append("output and memories are not shown to stay within what is stated")
     if certificate.settling is not None and not _settles(model, certificate.settling):
         problems.append("settling is not shown as stated")
+    known = list[tuple[object, ...]]()
     for number, cycle in enumerate(certificate.cycles, 1):
-        if not _cycles(model, cycle):
+        about = cycle.setpoint, cycle.plants
+        if about in known:
+            problems.append(f"orbit {number} is stated twice")
+        elif not _cycles(model, cycle):
             problems.append(f"orbit {number} is not shown as stated")
+        known.append(about)
     other_text = system is not None and certificate.system_sha256 != system.sha256
     return SystemRecheck(tuple(problems), (_OTHER_TEXT,) if other_text else ())
+
+
+def _reason_problems(certificate: SystemCertificate) -> list[str]:
+    """What is wrong with the reason of a model in which settling is not proved this way."""
+    reason, model = certificate.reason, certificate.model
+    known = "" if certificate.settles else model.obstacle or why_no_entries(model)
+    return ["the reason stated is not the one that follows from the model"] if known and reason != known else []
 
 
 def _settles(model: SwitchedModel, proof: SettlingProof) -> bool:

@@ -13,10 +13,11 @@ from typing import Any
 
 import pytest
 from cases import switched
+from cases.switched import SETPOINTS
 
 from fopi_tune.errors import CertificateError
 from fopi_tune.proof.documents import digest
-from fopi_tune.proof.switched import recheck_system
+from fopi_tune.proof.switched import SystemCertificate, recheck_system
 from fopi_tune.proof.switched.documents import from_document, to_document
 
 MEMORIES = ("reset", "tracking", "held")
@@ -121,6 +122,33 @@ def test_a_change_by_somebody_who_knows_the_digest_is_refused(
     assert refused(document, memory)
 
 
+#: memory, and entries that are changed together with the verdict, the statements and the digest that follow from them
+CONSISTENT: dict[str, tuple[str, Callable[[SystemCertificate], SystemCertificate]]] = {
+    "a reason beside a proof": ("reset", lambda c: replace(c, reason="the loop is not stable")),
+    "no reason": ("held", lambda c: replace(c, reason="")),
+    "another reason": ("held", lambda c: replace(c, reason="nothing was tried")),
+    "setpoints in no order": ("reset", lambda c: replace(c, setpoints=(SETPOINTS[1], SETPOINTS[0]))),
+    "setpoints that are not covered": ("reset", lambda c: replace(c, setpoints=(SETPOINTS[0], 50.0))),
+    "another name": ("reset", lambda c: replace(c, name="bicycle")),
+    "an orbit twice": ("held", lambda c: replace(c, cycles=(c.cycles[0], *c.cycles))),
+    "no orbit, and no reason": ("held", lambda c: replace(c, cycles=(), reason="")),
+}
+
+
+@pytest.mark.parametrize("name", CONSISTENT)
+def test_a_false_detail_that_agrees_with_the_others_is_refused(name: str) -> None:
+    memory, change = CONSISTENT[name]
+    assert refused(to_document(change(switched.certificate(memory))), memory)
+
+
+def test_another_text_of_the_system_is_told() -> None:
+    other = replace(switched.certificate("reset"), system_sha256=64 * "0")
+    found = recheck_system(other, switched.car("reset"), switched.GAINS)
+    assert found.accepted
+    assert "another text" in found.notes[0]
+    assert recheck_system(switched.certificate("reset"), switched.car("reset"), switched.GAINS).notes == ()
+
+
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
@@ -182,7 +210,8 @@ def test_statements_about_a_model_that_the_methods_do_not_handle_are_refused() -
     for memory in ("reset", "held"):
         sound = switched.certificate(memory)
         late = tuple(replace(loop, delay_samples=1.5) for loop in sound.model.loops)
-        found = recheck_system(replace(sound, model=replace(sound.model, loops=(late[0], late[1]))))
+        model = replace(sound.model, loops=(late[0], late[1]))
+        found = recheck_system(replace(sound, model=model, reason=model.obstacle if sound.reason else ""))
         assert len(found.problems) == 3 + len(sound.cycles) + (sound.settling is not None)
 
 
