@@ -24,7 +24,7 @@ def settling() -> tuple[Row, ...]:
 
 
 def _proved(inactive: str, setpoints: tuple[float, float] | None) -> ProvedSystem:
-    car = replace(system("car"), inactive=inactive)
+    car = replace(system("car_held"), inactive=inactive)
     gains = dict(zip((mode.name for mode in car.modes), (THROTTLE.gains, BRAKE.gains), strict=True))
     return prove_system(car, gains, setpoints=setpoints)
 
