@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
     from fopi_tune.identification import Identified, identify
     from fopi_tune.optimum import Optimum, OptimumRecheck, OptimumStatus
-    from fopi_tune.pipeline.discretize import discretize
+    from fopi_tune.pipeline.discretize import discretize, discretize_system
     from fopi_tune.pipeline.optimum import certify_optimum, recheck_optimum
     from fopi_tune.pipeline.price import price, tradeoff
     from fopi_tune.pipeline.prove import prove, recheck
+    from fopi_tune.pipeline.prove_system import prove_system, recheck_system
     from fopi_tune.pipeline.run import run
     from fopi_tune.pipeline.simulate import simulate
     from fopi_tune.pipeline.systems import simulate_system, validate_system
@@ -28,11 +29,13 @@ if TYPE_CHECKING:
     from fopi_tune.pipeline.validate import validate
     from fopi_tune.prices import Tradeoff
     from fopi_tune.proof import Certificate, Recheck, Verdict, Verification
+    from fopi_tune.proof.switched import SystemCertificate, SystemRecheck, SystemVerdict
     from fopi_tune.results.candidate import Solver
     from fopi_tune.results.design import Check, Design, Discretized, Run, Validated
+    from fopi_tune.results.proved_system import ProvedSystem
     from fopi_tune.results.simulation import Simulated
     from fopi_tune.results.status import Status
-    from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.system import DiscretizedSystem, SimulatedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
     from fopi_tune.spec import load_spec, load_system, parse_spec
     from fopi_tune.spec.model import DesignSpec, SystemSpec
@@ -48,6 +51,7 @@ _PUBLIC = {
     "DesignSpec": "fopi_tune.spec.model",
     "DesignedSystem": "fopi_tune.results.system_design",
     "Discretized": "fopi_tune.results.design",
+    "DiscretizedSystem": "fopi_tune.results.system",
     "DomainError": "fopi_tune.errors",
     "FoPi": "fopi_tune.core.controller",
     "FopiError": "fopi_tune.errors",
@@ -58,6 +62,7 @@ _PUBLIC = {
     "OptimumStatus": "fopi_tune.optimum",
     "Plant": "fopi_tune.core.plant",
     "PlantFamily": "fopi_tune.core.plant",
+    "ProvedSystem": "fopi_tune.results.proved_system",
     "Recheck": "fopi_tune.proof",
     "Run": "fopi_tune.results.design",
     "Simulated": "fopi_tune.results.simulation",
@@ -65,7 +70,10 @@ _PUBLIC = {
     "SpecError": "fopi_tune.errors",
     "Solver": "fopi_tune.results.candidate",
     "Status": "fopi_tune.results.status",
+    "SystemCertificate": "fopi_tune.proof.switched",
+    "SystemRecheck": "fopi_tune.proof.switched",
     "SystemSpec": "fopi_tune.spec.model",
+    "SystemVerdict": "fopi_tune.proof.switched",
     "Tradeoff": "fopi_tune.prices.result",
     "Uncertain": "fopi_tune.core.plant",
     "Validated": "fopi_tune.results.design",
@@ -74,6 +82,7 @@ _PUBLIC = {
     "Verification": "fopi_tune.proof",
     "certify_optimum": "fopi_tune.pipeline.optimum",
     "discretize": "fopi_tune.pipeline.discretize",
+    "discretize_system": "fopi_tune.pipeline.discretize",
     "identify": "fopi_tune.identification",
     "load_spec": "fopi_tune.spec",
     "load_system": "fopi_tune.spec",
@@ -81,8 +90,10 @@ _PUBLIC = {
     "parse_spec": "fopi_tune.spec",
     "price": "fopi_tune.pipeline.price",
     "prove": "fopi_tune.pipeline.prove",
+    "prove_system": "fopi_tune.pipeline.prove_system",
     "recheck": "fopi_tune.pipeline.prove",
     "recheck_optimum": "fopi_tune.pipeline.optimum",
+    "recheck_system": "fopi_tune.pipeline.prove_system",
     "run": "fopi_tune.pipeline.run",
     "simulate": "fopi_tune.pipeline.simulate",
     "simulate_system": "fopi_tune.pipeline.systems",
@@ -101,6 +112,7 @@ __all__ = [
     "DesignSpec",
     "DesignedSystem",
     "Discretized",
+    "DiscretizedSystem",
     "DomainError",
     "FoPi",
     "FopiError",
@@ -111,6 +123,7 @@ __all__ = [
     "OptimumStatus",
     "Plant",
     "PlantFamily",
+    "ProvedSystem",
     "Recheck",
     "Run",
     "Simulated",
@@ -118,7 +131,10 @@ __all__ = [
     "Solver",
     "SpecError",
     "Status",
+    "SystemCertificate",
+    "SystemRecheck",
     "SystemSpec",
+    "SystemVerdict",
     "Tradeoff",
     "Uncertain",
     "Validated",
@@ -127,6 +143,7 @@ __all__ = [
     "Verification",
     "certify_optimum",
     "discretize",
+    "discretize_system",
     "identify",
     "load_spec",
     "load_system",
@@ -134,8 +151,10 @@ __all__ = [
     "parse_spec",
     "price",
     "prove",
+    "prove_system",
     "recheck",
     "recheck_optimum",
+    "recheck_system",
     "run",
     "simulate",
     "simulate_system",

@@ -34,6 +34,8 @@ from fopi_tune.cli.result_files import (
     REPORT,
     REPORT_FIGURES,
     SIMULATION,
+    SYSTEM_FIGURES,
+    SYSTEM_REPORT,
     files_of,
 )
 from fopi_tune.errors import DomainError, SpecError
@@ -203,6 +205,8 @@ def _obsolete_files(written: set[str]) -> list[str]:
         if REPORT in written
         else []
     )
+    if SYSTEM_REPORT in written:
+        figures = [f"{FIGURES_FOLDER}/{name}.{kind}" for name in SYSTEM_FIGURES for kind in ("svg", "png")]
     undrawn = [file for file in figures if file not in written]
     if DIGITAL in written:
         return undrawn + ([] if DIGITAL_CERTIFICATE in written else [DIGITAL_CERTIFICATE])
@@ -221,7 +225,7 @@ def exit_code_of(result: Result, require_proof: bool) -> Exit:
     """
     from fopi_tune.results.system_design import DesignedSystem
 
-    if result.status in ("solved", "met", "settles"):
+    if result.status in ("solved", "met", "settles", "made"):
         reports = getattr(getattr(result, "design", result), "measures", ())
         # of a system's design nothing is proved
         checked = isinstance(result, DesignedSystem) or any(report.verdict == "checked" for report in reports)
@@ -245,9 +249,13 @@ def _result_text(result: Result) -> Text:
     from fopi_tune.results.design import Check, Design, Discretized, Validated
     from fopi_tune.results.proved_system import ProvedSystem
     from fopi_tune.results.simulation import Simulated
-    from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.system import DiscretizedSystem, SimulatedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
 
+    if isinstance(result, DiscretizedSystem):
+        from fopi_tune.cli.discretize import system_text
+
+        return system_text(result)
     if isinstance(result, ProvedSystem):
         return system_proof_text(result)
     if isinstance(result, DesignedSystem):

@@ -10,7 +10,7 @@ import typer
 
 from fopi_tune import __version__
 from fopi_tune.cli.batch import OutputOptions, process_specs
-from fopi_tune.cli.gains import GivenGains, given_or_tuned_gains
+from fopi_tune.cli.gains import GivenGains
 from fopi_tune.cli.init import (
     FittedOption,
     FromOption,
@@ -29,7 +29,7 @@ from fopi_tune.cli.init import (
     write_spec,
 )
 from fopi_tune.cli.output import bad_input, print_out, report_failure, to_json
-from fopi_tune.cli.prove import prove_file
+from fopi_tune.cli.prove import discretize_file, prove_file
 from fopi_tune.cli.recheck import recheck_file
 from fopi_tune.cli.simulations import SimulationOptions, parameters_from_options, simulate_file, validate_file
 from fopi_tune.cli.study import study
@@ -43,11 +43,10 @@ from fopi_tune.cli.tune import (
     TuneOptions,
     tune_files,
 )
-from fopi_tune.core.controller import FoPi
 from fopi_tune.results.candidate import Solver
 
 if TYPE_CHECKING:
-    from fopi_tune.results.design import Design, Discretized, Run
+    from fopi_tune.results.design import Run
     from fopi_tune.spec.model import DesignSpec
 
 app = typer.Typer(
@@ -168,7 +167,9 @@ def run(
 
 @app.command()
 def report(
-    specs: Annotated[list[str], typer.Argument(metavar="SPEC", help="Spec files, or folders that `fopi run` filled.")],
+    specs: Annotated[
+        list[str], typer.Argument(metavar="SPEC", help="Spec or system files, or folders of their results.")
+    ],
     compare: Annotated[
         bool, typer.Option("--compare", help="One page with all of them side by side, in results/compare.")
     ] = False,
@@ -178,7 +179,7 @@ def report(
 ) -> None:
     """Make reports again from results.
 
-    From the results that `fopi run` and `fopi validate` left.
+    From the results that `fopi run` and `fopi validate` left, or the certificate of `fopi prove SYSTEM`.
 
     The results must be of the spec as it is; a folder holds its own.  Prints where the report is.  With --compare also
     folders that `fopi tune` or `fopi prove` filled, or the design.json or check.json in them.
@@ -232,7 +233,7 @@ def prove(
 
 @app.command()
 def discretize(
-    spec: Annotated[str, typer.Argument(metavar="SPEC", help="Spec file with a section `digital`.")],
+    spec: Annotated[str, typer.Argument(metavar="SPEC", help="Spec file with a section `digital`, or a system.")],
     kp: Kp = None,
     ki: Ki = None,
     alpha: Alpha = None,
@@ -246,18 +247,11 @@ def discretize(
 
     Says what the loop on samples keeps of the requirements, and exports C.
 
-    Gains are taken as `fopi prove` takes them.
+    Gains are taken as `fopi prove` takes them, those of a system from its file.  A system's C code has both controllers
+    and how they take turns; nothing is proved of it here.
     """
     options = OutputOptions(out, as_json, quiet, debug)
-    given = GivenGains(kp, ki, alpha)
-
-    def compute(loaded: DesignSpec) -> Discretized | Design:
-        from fopi_tune.pipeline.discretize import discretize
-
-        gains = given_or_tuned_gains(loaded, given, options)
-        return gains if not isinstance(gains, FoPi) else discretize(loaded, gains, not no_proof)
-
-    raise typer.Exit(process_specs([spec], compute, options, "discretizing"))
+    raise typer.Exit(discretize_file(spec, GivenGains(kp, ki, alpha), not no_proof, options))
 
 
 @app.command()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from fopi_tune.cli.batch import OutputOptions
 from fopi_tune.core.controller import FoPi
-from fopi_tune.errors import DomainError
+from fopi_tune.errors import CertificateError, DomainError
 
 if TYPE_CHECKING:
     from fopi_tune.results.design import Design
@@ -45,6 +45,22 @@ class GivenGains:
         return any(value is not None for value in (self.kp, self.ki, self.alpha))
 
 
+def gains_of_document(entry: object) -> FoPi:
+    """The gains of a result's JSON, whose types are checked.
+
+    Args:
+        entry: the object with `kp`, `ki` and `alpha`.
+
+    Raises:
+        CertificateError: an entry is missing, or is no finite number.
+        DomainError: there is no such controller.
+    """
+    from fopi_tune.proof.strict_json import JsonObject
+
+    gains = JsonObject(entry, "gains")
+    return FoPi(gains.number("kp"), gains.number("ki"), gains.number("alpha"))
+
+
 def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | None:
     """The gains that the spec fixes, or those of a solved design of the same problem in the folder of results."""
     from fopi_tune.spec.digests import is_of_spec
@@ -57,9 +73,8 @@ def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | 
     try:
         document = read_json(path)
         solved = document["status"] == "solved" and is_of_spec(document["stamp"], spec)
-        gains = document["gains"] if solved else None
-        found = FoPi(float(gains["kp"]), float(gains["ki"]), float(gains["alpha"])) if gains else None
-    except (OSError, DomainError, KeyError, TypeError):
+        found = gains_of_document(document["gains"]) if solved else None
+    except (OSError, DomainError, CertificateError, KeyError, TypeError):
         return None  # no usable design: the caller prints a note and tunes
     if found is not None:
         options.note(f"{spec.name}: gains from {path}")

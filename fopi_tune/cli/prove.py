@@ -1,4 +1,4 @@
-"""`fopi prove`, of a spec's gains or of a system."""
+"""`fopi prove` and `fopi discretize`, of a spec's gains or of a system."""
 
 from __future__ import annotations
 
@@ -37,9 +37,32 @@ def prove_file(file: str, given: GivenGains, tolerance: float, options: OutputOp
         gains = given_or_tuned_gains(loaded, given, options)
         return gains if not isinstance(gains, FoPi) else prove(loaded, gains, tolerance)
 
-    def load(file: str) -> DesignSpec | SystemSpec:
-        from fopi_tune.spec import load_any
+    return process_with_loader([file], _load, compute, options, "proving")
 
-        return load_any(file)
 
-    return process_with_loader([file], load, compute, options, "proving")
+def discretize_file(file: str, given: GivenGains, proof: bool, options: OutputOptions) -> Exit:
+    """Make a spec's digital controller and prove its loop, or those of a system; write and print the result.
+
+    Args:
+        file: of the spec or system.
+        given: gains of a spec's controller.
+        proof: of a spec's requirements for the loop on samples; of a system nothing is proved.
+        options: where results go.
+    """
+
+    def compute(loaded: DesignSpec | SystemSpec) -> Result:
+        from fopi_tune.pipeline.discretize import discretize, discretize_system
+        from fopi_tune.spec.model import SystemSpec
+
+        if isinstance(loaded, SystemSpec):
+            return discretize_system(loaded, gains_of_modes(loaded, given, options))
+        gains = given_or_tuned_gains(loaded, given, options)
+        return gains if not isinstance(gains, FoPi) else discretize(loaded, gains, proof)
+
+    return process_with_loader([file], _load, compute, options, "discretizing")
+
+
+def _load(file: str) -> DesignSpec | SystemSpec:
+    from fopi_tune.spec import load_any
+
+    return load_any(file)

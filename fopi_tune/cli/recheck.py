@@ -119,9 +119,10 @@ def recheck_system_file(document: Any, system_file: str | None, options: OutputO
         "verdict": verdict if found.accepted else None,
         "name": certificate.name,
         "problems": list(found.problems),
+        "notes": list(found.notes),
     }
     if options.as_json:
         return max(code, print_out(to_json(told)))
     first = f"{certificate.name}: sound, {verdict}" if found.accepted else f"{certificate.name}: refused"
     said = certificate.statements if found.accepted else found.problems
-    return max(code, print_out("\n".join([first, *(f"  {each}" for each in said)])))
+    return max(code, print_out("\n".join([first, *(f"  {each}" for each in (*said, *found.notes))])))

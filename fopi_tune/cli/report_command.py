@@ -9,34 +9,46 @@ from typing import TYPE_CHECKING
 
 from fopi_tune.cli.batch import OutputOptions, load_specs, write_files
 from fopi_tune.cli.output import Exit, print_out, report_failure, say
-from fopi_tune.cli.report_files import comparison_of, report_from_folder
-from fopi_tune.cli.result_files import CHECK, COMPARISON_FOLDER, COMPARISON_PAGE, DESIGN, REPORT, SPEC
+from fopi_tune.cli.report_files import comparison_of, report_from_folder, system_report_from_folder
+from fopi_tune.cli.result_files import (
+    CHECK,
+    COMPARISON_FOLDER,
+    COMPARISON_PAGE,
+    DESIGN,
+    REPORT,
+    SPEC,
+    SYSTEM_CERTIFICATE,
+    SYSTEM_REPORT,
+)
 from fopi_tune.errors import DomainError, SpecError
 
 if TYPE_CHECKING:
-    from fopi_tune.spec.model import DesignSpec
+    from fopi_tune.spec.model import DesignSpec, SystemSpec
 
 
 def remake_reports(files: Sequence[str], options: OutputOptions) -> Exit:
     """Make the report of every spec again and print its path; returns the worst exit code.
 
     Args:
-        files: specs, or folders of results with the specs they are of.
+        files: specs or systems, or folders of results with the specs they are of.
         options: where results are, and what is printed.
     """
 
     folders: dict[str, Path] = {}
 
-    def load(file: str) -> DesignSpec:
-        from fopi_tune.spec import load_spec
+    def load(file: str) -> DesignSpec | SystemSpec:
+        from fopi_tune.spec import load_any, load_spec
 
         if not os.path.isdir(file):
-            return load_spec(file)
+            return load_any(file)
         spec = load_spec(Path(file, SPEC))
         folders[spec.name] = Path(file)
         return spec
 
-    specs, code = load_specs(files, load, options)
+    proved = [file for file in files if _holds_system(file)]
+    specs, code = load_specs([file for file in files if file not in proved], load, options)
+    for file in proved:
+        code = max(code, _remake_one(None, Path(file), options))
     for spec in specs:
         options.note(f"{spec.name}: reporting ...")
         folder = folders.get(spec.name) if options.out is None else None
@@ -44,18 +56,30 @@ def remake_reports(files: Sequence[str], options: OutputOptions) -> Exit:
     return code
 
 
-def _remake_one(spec: DesignSpec, folder: Path, options: OutputOptions) -> Exit:
+def _holds_system(file: str) -> bool:
+    """Whether a folder has the certificate of a system and no spec."""
+    return os.path.isfile(Path(file, SYSTEM_CERTIFICATE)) and not os.path.exists(Path(file, SPEC))
+
+
+def _remake_one(spec: DesignSpec | SystemSpec | None, folder: Path, options: OutputOptions) -> Exit:
+    from fopi_tune.spec.model import DesignSpec
+
+    name = str(folder) if spec is None else spec.name
     try:
-        made = report_from_folder(spec, folder)
+        if isinstance(spec, DesignSpec):
+            made, page = report_from_folder(spec, folder), REPORT
+        else:
+            made, page = system_report_from_folder(folder, spec), SYSTEM_REPORT
     except DomainError as error:
-        say(f"{spec.name}: {error}")
+        say(f"{name}: {error}")
         return Exit.BAD_INPUT
     except Exception as error:
-        return report_failure(spec.name, error, options.debug)
+        return report_failure(name, error, options.debug)
     for why in made.left_out:
-        say(f"{spec.name}: {why}")
-    code = write_files(folder, list(made.files.items()), spec.name, options)
-    return code if code is not Exit.MET else print_out(folder / REPORT)
+        say(f"{name}: {why}")
+    written_to = folder if spec is not None or options.out is None else Path(options.out)
+    code = write_files(written_to, list(made.files.items()), name, options)
+    return code if code is not Exit.MET else print_out(written_to / page)
 
 
 #: fewest and most designs on a page

@@ -8,12 +8,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fopi_tune.cli.output import reason_of, say
-from fopi_tune.cli.result_files import CERTIFICATE, CHECK, DESIGN, DIGITAL, DIGITAL_CERTIFICATE, EVIDENCE
-from fopi_tune.errors import DomainError
+from fopi_tune.cli.result_files import (
+    CERTIFICATE,
+    CHECK,
+    DESIGN,
+    DIGITAL,
+    DIGITAL_CERTIFICATE,
+    EVIDENCE,
+    SYSTEM_CERTIFICATE,
+    SYSTEM_PROOF,
+)
+from fopi_tune.errors import CertificateError, DomainError
 
 if TYPE_CHECKING:
     from fopi_tune.report.documents import Document, ResultDocuments
-    from fopi_tune.spec.model import DesignSpec
+    from fopi_tune.spec.model import DesignSpec, SystemSpec
 
 
 @dataclass(frozen=True)
@@ -87,6 +96,41 @@ def report_from_folder(spec: DesignSpec, folder: Path) -> Made:
 
     findings = _read_findings(spec, folder, DESIGN)
     return Made(report_files(findings), tuple(_left_out(findings, folder)))
+
+
+def system_report_from_folder(folder: Path, system: SystemSpec | None) -> Made:
+    """The page of what is proved of a system, made from the certificate in a folder, which is tested.
+
+    Args:
+        folder: of the results.
+        system: that the certificate must be of; None leaves this open.
+
+    Raises:
+        DomainError: there is no certificate of this system, or it does not hold; says which and where.
+    """
+    from fopi_tune.pipeline.prove_system import recheck_system
+    from fopi_tune.report.system_page import system_report_files
+
+    path = folder / SYSTEM_CERTIFICATE
+    document = _read_document(path)
+    if document is None:
+        raise DomainError(f"there is no {SYSTEM_CERTIFICATE} to read in {folder}; make one with `fopi prove`")
+    try:
+        certificate, found = recheck_system(document)
+    except CertificateError as error:
+        raise DomainError(f"{path}: {error}; make it again with `fopi prove`") from None
+    if system is not None and certificate.system_sha256 != system.sha256:
+        raise DomainError(f"{path} is of another system, or of another text of this one; run `fopi prove` again")
+    if not found.accepted:
+        raise DomainError(f"{path} does not show what it says: {found.problems[0]}; run `fopi prove` again")
+    unit = _stated_unit(folder) if system is None else system.measurement_unit
+    return Made(system_report_files(certificate, unit), ())
+
+
+def _stated_unit(folder: Path) -> str:
+    """The output's unit as the result beside a certificate has it; empty without."""
+    unit = (_read_document(folder / SYSTEM_PROOF) or {}).get("measurement_unit")
+    return unit if isinstance(unit, str) and unit.isprintable() else ""
 
 
 def _read_findings(spec: DesignSpec, folder: Path, file: str) -> ResultDocuments:

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from fopi_tune.results.design import Check, Design, Discretized, Run, Validated
     from fopi_tune.results.proved_system import ProvedSystem
     from fopi_tune.results.simulation import ScenarioResult, Simulated
-    from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.system import DiscretizedSystem, SimulatedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
 
     Result = (
         Design | Check | Discretized | Run | Validated | Simulated | Tradeoff | SimulatedSystem | ValidatedSystem
-        | DesignedSystem | ProvedSystem
+        | DesignedSystem | ProvedSystem | DiscretizedSystem
     )  # fmt: skip
 
 DESIGN, CHECK, DIGITAL = "design.json", "check.json", "digital.json"
@@ -34,8 +34,12 @@ CODE_FOLDER, CONTROLLER_FIGURE = "c", "controller.svg"
 EVIDENCE = "evidence.json"
 #: the gains designed for a system
 SYSTEM_DESIGN = "system_design.json"
+#: the digital controllers of a system
+SYSTEM_DIGITAL = "system_digital.json"
 #: what is proved of a system
 SYSTEM_PROOF, SYSTEM_CERTIFICATE = "system_proof.json", "system_certificate.json"
+#: the page of what is proved of a system, and its figures
+SYSTEM_REPORT, SYSTEM_FIGURES = "system_report.html", ("orbit", "region")
 #: prefixes of the files of simulations: of the sampled loop, and in continuous time
 SIMULATION, EXACT = "simulation", "exact"
 #: a copy of the spec of a result
@@ -60,9 +64,13 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
     from fopi_tune.results.design import Check, Discretized, Run, Validated
     from fopi_tune.results.proved_system import ProvedSystem
     from fopi_tune.results.simulation import Simulated
-    from fopi_tune.results.system import SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.system import DiscretizedSystem, SimulatedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
 
+    if isinstance(result, DiscretizedSystem):
+        yield from ((f"{CODE_FOLDER}/{name}", text) for name, text in result.code().items())
+        yield SYSTEM_DIGITAL, to_json(result.to_dict()) + "\n"
+        return
     if isinstance(result, ProvedSystem):
         yield SYSTEM_CERTIFICATE, to_json(result.certificate_document()) + "\n"
         yield SYSTEM_PROOF, to_json(result.to_dict()) + "\n"

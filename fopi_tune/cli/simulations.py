@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.cli.batch import OutputOptions, process_with_loader
-from fopi_tune.cli.gains import GivenGains, gains_of_earlier_design, given_or_tuned_gains
+from fopi_tune.cli.gains import GivenGains, gains_of_document, gains_of_earlier_design, given_or_tuned_gains
 from fopi_tune.cli.output import Exit, bad_input, progress_bar
 from fopi_tune.core.controller import FoPi
-from fopi_tune.errors import DomainError
+from fopi_tune.errors import CertificateError, DomainError
 
 if TYPE_CHECKING:
     from fopi_tune.cli.result_files import Result
@@ -118,8 +118,8 @@ def _gains_of_system_design(system: SystemSpec, options: OutputOptions) -> dict[
         document = read_json(path)
         if document["status"] != "solved" or document["stamp"]["spec_sha256"] != system.sha256:
             raise KeyError
-        found = {name: FoPi(*(float(document["gains"][name][key]) for key in ("kp", "ki", "alpha"))) for name in wanted}
-    except (OSError, DomainError, KeyError, TypeError):
+        found = {name: gains_of_document(document["gains"][name]) for name in wanted}
+    except (OSError, DomainError, CertificateError, KeyError, TypeError):
         options.note(f"{system.name}: no design of this system there; tuning first ...")
         return {}
     options.note(f"{system.name}: gains from {path}")

@@ -7,7 +7,7 @@ import io
 import math
 from array import array
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +64,21 @@ class ParameterTable:
         if unknown := [name for name in self.names if name not in wanted]:
             raise DomainError(not_uncertain(unknown[0], family))
         return [self.names.index(name) for name in wanted]
+
+
+@dataclass(frozen=True)
+class SamplesFile:
+    """A file of plants that a spec names.
+
+    Args:
+        name: as the spec writes it.
+        sha256: of its bytes.
+        table: what it says; equal files have equal hashes.
+    """
+
+    name: str
+    sha256: str
+    table: ParameterTable = field(compare=False, repr=False)
 
 
 def parse_table(text: str, known: Sequence[str]) -> ParameterTable:

@@ -11,6 +11,7 @@ import hashlib
 import math
 import re
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,11 +70,6 @@ class Export:
     units: Units = Units()
     limits: tuple[float, float] | None = None
 
-    @property
-    def identifier(self) -> str:
-        """The name as a part of C's names:  Brake-1.2 -> brake_1_2."""
-        return re.sub(r"[^a-z0-9]+", "_", self.name.lower()).strip("_")
-
 
 def export_c(export: Export) -> dict[str, str]:
     """The files: a header and a source for double and for float, test vectors, a program that replays them, a Makefile.
@@ -84,21 +80,89 @@ def export_c(export: Export) -> dict[str, str]:
     Raises:
         DomainError: an invalid name, empty limits, or a controller that is unusable after rounding.
     """
-    if not _NAME.fullmatch(export.name):
-        raise DomainError(f"{export.name[:80]!a} cannot name files; use letters, digits, dot, underscore or hyphen")
-    runtimes = {precision: Runtime.of(export.controller.sections, precision, export.limits) for precision in Precision}
-    double, single = runtimes[Precision.FLOAT64], runtimes[Precision.FLOAT32]
+    identifier = identifier_of(export.name)
+    codes = [controller_code(export, precision, identifier) for precision in Precision]
+    double, single = (code.runtime for code in codes)
     files = {"test_vectors.csv": vector_table(double, single, standard_operations(double))}
-    for runtime in runtimes.values():
-        values = _values(export, runtime)
-        # of all that header and source say
-        values["export_id"] = f"0x{hashlib.sha256(repr(values).encode()).hexdigest()[:8]}"
-        stem = f"fopi_{export.identifier}_{values['suffix']}"
-        files[f"{stem}.h"] = _rendered("controller.h.jinja", values)
-        files[f"{stem}.c"] = _rendered("controller.c.jinja", values)
-    for name in ("main.c", "Makefile"):
-        files[name] = _rendered(f"{name}.jinja", {"identifier": export.identifier, "columns": COLUMNS})
-    return files
+    for code in codes:
+        files |= code.files
+    return files | replay_files(identifier, [code.prefix for code in codes], COLUMNS)
+
+
+@dataclass(frozen=True)
+class ControllerCode:
+    """One controller in one precision.
+
+    Args:
+        runtime: its numbers.
+        prefix: of its functions, and the name of its files.
+        macro: the same in capital letters, of its macros.
+        export_id: what its header has as `macro`_EXPORT.
+        files: header and source.
+    """
+
+    runtime: Runtime
+    prefix: str
+    macro: str
+    export_id: str
+    files: dict[str, str]
+
+
+def controller_code(export: Export, precision: Precision, identifier: str, part_of: str = "") -> ControllerCode:
+    """A controller's header and source.
+
+    Args:
+        export: the controller and what its header says.
+        precision: of its numbers.
+        identifier: a part of its names in C.
+        part_of: prefix of the system that calls it; empty for a controller of its own.
+
+    Raises:
+        DomainError: empty limits, or a controller that is unusable after rounding.
+    """
+    runtime = Runtime.of(export.controller.sections, precision, export.limits)
+    values = with_export_id({**_values(export, runtime, identifier), **({"part_of": part_of} if part_of else {})})
+    files = code_files("controller", {"part_of": "", **values})
+    return ControllerCode(runtime, values["prefix"], values["macro"], values["export_id"], files)
+
+
+def with_export_id(values: dict[str, Any]) -> dict[str, Any]:
+    """The values and a short hash of all that header and source say."""
+    return {**values, "export_id": f"0x{hashlib.sha256(repr(values).encode()).hexdigest()[:8]}"}
+
+
+def code_files(template: str, values: dict[str, Any]) -> dict[str, str]:
+    """Header and source from their templates, named by the prefix."""
+    return {f"{values['prefix']}.{ending}": _rendered(f"{template}.{ending}.jinja", values) for ending in "hc"}
+
+
+def replay_files(identifier: str, stems: Sequence[str], columns: str, pair: bool = False) -> dict[str, str]:
+    """The program that replays the test vectors, and its Makefile.
+
+    Args:
+        identifier: of the controller or system.
+        stems: of all its sources.
+        columns: first line of the table of vectors.
+        pair: whether it is a system, of which the mode is compared too.
+    """
+    values = {"identifier": identifier, "columns": columns, "stems": sorted(stems), "pair": pair}
+    return {name: _rendered(f"{name}.jinja", values) for name in ("main.c", "Makefile")}
+
+
+def identifier_of(name: str) -> str:
+    """A name as a part of C's names:  Brake-1.2 -> brake_1_2.
+
+    Raises:
+        DomainError: it is no name of a spec.
+    """
+    if not _NAME.fullmatch(name):
+        raise DomainError(f"{name[:80]!a} cannot name files; use letters, digits, dot, underscore or hyphen")
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def c_type(precision: Precision) -> dict[str, str]:
+    """The C type of a precision, the suffix of its files and literals, and its prefix in float.h."""
+    return _TYPES[precision]
 
 
 def comment(text: str) -> str:
@@ -148,7 +212,7 @@ def _rendered(template: str, values: dict[str, Any]) -> str:
     return environment.get_template(template).render(values)
 
 
-def _values(export: Export, runtime: Runtime) -> dict[str, Any]:
+def _values(export: Export, runtime: Runtime, identifier: str) -> dict[str, Any]:
     """What the templates name."""
     controller, kind = export.controller, _TYPES[runtime.precision]
 
@@ -157,8 +221,8 @@ def _values(export: Export, runtime: Runtime) -> dict[str, Any]:
 
     return {
         **kind,
-        "prefix": f"fopi_{export.identifier}_{kind['suffix']}",
-        "macro": f"FOPI_{export.identifier}_{kind['suffix']}".upper(),
+        "prefix": f"fopi_{identifier}_{kind['suffix']}",
+        "macro": f"FOPI_{identifier}_{kind['suffix']}".upper(),
         "name": export.name,
         "description": sanitized(export.description, _DESCRIPTION),
         "sha256": sanitized(export.spec_sha256),

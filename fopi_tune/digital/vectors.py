@@ -16,8 +16,8 @@ from fopi_tune.digital.runtime import Op, Operation, Runtime, replay
 #: first line of the table
 COLUMNS = "op,setpoint,measurement,applied_or_output,expected_f64,expected_f32"
 #: float32's largest number, its smallest, and numbers whose differences or products overflow in one precision or both
-_EXTREME = (3.4028234663852886e38, -3.4028234663852886e38, 1e38, -3e37, 1e30, -1e20, 1.4e-45, -1e-40, 0.0, -0.0)
-_NOT_FINITE = (float("nan"), float("inf"), float("-inf"))
+EXTREME = (3.4028234663852886e38, -3.4028234663852886e38, 1e38, -3e37, 1e30, -1e20, 1.4e-45, -1e-40, 0.0, -0.0)
+NOT_FINITE = (float("nan"), float("inf"), float("-inf"))
 #: share of the output's range that a signal of size 1 covers
 _SHARE = 0.3
 _SEED = 20
@@ -47,32 +47,39 @@ def standard_operations(runtime: Runtime, seed: int = _SEED, mixed: int = 800) -
         seed: of the noise.
         mixed: number of random operations at the end.
     """
-    size, draw = _signal_size(runtime), random.Random(seed)
+    size, draw = signal_size(runtime), random.Random(seed)
 
     def noise(scale: float) -> float:
         return size * scale * draw.uniform(-1.0, 1.0)
 
-    rows = [Operation(Op.INIT), *_steps(240, lambda k: size * (k >= 10), lambda k: size * (1.0 - 0.99**k))]
-    rows += _steps(300, lambda k: size * 0.5, lambda k: noise(1.0))
+    rows = [Operation(Op.INIT), *steps(240, lambda k: size * (k >= 10), lambda k: size * (1.0 - 0.99**k))]
+    rows += steps(300, lambda k: size * 0.5, lambda k: noise(1.0))
     for sign in (1.0, -1.0, 1.0):
-        rows += _steps(120, lambda k, s=sign: s * 40.0 * size, lambda k: noise(0.2))
-    for value in _NOT_FINITE:
+        rows += steps(120, lambda k, s=sign: s * 40.0 * size, lambda k: noise(0.2))
+    for value in NOT_FINITE:
         rows += [Operation(Op.STEP, value, 0.0), Operation(Op.STEP, size, value), Operation(Op.STEP, value, value)]
         rows += [Operation(Op.TRACK, value, 0.0, size), Operation(Op.TRACK, size, 0.0, value)]
-        rows += [Operation(Op.RESET, output=value), *_steps(10, lambda k: size, lambda k: noise(1.0))]
-    for first in _EXTREME:
+        rows += [Operation(Op.RESET, output=value), *steps(10, lambda k: size, lambda k: noise(1.0))]
+    for first in EXTREME:
         for second in (0.0, first, -first):
             rows += [Operation(Op.STEP, first, second), Operation(Op.TRACK, size, second, first)]
-        rows += [Operation(Op.RESET, output=first), *_steps(5, lambda k: size, lambda k: noise(1.0))]
+        rows += [Operation(Op.RESET, output=first), *steps(5, lambda k: size, lambda k: noise(1.0))]
     for applied in (0.0, 0.5 * size, -100.0 * size):
         rows += [Operation(Op.TRACK, size, 0.5 * size, applied) for _ in range(60)]
-        rows += _steps(40, lambda k: size, lambda k: 0.5 * size)
+        rows += steps(40, lambda k: size, lambda k: 0.5 * size)
     rows += [_random_operation(draw, size) for _ in range(mixed)]
     rows += _at_rest(runtime)
-    return tuple(_in_float32(row) for row in rows)
+    return tuple(in_float32(row) for row in rows)
 
 
-def _steps(count: int, setpoint: Callable[[int], float], measurement: Callable[[int], float]) -> Iterable[Operation]:
+def steps(count: int, setpoint: Callable[[int], float], measurement: Callable[[int], float]) -> Iterable[Operation]:
+    """Ordinary samples.
+
+    Args:
+        count: of them.
+        setpoint: from the sample's number, from 0.
+        measurement: the same.
+    """
     return [Operation(Op.STEP, setpoint(k), measurement(k)) for k in range(count)]
 
 
@@ -84,10 +91,10 @@ def _at_rest(runtime: Runtime) -> Iterable[Operation]:
     gain, rows = sum(abs(residue) for residue in runtime.residues), []
     for exponent in range(-120, -80, 8):
         error = 2.0**exponent / (gain if gain > 0.0 else 1.0)
-        rows += [Operation(Op.RESET), *_steps(3, lambda k, e=error: e, lambda k: 0.0)]
-        rows += _steps(6, lambda k: 0.0, lambda k: 0.0)
-        rows += [Operation(Op.RESET), *_steps(3, lambda k, e=error: -e, lambda k: 0.0)]
-        rows += [Operation(Op.TRACK), *_steps(3, lambda k: 0.0, lambda k: 0.0)]
+        rows += [Operation(Op.RESET), *steps(3, lambda k, e=error: e, lambda k: 0.0)]
+        rows += steps(6, lambda k: 0.0, lambda k: 0.0)
+        rows += [Operation(Op.RESET), *steps(3, lambda k, e=error: -e, lambda k: 0.0)]
+        rows += [Operation(Op.TRACK), *steps(3, lambda k: 0.0, lambda k: 0.0)]
     return rows
 
 
@@ -96,19 +103,19 @@ def _random_operation(draw: random.Random, size: float) -> Operation:
     chance, scale = draw.random(), size * (20.0 if draw.random() < 0.1 else 1.0)
     setpoint, measurement, output = (scale * draw.uniform(-1.0, 1.0) for _ in range(3))
     if chance < 0.02:
-        setpoint = draw.choice(_NOT_FINITE)
+        setpoint = draw.choice(NOT_FINITE)
     elif chance < 0.04:
-        measurement = draw.choice(_NOT_FINITE + _EXTREME)
+        measurement = draw.choice(NOT_FINITE + EXTREME)
     elif chance < 0.05:
-        return Operation(Op.RESET, output=draw.choice((output, *_NOT_FINITE, *_EXTREME)))
+        return Operation(Op.RESET, output=draw.choice((output, *NOT_FINITE, *EXTREME)))
     elif chance < 0.06:
         return Operation(Op.INIT)
     elif chance < 0.15:
-        return Operation(Op.TRACK, setpoint, measurement, draw.choice((output, output, *_NOT_FINITE)))
+        return Operation(Op.TRACK, setpoint, measurement, draw.choice((output, output, *NOT_FINITE)))
     return Operation(Op.STEP, setpoint, measurement)
 
 
-def _signal_size(runtime: Runtime) -> float:
+def signal_size(runtime: Runtime) -> float:
     """Size of signals that move the output through much of its range; 1 where the range is unlimited."""
     gain = abs(runtime.direct) + sum(abs(residue) for residue in runtime.residues)
     span = max(abs(limit) for limit in runtime.limits)
@@ -117,7 +124,8 @@ def _signal_size(runtime: Runtime) -> float:
     return size if 1e-12 < size < 1e12 else 1.0
 
 
-def _in_float32(row: Operation) -> Operation:
+def in_float32(row: Operation) -> Operation:
+    """The operation with its numbers rounded to float32."""
     with np.errstate(all="ignore"):
         numbers = (float(np.float32(number)) for number in (row.setpoint, row.measurement, row.output))
     return Operation(row.op, *numbers)

@@ -73,7 +73,7 @@ def hybrid_scenario(system: SystemSpec, scenario: ScenarioSpec, implementation: 
     """A system's scenario on its samples.
 
     Args:
-        system: gives hysteresis, first mode and the inactive controller's behaviour.
+        system: gives hysteresis, minimum dwell, first mode and the inactive controller's behaviour.
         scenario: the spec's.
         implementation: of either mode; gives sample time and delay.
         seed: of the noise.
@@ -85,6 +85,7 @@ def hybrid_scenario(system: SystemSpec, scenario: ScenarioSpec, implementation: 
         1 + names.index(system.first),
         system.most_switches,
         system.chattering_window_s,
+        system.min_dwell_samples,
     )
     return replace(scenario_of(scenario, implementation, seed), hybrid=hybrid)
 

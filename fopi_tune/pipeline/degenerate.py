@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.results.design import Design
+from fopi_tune.results.equalities import in_percent
 from fopi_tune.results.status import Status
 from fopi_tune.spec.default_objective import default_notes
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
@@ -65,7 +66,7 @@ def _vanished(asked: DesignSpec, gains: FoPi, error: float | None) -> Iterator[s
     if gains.ki == 0.0 and not asked.controller.ki.is_fixed:
         if error is not None and error > _NO_ERROR:
             yield (
-                f"no integral action: the steady-state error of a constant reference is up to {100.0 * error:.3g} %; "
+                f"no integral action: the steady-state error of a constant reference is up to {in_percent(error)}; "
                 "for none, give ki a lower end (controller: ki: {min: ...}) or ask for "
                 "sensitivity_db: {at_most: ...} at low frequencies (to_rad_s: ...)"
             )

@@ -1,15 +1,20 @@
-"""The digital controller:  spec, gains -> Discretized."""
+"""The digital controller:  spec, gains -> Discretized;  system, gains -> DiscretizedSystem."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.pipeline.tune_system import mode_gains
 from fopi_tune.proof import Verification, certify, verify
 from fopi_tune.results.design import Discretized
 from fopi_tune.results.stamp import certificate_versions, stamp
-from fopi_tune.spec import load_spec
+from fopi_tune.results.system import DiscretizedSystem
+from fopi_tune.simulation.notes import dwell_notes
+from fopi_tune.spec import load_spec, load_system
 from fopi_tune.spec.digests import digests_of
-from fopi_tune.spec.load import Source
+from fopi_tune.spec.load import Source, SystemSource
 from fopi_tune.spec.model import DesignSpec
 
 
@@ -40,3 +45,31 @@ def discretized(spec: DesignSpec, gains: FoPi, proof: bool, found: Verification 
         found = verify(spec, gains, implementation=implementation)
     certificate = certify(spec, found, certificate_versions(), implementation) if proof else None
     return Discretized(spec, controller, found, certificate, stamp(spec.sha256, None, digests_of(spec)))
+
+
+def discretize_system(source: SystemSource, gains: Mapping[str, FoPi] | None = None) -> DiscretizedSystem:
+    """Make the digital controllers of a system's modes; `code()` of the result has them and their switching as C.
+
+    Nothing is judged or proved here; `prove_system` says whether the system settles.
+
+    Args:
+        source: a system file, or a system.
+        gains: by mode's name; those of the file where left out, and tuned where the file has none.
+
+    Raises:
+        SpecError: the file, or a spec it names, cannot be read, or has mistakes.
+        DomainError: a mode's digital section cannot be met (band, sample time, precision), or its spec has no solution.
+    """
+    from fopi_tune.digital import discretize
+    from fopi_tune.digital.implementation import digital_section_of, nominal_crossover
+
+    system = load_system(source)
+    every_gains = mode_gains(system, gains)
+    throttle, brake = (
+        discretize(
+            every_gains[mode.name], digital_section_of(mode.spec), nominal_crossover(mode.spec, every_gains[mode.name])
+        )
+        for mode in system.modes
+    )
+    notes = tuple(dwell_notes(system))
+    return DiscretizedSystem(system, every_gains, (throttle, brake), notes, stamp(system.sha256, None))

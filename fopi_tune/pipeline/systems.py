@@ -24,7 +24,7 @@ from fopi_tune.pipeline.validate import override_validation
 from fopi_tune.results.simulation import ScenarioResult
 from fopi_tune.results.stamp import stamp
 from fopi_tune.results.system import SimulatedSystem
-from fopi_tune.simulation.notes import mode_notes
+from fopi_tune.simulation.notes import dwell_notes, mode_notes
 from fopi_tune.spec import load_system
 from fopi_tune.spec.load import SystemSource
 from fopi_tune.spec.model import ScenarioSpec, SystemSpec
@@ -85,7 +85,7 @@ def simulate_system(
             for each, run in zip(scenarios, runs, strict=True)
         ]
     described = system.family.describe(point)
-    made, notes = stamp(system.sha256, None), _system_notes(system)
+    made, notes = stamp(system.sha256, None), _system_notes(system, on_samples=not exact)
     if exact and system.inactive == "tracking" and any(each.accuracy is None for each in results):
         notes = (*notes, "inactive: tracking is set at the jump in continuous time: without the kick of kp at a step")
     return SimulatedSystem(system, every_gains, described, replay, tuple(results), made, exact=exact, notes=notes)
@@ -134,9 +134,9 @@ def _points(system: SystemSpec, point: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return point[:split], point[split:]
 
 
-def _system_notes(system: SystemSpec) -> tuple[str, ...]:
-    """What the modes' limits leave no room for; by the nominal plants."""
-    notes = []
+def _system_notes(system: SystemSpec, on_samples: bool) -> tuple[str, ...]:
+    """What the modes' limits leave no room for, by the nominal plants; what samples make of the minimum dwell."""
+    notes = list(dwell_notes(system)) if on_samples else []
     for mode, raises in zip(system.modes, (True, False), strict=True):
         limits = mode.spec.digital.output_limits if mode.spec.digital is not None else None
         if limits is not None:
@@ -174,7 +174,7 @@ def validate_system(
     every_gains = mode_gains(system, gains)
     evidence = system_evidence(system, _implementations(system, every_gains), progress)
     made = replace(stamp(system.sha256, None), seed=evidence.validation.seed)
-    return ValidatedSystem(system, every_gains, evidence, made, _system_notes(system))
+    return ValidatedSystem(system, every_gains, evidence, made, _system_notes(system, on_samples=True))
 
 
 def _implementations(system: SystemSpec, gains: Mapping[str, FoPi]) -> list[Implementation]:

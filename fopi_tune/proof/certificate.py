@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from fopi_tune.proof.obligations import Case
+from fopi_tune.proof.output_limits import LimitedLoop
 from fopi_tune.proof.scenario_proofs import ScenarioProof, decided
 from fopi_tune.proof.verdict import LARGEST_TOLERANCE as LARGEST_TOLERANCE
 from fopi_tune.proof.verdict import Verdict as Verdict
@@ -206,6 +207,7 @@ class Certificate:
         requirements: in the order of the spec.
         versions: installed distribution -> version.
         scenarios: of requirements on measures of scenarios.
+        limited: the loop with the limits of its control; None where there are none, or no samples.
     """
 
     name: str
@@ -216,10 +218,14 @@ class Certificate:
     requirements: tuple[RequirementProof, ...]
     versions: Mapping[str, str]
     scenarios: tuple[ScenarioProof, ...] = ()
+    limited: LimitedLoop | None = None
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict of stability and all requirements together; those on scenarios that were left to the check aside."""
+        """Verdict of stability and all requirements together.
+
+        Those on scenarios that were left to the check are aside, and the loop with its limits, which was not asked for.
+        """
         of_loop = (proof.verdict for proof in self.requirements)
         return overall((self.stability.verdict, *of_loop, *decided(self.scenarios)))
 

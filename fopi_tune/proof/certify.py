@@ -37,6 +37,7 @@ from fopi_tune.proof.obligations import (
     stability_claims,
     violation_claims,
 )
+from fopi_tune.proof.output_limits import prove_with_limits
 from fopi_tune.proof.scenario_proofs import ScenarioProof, prove_scenarios
 from fopi_tune.proof.searches import BUDGET, LAST_BUDGET, REQUIREMENT_WORK, STABILITY_WORK, Searches
 from fopi_tune.proof.verification.results import Extreme, Outcome, Place, RequirementResult, Verification
@@ -88,7 +89,8 @@ def certify(
     scenarios: tuple[ScenarioProof, ...] = ()
     if implementation is not None and spec.scenario_requirements:
         scenarios = prove_scenarios(spec, implementation, found.tolerance)
-    return Certificate(spec.name, spec.sha256, case, found.tolerance, stability, proofs, versions, scenarios)
+    limited = prove_with_limits(spec, implementation)
+    return Certificate(spec.name, spec.sha256, case, found.tolerance, stability, proofs, versions, scenarios, limited)
 
 
 def _origin(case: Case, crossings: tuple[float, ...]) -> float:

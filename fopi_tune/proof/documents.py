@@ -29,6 +29,7 @@ from fopi_tune.proof.certificate import (
     Verdict,
 )
 from fopi_tune.proof.obligations import Case
+from fopi_tune.proof.output_limits import limits_entry, read_limits
 from fopi_tune.proof.scenario_proofs import read_scenario_proofs, scenario_entries
 from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.proof.verification.results import Place
@@ -64,6 +65,7 @@ def to_document(certificate: Certificate) -> dict[str, Any]:
         "stability": _stability(certificate.stability, case),
         "requirements": [_requirement(proof, case) for proof in certificate.requirements],
         **({"scenarios": scenario_entries(certificate.scenarios)} if certificate.scenarios else {}),
+        **({"with_limits": limits_entry(certificate.limited)} if certificate.limited else {}),
         "versions": dict(certificate.versions),
     }
     return {**document, "digest": digest(document)}
@@ -193,6 +195,11 @@ def from_document(document: object) -> Certificate:
         versions=top.texts("versions"),
         scenarios=read_scenario_proofs(
             top.children("scenarios") if "scenarios" in top.value else (), family, implementation
+        ),
+        limited=(
+            read_limits(top.child("with_limits"), top.text("name"), family, implementation)
+            if "with_limits" in top.value
+            else None
         ),
     )
 

@@ -28,6 +28,7 @@ from fopi_tune.proof.obligations import (
     stability_claims,
     violation_claims,
 )
+from fopi_tune.proof.output_limits import limits_mismatches, limits_problems
 from fopi_tune.proof.places import place_problem, reaches
 from fopi_tune.proof.scenario_proofs import mismatches, scenario_problems
 from fopi_tune.proof.strict_json import first_difference
@@ -83,7 +84,7 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
         problems += _stability(certificate)
         for index, proof in enumerate(certificate.requirements):
             problems += [f"requirements[{index}]: {problem}" for problem in _requirement(certificate, proof)]
-    problems += scenario_problems(certificate.scenarios)
+    problems += scenario_problems(certificate.scenarios, certificate.tolerance) + limits_problems(certificate.limited)
     return Recheck(certificate, tuple(problems), _boxes(certificate))
 
 
@@ -117,6 +118,7 @@ def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
     if stated not in asked:
         problems.append("the requirements are not those of the spec")
     problems += mismatches(certificate.scenarios, spec, case.implementation)
+    problems += limits_mismatches(certificate.limited, spec)
     if spec.digital is not None and spec.digital.designs_sampled and case.implementation is None:
         problems.append("the spec is about the loop on samples (design: sampled), the certificate is not")
     return problems

@@ -208,20 +208,26 @@ def _read_knots(entry: JsonObject, key: str, duration: float) -> tuple[Knot, ...
 # -- check ------------------------------------------------------------------------------------------------------------
 
 
-def scenario_problems(proofs: Sequence[ScenarioProof]) -> list[str]:
-    """What does not hold of the proofs in a certificate."""
+def scenario_problems(proofs: Sequence[ScenarioProof], tolerance: float) -> list[str]:
+    """What does not hold of the proofs in a certificate.
+
+    Args:
+        proofs: as they were read.
+        tolerance: of the certificate, which says it of all its limits.
+    """
     numbers = [each.index for each in proofs]
     gaps = [(0, numbers[0])] if numbers else []
     gaps += [(before + 1, after) for before, after in itertools.pairwise(numbers) if after != before]
-    return [
+    problems = [
         f"scenarios: requirement {found} stands where requirement {expected} is expected"
         for expected, found in gaps
         if expected != found
-    ] + [
-        f"scenarios[{place}]: {problem}"
-        for place, each in enumerate(proofs)
-        for problem in recheck_limit(each.case, each.proof)
     ]
+    for place, each in enumerate(proofs):
+        if each.proof.tolerance != tolerance:
+            problems.append(f"scenarios[{place}]: its tolerance {each.proof.tolerance!r} is not the certificate's")
+        problems += [f"scenarios[{place}]: {problem}" for problem in recheck_limit(each.case, each.proof)]
+    return problems
 
 
 def mismatches(proofs: Sequence[ScenarioProof], spec: DesignSpec, implementation: Implementation | None) -> list[str]:

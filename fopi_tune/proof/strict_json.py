@@ -15,6 +15,8 @@ from fopi_tune.errors import CertificateError
 _ROUNDING = 1e-12
 #: beyond this a double would not hold it
 _LARGEST_INTEGER = 2**1000
+#: of a matrix
+_MOST_ROWS = 250
 Word = TypeVar("Word", bound=StrEnum)
 
 
@@ -108,6 +110,16 @@ class JsonObject:
         """A list of finite numbers."""
         items = self._list(key)
         return tuple(JsonObject({key: item}, f"{self.place}[{k}]").number(key) for k, item in enumerate(items))
+
+    def lower_triangle(self, key: str) -> tuple[tuple[float, ...], ...]:
+        """The lower triangle of a matrix: rows of 1, 2, ... finite numbers."""
+        rows = self.get(key)
+        if not isinstance(rows, list) or not 1 <= len(rows) <= _MOST_ROWS:
+            raise CertificateError(f"{self.at(key)} is no lower triangle")
+        found = tuple(JsonObject({"row": row}, f"{self.at(key)}[{k}]").numbers("row") for k, row in enumerate(rows))
+        if any(len(row) != k + 1 for k, row in enumerate(found)):
+            raise CertificateError(f"{self.at(key)} is no lower triangle")
+        return found
 
     def _list(self, key: str) -> list[Any]:
         found = self.get(key)

@@ -149,6 +149,8 @@ def _proof(proof: JsonObject) -> None:
     stability = proof.child("stability")
     stability.word("verdict", Verdict)
     _prose(stability, "reason")
+    if "with_limits" in proof.value:
+        _prose(proof.child("with_limits"), "statement")
     proof.number("boxes")
     proof.number("tolerance")
     proof.text("certificate_digest")

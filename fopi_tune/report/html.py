@@ -190,6 +190,8 @@ def _proof(proof: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if "stability" in proof:
         said = proof["stability"]
         yield "stability", f"{said['verdict']}: {said['reason']} (a coarse bound, which is all that stability needs)"
+        if "with_limits" in proof:
+            yield "limits", proof["with_limits"]["statement"]
         yield "boxes", f"{proof['boxes']} in ball arithmetic"
         yield "tolerance", f"{proof['tolerance']:g} (neper or radian)"
         yield "certificate", f"certificate.json, digest {proof['certificate_digest']}"

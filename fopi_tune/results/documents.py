@@ -67,6 +67,7 @@ def proof_dict(certificate: Certificate | None, wanted: bool) -> dict[str, Any]:
         "reason": certificate.verdict.advice,
         "tolerance": certificate.tolerance,
         "stability": {"verdict": stability.verdict.value, "reason": stability.reason},
+        **({"with_limits": certificate.limited.to_dict()} if certificate.limited else {}),
         "boxes": certificate.boxes,
         "certificate_digest": to_document(certificate)["digest"],
     }

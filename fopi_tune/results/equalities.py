@@ -41,6 +41,12 @@ def shown_score(requirement: Requirement, achieved: float) -> float:
     return abs(natural(achieved) - natural(limit)) / _SHOWN_RELATIVE
 
 
+def in_percent(share: float) -> str:
+    """A share with two digits, and never as a power of ten: "0.024 %", "45 %", "100 %"."""
+    percent = 100.0 * share
+    return f"{percent:.2g} %" if percent < 99.5 else f"{percent:.0f} %"
+
+
 def equality_notes(results: Sequence[RequirementResult]) -> tuple[str, ...]:
     """By how much each equality is missed, and the range to write where that is little."""
     return tuple(note for result in results for note in _note(result))
@@ -53,7 +59,7 @@ def _note(result: RequirementResult) -> Iterator[str]:
     limit, missed = requirement.limits[0], abs(achieved - requirement.limits[0])
     unit = next(unit for ending, unit in _UNITS.items() if requirement.quantity.endswith(ending))
     has_percent = not _is_angle(requirement) and unit != "dB" and limit != 0.0
-    part = f" ({100.0 * missed / abs(limit):.3g} %)" if has_percent else ""
+    part = f" ({in_percent(missed / abs(limit))})" if has_percent else ""
     words = f"{requirement.quantity} = {limit:.10g} is missed by {missed:.3g} {unit}{part}"
     if shown_score(requirement, achieved) <= _NEAR:
         low, high = _range_around(requirement, limit, missed)

@@ -43,6 +43,8 @@ class ProvedSystem:
             "name": self.spec.name,
             "gains": {name: asdict(found) for name, found in self.gains.items()},
             "inactive": self.spec.inactive,
+            **({"min_dwell_s": self.spec.min_dwell_s} if self.spec.min_dwell_s else {}),
+            "measurement_unit": self.spec.measurement_unit,
             "statements": list(self.certificate.statements),
             "stamp": asdict(self.stamp),
         }

@@ -1,4 +1,4 @@
-"""Results of a system of two modes:  its simulation with one pair of plants, and evidence from many pairs."""
+"""Results of a system of two modes:  its simulation with one pair of plants, evidence from many, its controllers."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import SystemSpec
 
 if TYPE_CHECKING:
+    from fopi_tune.digital import DigitalController, Switching
     from fopi_tune.montecarlo.systems import SystemEvidence
 
 _SCHEMA = 1
@@ -106,3 +107,91 @@ class ValidatedSystem:
                 "samples_file_sha256": self.evidence.validation.samples_file_sha256,
             },
         }
+
+
+@dataclass(frozen=True)
+class DiscretizedSystem:
+    """The digital controllers of a system's modes, and how they take turns: the result of `fopi discretize SYSTEM`.
+
+    Args:
+        spec: the system.
+        gains: of each mode, by name.
+        controllers: the filters with their measured errors, throttle first.
+        notes: what to know besides.
+        stamp: provenance.
+    """
+
+    spec: SystemSpec
+    gains: Mapping[str, FoPi]
+    controllers: tuple[DigitalController, DigitalController]
+    notes: tuple[str, ...]
+    stamp: Stamp
+
+    @property
+    def status(self) -> str:
+        """`made`: nothing is judged."""
+        return "made"
+
+    @property
+    def switching(self) -> Switching:
+        """How the controllers take turns, on samples."""
+        from fopi_tune.digital import Memory, Switching
+
+        spec = self.spec
+        first = [mode.name for mode in spec.modes].index(spec.first)
+        return Switching(spec.hysteresis, Memory(spec.inactive), spec.min_dwell_samples, first)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON."""
+        from fopi_tune.digital import to_document
+
+        pairs = zip(self.spec.modes, self.controllers, strict=True)
+        return {
+            "schema": _SCHEMA,
+            "status": self.status,
+            "name": self.spec.name,
+            "gains": {name: asdict(found) for name, found in self.gains.items()},
+            "hysteresis": self.spec.hysteresis,
+            "inactive": self.spec.inactive,
+            "first": self.spec.first,
+            "min_dwell_s": self.spec.min_dwell_s,
+            "min_dwell_samples": self.spec.min_dwell_samples,
+            "modes": {mode.name: to_document(controller) for mode, controller in pairs},
+            "notes": list(self.notes),
+            "stamp": asdict(self.stamp),
+        }
+
+    def code(self) -> dict[str, str]:
+        """The C code: file name -> text.
+
+        Raises:
+            DomainError: a controller, or the hysteresis, cannot be exported.
+        """
+        from fopi_tune import __version__
+        from fopi_tune.digital import Export, SystemExport, Units, export_system_c
+
+        tool = f"fopi-tune {__version__}"
+        modes = [
+            Export(
+                name=mode.spec.name,
+                description=mode.spec.description,
+                spec_sha256=mode.spec.sha256,
+                tool=tool,
+                controller=controller,
+                units=Units(self.spec.measurement_unit, controller.digital.output_unit),
+                limits=controller.digital.output_limits,
+            )
+            for mode, controller in zip(self.spec.modes, self.controllers, strict=True)
+        ]
+        return export_system_c(
+            SystemExport(
+                name=self.spec.name,
+                description=self.spec.description,
+                system_sha256=self.spec.sha256,
+                tool=tool,
+                modes=(modes[0], modes[1]),
+                mode_names=(self.spec.modes[0].name, self.spec.modes[1].name),
+                switching=self.switching,
+                min_dwell_s=self.spec.min_dwell_s,
+            )
+        )

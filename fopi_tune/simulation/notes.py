@@ -12,7 +12,7 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import Plant
 from fopi_tune.simulation.measures import StepMeasures
-from fopi_tune.spec.model import Limit, ScenarioSpec
+from fopi_tune.spec.model import Limit, ScenarioSpec, SystemSpec
 
 
 def static_gain(plant: Plant) -> float:
@@ -36,6 +36,15 @@ def mode_notes(name: str, raises: bool, plant: Plant, limits: tuple[float, float
         return []
     shown, does = ", ".join(f"{limit:g}" for limit in limits), "raise" if raises else "lower"
     return [f"{name}: its output_limits [{shown}] leave nothing {side} 0: it cannot {does} the output"]
+
+
+def dwell_notes(system: SystemSpec) -> list[str]:
+    """A minimum dwell that is no whole number of samples."""
+    count, rounded = system.min_dwell_samples, system.min_dwell_samples * system.sample_time_s
+    if abs(rounded - system.min_dwell_s) <= 1e-6 * rounded:
+        return []
+    plural = "s" if count > 1 else ""
+    return [f"min_dwell_s: {system.min_dwell_s:g} s is rounded up to {count} sample{plural}, {rounded:g} s"]
 
 
 def setpoint_notes(scenario: ScenarioSpec, plant: Plant, limits: tuple[float, float]) -> list[str]:

@@ -144,7 +144,8 @@ class Start:
 class Hybrid:
     """(2): two modes that share the output.  With a computing delay a mode travels with its control to the plant.
 
-    At a jump the actuator's last value is cut to the new mode's limits before (4).
+    At a jump the actuator's last value is cut to the new mode's limits before (4).  A measurement whose error is not
+    finite causes none.
 
     Args:
         half_width: eps of the hysteresis, in the output's unit.
@@ -152,6 +153,7 @@ class Hybrid:
         first: the mode at the start, 1 or 2.
         most_switches: more than these within the window is chattering.
         window_s: the window, s.
+        min_dwell_samples: from one jump to the next at least; 0 and 1 are any.  The first mode may be left at once.
     """
 
     half_width: float
@@ -159,6 +161,7 @@ class Hybrid:
     first: int = 1
     most_switches: int = 5
     window_s: float = 2.0
+    min_dwell_samples: int = 0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.half_width < math.inf:
@@ -167,6 +170,8 @@ class Hybrid:
             raise DomainError(f"the first mode {self.first!r} must be 1 or 2")
         if not (self.most_switches >= 1 and 0.0 < self.window_s < math.inf):
             raise DomainError("chattering needs most_switches >= 1 and a window_s greater than 0")
+        if not self.min_dwell_samples >= 0:
+            raise DomainError(f"min_dwell_samples {self.min_dwell_samples!r} must be a whole number of at least 0")
 
 
 @dataclass(frozen=True)

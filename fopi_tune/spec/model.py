@@ -9,8 +9,9 @@ from enum import StrEnum
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.distributions import Distribution
-from fopi_tune.core.parameter_table import ParameterTable
+from fopi_tune.core.parameter_table import SamplesFile
 from fopi_tune.core.plant import JointFamily, PlantFamily
+from fopi_tune.errors import DomainError
 from fopi_tune.spec.measures import MEASURES as MEASURES
 from fopi_tune.spec.measures import MeasureKind as MeasureKind
 
@@ -214,21 +215,6 @@ class Limit:
 
 
 @dataclass(frozen=True)
-class SamplesFile:
-    """A file of plants that a spec names.
-
-    Args:
-        name: as the spec writes it.
-        sha256: of its bytes.
-        table: what it says; equal files have equal hashes.
-    """
-
-    name: str
-    sha256: str
-    table: ParameterTable = field(compare=False, repr=False)
-
-
-@dataclass(frozen=True)
 class ValidationSpec:
     """How many plants the Monte-Carlo stage draws, how, and how sure its intervals are.
 
@@ -343,6 +329,7 @@ class SystemSpec:
         requirements: on measures of scenarios, for every pair of plants.
         objective: which measure is minimised; None where nothing is designed.
         tuned: names of the modes whose gains are designed for them.
+        min_dwell_s: a mode that was entered by a switch stays at least so long; the first one may be left at once.
     """
 
     name: str
@@ -361,6 +348,11 @@ class SystemSpec:
     requirements: tuple[Limit, ...] = ()
     objective: Objective | None = None
     tuned: tuple[str, ...] = ()
+    min_dwell_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.min_dwell_s < math.inf:
+            raise DomainError(f"min_dwell_s {self.min_dwell_s!r} must be a finite number of at least 0, in s")
 
     @property
     def judged_limits(self) -> tuple[Limit, ...]:
@@ -372,6 +364,12 @@ class SystemSpec:
         """Of both modes' controllers; 0 without a section `digital`."""
         digital = self.modes[0].spec.digital
         return 0.0 if digital is None else digital.sample_time_s
+
+    @property
+    def min_dwell_samples(self) -> int:
+        """`min_dwell_s` in samples, rounded up to whole ones; 0 without a section `digital`."""
+        # 0.6 s are three samples of 0.2 s, however their quotient is rounded
+        return math.ceil(self.min_dwell_s / self.sample_time_s * (1.0 - 1e-9)) if self.sample_time_s else 0
 
     @property
     def chattering_window_s(self) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -113,6 +114,7 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
             where = place.child(SYSTEM).child(mode.name).child("gains")
             where.refuse(f"the {mode.name} is under tune: its gains are designed; remove one of the two")
     _refuse_short_window(system, place.child(SYSTEM))
+    _refuse_long_dwell(system, place.child(SYSTEM))
     _refuse_accelerations(system, limits)
     if objective is not None and objective.quantity == ACCELERATION and velocity_unit(system.measurement_unit) is None:
         place.child("objective").child("minimize").refuse(acceleration_problem(system.measurement_unit))
@@ -171,6 +173,16 @@ def _refuse_short_window(system: SystemSpec, place: Place) -> None:
         )
 
 
+def _refuse_long_dwell(system: SystemSpec, place: Place) -> None:
+    """Reports a dwell that no scenario would see the end of."""
+    longest = max((scenario.duration_s for scenario in system.scenarios), default=math.inf)
+    if system.min_dwell_s > longest:
+        place.child("min_dwell_s").refuse(
+            f"{system.min_dwell_s:g} s is longer than every scenario, so that no mode would be left after a switch; "
+            f"write it in s, at most {longest:g}, or lengthen a scenario"
+        )
+
+
 def _refuse_accelerations(system: SystemSpec, limits: list[PlacedLimit]) -> None:
     """Reports limits of the acceleration where the output is no velocity, or two different ones."""
     one, two = (mode.spec.digital.measurement_unit.strip() if mode.spec.digital else "" for mode in system.modes)
@@ -192,6 +204,10 @@ def _modes_shape() -> Shape:
         "most_switches": Key(Number("more jumps than this within window_s chatter", at_least=1, whole=True), False),
         "window_s": Key(
             Number("of chattering, s; 2 most_switches samples when left out", above=0, at_most=1e9), required=False
+        ),
+        "min_dwell_s": Key(
+            Number("a mode stays at least so long after a switch, s; rounded up to samples", at_least=0, at_most=1e9),
+            required=False,
         ),
     }
     keys = with_defaults_of(SystemSpec, keys)

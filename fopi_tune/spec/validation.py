@@ -24,10 +24,17 @@ from fopi_tune.core.distributions import (
     Uniform,
     UniformNoise,
 )
-from fopi_tune.core.parameter_table import ParameterTable, impossible, not_uncertain, parse_table, why_impossible
+from fopi_tune.core.parameter_table import (
+    ParameterTable,
+    SamplesFile,
+    impossible,
+    not_uncertain,
+    parse_table,
+    why_impossible,
+)
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
 from fopi_tune.errors import DomainError
-from fopi_tune.spec.model import SamplesFile, ValidationSpec
+from fopi_tune.spec.model import ValidationSpec
 from fopi_tune.spec.yaml import nodes
 from fopi_tune.spec.yaml.hints import closest, one_of
 from fopi_tune.spec.yaml.nodes import Place

@@ -27,16 +27,27 @@ def car(memory: str, **changes: Any) -> SystemSpec:
     return replace(CAR, inactive=memory, **changes)
 
 
+def late(system: SystemSpec, delay_samples: float) -> SystemSpec:
+    """A system with a computing delay."""
+    modes = []
+    for mode in system.modes:
+        assert mode.spec.digital is not None
+        digital = replace(mode.spec.digital, delay_samples=delay_samples)
+        modes.append(replace(mode, spec=replace(mode.spec, digital=digital)))
+    return replace(system, modes=(modes[0], modes[1]))
+
+
 @functools.cache
-def model(memory: str) -> SwitchedModel:
+def model(memory: str, delay_samples: float = 0.0) -> SwitchedModel:
     """The car with its published gains."""
-    return SwitchedModel.of(car(memory), GAINS)
+    return SwitchedModel.of(late(car(memory), delay_samples), GAINS)
 
 
 @functools.cache
-def certificate(memory: str) -> SystemCertificate:
+def certificate(memory: str, delay_samples: float = 0.0) -> SystemCertificate:
     """Of the published gains, for `SETPOINTS`."""
-    return prove_system(car(memory), GAINS, setpoints=SETPOINTS, versions={"fopi-tune": "0"})
+    system = late(car(memory), delay_samples)
+    return prove_system(system, GAINS, setpoints=SETPOINTS, versions={"fopi-tune": "0"})
 
 
 @functools.cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,7 @@ def fopi(*arguments: str) -> Result:
 def car(folder: Path, memory: str) -> str:
     text = (ROOT / "systems" / "car.yaml").read_text(encoding="utf-8")
     path = folder / f"{memory}.yaml"
-    changed = text.replace("inactive: held ", f"inactive: {memory} ").replace("../specs", str(ROOT / "specs"))
+    changed = re.sub(r"inactive: \w+ ", f"inactive: {memory} ", text).replace("../specs", str(ROOT / "specs"))
     path.write_text(changed, encoding="utf-8")
     return str(path)
 
@@ -58,3 +59,43 @@ def test_gains_of_a_spec_are_refused_for_a_system(tmp_path: Path) -> None:
     refused = fopi("prove", car(tmp_path, "reset"), "--kp", "1", "--quiet", "--out", str(tmp_path))
     assert refused.exit_code == 2
     assert "its modes' gains belong into its file" in refused.stderr
+
+
+def test_the_report_of_a_system_is_made_from_its_certificate(tmp_path: Path) -> None:
+    file, out = car(tmp_path, "held"), tmp_path / "out"
+    missing = fopi("report", file, "--out", str(out), "--quiet")
+    assert (missing.exit_code, missing.stdout) == (2, "")
+    assert "there is no system_certificate.json to read" in missing.stderr
+    fopi("prove", file, "--out", str(out), "--quiet")
+    made = fopi("report", file, "--out", str(out), "--quiet")
+    assert (made.exit_code, made.stdout.strip()) == (0, str(out / "system_report.html"))
+    page = (out / "system_report.html").read_text(encoding="utf-8")
+    assert "cycles. A periodic orbit is named" in page
+    assert sorted(each.name for each in (out / "figures").iterdir()) == [
+        "orbit.png", "orbit.svg", "region.png", "region.svg",
+    ]  # fmt: skip
+    # from the folder alone, too
+    (out / "system_report.html").unlink()
+    assert fopi("report", str(out), "--quiet").exit_code == 0
+    assert (out / "system_report.html").read_text(encoding="utf-8") == page
+    other = fopi("report", car(tmp_path, "reset"), "--out", str(out), "--quiet")
+    assert other.exit_code == 2
+    assert "is of another system" in other.stderr
+    certificate = out / "system_certificate.json"
+    document = json.loads(certificate.read_text(encoding="utf-8"))
+    certificate.write_text(json.dumps({**document, "hysteresis": 0.6}), encoding="utf-8")
+    assert "make it again with `fopi prove`" in fopi("report", file, "--out", str(out), "--quiet").stderr
+
+
+def test_a_spec_with_output_limits_says_whether_it_is_stable_with_them(tmp_path: Path) -> None:
+    text = (ROOT / "specs" / "throttle.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "throttle.yaml"
+    path.write_text(text.replace("delay_samples: 0}", "delay_samples: 0, output_limits: [0, 1]}"), encoding="utf-8")
+    gains = ("--kp", "0.09", "--ki", "0.025", "--alpha", "0.8")
+    without = fopi("prove", str(ROOT / "specs" / "throttle.yaml"), *gains, "--out", str(tmp_path / "a"), "--quiet")
+    found = fopi("prove", str(path), *gains, "--out", str(tmp_path / "b"), "--quiet")
+    assert found.exit_code == without.exit_code
+    assert "limits    stable with its limits, 0 to 1: proved" in found.stdout
+    assert "with its limits" not in without.stdout
+    again = fopi("prove", "--recheck", str(tmp_path / "b" / "certificate.json"), str(path))
+    assert "limits    stable with its limits, 0 to 1: proved" in again.stdout

@@ -42,6 +42,11 @@ SPECS = {
     + BOX
     + "requirements:\n  - {phase_margin_deg: {at_least: 50}}\n  - {delay_margin_s: {at_least: 1}}\n"
     + OBJECTIVES[0],
+    "upper margins": LAG
+    + BOX
+    + "requirements:\n  - {phase_margin_deg: {at_most: 48}, on: nominal}\n  - {delay_margin_s: {at_most: 5}}\n"
+    + "  - {sensitivity_db: {at_most: 5}}\n"
+    + OBJECTIVES[0],
     "equality": LAG
     + BOX
     + "requirements:\n  - {crossover_rad_s: {equals: 0.3}, on: nominal}\n  - {sensitivity_db: {at_most: 5}}\n"
@@ -153,7 +158,7 @@ def spec_of_seed(seed: int) -> DesignSpec:
 
 
 @pytest.mark.parametrize("design", ["continuous", "sampled"])
-@pytest.mark.parametrize("path", ["throttle", "brake_delay", "second_order", "pi_baseline"])
+@pytest.mark.parametrize("path", ["brake", "throttle", "brake_delay", "second_order", "pi_baseline"])
 def test_the_bracket_of_shipped_specs_closes(path: str, design: str) -> None:
     spec = load_spec(f"tests/cases/continuous/{path}.yaml")
     assert spec.digital is not None

@@ -21,14 +21,22 @@ class Run:
 
 def run(
     model: SwitchedModel, setpoint: Array, output: Array, mode: np.ndarray, memories: list[Array],
-    throttle: tuple[float, float], brake: tuple[Array, float],
+    throttle: tuple[float, float], brake: tuple[Array, float], waits: np.ndarray | None = None, delay: float = 0.0,
 ) -> Run:  # fmt: skip
-    """Simulate; `memories` have shape (sections, lanes), `throttle` is (m, K), `brake` is m (samples, lanes) and K."""
+    """Simulate; `memories` have shape (sections, lanes), `throttle` is (m, K), `brake` is m (samples, lanes) and K.
+
+    `waits` is how many samples of the minimum dwell are left at the start, of each lane; none where left out.  With a
+    `delay`, in samples, a mode arrives with its control; the control before the start is 0.
+    """
     y, x, mode = output.copy(), [each.copy() for each in memories], mode.copy()
+    left = np.zeros(len(y), dtype=np.int64) if waits is None else waits.copy()
+    last, arrived = np.zeros(len(y)), mode.copy()
     outputs, modes = [], []
     for share in brake[0]:
-        to_brake = (mode == 0) & (y >= setpoint + model.hysteresis)
-        to_throttle = (mode == 1) & (y <= setpoint - model.hysteresis)
+        to_brake = (mode == 0) & (y >= setpoint + model.hysteresis) & (left == 0)
+        to_throttle = (mode == 1) & (y <= setpoint - model.hysteresis) & (left == 0)
+        left = np.where(to_brake | to_throttle, max(model.min_dwell_samples, 1), left)
+        left = np.maximum(left - 1, 0)
         for index, begins in ((1, to_brake), (0, to_throttle)):
             mode[begins] = index
             if model.memory is Memory.RESET:
@@ -41,8 +49,10 @@ def run(
             x[k] = np.where(mode == k, results[k][1], idle)
         outputs.append(y)
         modes.append(mode.copy())
-        m = np.where(mode == 0, throttle[0], share)
-        y = y + m * (np.where(mode == 0, throttle[1], brake[1]) * u - y)
+        for control, by, time in ((last, arrived, delay), (u, mode, 1.0 - delay)):
+            m = -np.expm1(time * np.log1p(-np.where(by == 0, throttle[0], share)))
+            y = y + m * (np.where(by == 0, throttle[1], brake[1]) * control - y)
+        last, arrived = u, mode.copy()
     return Run(np.array(outputs), np.array(modes))
 
 
@@ -57,3 +67,38 @@ def _track(c: Runtime, x: Array, e: Array, applied: Array) -> Array:
     following = np.array(c.poles)[:, None] * x
     following[0] = np.clip(applied, *c.limits) - c.direct * e - following[1:].sum(axis=0)
     return following
+
+
+def run_any(
+    model: SwitchedModel, setpoint: Array, output: Array, mode: np.ndarray, memories: list[Array],
+    lags: list[tuple[Array, Array]],
+) -> tuple[Array, list[Array]]:  # fmt: skip
+    """Outputs, and the largest of each section's and of their sum's size, where somebody else switches.
+
+    `setpoint` and `mode` have shape (samples, lanes); `lags` are m and K of both plants, of that shape too.
+    """
+    y, x = output.copy(), [each.copy() for each in memories]
+    outputs, largest = [], [np.zeros(len(each) + 1) for each in memories]
+    for k, active in enumerate(mode):
+        if model.memory is Memory.RESET and k:
+            for index, loop in enumerate(model.loops):
+                low, high = loop.controller.limits
+                begins = (active == index) & (mode[k - 1] != index)
+                x[index][:, begins] = 0.0
+                x[index][0, begins] = min(max(0.0, low), high)
+        for index, each in enumerate(x):
+            sizes = np.vstack([np.abs(each.sum(axis=0)), np.abs(each)])
+            if model.memory is Memory.RESET:
+                # what waits for its reset counts for nothing, but it is what the last phase left
+                sizes = np.where(active == index, sizes, 0.0)
+            largest[index] = np.maximum(largest[index], sizes.max(axis=1))
+        e = setpoint[k] - y
+        results = [_step(loop.controller, x[i], e) for i, loop in enumerate(model.loops)]
+        u = np.where(active == 0, results[0][0], results[1][0])
+        for i, loop in enumerate(model.loops):
+            idle = _track(loop.controller, x[i], e, u) if model.memory is Memory.TRACKING else x[i]
+            x[i] = np.where(active == i, results[i][1], idle)
+        outputs.append(y)
+        m, gain = (np.where(active == 0, lags[0][part][k], lags[1][part][k]) for part in (0, 1))
+        y = y + m * (gain * u - y)
+    return np.array(outputs), largest

@@ -316,7 +316,7 @@ def test_the_brake_breaks_the_limit_above_the_speed_its_plant_allows(table: Tabl
 
 def test_the_largest_acceleration_is_where_the_brakes_mode_begins() -> None:
     for name in ("experiment_1", "experiment_2"):
-        (driven,) = ft.simulate_system(ROOT / "systems" / "car.yaml", scenario=name).driven
+        (driven,) = ft.simulate_system(ROOT / "systems" / "car_held.yaml", scenario=name).driven
         t = driven.traces
         worst = int(np.abs(t.rate[0]).argmax())
         # at the sample that changes to mode 2, or the next one
@@ -426,6 +426,15 @@ def test_the_same_figure_has_the_same_bytes() -> None:
     # 6.4 and 6 inches at 150 dots
     assert struct.unpack(">II", data[16:24]) == (960, 900)
     assert picture.description.encode() in data
+
+
+def test_the_switched_car_cycles_with_memories_held_and_settles_with_reset_ones(table: Table) -> None:
+    held, reset = table["settling"]
+    assert held.verdict is Verdict.DOES_NOT_HOLD
+    assert "at r = 6 km/h, tau = 3.1 s it ends in a periodic orbit" in held.recomputed
+    assert reset.verdict is Verdict.HOLDS_WITH
+    # the bound that an independent program found is 4.994
+    assert "at most 4.994 km/h below the setpoint" in reset.recomputed
 
 
 def test_an_unknown_figure_is_named() -> None:

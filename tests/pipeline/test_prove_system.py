@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 from cases.project import ROOT
@@ -12,18 +11,11 @@ from fopi_tune.errors import CertificateError
 from fopi_tune.pipeline.prove_system import prove_system, recheck_system
 from fopi_tune.proof.switched import SystemVerdict
 
-CAR = ROOT / "systems" / "car.yaml"
+CAR, CAR_HELD = ROOT / "systems" / "car.yaml", ROOT / "systems" / "car_held.yaml"
 
 
-def car_that_resets(folder: Path) -> str:
-    text = CAR.read_text(encoding="utf-8").replace("inactive: held ", "inactive: reset ")
-    path = folder / "car.yaml"
-    path.write_text(text.replace("../specs", str(ROOT / "specs")), encoding="utf-8")
-    return str(path)
-
-
-def test_a_file_is_proved_and_its_certificate_is_of_that_file(tmp_path: Path) -> None:
-    file = car_that_resets(tmp_path)
+def test_a_file_is_proved_and_its_certificate_is_of_that_file() -> None:
+    file = str(CAR)
     result = prove_system(file, setpoints=(2.0, 22.0))
     assert result.status is SystemVerdict.SETTLES
     assert result.to_dict()["status"] == "settles"
@@ -32,7 +24,16 @@ def test_a_file_is_proved_and_its_certificate_is_of_that_file(tmp_path: Path) ->
     assert found.accepted
     assert certificate == result.certificate
     assert recheck_system(document)[1].accepted
-    assert not recheck_system(document, str(CAR))[1].accepted
+    assert not recheck_system(document, str(CAR_HELD))[1].accepted
+
+
+def test_the_shipped_car_settles_and_the_papers_memories_cycle() -> None:
+    assert prove_system(CAR).status is SystemVerdict.SETTLES
+    held = prove_system(CAR_HELD)
+    assert held.status is SystemVerdict.CYCLES
+    assert len(held.certificate.cycles) >= 7
+    shipped, papers = (path.read_text(encoding="utf-8").partition("scenarios:")[2] for path in (CAR, CAR_HELD))
+    assert shipped == papers
 
 
 def test_another_document_is_no_certificate_of_a_system() -> None:

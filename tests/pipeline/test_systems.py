@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +34,9 @@ from fopi_tune.spec import load_any, load_spec, load_system
 from fopi_tune.spec.model import DesignSpec, SystemSpec
 from fopi_tune.spec.systems import system_json_schema
 
-CAR = ROOT / "systems" / "car.yaml"
+CAR, CAR_HELD = ROOT / "systems" / "car.yaml", ROOT / "systems" / "car_held.yaml"
 SWITCHING = ROOT / "systems" / "switching.yaml"
+MODES = "throttle", "brake"
 
 SMALL = """
 schema: 1
@@ -116,6 +118,11 @@ def test_a_file_is_told_to_be_a_spec_or_a_system(folder: Path) -> None:
         ("hysteresis: 0.5", "hysteresis: -1", "out of range"),
         ("hysteresis: 0.5", "hysterisis: 0.5", "hysteresis"),
         ("inactive: tracking", "inactive: trackin", "tracking"),
+        ("hysteresis: 0.5", "hysteresis: 0.5\n  min_dwell_s: -0.2", "-0.2 is out of range; it must be .*at least 0"),
+        ("hysteresis: 0.5", "hysteresis: 0.5\n  min_dwell_s: .nan", "nan"),
+        ("hysteresis: 0.5", "hysteresis: 0.5\n  min_dwell_s: .inf", "inf"),
+        ("hysteresis: 0.5", "hysteresis: 0.5\n  min_dwell_s: 600", "600 s is longer than every scenario.* at most 20"),
+        ("hysteresis: 0.5", "hysteresis: 0.5\n  min_dwell_s: 1 s", "has a unit; write 1 alone"),
         ("output_limits: [0, 1]", "output_limits: [1, 0]", "not less"),
         ("alpha: 0.45", "alpha: 2.5", "out of range"),
         ("scenario: down", "scenario: sideways", "no scenario has this name"),
@@ -243,10 +250,55 @@ def test_the_papers_car_chatters_with_held_memories_and_not_with_reset_ones(fold
     text = CAR.read_text().replace("../specs/", "")
     jumps = {}
     for inactive in ("held", "tracking", "reset"):
-        (folder / "car.yaml").write_text(text.replace("inactive: held", f"inactive: {inactive}"))
+        (folder / "car.yaml").write_text(text.replace("inactive: reset", f"inactive: {inactive}"))
         driven = ft.simulate_system(folder / "car.yaml", scenario="experiment_1").driven[0]
         jumps[inactive] = driven.measures["switch_count"]
     assert jumps["reset"] <= 10 < 50 < jumps["held"]
+
+
+@pytest.mark.parametrize(("seconds", "samples"), [(0.0, 0), (0.2, 1), (0.6, 3), (0.61, 4), (1e-9, 1)])
+def test_a_minimum_dwell_is_rounded_up_to_samples(folder: Path, seconds: float, samples: int) -> None:
+    system = load_system(changed(folder, "hysteresis: 0.5", f"hysteresis: 0.5\n  min_dwell_s: {seconds}"))
+    assert system.min_dwell_samples == samples
+    notes = ft.simulate_system(system, scenario="up").notes
+    rounded = [note for note in notes if "min_dwell_s" in note]
+    assert len(rounded) == (seconds in (0.61, 1e-9))
+    assert all(f"rounded up to {samples} sample" in note for note in rounded)
+    assert not any("min_dwell_s" in note for note in ft.simulate_system(system, scenario="up", exact=True).notes)
+    with pytest.raises(DomainError, match="min_dwell_s nan"):
+        replace(system, min_dwell_s=math.nan)
+
+
+def test_every_simulation_of_a_system_keeps_the_minimum_dwell(folder: Path) -> None:
+    text = CAR.read_text().replace("../specs/", "").replace("inactive: reset", "inactive: held")
+    late = [(folder / f"{name}.yaml").read_text().replace("delay_samples: 0", "delay_samples: 1") for name in MODES]
+    (folder / "car.yaml").write_text(text)
+    system = load_system(folder / "car.yaml")
+    for name, content in zip(MODES, late, strict=True):
+        (folder / f"{name}.yaml").write_text(content)
+    delayed = load_system(folder / "car.yaml")
+    # on samples; with located jumps; in equal steps
+    for each, exact in ((system, False), (system, True), (delayed, True)):
+        plain, dwelling = (
+            np.diff(ft.simulate_system(s, scenario="experiment_1", exact=exact).driven[0].switch_times_s)
+            for s in (each, replace(each, min_dwell_s=1.5))
+        )
+        least = 1.5 if exact else 1.6
+        assert plain.min() < least - 0.1 <= dwelling.min() - 0.1 + 1e-9
+        assert len(dwelling) > 4
+
+
+def test_evidence_of_a_system_keeps_the_minimum_dwell() -> None:
+    held = replace(load_system(CAR_HELD), min_dwell_s=4.0)
+    evidence = ft.validate_system(held, samples=30).evidence
+    for scenario in evidence.scenarios:
+        (counted,) = (each for each in scenario.limits if each.limit and each.limit.measure == "switch_count")
+        (duration,) = (each.duration_s for each in held.scenarios if each.name == scenario.scenario)
+        assert counted.worst[0].value <= duration / 4.0 + 1.0
+        assert counted.fraction.met == 30
+        # the acceleration where the brake begins is what it is without one
+    plain = ft.validate_system(replace(held, min_dwell_s=0.0), samples=30).evidence
+    assert plain.scenarios[0].limits[1].fraction.met == 0
 
 
 # ---- in continuous time ----

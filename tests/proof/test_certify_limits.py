@@ -42,7 +42,7 @@ def sizes(kp: float, direct: float, nearest_to_minus_one: bool) -> dict[str, flo
 
 
 @pytest.mark.parametrize("name", RISING)
-@pytest.mark.parametrize("dead_time_s", [1e-3, 1.0, 300.0])
+@pytest.mark.parametrize("dead_time_s", [1e-3, pytest.param(1.0, marks=pytest.mark.long), 300.0])
 def test_a_direct_path_behind_a_dead_time_is_refuted_at_the_limit_that_it_turns_around(
     name: str, dead_time_s: float
 ) -> None:

@@ -279,6 +279,14 @@ def test_a_peak_at_nyquists_frequency_is_proved_as_sharply_as_any_other(name: st
     assert proof.gap < 1e-6
 
 
+def test_a_slow_pole_hardly_matters_at_nyquists_frequency_and_its_boxes_show_it() -> None:
+    """|S| is largest at z = -1, 1.3e-5 neper below the limit, for every pole of the family."""
+    gains, asked = ft.FoPi(0.6653, 0.133, 1.0), Requirement("sensitivity_db", Relation.AT_MOST, (3.0,))
+    certificate = outcome(pole(4.39, (0.1746, 0.15, 0.2)), gains, Implementation(reference_filter(gains=gains)), asked)
+    assert certificate.verdict is ft.Verdict.PROVED
+    assert certificate.boxes < 1000
+
+
 def test_a_crossover_limit_above_nyquists_frequency_is_decided() -> None:
     implementation = Implementation(reference_filter())
     above = outcome(brake(), REFERENCE, implementation, Requirement("crossover_rad_s", Relation.AT_MOST, (1e5,)))

@@ -18,6 +18,7 @@ import pytest
 from cases import plants
 from cases.project import CONTINUOUS
 from cases.tampering import SMALL, Change, Document, changes, some
+from cases.thinned import thinned
 from oracles.certificate_statements import false_statements
 
 import fopi_tune as ft
@@ -178,7 +179,7 @@ def case_named(name: str) -> Case:
     return CASES[name]()
 
 
-@pytest.fixture(params=CASES)
+@pytest.fixture(params=thinned(CASES))
 def case(request: pytest.FixtureRequest) -> Case:
     return case_named(request.param)
 

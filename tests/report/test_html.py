@@ -156,6 +156,21 @@ def test_verdicts_of_a_proof_are_told_with_their_signs() -> None:
     assert cells == ["✓ proved", "✗ violated", "? undecided", "✓ met", "✓ met"]
 
 
+def test_a_loop_that_is_stable_with_its_limits_is_told() -> None:
+    proof = {
+        "verdict": "proved",
+        "reason": "fine",
+        "stability": {"verdict": "proved", "reason": "|S| is small"},
+        "with_limits": {"statement": "stable with its limits, -1 to 0: proved"},
+        "boxes": 10,
+        "tolerance": 1e-6,
+        "certificate_digest": "0" * 64,
+    }
+    page = report_files(without_gains(proof=proof))["report.html"]
+    assert isinstance(page, str)
+    assert "stable with its limits, -1 to 0: proved" in page
+
+
 def test_a_design_of_another_spec_is_refused() -> None:
     found = brake_documents()
     with pytest.raises(DomainError, match="another spec"):

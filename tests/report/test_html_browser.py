@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cases import switched
 from cases.pages import HOSTILE
 from cases.plants import PUBLISHED_BRAKE, ROBUST_BRAKE
 from cases.project import CONTINUOUS
@@ -24,6 +25,7 @@ import fopi_tune as ft
 from fopi_tune.report.comparison_page import comparison_files
 from fopi_tune.report.documents import documents_of, documents_of_run
 from fopi_tune.report.html import report_files
+from fopi_tune.report.system_page import system_report_files
 from fopi_tune.spec import parse_spec
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
@@ -88,6 +90,10 @@ def comparison_page() -> str:
         for name, gains in (("tuned", ROBUST_BRAKE), ("published", PUBLISHED_BRAKE))
     ]
     return str(comparison_files(named)["compare.html"])
+
+
+def system_page() -> str:
+    return str(system_report_files(switched.certificate("held"))["system_report.html"])
 
 
 def hostile_page(words: str) -> str:
@@ -179,7 +185,7 @@ def test_a_screenshot_is_made_and_not_blank(browser: Any, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("width", [1280, 400])
-@pytest.mark.parametrize("make", [brake_page, comparison_page])
+@pytest.mark.parametrize("make", [brake_page, comparison_page, system_page])
 def test_no_page_is_wider_than_its_window(browser: Any, tmp_path: Path, make: Any, width: int) -> None:
     with Visit(browser, tmp_path / "page.html", make(), width) as visit:
         scroll, client = visit.page.evaluate(PIXELS)
@@ -214,11 +220,11 @@ def test_print_leaves_the_slider_out_and_every_figure_in(browser: Any, tmp_path:
         assert visit.page.pdf(format="A4").startswith(b"%PDF")
 
 
-@pytest.mark.parametrize(("make", "pictures"), [(brake_page, 10), (comparison_page, 4)])
+@pytest.mark.parametrize(("make", "pictures"), [(brake_page, 10), (comparison_page, 4), (system_page, 2)])
 def test_a_screen_reader_is_told_of_every_figure(browser: Any, tmp_path: Path, make: Any, pictures: int) -> None:
     with Visit(browser, tmp_path / "page.html", make()) as visit:
         told = re.findall(r"""^\s*- '?img "(.*?)"'?:""", visit.page.locator("body").aria_snapshot(), re.MULTILINE)
-        # the slider's four panels and six figures; four figures
+        # the slider's four panels and six figures; four figures; an orbit and a region
         assert len(told) == pictures
         assert all(len(words) > 40 for words in told)
         if make is brake_page:

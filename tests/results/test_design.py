@@ -53,6 +53,7 @@ def test_a_design_without_gains_is_strict_json_and_readable(brake: ft.Design) ->
         status=ft.Status.INFEASIBLE,
         gains=None,
         objective=None,
+        gap=None,
         requirements=tuple(RequirementReport(r.requirement, None, None) for r in brake.requirements),
         stability=None,
         nominal=None,

@@ -12,7 +12,7 @@ import fopi_tune as ft
 from fopi_tune.proof.verification.requirements import assess_requirement
 from fopi_tune.proof.verification.results import Extreme, Place, RequirementResult
 from fopi_tune.report.text.design import check_text
-from fopi_tune.results.equalities import equality_notes, shown_score
+from fopi_tune.results.equalities import equality_notes, in_percent, shown_score
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import Relation, Requirement
 
@@ -31,6 +31,17 @@ requirements:
 def missed(quantity: str, limit: float, achieved: float) -> RequirementResult:
     asked = Requirement(quantity, Relation.EQUALS, (limit,))
     return assess_requirement(asked, (Extreme(True, achieved, Place(1.0, {}, ())),) * 2, 1e-6)
+
+
+def test_shares_have_two_digits_and_no_powers_of_ten() -> None:
+    assert [in_percent(share) for share in (0.00024, 0.446, 0.9949, 0.996, 1.0, 12.3)] == [
+        "0.024 %",
+        "45 %",
+        "99 %",
+        "100 %",
+        "100 %",
+        "1230 %",
+    ]
 
 
 def test_published_gains_rounded_to_three_digits_are_said_to_miss_by_rounding() -> None:

@@ -1,7 +1,7 @@
 """Linear rows of what is read at crossings:  margins, their spreads, and the spread of the crossover (compiled).
 
 `implicit` has what is read at a crossing that every loop of the box has, as linear functions with a rest.  An upper
-limit and a spread need that there is no other crossing.
+limit and a spread need that there is no other crossing; else an upper limit can only be exceeded at all of them.
 
 Source: derived.
 """
@@ -77,6 +77,31 @@ def _is_alone(of_gain, i, kappa, half, out, level, table, work, slopes):
             return False
         below = below or j >= table.alias[i]
     return not below
+
+
+@compiled
+def _exceeds(kind, limit, i, kappa, half, table, work, slopes):
+    """Whether the angle to -1 (of a delay margin: the lag over omega) exceeds a limit at all crossovers of all loops.
+
+    Loops of the box whose |L| touches 1 again far below their highest crossover have margins there as well.
+    """
+    n, last = work.gain.shape[1], 0
+    for j in range(1, n - 1):
+        g = work.gain[i, j] + kappa
+        here = 1 if g - half[0] + slopes[DOWN, j] > 0.0 else -1 if g + half[0] + slopes[UP, j] < 0.0 else 0
+        for column in (j - 1, j):
+            # a column that may be a crossover, and both beside one that lies between them
+            if column > 0 and (here * last < 0 if column < j else here == 0 or here * last < 0):
+                lag, room = work.phase[i, column] + _PI, slopes[ROOM, column]
+                lag -= 2.0 * _PI * math.floor(lag / (2.0 * _PI))
+                if kind == PHASE_MARGIN and not min(lag, 2.0 * _PI - lag) - room > limit:
+                    return False
+                omega = math.exp(log_omega_of(table.v[j], table.sampling.half))
+                if kind == DELAY_MARGIN and not (lag - room > limit * omega and lag + room < 2.0 * _PI):
+                    return False
+        last = here
+    # nothing crosses beyond either end of the axis
+    return last < 0 and work.gain[i, 1] + kappa - half[0] + slopes[DOWN, 1] > 0.0
 
 
 @compiled
@@ -191,6 +216,11 @@ def crossing_rows(code, target, x, signs, kappa, half, table, filters, rows, wor
         if rows.kind[q] == GAIN_MARGIN:
             deepest = max(deepest, rows.limit[q] + 0.1)
     for i in range(table.gain.shape[0]):
+        for q in range(len(rows.kind)):
+            kind, side = rows.kind[q], rows.side[q]
+            asked = kind in (PHASE_MARGIN, DELAY_MARGIN) and (side >= 0 if i == 0 else side > 0 and not rows.nominal[q])
+            if asked and _exceeds(kind, rows.limit[q], i, kappa, half, table, work, slopes):
+                return -1
         asks_phase = _needs(PHASE_MARGIN, rows, i) or _needs(DELAY_MARGIN, rows, i)
         asks_gain = _needs(GAIN_MARGIN, rows, i)
         if spread and i > 0 and nominal_alone and code == CROSSOVER_SPREAD:

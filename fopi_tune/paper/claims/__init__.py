@@ -25,6 +25,7 @@ CLAIMS: Mapping[str, Callable[[], tuple[Row, ...]]] = {
         "gain_margin",
         "filters",
         "hybrid",
+        "settling",
         "manoeuvre",
         "experiments",
         "fopi_vs_pi",

@@ -25,7 +25,7 @@ _TITLE = {"experiment_1": "Experiment I", "experiment_2": "Experiment II"}
 
 def experiments() -> tuple[Row, ...]:
     """Bounds for any reference, then both experiments."""
-    car = system("car")
+    car = system("car_held")
     evidence = validate_system(car).evidence
     rows = [_throttle(), _brake()]
     for name in EXPERIMENTS:
@@ -95,5 +95,5 @@ def _tracking(driven: ScenarioResult) -> Row:
         "a figure; the reference is not printed",
         f"mean |r - y| = {mean:.2f} km/h, {abs(driven.traces.error[0, -1]):.1f} km/h at the end",
         Verdict.NOT_PRINTED,
-        "On a plausible reference (systems/car.yaml), nominal brake.",
+        "On a plausible reference (systems/car_held.yaml), nominal brake.",
     )

@@ -115,7 +115,7 @@ def _stays_bounded(sampled: ScenarioResult) -> Row:
 
 
 def _memories() -> Row:
-    car = system("car")
+    car = system("car_held")
     counts: dict[str, float] = {}
     for inactive in ("held", "tracking", "reset"):
         driven = simulate_system(replace(car, inactive=inactive), scenario="experiment_1").driven[0]
@@ -126,5 +126,5 @@ def _memories() -> Row:
         f"changes of the mode in 150 s of town driving, eps = 0.5 km/h: about {rounded_count(counts['held'])} held, "
         f"{rounded_count(counts['tracking'])} tracking, {rounded_count(counts['reset'])} reset",
         Verdict.NOT_PRINTED,
-        "systems/car.yaml, experiment 1. Held is what x+ = x comes nearest to.",
+        "systems/car_held.yaml, experiment 1. Held is what x+ = x comes nearest to.",
     )

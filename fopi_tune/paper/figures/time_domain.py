@@ -126,7 +126,7 @@ def alpha_against_pi() -> Picture:
 
 
 def _experiment(name: str, title: str) -> Picture:
-    (driven,) = simulate_system(system("car"), scenario=name).driven
+    (driven,) = simulate_system(system("car_held"), scenario=name).driven
 
     def draw(figure: Figure) -> None:
         velocity, acceleration, control = figure.subplots(3, 1, sharex=True)

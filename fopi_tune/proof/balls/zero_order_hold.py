@@ -111,17 +111,39 @@ def _first_order(plant: PlantEnclosure, ts: arb, times: list[Dual], first: int) 
 
     P = (n1/d1) z^-(m+1) z^(1-K) (1 - w) (1 + sum_j phi_j z^(k_j - 1) (z - 1))/(1 + w coth(x/2)),
     phi_j = (1 - e^{-x t_j})/(1 - e^{-x}),   k_j = K - j,   j = 0 ... K - 1 .
+
+    Where d0 is known, with (n1 Ts/(2 d0)) q/(w + tanh(x/2)), q = tanh(x/2)/(x/2), in place of
+    (n1/d1)/(1 + w coth(x/2)): towards z = -1 a slow pole then hardly matters, which the quotient of two numbers that
+    depend on it would not show.
     """
     rate = plant.denominator[0] / plant.denominator[1]
     x = ts / rate
     half = x.value / 2
-    lag = Dual(half.coth(), {axis: -slope / (2 * half.sinh() ** 2) for axis, slope in x.gradient.items()})
+    if plant.denominator[0].gradient:
+        lag = Dual(half.coth(), {axis: -slope / (2 * half.sinh() ** 2) for axis, slope in x.gradient.items()})
+        bottom = [lag, Dual.of(1)]
+        gain = plant.numerator[-1] / plant.denominator[1]
+    else:
+        pole = Dual(half.tanh(), {axis: slope / (2 * half.cosh() ** 2) for axis, slope in x.gradient.items()})
+        quotient = _monotone_range(x.value, lambda y: (y / 2).tanh() / (y / 2))
+        slopes = {axis: quotient * _tanh_slope(x.value) * slope for axis, slope in x.gradient.items()}
+        bottom = [Dual.of(1), pole]
+        gain = plant.numerator[-1] / plant.denominator[0] * (ts / 2) * Dual(quotient, slopes)
     span = len(times)
     top = [Dual.of(c) for c in _monomial(0, 0, span)]
     for j, t in enumerate(times):
         _add(top, _step_ratio(x, t), _monomial(span - 1 - j, 1, span))
-    gain = plant.numerator[-1] / plant.denominator[1]
-    return PlantEnclosure(tuple(top), tuple(_times_one_plus_w(span, [lag, Dual.of(1)])), Dual.of(0), first + 1, gain)
+    return PlantEnclosure(tuple(top), tuple(_times_one_plus_w(span, bottom)), Dual.of(0), first + 1, gain)
+
+
+def _tanh_slope(x: arb) -> arb:
+    """d ln(tanh(x/2)/(x/2))/dx = 1/sinh x - 1/x = 2x sum_n (-1)^n/(x^2 + (n pi)^2), whose derivative is within 1/3."""
+    middle = arb(x.mid())
+    # by the same series |1/sinh x - 1/x + x/6| <= |x|^3/45
+    at = -middle / 6 + arb(0, 1) * abs(middle) ** 3 / 45 if abs(middle) < _SMALL else 1 / middle.sinh() - 1 / middle
+    ends = _monotone_range(x, lambda y: 1 / y.sinh()) - _monotone_range(x, lambda y: 1 / y)
+    near = at + (x - middle) * arb(0, 1) / 3
+    return near.intersection(ends) if ends.is_finite() else near
 
 
 def _step_ratio(x: Dual, t: Dual) -> Dual:

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from fopi_tune.proof.switched.bounded import BoundedProof
 from fopi_tune.proof.switched.cycles import CycleProof
 from fopi_tune.proof.switched.model import Memory, SwitchedModel
 from fopi_tune.proof.switched.saturated_loop import SaturatedLoopProof
@@ -21,7 +22,8 @@ from fopi_tune.proof.switched.settling import SettlingProof
 #: of every certificate; part of its file
 ASSUMPTIONS = (
     "Controllers and plants have exactly the numbers of this file; the controllers' arithmetic is exact.",
-    "Controls are held from sample to sample, without computing delay, rate limit, quantisation or noise.",
+    "Controls are held from sample to sample and act after the computing delay, with their plants where modes change; "
+    "there is no rate limit, quantisation or noise.",
     "The setpoint is constant from the time on that a statement is about.",
     "Plants are of first order; a time constant may vary within its range while driving, a gain is constant.",
 )
@@ -59,6 +61,8 @@ class SystemCertificate:
         settling: of throttle phases; None where there is no proof.
         reason: why settling is not proved, or not for all setpoints that were asked for; empty where it is.
         cycles: orbits, each proved.
+        bounded: that output and memories stay within numbers, whatever switches; None where not even the output does.
+        unbounded: what is not bounded, and why; empty where everything is.
         versions: of the programs that made it, by name.
     """
 
@@ -70,6 +74,8 @@ class SystemCertificate:
     settling: SettlingProof | None
     reason: str
     cycles: tuple[CycleProof, ...]
+    bounded: BoundedProof | None
+    unbounded: str
     versions: Mapping[str, str]
 
     @property
@@ -77,10 +83,11 @@ class SystemCertificate:
         """What the proofs amount to."""
         if self.cycles:
             return SystemVerdict.CYCLES
-        return SystemVerdict.SETTLES if self._settles else SystemVerdict.UNDECIDED
+        return SystemVerdict.SETTLES if self.settles else SystemVerdict.UNDECIDED
 
     @property
-    def _settles(self) -> bool:
+    def settles(self) -> bool:
+        """Whether settling is proved for all setpoints that were asked for, from where the memory allows it."""
         if self.settling is None or (self.model.memory is Memory.RESET and self.loops[0] is None):
             return False
         (low, high), asked = self.settling.setpoints, self.setpoints or self.settling.setpoints
@@ -96,23 +103,47 @@ class SystemCertificate:
             for loop, proof in zip(self.model.loops, self.loops, strict=True)
             if proof is not None
         ]
+        if self.model.min_dwell_samples > 1 and (self.settling is not None or self.cycles):
+            dwell = self.model.min_dwell_samples
+            found.append(f"What follows is for modes that stay at least {dwell} samples after a switch.")
         if self.settling is not None:
             found.append(self._settling(self.settling))
+        if self.bounded is not None:
+            found.append(self._bounded(self.bounded))
+        if self.unbounded and self.unbounded != self.reason:
+            found.append(f"Not bounded by a proof: {self.unbounded}.")
         found += [self._cycle(cycle) for cycle in self.cycles]
         return (*found, *([f"Not proved: {self.reason}."] if self.reason else ()))
 
     def _settling(self, proof: SettlingProof) -> str:
         (low, high), (throttle, brake) = proof.setpoints, (loop.name for loop in self.model.loops)
+        then = (
+            f"ends in finite time, then there is no other switch, and the output stays between "
+            f"{_upwards(proof.undershoot)} below and {_upwards(proof.overshoot)} above the setpoint."
+        )
+        settles = f"the output settles on each setpoint from {low:g} to {high:g}"
         if self.model.memory is Memory.TRACKING:
-            start = f"After a step down from rest, from the {throttle} to the {brake}"
-        elif self.loops[0] is not None:
-            start = f"From every state with the {throttle} active, after at most two switches, and else after three"
-        else:
-            start = f"From every state with the {brake} active and the output above the hysteresis' lower line"
+            return f"After a step down from rest, from the {throttle} to the {brake}, {settles}: the {brake} {then}"
+        above = f"with the {brake} active and the output above the hysteresis' lower line"
+        if self.loops[0] is None:
+            return f"From every state {above} {settles}: the {brake} {then}"
         return (
-            f"{start}, the output settles on each setpoint from {low:g} to {high:g}: the {brake} ends in finite time, "
-            f"then there is no other switch, and the output stays between {_upwards(proof.undershoot)} below and "
-            f"{_upwards(proof.overshoot)} above the setpoint."
+            f"From every state {settles}, after at most two switches with the {throttle} active at first and three "
+            f"with the {brake}. A phase {above} {then}"
+        )
+
+    def _bounded(self, proof: BoundedProof) -> str:
+        (low, high), (least, most) = proof.outputs, proof.setpoints
+        memories = [
+            f"the memory of the {loop.name} within {_upwards(bounds.total)} in sum and "
+            f"{_upwards(max(bounds.sections))} in each section, in its control's unit"
+            for loop, bounds in zip(self.model.loops, proof.memories, strict=True)
+            if bounds is not None
+        ]
+        return (
+            f"Under every switching, also one without this hysteresis, every plant of the families, also one that "
+            f"varies, and every setpoint that moves between {least:g} and {most:g}: from rest at an output between "
+            f"{low:g} and {high:g} the output stays there{''.join('; ' + each for each in memories)}."
         )
 
     def _cycle(self, proof: CycleProof) -> str:

@@ -19,7 +19,16 @@ from fopi_tune.proof.switched.cycles import LONGEST_WORD, CycleProof, verify_cyc
 from fopi_tune.proof.switched.definite import lower_triangle, midpoints
 from fopi_tune.proof.switched.model import Memory, SwitchedModel
 from fopi_tune.simulation.sampled.simulate import simulate
-from fopi_tune.simulation.scenario import Hybrid, InactiveController, InitialInput, Mode, Scenario, Signals, Start
+from fopi_tune.simulation.scenario import (
+    Actuator,
+    Hybrid,
+    InactiveController,
+    InitialInput,
+    Mode,
+    Scenario,
+    Signals,
+    Start,
+)
 
 #: samples of a simulation, and those at its end that must repeat
 _SAMPLES, _TAIL = 60_000, 3 * LONGEST_WORD
@@ -86,7 +95,8 @@ def _words(
         model.sample_time_s,
         Signals(np.full(_SAMPLES, setpoint)),
         start=Start(start, InitialInput.REST, bumpless=True),
-        hybrid=Hybrid(model.hysteresis, _INACTIVE[model.memory]),
+        actuator=Actuator(delay_samples=model.loops[0].delay_samples),
+        hybrid=Hybrid(model.hysteresis, _INACTIVE[model.memory], min_dwell_samples=model.min_dwell_samples),
     )
     modes = [
         Mode(loop.controller, Plants.members(loop.plant, points))

@@ -6,7 +6,8 @@ maps of its samples is z -> M z + c; the orbit that follows the word begins at
     z = (I - M)^-1 c .                                                                                               (1)
 
 It is an orbit of the loop if at each sample the output is on the side of the hysteresis' lines that the word's modes
-ask for, and the demanded control in the part of the limits that it says.  All these inequalities are strict here, so
+ask for, except where the minimum dwell keeps the mode whatever the output is, and the demanded control in the part of
+the limits that it says.  No mode of the word is shorter than that dwell.  All these inequalities are strict here, so
 that the same word is followed from all states around z.  With S > 0 and
 
     S - M' S M > 0                                                                                                   (2)
@@ -66,13 +67,21 @@ class Orbit:
 
     Args:
         matrix: M of the whole period without the constant, shape (N, N).
-        lowest: least y - r, output unit.
-        highest: largest y - r, output unit.
+        deviations: y - r at each sample of the period, output unit, rounded.
     """
 
     matrix: arb_mat
-    lowest: float
-    highest: float
+    deviations: tuple[float, ...]
+
+    @property
+    def lowest(self) -> float:
+        """Least y - r, output unit."""
+        return min(self.deviations)
+
+    @property
+    def highest(self) -> float:
+        """Largest y - r, output unit."""
+        return max(self.deviations)
 
 
 def verify_cycle(model: SwitchedModel, proof: CycleProof) -> Orbit | None:
@@ -102,8 +111,7 @@ def verify_cycle(model: SwitchedModel, proof: CycleProof) -> Orbit | None:
         outputs = _outputs(model, proof, maps, arb_mat([*start.tolist(), [arb(1)]]), setpoint)
         if outputs is None or (proof.attraction is not None and not _attracts(proof.attraction, matrix)):
             return None
-        deviations = [float((y - setpoint).mid()) for y in outputs]
-        return Orbit(matrix, min(deviations), max(deviations))
+        return Orbit(matrix, tuple(float((y - setpoint).mid()) for y in outputs))
 
 
 def _is_word(proof: CycleProof) -> bool:
@@ -141,8 +149,10 @@ def _outputs(
 ) -> list[arb] | None:
     """y at each sample of the period; None where an inequality is not strict."""
     outputs, eps = [], arb(model.hysteresis)
+    stayed = _samples_before_last_switch(proof.modes)
     for k, each in enumerate(maps):
         y, v = z[0, 0], (each.demand * z)[0, 0]
+        kept = stayed[k] < model.min_dwell_samples
         # the line is the upper one as long as the throttle was active, else the lower one
         above = y > setpoint + eps if proof.modes[k - 1] == "T" else y > setpoint - eps
         below = y < setpoint + eps if proof.modes[k - 1] == "T" else y < setpoint - eps
@@ -154,11 +164,21 @@ def _outputs(
             within = v > high
         else:
             within = low < v < high
-        if not (within and (above if proof.modes[k] == "B" else below)):
+        switching = proof.modes[k] == proof.modes[k - 1] if kept else (above if proof.modes[k] == "B" else below)
+        if not (within and switching):
             return None
         outputs.append(y)
         z = each.matrix * z
     return outputs
+
+
+def _samples_before_last_switch(modes: str) -> list[int]:
+    """How many samples the mode before each one has lasted when that one begins; the word goes on in a circle."""
+    count, found = len(modes) - len(modes.rstrip(modes[-1])), []
+    for k, mode in enumerate(modes):
+        found.append(count)
+        count = count + 1 if mode == modes[k - 1] else 1
+    return found
 
 
 def _attracts(triangle: Triangle, matrix: arb_mat) -> bool:

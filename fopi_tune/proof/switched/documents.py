@@ -6,7 +6,7 @@ included.  Whether the statements are true is tested by `recheck`.
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,11 +16,12 @@ from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.documents import digest
 from fopi_tune.proof.strict_json import JsonObject, first_difference
+from fopi_tune.proof.switched.bounded import MOST_FOLLOWED, BoundedProof, MemoryBounds
 from fopi_tune.proof.switched.certificate import ASSUMPTIONS, SystemCertificate
 from fopi_tune.proof.switched.cycles import LONGEST_WORD, CycleProof
 from fopi_tune.proof.switched.definite import Triangle
 from fopi_tune.proof.switched.model import Memory, SwitchedLoop, SwitchedModel
-from fopi_tune.proof.switched.saturated_loop import SaturatedLoopProof
+from fopi_tune.proof.switched.saturated_loop import SaturatedLoopProof, decay_entry, read_decay
 from fopi_tune.proof.switched.settling import MOST_SAMPLES, SettlingProof
 
 KIND, SCHEMA = "fopi-tune system certificate", 1
@@ -46,11 +47,14 @@ def to_document(certificate: SystemCertificate) -> dict[str, Any]:
         "sample_time_s": model.sample_time_s,
         "hysteresis": model.hysteresis,
         "inactive": model.memory.value,
+        **({"min_dwell_samples": model.min_dwell_samples} if model.min_dwell_samples else {}),
         "modes": [_loop(*each) for each in zip(model.loops, certificate.loops, strict=True)],
         "setpoints": None if certificate.setpoints is None else list(certificate.setpoints),
         "settling": None if certificate.settling is None else _settling(certificate.settling),
         "reason": certificate.reason,
         "cycles": [_cycle(cycle) for cycle in certificate.cycles],
+        "bounded": None if certificate.bounded is None else _bounded(certificate.bounded),
+        "unbounded": certificate.unbounded,
         "versions": dict(certificate.versions),
     }
     return {**document, "digest": digest(document)}
@@ -81,16 +85,33 @@ def from_document(document: object) -> SystemCertificate:
     found = SystemCertificate(
         name=top.text("name"),
         system_sha256=top.text("system_sha256"),
-        model=SwitchedModel(sample_time_s, hysteresis, top.word("inactive", Memory), (loops[0], loops[1])),
-        setpoints=None if top.get("setpoints") is None else _pair(top, "setpoints"),
+        model=SwitchedModel(sample_time_s, hysteresis, top.word("inactive", Memory), (loops[0], loops[1]), _dwell(top)),
+        setpoints=None if top.get("setpoints") is None else _range(top, "setpoints"),
         loops=(proofs[0], proofs[1]),
         settling=None if top.get("settling") is None else _read_settling(top.child("settling")),
         reason=top.text("reason"),
         cycles=tuple(_read_cycle(entry) for entry in cycles),
+        bounded=None if top.get("bounded") is None else _read_bounded(top.child("bounded")),
+        unbounded=top.text("unbounded"),
         versions=top.texts("versions"),
     )
+    if not re.fullmatch("([0-9a-f]{64})?", found.system_sha256):
+        raise CertificateError(f"{top.at('system_sha256')} is no digest")
+    if bool(found.reason) == found.settles:
+        raise CertificateError(f"{top.at('reason')} must say why settling is not proved, and nothing where it is")
+    whole = found.bounded is not None and None not in found.bounded.memories
+    if bool(found.unbounded) == whole:
+        raise CertificateError(f"{top.at('unbounded')} must say what is not bounded, and nothing where all is")
     if (different := first_difference(top.value, to_document(found), "the certificate")) is not None:
         raise CertificateError(f"{different} does not agree with the other entries")
+    return found
+
+
+def _dwell(top: JsonObject) -> int:
+    """The minimum dwell in samples; certificates without one are of systems without one."""
+    found = top.count_or_none("min_dwell_samples") if "min_dwell_samples" in top.value else 0
+    if found is None or found < 0:
+        raise CertificateError(f"{top.at('min_dwell_samples')} must be a whole number of at least 0")
     return found
 
 
@@ -112,9 +133,7 @@ def _loop(loop: SwitchedLoop, proof: SaturatedLoopProof | None) -> dict[str, Any
             "model": loop.plant.model,
             "parameters": [{"name": name, "nominal": n.nominal, "min": n.min, "max": n.max} for name, n in numbers],
         },
-        "decays": None
-        if proof is None
-        else {"matrix": _rows(proof.matrix), "multiplier": proof.multiplier, "decay": proof.decay},
+        "decays": None if proof is None else decay_entry(proof),
     }
 
 
@@ -141,6 +160,17 @@ def _cycle(proof: CycleProof) -> dict[str, Any]:
     }
 
 
+def _bounded(proof: BoundedProof) -> dict[str, Any]:
+    return {
+        "setpoints": list(proof.setpoints),
+        "outputs": list(proof.outputs),
+        "memories": [
+            {} if each is None else {"samples": each.samples, "sections": list(each.sections), "total": each.total}
+            for each in proof.memories
+        ],
+    }
+
+
 def _rows(triangle: Triangle) -> list[list[float]]:
     return [list(row) for row in triangle]
 
@@ -154,8 +184,7 @@ def _read_loop(entry: JsonObject) -> tuple[SwitchedLoop, SaturatedLoopProof | No
     )
     if entry.get("decays") is None:
         return loop, None
-    proof = entry.child("decays")
-    return loop, SaturatedLoopProof(_triangle(proof, "matrix"), proof.number("multiplier"), proof.number("decay"))
+    return loop, read_decay(entry.child("decays"))
 
 
 def _read_controller(entry: JsonObject) -> Runtime:
@@ -195,9 +224,9 @@ def _read_settling(entry: JsonObject) -> SettlingProof:
     if samples is None or not 1 <= samples <= MOST_SAMPLES:
         raise CertificateError(f"{entry.at('samples')} must be from 1 to {MOST_SAMPLES}")
     return SettlingProof(
-        _pair(entry, "setpoints"),
+        _range(entry, "setpoints"),
         samples,
-        _triangle(entry, "matrix"),
+        entry.lower_triangle("matrix"),
         entry.number("decay"),
         entry.number("undershoot"),
         entry.number("overshoot"),
@@ -216,28 +245,40 @@ def _read_cycle(entry: JsonObject) -> CycleProof:
         (_numbers(plants[0]), _numbers(plants[1])),
         modes,
         parts,
-        None if entry.get("attraction") is None else _triangle(entry, "attraction"),
+        None if entry.get("attraction") is None else entry.lower_triangle("attraction"),
         entry.number("lowest"),
         entry.number("highest"),
     )
+
+
+def _read_bounded(entry: JsonObject) -> BoundedProof:
+    memories = entry.children("memories")
+    if len(memories) != 2:
+        raise CertificateError(f"{entry.at('memories')} must be two")
+    throttle, brake = (_read_memory(each) if each.value else None for each in memories)
+    return BoundedProof(_pair(entry, "setpoints"), _pair(entry, "outputs"), (throttle, brake))
+
+
+def _read_memory(entry: JsonObject) -> MemoryBounds:
+    samples = entry.count_or_none("samples")
+    if samples is None or not 1 <= samples <= MOST_FOLLOWED:
+        raise CertificateError(f"{entry.at('samples')} must be from 1 to {MOST_FOLLOWED}")
+    return MemoryBounds(samples, entry.numbers("sections"), entry.number("total"))
 
 
 def _numbers(entry: JsonObject) -> Mapping[str, float]:
     return {name: entry.number(name) for name in entry.value}
 
 
+def _range(entry: JsonObject, key: str) -> tuple[float, float]:
+    low, high = _pair(entry, key)
+    if not low <= high:
+        raise CertificateError(f"{entry.at(key)}: the smaller number is the first one")
+    return low, high
+
+
 def _pair(entry: JsonObject, key: str) -> tuple[float, float]:
     numbers = entry.numbers(key)
-    if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
+    if len(numbers) != 2:
         raise CertificateError(f"{entry.at(key)} must be two numbers")
     return numbers[0], numbers[1]
-
-
-def _triangle(entry: JsonObject, key: str) -> Triangle:
-    rows = entry.get(key)
-    if not isinstance(rows, list) or not 1 <= len(rows) <= 2 * _MOST_SECTIONS + 1:
-        raise CertificateError(f"{entry.at(key)} is no lower triangle")
-    found = tuple(JsonObject({"row": row}, f"{entry.at(key)}[{k}]").numbers("row") for k, row in enumerate(rows))
-    if any(len(row) != k + 1 for k, row in enumerate(found)):
-        raise CertificateError(f"{entry.at(key)} is no lower triangle")
-    return found

@@ -6,12 +6,30 @@ has y_last > r - eps, and the first one of the throttle phase
 
     r - eps >= y_0 >= (1 - m) y_last + m bottom,       m the largest one .                                           (1)
 
+A minimum dwell of D samples may keep the brake active below the line.  The phase begins with an output above it, and a
+phase that is longer than D samples ends as without a dwell, so that in any case
+
+    y_last >= bottom + (1 - m)^{D-1} (r - eps - bottom),     y_0 >= bottom + (1 - m) (y_last - bottom) .            (2)
+
+As long as y_last > top the output falls to y_0 < y_last.
+
 After `reset` the throttle's controller starts with the state of an output of 0.  With `tracking` of a brake whose
 control lies below the throttle's limits, the integrator holds x_0 = low - direct (r - y_last), and sections that were 0
-before, as at rest, are 0.  In coordinates (y - r, x_0 - r/K, x_1, ...) the corners of (1) are affine in r:  a property
-that is convex in state and setpoint holds for all entries when it holds at the corners for both ends of the setpoints.
+before, as at rest, are 0.
 
-Source: derived here from (2) of `model`.
+With a computing delay the last control before may still be the throttle's, over a share m_1 of the throttle's plant, if
+the brake was active for one sample: both cases are enclosed.  After the switch the brake's last control acts for a
+while: y_0 moves to (1 - m_1) y_0 + m_1 w, w between bottom and top.  The throttle's plant would do the same with a last
+control of
+
+    ((1 - m_1) y_0 + m_1 w - (1 - n_1) y_0)/(n_1 K),       n_1 its own m_1,                                          (3)
+
+which is therefore the last part of the state.
+
+In coordinates (y - r, x_0 - r/K, x_1, ...) the corners of (1) are affine in r:  a property that is convex in state and
+setpoint holds for all entries when it holds at the corners for both ends of the setpoints.
+
+Source: derived here from (2) and (4) of `model`.
 """
 
 from __future__ import annotations
@@ -27,13 +45,17 @@ def why_no_entries(model: SwitchedModel) -> str:
     Args:
         model: with `obstacle == ""`.
     """
-    throttle = model.loops[0]
+    throttle, brake = model.loops
     if not model.hysteresis > 0.0:
         return "without hysteresis a switch may follow every sample; write a hysteresis greater than 0"
     if model.memory is Memory.HELD:
         return "a held memory begins the throttle phase with what it had: nothing bounds its overshoot"
     if throttle.plant.uncertain_names:
         return f"{throttle.name}: its plant is uncertain; settling is proved for an exact one"
+    if model.min_dwell_samples > 1 and throttle.delay_samples > 0.0:
+        return "settling with both a minimum dwell and a computing delay is not modelled in this proof"
+    if not brake.is_limited:
+        return f"{brake.name}: without output_limits its control may take the output anywhere within a sample"
     return ""
 
 
@@ -46,10 +68,23 @@ def brake_top(model: SwitchedModel) -> arb:
     """The largest K u of the brake: the phase ends for setpoints above it by more than the hysteresis."""
     brake = model.loops[1]
     high = arb(brake.controller.limits[1])
-    first, *others = (gain * high for gain in lag_range(brake, model.sample_time_s).gains)
-    for other in others:
-        first = first.max(other)
-    return first
+    least, largest = (gain * high for gain in lag_range(brake, model.sample_time_s).gains)
+    return least.max(largest)
+
+
+def dwell_margin(model: SwitchedModel) -> arb:
+    """How much higher than without a dwell setpoints must be for y_last > top in (2); only `tracking` needs it."""
+    if model.memory is not Memory.TRACKING or model.min_dwell_samples <= 1:
+        return arb(0)
+    share, bottom = _fastest_fall(model)
+    return (brake_top(model) - bottom) * (1 / (1 - share) ** (model.min_dwell_samples - 1) - 1)
+
+
+def _fastest_fall(model: SwitchedModel) -> tuple[arb, arb]:
+    """The largest m and the least K u of the brake."""
+    brake, lags = model.loops[1], lag_range(model.loops[1], model.sample_time_s)
+    low = arb(brake.controller.limits[0])
+    return lags.shares[1], (lags.gains[0] * low).min(lags.gains[1] * low)
 
 
 def starts_above_low(model: SwitchedModel) -> bool:
@@ -65,26 +100,63 @@ def entry_corners(model: SwitchedModel, setpoint: arb) -> arb_mat:
         setpoint: r, in the output's unit.
 
     Returns:
-        One state per column, shape (n + 1, 2) after a reset, (n + 1, 3) after tracking.
+        One state per column, shape (n + 1, 2) after a reset, (n + 1, 3) after tracking, (n + 1, 4) with a dwell too;
+        with a computing delay there are n + 2 rows, and four times as many columns.
     """
-    throttle, brake = model.loops
-    controller, lags = throttle.controller, lag_range(brake, model.sample_time_s)
-    share, low = lags.shares[1], arb(brake.controller.limits[0])
-    bottom = (lags.gains[0] * low).min(lags.gains[1] * low)
+    controller, dwell = model.loops[0].controller, max(1, model.min_dwell_samples)
+    share, bottom = _fastest_fall(model)
     line = setpoint - arb(model.hysteresis)
-    lowest = (1 - share) * line + share * bottom
+    last = line if dwell == 1 else bottom + (1 - share) ** (dwell - 1) * (line - bottom)
+    # y_0 = kept y_last + moved at the least
+    ways = [(1 - share, share * bottom)]
+    lag = throttle_lag(model)
+    if lag.late is not None:
+        ways += _one_sample_brake(model, lag.late, bottom)
+    lowest = _least([kept * last + moved for kept, moved in ways])
     if model.memory is Memory.RESET:
         start = min(max(0.0, controller.limits[0]), controller.limits[1])
         corners = [(lowest, arb(start)), (line, arb(start))]
     else:
-        highest = (line - share * bottom) / (1 - share)
+        highest = -_least([(moved - line) / kept for kept, moved in ways])
 
         def tracked(last: arb) -> arb:
             return arb(controller.limits[0]) - arb(controller.direct) * (setpoint - last)
 
-        corners = [(lowest, tracked(line)), (line, tracked(line)), (line, tracked(highest))]
+        corners = [(lowest, tracked(last)), (line, tracked(line)), (line, tracked(highest))]
+        if dwell > 1:
+            corners.append((last, tracked(last)))
     columns = arb_mat(len(controller.poles) + 1, len(corners))
     for j, (output, integrator) in enumerate(corners):
         columns[0, j] = output - setpoint
-        columns[1, j] = integrator - setpoint / throttle_lag(model)[1]
-    return columns
+        columns[1, j] = integrator - setpoint / lag.gain
+    return columns if lag.late is None else _with_last_control(model, lag.late, columns, setpoint, bottom)
+
+
+def _one_sample_brake(model: SwitchedModel, late: arb, bottom: arb) -> list[tuple[arb, arb]]:
+    """y_0 = kept y_last + moved at the least, where the throttle's last control acts first; for each share after it."""
+    throttle, brake = throttle_lag(model), lag_range(model.loops[1], model.sample_time_s)
+    first = throttle.gain * arb(model.loops[0].controller.limits[0])
+    return [
+        ((1 - each.share) * (1 - late), (1 - each.share) * late * first + each.share * bottom)
+        for each in brake.vertices
+    ]
+
+
+def _with_last_control(model: SwitchedModel, own: arb, columns: arb_mat, setpoint: arb, bottom: arb) -> arb_mat:
+    """Each corner with the four corners of (3) below it."""
+    lag, brake = throttle_lag(model), lag_range(model.loops[1], model.sample_time_s)
+    found = []
+    for column in columns.transpose().tolist():
+        y = column[0] + setpoint
+        for late in brake.late:
+            for held in (bottom, brake_top(model)):
+                last = ((1 - late) * y + late * held - (1 - own) * y) / (own * lag.gain)
+                found.append([*column, last - setpoint / lag.gain])
+    return arb_mat(found).transpose()
+
+
+def _least(numbers: list[arb]) -> arb:
+    first, *others = numbers
+    for other in others:
+        first = first.min(other)
+    return first

@@ -8,24 +8,30 @@ drives a stable plant of first order, whose input is held over a sample:
 
     y <- (1 - m) y + m K u,    m = 1 - e^{-Ts/tau} .                                                                 (2)
 
-The inactive one is held, is reset to an output of 0 when its turn comes, or tracks the applied output:
+With a computing delay of D <= Ts a sample begins with the last sample's control, and its plant where the mode changed:
+
+    y <- (1 - m_2)((1 - m_1) y + m_1 K u_last) + m_2 K u,    m_1 = 1 - e^{-D/tau},  m_2 = 1 - e^{-(Ts - D)/tau},     (4)
+
+and the state grows by u_last.  The inactive controller is held, is reset to an output of 0 when its turn comes, or
+tracks the applied output:
 
     x_k <- p_k x_k  (k > 0),    x_0 = u' - direct e - sum_{k>0} x_k,                                                (3)
 
 u' being u within its own limits.  (2) is affine in m for K fixed and in K for m fixed: the matrices of all plants of a
-family lie in the convex hull of those at the ends.  This holds too where tau varies while the loop runs, even within a
-sample: m is then 1 minus the exponential of minus the integral of 1/tau, which stays between the same ends.
+family lie in the convex hull of those at the ends, as those of (4) do, which is affine in each of m_1, m_2 and K.  This
+holds too where tau varies while the loop runs, even within a sample: m is then 1 minus the exponential of minus the
+integral of 1/tau, which stays between the same ends.
 
 Arithmetic is exact, on the doubles that controllers and specs store.
 
-Source: (1) and (3) are `fopi_tune.digital.runtime` and (2) is the zero-order hold of a lag; the rest is derived here.
+Source: (1) and (3) are `fopi_tune.digital.runtime`; (2) is the zero-order hold of a lag, (4) of one with a delay, as in
+Astrom and Wittenmark, Computer-Controlled Systems, 1997, section 2.3; the rest is derived here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 
 from flint import arb, arb_mat
 
@@ -34,19 +40,27 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
+from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import SystemSpec
 
-#: m and K of (2)
-Lag = tuple[arb, arb]
+#: a control without limits has those of a double; one like this is taken for none too
+_LARGEST_LIMIT = 1e100
 
 
-class Memory(StrEnum):
-    """What the inactive controller remembers; the value is the word in a system's file."""
+@dataclass(frozen=True)
+class Lag:
+    """One plant over a sample, in balls.
 
-    HELD = "held"
-    TRACKING = "tracking"
-    RESET = "reset"
+    Args:
+        share: m of (2), or m_2 of (4): under the control that the sample computes.
+        gain: K, output unit per unit of control.
+        late: m_1 of (4), under the control of the sample before; None without a computing delay.
+    """
+
+    share: arb
+    gain: arb
+    late: arb | None = None
 
 
 @dataclass(frozen=True)
@@ -65,6 +79,11 @@ class SwitchedLoop:
     plant: PlantFamily
     delay_samples: float = 0.0
 
+    @property
+    def is_limited(self) -> bool:
+        """Whether the control has limits on both sides."""
+        return all(abs(limit) < _LARGEST_LIMIT for limit in self.controller.limits)
+
 
 @dataclass(frozen=True)
 class SwitchedModel:
@@ -75,19 +94,21 @@ class SwitchedModel:
         hysteresis: half-width around the setpoint, output unit.
         memory: of the inactive controller.
         loops: throttle and brake.
+        min_dwell_samples: samples that a mode stays at least after it was entered; 0 and 1 are any.
     """
 
     sample_time_s: float
     hysteresis: float
     memory: Memory
     loops: tuple[SwitchedLoop, SwitchedLoop]
+    min_dwell_samples: int = 0
 
     @classmethod
     def of(cls, system: SystemSpec, gains: Mapping[str, FoPi]) -> SwitchedModel:
         """The model of a system with its digital controllers.
 
         Args:
-            system: gives plants, digital sections, hysteresis and memory.
+            system: gives plants, digital sections, hysteresis, memory and minimum dwell.
             gains: of both modes, by name.
 
         Raises:
@@ -96,7 +117,8 @@ class SwitchedModel:
         if missing := [mode.name for mode in system.modes if mode.name not in gains]:
             raise DomainError(f"there are no gains of {' and '.join(missing)}; give those of both modes")
         throttle, brake = (_loop_of(system, index, gains[mode.name]) for index, mode in enumerate(system.modes))
-        return cls(system.sample_time_s, system.hysteresis, Memory(system.inactive), (throttle, brake))
+        memory, dwell = Memory(system.inactive), system.min_dwell_samples
+        return cls(system.sample_time_s, system.hysteresis, memory, (throttle, brake), dwell)
 
     @property
     def sizes(self) -> tuple[int, int]:
@@ -109,6 +131,8 @@ class SwitchedModel:
         for loop in self.loops:
             if found := loop_obstacle(loop):
                 return found
+        if self.loops[0].delay_samples != self.loops[1].delay_samples:
+            return "the controllers have computing delays that differ; give both the same"
         overlap = self.loops[1].controller.limits[1] > self.loops[0].controller.limits[0]
         if overlap and self.memory is Memory.TRACKING:
             return (
@@ -123,13 +147,15 @@ class LagRange:
     """All plants of a family as (2), in balls.
 
     Args:
-        shares: the least and the largest m, per sample.
+        shares: the least and the largest m of a whole sample.
         gains: the least and the largest K, output unit per unit of control.
-        vertices: (m, K) at all pairs of ends; the convex hull of their matrices holds those of all plants.
+        late: the least and the largest m_1 of (4); 0 without a computing delay.
+        vertices: plants at all combinations of ends; the convex hull of their matrices holds those of all plants.
     """
 
     shares: tuple[arb, arb]
     gains: tuple[arb, arb]
+    late: tuple[arb, arb]
     vertices: tuple[Lag, ...]
 
 
@@ -146,16 +172,23 @@ def lag_range(loop: SwitchedLoop, sample_time_s: float) -> LagRange:
         for name, number in loop.plant.parameters.items()
     }
     if loop.plant.model == "lag":
-        shares = [_share(1 / tau, sample_time_s) for tau in reversed(values["time_constant_s"])]
+        rates = [1 / tau for tau in reversed(values["time_constant_s"])]
         gains = values["static_gain"]
     else:
-        poles = values["pole_rad_s"]
-        shares = [_share(pole, sample_time_s) for pole in poles]
+        rates = poles = values["pole_rad_s"]
         gains = [values["gain"][0] / poles[-1]]
         if len(poles) + len(values["gain"]) > 2:
             gains.append(values["gain"][-1] / poles[0])
-    corners = tuple((share, gain) for share in shares for gain in gains)
-    return LagRange((shares[0], shares[-1]), (gains[0], gains[-1]), corners)
+    late, own = _times(loop, sample_time_s)
+    shares = [_share(rate, arb(sample_time_s)) for rate in rates]
+    parts = [[_share(rate, time) for rate in rates] for time in (late, own)]
+    if not loop.delay_samples > 0.0:
+        vertices = tuple(Lag(share, gain) for share in shares for gain in gains)
+    else:
+        # a whole sample's delay leaves nothing to the control that the sample computes
+        parts = [part if time > 0 else part[:1] for part, time in zip(parts, (late, own), strict=True)]
+        vertices = tuple(Lag(share, gain, before) for before in parts[0] for share in parts[1] for gain in gains)
+    return LagRange((shares[0], shares[-1]), (gains[0], gains[-1]), (parts[0][0], parts[0][-1]), vertices)
 
 
 def lag_at(loop: SwitchedLoop, sample_time_s: float, numbers: Mapping[str, float]) -> Lag:
@@ -168,38 +201,53 @@ def lag_at(loop: SwitchedLoop, sample_time_s: float, numbers: Mapping[str, float
     """
     value = {name: arb(numbers.get(name, number.nominal)) for name, number in loop.plant.parameters.items()}
     if loop.plant.model == "lag":
-        return _share(1 / value["time_constant_s"], sample_time_s), value["static_gain"]
-    return _share(value["pole_rad_s"], sample_time_s), value["gain"] / value["pole_rad_s"]
+        rate, gain = 1 / value["time_constant_s"], value["static_gain"]
+    else:
+        rate, gain = value["pole_rad_s"], value["gain"] / value["pole_rad_s"]
+    late, own = _times(loop, sample_time_s)
+    return Lag(_share(rate, own), gain, _share(rate, late) if loop.delay_samples > 0.0 else None)
 
 
 def loop_matrices(controller: Runtime, lag: Lag) -> tuple[arb_mat, arb_mat, arb_mat]:
     """One loop around its equilibrium:  zeta <- A zeta + B q,  v - v* = C zeta,  where q = v - u is cut off.
 
-    zeta = (y - r, x_0 - r/K, x_1, ...): at rest the integrator alone holds the control r/K.
+    zeta = (y - r, x_0 - r/K, x_1, ...): at rest the integrator alone holds the control r/K.  With a computing delay
+    u_last - r/K comes last.
 
     Args:
         controller: with an integrator.
-        lag: m and K.
+        lag: the plant.
 
     Returns:
-        A, shape (n + 1, n + 1), B (n + 1, 1) and C (1, n + 1).
+        A, shape (N, N), B (N, 1) and C (1, N), with N = n + 1, or n + 2 with a computing delay.
     """
-    (share, gain), count = lag, len(controller.poles)
+    share, late, count = lag.share, lag.late, len(controller.poles)
     direct, back = arb(controller.direct), arb(controller.tracking_gain)
-    step = share * gain
-    a = arb_mat(count + 1, count + 1)
-    b, c = arb_mat(count + 1, 1), arb_mat(1, count + 1)
-    a[0, 0], b[0, 0], c[0, 0] = 1 - share - step * direct, -step, -direct
+    step, size = share * lag.gain, count + 1 + (late is not None)
+    a, b, c = arb_mat(size, size), arb_mat(size, 1), arb_mat(1, size)
+    kept = 1 - share if late is None else (1 - share) * (1 - late)
+    a[0, 0], b[0, 0], c[0, 0] = kept - step * direct, -step, -direct
     rows = zip(controller.poles, controller.residues, controller.weights, strict=True)
     for k, (pole, residue, weight) in enumerate(rows, 1):
         a[0, k], a[k, 0], a[k, k] = step, -arb(residue), arb(pole)
         b[k, 0], c[0, k] = -back * arb(pole) * arb(weight), arb(1)
+    if late is not None:
+        a[0, count + 1] = (1 - share) * late * lag.gain
+        for k in range(count + 1):
+            a[count + 1, k] = c[0, k]
+        b[count + 1, 0] = arb(-1)
     return a, b, c
 
 
-def _share(rate: arb, sample_time_s: float) -> arb:
-    """m of (2), by expm1, which keeps the digits of a slow plant."""
-    return -(-rate * arb(sample_time_s)).expm1()
+def _times(loop: SwitchedLoop, sample_time_s: float) -> tuple[arb, arb]:
+    """How long the last control and the new one act in a sample, s."""
+    late = arb(loop.delay_samples)
+    return late * arb(sample_time_s), (1 - late) * arb(sample_time_s)
+
+
+def _share(rate: arb, time_s: arb) -> arb:
+    """m of (2) over a time, by expm1, which keeps the digits of a slow plant."""
+    return -(-rate * time_s).expm1()
 
 
 def _loop_of(system: SystemSpec, index: int, gains: FoPi) -> SwitchedLoop:
@@ -211,16 +259,24 @@ def _loop_of(system: SystemSpec, index: int, gains: FoPi) -> SwitchedLoop:
 
 
 def loop_obstacle(loop: SwitchedLoop) -> str:
+    """Why a loop is outside of these methods, with its name; empty where it is not."""
+    found = plant_obstacle(loop)
+    return f"{loop.name}: {found}" if found else ""
+
+
+def plant_obstacle(loop: SwitchedLoop) -> str:
     """Why a loop is outside of these methods; empty where it is not."""
-    parameters, name = loop.plant.parameters, loop.name
+    parameters = loop.plant.parameters
     if loop.plant.model not in ("lag", "pole"):
-        return f"{name}: only plants of model lag or pole are handled; write this one so"
-    if parameters["dead_time_s"].max > 0.0 or loop.delay_samples > 0.0:
-        return f"{name}: dead time and computing delay are not modelled in this proof"
+        return "only plants of model lag or pole are handled"
+    if parameters["dead_time_s"].max > 0.0:
+        return "a dead time is not modelled in this proof"
+    if not 0.0 <= loop.delay_samples <= 1.0:
+        return "a computing delay of more than one sample is not modelled in this proof"
     if parameters["static_gain" if loop.plant.model == "lag" else "gain"].min <= 0.0:
-        return f"{name}: the plant's gain must be positive; turn the sign of its control"
+        return "the plant's gain must be positive; turn the sign of its control"
     if loop.plant.model == "pole" and parameters["pole_rad_s"].min <= 0.0:
-        return f"{name}: the plant is not stable by itself; only stable ones are handled"
+        return "the plant is not stable by itself; only stable ones are handled"
     if not loop.controller.has_integrator:
-        return f"{name}: the controller has no integrator, so that it rests beside the setpoint"
+        return "the controller has no integrator, so that it rests beside the setpoint"
     return ""

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
+from fopi_tune.proof.switched.bounded_search import prove_bounded
 from fopi_tune.proof.switched.certificate import SystemCertificate
 from fopi_tune.proof.switched.cycle_search import prove_cycles
 from fopi_tune.proof.switched.model import Memory, SwitchedModel, loop_obstacle
@@ -37,7 +38,7 @@ def prove_system(
     asked = _checked(setpoints)
     model = SwitchedModel.of(system, gains)
     throttle, brake = (_loop(model, index) for index in (0, 1))
-    obstacle = model.obstacle
+    obstacle, bounded = model.obstacle, prove_bounded(model, asked)
     search = SettlingSearch(None, obstacle) if obstacle else prove_settling(model, asked)
     reason = search.reason
     if not reason and model.memory is Memory.RESET and throttle is None:
@@ -51,6 +52,8 @@ def prove_system(
         settling=search.proof,
         reason=reason,
         cycles=(),
+        bounded=bounded.proof,
+        unbounded=bounded.reason,
         versions=dict(versions or {}),
     )
     if obstacle or not reason:

@@ -1,8 +1,8 @@
 """One sample of the switched loop as an affine map, exact in balls:  mode, part of the limits, plant -> matrix.
 
 Which map acts at a sample is decided by the active mode, by the part of its limits in which the demanded control lies,
-and by whether the mode begins.  With z = (y, x_throttle, x_brake, 1) each map is a matrix of formulas (1) to (3) of
-`model`; the last row keeps the 1.
+and by whether the mode begins.  With z = (y, x_throttle, x_brake, 1), or (y, x_throttle, x_brake, u_last, 1) with a
+computing delay, each map is a matrix of formulas (1) to (4) of `model`; the last row keeps the 1.
 
 Source: derived here from `model`.
 """
@@ -46,8 +46,8 @@ def sample_map(
         part: where the demanded control lies, `BELOW`, `WITHIN` or `ABOVE`.
         begins: whether the other mode was active at the sample before.
     """
-    controller, (share, gain) = model.loops[mode].controller, lags[mode]
-    own, idle, size = _places(model, mode), _places(model, 1 - mode), sum(model.sizes) + 2
+    controller, lag, before = model.loops[mode].controller, lags[mode], lags[1 - mode if begins else mode]
+    own, idle, size = _places(model, mode), _places(model, 1 - mode), sum(model.sizes) + 2 + (lag.late is not None)
     demand = arb_mat(1, size)
     demand[0, 0], demand[0, size - 1] = -arb(controller.direct), arb(controller.direct) * setpoint
     for place in own:
@@ -57,9 +57,15 @@ def sample_map(
         applied = arb_mat(1, size)
         applied[0, size - 1] = arb(controller.limits[0] if part == BELOW else controller.limits[1])
     matrix = arb_mat(size, size)
-    matrix[0, 0], matrix[size - 1, size - 1] = 1 - share, arb(1)
+    matrix[0, 0], matrix[size - 1, size - 1] = 1 - lag.share, arb(1)
+    if lag.late is not None and before.late is not None:
+        last = size - 2
+        matrix[0, 0] = (1 - lag.share) * (1 - before.late)
+        matrix[0, last] = (1 - lag.share) * before.late * before.gain
+        for j in range(size):
+            matrix[last, j] = applied[0, j]
     for j in range(size):
-        matrix[0, j] += share * gain * applied[0, j]
+        matrix[0, j] += lag.share * lag.gain * applied[0, j]
     rows = zip(own, controller.poles, controller.residues, controller.weights, strict=True)
     for place, pole, residue, weight in rows:
         back = arb(controller.tracking_gain) * arb(pole) * arb(weight)

@@ -18,16 +18,20 @@ with Saturating Actuators, 2011; discrete time and convexity in the plants are d
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.digital.runtime import Runtime
+from fopi_tune.errors import CertificateError
+from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.proof.switched.definite import Triangle, is_positive_definite, lower_triangle, midpoints, symmetric
-from fopi_tune.proof.switched.model import SwitchedLoop, lag_range, loop_matrices
+from fopi_tune.proof.switched.model import Lag, SwitchedLoop, lag_range, loop_matrices
 
 #: bits of the verification
 _PRECISION = 192
@@ -40,7 +44,7 @@ class SaturatedLoopProof:
     """That a loop with its limits decays from every state.
 
     Args:
-        matrix: lower triangle of P, shape (n + 1, n + 1) as a whole.
+        matrix: lower triangle of P, shape (N, N) of A as a whole.
         multiplier: lambda, in the unit of P's entries for the control.
         decay: rho per sample, dimensionless.
     """
@@ -81,7 +85,7 @@ def verify_saturated_loop(loop: SwitchedLoop, sample_time_s: float, proof: Satur
         sample_time_s: Ts, in s.
         proof: what is claimed of it.
     """
-    size = len(loop.controller.poles) + 1
+    size = len(loop.controller.poles) + 1 + (loop.delay_samples > 0.0)
     if len(proof.matrix) != size or not (proof.multiplier >= 0.0 and 0.0 < proof.decay < 1.0):
         return False
     with ctx.workprec(_PRECISION):
@@ -92,7 +96,25 @@ def verify_saturated_loop(loop: SwitchedLoop, sample_time_s: float, proof: Satur
         return all(is_positive_definite(_circle(loop.controller, lag, p, proof)) for lag in lags)
 
 
-def _circle(controller: Runtime, lag: tuple[arb, arb], p: arb_mat, proof: SaturatedLoopProof) -> arb_mat:
+def decay_entry(proof: SaturatedLoopProof) -> dict[str, Any]:
+    """A proof as JSON."""
+    rows = [list(row) for row in proof.matrix]
+    return {"matrix": rows, "multiplier": proof.multiplier, "decay": proof.decay}
+
+
+def read_decay(entry: JsonObject) -> SaturatedLoopProof:
+    """A proof from JSON.
+
+    Raises:
+        CertificateError: an entry is missing or has the wrong type, or the decay is none.
+    """
+    decay = entry.number("decay")
+    if not 0.0 < decay < 1.0:
+        raise CertificateError(f"{entry.at('decay')} must be between 0 and 1")
+    return SaturatedLoopProof(entry.lower_triangle("matrix"), entry.number("multiplier"), decay)
+
+
+def _circle(controller: Runtime, lag: Lag, p: arb_mat, proof: SaturatedLoopProof) -> arb_mat:
     """The matrix of (1) for one plant."""
     a, b, c = loop_matrices(controller, lag)
     size = a.nrows()
@@ -110,6 +132,7 @@ def _circle(controller: Runtime, lag: tuple[arb, arb], p: arb_mat, proof: Satura
 def _search(vertices: Sequence[tuple[Array, ...]], decay: float) -> SaturatedLoopProof | None:
     """P and lambda from a semidefinite program; None where the solver found none."""
     import cvxpy as cp
+    from cvxpy.error import SolverError
     from scipy.linalg import solve_discrete_lyapunov
 
     size = len(vertices[0][0])
@@ -128,10 +151,13 @@ def _search(vertices: Sequence[tuple[Array, ...]], decay: float) -> SaturatedLoo
         matrix = decay**2 * state.T @ p @ state - both.T @ p @ both - multiplier * sector
         constraints.append(matrix >> gap * np.eye(size + 1))
     problem = cp.Problem(cp.Maximize(gap), constraints)
-    try:
-        problem.solve(solver=cp.CLARABEL)
-    except (cp.error.SolverError, ValueError):
-        return None
+    with warnings.catch_warnings():
+        # "may be inaccurate": what it says is verified in any case
+        warnings.simplefilter("ignore")
+        try:
+            problem.solve(solver=cp.CLARABEL)
+        except (SolverError, ValueError):
+            return None
     if p.value is None or multiplier.value is None:
         return None
     matrix = scale[:, None] * np.asarray(p.value) * scale

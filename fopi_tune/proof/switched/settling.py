@@ -25,7 +25,14 @@ from dataclasses import dataclass
 from flint import arb, arb_mat, ctx
 
 from fopi_tune.proof.switched.definite import Triangle, is_positive_definite, quadratic_norm, symmetric
-from fopi_tune.proof.switched.entries import brake_top, entry_corners, starts_above_low, throttle_lag, why_no_entries
+from fopi_tune.proof.switched.entries import (
+    brake_top,
+    dwell_margin,
+    entry_corners,
+    starts_above_low,
+    throttle_lag,
+    why_no_entries,
+)
 from fopi_tune.proof.switched.model import SwitchedModel, loop_matrices
 
 #: bits; and samples after which radii are collected
@@ -41,7 +48,7 @@ class SettlingProof:
     Args:
         setpoints: least and largest r, output unit.
         samples: N, until the level set is reached.
-        matrix: lower triangle of P, shape (n + 1, n + 1) as a whole.
+        matrix: lower triangle of P, shape (N, N) of A as a whole.
         decay: rho per sample, dimensionless.
         undershoot: bound on r - y from the switch on, output unit.
         overshoot: bound on y - r from the switch on, output unit; below the hysteresis.
@@ -75,15 +82,17 @@ def verify_settling(model: SwitchedModel, proof: SettlingProof) -> Excursions | 
         model: with `obstacle == ""`.
         proof: what is claimed of it.
     """
-    size, (lowest, highest) = model.sizes[0] + 1, proof.setpoints
-    if why_no_entries(model) or len(proof.matrix) != size or not lowest <= highest:
+    lowest, highest = proof.setpoints
+    if why_no_entries(model) or not lowest <= highest:
         return None
     if not (1 <= proof.samples <= MOST_SAMPLES and 0.0 < proof.decay < 1.0):
         return None
     with ctx.workprec(_PRECISION):
-        if not brake_top(model) < arb(lowest) - arb(model.hysteresis):
+        if not brake_top(model) + dwell_margin(model) < arb(lowest) - arb(model.hysteresis):
             return None
         a, _, c = loop_matrices(model.loops[0].controller, throttle_lag(model))
+        if len(proof.matrix) != a.nrows():
+            return None
         p = symmetric(proof.matrix)
         shrinks = arb(proof.decay) ** 2 * p - a.transpose() * p * a
         if not (is_positive_definite(p) and is_positive_definite(shrinks)):
@@ -108,12 +117,13 @@ def _follow(model: SwitchedModel, proof: SettlingProof, a: arb_mat, c: arb_mat, 
     both, eps, decay = arb_mat([*a.tolist(), *c.tolist()]), arb(model.hysteresis), arb(proof.decay)
     # the error that was cut off, in the norm of P; the same for all columns
     error, undershoot, overshoot = arb(0), arb(0), arb(0)
+    wrong_y, wrong_v = arb(0), arb(0)
     known = starts_above_low(model)
     for k in range(proof.samples):
         if k % _COLLECTED == 0:
             columns, more = _cut(columns, lengths)
             error = (error + more).upper()
-            wrong_y, wrong_v = (error * each for each in per_output)
+        wrong_y, wrong_v = (error * each for each in per_output)
         following = both * columns
         for j, corner in enumerate(corners):
             y, v = columns[0, j], following[size, j]
@@ -138,14 +148,13 @@ def _follow(model: SwitchedModel, proof: SettlingProof, a: arb_mat, c: arb_mat, 
 def _start(model: SwitchedModel, proof: SettlingProof) -> tuple[arb_mat, list[_Corner]]:
     """All corners, and the distances of their controls at rest to the limits."""
     low, high = (arb(limit) for limit in model.loops[0].controller.limits)
-    rows: list[list[arb]] = [[] for _ in range(model.sizes[0] + 1)]
+    tables: list[list[list[arb]]] = []
     corners = []
     for end in proof.setpoints:
-        found, rest = entry_corners(model, arb(end)), arb(end) / throttle_lag(model)[1]
-        for row, more in zip(rows, found.tolist(), strict=True):
-            row.extend(more)
+        found, rest = entry_corners(model, arb(end)), arb(end) / throttle_lag(model).gain
+        tables.append(found.tolist())
         corners += [_Corner(rest - low, high - rest)] * found.ncols()
-    return arb_mat(rows), corners
+    return arb_mat([first + second for first, second in zip(*tables, strict=True)]), corners
 
 
 def _cut(columns: arb_mat, lengths: list[arb]) -> tuple[arb_mat, arb]:

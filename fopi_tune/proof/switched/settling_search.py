@@ -15,7 +15,14 @@ from flint import arb, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.proof.switched.definite import lower_triangle, midpoints
-from fopi_tune.proof.switched.entries import brake_top, entry_corners, starts_above_low, throttle_lag, why_no_entries
+from fopi_tune.proof.switched.entries import (
+    brake_top,
+    dwell_margin,
+    entry_corners,
+    starts_above_low,
+    throttle_lag,
+    why_no_entries,
+)
 from fopi_tune.proof.switched.model import SwitchedModel, loop_matrices
 from fopi_tune.proof.switched.settling import MOST_SAMPLES, SettlingProof, verify_settling
 
@@ -24,6 +31,8 @@ _PRECISION, _EVERY = 128, 50
 #: relative distance kept to what the search says is the end
 _MARGIN = 1e-3
 _BISECTIONS = 40
+#: behind the point; a power of ten below would be no double
+_MOST_DIGITS = 300
 
 
 @dataclass(frozen=True)
@@ -95,14 +104,15 @@ class _Responses:
     rest: float
     control: tuple[float, float]
     least: float
+    least_name: str
 
     @property
     def bounds(self) -> list[tuple[float, float, str]]:
         """The setpoints that each kind of inequality allows, with what ends them."""
-        found = [(self.least, math.inf, "the brake's largest control holds the output above the hysteresis")]
+        found = [(self.least, math.inf, self.least_name)]
         found.append((self.control[0] / self.rest, self.control[1] / self.rest, "the throttle's limits at rest"))
         for constant, slope, bound, name in self.limits:
-            with np.errstate(divide="ignore", invalid="ignore"):
+            with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
                 edge = (bound - constant) / slope
             lower = float(np.max(edge, where=slope < 0.0, initial=-math.inf))
             upper = float(np.min(edge, where=slope > 0.0, initial=math.inf))
@@ -154,7 +164,7 @@ class _Responses:
         low = max(self.bounds, key=lambda each: each[0])
         high = min(self.bounds, key=lambda each: each[1])
         if not low[0] < high[1]:
-            return f"no setpoint: {low[2]}; {high[2]}"
+            return f"no setpoint: {'; '.join(dict.fromkeys((low[2], high[2])))}"
         asked = setpoints or (low[0], high[1])
         told = [f"below {low[0]:.4g}: {low[2]}"] if asked[0] <= low[0] else []
         told += [f"above {high[1]:.4g}: {high[2]}"] if asked[1] >= high[1] else []
@@ -168,7 +178,8 @@ def _responses(model: SwitchedModel) -> _Responses | None:
         a, _, c = (midpoints(each) for each in loop_matrices(model.loops[0].controller, lag))
         constant = midpoints(entry_corners(model, arb(0)))
         slope = midpoints(entry_corners(model, arb(1))) - constant
-        rest, least = 1.0 / float(lag[1]), float(brake_top(model)) + model.hysteresis
+        rest, margin = 1.0 / float(lag.gain), float(dwell_margin(model))
+        least = float(brake_top(model)) + model.hysteresis + margin
     level = _level_set(a, c)
     if level is None:
         return None
@@ -193,7 +204,10 @@ def _responses(model: SwitchedModel) -> _Responses | None:
     )
     inverse = np.linalg.inv(level.full)
     gains = math.sqrt(inverse[0, 0]), math.sqrt(float((c @ inverse @ c.T)[0, 0]))
-    return _Responses(limits, tuple(states), level, gains, model.hysteresis, rest, (low, high), least)
+    name = "the brake's largest control holds the output above the hysteresis"
+    if margin > 0.0:
+        name = "within min_dwell_s the output may fall below what the brake's largest control holds"
+    return _Responses(limits, tuple(states), level, gains, model.hysteresis, rest, (low, high), least, name)
 
 
 def _level_set(a: Array, c: Array) -> _Level | None:
@@ -215,7 +229,7 @@ def _level_set(a: Array, c: Array) -> _Level | None:
 
 def _rounded(low: float, high: float) -> tuple[float, float]:
     """Ends with three digits of the range's width, inwards; a range too narrow for that stays."""
-    digits = 2 - math.floor(math.log10(high - low)) if high > low else 0
+    digits = min(2 - math.floor(math.log10(high - low)), _MOST_DIGITS) if high > low else 0
     step = 10.0**-digits
     ends = round(math.ceil(low / step) * step, digits), round(math.floor(high / step) * step, digits)
     return ends if ends[0] < ends[1] else (low, high)

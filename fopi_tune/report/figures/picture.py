@@ -118,7 +118,7 @@ def _figure(picture: Picture) -> Iterator[Figure]:
     with matplotlib.rc_context(_RC):
         figure = Figure(figsize=picture.size_inches, layout="constrained")
         picture.draw(figure)
-        figure.suptitle(picture.title, fontsize=10.0)
+        figure.suptitle(picture.title, fontsize=10.0, parse_math=False)
         yield figure
 
 

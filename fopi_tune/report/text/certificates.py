@@ -59,6 +59,7 @@ def recheck_text(found: Recheck) -> Text:
         lines += wrapped(f"{word:<{FIRST_COLUMN}}{measure_phrase(each.case.limit)}")
         lines += wrapped(_shown(each), QUIET, indent=" " * (FIRST_COLUMN + 2))
     lines += entry("stability", f"{certificate.stability.verdict.value}: {certificate.stability.reason}")
+    lines += limits_lines(certificate)
     return to_text(lines)
 
 
@@ -102,3 +103,10 @@ def proof_lines(certificate: Certificate | None) -> Iterator[Line]:
     if certificate.stability.verdict is Verdict.UNDECIDED:
         words += f"; stability is undecided: {certificate.stability.explanation}"
     yield from entry("proof", words, "" if verdict is Verdict.PROVED else BAD)
+    yield from limits_lines(certificate)
+
+
+def limits_lines(certificate: Certificate) -> Iterator[Line]:
+    """Whether the loop is stable with the limits of its control; nothing where the spec has none."""
+    if certificate.limited is not None:
+        yield from entry("limits", certificate.limited.statement, "" if certificate.limited.proof else QUIET)

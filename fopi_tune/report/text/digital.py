@@ -12,6 +12,7 @@ from fopi_tune.report.text.design import proved_sentence, requirement_lines, sum
 from fopi_tune.report.text.formatting import (
     BAD,
     QUIET,
+    TIE,
     Line,
     entry,
     gains_line,
@@ -87,7 +88,7 @@ def _sections(result: Discretized) -> Iterator[Line]:
 
 def _accuracy(result: Discretized) -> Iterator[Line]:
     controller = result.controller
-    parts = [f"{100 * error:.3g} % up to {with_unit(omega, 'rad/s')}" for omega, error in controller.errors]
+    parts = [f"{100 * error:.3g}{TIE}% up to {with_unit(omega, 'rad/s')}" for omega, error in controller.errors]
     low = controller.errors_from_rad_s
     if controller.accurate_rad_s is not None:
         first, last = controller.accurate_rad_s

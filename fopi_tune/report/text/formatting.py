@@ -140,11 +140,15 @@ def margins_phrase(nominal: Mapping[str, Any]) -> str:
 
 
 def gains_line(gains: FoPi, width: int = 56) -> str:
-    """The gains, padded to a width, and the controller's formula in one line."""
+    """The gains, padded to a width, and the controller's formula in one line; closer together where they are long, and
+    without the formula where it has no room."""
     if gains.ki == 0.0:
         return f"{f'kp = {number(gains.kp)}   ki = 0':<{width}}C(s) = kp"
-    values = "   ".join(f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha"))
-    return f"{values:<{width}}C(s) = kp + ki / s^alpha"
+    parts = [f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha")]
+    for gap in ("   ", "  "):
+        if len(values := gap.join(parts)) + len(gap) <= width:
+            return f"{values:<{width}}C(s) = kp + ki / s^alpha"
+    return "   ".join(parts)
 
 
 def gains_lines(gains: FoPi | Mapping[str, FoPi]) -> list[Line]:

@@ -11,13 +11,15 @@ e, v and the load are lines between their values just after and just before the 
     x' = p x + f:   x_{n+1} = e^{ph} x_n + I_1 f_n + I_2 (f_{n+1} - f_n),
     I_1 = (e^{ph} - 1)/p,   I_2 = (e^{ph} - 1 - ph)/(p^2 h).                                                         (2)
 
-The error falls as h^2 between jumps; a jump happens at the first node beyond its line, so that it is up to h late.
+The error falls as h^2 between jumps; a jump happens at the first node beyond its line after the minimum dwell, so that
+it is up to h late.
 
 Source: exact integration of (1) for piecewise linear inputs.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,6 +108,8 @@ class _Run:
             error = float(signals.reference[1][0]) - start.output
             self.memory[start.mode] = self.loop.memory_for(start.control, error, self.memory[start.mode])
         self.idle_since = dict.fromkeys(Mode, 0)
+        # a jump must not come before the dwell ends
+        self.dwell, self.free_at = math.ceil(car.min_dwell_s / step * (1.0 - 1e-9)), 0
         self.output[0] = start.output
         self.outcome, self.reason = HybridOutcome.FINISHED, f"ran to the end at {step * (count - 1):g} s"
 
@@ -162,7 +166,7 @@ class _Run:
         y, r = float(self.output[n]), float(self.signals.reference[1][n])
         if not abs(y) <= self.watch.most_output:
             self._stop(n, HybridOutcome.DIVERGED, f"the output goes beyond {self.watch.most_output:g}")
-        elif self.active.outwards * (y - r) >= self.car.eps:
+        elif n >= self.free_at and self.active.outwards * (y - r) >= self.car.eps:
             self._jump(n)
         self.after[n] = self._control(r - y, self.memory[self.active])
         self.mode[n] = self.active
@@ -176,7 +180,7 @@ class _Run:
         y, left = float(self.output[n]), self.active
         error = float(self.signals.reference[0][n]) - y
         control = self._control(error, self.memory[left])
-        self.idle_since[left], self.active = n, left.other
+        self.idle_since[left], self.active, self.free_at = n, left.other, n + self.dwell
         memory = self.memory[self.active]
         if self.car.memory is Memory.RESET:
             self.memory[self.active] = np.zeros_like(memory)

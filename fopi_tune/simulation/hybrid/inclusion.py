@@ -10,7 +10,8 @@ to flow nor to jump, and with eps = 0 it can never flow away from y = r.  Here
   - beyond its line a mode is left at once;
   - touching the line causes a jump, for the flow sets are open;
   - just after a jump, after a corner and at the start, a car on its line flows on if y - r goes inwards (by its first
-    derivative that is not 0) or rests there, and jumps otherwise.
+    derivative that is not 0) or rests there, and jumps otherwise;
+  - for `min_dwell_s` after a jump the car flows on whatever its line says, and what is beyond its line then jumps.
 
 States of the inactive controller: `Memory`.  Between events the loop is linear and its state exact to rounding
 (`flow`); `events` shows that no event is missed.  A crossing is located to the rounding of y - r over its rate; where
@@ -117,6 +118,8 @@ class _Simulation:
         self.rounding = _ROUNDING * scale
         self.regime, self.on_line, self.switched_at = Regime.WITHIN, False, -1.0
         self.level = FINEST // 2
+        #: when the minimum dwell of the active mode ends
+        self.free_at = 0.0
         self.events: list[Event] = []
         #: speed at which each mode crossed its line when it was left
         self.exit_rates: list[float] = []
@@ -159,6 +162,8 @@ class _Simulation:
         if not abs(self.w[0]) <= self.watch.most_output:
             return self._stop(HybridOutcome.DIVERGED, f"the output goes beyond {self.watch.most_output:g}")
         self._record()
+        if self.time < self.free_at:
+            until = min(until, self.free_at)
         left, derivatives = until - self.time, self.flow.derivatives(self.w)
         guards = self._guards(derivatives, left)
         if self._correct_overshoot(guards):
@@ -258,6 +263,8 @@ class _Simulation:
                     self.regime = regime
 
     def _mode_guard(self, derivatives: LoopDerivatives) -> Guard:
+        if self.time < self.free_at:
+            return Guard(-math.inf, 0.0, 0.0, self.rounding)
         side, (y, slope, curvature) = self.mode.outwards, derivatives.offset
         return Guard(side * y - self.car.eps, side * slope, side * curvature, self.rounding)
 
@@ -284,7 +291,7 @@ class _Simulation:
         self.memory[self.mode] = self.w[1:-_TAIL].copy()
         self.exit_rates.append(self._mode_guard(self.flow.derivatives(self.w)).slope)
         self.events.append(Event(self.time, self.mode, self.mode.other, y, r))
-        self.mode = self.mode.other
+        self.mode, self.free_at = self.mode.other, self.time + self.car.min_dwell_s
         memory = self.memory[self.mode]
         if self.car.memory is Memory.RESET:
             memory = np.zeros_like(memory)

@@ -64,19 +64,23 @@ class HybridCar:
         throttle, brake: modes 1 and 2.
         eps: half-width of the hysteresis, >= 0, in the output's unit.
         memory: of the inactive controller; the paper keeps it.
+        min_dwell_s: from one jump to the next at least, s; the first mode may be left at once.
 
     Raises:
-        DomainError: eps is negative or not finite, or TRACKING where no controller has an integral.
+        DomainError: eps or the dwell is negative or not finite, or TRACKING where no controller has an integral.
     """
 
     throttle: ModeLoop
     brake: ModeLoop
     eps: float = 0.0
     memory: Memory = Memory.HELD
+    min_dwell_s: float = 0.0
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.eps) and self.eps >= 0.0):
             raise DomainError(f"hybrid car: eps = {self.eps!r} is no half-width; it must be finite and >= 0")
+        if not (math.isfinite(self.min_dwell_s) and self.min_dwell_s >= 0.0):
+            raise DomainError(f"hybrid car: min_dwell_s = {self.min_dwell_s!r} must be finite and >= 0")
         if self.memory is Memory.TRACKING and not (self.throttle.gains.ki or self.brake.gains.ki):
             raise DomainError("hybrid car: TRACKING needs ki in one of the controllers; take HELD or RESET")
 

@@ -42,7 +42,7 @@ def simulate_inclusion(
     """Simulate a system: with located jumps, or in equal steps where it has a computing delay or a load.
 
     Args:
-        system: gives hysteresis, first mode, memory and the computing delay.
+        system: gives hysteresis, minimum dwell, first mode, memory and the computing delay.
         scenario: without noise, quantum and rate limit.
         gains: throttle first.
         plants: of first order, throttle first.
@@ -102,7 +102,7 @@ def _simulated(
     first = Mode.THROTTLE if system.first == system.modes[0].name else Mode.BRAKE
     # without any integral there is nothing to track
     memory = _MEMORY[system.inactive] if any(gain.ki for gain in gains) else Memory.HELD
-    car = HybridCar(*loops, eps=system.hysteresis, memory=memory)
+    car = HybridCar(*loops, eps=system.hysteresis, memory=memory, min_dwell_s=system.min_dwell_s)
     loop = car.loop(first)
     at_rest = scenario.before == InitialInput.REST.value
     past = scenario.initial_output * loop.pole_rad_s / loop.gain if at_rest else 0.0

@@ -211,11 +211,17 @@ def track_applied(s, c, other, second, old, new, sections, e, applied):
 
 
 @_inlined
-def hysteresis_crossings(s, measured, reference, half_width):
-    """The lanes that cross the hysteresis: from mode 1 to 2, and from 2 to 1."""
+def hysteresis_crossings(s, k, measured, reference, e, half_width, dwell):
+    """The lanes that cross the hysteresis after the minimum dwell: from mode 1 to 2, and from 2 to 1."""
     mode = load(s, MODE)
     up = (mode < broadcast(0.5)) & (measured >= broadcast(reference + half_width))
-    return up, (mode > broadcast(0.5)) & (measured <= broadcast(reference - half_width))
+    down = (mode > broadcast(0.5)) & (measured <= broadcast(reference - half_width))
+    if bits(up | down) != 0:
+        free = is_finite(e)
+        if dwell > 1:
+            free = free & (broadcast(float(k)) - load(s, LAST_SWITCH) >= broadcast(float(dwell)))
+        up, down = up & free, down & free
+    return up, down
 
 
 @_inlined

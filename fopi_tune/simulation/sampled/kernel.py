@@ -81,7 +81,7 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measur
     """Error and output of the active controller, and whether the block must check numbers for overflow from here on."""
     second, e = load(s, MODE) > broadcast(0.5), broadcast(r) - measured
     own, select = controller_stages.resolve_mode(c, other, second)
-    up, down = controller_stages.hysteresis_crossings(s, measured, r, settings.half_width)
+    up, down = controller_stages.hysteresis_crossings(s, k, measured, r, e, settings.half_width, settings.dwell)
     # with checks the states were updated at the end of the last sample
     update_due = k > 0 and not check_finite
     controller_stages.expire_switches(s, jumps, k, settings.window)

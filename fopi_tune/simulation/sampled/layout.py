@@ -68,6 +68,7 @@ class Settings(NamedTuple):
     first_mode: int
     most_switches: int
     window: int
+    dwell: int
     horizon: int
     judged: int
     bumpless: int

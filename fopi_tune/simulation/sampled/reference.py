@@ -5,6 +5,7 @@ The controllers are `fopi_tune.digital.runtime` itself; `simulation.scenario` de
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -62,6 +63,7 @@ class _ReferenceLoop:
         self.applied: list[float] = []
         self.modes: list[int] = []
         self.arrived = self.mode
+        self.last_switch = -math.inf
 
     def sample(self, k: int) -> tuple[float, ...]:
         """Sample k, and the plant's step to the next one."""
@@ -71,7 +73,7 @@ class _ReferenceLoop:
         rate = float(held.rate_state[self.row] @ self.x) + float(held.rate_input[self.row]) * self.before
         measured = self._measured(y, k)
         if scenario.hybrid is not None:
-            self._switch(measured, reference, scenario.hybrid)
+            self._switch(k, measured, reference, scenario.hybrid)
         controller = self.controllers[self.mode]
         self.memory[self.mode] = runtime.step(controller, self.memory[self.mode], reference, measured)
         demanded = float(self.memory[self.mode].output)
@@ -111,13 +113,13 @@ class _ReferenceLoop:
         value = y + sensor.noise_std * self.noise[k] if sensor.noise_std else y
         return float(sensor.quantum * np.rint(value / sensor.quantum)) if sensor.quantum else float(value)
 
-    def _switch(self, measured: float, reference: float, hybrid: Hybrid) -> None:
+    def _switch(self, k: int, measured: float, reference: float, hybrid: Hybrid) -> None:
         if self.mode == 0:
             jump = measured >= reference + hybrid.half_width
         else:
             jump = measured <= reference - hybrid.half_width
-        if jump:
-            self.mode = 1 - self.mode
+        if jump and k - self.last_switch >= hybrid.min_dwell_samples and math.isfinite(reference - measured):
+            self.mode, self.last_switch = 1 - self.mode, k
             low, high = self.controllers[self.mode].limits
             self.last = min(max(self.last, low), high)
             if hybrid.inactive is InactiveController.RESET:

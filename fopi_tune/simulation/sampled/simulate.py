@@ -264,6 +264,7 @@ def _settings(
         first_mode=int(hybrid.first) - 1,
         most_switches=int(hybrid.most_switches),
         window=int(np.floor(hybrid.window_s / Ts + 1e-9)),
+        dwell=int(hybrid.min_dwell_samples),
         horizon=int(horizon.first),
         judged=horizon.steps_of(scenario)[0].first,
         bumpless=int(scenario.start.bumpless),

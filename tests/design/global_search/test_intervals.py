@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from cases.thinned import thinned
 
 import fopi_tune as ft
 from fopi_tune.core.loops import Loops, Plants
@@ -107,7 +108,7 @@ def meets_limits(spec: DesignSpec, loops: Loops) -> np.ndarray:
     return good
 
 
-@pytest.mark.parametrize("requirement", REQUIREMENTS)
+@pytest.mark.parametrize("requirement", thinned(REQUIREMENTS))
 @pytest.mark.parametrize("plant", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in PLANTS])
 def test_the_allowed_intervals_are_those_of_the_exact_quantities(plant: str, requirement: str) -> None:
     problem = Problem.of(spec_of(PLANTS[plant], requirement))

@@ -12,6 +12,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.design.systems import design_system
 from fopi_tune.design.systems.problem import NO_LOOP, Question, SystemProblem
 from fopi_tune.design.systems.search import reasons_by_formula
+from fopi_tune.pipeline.systems import simulate_system
 from fopi_tune.spec import load_system
 from fopi_tune.spec.model import Knot, Limit, Relation, SystemSpec
 
@@ -46,6 +47,21 @@ def test_the_best_gains_of_one_mode_beside_fixed_ones_of_the_other() -> None:
 
 def test_no_loop_costs_as_much_as_can_be() -> None:
     assert Question().merit(None) == NO_LOOP
+
+
+def test_the_designs_simulation_keeps_a_minimum_dwell() -> None:
+    gains = {"throttle": FoPi(0.09, 0.025, 0.8), "brake": FoPi(0.5, 0.5, 0.9)}
+    drive = replace(car().scenarios[0], reference=(Knot(0.0, 15.0), Knot(30.0, 6.0)))
+    found = []
+    for seconds in (0.0, 8.0):
+        system = replace(car(), scenarios=(drive,), inactive="held", min_dwell_s=seconds)
+        judged = SystemProblem(system, gains).judge(gains, system.family.nominal_point[None, :])
+        assert judged is not None
+        driven = simulate_system(system, gains).driven[0]
+        # sums of 300 samples in another order
+        assert judged.objective == pytest.approx(driven.measures["iae"], rel=1e-12)
+        found.append(judged.objective)
+    assert found[0] < found[1]
 
 
 def test_a_mode_that_begins_too_fast_is_told_by_a_formula() -> None:

@@ -43,6 +43,8 @@ CASES: dict[str, tuple[PlantFamily, float]] = {
     "lag late by a part": (lag(1.0, (2.0, 1.5, 2.5), 0.13), 0.5),
     "lag late by anything": (lag(1.0, (2.0, 1.5, 2.5), (0.4, 0.1, 0.7)), 1.0),
     "pole through 0": (pole((1.0, 0.8, 1.2), (0.0, -0.2, 0.2), 0.05), 0.0),
+    "slow pole late by a part": (pole(4.39, (0.1746, 0.15, 0.2), 0.07), 0.0),
+    "poles of any speed": (pole(1.0, (4.0, 0.1, 60.0)), 1.0),
     "unstable pole": (pole(1.0, (-0.2, -0.3, -0.1)), 2.0),
     "second order": (transfer_function([1.0], [1.0, (1.2, 0.9, 1.5), (1.5, 1.0, 2.0)], (0.3, 0.15, 0.5)), 0.0),
     "third order": (transfer_function([(-0.3, -0.4, -0.2), 1.0], [1.0, 3.0, (3.0, 2.5, 3.5), 1.0], 0.07), 0.0),

@@ -42,6 +42,9 @@ RANGES = {
 }
 
 
+SLOW = "across three", "from a whole number", "between"
+
+
 @pytest.fixture(autouse=True)
 def precision() -> Iterator[None]:
     with ctx.workprec(64):
@@ -116,7 +119,11 @@ def test_a_box_is_cut_at_the_whole_numbers_first() -> None:
 
 
 @pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=[pytest.mark.long] * (case == "across three")) for case in RANGES]
+    "case",
+    [
+        pytest.param(case, marks=[pytest.mark.long] * (case in ("across three", "from a whole number")))
+        for case in RANGES
+    ],
 )
 @pytest.mark.parametrize("beyond", [True, False])
 def test_limits_around_the_worst_sensitivity_are_told_apart(case: str, beyond: bool) -> None:

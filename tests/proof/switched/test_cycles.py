@@ -12,6 +12,7 @@ from oracles.switched_loop import run
 from fopi_tune.proof.switched.cycles import CycleProof, verify_cycle
 
 CYCLES = switched.certificate("held").cycles
+LATE_CYCLES = switched.certificate("held", 0.4).cycles
 
 
 def test_many_places_have_an_orbit() -> None:
@@ -21,15 +22,19 @@ def test_many_places_have_an_orbit() -> None:
     assert all(each.highest > switched.CAR.hysteresis and each.lowest < -switched.CAR.hysteresis for each in CYCLES)
 
 
-@pytest.mark.parametrize("proof", CYCLES[::4], ids=lambda each: f"{each.setpoint:g}")
-def test_a_simulation_ends_in_the_orbit(proof: CycleProof) -> None:
-    model, samples = switched.model("held"), 40_000
+@pytest.mark.parametrize(
+    ("proof", "delay"),
+    [*((each, 0.0) for each in CYCLES[::4]), (LATE_CYCLES[0], 0.4), (LATE_CYCLES[-1], 0.4)],
+    ids=[f"{each.setpoint:g}" for each in CYCLES[::4]] + ["late-first", "late-last"],
+)
+def test_a_simulation_ends_in_the_orbit(proof: CycleProof, delay: float) -> None:
+    model, samples = switched.model("held", delay), 40_000
     setpoint, one = np.array([proof.setpoint]), np.array([25.0])
     memories = [np.zeros((size, 1)) for size in model.sizes]
     memories[0][0, 0] = 25.0 * 0.1746 / 4.39
     share = np.full((samples, 1), -np.expm1(-0.2 / proof.plants[1]["time_constant_s"]))
     throttle = -np.expm1(-0.2 * 0.1746), 4.39 / 0.1746
-    found = run(model, setpoint, one, np.zeros(1, dtype=np.int64), memories, throttle, (share, 1.0))
+    found = run(model, setpoint, one, np.zeros(1, dtype=np.int64), memories, throttle, (share, 1.0), delay=delay)
     period = len(proof.modes)
     word = "".join("TB"[each] for each in found.mode[-2 * period :, 0])
     assert proof.modes in word

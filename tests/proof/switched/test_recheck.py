@@ -13,10 +13,11 @@ from typing import Any
 
 import pytest
 from cases import switched
+from cases.switched import SETPOINTS
 
 from fopi_tune.errors import CertificateError
 from fopi_tune.proof.documents import digest
-from fopi_tune.proof.switched import recheck_system
+from fopi_tune.proof.switched import SystemCertificate, recheck_system
 from fopi_tune.proof.switched.documents import from_document, to_document
 
 MEMORIES = ("reset", "tracking", "held")
@@ -78,6 +79,9 @@ SEALED: list[tuple[str, tuple[Any, ...], Callable[[Any], Any]]] = [
     ("reset", ("settling", "decay"), lambda value: 0.999),
     ("reset", ("settling", "matrix", 3, 3), lambda value: -value),
     ("reset", ("hysteresis",), lambda value: 0.6),
+    ("reset", ("name",), lambda value: value + "x"),
+    ("reset", ("system_sha256",), lambda value: value + "x"),
+    ("reset", ("modes", 0, "decays", "decay"), lambda value: -value),
     ("reset", ("inactive",), lambda value: "tracking"),
     ("reset", ("verdict",), lambda value: "cycles"),
     ("reset", ("statements", 0), lambda value: "Everything settles."),
@@ -86,6 +90,14 @@ SEALED: list[tuple[str, tuple[Any, ...], Callable[[Any], Any]]] = [
     ("reset", ("modes", 1, "plant", "parameters", 1, "max"), lambda value: 3.2),
     ("reset", ("modes", 0, "decays", "decay"), lambda value: 0.99),
     ("reset", ("modes", 1, "decays", "multiplier"), lambda value: 0.0),
+    ("reset", ("bounded", "outputs", 1), lambda value: value - 0.1),
+    ("reset", ("bounded", "setpoints", 1), lambda value: value + 3.0),
+    ("reset", ("bounded", "memories", 0, "total"), lambda value: 0.999 * value),
+    ("reset", ("bounded", "memories", 1, "sections", 2), lambda value: 0.999 * value),
+    ("tracking", ("bounded", "memories", 0, "samples"), lambda value: 20),
+    ("tracking", ("bounded", "memories", 0, "sections", 1), lambda value: 0.99 * value),
+    ("tracking", ("bounded", "memories", 1, "sections", 0), lambda value: 0.999 * value),
+    ("tracking", ("bounded", "memories", 1, "sections"), lambda value: value[:-1]),
     ("held", ("cycles", 0, "modes"), lambda value: value[1:] + value[0]),
     ("held", ("cycles", 0, "parts"), lambda value: value.replace("+", "0")),
     ("held", ("cycles", 0, "setpoint"), lambda value: value + 3.0),
@@ -110,6 +122,33 @@ def test_a_change_by_somebody_who_knows_the_digest_is_refused(
     assert refused(document, memory)
 
 
+#: memory, and entries that are changed together with the verdict, the statements and the digest that follow from them
+CONSISTENT: dict[str, tuple[str, Callable[[SystemCertificate], SystemCertificate]]] = {
+    "a reason beside a proof": ("reset", lambda c: replace(c, reason="the loop is not stable")),
+    "no reason": ("held", lambda c: replace(c, reason="")),
+    "another reason": ("held", lambda c: replace(c, reason="nothing was tried")),
+    "setpoints in no order": ("reset", lambda c: replace(c, setpoints=(SETPOINTS[1], SETPOINTS[0]))),
+    "setpoints that are not covered": ("reset", lambda c: replace(c, setpoints=(SETPOINTS[0], 50.0))),
+    "another name": ("reset", lambda c: replace(c, name="bicycle")),
+    "an orbit twice": ("held", lambda c: replace(c, cycles=(c.cycles[0], *c.cycles))),
+    "no orbit, and no reason": ("held", lambda c: replace(c, cycles=(), reason="")),
+}
+
+
+@pytest.mark.parametrize("name", CONSISTENT)
+def test_a_false_detail_that_agrees_with_the_others_is_refused(name: str) -> None:
+    memory, change = CONSISTENT[name]
+    assert refused(to_document(change(switched.certificate(memory))), memory)
+
+
+def test_another_text_of_the_system_is_told() -> None:
+    other = replace(switched.certificate("reset"), system_sha256=64 * "0")
+    found = recheck_system(other, switched.car("reset"), switched.GAINS)
+    assert found.accepted
+    assert "another text" in found.notes[0]
+    assert recheck_system(switched.certificate("reset"), switched.car("reset"), switched.GAINS).notes == ()
+
+
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
@@ -128,7 +167,11 @@ def test_a_change_by_somebody_who_knows_the_digest_is_refused(
         (("modes", 0, "decays", "matrix"), [[1.0, 2.0]], "no lower triangle"),
         (("modes", 0, "decays", "matrix"), 3, "no lower triangle"),
         (("settling", "samples"), 10**9, "must be from 1"),
+        (("reason",), "it is late", "must say why settling is not proved"),
+        (("unbounded",), "all of it", "must say what is not bounded"),
         (("settling", "samples"), None, "must be from 1"),
+        (("bounded", "memories"), [], "must be two"),
+        (("bounded", "memories", 0, "samples"), 0, "must be from 1"),
     ],
 )
 def test_what_is_no_certificate_is_told(path: tuple[Any, ...], value: Any, words: str) -> None:
@@ -155,12 +198,21 @@ def test_a_certificate_of_another_system_is_told() -> None:
     assert "other controllers" in found.problems[0]
 
 
+def test_another_text_of_the_system_is_noted() -> None:
+    sound = switched.certificate("reset")
+    assert recheck_system(sound, switched.car("reset"), switched.GAINS).notes == ()
+    of_before = recheck_system(replace(sound, system_sha256="0" * 64), switched.car("reset"), switched.GAINS)
+    assert of_before.accepted
+    assert "another text of this system" in of_before.notes[0]
+
+
 def test_statements_about_a_model_that_the_methods_do_not_handle_are_refused() -> None:
     for memory in ("reset", "held"):
         sound = switched.certificate(memory)
-        late = tuple(replace(loop, delay_samples=1.0) for loop in sound.model.loops)
-        found = recheck_system(replace(sound, model=replace(sound.model, loops=(late[0], late[1]))))
-        assert len(found.problems) == 2 + len(sound.cycles) + (sound.settling is not None)
+        late = tuple(replace(loop, delay_samples=1.5) for loop in sound.model.loops)
+        model = replace(sound.model, loops=(late[0], late[1]))
+        found = recheck_system(replace(sound, model=model, reason=model.obstacle if sound.reason else ""))
+        assert len(found.problems) == 3 + len(sound.cycles) + (sound.settling is not None)
 
 
 def test_a_recheck_needs_no_solver() -> None:

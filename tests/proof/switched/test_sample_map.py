@@ -13,6 +13,7 @@ from fopi_tune.proof.switched.model import SwitchedModel, lag_at
 from fopi_tune.proof.switched.sample_map import sample_map
 from fopi_tune.simulation.sampled.simulate import simulate
 from fopi_tune.simulation.scenario import (
+    Actuator,
     Hybrid,
     InactiveController,
     InitialInput,
@@ -32,6 +33,7 @@ MEMORIES = {
 
 
 def simulated(model: SwitchedModel, memory: str, setpoint: float, tau: float) -> Traces:
+    delay = model.loops[0].delay_samples
     points = (np.zeros((1, 0)), np.array([[tau]]))
     modes = [
         Mode(each.controller, Plants.members(each.plant, at)) for each, at in zip(model.loops, points, strict=True)
@@ -39,7 +41,10 @@ def simulated(model: SwitchedModel, memory: str, setpoint: float, tau: float) ->
     start = Start(25.0, InitialInput.REST, bumpless=True)
     hybrid = Hybrid(model.hysteresis, MEMORIES[memory])
     signals = Signals(np.full(SAMPLES, setpoint))
-    return simulate(modes, Scenario(model.sample_time_s, signals, start=start, hybrid=hybrid))
+    return simulate(
+        modes,
+        Scenario(model.sample_time_s, signals, start=start, hybrid=hybrid, actuator=Actuator(delay_samples=delay)),
+    )
 
 
 def mapped(model: SwitchedModel, setpoint: float, tau: float) -> tuple[np.ndarray, np.ndarray]:
@@ -52,9 +57,11 @@ def mapped(model: SwitchedModel, setpoint: float, tau: float) -> tuple[np.ndarra
             for begins in (False, True):
                 found = sample_map(model, lags, arb(setpoint), mode, part, begins)
                 known[mode, part, begins] = midpoints(found.matrix), midpoints(found.demand)[0]
-    z = np.zeros(sum(model.sizes) + 2)
+    z = np.zeros(len(known[0, "0", False][0]))
     # at rest at 25 km/h
     z[0], z[-1], z[1] = 25.0, 1.0, 25.0 * 0.1746 / 4.39
+    if model.loops[0].delay_samples:
+        z[-2] = z[1]
     mode, outputs, modes = 0, [], []
     for _ in range(SAMPLES):
         before = mode
@@ -71,9 +78,12 @@ def mapped(model: SwitchedModel, setpoint: float, tau: float) -> tuple[np.ndarra
 
 
 @pytest.mark.parametrize("memory", MEMORIES)
-@pytest.mark.parametrize(("setpoint", "tau"), [(6.0, 3.1), (12.0, 1.6), (20.0, 2.25)])
-def test_the_maps_are_the_simulation(memory: str, setpoint: float, tau: float) -> None:
-    model = switched.model(memory)
+@pytest.mark.parametrize(
+    ("setpoint", "tau", "delay"),
+    [(6.0, 3.1, 0.0), (12.0, 1.6, 0.0), (20.0, 2.25, 0.0), (6.0, 3.1, 0.35), (12.0, 1.6, 1.0)],
+)
+def test_the_maps_are_the_simulation(memory: str, setpoint: float, tau: float, delay: float) -> None:
+    model = switched.model(memory, delay)
     traces, (outputs, modes) = simulated(model, memory, setpoint, tau), mapped(model, setpoint, tau)
     assert np.array_equal(traces.mode[0], modes)
     assert len(set(modes.tolist())) == 2

@@ -70,3 +70,29 @@ def test_an_unstable_loop_has_no_proof() -> None:
     loop = switched.model("reset").loops[0]
     strong = replace(loop.controller, direct=50.0)
     assert prove_saturated_loop(replace(loop, controller=strong), 0.2) is None
+
+
+@pytest.mark.parametrize("delay", [0.4, 1.0])
+def test_a_late_control_shrinks_as_stated(delay: float) -> None:
+    proof, loop = switched.certificate("reset", delay).loops[1], switched.model("reset", delay).loops[1]
+    assert proof is not None
+    assert verify_saturated_loop(loop, 0.2, proof)
+    assert not verify_saturated_loop(replace(loop, delay_samples=0.0), 0.2, proof)
+    c, p, rng = loop.controller, full(proof), np.random.default_rng(3)
+    poles, residues, weights = (np.array(row) for row in (c.poles, c.residues, c.weights))
+    for _ in range(50):
+        x, y, last = (
+            rng.normal(size=len(poles)) * 10.0 ** rng.uniform(-2, 1),
+            rng.uniform(-50.0, 50.0),
+            rng.uniform(-1, 0),
+        )
+        for _ in range(40):
+            z = np.array([y + 0.4, x[0] + 0.4, *x[1:], last + 0.4])
+            v = c.direct * (-0.4 - y) + x.sum()
+            u = min(max(v, -1.0), 0.0)
+            x = poles * (x + weights * c.tracking_gain * (u - v)) + residues * (-0.4 - y)
+            for control, part in ((last, delay), (u, 1.0 - delay)):
+                y += -np.expm1(-0.2 * part / rng.uniform(1.6, 3.1)) * (control - y)
+            last = u
+            after = np.array([y + 0.4, x[0] + 0.4, *x[1:], last + 0.4])
+            assert after @ p @ after <= proof.decay**2 * (z @ p @ z) * (1.0 + 1e-9)

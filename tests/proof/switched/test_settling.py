@@ -16,8 +16,8 @@ MEMORIES = ("reset", "tracking")
 UNDERSHOOT = {"reset": 4.994, "tracking": 5.24}
 
 
-def proof_of(memory: str) -> SettlingProof:
-    proof = switched.certificate(memory).settling
+def proof_of(memory: str, delay: float = 0.0) -> SettlingProof:
+    proof = switched.certificate(memory, delay).settling
     assert proof is not None
     return proof
 
@@ -52,9 +52,11 @@ def test_false_statements_are_refused(memory: str) -> None:
     assert verify_settling(switched.model("held"), proof) is None
 
 
-@pytest.mark.parametrize("memory", MEMORIES)
-def test_no_simulation_contradicts(memory: str) -> None:
-    model, proof, rng = switched.model(memory), proof_of(memory), np.random.default_rng(7)
+@pytest.mark.parametrize(
+    ("memory", "delay"), [("reset", 0.0), ("tracking", 0.0), ("reset", 0.4), ("tracking", 1.0), ("reset", 1.0)]
+)
+def test_no_simulation_contradicts(memory: str, delay: float) -> None:
+    model, proof, rng = switched.model(memory, delay), proof_of(memory, delay), np.random.default_rng(7)
     lanes, samples = 500, 3000
     setpoint = rng.uniform(*proof.setpoints, lanes)
     throttle = -np.expm1(-0.2 * 0.1746), 4.39 / 0.1746
@@ -70,7 +72,7 @@ def test_no_simulation_contradicts(memory: str) -> None:
         output = setpoint + rng.uniform(0.5, 20.0, lanes)
         memories, mode = [np.zeros((size, lanes)) for size in model.sizes], np.zeros(lanes, dtype=np.int64)
         memories[0][0] = output / throttle[1]
-    found = run(model, setpoint, output, mode, memories, throttle, brake)
+    found = run(model, setpoint, output, mode, memories, throttle, brake, delay=delay)
     switches = np.sum(found.mode[1:] != found.mode[:-1], axis=0)
     assert switches.max() <= 3
     back = (found.mode[1:] == 0) & (found.mode[:-1] == 1)
@@ -82,3 +84,15 @@ def test_no_simulation_contradicts(memory: str) -> None:
             error = setpoint[lane] - found.y[first:, lane]
             assert error.max() <= proof.undershoot
             assert -error.min() <= proof.overshoot
+
+
+@pytest.mark.parametrize("memory", MEMORIES)
+def test_a_computing_delay_makes_the_undershoot_larger(memory: str) -> None:
+    bounds = [proof_of(memory, delay).undershoot for delay in (0.0, 0.4, 1.0)]
+    assert bounds == sorted(bounds)
+    assert bounds[2] > bounds[0] + 0.5
+
+
+def test_a_proof_for_one_delay_does_not_hold_for_another() -> None:
+    assert verify_settling(switched.model("reset", 0.4), proof_of("reset")) is None
+    assert verify_settling(switched.model("reset"), proof_of("reset", 0.4)) is None

@@ -8,6 +8,7 @@ import pytest
 from cases import switched
 
 from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.proof.switched.bounded_search import prove_bounded
 from fopi_tune.proof.switched.settling import verify_settling
 from fopi_tune.proof.switched.settling_search import prove_settling
 
@@ -61,3 +62,26 @@ def test_a_throttle_that_overshoots_is_proved_only_where_it_does_not_reach_the_b
     assert found.proof.overshoot < model.hysteresis
     assert found.reason == f"above {10.5:g}: the output overshoots by the hysteresis"
     assert prove_settling(model, (12.0, 22.0)).proof is None
+
+
+def test_a_brake_without_limits_is_named() -> None:
+    model = switched.model("reset")
+    throttle, brake = model.loops
+    free = replace(brake, controller=replace(brake.controller, limits=(-1.7e308, 1.7e308)))
+    found = prove_settling(replace(model, loops=(throttle, free)), None)
+    assert found.proof is None
+    assert found.reason.startswith("brake: without output_limits")
+
+
+def test_the_smallest_limits_and_setpoints_are_no_error() -> None:
+    model = switched.model("tracking")
+    throttle, brake = model.loops
+    tiny = replace(throttle, controller=replace(throttle.controller, limits=(0.0, 1e-323)))
+    small = replace(model, loops=(tiny, replace(brake, controller=replace(brake.controller, limits=(-1e-323, 0.0)))))
+    bounded = prove_bounded(small, None).proof
+    assert bounded is not None
+    assert bounded.outputs[0] < 0.0 < bounded.outputs[1] < 1e-299
+    # an overshooting loop's responses vanish below the smallest double: no warning, and no proof
+    found = prove_settling(small, None)
+    assert found.proof is None
+    assert found.reason.startswith("no setpoint: ")

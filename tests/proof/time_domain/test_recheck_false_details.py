@@ -63,14 +63,22 @@ def test_a_witness_within_the_limit_is_found(cases: list[TimeDomainCase]) -> Non
     assert "does not miss the limit" in recheck_limit(cases[2], replace(refuted, value=0.0005))[0]
 
 
+def test_a_tolerance_of_its_own_is_found(cases: list[TimeDomainCase]) -> None:
+    wide = prove_limit(cases[1], tolerance=1e-3)
+    assert recheck_limit(cases[1], wide) == ()
+    assert scenario_problems([ScenarioProof(0, cases[1], wide)], 1e-6) == [
+        "scenarios[0]: its tolerance 0.001 is not the certificate's"
+    ]
+
+
 def test_a_requirement_that_is_left_out_is_found(cases: list[TimeDomainCase]) -> None:
     proofs = [ScenarioProof(index, cases[1], prove_limit(cases[1])) for index in (0, 1)]
-    assert scenario_problems(proofs) == []
-    assert scenario_problems([replace(proofs[1], index=2), proofs[0]]) == [
+    assert scenario_problems(proofs, 1e-6) == []
+    assert scenario_problems([replace(proofs[1], index=2), proofs[0]], 1e-6) == [
         "scenarios: requirement 2 stands where requirement 0 is expected",
         "scenarios: requirement 0 stands where requirement 3 is expected",
     ]
-    assert "requirement 1 stands where requirement 0" in scenario_problems(proofs[1:])[0]
+    assert "requirement 1 stands where requirement 0" in scenario_problems(proofs[1:], 1e-6)[0]
 
 
 def test_a_scenario_judged_from_before_its_start_is_none(cases: list[TimeDomainCase]) -> None:
@@ -78,7 +86,7 @@ def test_a_scenario_judged_from_before_its_start_is_none(cases: list[TimeDomainC
     implementation = Implementation(case_sections(case), case.delay_samples)
     entries = scenario_entries([ScenarioProof(0, case, prove_limit(case))])
     read = read_scenario_proofs([JsonObject(entries[0], "scenarios[0]")], case.family, implementation)
-    assert scenario_problems(read) == []
+    assert scenario_problems(read, 1e-6) == []
     for judged in (-0.1, 30.0):
         entries[0]["scenario"]["judged_from_s"] = judged
         with pytest.raises(CertificateError, match="judged_from_s"):

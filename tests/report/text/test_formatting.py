@@ -10,7 +10,7 @@ import pytest
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins
 from fopi_tune.core.plant import Plant
-from fopi_tune.report.text.formatting import TIE, drawn_phrase, endless_phrase, margins_phrase
+from fopi_tune.report.text.formatting import TIE, drawn_phrase, endless_phrase, gains_lines, margins_phrase
 from fopi_tune.results.documents import margins_dict
 
 LAG = Plant((1.0,), (1.0, 1.0))
@@ -104,3 +104,13 @@ def test_no_number_that_is_infinite_reaches_the_json_and_a_flag_stays_one() -> N
     assert stable["angles_from_minus_one_deg"] == pytest.approx([60.0])
     assert unstable["phase_margin_deg"] is unstable["gain_margin_db"] is endless["phase_margin_deg"] is None
     assert not any(isinstance(value, float) and math.isinf(value) for value in endless.values())
+
+
+def test_long_gains_do_not_touch_their_formula() -> None:
+    short, long, longest = FoPi(0.09, 0.025, 0.8), FoPi(0.010885, 0.23023, 0.79673), FoPi(1.0885e-5, 2.3023e-5, 0.79673)
+    lines = [line for line, _ in gains_lines({"throttle": short, "brake": long, "other": longest})]
+    assert lines == [
+        "throttle  kp = 0.09   ki = 0.025   alpha = 0.8          C(s) = kp + ki / s^alpha",
+        "brake     kp = 0.010885  ki = 0.23023  alpha = 0.79673  C(s) = kp + ki / s^alpha",
+        "other     kp = 1.0885e-05   ki = 2.3023e-05   alpha = 0.79673",
+    ]

@@ -161,22 +161,27 @@ class ByScipy:
         """Jump times, and the output at the end."""
         memory = {m: np.zeros(len(self.car.loop(m).integral.poles)) for m in Mode}
         events: list[float] = []
-        state = np.append(y, memory[mode])
+        state, free_at = np.append(y, memory[mode]), 0.0
         for corner, until in zip(self.reference, [*(c.time_s for c in self.reference[1:]), end], strict=True):
             t = corner.time_s
             while t < until:
-                if mode.outwards * (state[0] - self.at(t)[0]) >= self.car.eps:
+                if t < free_at:
+                    t, state, hit = self.flow(mode, corner, t, min(until, free_at), state, watched=False)
+                elif mode.outwards * (state[0] - self.at(t)[0]) >= self.car.eps:
                     hit = True
                 else:
                     t, state, hit = self.flow(mode, corner, t, until, state)
                 if hit:
                     events.append(t)
+                    free_at = t + self.car.min_dwell_s
                     memory[mode], mode = state[1:], mode.other
                     kept = memory[mode] if self.car.memory is Memory.HELD else 0.0 * memory[mode]
                     state = np.append(state[0], kept)
         return events, state
 
-    def flow(self, mode: Mode, corner: Corner, t: float, until: float, state: Array) -> tuple[float, Array, bool]:
+    def flow(
+        self, mode: Mode, corner: Corner, t: float, until: float, state: Array, watched: bool = True
+    ) -> tuple[float, Array, bool]:
         pedal = self.car.loop(mode)
         poles = np.array(pedal.integral.poles)
 
@@ -191,8 +196,9 @@ class ByScipy:
 
         line.terminal = True  # type: ignore[attr-defined]
         found: Any = solve_ivp(
-            rate, (t, until), state, method="DOP853", events=line, rtol=1e-12, atol=1e-13, max_step=0.05
-        )
+            rate, (t, until), state, method="DOP853", events=line if watched else None, rtol=1e-12, atol=1e-13,
+            max_step=0.05,
+        )  # fmt: skip
         return float(found.t[-1]), found.y[:, -1], found.status == 1
 
 
@@ -230,6 +236,35 @@ def test_events_agree_with_an_integrator_at_tight_tolerances(limited: bool) -> N
         assert run.output[0] == pytest.approx(state[0], abs=10.0 * tolerance)
         jumps += len(events)
     assert jumps > 20
+
+
+@pytest.mark.parametrize("dwell", [1.0, 3.0])
+def test_events_after_a_minimum_dwell_agree_with_an_integrator(dwell: float) -> None:
+    jumps, waited = 0, 0
+    for seed in range(6):
+        plain, corners, start = random_case(seed, True)
+        car = replace(plain, min_dwell_s=dwell)
+        run = simulate_hybrid(car, corners, 18.0, np.linspace(0.0, 18.0, 2001), start=start)
+        events, state = ByScipy(car, corners).run(start.output, start.mode, 18.0)
+        # as above; where the dwell ends the jump's time is exact
+        np.testing.assert_allclose(times_of(run), events, rtol=0.0, atol=1e-8, err_msg=str(seed))
+        assert run.output[-1] == pytest.approx(state[0], abs=1e-7)
+        gaps = np.diff(times_of(run))
+        assert np.all(gaps >= dwell - 1e-12)
+        jumps, waited = jumps + len(events), waited + int(np.sum(gaps < dwell + 1e-9))
+    assert jumps > 8
+    assert waited > 1
+
+
+def test_without_a_dwell_the_run_is_the_same_to_the_last_bit() -> None:
+    car, corners, start = random_case(3, True)
+    one, two = (
+        simulate_hybrid(each, corners, 18.0, np.linspace(0.0, 18.0, 50), start=start)
+        for each in (car, replace(car, min_dwell_s=0.0))
+    )
+    assert one.output.tobytes() == two.output.tobytes()
+    with pytest.raises(DomainError, match="min_dwell_s"):
+        replace(car, min_dwell_s=math.nan)
 
 
 # --- no event is missed --------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ import pytest
 import scipy.signal
 import scipy.special
 from cases.project import ROOT
+from cases.thinned import thinned
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
@@ -121,7 +122,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.long), 3])
 @pytest.mark.parametrize("case", CASES)
 def test_the_kernel_computes_what_the_plain_simulation_does(case: str, order: int) -> None:
     for direct in (False, True):
@@ -132,7 +133,7 @@ def test_the_kernel_computes_what_the_plain_simulation_does(case: str, order: in
 
 
 @pytest.mark.parametrize("inactive", InactiveController)
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", thinned(CASES))
 def test_a_hybrid_loop_switches_in_the_kernel_as_in_the_plain_simulation(
     case: str, inactive: InactiveController
 ) -> None:
@@ -145,6 +146,43 @@ def test_a_hybrid_loop_switches_in_the_kernel_as_in_the_plain_simulation(
         assert_same_traces(traces, plainly(modes, scenario))
         assert set(np.unique(traces.mode)) == {1, 2}
     assert_same_measures(modes, scenario)
+
+
+@pytest.mark.parametrize("inactive", InactiveController)
+@pytest.mark.parametrize("case", ["noisy", "late and slow"])
+def test_a_mode_stays_for_its_minimum_dwell_and_may_be_left_just_then(case: str, inactive: InactiveController) -> None:
+    modes, shortest = [Mode(THROTTLE, throttle_plants(18)), Mode(BRAKE, brake_plants(18))], []
+    for dwell in (0, 2, 7):
+        # narrow enough for the noise to cross it at almost every sample
+        hybrid = Hybrid(0.05, inactive, 1, 3, 1.5, dwell)
+        scenario = dataclasses.replace(CASES[case], hybrid=hybrid)
+        traces = simulate(modes, scenario)
+        assert_same_traces(traces, plainly(modes, scenario))
+        gaps = [np.diff(np.flatnonzero(np.diff(row))) for row in traces.mode]
+        shortest.append(int(np.concatenate(gaps).min()))
+    assert shortest[1:] == [2, 7]
+    assert shortest[0] == 1 or case != "noisy"
+    assert_same_measures(modes, scenario)
+
+
+@pytest.mark.parametrize("dwell", [0, 1])
+def test_a_dwell_of_a_sample_changes_nothing(dwell: int) -> None:
+    modes = [Mode(THROTTLE, throttle_plants(18)), Mode(BRAKE, brake_plants(18))]
+    plain = dataclasses.replace(CASES["noisy"], hybrid=Hybrid(0.05))
+    dwelling = dataclasses.replace(CASES["noisy"], hybrid=Hybrid(0.05, min_dwell_samples=dwell))
+    assert_identical(measure(modes, plain, Horizon(0.5)), measure(modes, dwelling, Horizon(0.5)))
+
+
+def test_the_first_mode_may_be_left_at_once_and_the_next_one_not() -> None:
+    modes = [Mode(THROTTLE, throttle_plants(3)), Mode(BRAKE, brake_plants(3))]
+    scenario = Scenario(
+        TS,
+        Signals(np.array([10.0] * 2 + [40.0] * 28)),
+        start=Start(30.0, InitialInput.FREE),
+        hybrid=Hybrid(0.5, min_dwell_samples=10),
+    )
+    # above the line at 0, below the other one from sample 2 on
+    np.testing.assert_array_equal(simulate(modes, scenario).mode, np.tile([2] * 10 + [1] * 20, (3, 1)))
 
 
 def assert_same_measures(modes: list[Mode], scenario: Scenario) -> None:
@@ -645,6 +683,7 @@ def test_no_plants_give_empty_measures_and_one_sample_gives_one() -> None:
         (lambda: Hybrid(-0.1), "half_width"),
         (lambda: Hybrid(0.1, first=3), "first mode"),
         (lambda: Hybrid(0.1, most_switches=0), "most_switches"),
+        (lambda: Hybrid(0.1, min_dwell_samples=-1), "min_dwell_samples"),
         (lambda: Horizon(np.nan), "band"),
         (lambda: Scenario(0.0, Signals(np.ones(2))), "sample_time_s"),
         (lambda: Mode(Runtime.of(Sections(TS, 1.0, (), ()), Precision.FLOAT32), ONE), "float64"),

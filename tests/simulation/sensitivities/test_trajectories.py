@@ -160,14 +160,14 @@ SCENARIOS = {
 }
 
 
-@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.long), 3])
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_signals_and_derivatives_of_plants_of_every_order(name: str, order: int) -> None:
     for gains in GAINS[: 5 if order == 1 else 2]:
         assert_right(spec_of(), gains, plants_of(order), SCENARIOS[name])
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_direct_path_and_dead_times_that_differ(name: str, order: int) -> None:
     assert_right(spec_of(), FoPi(0.4, 0.2, 0.9), plants_of(order, direct=True), SCENARIOS[name])
@@ -208,8 +208,8 @@ def test_an_actuator_at_its_rate_has_the_derivative_of_its_last_control() -> Non
 @pytest.mark.parametrize(
     "digital",
     [
-        "poles: 7, band_rad_s: [1.0e-4, 100]",
-        "poles: 5, method: modified_oustaloup",
+        pytest.param("poles: 7, band_rad_s: [1.0e-4, 100]", marks=pytest.mark.long),
+        pytest.param("poles: 5, method: modified_oustaloup", marks=pytest.mark.long),
         "poles: 4, rule: matched",
         "poles: 5, method: modified_oustaloup, rule: matched",
         "poles: 5, prewarp: crossover",

@@ -1,0 +1,138 @@
+"""A system of two controllers as C99:  both digital controllers, how they take turns -> {file name: text}.
+
+A system's `step` calls the functions of both modes, which are those of `export_c`.  The arithmetic is
+`switched_runtime`'s.  Equal inputs give equal bytes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from fopi_tune.digital.export_c import (
+    ControllerCode,
+    Export,
+    c_type,
+    code_files,
+    controller_code,
+    identifier_of,
+    literal,
+    replay_files,
+    sanitized,
+    with_export_id,
+)
+from fopi_tune.digital.realise import Precision
+from fopi_tune.digital.switched_runtime import Memory, SwitchedRuntime, Switching
+from fopi_tune.digital.system_vectors import COLUMNS, system_operations, system_vector_table
+
+#: largest length of a description
+_DESCRIPTION = 600
+_MEMORY = {
+    Memory.HELD: "held as it was",
+    Memory.TRACKING: "tracks the output of the active one, within its own limits",
+    Memory.RESET: "starts anew, at an output of 0, when its mode is entered",
+}
+
+
+@dataclass(frozen=True)
+class SystemExport:
+    """What is exported.
+
+    Args:
+        name: of the system; letters, digits, dot, underscore and hyphen, at most 64.
+        description: of the system; any text.
+        system_sha256: of the system's file and its specs.
+        tool: name and version of what makes the files.
+        modes: of mode 1 and mode 2, with the same sample time.
+        mode_names: throttle and brake; each a name in C.
+        switching: how they take turns.
+        min_dwell_s: as the system says it, s; rounded up in `switching`.
+    """
+
+    name: str
+    description: str
+    system_sha256: str
+    tool: str
+    modes: tuple[Export, Export]
+    mode_names: tuple[str, str]
+    switching: Switching
+    min_dwell_s: float = 0.0
+
+
+def export_system_c(export: SystemExport) -> dict[str, str]:
+    """The files: in double and in float a header and a source for the system and for each mode; test vectors, a program
+    that replays them, and a Makefile.
+
+    Args:
+        export: the controllers, how they take turns, and what the headers say.
+
+    Raises:
+        DomainError: an invalid name, empty limits, a controller that is unusable after rounding, or a half-width that a
+            precision does not hold.
+    """
+    identifier = identifier_of(export.name)
+    files: dict[str, str] = {}
+    pairs, stems = [], []
+    for precision in Precision:
+        prefix = f"fopi_{identifier}_{c_type(precision)['suffix']}"
+        codes = [
+            controller_code(mode, precision, f"{identifier}_{name}", prefix)
+            for mode, name in zip(export.modes, export.mode_names, strict=True)
+        ]
+        pair = SwitchedRuntime((codes[0].runtime, codes[1].runtime), export.switching)
+        files |= code_files("system", with_export_id(_values(export, pair, prefix, codes)))
+        for code in codes:
+            files |= code.files
+        pairs.append(pair)
+        stems += [prefix, *(code.prefix for code in codes)]
+    files["test_vectors.csv"] = system_vector_table(pairs[0], pairs[1], system_operations(pairs[0]))
+    return files | replay_files(identifier, stems, COLUMNS, pair=True)
+
+
+def _values(export: SystemExport, pair: SwitchedRuntime, prefix: str, codes: list[ControllerCode]) -> dict[str, Any]:
+    """What the templates name."""
+    kind, digital = c_type(pair.precision), export.modes[0].controller.digital
+    return {
+        **kind,
+        "prefix": prefix,
+        "macro": prefix.upper(),
+        "name": export.name,
+        "description": sanitized(export.description, _DESCRIPTION),
+        "sha256": sanitized(export.system_sha256),
+        "tool": sanitized(export.tool),
+        "sample_time": digital.sample_time_s,
+        "delay_samples": digital.delay_samples,
+        "measurement_unit": sanitized(export.modes[0].units.measurement) or "unit not given",
+        "modes": [_mode(export, index, code) for index, code in enumerate(codes)],
+        "first": 1 + export.switching.first,
+        "half_width": (literal(pair.half_width, kind["literal"]), repr(pair.half_width)),
+        "dwell": export.switching.min_dwell_samples,
+        "dwell_text": _dwell(export),
+        "memory": export.switching.memory.value,
+        "memory_text": _MEMORY[export.switching.memory],
+    }
+
+
+def _mode(export: SystemExport, index: int, code: ControllerCode) -> dict[str, Any]:
+    low, high = code.runtime.limits
+    return {
+        "name": export.mode_names[index],
+        "gains": export.modes[index].controller.gains,
+        "limits": "none" if export.modes[index].limits is None else f"{low!r} to {high!r}",
+        "prefix": code.prefix,
+        "macro": code.macro,
+        "export_id": code.export_id,
+    }
+
+
+def _dwell(export: SystemExport) -> str:
+    """The minimum dwell in words."""
+    count = export.switching.min_dwell_samples
+    if count <= 1:
+        return "none; a mode may be left at the next sample"
+    seconds = count * export.modes[0].controller.digital.sample_time_s
+    rounded = (
+        "" if abs(seconds - export.min_dwell_s) <= 1e-6 * seconds else f", rounded up from {export.min_dwell_s:g} s"
+    )
+    told = f"a mode stays at least {count} samples after it was entered, {seconds:.6g} s{rounded}"
+    return f"{told}; the first may be left at once"

@@ -1,0 +1,174 @@
+"""Two controllers that take turns, in NumPy:  the same operations and roundings as the exported C of a system.
+
+Mode 0 (throttle) raises the output and mode 1 (brake) lowers it.  At a sample, with the half-width eps,
+
+    mode 0 -> 1 when measurement >= setpoint + eps,      1 -> 0 when measurement <= setpoint - eps,                  (1)
+
+if the active mode was entered by a change at least `min_dwell_samples` samples ago; the first one may be left at once.
+Then the active controller steps as in `runtime`.  The other one's memory is held, tracks the active one's output within
+its own limits, or starts anew, at an output of 0, when its mode is entered.
+
+At a sample whose setpoint - measurement is not finite the mode is held, and both controllers hold too.  The time of the
+dwell goes on.
+
+Source: (1) is the hysteresis of the paper, with <= and >= as in `simulation.scenario`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.digital import runtime
+from fopi_tune.digital.realise import Precision
+from fopi_tune.digital.runtime import Op, Operation, Runtime, State
+from fopi_tune.errors import DomainError
+
+
+class Memory(StrEnum):
+    """What the inactive controller remembers; the value is the word in a system's file."""
+
+    HELD = "held"
+    TRACKING = "tracking"
+    RESET = "reset"
+
+
+@dataclass(frozen=True)
+class Switching:
+    """How two controllers take turns.
+
+    Args:
+        hysteresis: eps, half-width around the setpoint, in the measurement's unit.
+        memory: of the inactive controller.
+        min_dwell_samples: from one change of the mode to the next at least; 0 and 1 are any.
+        first: the mode to start in, 0 or 1.
+    """
+
+    hysteresis: float
+    memory: Memory = Memory.HELD
+    min_dwell_samples: int = 0
+    first: int = 0
+
+
+@dataclass(frozen=True)
+class SwitchedRuntime:
+    """Both controllers with the numbers that their target stores.
+
+    Args:
+        controllers: of mode 0 and mode 1, in one precision.
+        switching: how they take turns.
+
+    Raises:
+        DomainError: a half-width that the precision does not hold, a dwell below 0, or no such first mode.
+    """
+
+    controllers: tuple[Runtime, Runtime]
+    switching: Switching
+
+    def __post_init__(self) -> None:
+        wanted = self.switching
+        if not 0.0 <= self.half_width < np.inf:
+            raise DomainError(f"hysteresis {wanted.hysteresis!r} must be a number of {self.precision.value} and >= 0")
+        if wanted.min_dwell_samples < 0 or wanted.first not in (0, 1):
+            raise DomainError(f"{wanted}: the dwell must be at least 0 and the first mode 0 or 1")
+
+    @property
+    def precision(self) -> Precision:
+        """Of all numbers."""
+        return self.controllers[0].precision
+
+    @property
+    def half_width(self) -> float:
+        """eps, rounded to the precision."""
+        with np.errstate(over="ignore"):
+            return float(self.precision.dtype(self.switching.hysteresis))
+
+
+@dataclass(frozen=True, eq=False)
+class SwitchedState:
+    """What the pair remembers.
+
+    Args:
+        mode: the active one, 0 or 1.
+        stayed: samples since it was entered, at most the minimum dwell.
+        controllers: states of both controllers.
+    """
+
+    mode: int
+    stayed: int
+    controllers: tuple[State, State]
+
+    @property
+    def output(self) -> np.floating:
+        """The last output."""
+        return self.controllers[self.mode].output
+
+
+def init(pair: SwitchedRuntime) -> SwitchedState:
+    """The state to start from: the first mode at output 0, or the limit next to it."""
+    return reset(pair, 0.0)
+
+
+def reset(pair: SwitchedRuntime, output: float) -> SwitchedState:
+    """The first mode at rest at an output, and the other controller as after `init`.
+
+    Args:
+        pair: both controllers.
+        output: taken within the first mode's limits; 0 in place of one that is not finite.
+    """
+    first, states = pair.switching.first, [runtime.init(controller) for controller in pair.controllers]
+    states[first] = runtime.reset(pair.controllers[first], output)
+    return SwitchedState(first, pair.switching.min_dwell_samples, (states[0], states[1]))
+
+
+def step(pair: SwitchedRuntime, state: SwitchedState, setpoint: float, measurement: float) -> SwitchedState:
+    """One sample; `output` of what is returned goes to the actuator."""
+    switching, controllers = pair.switching, pair.controllers
+    mode, stayed = state.mode, min(state.stayed + 1, switching.min_dwell_samples)
+    memories = list(state.controllers)
+    if stayed >= switching.min_dwell_samples and _is_crossed(pair, mode, setpoint, measurement):
+        mode, stayed = 1 - mode, 0
+        if switching.memory is Memory.RESET:
+            memories[mode] = runtime.init(controllers[mode])
+    memories[mode] = runtime.step(controllers[mode], memories[mode], setpoint, measurement)
+    if switching.memory is Memory.TRACKING:
+        idle, applied = 1 - mode, float(memories[mode].output)
+        memories[idle] = runtime.track(controllers[idle], memories[idle], setpoint, measurement, applied)
+    return replace(state, mode=mode, stayed=stayed, controllers=(memories[0], memories[1]))
+
+
+@np.errstate(all="ignore")
+def _is_crossed(pair: SwitchedRuntime, mode: int, setpoint: float, measurement: float) -> bool:
+    """(1), in the precision."""
+    dtype = pair.precision.dtype
+    r, y, eps = dtype(setpoint), dtype(measurement), dtype(pair.half_width)
+    if not np.isfinite(r - y):
+        return False
+    return bool(y >= r + eps) if mode == 0 else bool(y <= r - eps)
+
+
+def replay(pair: SwitchedRuntime, operations: Iterable[Operation]) -> tuple[Array, np.ndarray]:
+    """The output and the mode (0 or 1) after each operation, from a fresh `init`; shape (n,) each.
+
+    Args:
+        pair: both controllers.
+        operations: without `track`, which a pair has not.
+
+    Raises:
+        DomainError: an operation is `track`.
+    """
+    state, outputs, modes = init(pair), [], []
+    for operation in operations:
+        if operation.op is Op.STEP:
+            state = step(pair, state, operation.setpoint, operation.measurement)
+        elif operation.op is Op.TRACK:
+            raise DomainError("a pair of controllers has no operation track; reset it to what was applied")
+        else:
+            state = init(pair) if operation.op is Op.INIT else reset(pair, operation.output)
+        outputs.append(float(state.output))
+        modes.append(state.mode)
+    return np.array(outputs), np.array(modes, dtype=np.int64)

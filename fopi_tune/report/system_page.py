@@ -1,0 +1,101 @@
+"""The page of what is proved of a system:  SystemCertificate -> system_report.html and its figures.
+
+Equal certificates give equal bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+
+from fopi_tune.proof.switched import SystemCertificate, SystemVerdict
+from fopi_tune.proof.switched.certificate import ASSUMPTIONS
+from fopi_tune.report.figures.picture import Picture
+from fopi_tune.report.figures.switched import orbit_picture, place_of, region_picture
+from fopi_tune.report.page import figure_files, render_figures, render_template
+from fopi_tune.report.text.formatting import number
+
+#: the page's file
+SYSTEM_REPORT = "system_report.html"
+#: what an undecided verdict still has
+_STILL = "What is still proved, and how far the proof came, is below."
+
+_FIGURES: Mapping[str, Callable[..., Picture | None]] = {
+    "orbit": orbit_picture,
+    "region": region_picture,
+}
+
+
+def system_report_files(certificate: SystemCertificate, unit: str = "") -> dict[str, str | bytes]:
+    """The page and its figures, by their names in the folder of results.
+
+    Args:
+        certificate: that was checked.
+        unit: of the output, which a certificate does not hold; empty where it is not known.
+
+    Returns:
+        Figures as text (SVG) and bytes (PNG), `system_report.html` last, as text.
+    """
+    figures = list(render_figures({name: partial(make, unit=unit) for name, make in _FIGURES.items()}, certificate))
+    verdict = certificate.verdict
+    still = f" {_STILL}" if verdict is SystemVerdict.UNDECIDED else ""
+    values = {
+        "name": certificate.name,
+        "unit": unit or "the output's unit",
+        "good": verdict is SystemVerdict.SETTLES,
+        "status": f"{verdict.value}. {verdict.advice}{still}",
+        "statements": [said for said in certificate.statements if not said.startswith("At setpoint")],
+        "orbits": list(_orbits(certificate)),
+        "bounds": list(_bounds(certificate)),
+        "assumptions": ASSUMPTIONS,
+        "model": list(_model(certificate, unit)),
+        "figures": figures,
+        "versions": ", ".join(f"{name} {version}" for name, version in certificate.versions.items()),
+        "system_sha256": certificate.system_sha256,
+    }
+    return {**figure_files(figures), SYSTEM_REPORT: render_template("system.html.jinja", values)}
+
+
+def _orbits(certificate: SystemCertificate) -> Iterator[tuple[str, ...]]:
+    """A row for each orbit: place, samples, period, least and largest deviation, and whether it attracts."""
+    for each in certificate.cycles:
+        samples = len(each.modes)
+        yield (
+            place_of(certificate, each),
+            str(samples),
+            f"{samples * certificate.model.sample_time_s:g}",
+            f"{each.lowest:+.4g}",
+            f"{each.highest:+.4g}",
+            "yes" if each.attracts else "not shown",
+        )
+
+
+def _bounds(certificate: SystemCertificate) -> Iterator[tuple[str, ...]]:
+    """A row for each mode whose memory is bounded: name, the sum's bound, those of the sections."""
+    if certificate.bounded is None:
+        return
+    for loop, bounds in zip(certificate.model.loops, certificate.bounded.memories, strict=True):
+        if bounds is not None:
+            yield loop.name, number(bounds.total), ", ".join(number(each) for each in bounds.sections)
+
+
+def _model(certificate: SystemCertificate, unit: str) -> Iterator[tuple[str, str]]:
+    """What the certificate is about."""
+    model = certificate.model
+    yield "sample time", f"{model.sample_time_s:g} s"
+    yield "hysteresis", f"{model.hysteresis:g}{' ' + unit if unit else ''} on both sides of the setpoint"
+    yield "inactive controller", model.memory.value
+    delay = model.loops[0].delay_samples
+    if delay:
+        yield "computing delay", f"{delay:g} of a sample" if delay < 1.0 else "one sample"
+    for loop in model.loops:
+        numbers = [
+            f"{name} = {value.nominal:g}" if value.is_exact else f"{name} from {value.min:g} to {value.max:g}"
+            for name, value in loop.plant.parameters.items()
+        ]
+        low, high = loop.controller.limits
+        yield (
+            loop.name,
+            f"plant {loop.plant.model}: {', '.join(numbers)}; control from {low:g} to {high:g}; "
+            f"{len(loop.controller.poles)} sections",
+        )
