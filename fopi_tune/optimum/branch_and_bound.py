@@ -22,11 +22,13 @@ from fopi_tune.optimum.pruning.crossover_suggestions import suggestions
 from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.pruning.joint_suggestions import combinations
 from fopi_tune.optimum.pruning.sample_points import (
+    WorstCasePoint,
     constant_reasons,
     first_reasons,
     further_reasons,
     meets_conditions,
     plants_to_try,
+    spread_reasons,
 )
 from fopi_tune.optimum.pruning.screen import Boxes, LinearBounds, ScreeningResult, ScreeningSamples
 from fopi_tune.optimum.tree import Node
@@ -46,9 +48,9 @@ _MOST_TRIED = 3
 _MOST_CROSSINGS = 2
 #: splits between attempts at claims that cost milliseconds
 _COSTLY_EVERY = 3
-#: a box whose widest side is this fraction of its root's is not split further
+#: a box whose widest side is this, on the parametrization's scale, is not split further
 _NARROWEST = 2.0**-26
-#: a side is split only if it is wider than this fraction of the widest side, both relative to the root
+#: a side is split only if it is wider than this fraction of the widest side, both on that scale
 _ASPECT = 0.1
 
 
@@ -93,6 +95,7 @@ class BranchAndBound:
         roots: of the trees.
         boxes_examined: so far.
         better: coordinates of a controller that seems to meet every condition.
+        tries_centres: whether such controllers are looked for.
     """
 
     problem: Problem
@@ -103,7 +106,9 @@ class BranchAndBound:
     progress: Progress | None = None
     boxes_examined: int = 0
     better: tuple[float, ...] | None = None
+    tries_centres: bool = True
     _open: list[Node] = field(default_factory=list)
+    _of_level: list[Reason] = field(default_factory=list)
     _samples: ScreeningSamples | None = None
     _hits: dict[int, int] = field(default_factory=dict)
 
@@ -127,7 +132,8 @@ class BranchAndBound:
         Boxes discarded for an earlier level stay discarded, unless their reason depends on the level and fails now.
         """
         self.problem = problem
-        self._samples = ScreeningSamples.of(problem, tuple(self.reasons))
+        self._of_level = spread_reasons(problem, self.points)
+        self._samples = ScreeningSamples.of(problem, (*self.reasons, *self._of_level))
         self._open = []
         for root in self.roots:
             for leaf in root.leaves():
@@ -149,9 +155,19 @@ class BranchAndBound:
                 self.progress(self.boxes_examined, len(self._open))
             if rounds % _REFINE_EVERY == 0 and left:
                 self._refine([node for node, _ in left])
-                if self._finds_better_controller(left):
+                if self.tries_centres and self._finds_better_controller(left):
                     return Termination.BETTER
         return Termination.SHOWN
+
+    def learn(self, places: list[WorstCasePoint]) -> None:
+        """Take the worst cases of a controller that only seemed to be better; where they are known, try no more."""
+        self.better = None
+        points = plants_to_try(self.problem, [*((None, point) for point in self.points), *places])
+        reasons = first_reasons(self.problem, points, places) if len(points) > len(self.points) else []
+        known = set(self.reasons)
+        new = [reason for reason in reasons if reason not in known]
+        self.tries_centres = bool(new) or len(points) > len(self.points)
+        self.points, self.reasons = points, self.reasons + new
 
     def _finds_better_controller(self, left: list[tuple[Node, float]]) -> bool:
         """Whether the centre of a box that violates no sample meets every condition."""
@@ -217,7 +233,7 @@ class BranchAndBound:
         simple = [
             Reason(k)
             for k, condition in enumerate(self.problem.conditions.every)
-            if condition.test is Test.GAIN and (condition.of_objective or not in_range)
+            if condition.test is Test.GAIN and not (in_range and condition.name == "kp")
         ] + constant_reasons(self.problem, self.points)
         return [row for row in rows if not any(self._discard(batch[row], reason) for reason in simple)]
 
@@ -240,10 +256,12 @@ class BranchAndBound:
             node = batch[row]
             own = sorted(by_row[k], key=lambda s: -s.ratio)
             if self.problem.margin_is_fixed and not self.problem.is_line(node.box):
-                own = [s for s in own if not self._is_cover(s)]
+                own = [s for s in own if not self._is_cover(s)]  # too expensive off the lines of the fixed margin
             by_row[k] = own
-            sure = [s for s in own if s.ratio > _WORTH][:_MOST_CROSSINGS]
-            if any(self._discard(node, s.reason) for s in sure):
+            sure = [s for s in own if s.ratio > _WORTH]
+            cheap = [s for s in sure if not self._is_cover(s)][:_MOST_CROSSINGS]
+            costly = [s for s in sure if self._is_cover(s)][:_MOST_CROSSINGS]
+            if any(self._discard(node, s.reason) for s in (*cheap, *costly)):
                 continue
             if own and own[0].axis >= 0 and own[0].ratio > ratios[row]:
                 axes[row], ratios[row] = own[0].axis, own[0].ratio
@@ -288,10 +306,11 @@ class BranchAndBound:
         return [row for row in rows if is_line(batch[row].box) or not self._discard(batch[row], Reason(place))]
 
     def _is_cover(self, suggestion: Suggestion) -> bool:
-        """Whether a claim covers the whole frequency axis: too expensive off the lines of the fixed margin."""
+        """Whether a claim covers the whole frequency axis, which is expensive."""
         condition = self.problem.conditions.every[suggestion.reason.condition]
         counted = condition.test is Test.STABILITY and suggestion.reason.omega
-        return condition.test is Test.CROSSOVER or bool(counted) or (condition.test is Test.MARGIN and condition.upper)
+        covers = condition.test in (Test.CROSSOVER, Test.SPREAD, Test.GAIN_SPREAD)
+        return covers or bool(counted) or (condition.test is Test.MARGIN and condition.upper)
 
     def _costly(self, node: Node, own: list[Suggestion]) -> bool:
         """A claim about the whole frequency axis."""
@@ -308,9 +327,8 @@ class BranchAndBound:
         return round(volume)
 
     def _widths(self, node: Node) -> list[float]:
-        """The box's sides as parts of the first root's."""
-        sides = zip(node.box, self.problem.roots[0], strict=True)
-        return [(b - a) / (last - first) if last > first else 0.0 for (a, b), (first, last) in sides]
+        """The box's sides, on a scale on which all of them matter alike."""
+        return self.problem.parametrization.widths(node.box, self.problem.roots[0])
 
     def _axis(self, node: Node, wanted: int) -> int:
         """The requested axis, or the widest where that one is much narrower; -1 when all are too narrow."""
@@ -327,7 +345,7 @@ class BranchAndBound:
         new = [reason for reason in new if reason not in known]
         if new:
             self.reasons += new
-            self._samples = ScreeningSamples.of(self.problem, tuple(self.reasons))
+            self._samples = ScreeningSamples.of(self.problem, (*self.reasons, *self._of_level))
 
 
 def _boxes(nodes: list[Node]) -> Boxes:

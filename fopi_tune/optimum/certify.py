@@ -19,13 +19,13 @@ from fopi_tune.errors import DomainError
 from fopi_tune.optimum.branch_and_bound import BranchAndBound, Limits, Progress, Termination
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Conditions, conditions_of, is_maximized, kind_of, nominal_equality
+from fopi_tune.optimum.pruning.sample_points import WorstCasePoint, typical_frequency_rad_s
 from fopi_tune.optimum.pruning.screen import gains_at
-from fopi_tune.optimum.results import SMALLEST_OBJECTIVE, Optimum, OptimumProof, OptimumStatus, relative_gap
+from fopi_tune.optimum.results import Optimum, OptimumProof, OptimumStatus, objective_size, relative_gap
 from fopi_tune.optimum.tree import Reasons, to_cover
 from fopi_tune.proof import verify
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.verification.results import Verification
-from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.spec.model import DesignSpec
 
 #: a first gap, tried before the requested one
@@ -100,8 +100,6 @@ def why_no_bound(spec: DesignSpec) -> str:
         if not math.isfinite(side.min) or not math.isfinite(side.max):
             end = "lower" if not math.isfinite(side.min) else "upper"
             return f"{name} has no {end} end, so that the box of gains cannot be searched; give it a range"
-    if kind_of(spec) is ObjectiveKind.CROSSOVER_SPREAD:
-        return "crossover_spread_db is only bounded where the nominal crossover is fixed by an equality"
     return ""
 
 
@@ -139,9 +137,12 @@ class _Run:
 
     def infeasible(self) -> Optimum:
         """Try to prove that the spec is infeasible."""
-        problem = Problem.of(self.spec, None)
+        problem = Problem.of(self.spec, None, _rounded(typical_frequency_rad_s(self.spec.plant)))
         search = BranchAndBound.of(problem, self.limits, [], self.progress)
         termination = search.show(problem)
+        while termination is Termination.BETTER and not (seeming := verify(self.spec, _gains(search))).all_met:
+            search.learn(_worst_cases(seeming))
+            termination = search.show(problem)
         if termination is Termination.SHOWN:
             return self._result(OptimumStatus.INFEASIBLE, search, proof=_proof(search, None))
         if termination is Termination.BETTER and search.better is not None:
@@ -153,12 +154,9 @@ class _Run:
         """The level closest to the incumbent's objective that can be proved."""
         assert found.objective is not None
         objective = found.objective
-        problem = Problem.of(self.spec, self._level(objective, _COARSE))
-        worst = [(e.worst.omega_rad_s, e.worst.point) for r in found.requirements for e in r.extremes]
-        worst.append((found.stability.worst.omega_rad_s, found.stability.worst.point))
-        if found.objective_worst is not None:
-            worst.append((found.objective_worst.omega_rad_s, found.objective_worst.point))
-        search = BranchAndBound.of(problem, self.limits, worst, self.progress)
+        reference = found.nominal.crossover_rad_s or typical_frequency_rad_s(self.spec.plant)
+        problem = Problem.of(self.spec, self._level(objective, _COARSE), _rounded(reference))
+        search = BranchAndBound.of(problem, self.limits, _worst_cases(found), self.progress)
         shown, failed, termination = math.inf, 0.0, Termination.SHOWN
         proof: OptimumProof | None = None
         aim = self.wanted * _AIM
@@ -167,6 +165,9 @@ class _Run:
         while True:
             level = self._level(objective, gap)
             termination = search.show(problem.beating(level))
+            if termination is Termination.BETTER and self._better(search, found)[0] is None:
+                search.learn(_worst_cases(verify(self.spec, _gains(search))))
+                continue
             if termination is Termination.SHOWN:
                 shown, proof = gap, _proof(search, level)
                 if gap <= aim:
@@ -195,7 +196,7 @@ class _Run:
             reason = termination.words or NOTHING_SHOWN
             return self._result(OptimumStatus.LIMIT_REACHED, search, found, None, reason, better, better_objective)
         assert found.objective is not None
-        reached = relative_gap(found.objective, proof.beat)
+        reached = relative_gap(kind_of(self.spec), found.objective, proof.beat)
         if reached <= self.wanted:
             return self._result(OptimumStatus.CERTIFIED, search, found, proof)
         reason = termination.words
@@ -205,7 +206,7 @@ class _Run:
 
     def _level(self, objective: float, gap: float) -> float:
         """The objective that is better than the incumbent's by the relative gap."""
-        scale = gap * max(abs(objective), SMALLEST_OBJECTIVE)
+        scale = gap * objective_size(kind_of(self.spec), objective)
         return objective + scale if is_maximized(self.spec) else objective - scale
 
     def _better(self, search: BranchAndBound, found: Verification) -> tuple[FoPi | None, float | None]:
@@ -241,7 +242,7 @@ class _Run:
             gains=self.gains,
             objective=objective,
             bound=bound,
-            gap=None if objective is None or bound is None else relative_gap(objective, bound),
+            gap=None if objective is None or bound is None else relative_gap(kind_of(self.spec), objective, bound),
             wanted_gap=self.wanted,
             better=better,
             better_objective=better_objective,
@@ -253,6 +254,15 @@ class _Run:
         )
 
 
+def _worst_cases(found: Verification) -> list[WorstCasePoint]:
+    """Where a verification found its worst values."""
+    worst = [(e.worst.omega_rad_s, e.worst.point) for r in found.requirements for e in r.extremes]
+    worst.append((found.stability.worst.omega_rad_s, found.stability.worst.point))
+    if found.objective_worst is not None:
+        worst.append((found.objective_worst.omega_rad_s, found.objective_worst.point))
+    return worst
+
+
 def _gains(search: BranchAndBound) -> FoPi:
     """The better gains found by the search."""
     assert search.better is not None
@@ -260,7 +270,12 @@ def _gains(search: BranchAndBound) -> FoPi:
     return FoPi(float(kp[0]), float(ki[0]), float(alpha[0]))
 
 
+def _rounded(frequency_rad_s: float) -> float:
+    """Few digits are enough, and the same on any machine."""
+    return float(f"{frequency_rad_s:.3g}")
+
+
 def _proof(search: BranchAndBound, beat: float | None) -> OptimumProof:
     reasons = Reasons()
     covers = tuple(to_cover(root, reasons) for root in search.roots)
-    return OptimumProof(beat, covers, tuple(reasons.indices))
+    return OptimumProof(beat, search.problem.reference_rad_s, covers, tuple(reasons.indices))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from fopi_tune.core.controller import FoPi
@@ -65,6 +66,7 @@ def to_document(optimum: Optimum, versions: dict[str, str]) -> dict[str, Any]:
 def _proof_dict(proof: OptimumProof) -> dict[str, Any]:
     return {
         "beat": proof.beat,
+        "reference_rad_s": proof.reference_rad_s,
         "reasons": [
             {
                 "condition": reason.condition,
@@ -146,7 +148,10 @@ def _read_gains(entry: JsonObject) -> FoPi:
 def _read_proof(entry: JsonObject) -> OptimumProof:
     covers = tuple(_read_cover(child) for child in entry.children("covers"))
     reasons = tuple(_read_reason(child) for child in entry.children("reasons"))
-    return OptimumProof(entry.number_or_none("beat"), covers, reasons)
+    reference = entry.number_or_none("reference_rad_s")
+    if reference is not None and not 0.0 < reference < math.inf:
+        raise CertificateError(f"{entry.place}.reference_rad_s is no frequency")
+    return OptimumProof(entry.number_or_none("beat"), reference, covers, reasons)
 
 
 def _read_cover(entry: JsonObject) -> Cover:

@@ -5,9 +5,10 @@ Over a box with centre c and half-widths h the controller at one s has a first-o
     C(s)  =  C_c + sum_i C_i t_i + e ,     |t_i| <= h_i ,   |e| <= r ,                                          (1)
 
 where C_i are the derivatives at the centre, and the remainder e is of second order in the box's size.
-`GainParametrization` has the gains themselves as coordinates, and with rho = s^-alpha, sigma = ln s
+`GainParametrization` has kp, z and alpha, where z = ki ws^-alpha is the integral's gain at a reference frequency ws:
+near it the order changes little but the phase.  With rho = (s/ws)^-alpha, sigma = ln s/ws
 
-    C = kp + ki rho ,   e = t_ki (rho - rho_c) + ki_c (rho - rho_c + sigma rho_c t_alpha) .                        (2)
+    C = kp + z rho ,   e = t_z (rho - rho_c) + z_c (rho - rho_c + sigma rho_c t_alpha) .                           (2)
 
 `CrossoverParametrization` describes every controller with |C(j wc) P0(j wc)| = 1 by alpha and psi = pi + arg L0(j wc)
 (modulo 2 pi).  With x = e^{j(psi - pi)}/P0(j wc) and a = alpha pi/2
@@ -17,7 +18,7 @@ where C_i are the derivatives at the centre, and the remainder e is of second or
 
 Source: derived; (1) and (2) are C written out around the centre, (3) solves L0 = e^{j(psi - pi)} for the gains.
 
-`BoxLoop` is the loop of every controller of a box at once: the proof's own loop, with balls in place of the gains.
+`BoxLoop` is the loop of the controller at a box's centre: the proof's own loop, with balls in place of the gains.
 More dead time may be added to its plants: a delay margin is the dead time up to which a loop stays stable.
 """
 
@@ -76,14 +77,16 @@ class ControllerBox(ABC):
 
     Attributes:
         box: their ranges.
-        kp, ki, alpha: balls that hold every gain of the box.
-        centre: the gains at the centre.
+        kp, integral, alpha: balls that hold every gain of the box; the integral's is that of (s/e^reference)^-alpha.
+        reference: the logarithm of a frequency in rad/s.
+        centre: the gains kp, ki and alpha at the centre.
     """
 
     box: Box
     kp: arb
-    ki: arb
+    integral: arb
     alpha: arb
+    reference: arb
     centre: tuple[arb, arb, arb]
 
     @cached_property
@@ -93,6 +96,28 @@ class ControllerBox(ABC):
             arb((arb(high) - c).union(c - arb(low)).abs_upper())
             for (low, high), c in zip(self.box, map(arb, centre_of(self.box)), strict=True)
         )
+
+    @property
+    def ends(self) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
+        """The ends of kp and of the integral's gain; a ball with an end at 0 holds numbers beyond it."""
+        (kp_low, kp_high), (low, high) = ((arb(x.lower()), arb(x.upper())) for x in (self.kp, self.integral))
+        return (kp_low, kp_high), (low, high)
+
+    @property
+    def has_integral(self) -> bool:
+        """Whether no controller in question has ki = 0."""
+        return not self.integral.contains(0)
+
+    @property
+    def mixes_integrals(self) -> bool:
+        """Whether the box holds ki of different signs, of which the number of poles differs."""
+        return bool(self.integral.contains(0) and not self.integral.is_zero())
+
+    def gain_range(self, name: str) -> tuple[arb, arb]:
+        """The least and the largest of the gain `kp` or `ki`."""
+        gain = self.gain_taylor_model(name)
+        reach = sum((abs(s.real) * h for s, h in zip(gain.slopes, self.half, strict=True)), gain.remainder)
+        return gain.middle.real - reach, gain.middle.real + reach
 
     @abstractmethod
     def taylor_model(self, log_s: acb) -> TaylorModel:
@@ -120,49 +145,112 @@ class Parametrization(ABC):
     def controllers(self, box: Box) -> ControllerBox:
         """The controllers of a box."""
 
+    @abstractmethod
+    def widths(self, box: Box, root: Box) -> list[float]:
+        """The sides of a box, as parts of what a controller of its size varies by."""
+
 
 @dataclass(frozen=True)
 class GainParametrization(Parametrization):
-    """The gains themselves."""
+    """The gains at a reference frequency, by (2).
 
-    names = ("kp", "ki", "alpha")
+    Args:
+        omega_rad_s: ws.
+    """
+
+    omega_rad_s: float
+    names = ("kp", "integral", "alpha")
 
     def controllers(self, box: Box) -> ControllerBox:
-        return GainBox(box)
+        return GainBox(self, box)
 
-    @staticmethod
-    def root(controller: ControllerSpec) -> Box:
-        """The whole box of gains."""
-        return tuple((side.min, side.max) for side in (controller.kp, controller.ki, controller.alpha))
+    def widths(self, box: Box, root: Box) -> list[float]:
+        (kp_low, kp_high), (low, high), alpha = box
+        size = math.hypot(max(abs(kp_low), abs(kp_high)), max(abs(low), abs(high)))
+        if size == 0.0:
+            return [0.0, 0.0, 0.0]
+        return [(kp_high - kp_low) / size, (high - low) / size, alpha[1] - alpha[0]]
+
+    @cached_property
+    def log_omega(self) -> arb:
+        """ln ws."""
+        return arb(self.omega_rad_s).log()
+
+    def roots(self, controller: ControllerSpec) -> tuple[Box, ...]:
+        """A box of all gains in the ranges, rounded outwards, and one of those without an integral.
+
+        The integral's side holds gains outside their range too.  What is shown of a box in which z is not 0 throughout
+        need only be true of its ki other than 0: ki = 0 has its own box, with any order.
+        """
+        kp, ki, alpha = controller.kp, controller.ki, controller.alpha
+        powers = [(-arb(a) * self.log_omega).exp() for a in (alpha.min, alpha.max)]
+        low = min(_rounded(arb(ki.min) * power, -math.inf) for power in powers)
+        high = max(_rounded(arb(ki.max) * power, math.inf) for power in powers)
+        found = [((kp.min, kp.max), (low, high), (alpha.min, alpha.max))] if low < high else []
+        if ki.min <= 0.0 <= ki.max:
+            found.append(((kp.min, kp.max), (0.0, 0.0), (alpha.min, alpha.min)))
+        return tuple(found)
+
+
+def _rounded(value: arb, towards: float) -> float:
+    """A ball's end, rounded outwards; 0 stays 0."""
+    if value.is_zero():
+        return 0.0
+    return math.nextafter(float(value.lower() if towards < 0.0 else value.upper()), towards)
 
 
 class GainBox(ControllerBox):
-    """A box of gains."""
+    """A box of gains at the reference frequency."""
 
-    def __init__(self, box: Box) -> None:
-        self.box = box
-        self.kp, self.ki, self.alpha = (ball_of(side) for side in box)
-        kp, ki, alpha = centre_of(box)
-        self.centre = arb(kp), arb(ki), arb(alpha)
+    def __init__(self, parametrization: GainParametrization, box: Box) -> None:
+        self.box, self.reference = box, parametrization.log_omega
+        self.kp, self.integral, self.alpha = (ball_of(side) for side in box)
+        kp, integral, alpha = map(arb, centre_of(box))
+        self._integral_c = integral
+        self.centre = kp, integral * (alpha * self.reference).exp(), alpha
+
+    @property
+    def ends(self) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
+        (kp_low, kp_high), (low, high), _ = self.box
+        return (arb(kp_low), arb(kp_high)), (arb(low), arb(high))
+
+    @property
+    def has_integral(self) -> bool:
+        return self.box[1] != (0.0, 0.0)
+
+    @property
+    def mixes_integrals(self) -> bool:
+        low, high = self.box[1]
+        return low < 0.0 < high
+
+    def _integral_model(self, exponent: acb) -> TaylorModel:
+        """Of z e^{-alpha exponent}."""
+        z, alpha = self._integral_c, self.centre[2]
+        _, wide_z, wide_alpha = self.half
+        rho = (-alpha * exponent).exp()
+        x = abs(exponent) * wide_alpha
+        # |e^x - 1| <= |x| e^|x|,  |e^x - 1 - x| <= |x|^2/2 e^|x|
+        remainder = abs(rho) * x * x.exp() * (wide_z + abs(z) * x / 2)
+        return TaylorModel(z * rho, (acb(0), rho, -exponent * (z * rho)), remainder.upper())
 
     def taylor_model(self, log_s: acb) -> TaylorModel:
-        kp, ki, alpha = self.centre
-        _, wide_ki, wide_alpha = self.half
-        rho = (-alpha * log_s).exp()
-        z = abs(log_s) * wide_alpha
-        # |e^z - 1| <= |z| e^|z|,  |e^z - 1 - z| <= |z|^2/2 e^|z|
-        remainder = abs(rho) * z * z.exp() * (wide_ki + abs(ki) * z / 2)
-        return TaylorModel(kp + ki * rho, (acb(1), rho, -log_s * (ki * rho)), remainder.upper())
+        found = self._integral_model(log_s - self.reference)
+        return TaylorModel(self.centre[0] + found.middle, (acb(1), *found.slopes[1:]), found.remainder)
 
     def gain_taylor_model(self, name: str) -> TaylorModel:
-        axis = GainParametrization.names.index(name)
-        return TaylorModel(acb(self.centre[axis]), tuple(acb(int(k == axis)) for k in range(3)), _ZERO)
+        if name == "kp":
+            return TaylorModel(acb(self.centre[0]), (acb(1), acb(0), acb(0)), _ZERO)
+        return self._integral_model(acb(-self.reference))
+
+    def gain_range(self, name: str) -> tuple[arb, arb]:
+        gain = self.kp if name == "kp" else self.integral * (self.alpha * self.reference).exp()
+        return gain.lower(), gain.upper()
 
     def enclosure(self, u: Interval) -> ControllerEnclosure:
-        log_s = acb(ball_of(u), arb.pi() / 2)
-        rho = (-self.alpha * log_s).exp()
-        integral = self.ki * rho
-        return ControllerEnclosure(self.kp + integral, (acb(1), rho, -log_s * integral), -self.alpha * integral)
+        exponent = acb(ball_of(u) - self.reference, arb.pi() / 2)
+        rho = (-self.alpha * exponent).exp()
+        integral = self.integral * rho
+        return ControllerEnclosure(self.kp + integral, (acb(1), rho, -exponent * integral), -self.alpha * integral)
 
 
 @dataclass(frozen=True)
@@ -180,6 +268,10 @@ class CrossoverParametrization(Parametrization):
 
     def controllers(self, box: Box) -> ControllerBox:
         return CrossoverBox(self, box)
+
+    def widths(self, box: Box, root: Box) -> list[float]:
+        sides = zip(box, root, strict=True)
+        return [(b - a) / (last - first) if last > first else 0.0 for (a, b), (first, last) in sides]
 
     @cached_property
     def log_omega(self) -> arb:
@@ -203,7 +295,8 @@ class CrossoverBox(ControllerBox):
         self.alpha = ball_of(box[0])
         self._x = self._point(psi)
         over_x = self._point(self._psi)
-        self.kp, self.ki = self._gains(over_x, self.alpha)
+        self.kp, self.integral = self._gains(over_x, self.alpha)
+        self.reference = _ZERO
         self.centre = (*self._gains(self._x, alpha), alpha)
 
     def _point(self, psi: arb) -> acb:
@@ -271,10 +364,9 @@ class CrossoverBox(ControllerBox):
 
 @dataclass(frozen=True)
 class BoxLoop(BallLoop):
-    """Controllers with gains in balls, and a family of plants behind more dead time.
+    """A controller with gains in balls, and a family of plants behind more dead time.
 
-    `gains` are some floating-point gains of the box: they only tell which gains are exactly 0.  The box must not
-    contain both ki = 0 and ki != 0: without integral action the number of poles differs.
+    `gains` are floating-point gains: they only tell which gains are exactly 0.
 
     Args:
         delay_s: the additional dead time, s.
@@ -283,11 +375,9 @@ class BoxLoop(BallLoop):
     delay_s: arb = _ZERO
 
     @classmethod
-    def of(
-        cls, controllers: ControllerBox, family: PlantFamily, whole: bool = True, delay_s: arb = _ZERO
-    ) -> BoxLoop | None:
-        """The loop of a box of controllers, or of its centre; None where it contains both ki = 0 and ki != 0."""
-        balls = (controllers.kp, controllers.ki, controllers.alpha) if whole else controllers.centre
+    def of(cls, controllers: ControllerBox, family: PlantFamily, delay_s: arb = _ZERO) -> BoxLoop | None:
+        """The loop of the controller at a box's centre; None where its gains are not told from 0."""
+        balls = controllers.centre
         kp, ki, alpha = (float(ball.mid()) for ball in balls)
         if (ki == 0.0 and not balls[1].is_zero()) or (balls[1].contains(0) and ki != 0.0) or kp == ki == 0.0:
             return None

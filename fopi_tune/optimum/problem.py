@@ -41,13 +41,19 @@ class Problem:
     roots: tuple[Box, ...]
 
     @classmethod
-    def of(cls, spec: DesignSpec, beat: float | None) -> Problem:
+    def of(cls, spec: DesignSpec, beat: float | None, reference_rad_s: float | None = None) -> Problem:
         """A fixed nominal crossover removes one dimension of the search, a fixed nominal phase margin a second one.
 
         The fixed crossover only implies |L0(j wc)| = 1.  The phase margin phi is the smallest angle over all
         crossovers, so it is that at wc, psi = phi or psi = -phi, unless a lower crossover has it.  Hence the first root
         contains all psi, and its boxes can also be discarded because no lower crossover has the margin; the others
         contain these two psi only.
+
+        Args:
+            spec: what is asked.
+            beat: level of the objective.
+            reference_rad_s: of `GainParametrization`; any frequency does, one at which the loop has a gain near 1 best.
+                None: 1 rad/s.
         """
         conditions = conditions_of(spec, beat)
         crossover = nominal_equality(spec, "crossover_rad_s")
@@ -55,7 +61,8 @@ class Problem:
         unit_loop = BallLoop(FoPi(1.0, 0.0, 1.0), spec.plant)
         at = None if crossover is None else _response(unit_loop, nominal, crossover.limits[0])[1]
         if crossover is None or at is None or not at.is_finite() or at.contains(0):
-            return cls(spec, beat, conditions, GainParametrization(), (GainParametrization.root(spec.controller),))
+            gains = GainParametrization(1.0 if reference_rad_s is None else reference_rad_s)
+            return cls(spec, beat, conditions, gains, gains.roots(spec.controller))
         parametrization = CrossoverParametrization(crossover.limits[0], at)
         margin = nominal_equality(spec, "phase_margin_deg")
         if margin is None:
@@ -90,13 +97,18 @@ class Problem:
         return self.parametrization.omega_rad_s if isinstance(self.parametrization, CrossoverParametrization) else None
 
     @property
+    def reference_rad_s(self) -> float | None:
+        """At which the boxes give the integral's gain; None where they are not of gains."""
+        return self.parametrization.omega_rad_s if isinstance(self.parametrization, GainParametrization) else None
+
+    @property
     def margin_is_fixed(self) -> bool:
         """Whether the nominal phase margin is fixed beside the nominal crossover."""
-        return len(self.roots) > 1
+        return self.crossover_rad_s is not None and len(self.roots) > 1
 
     def is_line(self, box: Box) -> bool:
         """Whether a box is part of a line of constant psi."""
-        return any(box[-1] == root[-1] for root in self.roots[1:])
+        return self.margin_is_fixed and any(box[-1] == root[-1] for root in self.roots[1:])
 
     def has_member(self, point: tuple[float, ...], nominal: bool) -> bool:
         """Whether a point is a plant of the family; with `nominal`, whether it is the nominal plant."""
@@ -127,6 +139,11 @@ class Problem:
         """Bounds of |P| over the same intervals."""
         return {}
 
+    @cached_property
+    def gain_ratios(self) -> dict[tuple[tuple[float, ...], float, float], bool]:
+        """What `fopi_tune.optimum.pruning.loop_gain_bounds.gain_ratio_stays_beyond` found."""
+        return {}
+
     def plant_enclosure(self, point: tuple[float, ...], u: Interval) -> LoopEnclosure:
         """One plant over an interval of u; cached, since many boxes use the same."""
         if len(self._plant_enclosures) > _MOST_CELLS:
@@ -142,6 +159,16 @@ class Problem:
         if point not in self._plants:
             self._plants[point] = self.unit_loop.plant([arb(value) for value in point])
         return self._plants[point]
+
+    def constant_gain_ratio(self, point: tuple[float, ...]) -> arb | None:
+        """|P/P0| of plants of which it is the same at every frequency: they differ by their gain; None of others."""
+        own, nominal = self.plant(point), self.plant(self.nominal)
+        if not all(a.value == b.value for a, b in zip(own.denominator, nominal.denominator, strict=True)):
+            return None
+        if not all(c.value.is_zero() for c in (*own.numerator[:-1], *nominal.numerator[:-1])):
+            return None
+        ratio = abs(own.numerator[-1].value / nominal.numerator[-1].value)
+        return ratio if ratio.is_finite() and ratio > 0 else None
 
     def response(self, point: tuple[float, ...], omega: float) -> tuple[acb, acb]:
         """ln(j omega), and P there."""

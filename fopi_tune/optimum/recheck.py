@@ -20,13 +20,14 @@ from fopi_tune.optimum.certify import NOTHING_SHOWN, better_gains_reason, incumb
 from fopi_tune.optimum.documents import OptimumDocument, to_document
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.combinations import Combination, are_excluded_together
-from fopi_tune.optimum.pruning.conditions import Condition, Test, conditions_of, is_maximized
+from fopi_tune.optimum.pruning.conditions import Condition, Test, conditions_of, is_maximized, kind_of
 from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
-from fopi_tune.optimum.results import SMALLEST_OBJECTIVE, OptimumProof, OptimumStatus, relative_gap
+from fopi_tune.optimum.results import OptimumProof, OptimumStatus, objective_size, relative_gap
 from fopi_tune.optimum.tree import uses_every_reason, walk
 from fopi_tune.proof import Verification, verify
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.strict_json import first_difference
+from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.spec.model import DesignSpec
 
 #: relative; the objective is computed the same way again, but perhaps on another machine
@@ -94,7 +95,7 @@ def _inconsistencies(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
     """Contradictions between the file's statements, and to the spec."""
     s = stated
     searched = s.status is not OptimumStatus.NO_BOUND
-    gap = None if s.objective is None or s.bound is None else relative_gap(s.objective, s.bound)
+    gap = None if s.objective is None or s.bound is None else relative_gap(kind_of(spec), s.objective, s.bound)
     wrong = {
         "the file is about another spec": (s.name, s.spec_sha256) != (spec.name, spec.sha256),
         "what is said to be left out of the proof is not what is": s.left_out != conditions_of(spec, None).left_out,
@@ -182,9 +183,11 @@ def _met(reason: str, spec: DesignSpec) -> tuple[str, ...]:
 
 def _check_proof(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]:
     """Number of tested leaves, and the first error."""
-    problem = Problem.of(spec, proof.beat)
+    problem = Problem.of(spec, proof.beat, proof.reference_rad_s)
     if tuple(cover.root for cover in proof.covers) != problem.roots:
         return 0, ["the boxes that are covered are not those of the spec"]
+    if proof.reference_rad_s != problem.reference_rad_s:
+        return 0, ["a reference frequency is stated where there is none, or none where there is one"]
     if any(reason.condition >= len(problem.conditions.every) for reason in proof.reasons):
         return 0, ["a reason names a condition that the spec does not have"]
     if not uses_every_reason(proof.covers, proof.reasons):
@@ -243,16 +246,16 @@ def _check_gains(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
         return [] if told else ["the reason that is given is not why there is no bound"]
     if refusal:
         return [refusal]
-    problems = [] if found is None else _objective_problems(found, stated.objective)
+    problems = [] if found is None else _objective_problems(kind_of(spec), found, stated.objective)
     if better is not None and found is not None:
         problems += _check_better(stated, spec, found, better)
     return problems
 
 
-def _objective_problems(found: Verification, stated: float | None) -> list[str]:
+def _objective_problems(kind: ObjectiveKind, found: Verification, stated: float | None) -> list[str]:
     if found.objective is None or stated is None:
         return ["the objective of these gains has no value, or none is stated"]
-    if abs(found.objective - stated) <= _SAME * max(abs(found.objective), SMALLEST_OBJECTIVE):
+    if abs(found.objective - stated) <= _SAME * objective_size(kind, found.objective):
         return []
     return [f"the objective of these gains is {found.objective:.10g}, not {stated:.10g}"]
 
@@ -267,4 +270,4 @@ def _check_better(stated: OptimumDocument, spec: DesignSpec, found: Verification
     ahead = better.objective - found.objective
     if not (ahead > 0.0 if is_maximized(spec) else ahead < 0.0):
         return ["the gains that are said to be better are not"]
-    return _objective_problems(better, stated.better_objective)
+    return _objective_problems(kind_of(spec), better, stated.better_objective)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from enum import StrEnum
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.optimum.pruning.exclusion import Reason
 from fopi_tune.optimum.tree import Cover
+from fopi_tune.quantities.objectives import ObjectiveKind
 
-#: an objective smaller than this counts as this in a relative gap
+#: an objective in dB, degrees or neper that is smaller than this counts as this in a relative gap
 SMALLEST_OBJECTIVE = 1e-6
+#: of those whose scale is the plant's a gap is relative, however small they are
+_SCALED = (ObjectiveKind.KI, ObjectiveKind.IAE_DISTURBANCE)
 
 
 class OptimumStatus(StrEnum):
@@ -38,11 +42,13 @@ class OptimumProof:
 
     Args:
         beat: the proved bound of the objective, in its public unit; None when no gains meet the requirements at all.
+        reference_rad_s: at which the boxes give the integral's gain; None where they are not of gains.
         covers: trees of boxes.
         reasons: to which the leaves refer by index.
     """
 
     beat: float | None
+    reference_rad_s: float | None
     covers: tuple[Cover, ...]
     reasons: tuple[Reason, ...]
 
@@ -105,6 +111,11 @@ class Optimum:
         )
 
 
-def relative_gap(objective: float, bound: float) -> float:
+def objective_size(kind: ObjectiveKind, objective: float) -> float:
+    """What a gap is relative to: the objective, in its public unit."""
+    return max(abs(objective), sys.float_info.min if kind in _SCALED else SMALLEST_OBJECTIVE)
+
+
+def relative_gap(kind: ObjectiveKind, objective: float, bound: float) -> float:
     """|objective - bound| relative to the objective."""
-    return abs(objective - bound) / max(abs(objective), SMALLEST_OBJECTIVE)
+    return abs(objective - bound) / objective_size(kind, objective)

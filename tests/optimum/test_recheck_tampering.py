@@ -29,6 +29,7 @@ from fopi_tune.core.peaks import Response
 from fopi_tune.optimum import OptimumStatus, certify_optimum, to_document
 from fopi_tune.optimum.documents import OptimumDocument
 from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.pruning.combinations import Combination
 from fopi_tune.optimum.pruning.conditions import Condition
 from fopi_tune.optimum.pruning.conditions import Test as Kind
 from fopi_tune.optimum.pruning.screen import gains_at
@@ -49,6 +50,7 @@ HARMLESS = {
     "objective": "the objective but for rounding, where no bound depends on it",
     "better_gains": "other gains that meet the spec with the same objective",
     "better_objective": "the objective but for rounding",
+    "proof.reference_rad_s": "another frequency, where there are no boxes that depend on it",
     "proof.reasons": "other reasons, or in another order, that discard the same leaves",
     "proof.reasons.*.omega_rad_s": "another frequency at which every controller of the leaf fails",
     "proof.reasons.*.condition": "another condition that every controller of the leaf fails",
@@ -166,21 +168,26 @@ def _reasons(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
     rng, wrong = np.random.default_rng(4), []
     drawn: Counter[object] = Counter()
     with ctx.workprec(PRECISION):
-        problem = Problem.of(spec, stated.proof.beat)
+        problem = Problem.of(spec, stated.proof.beat, stated.proof.reference_rad_s)
     for cover in stated.proof.covers:
         for box, reason in walk(cover, stated.proof.reasons):
-            condition = problem.conditions.every[reason.condition]
-            drawn[reason] += 1
-            if condition.test is not Kind.RESPONSE or not reason.omega or drawn[reason] > DRAWN:
+            several = reason.reasons if isinstance(reason, Combination) else (reason,)
+            conditions = [problem.conditions.every[each.condition] for each in several]
+            drawn[several] += 1
+            known = all(c.test is Kind.RESPONSE and each.omega for c, each in zip(conditions, several, strict=True))
+            if not known or drawn[several] > DRAWN:
                 continue
             ends = np.array(box)
             place = ends[:, 0] + rng.uniform(size=len(box)) * (ends[:, 1] - ends[:, 0])
             kp, ki, alpha = (float(gain[0]) for gain in gains_at(problem.parametrization, place[None, :]))
-            value = _response(condition, spec, FoPi(kp, ki, alpha), reason.point, reason.omega[0])
-            excess = value - float(condition.level.mid())
+            excesses = []
+            for condition, each in zip(conditions, several, strict=True):
+                value = _response(condition, spec, FoPi(kp, ki, alpha), each.point, each.omega[0])
+                excess = value - float(condition.level.mid())
+                excesses.append(excess if condition.upper else -excess)
             # doubles lose 1e-13 in a response; a leaf's excess may be as small as 1e-9
-            if (excess if condition.upper else -excess) < -1e-12:
-                wrong.append(f"a leaf of condition {reason.condition}")
+            if max(excesses) < -1e-12:
+                wrong.append(f"a leaf of {several}")
     return wrong
 
 

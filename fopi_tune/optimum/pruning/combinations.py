@@ -25,7 +25,15 @@ from fopi_tune.optimum.parametrization import ControllerBox
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Condition, Test
 from fopi_tune.optimum.pruning.crossings import GainCrossovers
-from fopi_tune.optimum.pruning.exclusion import Reason, brackets_of, is_about_members, response_quadratic, sign_changes
+from fopi_tune.optimum.pruning.exclusion import (
+    Reason,
+    brackets_of,
+    gain_ratio,
+    is_about_members,
+    response_quadratic,
+    sign_changes,
+    spread_plants,
+)
 from fopi_tune.optimum.pruning.mean_value_forms import LoopBracket, MeanValueForm
 from fopi_tune.optimum.pruning.response_bounds import LinearBound, linear_bound, quadratic
 from fopi_tune.proof.balls.box import log_interval
@@ -64,7 +72,8 @@ def linear_bound_of(problem: Problem, controllers: ControllerBox, reason: Reason
     condition = problem.conditions.every[reason.condition]
     if not is_about_members(problem, condition, reason):
         return None
-    if condition.test in (Test.RESPONSE, Test.DISTURBANCE):
+    single = condition.test is Test.GAIN_SPREAD and len(reason.omega) == 1 and reason.omega != (0.0,)
+    if condition.test in (Test.RESPONSE, Test.DISTURBANCE) or single:
         return _of_response(problem, controllers, condition, reason)
     if condition.test is Test.GAIN:
         return _of_gain(controllers, condition)
@@ -76,6 +85,8 @@ def linear_bound_of(problem: Problem, controllers: ControllerBox, reason: Reason
         return _of_margin(problem, controllers, condition, reason)
     if condition.test is Test.SPREAD:
         return _of_spread(problem, controllers, condition, reason)
+    if condition.test is Test.GAIN_SPREAD and len(reason.omega) == 2:
+        return _of_gain_spread(problem, controllers, condition, reason)
     if condition.test is Test.GAIN_MARGIN:
         return _of_gain_margin(problem, controllers, condition, reason)
     return None
@@ -139,18 +150,31 @@ def _of_spread(
     problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason
 ) -> LinearBound | None:
     """The larger margin is that of the only crossover, the smaller one at most that of one that there is."""
-    places = list(zip((reason.point, problem.nominal), brackets_of(reason), strict=True))
-    large, small = places if reason.above else places[::-1]
-    angles = [LoopBracket.of(problem, controllers, point, log_interval(*bracket)) for point, bracket in (large, small)]
-    if angles[0] is None or angles[1] is None:
+    small, large = spread_plants(problem, reason)
+    first, *others = brackets_of(reason)
+    if len(others) != 1:
         return None
-    x, y = angles[0].angle.distances[0], angles[1].angle.distances[0]
+    smaller = LoopBracket.of(problem, controllers, small, log_interval(*first))
+    larger = LoopBracket.of(problem, controllers, large, log_interval(*others[0]))
+    if smaller is None or larger is None:
+        return None
+    x, y = larger.angle.distances[0], smaller.angle.distances[0]
     if not (x.upper <= arb.pi() and y.lower >= 0):
         return None
-    has_one = GainCrossovers.of(problem, controllers, small[0]).has_one_in(small[1])
-    if not has_one or not GainCrossovers.of(problem, controllers, large[0]).are_in(large[1:]):
+    has_one = GainCrossovers.of(problem, controllers, small).has_one_in(first)
+    if not has_one or not GainCrossovers.of(problem, controllers, large).are_in(others):
         return None
     return _violation(x.minus(y), condition.level, 1)
+
+
+def _of_gain_spread(
+    problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason
+) -> LinearBound | None:
+    """|x| < level, by the sign that x has at the centre."""
+    found = gain_ratio(problem, controllers, reason)
+    if found is None:
+        return None
+    return _violation(found if found.middle.mid() >= 0 else -found, condition.level, 1)
 
 
 def _of_gain_margin(

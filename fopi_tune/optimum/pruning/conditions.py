@@ -41,7 +41,7 @@ class Test(StrEnum):
     CROSSOVER = "crossover"
     #: |PM - PM(nominal)| stays below the level
     SPREAD = "spread"
-    #: |ln|P/P0|| at the nominal crossover, which is known, stays below the level
+    #: |ln|P/P0|| at the highest nominal crossover stays below the level
     GAIN_SPREAD = "gain_spread"
     #: kp or ki on its side of the level
     GAIN = "gain"

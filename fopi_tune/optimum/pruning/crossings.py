@@ -17,7 +17,7 @@ from fopi_tune.optimum.pruning.response_bounds import lower_bound, quadratic
 from fopi_tune.proof.balls.box import Interval
 
 #: steps in u by which a bracket is widened where |L| decreases
-_STEPS = (0.3, 0.1, 0.03, 0.01, 0.003)
+_STEPS = (3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
 #: in u; more than logarithms are rounded
 _ROUNDING = 1e-12
 
@@ -82,6 +82,10 @@ class GainCrossovers:
             low >= high or self.bounds.has_no_crossover(low, high, only_below=falls and math.isinf(high))
             for low, high in gaps
         )
+
+    def highest_is_in(self, bracket: Interval) -> bool:
+        """Whether the highest one of every controller is between two frequencies."""
+        return self.has_one_in(bracket) and self.bounds.has_no_crossover(self._widened(bracket)[1], math.inf)
 
     def are_below_unless_at(self, omega: float) -> bool:
         """Whether a controller has crossovers above a frequency only if |L| > 1 there: |L| falls from there on."""

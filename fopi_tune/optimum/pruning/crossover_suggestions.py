@@ -23,6 +23,8 @@ from fopi_tune.optimum.pruning.screen import Boxes
 #: width of a bracket relative to the crossover's movement: to show that a crossover exists, and that no other does
 _NARROW, _WIDE = 1.3, 4.0
 _LEAST_COVER = 1e-4
+#: crossovers of one loop that are looked at
+_MOST_OF_ONE = 3
 _TINY = 1e-300
 
 
@@ -50,6 +52,8 @@ def suggestions(problem: Problem, boxes: Boxes, points: list[tuple[float, ...]])
             yield from _low_crossovers(at, moves, k, condition)
         elif condition.test is Test.SPREAD:
             yield from _spreads(at, moves, k, float(condition.level.mid()))
+        elif condition.test is Test.GAIN_SPREAD and not known:
+            yield from _gain_spreads(at, moves, k, float(condition.level.mid()))
         elif condition.test is Test.GAIN_MARGIN:
             yield from _at_phase_crossovers(at, k, condition)
 
@@ -100,50 +104,88 @@ def _best(
 
 
 def _low_crossovers(at: CentralLoops, moves: Movements, k: int, condition: Condition) -> Iterator[Suggestion]:
-    m = len(at.points)
-    highest = np.full(len(at.loops), -np.inf)
-    reach = np.full(len(at.loops), 1.0)
-    np.maximum.at(highest, moves.found.row, moves.found.u)
-    reach[moves.found.row] = moves.of_gain_crossovers  # of the highest: rows are sorted by frequency
-    rows = np.arange(0, len(at.loops), m if condition.nominal else 1)
-    ratio = (float(condition.level.mid()) - highest[rows]) / reach[rows]
-    for row, value in zip(rows.tolist(), ratio.tolist(), strict=True):
-        if value > -1.0:
-            # bounds on cells are of first order: they succeed only well inside
-            yield Suggestion(row // m, min(value / 2.0, 1.5), -1, Reason(k, at.points[row % m]), value)
+    m, level = len(at.points), float(condition.level.mid())
+    # rows are sorted by frequency: the last one of a loop is its highest
+    last = np.searchsorted(moves.found.row, np.arange(len(at.loops)), side="right") - 1
+    for row in range(0, len(at.loops), m if condition.nominal else 1):
+        i, reason = int(last[row]), Reason(k, at.points[row % m])
+        if i < 0 or moves.found.row[i] != row:
+            yield Suggestion(row // m, 1.5, -1, reason)
+            continue
+        below = float(level - moves.found.u[i])
+        ratio = below / float(moves.of_gain_crossovers[i])
+        if ratio > -1.0:
+            # 1 - |L|^2 at the level, where |L| falls from the crossover on
+            slopes = tuple((-2.0 * moves.slopes[i].real).tolist())
+            excess, rest = 2.0 * abs(float(moves.steep[i])) * below, 4.0 * float(moves.rest[i])
+            axis = int(np.argmax(np.abs(slopes)))
+            yield Suggestion(row // m, ratio, axis, reason, excess, slopes, rest)
 
 
 def _spreads(at: CentralLoops, moves: Movements, k: int, level: float) -> Iterator[Suggestion]:
-    """Differences to the nominal plant's margin, of loops that cross once."""
+    """Differences to the nominal plant's margin, at the crossovers where both are smallest."""
     found, move, m = moves.found, moves.of_gain_crossovers, len(at.points)
     b = found.angle_from_minus_one_rad
     side = np.where(b >= 0.0, 1.0, -1.0)
     margin, angle = side * b, side[:, None] * moves.angle()
-    place = np.full(len(at.loops), -1)
-    place[found.row] = np.arange(len(found.row))
-    place = np.where(np.bincount(found.row, minlength=len(at.loops)) == 1, place, -1).reshape(-1, m)
+    # rows are sorted by frequency, so that those of one loop are next to each other
+    first, last = (np.searchsorted(found.row, np.arange(len(at.loops)), side=side) for side in ("left", "right"))
+    count = last - first
     for row in range(len(at.boxes)):
-        zero = place[row, 0]
         for plant in range(1, m):
-            i = place[row, plant]
-            if zero < 0 or i < 0:
+            loops = row * m, row * m + plant
+            if not all(1 <= count[loop] <= _MOST_OF_ONE for loop in loops):
                 continue
+            zero, i = (int(first[loop] + np.argmin(margin[first[loop] : last[loop]])) for loop in loops)
             apart = margin[i] - margin[zero]
             above = bool(apart > 0)
             varies = (angle[i] - angle[zero]) * (1.0 if above else -1.0)
             excess = abs(apart) - level
             ratio = float(excess / (np.abs(varies).sum() + _TINY))
-            if not ratio > -1.0:
+            small, large = (zero, loops[1]) if above else (i, loops[0])
+            others = range(first[large], last[large])
+            wide = np.maximum(_WIDE * move[others], _LEAST_COVER)
+            u = found.u[others]
+            if not ratio > -1.0 or np.any(u[1:] - wide[1:] <= u[:-1] + wide[:-1]):
                 continue
-            wide = [max(_WIDE * move[j], _LEAST_COVER) for j in (i, zero)]
-            own = wide[0] if above else _NARROW * move[i]
-            other = _NARROW * move[zero] if above else wide[1]
-            ends = (found.u[i] - own, found.u[i] + own)
-            others = (found.u[zero] - other, found.u[zero] + other)
-            omega = tuple(float(np.exp(u)) for u in (*ends, *others))
+            own = _NARROW * move[small]
+            ends = [found.u[small] - own, found.u[small] + own, *np.stack([u - wide, u + wide], axis=1).ravel()]
+            omega = tuple(float(np.exp(u)) for u in ends)
             reason, axis = Reason(k, at.points[plant], omega, above), int(np.argmax(np.abs(varies)))
             rest = float(moves.rest[i] + moves.rest[zero])
-            yield Suggestion(row, ratio, axis, reason, float(excess), tuple(varies.tolist()), rest)
+            slopes = tuple(varies.tolist()) if len(others) == 1 else ()
+            yield Suggestion(row, ratio, axis, reason, float(excess), slopes, rest)
+
+
+def _gain_spreads(at: CentralLoops, moves: Movements, k: int, level: float) -> Iterator[Suggestion]:
+    """|L| of the other plants at the nominal plant's highest crossover."""
+    m = len(at.points)
+    nominal = np.flatnonzero(moves.plant == 0)
+    # rows are sorted by frequency
+    highest = nominal[np.append(np.diff(moves.box[nominal]) != 0, True)] if len(nominal) else nominal
+    if not len(highest) or m == 1:
+        return
+    box, u = moves.box[highest], moves.found.u[highest]
+    rows = (box[:, None] * m + np.arange(1, m)).ravel()
+    response, along = at.loops.log_response_and_slope(rows, np.repeat(u, m - 1))
+    apart = response.real.reshape(-1, m - 1)
+    steeper = along.real.reshape(-1, m - 1) - moves.along[highest].real[:, None]
+    shift = -moves.slopes[highest].real / moves.steep[highest][:, None]
+    width = np.maximum(_NARROW * moves.of_gain_crossovers[highest], _LEAST_COVER)
+    excess = np.abs(apart) - level
+    varies = (np.sign(apart) * steeper)[:, :, None] * shift[:, None, :]
+    ratio = excess / (np.abs(varies).sum(axis=2) + _TINY)
+    best = np.argmax(np.where(np.isfinite(ratio), ratio, -np.inf), axis=1)
+    for i, plant in enumerate(best.tolist()):
+        if not ratio[i, plant] > -1.0 or not width[i] < 3.0:
+            continue
+        ends = float(np.exp(u[i] - width[i])), float(np.exp(u[i] + width[i]))
+        slopes = varies[i, plant]
+        rest = float(moves.rest[highest[i]] * abs(steeper[i, plant]) / abs(moves.steep[highest[i]]))
+        yield Suggestion(
+            int(box[i]), float(ratio[i, plant]), int(np.argmax(np.abs(slopes))), Reason(k, at.points[plant + 1], ends),
+            float(excess[i, plant]), tuple(slopes.tolist()), rest,
+        )  # fmt: skip
 
 
 def _at_phase_crossovers(at: CentralLoops, k: int, condition: Condition) -> Iterator[Suggestion]:

@@ -21,7 +21,7 @@ from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Condition, Test, rolls_off
 from fopi_tune.optimum.pruning.crossings import GainCrossovers
 from fopi_tune.optimum.pruning.instability import is_unstable
-from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds
+from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds, gain_ratio_stays_beyond
 from fopi_tune.optimum.pruning.mean_value_forms import LoopBracket, MeanValueForm
 from fopi_tune.optimum.pruning.response_bounds import lower_bound, quadratic
 from fopi_tune.proof.balls.box import Interval, log_interval
@@ -36,8 +36,10 @@ class Reason:
     Args:
         condition: which one it fails, a place in `Conditions.every`.
         point: the plant's uncertain numbers.
-        omega: frequencies in rad/s: where a response is read, or the ends of a bracket; of `spread` also of a second
-            bracket, of the nominal plant; of instability of several brackets.
+        omega: frequencies in rad/s: where a response is read (0: its limit there, of `gain_spread` any frequency), or
+            the ends of a bracket; of `spread` the first bracket is of the smaller margin, the others are of the larger
+            one; of `gain_spread` it is of the nominal plant, and
+            a single one is where |L0| > 1; of instability there are several.
         above: of `spread`, the plant's margin is the larger one.
     """
 
@@ -62,6 +64,8 @@ def is_about_members(problem: Problem, condition: Condition, reason: Reason) -> 
         return False
     if len(reason.omega) not in _FREQUENCIES[condition.test]:
         return False
+    if condition.test in (Test.RESPONSE, Test.GAIN_SPREAD) and reason.omega == (0.0,):
+        return True
     return all(math.isfinite(omega) and omega > 0.0 for omega in reason.omega)
 
 
@@ -70,8 +74,17 @@ def response_quadratic(
 ) -> tuple[acb, tuple[arb, acb, arb]] | None:
     """ln s and the quadratic of a response, or of a disturbance's error:  T |P/(1 + C P)| < level at s = 1/T.
 
-    The latter is |S| with 1/M = T |P|/level.  None where the reason names no frequency of the condition's.
+    The latter is |S| with 1/M = T |P|/level.  Of a spread of |L| that of |L0| at a frequency from which on the ratio
+    of the plants is too large.  None where the reason names no frequency of the condition's.
     """
+    if condition.test is Test.GAIN_SPREAD:
+        # with |L0| > 1 there is a higher crossover, where the ratio is too large
+        (omega,) = reason.omega
+        stays = rolls_off(problem.family) and gain_ratio_stays_beyond(problem, reason.point, omega, condition.level)
+        if not stays or problem.crossover_rad_s is not None:
+            return None
+        log_s, p = problem.response(problem.nominal, omega)
+        return log_s, quadratic(Response.LOOP_GAIN, p, arb(1), True)
     if condition.test is Test.DISTURBANCE:
         if not condition.level > 0:
             return None
@@ -79,7 +92,7 @@ def response_quadratic(
         limit = (condition.level / (condition.horizon_s * abs(p))) ** 2
         return log_s, quadratic(Response.SENSITIVITY, p, limit, True)
     low, high = condition.band_rad_s
-    if not reason.omega or not low <= reason.omega[0] <= high or condition.response is None:
+    if not reason.omega or not max(low, 5e-324) <= reason.omega[0] <= high or condition.response is None:
         return None
     log_s, p = problem.response(reason.point, reason.omega[0])
     return log_s, quadratic(condition.response, p, (2 * condition.level).exp(), condition.upper)
@@ -89,6 +102,8 @@ def _response(problem: Problem, controllers: ControllerBox, condition: Condition
     if condition.test is Test.RESPONSE and not reason.omega:  # |S| -> 1 as omega -> inf, whatever the gains
         is_decreasing = condition.response is Response.SENSITIVITY and condition.upper and rolls_off(problem.family)
         return is_decreasing and math.isinf(condition.band_rad_s[1]) and bool(condition.level < 0)
+    if reason.omega == (0.0,):
+        return controllers.has_integral and is_broken_at_zero(problem, condition, reason.point)
     found = response_quadratic(problem, condition, reason)
     if found is None:
         return False
@@ -96,17 +111,33 @@ def _response(problem: Problem, controllers: ControllerBox, condition: Condition
     return bool(lower_bound(q, controllers.taylor_model(log_s), controllers.half) > 0)
 
 
+def is_broken_at_zero(problem: Problem, condition: Condition, point: tuple[float, ...]) -> bool:
+    """Whether no gains with an integral meet a limit of a response next to frequency 0.
+
+    Whatever they are, |T| -> 1 and |C S| -> 1/|P| as omega -> 0, where P is neither 0 nor infinite.
+    """
+    plant = problem.plant(point)
+    size = abs(plant.numerator[-1].value / plant.denominator[-1].value)
+    if condition.test is not Test.RESPONSE or condition.band_rad_s[0] != 0.0 or not size.is_finite() or not size > 0:
+        return False
+    if condition.response is Response.COMPLEMENTARY_SENSITIVITY:
+        value = _ZERO
+    elif condition.response is Response.CONTROL_SENSITIVITY:
+        value = -size.log()
+    else:
+        return False
+    return bool(value > condition.level if condition.upper else value < condition.level)
+
+
 def _gain(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    taylor_model = controllers.gain_taylor_model(condition.name)
-    reach = sum(
-        (abs(s.real) * h for s, h in zip(taylor_model.slopes, controllers.half, strict=True)), taylor_model.remainder
-    )
-    middle = taylor_model.middle.real
+    low, high = controllers.gain_range(condition.name)
     if condition.upper:
-        return bool(middle - reach > condition.level)
+        return bool(low > condition.level)
+    most = getattr(problem.spec.controller, condition.name).max
+    if condition.of_objective and most < high:  # gains beyond the range are none
+        high = arb(most)
     # better than a level is strictly better
-    low = middle + reach
-    return bool(low <= condition.level if condition.of_objective else low < condition.level)
+    return bool(high <= condition.level if condition.of_objective else high < condition.level)
 
 
 def _margin(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
@@ -146,19 +177,25 @@ def _delay_margin(
 
 
 def _spread(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    """The difference of two margins: of one a crossover must exist, of the other no second one may exist."""
+    """The difference of two margins: of one a crossover must exist, of the other all must be known."""
     if not reason.omega:
         return bool(condition.level <= 0)
-    places = list(zip((reason.point, problem.nominal), brackets_of(reason), strict=True))
-    large, small = places if reason.above else places[::-1]
-    angles = [LoopBracket.of(problem, controllers, point, log_interval(*bracket)) for point, bracket in (large, small)]
-    if angles[0] is None or angles[1] is None:
+    small, large = spread_plants(problem, reason)
+    first, *others = brackets_of(reason)
+    smaller = LoopBracket.of(problem, controllers, small, log_interval(*first))
+    if smaller is None:
         return False
-    return (
-        _are_apart(angles[0].angle, angles[1].angle, condition.level)
-        and GainCrossovers.of(problem, controllers, small[0]).has_one_in(small[1])
-        and GainCrossovers.of(problem, controllers, large[0]).are_in(large[1:])
-    )
+    for bracket in others:
+        larger = LoopBracket.of(problem, controllers, large, log_interval(*bracket))
+        if larger is None or not _are_apart(larger.angle, smaller.angle, condition.level):
+            return False
+    has_one = GainCrossovers.of(problem, controllers, small).has_one_in(first)
+    return has_one and GainCrossovers.of(problem, controllers, large).are_in(others)
+
+
+def spread_plants(problem: Problem, reason: Reason) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The plants with the smaller and the larger margin of a spread's reason."""
+    return (problem.nominal, reason.point) if reason.above else (reason.point, problem.nominal)
 
 
 def _are_apart(larger: MeanValueForm, smaller: MeanValueForm, level: arb) -> bool:
@@ -193,18 +230,48 @@ def sign_changes(problem: Problem, controllers: ControllerBox, reason: Reason) -
 def _crossover(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """|L| < 1 at and above the lowest crossover that is allowed."""
     low = math.nextafter(float(condition.level.lower()), -math.inf)
-    return LoopGainBounds.of(problem, controllers, reason.point).has_no_crossover(low, math.inf, only_below=True)
+    crossovers, omega = GainCrossovers.of(problem, controllers, reason.point), math.nextafter(math.exp(low), 0.0)
+    if omega > 0.0 and crossovers.sign_of_log_gain(omega) < 0 and crossovers.are_below_unless_at(omega):
+        return True
+    return crossovers.bounds.has_no_crossover(low, math.inf, only_below=True)
 
 
 def _gain_spread(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
-    """At the fixed nominal crossover |L0| = 1, so that |L| = |P/P0| for another plant."""
+    """At the nominal crossover |L0| = 1, so that |L| = |P/P0| for another plant."""
     if not reason.omega:
         return bool(condition.level <= 0)
+    if len(reason.omega) == 2:
+        apart = gain_ratio(problem, controllers, reason)
+        return apart is not None and (apart.lower >= condition.level or apart.upper <= -condition.level)
     (omega,) = reason.omega
+    if omega == 0.0:
+        ratio = problem.constant_gain_ratio(reason.point)
+        return ratio is not None and bool(abs(ratio.log()) >= condition.level)
+    if problem.crossover_rad_s is None:
+        found = response_quadratic(problem, condition, reason)
+        return found is not None and bool(
+            lower_bound(found[1], controllers.taylor_model(found[0]), controllers.half) > 0
+        )
     if omega != problem.crossover_rad_s:
         return False
     ratio = problem.response(reason.point, omega)[1] / problem.response(problem.nominal, omega)[1]
     return bool(abs(abs(ratio).log()) >= condition.level)
+
+
+def gain_ratio(problem: Problem, controllers: ControllerBox, reason: Reason) -> MeanValueForm | None:
+    """ln|P/P0| at the highest nominal crossover, which is in the bracket; None where that is not known."""
+    (bracket,) = brackets_of(reason)
+    u = log_interval(*bracket)
+    at = LoopBracket.of(problem, controllers, problem.nominal, u)
+    if at is None or not GainCrossovers.of(problem, controllers, problem.nominal).highest_is_in(bracket):
+        return None
+    sides = [
+        (problem.plant_enclosure(point, (at.u, at.u)), problem.plant_enclosure(point, u))
+        for point in (reason.point, problem.nominal)
+    ]
+    (own, over), (nominal, over_nominal) = sides
+    value, along = abs(own.gain / nominal.gain).log(), (over.log_slope - over_nominal.log_slope).real
+    return at.along_crossovers(value, along) if value.is_finite() and along.is_finite() else None
 
 
 def _stability(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
@@ -237,8 +304,8 @@ _FREQUENCIES = {
     Test.MARGIN: (0, 2),
     Test.GAIN_MARGIN: (2,),
     Test.CROSSOVER: (0,),
-    Test.SPREAD: (0, 4),
-    Test.GAIN_SPREAD: (0, 1),
+    Test.SPREAD: (0, 4, 6, 8),
+    Test.GAIN_SPREAD: (0, 1, 2),
     Test.GAIN: (0,),
     Test.STABILITY: (0, 2, 4, 6),
     Test.LOWER_CROSSOVER: (0,),

@@ -2,7 +2,7 @@
 
 The closed-loop poles on the right are counted for the controller at the centre of the box.  For the others:
 
-by the sensitivity    1 + L has no zero on the imaginary axis for any controller, so that no pole crosses it;
+by the axis           L is -1 nowhere on the imaginary axis for any controller, so that no pole crosses it;
 
 by the crossovers     with b = 180 deg + arg L at the gain crossovers, Nyquist's criterion is
 
@@ -20,24 +20,17 @@ Source: (1) is that of `fopi_tune.core.stability`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from flint import arb
 
-from fopi_tune.core.peaks import Response
 from fopi_tune.optimum.parametrization import BoxLoop, ControllerBox
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.crossings import GainCrossovers
+from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds
 from fopi_tune.optimum.pruning.mean_value_forms import LoopBracket
-from fopi_tune.proof.balls.box import Interval, log_interval, point_box
-from fopi_tune.proof.claims.bound import Bound
-from fopi_tune.proof.claims.branch_and_bound import search
-from fopi_tune.proof.claims.poles import NoPoleAtTheEnds, count_unstable_poles
-
-#: |S| of an unstable box must stay below this, neper, to tell that all its loops are unstable; and boxes for that
-_LARGEST_SENSITIVITY = 6.0
-_STABILITY_BUDGET = 300
+from fopi_tune.proof.balls.box import Interval, log_interval
+from fopi_tune.proof.claims.poles import count_unstable_poles
 
 
 def is_unstable(
@@ -53,27 +46,26 @@ def is_unstable(
         problem: gives the plant.
         controllers: the box.
         point: the plant.
-        brackets: of frequencies with all gain crossovers, rad/s; without any, the sensitivity is bounded.
+        brackets: of frequencies with all gain crossovers, rad/s; without any, the axis is looked at.
         delay_s: the additional dead time, s; not negative.
     """
     if brackets:
         return _by_crossovers(problem, controllers, point, brackets, delay_s)
-    return _by_sensitivity(problem, controllers, point, delay_s)
+    return _by_the_axis(problem, controllers, point, delay_s)
 
 
-def _by_sensitivity(problem: Problem, controllers: ControllerBox, point: tuple[float, ...], delay_s: arb) -> bool:
-    loop = BoxLoop.of(controllers, problem.family, delay_s=delay_s)
-    if loop is None or not _poles_at_centre(problem, controllers, point, delay_s):
+def _by_the_axis(problem: Problem, controllers: ControllerBox, point: tuple[float, ...], delay_s: arb) -> bool:
+    """A pole can only cross the axis: near 0 the integral's term leads, near infinity the leading coefficients do."""
+    plant = problem.plant(point)
+    if controllers.mixes_integrals or plant.numerator[-1].value.contains(0) or plant.denominator[0].value.contains(0):
         return False
-    domain = ((-math.inf, math.inf), *point_box(point))
-    if NoPoleAtTheEnds(loop, domain, 0.0).examine(domain).leaf is None:
-        return False
-    return search(Bound(loop, Response.SENSITIVITY, _LARGEST_SENSITIVITY, True, domain, 0.0), _STABILITY_BUDGET).shown
+    bounds = LoopGainBounds.of(problem, controllers, point, whole=True)
+    return bounds.is_never_minus_one(delay_s) and _poles_at_centre(problem, controllers, point, delay_s) > 0
 
 
 def _poles_at_centre(problem: Problem, controllers: ControllerBox, point: tuple[float, ...], delay_s: arb) -> int:
     """Poles on the right; 0 where they are not known."""
-    centre = BoxLoop.of(controllers, problem.family, whole=False, delay_s=delay_s)
+    centre = BoxLoop.of(controllers, problem.family, delay_s)
     return 0 if centre is None else count_unstable_poles(centre, point, 0.0) or 0
 
 
@@ -85,7 +77,7 @@ def _by_crossovers(
     delay_s: arb,
 ) -> bool:
     crossovers = GainCrossovers.of(problem, controllers, point, whole=True)
-    if BoxLoop.of(controllers, problem.family) is None and not crossovers.bounds.is_positive:
+    if controllers.mixes_integrals and not crossovers.bounds.is_positive:
         return False
     fewer = 0
     for bracket in brackets:

@@ -56,7 +56,8 @@ def combinations(
     slope = np.where(usable[:, :, None], np.take_along_axis(bounds.slopes, chosen[:, :, None], axis=1), 0.0)
     middle = np.concatenate([middle, of_gains.middle, middles], axis=1)
     slope = np.concatenate([slope, of_gains.slopes, slopes], axis=1)
-    size = np.abs(slope).sum(axis=2) + _TINY
+    known = np.where(middle > _NONE, np.abs(middle), 0.0)
+    size = np.maximum(np.abs(slope).sum(axis=2), _LEAST_VALUE * known) + _TINY
     middle = np.where(middle > _NONE, middle / np.where(middle > _NONE, size, 1.0), _NONE)
     values, weights = best_weights(middle, slope / size[:, :, None])
     found: list[Combination | None] = []
@@ -90,7 +91,7 @@ def _gain_bounds(problem: Problem, boxes: Boxes) -> tuple[list[Reason], LinearBo
     reasons: list[Reason] = []
     middles, slopes = [np.empty((len(boxes), 0))], [np.empty((len(boxes), 0, k))]
     for place, condition in enumerate(problem.conditions.every):
-        if condition.test is not Test.GAIN or (in_range and not condition.of_objective):
+        if condition.test is not Test.GAIN or (in_range and condition.name == "kp"):
             continue
         sign, axis = (1.0 if condition.upper else -1.0), ("kp", "ki").index(condition.name)
 

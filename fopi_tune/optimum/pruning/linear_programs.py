@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fopi_tune.core.bode_form import Array
+from fopi_tune.core.bode_form import Array, Rows
 
 #: steps, and the least pivot and reduced cost
 _MOST_STEPS, _PIVOT, _OPTIMAL = 40, 1e-8, 1e-10
@@ -31,7 +31,8 @@ def best_weights(middle: Array, slopes: Array) -> tuple[Array, Array]:
         The values, shape (n,), and the weights, shape (n, m), of which at most k + 1 are above 0.
     """
     n, m, k = slopes.shape
-    every, unit = np.arange(n), np.broadcast_to(np.eye(k), (n, k, k))
+    every: Rows = np.arange(n)
+    unit = np.broadcast_to(np.eye(k), (n, k, k))
     # columns: rows' weights, p, n; the last equation is the sum of the weights
     columns = np.zeros((n, m + 2 * k, k + 1))
     columns[:, :m, :k], columns[:, :m, k] = slopes, 1.0
@@ -39,9 +40,11 @@ def best_weights(middle: Array, slopes: Array) -> tuple[Array, Array]:
     worth = np.concatenate([middle, np.full((n, 2 * k), -1.0)], axis=1)
     first = np.argmax(middle - np.abs(slopes).sum(axis=2), axis=1)
     lead = slopes[every, first]
-    basis = np.concatenate([np.where(lead >= 0.0, m + np.arange(k), m + k + np.arange(k)), first[:, None]], axis=1)
+    basis: Rows = np.concatenate(
+        [np.where(lead >= 0.0, m + np.arange(k), m + k + np.arange(k)), first[:, None]], axis=1
+    )
     values = np.concatenate([np.abs(lead), np.ones((n, 1))], axis=1)
-    going = every
+    going: Rows = every
     for _ in range(_MOST_STEPS):
         own = columns[going[:, None], basis[going]]
         duals = np.linalg.solve(own, np.take_along_axis(worth[going], basis[going], axis=1)[:, :, None])[:, :, 0]
@@ -58,7 +61,8 @@ def best_weights(middle: Array, slopes: Array) -> tuple[Array, Array]:
         rows = np.arange(len(going))
         step = ratio[rows, leaving]
         bounded = np.isfinite(step)
-        going, leaving, entering, step, turned = (x[bounded] for x in (going, leaving, entering, step, turned))
+        going, leaving, entering = going[bounded], leaving[bounded], entering[bounded]
+        step, turned = step[bounded], turned[bounded]
         values[going] -= step[:, None] * turned
         values[going, leaving] = step
         basis[going, leaving] = entering

@@ -1,6 +1,6 @@
 """Bounds of |L| on intervals of frequency, for every controller of a box and one plant:  where no crossover can be.
 
-With z = ki omega^-alpha and kp, ki >= 0, whatever they are,
+With z = |ki s^-alpha| and kp, ki >= 0, whatever they are,
 
     |kp + z e^{-ja}| >= max(kp, z) sin a  (a > 90 deg),  sqrt(kp^2 + z^2) (else) ,     a = alpha pi/2 ,            (1)
     d ln|C|/du <= 0  (a <= 90 deg),   alpha (1 - sin a)/(2 sin a)  (else) ,                                        (2)
@@ -24,13 +24,16 @@ from fopi_tune.optimum.parametrization import ControllerBox
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.mean_value_forms import LoopBracket
 from fopi_tune.proof.balls.box import Interval, ball_of
+from fopi_tune.proof.balls.plant import polynomial
 from fopi_tune.spec.model import GainRange
 
-_ZERO = arb(0)
-_MOST_CELLS, _MOST_STEPS = 150, 40
+_ZERO, _ONE = arb(0), arb(1)
+_MOST_CELLS, _MOST_OF_AXIS, _MOST_OF_RATIO, _MOST_STEPS = 150, 300, 3000, 40
 _NARROWEST, _COARSE = 1e-4, 1e-2
 _STEP, _FARTHEST = 3.0, 100.0
 _SHORT = 0.1
+#: in u; more than logarithms are rounded
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -41,18 +44,20 @@ class LoopGainBounds:
         problem: gives the plants' responses and the ranges.
         controllers: the box.
         kp: their gains.
-        ki: the same.
+        integral: the same, at the reference frequency of the box.
         alpha: the same.
         point: the plant.
+        is_positive: whether no gain is negative, after a change of sign.
         sign: -1 where the signs of both gains were changed.
     """
 
     problem: Problem
     controllers: ControllerBox
     kp: arb
-    ki: arb
+    integral: arb
     alpha: arb
     point: tuple[float, ...]
+    is_positive: bool
     sign: int = 1
 
     @classmethod
@@ -63,39 +68,42 @@ class LoopGainBounds:
 
         Where no gain is positive both signs are changed; |L| is the same, and the rays of a margin are changed too.
         """
-        box, kp, ki = problem.spec.controller, controllers.kp, controllers.ki
+        box, alpha = problem.spec.controller, controllers.alpha
+        kp, integral = controllers.ends
         if not whole:
-            kp, ki = _allowed(kp, box.kp), _allowed(ki, box.ki)
-        if kp <= 0 and ki <= 0:
-            return cls(problem, controllers, -kp, -ki, controllers.alpha, point, -1)
-        return cls(problem, controllers, kp, ki, controllers.alpha, point)
+            kp = _allowed(kp, box.kp)
+            integral = _allowed(integral, box.ki, (-alpha * controllers.reference).exp())
+        if kp[1] <= 0 and integral[1] <= 0:
+            balls = (-kp[1]).union(-kp[0]), (-integral[1]).union(-integral[0])
+            return cls(problem, controllers, *balls, alpha, point, True, -1)
+        positive = bool(kp[0] >= 0 and integral[0] >= 0)
+        return cls(problem, controllers, kp[0].union(kp[1]), integral[0].union(integral[1]), alpha, point, positive)
 
     @cached_property
     def _angle(self) -> arb:
         return self.alpha * arb.pi() / 2
 
     @cached_property
-    def is_positive(self) -> bool:
-        """Whether no gain is negative, after a change of sign."""
-        return bool(self.kp >= 0 and self.ki >= 0)
-
-    @cached_property
     def _sine(self) -> arb:
         """sin a; 1 where a <= 90 deg."""
         return arb(1) if self.alpha <= 1 else self._angle.sin()
 
-    def _integral(self, u: Interval) -> tuple[arb, arb]:
-        """The smallest and the largest |z|."""
-        size = abs(self.ki)
-        high = size.upper() * (-self.alpha * arb(u[0])).exp() if not math.isinf(u[0]) else arb.pos_inf()
-        if self.ki.is_zero():
+    def _integral_size(self, u: Interval) -> tuple[arb, arb]:
+        """The smallest and the largest z."""
+        size, start = abs(self.integral), self.controllers.reference
+        high = size.upper() * (-self.alpha * (arb(u[0]) - start)).exp() if not math.isinf(u[0]) else arb.pos_inf()
+        if self.integral.is_zero():
             high = _ZERO
-        low = size.lower() * (-self.alpha * arb(u[1])).exp() if not math.isinf(u[1]) else _ZERO
+        low = size.lower() * (-self.alpha * (arb(u[1]) - start)).exp() if not math.isinf(u[1]) else _ZERO
         return arb(low.lower()) if low > 0 else _ZERO, arb(high.upper())
+
+    def _integral_response(self, u: Interval) -> acb:
+        """The integral's part of C, over an interval that is not a tail."""
+        return self.integral * (-self.alpha * acb(ball_of(u) - self.controllers.reference, arb.pi() / 2)).exp()
 
     def controller_size(self, u: Interval) -> tuple[arb, arb]:
         """Bounds of |C| over an interval."""
-        low, high = self._integral(u)
+        low, high = self._integral_size(u)
         kp = abs(self.kp)
         kp_low, kp_high = arb(kp.lower()), arb(kp.upper())
         found = kp_low - high if kp_low > high else low - kp_high if low > kp_high else _ZERO
@@ -105,8 +113,7 @@ class LoopGainBounds:
             else:
                 found = _larger(found, _larger(kp_low, low) * self._sine)
         if not math.isinf(u[0]) and not math.isinf(u[1]):
-            log_s = acb(ball_of(u), arb.pi() / 2)
-            value = self.kp + self.ki * (-self.alpha * log_s).exp()
+            value = self.kp + self._integral_response(u)
             if value.is_finite():
                 found = _larger(found, value.abs_lower())
                 most = arb(value.abs_upper())
@@ -136,8 +143,8 @@ class LoopGainBounds:
         """Whether |L| decreases with the frequency all over an interval that is not a tail."""
         slope = self.problem.plant_enclosure(self.point, u).log_slope.real
         own = acb(-self.alpha) if self.kp.is_zero() else acb(0)
-        if not self.kp.is_zero() and not self.ki.is_zero():
-            z = self.ki * (-self.alpha * acb(ball_of(u), arb.pi() / 2)).exp()
+        if not self.kp.is_zero() and not self.integral.is_zero():
+            z = self._integral_response(u)
             own = -self.alpha * (z / (self.kp + z))
         if slope + own.real < 0:
             return True
@@ -160,6 +167,45 @@ class LoopGainBounds:
             return False
         at = LoopBracket.of(self.problem, self.controllers, self.point, u)
         return at is not None and bool(at.log_gain.upper < 0 or (not only_below and at.log_gain.lower > 0))
+
+    def is_never_minus_one(self, delay_s: arb) -> bool:
+        """Whether L != -1 at every frequency from 0 to infinity, behind more dead time."""
+
+        def settled(u: Interval) -> bool:
+            return self.misses_unity(u, False) or self._misses_negative_axis(u, delay_s)
+
+        return _covered(settled, -math.inf, math.inf, most=_MOST_OF_AXIS)
+
+    def _misses_negative_axis(self, u: Interval, delay_s: arb) -> bool:
+        """Whether L is not negative over an interval, or not -1."""
+        low_tail, high_tail = math.isinf(u[0]), math.isinf(u[1])
+        over = self.problem.plant_enclosure(self.point, u)
+        p = over.gain * self.sign
+        if not delay_s.is_zero() or (high_tail and over.delay is not None):
+            if high_tail:
+                return False
+            omega = _ZERO.union(arb(u[1]).exp()) if low_tail else ball_of(u).exp()
+            p = p * acb(0, -delay_s * omega).exp()
+        if not p.is_finite() or p.contains(0):
+            return False
+        if not low_tail and not high_tail:
+            value = (self.kp + self._integral_response(u)) * p
+            if value.is_finite() and not (1 + value).contains(0):
+                return True
+        return self.is_positive and self._cone_misses_negative_axis(u, p)
+
+    def _cone_misses_negative_axis(self, u: Interval, p: acb) -> bool:
+        """C lags P by an angle of at most a, that of kp + z e^{ja}, which rises with z/kp."""
+        low, high = self._integral_size(u)
+        kp = arb(self.kp.lower()), arb(self.kp.upper())
+        turn = acb(self._angle.cos(), self._angle.sin())
+        least = (kp[1] + low * turn).arg() if low > 0 else _ZERO
+        most = (kp[0] + high * turn).arg() if high.is_finite() and kp[0] > 0 else self._angle
+        start = p.arg() if p.real > 0 or not p.imag.contains(0) else arb.pi() + (-p).arg()
+        first, last = start - most, start - least
+        if not first.is_finite() or not last.is_finite():
+            return False
+        return any(bool(first > (2 * n - 1) * arb.pi()) and bool(last < (2 * n + 1) * arb.pi()) for n in (-1, 0, 1))
 
     def has_no_margin_below(self, u: float, margin: arb) -> bool:
         """Whether L is this angle from -1, by lag or by lead, at no gain crossover below the crossover u.
@@ -189,12 +235,31 @@ class LoopGainBounds:
         if math.isinf(u[0]) or math.isinf(u[1]):
             return False
         over = self.problem.plant_enclosure(self.point, u)
-        c = self.kp + self.ki * (-self.alpha * acb(ball_of(u), arb.pi() / 2)).exp()
+        c = self.kp + self._integral_response(u)
         turned = [self.sign * c * over.gain / ray for ray in rays]
         return all(t.is_finite() and (t.real < 0 or not t.imag.contains(0)) for t in turned)
 
 
-def _covered(settled: Callable[[Interval], bool], low: float, high: float, narrowest: float = _NARROWEST) -> bool:
+def gain_ratio_stays_beyond(problem: Problem, point: tuple[float, ...], omega: float, level: arb) -> bool:
+    """Whether |ln|P/P0|| is at least a level at every frequency from one on."""
+    key = (point, omega, float(level.upper()))
+    if key not in problem.gain_ratios:
+        most = arb(level.upper())
+
+        def settled(u: Interval) -> bool:
+            own, nominal = problem.plant_enclosure(point, u), problem.plant_enclosure(problem.nominal, u)
+            # in the high tail both numerators over the leading power of s
+            top = [polynomial(x.plant.top.reversed.values, x.s) if x.high_tail else x.numerator for x in (own, nominal)]
+            ratio = abs(top[0] / top[1] * (nominal.d / own.d))
+            return ratio > 0 and ratio.is_finite() and bool(abs(ratio.log()) >= most)
+
+        problem.gain_ratios[key] = _covered(settled, math.log(omega) - _ROUNDING, math.inf, _ROUNDING, _MOST_OF_RATIO)
+    return problem.gain_ratios[key]
+
+
+def _covered(
+    settled: Callable[[Interval], bool], low: float, high: float, narrowest: float = _NARROWEST, most: int = _MOST_CELLS
+) -> bool:
     """Whether an interval can be split into cells, none too narrow, each of which is settled."""
     pending: list[Interval] = [(low, high)]
     cells = 0
@@ -205,7 +270,7 @@ def _covered(settled: Callable[[Interval], bool], low: float, high: float, narro
         if not endless and settled((first, last)):
             continue
         near = 0.0 if endless else last if math.isinf(first) else first
-        if cells > _MOST_CELLS or last - first < narrowest or abs(near) > _FARTHEST:
+        if cells > most or last - first < narrowest or abs(near) > _FARTHEST:
             return False
         if math.isinf(first):
             middle = 0.0 if endless else last - _STEP
@@ -215,14 +280,15 @@ def _covered(settled: Callable[[Interval], bool], low: float, high: float, narro
     return True
 
 
-def _allowed(ball: arb, side: GainRange) -> arb:
-    """The part of a ball inside a range; the ball itself where there is none."""
-    low, high = arb(ball.lower()), arb(ball.upper())
+def _allowed(ends: tuple[arb, arb], side: GainRange, unit: arb = _ONE) -> tuple[arb, arb]:
+    """The part of an interval inside a range, times a unit; the interval itself where there is none."""
+    low, high = ends
     if math.isfinite(side.min):
-        low = _larger(low, arb(side.min))
-    if math.isfinite(side.max) and high > arb(side.max):
-        high = arb(side.max)
-    return low.union(high) if low <= high else ball
+        low = _larger(low, arb((side.min * unit).lower()))
+    if math.isfinite(side.max):
+        most = arb((side.max * unit).upper())
+        high = most if high > most else high
+    return (low, high) if low <= high else ends
 
 
 def _larger(a: arb, b: arb) -> arb:

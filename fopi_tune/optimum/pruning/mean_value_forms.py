@@ -153,6 +153,16 @@ class LoopBracket:
         b = (-self.gain).arg() if self.gain.real.mid() <= 0 else arb.pi() + self.gain.arg()
         return b - 2 * arb.pi() if b.mid() > arb.pi().mid() else b
 
+    def along_crossovers(self, value: arb, along: arb) -> MeanValueForm:
+        """A function of u alone where |L| = 1, from its value at the centre and its derivative over the bracket."""
+        multiplier = _multiplier(along, self.along.real)
+        return MeanValueForm(
+            value + multiplier * abs(self.gain).log(),
+            tuple(multiplier * slope.real for slope in self.slopes),
+            self.half,
+            (along + multiplier * self.along.real) * self.shift,
+        )
+
     def _where_gain_is_one(self, value: arb, along: arb) -> MeanValueForm:
         """A value that varies along the coordinates as arg L does."""
         multiplier = _multiplier(along, self.along.real)

@@ -10,11 +10,12 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response, extremes
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import DomainError
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Condition, Test
 from fopi_tune.optimum.pruning.crossover_suggestions import suggestions
-from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
+from fopi_tune.optimum.pruning.exclusion import Reason, is_broken_at_zero, is_excluded, response_quadratic
 from fopi_tune.optimum.pruning.screen import Boxes, gains_at
 from fopi_tune.proof.balls.box import Box
 
@@ -30,6 +31,8 @@ _MOST_CORNERS = 16
 _MOST_INSIDE = 81
 #: a condition within this distance of its limit, neper, gets a new sample
 _NEAR = 0.05
+#: frequencies at which plants are compared, steps to where they are too far apart, and relative room for the proof
+_FINE, _HALVINGS, _ROOM = 400, 30, 1e-6
 
 
 def plants_to_try(problem: Problem, places: list[WorstCasePoint]) -> list[tuple[float, ...]]:
@@ -53,14 +56,50 @@ def first_reasons(problem: Problem, points: list[tuple[float, ...]], places: lis
     return list(dict.fromkeys(found))
 
 
+def spread_reasons(problem: Problem, points: list[tuple[float, ...]]) -> list[Reason]:
+    """Of each plant the lowest frequency from which on its gain is too far from the nominal one's, if there is one."""
+    if problem.crossover_rad_s is not None:
+        return []
+    corners = _corner_frequencies(problem.family)
+    grid = np.geomspace(corners.min() / _BEYOND, corners.max() * _BEYOND, _FINE)
+    found: list[Reason] = []
+    for k, condition in enumerate(problem.conditions.every):
+        if condition.test is not Test.GAIN_SPREAD or not condition.level > 0:
+            continue
+        level = float(condition.level.mid())
+        for point in points:
+            plants = Plants.members(problem.family, np.array([point, problem.nominal], dtype=float))
+
+            def apart(omega: Array, plants: Plants = plants) -> Array:
+                rows = np.zeros(len(omega), dtype=np.intp)
+                return np.abs(np.log(np.abs(plants.response(rows, omega) / plants.response(rows + 1, omega))))
+
+            inside = np.flatnonzero(~(apart(grid) > level))
+            if not len(inside) or inside[-1] == len(grid) - 1:
+                continue
+            low, high = grid[inside[-1]], grid[inside[-1] + 1]
+            for _ in range(_HALVINGS):
+                middle = math.sqrt(low * high)
+                low, high = (low, middle) if apart(np.array([middle]))[0] > level else (middle, high)
+            reason = Reason(k, point, (float(high) * (1.0 + _ROOM),))
+            if response_quadratic(problem, condition, reason) is not None:
+                found.append(reason)
+    return found
+
+
 def constant_reasons(problem: Problem, points: list[tuple[float, ...]]) -> list[Reason]:
-    """Reasons independent of the controller: |S| -> 1, a spread is not negative, and a known spread of |L|."""
+    """Reasons independent of the controller: limits at 0 and infinity, a spread is not negative, or is known."""
     found: list[Reason] = []
     for k, condition in enumerate(problem.conditions.every):
         spread = condition.test in (Test.SPREAD, Test.GAIN_SPREAD)
         high = condition.response is Response.SENSITIVITY and math.isinf(condition.band_rad_s[1])
+        if condition.test is Test.RESPONSE and condition.band_rad_s[0] == 0.0:
+            own = [problem.nominal] if condition.nominal else points
+            found += [Reason(k, point, (0.0,)) for point in own if is_broken_at_zero(problem, condition, point)]
         if (spread and condition.level <= 0) or (high and condition.upper and condition.level < 0):
             found.append(Reason(k, problem.nominal))
+        elif condition.test is Test.GAIN_SPREAD and problem.crossover_rad_s is None:
+            found += [Reason(k, point, (0.0,)) for point in points if problem.constant_gain_ratio(point) is not None]
         elif condition.test is Test.GAIN_SPREAD and problem.crossover_rad_s is not None:
             found += [Reason(k, point, (problem.crossover_rad_s,)) for point in points if point != problem.nominal]
     return found
@@ -103,11 +142,21 @@ def _point(centre: Array) -> Box:
     return tuple((value, value) for value in centre[0].tolist())
 
 
-def _grid(problem: Problem, low: float, high: float) -> list[float]:
-    plants = Plants.members(problem.family, problem.family.corners(_MOST_CORNERS))
+def typical_frequency_rad_s(family: PlantFamily) -> float:
+    """The geometric mean of the plants' corner frequencies, rad/s."""
+    return float(np.exp(np.log(_corner_frequencies(family)).mean()))
+
+
+def _corner_frequencies(family: PlantFamily) -> Array:
+    """|poles|, |zeros| and 1/dead times of the corner plants, rad/s; 1 without any."""
+    plants = Plants.members(family, family.corners(_MOST_CORNERS))
     sizes = [np.abs(roots[np.isfinite(roots) & (roots != 0)]) for roots in (plants.poles, plants.zeros)]
-    own = np.concatenate([*sizes, 1.0 / plants.dead_time_s[plants.dead_time_s > 0], [1.0] * (not sizes)])
-    own = own if len(own) else np.ones(1)
+    own = np.concatenate([*sizes, 1.0 / plants.dead_time_s[plants.dead_time_s > 0]])
+    return own if len(own) else np.ones(1)
+
+
+def _grid(problem: Problem, low: float, high: float) -> list[float]:
+    own = _corner_frequencies(problem.family)
     first, last = float(own.min()) / _BEYOND, float(own.max()) * _BEYOND
     if problem.crossover_rad_s is not None:
         first, last = min(first, problem.crossover_rad_s / _BEYOND), max(last, problem.crossover_rad_s * _BEYOND)

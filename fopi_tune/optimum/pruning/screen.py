@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.peaks import Response
-from fopi_tune.optimum.parametrization import CrossoverParametrization, Parametrization
+from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Test
 from fopi_tune.optimum.pruning.exclusion import Reason
@@ -72,14 +72,16 @@ def taylor_models(parametrization: Parametrization, boxes: Boxes, log_s: Complex
     log_s = np.atleast_2d(log_s)
     if isinstance(parametrization, CrossoverParametrization):
         return _on_circle(parametrization, boxes, log_s)
-    kp, ki, alpha = (column[:, None] for column in boxes.middle.T)
-    _, wide_ki, wide_alpha = (column[:, None] for column in boxes.half.T)
-    rho = np.exp(-alpha * log_s)
-    z = np.minimum(np.abs(log_s) * wide_alpha, 300.0)
-    integral = ki * rho
+    assert isinstance(parametrization, GainParametrization)
+    exponent = log_s - math.log(parametrization.omega_rad_s)
+    kp, z, alpha = (column[:, None] for column in boxes.middle.T)
+    _, wide_z, wide_alpha = (column[:, None] for column in boxes.half.T)
+    rho = np.exp(-alpha * exponent)
+    x = np.minimum(np.abs(exponent) * wide_alpha, 300.0)
+    integral = z * rho
     with np.errstate(over="ignore"):
-        remainder = np.abs(rho) * z * np.exp(z) * (wide_ki + 0.5 * np.abs(ki) * z)
-    return TaylorModels(kp + integral, [np.ones_like(rho), rho, -log_s * integral], remainder)
+        remainder = np.abs(rho) * x * np.exp(x) * (wide_z + 0.5 * np.abs(z) * x)
+    return TaylorModels(kp + integral, [np.ones_like(rho), rho, -exponent * integral], remainder)
 
 
 def _on_circle(parametrization: CrossoverParametrization, boxes: Boxes, log_s: Complex) -> TaylorModels:
@@ -99,8 +101,10 @@ def _on_circle(parametrization: CrossoverParametrization, boxes: Boxes, log_s: C
 
 def gains_at(parametrization: Parametrization, coordinates: Array) -> tuple[Array, Array, Array]:
     """kp, ki and alpha at n points of the coordinates."""
-    if not isinstance(parametrization, CrossoverParametrization):
-        return coordinates[:, 0], coordinates[:, 1], coordinates[:, 2]
+    if isinstance(parametrization, GainParametrization):
+        kp, z, alpha = coordinates.T
+        return kp, z * parametrization.omega_rad_s**alpha, alpha
+    assert isinstance(parametrization, CrossoverParametrization)
     alpha, psi = coordinates.T
     x = -np.exp(1j * psi) / complex(parametrization.plant)
     a = 0.5 * np.pi * alpha
@@ -188,6 +192,9 @@ def _coefficients(problem: Problem, reason: Reason) -> tuple[complex, complex, c
         log_s, p = problem.real_response(reason.point, condition.horizon_s)
         limit = (condition.level / (condition.horizon_s * abs(p))) ** 2
         a, b, c = quadratic(Response.SENSITIVITY, p, limit, True)
+    elif condition.test is Test.GAIN_SPREAD:
+        log_s, p = problem.response(problem.nominal, reason.omega[0])
+        a, b, c = quadratic(Response.LOOP_GAIN, p, arb(1), True)
     else:
         assert condition.response is not None
         log_s, p = problem.response(reason.point, reason.omega[0])

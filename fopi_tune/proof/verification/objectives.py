@@ -76,7 +76,8 @@ def _phase_margin_spread(objective: Objective, samples: SamplePair) -> Value:
 
     def criterion(loops: Loops) -> tuple[Array, Array, Array]:
         found = measure(loops, False, 0.0, np.inf)
-        apart = np.abs(found.value - nominal)
+        with np.errstate(invalid="ignore"):  # margins may be infinite
+            apart = np.abs(found.value - nominal)
         return with_work(np.where(np.isfinite(apart), apart, np.nan), found.omega_rad_s, found.work)
 
     return _worst(samples.refined, criterion)

@@ -7,14 +7,16 @@ import math
 import numpy as np
 import pytest
 from cases.optimum_cases import FAMILIES, OBJECTIVES, just_met
-from flint import ctx
+from flint import arb, ctx
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.optimum.parametrization import CrossoverParametrization
+from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization
 from fopi_tune.optimum.problem import Problem
+from fopi_tune.optimum.pruning.combinations import linear_bound_of
 from fopi_tune.optimum.pruning.conditions import Test as Kind
 from fopi_tune.optimum.pruning.crossover_suggestions import suggestions
 from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
+from fopi_tune.optimum.pruning.response_bounds import LinearBound
 from fopi_tune.optimum.pruning.sample_points import constant_reasons, first_reasons, further_reasons, plants_to_try
 from fopi_tune.optimum.pruning.screen import Boxes, gains_at
 from fopi_tune.proof.balls.box import Box
@@ -29,14 +31,16 @@ def _gains(name: str, pick: np.random.Generator) -> FoPi:
     kp, ki, alpha = pick.uniform(0.2, 3.0), pick.uniform(0.05, 1.5), pick.uniform(0.4, 1.4)
     if name == "unstable":
         kp += 0.5
+    ki = 0.0 if pick.random() < 0.15 else ki
     return FoPi(-kp, -ki, alpha) if name == "negative gain" else FoPi(kp, ki, alpha)
 
 
 def _place(problem: Problem, gains: FoPi) -> tuple[float, ...]:
     """The coordinates of gains."""
     parametrization = problem.parametrization
-    if not isinstance(parametrization, CrossoverParametrization):
-        return gains.kp, gains.ki, gains.alpha
+    if isinstance(parametrization, GainParametrization):
+        return gains.kp, gains.ki * parametrization.omega_rad_s**-gains.alpha, gains.alpha
+    assert isinstance(parametrization, CrossoverParametrization)
     s = parametrization.omega_rad_s**-gains.alpha * np.exp(-0.5j * np.pi * gains.alpha)
     first = problem.roots[0][1][0]
     psi = np.angle((gains.kp + gains.ki * s) * complex(parametrization.plant)) + np.pi
@@ -62,10 +66,19 @@ def _reasons(problem: Problem, box: Box) -> list[Reason]:
     return list(dict.fromkeys([*found, *first_reasons(problem, points, [])]))
 
 
+def _at(bound: LinearBound, box: Box, place: tuple[float, ...]) -> arb:
+    """What a violation is at least at some gains of the box, of which a sum of bounds is made."""
+    value = bound.middle
+    for slope, (low, high), x in zip(bound.slopes, box, place, strict=True):
+        if low < high:
+            value += slope * (2 * arb(x) - low - high) / (arb(high) - low)
+    return value
+
+
 def _wrongly_discarded(spec: DesignSpec, beat: float, gains: FoPi, pick: np.random.Generator) -> list[str]:
     wrong = []
     with ctx.workprec(PRECISION):
-        problem = Problem.of(spec, beat)
+        problem = Problem.of(spec, beat, float(pick.choice([0.03, 1.0, 40.0])))
         place = _place(problem, gains)
         back = [float(gain[0]) for gain in gains_at(problem.parametrization, np.array([place]))]
         assert np.allclose(back, [gains.kp, gains.ki, gains.alpha], rtol=1e-7, atol=1e-9)
@@ -73,6 +86,8 @@ def _wrongly_discarded(spec: DesignSpec, beat: float, gains: FoPi, pick: np.rand
         on_line = problem.margin_is_fixed and abs(math.remainder(place[1] - problem.roots[1][1][0], math.tau)) < 1e-6
         for size in _SIZES:
             box = _box_around(place, size, pick)
+            if isinstance(problem.parametrization, GainParametrization) and gains.ki == 0.0:
+                box = box[0], (0.0, 0.0), box[2]  # what is shown of other boxes need not hold of ki = 0
             controllers = problem.parametrization.controllers(box)
             for reason in _reasons(problem, box):
                 condition = problem.conditions.every[reason.condition]
@@ -80,6 +95,9 @@ def _wrongly_discarded(spec: DesignSpec, beat: float, gains: FoPi, pick: np.rand
                     continue
                 if is_excluded(problem, controllers, reason):
                     wrong.append(f"{condition.test} {condition.words} {reason} {box}")
+                bound = linear_bound_of(problem, controllers, reason)
+                if bound is not None and _at(bound, box, place) > 0:
+                    wrong.append(f"linear bound of {condition.test} {condition.words} {reason} {box}")
     return wrong
 
 
