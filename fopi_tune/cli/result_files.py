@@ -131,6 +131,7 @@ def _code_files(result: Discretized) -> Iterator[tuple[str, str]]:
         controller=result.controller,
         units=Units(digital.measurement_unit, digital.output_unit),
         limits=digital.output_limits,
+        rate_per_s=digital.output_rate_per_s,
     )
     yield from ((f"{CODE_FOLDER}/{name}", text) for name, text in export_c(export).items())
 

@@ -28,8 +28,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.digital.discretize import Method, sections_of
-from fopi_tune.digital.implementation import digital_section_of
-from fopi_tune.digital.realise import Precision
+from fopi_tune.digital.implementation import digital_section_of, runtime_of
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.section_derivatives import UnitFilter, unit_filter
 from fopi_tune.errors import DomainError
@@ -81,7 +80,7 @@ def controller_derivatives(spec: DesignSpec, gains: FoPi) -> ControllerDerivativ
             "alpha, or take method: oustaloup"
         )
     crossover, rates = _crossover(spec, gains, digital)
-    controller = Runtime.of(sections_of(gains, digital, crossover), Precision.FLOAT64, digital.output_limits)
+    controller = runtime_of(sections_of(gains, digital, crossover), digital)
     unit = _unit_filter(spec, gains, digital, crossover)
     by_gains = _by_gains(gains.ki, rates)
     direct, residues = unit.direct @ by_gains, unit.residues @ by_gains

@@ -60,6 +60,7 @@ class Export:
         controller: the filter with its measured errors.
         units: of the signals; any text.
         limits: of the output in its unit, lower first; None where there are none.
+        rate_per_s: fastest change of the output, per s; None where there is no limit.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Export:
     controller: DigitalController
     units: Units = Units()
     limits: tuple[float, float] | None = None
+    rate_per_s: float | None = None
 
 
 def export_c(export: Export) -> dict[str, str]:
@@ -118,9 +120,9 @@ def controller_code(export: Export, precision: Precision, identifier: str, part_
         part_of: prefix of the system that calls it; empty for a controller of its own.
 
     Raises:
-        DomainError: empty limits, or a controller that is unusable after rounding.
+        DomainError: empty limits, a rate of 0, or a controller that is unusable after rounding.
     """
-    runtime = Runtime.of(export.controller.sections, precision, export.limits)
+    runtime = Runtime.of(export.controller.sections, precision, export.limits, export.rate_per_s)
     values = with_export_id({**_values(export, runtime, identifier), **({"part_of": part_of} if part_of else {})})
     files = code_files("controller", {"part_of": "", **values})
     return ControllerCode(runtime, values["prefix"], values["macro"], values["export_id"], files)
@@ -241,6 +243,8 @@ def _values(export: Export, runtime: Runtime, identifier: str) -> dict[str, Any]
         "tracking_gain": numbers((runtime.tracking_gain,))[0],
         "low": numbers(runtime.limits)[0],
         "high": numbers(runtime.limits)[1],
+        **({"rate": repr(export.rate_per_s)} if runtime.limits_rate else {}),
+        "most_change": numbers((runtime.most_change,))[0] if runtime.limits_rate else None,
         "flush_below": literal(runtime.precision.flush_below, kind["literal"]),
         "flush_text": _power_of_two(runtime.precision.flush_below),
         "absorbing_text": _power_of_two(runtime.precision.absorbs_flushed),

@@ -118,7 +118,10 @@ def _mode(export: SystemExport, index: int, code: ControllerCode) -> dict[str, A
     return {
         "name": export.mode_names[index],
         "gains": export.modes[index].controller.gains,
+        "number": 1 + index,
         "limits": "none" if export.modes[index].limits is None else f"{low!r} to {high!r}",
+        "limits_rate": code.runtime.limits_rate,
+        "rate": f", rate: {export.modes[index].rate_per_s!r} per s" if code.runtime.limits_rate else "",
         "prefix": code.prefix,
         "macro": code.macro,
         "export_id": code.export_id,

@@ -7,8 +7,10 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.digital import sections_of
+from fopi_tune.digital.realise import Precision
+from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DesignSpec, DigitalSpec
 
@@ -25,6 +27,20 @@ def implementation_of(spec: DesignSpec, gains: FoPi) -> Implementation:
     digital = digital_section_of(spec)
     crossover = nominal_crossover(spec, gains) if digital.depends_on_crossover else None
     return Implementation(sections_of(gains, digital, crossover), digital.delay_samples)
+
+
+def runtime_of(sections: Sections, digital: DigitalSpec | None) -> Runtime:
+    """The controller in the arithmetic of the exported double-precision code, with the limits of its output.
+
+    Args:
+        sections: the digital controller.
+        digital: gives the limits; None: there are none.
+
+    Raises:
+        DomainError: the limits are empty, or a coefficient is out of range.
+    """
+    limits, rate = (digital.output_limits, digital.output_rate_per_s) if digital is not None else (None, None)
+    return Runtime.of(sections, Precision.FLOAT64, limits, rate)
 
 
 def designed_implementation(spec: DesignSpec, gains: FoPi) -> Implementation | None:

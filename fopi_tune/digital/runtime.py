@@ -2,18 +2,23 @@
 
     e = setpoint - measurement
     v = direct e + x_0 + x_1 + ...                          from left to right
-    u = v within the limits
+    u = v within the limits, and within D of the last output
     d = g (u - v)
     x_k <- p_k (x_k + w_k d) + r_k e                                                                               (1)
+
+D = output_rate_per_s Ts, infinite without a limit of the rate.  As the last output is within the limits, so is u, in
+floating point too: where u - u_last > D, the sum u_last + D does not round beyond u.  The last output is that of the
+last sample, what was tracked, or where `reset` started.
 
 At a sample with any number that is not finite, output and states are held.
 
 Anti-windup is back-calculation by weights that sum to 1.  While the output is limited, w_k = r_k/sum r_j (over p_j > 0)
 makes the correction take from each section what a constant error adds to it: no section winds up, not even a slow one.
+While the rate is limited it does the same: v stays near what the actuator can follow.
 g = min(1, |sum r_j/direct|) lets the output leave a limit as the error changes sign.  With g = 1, a sample of noise
 beyond the limit would change the integrator by all of its excess, and the output would settle off the setpoint.
 
-Since (1) always feeds back u, the states obey, limited or not,
+Since (1) always feeds back u, the states obey, limited in value or rate or not,
 
     x <- P (I - g w 1') x + g P w (u - direct e) + r e,       P = diag(p_k) ,                                      (2)
 
@@ -46,8 +51,9 @@ Source: back-calculation as in Astrom and Hagglund, Advanced PID Control, 2006; 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 
@@ -75,6 +81,7 @@ class Runtime:
         weights: w_k of the anti-windup; they sum to 1 up to rounding; all 0 when no section takes a correction.
         tracking_gain: g, in [0, 1].
         limits: of the output, lower first.
+        most_change: D, by which the output changes at most from sample to sample; inf: any change.
     """
 
     precision: Precision
@@ -84,32 +91,43 @@ class Runtime:
     weights: tuple[float, ...]
     tracking_gain: float
     limits: tuple[float, float]
+    most_change: float = math.inf
 
     @classmethod
-    def of(cls, sections: Sections, precision: Precision, limits: tuple[float, float] | None = None) -> Runtime:
+    def of(
+        cls, sections: Sections, precision: Precision, limits: tuple[float, float] | None = None,
+        rate_per_s: float | None = None,
+    ) -> Runtime:  # fmt: skip
         """Round a controller to a precision, once.
 
         Args:
             sections: the controller.
             precision: of the target.
             limits: of the output, lower first; infinite, or None for both, where there is none.
+            rate_per_s: fastest change of the output, per s; None where there is no limit.
 
         Raises:
-            DomainError: the limits are empty, a coefficient is beyond the precision's range, or a rounded pole is not
-                inside the unit circle.
+            DomainError: the limits are empty, the rate is not greater than 0 or lost to rounding, a coefficient is
+                beyond the precision's range, or a rounded pole is not inside the unit circle.
         """
         within = _limits(limits, precision)
+        change = _most_change(rate_per_s, sections.sample_time_s, within, precision)
         with np.errstate(over="ignore", under="ignore"):
             rows = parallel_rows(sections, precision).astype(np.float64)
         direct, poles, residues = float(rows[0, 1]), rows[1:, 0], rows[1:, 1]
         _check_coefficients(sections, rows, precision)
         weights, gain = _anti_windup(direct, poles, residues, precision)
-        return cls(precision, direct, _floats(poles), _floats(residues), _floats(weights), gain, within)
+        return cls(precision, direct, _floats(poles), _floats(residues), _floats(weights), gain, within, change)
 
     @property
     def has_integrator(self) -> bool:
         """Whether the first section is an integrator; `reset` starts it at the output."""
         return bool(self.poles) and self.poles[0] == 1.0
+
+    @property
+    def limits_rate(self) -> bool:
+        """Whether the output's change from sample to sample is limited."""
+        return math.isfinite(self.most_change)
 
     @cached_property
     def stored(self) -> StoredCoefficients:
@@ -118,7 +136,8 @@ class Runtime:
         direct, gain, low, high = (dtype(number) for number in (self.direct, self.tracking_gain, *self.limits))
         poles, residues, weights = (np.array(row, dtype=dtype) for row in (self.poles, self.residues, self.weights))
         largest, flush_below = np.finfo(dtype).max, dtype(self.precision.flush_below)
-        return StoredCoefficients(direct, poles, residues, weights, gain, low, high, largest, flush_below)
+        change = dtype(self.most_change)
+        return StoredCoefficients(direct, poles, residues, weights, gain, low, high, change, largest, flush_below)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +151,7 @@ class StoredCoefficients:
     tracking_gain: np.floating
     low: np.floating
     high: np.floating
+    most_change: np.floating
     largest: np.floating
     flush_below: np.floating
 
@@ -144,6 +164,13 @@ class StoredCoefficients:
         if value < self.low:
             return self.low
         return self.high if value > self.high else value
+
+    def followed(self, value: np.floating, last: np.floating) -> np.floating:
+        """What the output comes to on its way from the last one to a value within the limits."""
+        change = value - last
+        if change > self.most_change:
+            return last + self.most_change
+        return last - self.most_change if change < -self.most_change else value
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,6 +252,17 @@ def track(runtime: Runtime, state: State, setpoint: float, measurement: float, a
     return _one_sample(runtime, state, setpoint, measurement, applied)
 
 
+def follow_from(runtime: Runtime, state: State, output: np.floating) -> State:
+    """The state whose next output is reached from one that another controller had, cut to the limits.
+
+    Args:
+        runtime: with a limit of the rate.
+        state: of which the sections' states stay.
+        output: of the other controller, in the precision.
+    """
+    return replace(state, output=runtime.stored.limited(output))
+
+
 def replay(runtime: Runtime, operations: Iterable[Operation]) -> Array:
     """The output after each operation, from a fresh `init`; shape (n,)."""
     state, outputs = init(runtime), []
@@ -250,7 +288,7 @@ def _one_sample(runtime: Runtime, state: State, setpoint: float, measurement: fl
     if not (c.finite(e) and c.finite(v)):
         return state
     if applied is None:
-        u = c.limited(v)
+        u = c.followed(c.limited(v), state.output)
         d = c.tracking_gain * (u - v)
         following = c.poles * (state.x + c.weights * d) + c.residues * e
     else:
@@ -290,6 +328,30 @@ def _limits(limits: tuple[float, float] | None, precision: Precision) -> tuple[f
     if not lower < upper:
         raise DomainError(f"{what} hold no two numbers of {precision.value}; widen them")
     return float(lower), float(upper)
+
+
+def _most_change(
+    rate_per_s: float | None, sample_time_s: float, within: tuple[float, float], precision: Precision
+) -> float:  # fmt: skip
+    """D in a precision, rounded down: never faster than the given rate, but for the rounding of outputs."""
+    if rate_per_s is None or rate_per_s == math.inf:
+        return math.inf
+    if not rate_per_s > 0.0:
+        raise DomainError(f"output_rate_per_s {rate_per_s!r} must be greater than 0; leave it out for no limit")
+    dtype, wanted = precision.dtype, rate_per_s * sample_time_s
+    with np.errstate(over="ignore", under="ignore"):
+        change = dtype(wanted)
+    if float(change) > wanted:
+        change = np.nextafter(change, dtype(0.0))
+    # an output at the larger limit must still move
+    largest = dtype(max(abs(limit) for limit in within))
+    lost = largest - change == largest if largest < 0.5 * np.finfo(dtype).max else change == 0.0
+    if lost:
+        what = f"output_rate_per_s {rate_per_s!r} is {wanted:.3g} a sample, which {precision.value} loses"
+        raise DomainError(
+            f"{what} beside an output of {float(largest):.3g}; give a longer sample time or a faster rate"
+        )
+    return float(change)
 
 
 def _check_coefficients(sections: Sections, rows: Array, precision: Precision) -> None:

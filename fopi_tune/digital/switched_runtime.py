@@ -8,6 +8,9 @@ if the active mode was entered by a change at least `min_dwell_samples` samples 
 Then the active controller steps as in `runtime`.  The other one's memory is held, tracks the active one's output within
 its own limits, or starts anew, at an output of 0, when its mode is entered.
 
+The actuator is one: where the rate of the entered mode's output is limited, its first output is reached from the last
+output of the other mode, cut to its own limits.  A controller that tracked has tracked just that.
+
 At a sample whose setpoint - measurement is not finite the mode is held, and both controllers hold too.  The time of the
 dwell goes on.
 
@@ -134,6 +137,8 @@ def step(pair: SwitchedRuntime, state: SwitchedState, setpoint: float, measureme
         mode, stayed = 1 - mode, 0
         if switching.memory is Memory.RESET:
             memories[mode] = runtime.init(controllers[mode])
+        if controllers[mode].limits_rate and switching.memory is not Memory.TRACKING:
+            memories[mode] = runtime.follow_from(controllers[mode], memories[mode], state.output)
     memories[mode] = runtime.step(controllers[mode], memories[mode], setpoint, measurement)
     if switching.memory is Memory.TRACKING:
         idle, applied = 1 - mode, float(memories[mode].output)

@@ -69,6 +69,8 @@ def standard_operations(runtime: Runtime, seed: int = _SEED, mixed: int = 800) -
         rows += steps(40, lambda k: size, lambda k: 0.5 * size)
     rows += [_random_operation(draw, size) for _ in range(mixed)]
     rows += _at_rest(runtime)
+    if runtime.limits_rate:
+        rows += _around_the_rate(runtime, draw)
     return tuple(in_float32(row) for row in rows)
 
 
@@ -81,6 +83,20 @@ def steps(count: int, setpoint: Callable[[int], float], measurement: Callable[[i
         measurement: the same.
     """
     return [Operation(Op.STEP, setpoint(k), measurement(k)) for k in range(count)]
+
+
+def _around_the_rate(runtime: Runtime, draw: random.Random) -> Iterable[Operation]:
+    """Errors that move the output a little slower and a little faster than its rate allows, from several outputs."""
+    gain, size = abs(runtime.direct) + sum(abs(residue) for residue in runtime.residues), signal_size(runtime)
+    share = runtime.most_change / gain if gain > 0.0 else 1.0
+    rows: list[Operation] = []
+    for sign in (1.0, -1.0):
+        for speed in (0.5, 0.98, 1.02, 3.0):
+            rows += [Operation(Op.RESET, output=-sign * gain * size)]
+            rows += steps(40, lambda k, s=sign, v=speed: s * v * share * k, lambda k: 0.1 * share * draw.uniform(-1, 1))
+        rows += [Operation(Op.TRACK, 0.0, 0.0, -0.5 * sign * gain * size) for _ in range(3)]
+        rows += steps(60, lambda k, s=sign: s * size, lambda k: 0.0)
+    return rows
 
 
 def _at_rest(runtime: Runtime) -> Iterable[Operation]:

@@ -18,7 +18,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.sampled_loops import SampledLoops
-from fopi_tune.digital.realise import Precision
+from fopi_tune.digital.implementation import runtime_of
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.margins import MarginScan
@@ -278,8 +278,7 @@ class _MarginSampler:
 
 def controller_of(spec: DesignSpec, implementation: Implementation) -> Runtime:
     """The controller in the arithmetic of the exported double-precision code."""
-    limits = spec.digital.output_limits if spec.digital is not None else None
-    return Runtime.of(implementation.sections, Precision.FLOAT64, limits)
+    return runtime_of(implementation.sections, spec.digital)
 
 
 def _limit_of(requirement: Requirement, upper: bool) -> float:

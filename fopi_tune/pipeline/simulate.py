@@ -24,7 +24,7 @@ from fopi_tune.pipeline.scenario_results import (
 from fopi_tune.pipeline.validate import override_validation
 from fopi_tune.results.simulation import ScenarioResult, Simulated
 from fopi_tune.results.stamp import stamp
-from fopi_tune.simulation.notes import bumpless_notes, limit_notes, setpoint_notes
+from fopi_tune.simulation.notes import bumpless_notes, limit_notes, rate_notes, setpoint_notes
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.digests import digests_of
 from fopi_tune.spec.load import Source
@@ -133,7 +133,7 @@ def refuse_simulation(
     assert spec.digital is not None
     for each in chosen:
         if exact:
-            refuse_loop(each, spec.plant.member(point), spec.digital.sample_time_s)
+            refuse_loop(each, spec.plant.member(point), spec.digital)
         else:
             refuse_start(each, Plants.members(spec.plant, point[None, :]), spec.digital.sample_time_s)
     return point
@@ -176,7 +176,10 @@ def _sampled_results(
         run_scenario(each, modes, scenario_of(each, implementation, seed), spec.judged_limits, index, _unit(spec))
         for each in scenarios
     ]
-    return tuple(_noted(result, gains, spec.plant.member(point), controller.limits) for result in results)
+    noted = (_noted(result, gains, spec.plant.member(point), controller.limits) for result in results)
+    return tuple(
+        replace(each, notes=(*rate_notes(each.scenario, each.traces, [spec.digital]), *each.notes)) for each in noted
+    )
 
 
 def _continuous_results(

@@ -24,7 +24,7 @@ from fopi_tune.pipeline.validate import override_validation
 from fopi_tune.results.simulation import ScenarioResult
 from fopi_tune.results.stamp import stamp
 from fopi_tune.results.system import SimulatedSystem
-from fopi_tune.simulation.notes import dwell_notes, mode_notes
+from fopi_tune.simulation.notes import dwell_notes, mode_notes, rate_notes
 from fopi_tune.spec import load_system
 from fopi_tune.spec.load import SystemSource
 from fopi_tune.spec.model import ScenarioSpec, SystemSpec
@@ -84,6 +84,10 @@ def simulate_system(
             run_scenario(each, modes, run, system.judged_limits, replay or 0, system.measurement_unit)
             for each, run in zip(scenarios, runs, strict=True)
         ]
+        digitals = [mode.spec.digital for mode in system.modes]
+        results = [
+            replace(each, notes=(*rate_notes(each.scenario, each.traces, digitals), *each.notes)) for each in results
+        ]
     described = system.family.describe(point)
     made, notes = stamp(system.sha256, None), _system_notes(system, on_samples=not exact)
     if exact and system.inactive == "tracking" and any(each.accuracy is None for each in results):
@@ -120,9 +124,10 @@ def refuse_system_simulation(
     refuse_accuracy(accuracy, exact)
     refuse_unknown_modes(system, gains or {})
     point = plant_point(system.family, override_validation(system.validation, samples, seed), plant, replay)
+    rates = [mode.spec.digital.output_rate_per_s for mode in system.modes if mode.spec.digital is not None]
     for each in select_scenarios(system.scenarios, scenario):
         if exact:
-            refuse_samples_only(each)
+            refuse_samples_only(each, any(rate is not None for rate in rates))
         for mode, family_point in zip(system.modes, _points(system, point), strict=True):
             refuse_start(each, Plants.members(mode.spec.plant, family_point[None, :]), system.sample_time_s)
     return point

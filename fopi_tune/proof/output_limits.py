@@ -9,15 +9,16 @@ verdict, and its reason is stated.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.digital.implementation import runtime_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import CertificateError, DomainError
-from fopi_tune.proof.strict_json import JsonObject
+from fopi_tune.proof.strict_json import JsonObject, read_most_change
 from fopi_tune.proof.switched.model import SwitchedLoop, plant_obstacle
 from fopi_tune.proof.switched.saturated_loop import (
     SaturatedLoopProof,
@@ -60,6 +61,8 @@ class LimitedLoop:
     @property
     def statement(self) -> str:
         """What is shown, in a sentence."""
+        if self.loop.controller.limits_rate:
+            return f"stable with its output rate limit: not available: {self.reason}"
         low, high = self.loop.controller.limits
         if self.proof is None or self.half_life_s is None:
             return f"stable with its limits, {low:g} to {high:g}: not available: {self.reason}"
@@ -74,6 +77,7 @@ class LimitedLoop:
         return {
             "verdict": "not_available" if self.proof is None else "proved",
             "output_limits": list(self.loop.controller.limits),
+            **_change_entry(self.loop),
             "statement": self.statement,
             "reason": self.reason,
             "decay_per_sample": None if self.proof is None else self.proof.decay,
@@ -84,13 +88,18 @@ class LimitedLoop:
 def prove_with_limits(spec: DesignSpec, implementation: Implementation | None) -> LimitedLoop | None:
     """Show that a spec's loop on samples settles with its limits; None where there are no limits, or no samples.
 
+    With a limit of the output's rate nothing is shown, and the result says so.
+
     Args:
         spec: with its family and limits of the control.
         implementation: the digital controller; None in continuous time.
     """
-    if implementation is None or spec.digital is None or spec.digital.output_limits is None:
+    if implementation is None or spec.digital is None:
         return None
-    loop = _loop(spec.name, spec.plant, implementation, spec.digital.output_limits)
+    controller = runtime_of(implementation.sections, spec.digital)
+    if spec.digital.output_limits is None and not controller.limits_rate:
+        return None
+    loop = SwitchedLoop(spec.name, controller, spec.plant, implementation.delay_samples)
     proof = None if plant_obstacle(loop) else prove_saturated_loop(loop, implementation.sample_time_s)
     return LimitedLoop(loop, implementation.sample_time_s, proof)
 
@@ -99,6 +108,7 @@ def limits_entry(limited: LimitedLoop) -> dict[str, Any]:
     """The entry of a certificate's JSON."""
     return {
         "output_limits": list(limited.loop.controller.limits),
+        **_change_entry(limited.loop),
         "decays": None if limited.proof is None else decay_entry(limited.proof),
         "statement": limited.statement,
     }
@@ -118,11 +128,12 @@ def read_limits(
     Raises:
         CertificateError: an entry is missing or has the wrong type, or there is no digital controller.
     """
-    limits = entry.numbers("output_limits")
+    limits, change = entry.numbers("output_limits"), read_most_change(entry)
     if implementation is None or len(limits) != 2:
         raise CertificateError(f"{entry.place}: there are no two output_limits of a digital controller")
     try:
-        loop = _loop(name, family, implementation, (limits[0], limits[1]))
+        controller = Runtime.of(implementation.sections, Precision.FLOAT64, (limits[0], limits[1]))
+        loop = SwitchedLoop(name, replace(controller, most_change=change), family, implementation.delay_samples)
     except DomainError as error:
         raise CertificateError(f"{entry.place}: {error}") from None
     proof = None if entry.get("decays") is None else read_decay(entry.child("decays"))
@@ -141,14 +152,18 @@ def limits_problems(limited: LimitedLoop | None) -> list[str]:
 
 def limits_mismatches(limited: LimitedLoop | None, spec: DesignSpec) -> list[str]:
     """Differences from the spec's limits; a certificate may say nothing of them."""
-    asked = spec.digital.output_limits if spec.digital is not None else None
-    if limited is None or (asked is not None and limited.loop.controller.limits == tuple(asked)):
+    if limited is None:
         return []
+    digital, stated = spec.digital, limited.loop.controller
+    if digital is not None and (digital.output_limits is not None or digital.output_rate_per_s is not None):
+        # its filter is compared elsewhere
+        sections = Sections(digital.sample_time_s, stated.direct, stated.poles, stated.residues)
+        asked = runtime_of(sections, digital)
+        if (asked.limits, asked.most_change) == (stated.limits, stated.most_change):
+            return []
     return ["with_limits: the limits are not those of the spec"]
 
 
-def _loop(
-    name: str, family: PlantFamily, implementation: Implementation, limits: tuple[float, float]
-) -> SwitchedLoop:  # fmt: skip
-    controller = Runtime.of(implementation.sections, Precision.FLOAT64, limits)
-    return SwitchedLoop(name, controller, family, implementation.delay_samples)
+def _change_entry(loop: SwitchedLoop) -> dict[str, float]:
+    """The most that the output changes from sample to sample; no entry where that is not limited."""
+    return {"most_change": loop.controller.most_change} if loop.controller.limits_rate else {}

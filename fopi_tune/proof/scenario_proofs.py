@@ -14,10 +14,11 @@ from typing import Any
 
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.digital.implementation import runtime_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import CertificateError, DomainError
-from fopi_tune.proof.strict_json import JsonObject
+from fopi_tune.proof.strict_json import JsonObject, read_most_change
 from fopi_tune.proof.time_domain import TimeDomainCase, TimeDomainProof, prove_limit, recheck_limit
 from fopi_tune.proof.time_domain.documents import from_document, to_document
 from fopi_tune.proof.verdict import Verdict, overall
@@ -64,7 +65,7 @@ def prove_scenarios(
 def cases_of(spec: DesignSpec, implementation: Implementation) -> list[tuple[int, TimeDomainCase]]:
     """What is to be proved, in the order of the requirements and, of one about all scenarios, of these."""
     assert spec.digital is not None
-    controller = Runtime.of(implementation.sections, Precision.FLOAT64, spec.digital.output_limits)
+    controller = runtime_of(implementation.sections, spec.digital)
     return [
         (
             index,
@@ -106,6 +107,7 @@ def scenario_entries(proofs: Sequence[ScenarioProof]) -> list[dict[str, Any]]:
             "scenario": _scenario_dict(each.case.scenario),
             "measurement_unit": each.case.measurement_unit,
             "output_limits": [end if math.isfinite(end) else None for end in each.case.output_limits],
+            **({"most_change": each.case.controller.most_change} if each.case.controller.limits_rate else {}),
             "proof": to_document(each.case, each.proof),
         }
         for each in proofs
@@ -140,8 +142,10 @@ def _read(entry: JsonObject, family: PlantFamily, implementation: Implementation
     if index is None or index < 0 or not isinstance(ends, list) or len(ends) != 2:
         raise CertificateError(f"{entry.place} names no requirement, or no two output_limits")
     low, high = (entry_end(end, sign, entry) for end, sign in zip(ends, (-1.0, 1.0), strict=True))
+    change = read_most_change(entry)
     try:
         controller = Runtime.of(implementation.sections, Precision.FLOAT64, (low, high))
+        controller = replace(controller, most_change=change)
         scenario = _read_scenario(entry.child("scenario"), implementation.sample_time_s)
         case = TimeDomainCase(
             family, controller, implementation.sample_time_s, implementation.delay_samples, scenario, limit,
@@ -242,4 +246,4 @@ def mismatches(proofs: Sequence[ScenarioProof], spec: DesignSpec, implementation
 
 
 def _content(case: TimeDomainCase) -> tuple[object, ...]:
-    return case.scenario, case.limit, case.measurement_unit, case.output_limits
+    return case.scenario, case.limit, case.measurement_unit, case.output_limits, case.controller.most_change

@@ -145,3 +145,17 @@ def first_difference(stated: object, derived: object, place: str) -> str | None:
     if isinstance(stated, int | float) and isinstance(derived, int | float):
         return None if math.isclose(stated, derived, rel_tol=_ROUNDING, abs_tol=1e-300) else place
     return None if stated == derived else place
+
+
+def read_most_change(entry: JsonObject) -> float:
+    """The most that a controller's output changes from sample to sample; infinite without an entry.
+
+    Raises:
+        CertificateError: it is not greater than 0.
+    """
+    if "most_change" not in entry.value:
+        return math.inf
+    found = entry.number("most_change")
+    if not found > 0.0:
+        raise CertificateError(f"{entry.at('most_change')} must be greater than 0")
+    return found

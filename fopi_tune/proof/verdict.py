@@ -6,6 +6,8 @@ from enum import StrEnum
 
 #: the largest tolerance of a certificate, natural units: a proof with a larger one would say nothing useful
 LARGEST_TOLERANCE = 1e-2
+#: why a loop whose controller limits its output's rate is outside of every proof that knows of output limits
+RATE_NOT_MODELLED = "an output rate limit is not modelled in this proof"
 
 
 class Verdict(StrEnum):

@@ -181,6 +181,8 @@ def _digital_words(documents: ResultDocuments, digital: Mapping[str, Any]) -> st
     words += "" if asked.method == "fit" else f", {asked.rule}"
     samples = "sample" if asked.delay_samples == 1.0 else "samples"
     words += f", {number(asked.delay_samples)} {samples} of computing delay" if asked.delay_samples else ""
+    rate = asked.output_rate_per_s
+    words += "" if rate is None else f". The output changes by at most {number(rate)} per s, anti-windup included"
     note = digital.get("band_note")
     return f"{words}. {sentence(f'Note: {note}')}" if note else f"{words}."
 

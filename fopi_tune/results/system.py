@@ -180,6 +180,7 @@ class DiscretizedSystem:
                 controller=controller,
                 units=Units(self.spec.measurement_unit, controller.digital.output_unit),
                 limits=controller.digital.output_limits,
+                rate_per_s=controller.digital.output_rate_per_s,
             )
             for mode, controller in zip(self.spec.modes, self.controllers, strict=True)
         ]

@@ -12,7 +12,8 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import Plant
 from fopi_tune.simulation.measures import StepMeasures
-from fopi_tune.spec.model import Limit, ScenarioSpec, SystemSpec
+from fopi_tune.simulation.scenario import Traces
+from fopi_tune.spec.model import DigitalSpec, Limit, ScenarioSpec, SystemSpec
 
 
 def static_gain(plant: Plant) -> float:
@@ -67,6 +68,27 @@ def setpoint_notes(scenario: ScenarioSpec, plant: Plant, limits: tuple[float, fl
     return [
         f"the setpoint {worst:g} is out of reach: within output_limits [{limits[0]:g}, {limits[1]:g}] the plant rests "
         f"between {low:.5g} and {high:.5g}"
+    ]
+
+
+def rate_notes(scenario: ScenarioSpec, traces: Traces, digitals: Sequence[DigitalSpec | None]) -> list[str]:
+    """An actuator's rate limit that acted, and of which a controller's anti-windup does not know.
+
+    Args:
+        scenario: with the rate of its actuator.
+        traces: what the simulation gave.
+        digitals: of the controllers that share the actuator.
+    """
+    rate = scenario.rate_per_s
+    acted = not np.array_equal(traces.demanded, traces.applied, equal_nan=True)
+    own = {None if digital is None else digital.output_rate_per_s for digital in digitals}
+    unknown = [each for each in own if each is None or each > rate]
+    if not (math.isfinite(rate) and acted and unknown):
+        return []
+    faster = "" if None in unknown else f", as its output_rate_per_s of {max(each or 0.0 for each in own):g} is faster"
+    return [
+        f"the actuator's rate_per_s of {rate:g} acted, which the controller does not know{faster}, and it winds up; "
+        f"write output_rate_per_s: {rate:g} in the section digital, and the anti-windup works through that limit too"
     ]
 
 

@@ -18,13 +18,31 @@ _ALPHA = GainRange(0.1, 1.9)
 _DESIGNED = "this version designs kp + ki/s^alpha"
 _DERIVATIVE = f"there is no derivative term: {_DESIGNED}; remove it"
 _ERROR_ALONE = f"{_DESIGNED} of the control error, r - y as it is measured; remove it"
-#: what other controllers have
-_ELSEWHERE = {
-    **dict.fromkeys(("kd", "Kd", "mu", "td", "Td", "tf", "Tf", "n", "N"), _DERIVATIVE),
-    **dict.fromkeys(("td_s", "tf_s", "derivative_filter_time_constant_s"), _DERIVATIVE),
-    **dict.fromkeys(("ti", "Ti", "ti_s"), "the integral term is ki/s^alpha; write ki, which is kp/Ti for alpha: 1"),
-    **dict.fromkeys(("setpoint_weight", "b", "measurement_filter"), _ERROR_ALONE),
+_INTEGRAL_TIME = "the integral term is ki/s^alpha; write ki; ki = kp/Ti for alpha: 1"
+_ORDER = "write alpha, the order of the integral ki/s^alpha"
+_BAND = "write kp; kp = 100/band for a proportional band in %"
+#: words of other controllers, and other words for this one's; as they stand, in small and in capital letters
+_OTHER_WORDS = {
+    "kd k_d mu μ td t_d tau_d td_s tf t_f tf_s n derivative derivative_gain derivative_time derivative_time_s "
+    "derivative_order derivative_filter derivative_filter_time_constant_s": _DERIVATIVE,
+    "ti t_i tau_i ti_s integral_time integral_time_s reset_time reset_time_s": _INTEGRAL_TIME,
+    "λ integral_order fractional_order": _ORDER,
+    "pb proportional_band": _BAND,
+    "setpoint_weight b beta c measurement_filter": _ERROR_ALONE,
 }
+_ELSEWHERE = {
+    written: reason
+    for words, reason in _OTHER_WORDS.items()
+    for word in words.split()
+    for written in (word, word.capitalize(), word.upper())
+}
+#: structures that are not known here, and what to write
+_STRUCTURES = {
+    "p": "write fopi, and ki: 0 beside it",
+    "i": "write fopi, and kp: 0 and alpha: 1 beside it",
+    **dict.fromkeys(("pid", "pd", "fopid", "fopd"), f"there is no derivative term: {_DESIGNED}; write fopi or pi"),
+}
+_PI_ORDER = GainRange(1.0, 1.0)
 #: the box of a spec without `controller:`
 DEFAULT_CONTROLLER = ControllerSpec(_FREE, _FREE, _ALPHA)
 
@@ -34,7 +52,9 @@ def controller_shape() -> Shape:
     orders = partial(Number, above=ALPHA_MIN, below=ALPHA_MAX)
     keys = {
         "structure": Key(
-            Advised(Choice("C(s) = kp + ki s^-alpha", ["fopi"]), _structure_advice), required=False, default="fopi"
+            Advised(Choice("C(s) = kp + ki s^-alpha; of pi alpha is 1", ["fopi", "pi"]), _structure_advice),
+            required=False,
+            default="fopi",
         ),
         "kp": Key(_gain_shape("proportional gain, control per output unit", Number, _FREE), required=False),
         "ki": Key(_gain_shape("integral gain, in kp's unit times (rad/s)^alpha", Number, _FREE), required=False),
@@ -43,16 +63,27 @@ def controller_shape() -> Shape:
         ),
     }
 
-    def build(values: Values, place: Place) -> ControllerSpec:
-        return ControllerSpec(values.get("kp", _FREE), values.get("ki", _FREE), values.get("alpha", _ALPHA))
+    is_pi = {"properties": {"structure": {"const": "pi"}}, "required": ["structure"]}
+    rules = {"if": is_pi, "then": {"properties": {"alpha": {"enum": [1, {"min": 1, "max": 1}]}}}}
+    example = "{kp: {min: 0.0}, ki: {min: 0.0}, alpha: 0.8}"
+    return Record("where the gains may lie", keys, _build_controller, example, _ELSEWHERE, rules)
 
-    return Record("where the gains may lie", keys, build, "{kp: {min: 0.0}, ki: {min: 0.0}, alpha: 0.8}", _ELSEWHERE)
+
+def _build_controller(values: Values, place: Place) -> ControllerSpec | None:
+    is_pi = values.get("structure") == "pi"
+    alpha = values.get("alpha", _PI_ORDER if is_pi else _ALPHA)
+    if is_pi and alpha != _PI_ORDER:
+        place.child("alpha").refuse(
+            "the integral of structure pi has the order 1; remove alpha, or write structure: fopi"
+        )
+        return None
+    return ControllerSpec(values.get("kp", _FREE), values.get("ki", _FREE), alpha)
 
 
 def _structure_advice(place: Place) -> str | None:
     word = place.node.text.lower() if isinstance(place.node, ScalarNode) else ""
-    rest = {"pi": "alpha: 1", "p": "ki: 0", "i": "kp: 0 and alpha: 1"}.get(word)
-    return None if rest is None else f"{kind_of(place.node)} is not known here; write fopi, and {rest} beside it"
+    advice = _STRUCTURES.get(word)
+    return None if advice is None else f"{kind_of(place.node)} is not known here; {advice}"
 
 
 def _gain_shape(meaning: str, number: Callable[[str], Number], default: GainRange) -> Shape:

@@ -13,7 +13,7 @@ from enum import Enum
 from typing import Any
 
 from fopi_tune.spec.default_objective import with_default_objective
-from fopi_tune.spec.model import DesignSpec, Objective
+from fopi_tune.spec.model import DesignSpec, DigitalSpec, Objective
 from fopi_tune.spec.scenarios import designed_scenarios
 
 #: parts that gains and their proof depend on, and the digital controller besides
@@ -24,7 +24,7 @@ EVIDENCE_PARTS = (*DIGITAL_PARTS, "scenarios")
 #: fields that say where something is written, or are for people
 _LEFT_OUT = ("line", "measurement_unit", "output_unit", "table")
 #: fields of the section `digital` that the loop of the requirements does not depend on
-_BESIDE_LOOP = ("output_limits", "measurement_unit", "output_unit")
+_BESIDE_LOOP = ("output_limits", "output_rate_per_s", "measurement_unit", "output_unit")
 
 
 def digests_of(spec: DesignSpec) -> dict[str, str]:
@@ -83,6 +83,8 @@ def _plain(value: Any) -> Any:
         names = [f.name for f in fields(value) if f.name not in _LEFT_OUT]
         if isinstance(value, Objective) and value.scenario is None:
             names.remove("scenario")
+        if isinstance(value, DigitalSpec) and value.output_rate_per_s is None:
+            names.remove("output_rate_per_s")
         return {name: _plain(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}

@@ -27,6 +27,9 @@ def digital_shape() -> Shape:
         "prewarp": Key(Choice("where Tustin's rule is exact", _PREWARPS), required=False),
         "design": Key(Choice("which loop the requirements are about", _DESIGNS), required=False),
         "output_limits": Key(Pair("limits of the control, in its unit", Number("limit")), required=False),
+        "output_rate_per_s": Key(
+            Number("fastest change of the control by the controller, in its unit per s", above=0), required=False
+        ),
         "measurement_unit": Key(Text("unit of the output; km/h, m/s and mph have an acceleration"), required=False),
         "output_unit": Key(Text("unit of the control, for people"), required=False),
     }

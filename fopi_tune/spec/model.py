@@ -125,6 +125,7 @@ class DigitalSpec:
         prewarp: where Tustin's rule is exact: "none" (omega -> 0) or "crossover" (the nominal gain crossover).
         design: which loop the requirements are about, the "continuous" one or the "sampled" one.
         output_limits: of the control, lower first; None without.
+        output_rate_per_s: fastest change of the control, per s, inside the controller; None without.
         measurement_unit: of the output and the setpoint; a velocity (`spec.measures`) has an acceleration.
         output_unit: of the control, for people.
     """
@@ -138,6 +139,7 @@ class DigitalSpec:
     prewarp: str = "none"
     design: str = "continuous"
     output_limits: tuple[float, float] | None = None
+    output_rate_per_s: float | None = None
     measurement_unit: str = ""
     output_unit: str = ""
 

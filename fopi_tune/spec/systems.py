@@ -224,6 +224,8 @@ def _mode_shape(name: str) -> Record:
         ),
     }
     keys["output_limits"] = Key(Pair("limits of its control, in place of its spec's", Number("limit")), required=False)
+    rate = Number("fastest change of its control by the controller, per s, in place of its spec's", above=0)
+    keys["output_rate_per_s"] = Key(rate, required=False)
     return Record(f"the {name}", keys, lambda values, place: values, f"{{spec: {name}.yaml}}")
 
 
@@ -250,8 +252,9 @@ def _read_mode(name: str, modes_section: dict[str, Any], place: Place, loader: S
         message = "a mode's plant is of first order, without direct path or dead time; give the time as delay_samples"
         where.refuse(message)
         return None
-    if "output_limits" in modes_section:
-        spec = replace(spec, digital=replace(spec.digital, output_limits=modes_section["output_limits"]))
+    own = {key: modes_section[key] for key in ("output_limits", "output_rate_per_s") if key in modes_section}
+    if own:
+        spec = replace(spec, digital=replace(spec.digital, **own))
     return ModeSpec(name, spec, modes_section.get("gains"))
 
 

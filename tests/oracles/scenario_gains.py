@@ -17,9 +17,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.sampled_loops import SampledLoops
-from fopi_tune.digital.implementation import implementation_of
-from fopi_tune.digital.realise import Precision
-from fopi_tune.digital.runtime import Runtime
+from fopi_tune.digital.implementation import implementation_of, runtime_of
 from fopi_tune.errors import DomainError
 from fopi_tune.proof import verify
 from fopi_tune.simulation.measures import horizon_of, measure_values, scenario_of
@@ -55,7 +53,7 @@ def measured(spec: DesignSpec, gains: FoPi, scenario: str, name: str, points: Ar
     implementation = implementation_of(spec, gains)
     about = next(each for each in spec.scenarios if each.name == scenario)
     run = scenario_of(replace(about, noise_std=0.0, quantum=0.0), implementation, 0)
-    runtime = Runtime.of(implementation.sections, Precision.FLOAT64, spec.digital.output_limits)
+    runtime = runtime_of(implementation.sections, spec.digital)
     found = measure([Mode(runtime, Plants.members(spec.plant, points))], run, horizon_of(about, run), threads=1)
     values = measure_values(found, name, spec.digital.measurement_unit)
     return np.where(np.isfinite(values), values, np.inf)

@@ -47,6 +47,47 @@ def system_file(folder: Path, name: str, *pairs: tuple[str, str]) -> Path:
     return folder / f"{name}.yaml"
 
 
+# -- an actuator with a rate limit -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("own", "least", "most", "noted"),
+    [
+        ("", 1.3, 1.4, "which the controller does not know, and it winds up; write output_rate_per_s: 0.25 in"),
+        (", output_rate_per_s: 0.25", 0.0, 0.05, ""),
+        (", output_rate_per_s: 0.1", -0.1, 0.02, ""),
+        (
+            ", output_rate_per_s: 1",
+            0.05,
+            1.4,
+            "does not know, as its output_rate_per_s of 1 is faster, and it winds up",
+        ),
+    ],
+    ids=["outside", "inside", "slower", "too fast"],
+)
+def test_a_rate_limit_in_the_controller_keeps_the_overshoot_below_5_percent(
+    own: str, least: float, most: float, noted: str
+) -> None:
+    text = spec_text("slew_limit", ("sample_time_s: 0.05", f"sample_time_s: 0.05{own}"))
+    (result,) = ft.simulate(parse_spec(text), FoPi(2.0, 2.0, 1.0)).driven
+    assert least < result.measures["overshoot"] < most
+    assert (noted in " ".join(result.notes)) if noted else not result.notes
+    # the simulation's JSON and text say the same
+    assert result.to_dict()["notes"] == list(result.notes)
+
+
+def test_an_actuator_whose_rate_is_not_reached_needs_no_note() -> None:
+    text = spec_text("slew_limit", ("rate_per_s: 0.25", "rate_per_s: 200"))
+    (result,) = ft.simulate(parse_spec(text), FoPi(2.0, 2.0, 1.0)).driven
+    assert result.notes == ()
+
+
+def test_a_rate_limit_in_the_controller_is_of_the_loop_on_samples_alone() -> None:
+    text = spec_text("slew_limit", ("sample_time_s: 0.05", "sample_time_s: 0.05, output_rate_per_s: 0.25"))
+    with pytest.raises(DomainError, match="output_rate_per_s belongs to the loop on samples; leave it or --exact out"):
+        ft.simulate(parse_spec(text.replace(", rate_per_s: 0.25", "")), FoPi(2.0, 2.0, 1.0), exact=True)
+
+
 # -- references with several steps ------------------------------------------------------------------------------------
 
 

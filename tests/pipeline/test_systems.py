@@ -84,6 +84,25 @@ def test_a_system_names_two_specs_and_says_how_they_take_turns(folder: Path) -> 
     assert system.family.uncertain_names == ("brake.time_constant_s",)
 
 
+def test_a_mode_may_limit_the_rate_of_its_output(folder: Path) -> None:
+    path = changed(folder, "output_limits: [-1, 0]}", "output_limits: [-1, 0], output_rate_per_s: 0.5}")
+    digitals = [mode.spec.digital for mode in load_system(path).modes]
+    assert [each.output_rate_per_s for each in digitals if each is not None] == [None, 0.5]
+    found = ft.simulate_system(path)
+    applied, mode = found.driven[1].traces.demanded[0], found.driven[1].traces.mode[0]
+    braking = (mode[1:] == 2) & (mode[:-1] == 2)
+    assert braking.sum() > 5
+    assert np.abs(np.diff(applied))[braking].max() <= 0.1 * (1.0 + 1e-12)
+    with pytest.raises(DomainError, match="output_rate_per_s belongs to the loop on samples"):
+        ft.simulate_system(path, scenario="up", exact=True)
+
+
+def test_an_actuator_with_a_rate_that_no_mode_knows_of_is_told(folder: Path) -> None:
+    path = changed(folder, "up, duration_s: 20,", "up, duration_s: 20, rate_per_s: 0.02,")
+    (note,) = [each for each in ft.simulate_system(path).driven[0].notes if "rate_per_s" in each]
+    assert note.startswith("the actuator's rate_per_s of 0.02 acted, which the controller does not know")
+
+
 def test_the_digest_of_a_system_knows_its_specs(folder: Path) -> None:
     before = load_system(folder / "small.yaml").sha256
     assert load_system(folder / "small.yaml").sha256 == before

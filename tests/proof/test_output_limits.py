@@ -133,3 +133,43 @@ def test_decay_is_slower_than_the_loop_without_limits() -> None:
     assert limited is not None
     assert limited.proof is not None
     assert 0.0 < -math.log(limited.proof.decay) < 1.0
+
+
+# -- a limit of the output's rate --------------------------------------------------------------------------------------
+
+NOT_MODELLED = "an output rate limit is not modelled in this proof"
+
+
+@pytest.mark.parametrize("limits", [(-1.0, 0.0), None], ids=["with limits", "alone"])
+def test_a_rate_limit_is_never_left_out_of_a_proof(limits: tuple[float, float] | None) -> None:
+    found = prove(brake(limits, output_rate_per_s=0.5), GAINS)
+    limited = found.certificate.limited
+    assert limited is not None
+    assert limited.proof is None
+    assert limited.statement == f"stable with its output rate limit: not available: {NOT_MODELLED}"
+    assert found.to_dict()["proof"]["with_limits"]["most_change"] == pytest.approx(0.1)
+    # the requirements are about the loop within its limits
+    assert found.certificate.verdict is CHECK.certificate.verdict
+    document = found.certificate_document()
+    again = recheck(document, brake(limits, output_rate_per_s=0.5))
+    assert again.certificate.limited == limited
+    assert again.problems == ()
+    for other in (0.6, None):
+        assert (
+            "with_limits: the limits are not those of the spec"
+            in recheck(document, brake(limits, output_rate_per_s=other)).problems
+        )
+
+
+def test_a_proof_without_the_rate_is_not_one_with_it() -> None:
+    document = copy.deepcopy(CHECK.certificate_document())
+    problems = recheck(document, brake(output_rate_per_s=0.5)).problems
+    assert "with_limits: the limits are not those of the spec" in problems
+    # a rate that is written into a certificate takes its proof away
+    document["with_limits"]["most_change"] = 0.1
+    document["digest"] = digest(document)
+    assert "with_limits: the loop is not shown to settle with its limits" in recheck(document).problems
+    document["with_limits"]["most_change"] = 0.0
+    document["digest"] = digest(document)
+    with pytest.raises(CertificateError, match="most_change must be greater than 0"):
+        recheck(document)

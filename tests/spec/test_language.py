@@ -175,6 +175,9 @@ def test_another_plant_model_needs_no_change_in_the_language(monkeypatch: pytest
         ("{structure: fopi, kp: 2, ki: {max: 3}}", (GainRange(2, 2), GainRange(-math.inf, 3), GainRange(0.1, 1.9))),
         ("{kp: {min: -1}, alpha: 1}", (GainRange(-1, math.inf), GainRange(), GainRange(1, 1))),
         ("{alpha: {min: 0.5}}", (GainRange(), GainRange(), GainRange(0.5, 1.9))),
+        ("{structure: pi}", (GainRange(), GainRange(), GainRange(1, 1))),
+        ("{structure: pi, kp: 2, alpha: 1}", (GainRange(2, 2), GainRange(), GainRange(1, 1))),
+        ("{structure: pi, alpha: {min: 1, max: 1}}", (GainRange(), GainRange(), GainRange(1, 1))),
         ("{alpha: {max: 1.99}, kp: {min: 1, max: 1}}", (GainRange(1, 1), GainRange(), GainRange(0.1, 1.99))),
     ],
 )

@@ -431,6 +431,10 @@ def test_a_fixed_integral_gain_cannot_be_maximised() -> None:
     ]
 
 
+INTEGRAL_TIME = "the integral term is ki/s^alpha; write ki; ki = kp/Ti for alpha: 1"
+DERIVATIVE = "there is no derivative term: this version designs kp + ki/s^alpha; remove it"
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -442,7 +446,45 @@ def test_a_fixed_integral_gain_cannot_be_maximised() -> None:
             "{alpha: {min: 1.95}}",
             "5:27: controller.alpha.min: min 1.95 is greater than max 1.9 (the default; write max as well)",
         ),
-        ("{structure: pid}", "5:25: controller.structure: 'pid' is not known here; write fopi"),
+        (
+            "{structure: pid}",
+            "5:25: controller.structure: 'pid' is not known here; there is no derivative term: this version designs "
+            "kp + ki/s^alpha; write fopi or pi",
+        ),
+        ("{structure: P}", "5:25: controller.structure: 'P' is not known here; write fopi, and ki: 0 beside it"),
+        ("{structure: PI}", "5:25: controller.structure: 'PI' is not known here; did you mean 'pi'?"),
+        ("{structure: fractional}", "5:25: controller.structure: 'fractional' is not known here; write fopi or pi"),
+        (
+            "{structure: pi, alpha: 0.8}",
+            "5:36: controller.alpha: the integral of structure pi has the order 1; remove alpha, or write "
+            "structure: fopi",
+        ),
+        (
+            "{structure: pi, alpha: {min: 1}}",
+            "5:36: controller.alpha: the integral of structure pi has the order 1; remove alpha, or write "
+            "structure: fopi",
+        ),
+        ("{Kp: 2}", "5:14: controller.Kp: the key is not known here; write kp"),
+        ("{gain: 2}", "5:14: controller.gain: the key is not known here; write kp"),
+        ("{K_I: 2}", "5:14: controller.K_I: the key is not known here; write ki"),
+        ("{I: 2}", "5:14: controller.I: the key is not known here; write ki"),
+        ("{Ti: 2}", f"5:14: controller.Ti: {INTEGRAL_TIME}"),
+        ("{TI: 2}", f"5:14: controller.TI: {INTEGRAL_TIME}"),
+        ("{integral_time_s: 2}", f"5:14: controller.integral_time_s: {INTEGRAL_TIME}"),
+        ("{lambda: 0.9}", "5:14: controller.lambda: the key is not known here; write alpha"),
+        ("{λ: 0.9}", "5:14: controller.'λ': write alpha, the order of the integral ki/s^alpha"),
+        ("{order: 0.9}", "5:14: controller.order: the key is not known here; write alpha"),
+        ("{Kd: 2}", f"5:14: controller.Kd: {DERIVATIVE}"),
+        ("{Td: 2}", f"5:14: controller.Td: {DERIVATIVE}"),
+        ("{N: 10}", f"5:14: controller.N: {DERIVATIVE}"),
+        ("{Tf: 0.1}", f"5:14: controller.Tf: {DERIVATIVE}"),
+        ("{mu: 0.5}", f"5:14: controller.mu: {DERIVATIVE}"),
+        ("{PB: 50}", "5:14: controller.PB: write kp; kp = 100/band for a proportional band in %"),
+        (
+            "{beta: 0.5}",
+            "5:14: controller.beta: this version designs kp + ki/s^alpha of the control error, r - y as it is "
+            "measured; remove it",
+        ),
     ],
 )
 def test_a_controller_that_cannot_be_is_reported(text: str, expected: str) -> None:

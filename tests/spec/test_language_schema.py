@@ -146,6 +146,10 @@ MISTAKES: list[tuple[tuple[str | int, ...], Any]] = [
     (("plant",), {"model": "transfer_function", "numerator": [1], "denominator": [1] * 33}),
     (("controller",), {"kp": "1"}),
     (("controller",), {"structure": "pid"}),
+    (("controller",), {"structure": "pi", "alpha": 0.8}),
+    (("controller",), {"structure": "pi", "alpha": {"min": 0.8, "max": 1}}),
+    (("digital",), {"sample_time_s": 0.2, "output_rate_per_s": 0}),
+    (("digital",), {"sample_time_s": 0.2, "output_rate_per_s": None}),
     (("controller",), {"alpha": 2}),
     (("controller",), {"alpha": {"min": 0}}),
     (("controller",), {"kd": 1}),
@@ -253,7 +257,9 @@ PLANT = st.one_of(
 )
 GAIN = NUMBER | _with_some({}, {"min": st.floats(-5, 0), "max": st.floats(1, 5)})
 ALPHA = st.floats(0.01, 1.99) | _with_some({}, {"min": st.floats(0.01, 1), "max": st.floats(1, 1.99)})
-CONTROLLER = _with_some({}, {"structure": st.just("fopi"), "kp": GAIN, "ki": GAIN, "alpha": ALPHA})
+CONTROLLER = _with_some({}, {"structure": st.just("fopi"), "kp": GAIN, "ki": GAIN, "alpha": ALPHA}) | _with_some(
+    {"structure": st.just("pi")}, {"kp": GAIN, "ki": GAIN, "alpha": st.sampled_from([1, {"min": 1, "max": 1}])}
+)
 RELATION = st.one_of(
     st.fixed_dictionaries({"at_least": POSITIVE}),
     st.fixed_dictionaries({"at_most": POSITIVE}),
@@ -279,6 +285,7 @@ DIGITAL = _with_some(
         "band_rad_s": st.tuples(st.floats(0.01, 1), st.floats(2, 1e6)).map(list),
         "rule": st.sampled_from(["tustin", "matched"]),
         "delay_samples": st.floats(0, 5),
+        "output_rate_per_s": POSITIVE,
     },
 )
 MEAN, STD = st.floats(1, 2), st.floats(0.1, 9)

@@ -202,7 +202,7 @@ def _at_crossover(problem: ScenarioProblem, gains: FoPi) -> ScenarioProblem:
 def _is_limited(problem: ScenarioProblem) -> bool:
     """Whether the control can meet a limit."""
     digital = problem.spec.digital
-    limited = digital is not None and digital.output_limits is not None
+    limited = digital is not None and (digital.output_limits is not None or digital.output_rate_per_s is not None)
     return limited or any(math.isfinite(run.spec.rate_per_s) for run in problem.runs)
 
 

@@ -15,8 +15,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design.time_domain.measures import ScenarioRun, settling_samples
 from fopi_tune.design.time_domain.problem import ScenarioProblem, ScenarioRow
-from fopi_tune.digital.implementation import implementation_of
-from fopi_tune.digital.realise import Precision
+from fopi_tune.digital.implementation import implementation_of, runtime_of
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.simulation.measures import MEASURE_VALUES
 from fopi_tune.simulation.sampled.simulate import measure, simulate
@@ -94,10 +93,8 @@ class Family:
         Raises:
             DomainError: there is none.
         """
-        digital = self.problem.spec.digital
-        assert digital is not None
-        sections = implementation_of(self.problem.spec, gains).sections
-        return Runtime.of(sections, Precision.FLOAT64, digital.output_limits)
+        spec = self.problem.spec
+        return runtime_of(implementation_of(spec, gains).sections, spec.digital)
 
     def values(self, controller: Runtime, points: Array) -> dict[tuple[int, str], Array]:
         """By how much each row is missed by plants at points of the box, shape (m,) each; inf where nothing ends."""

@@ -15,7 +15,7 @@ from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.documents import digest
-from fopi_tune.proof.strict_json import JsonObject, first_difference
+from fopi_tune.proof.strict_json import JsonObject, first_difference, read_most_change
 from fopi_tune.proof.switched.bounded import MOST_FOLLOWED, BoundedProof, MemoryBounds
 from fopi_tune.proof.switched.certificate import ASSUMPTIONS, SystemCertificate
 from fopi_tune.proof.switched.cycles import LONGEST_WORD, CycleProof
@@ -127,6 +127,7 @@ def _loop(loop: SwitchedLoop, proof: SaturatedLoopProof | None) -> dict[str, Any
             "weights": list(controller.weights),
             "tracking_gain": controller.tracking_gain,
             "limits": list(controller.limits),
+            **({"most_change": controller.most_change} if controller.limits_rate else {}),
             "delay_samples": loop.delay_samples,
         },
         "plant": {
@@ -196,8 +197,8 @@ def _read_controller(entry: JsonObject) -> Runtime:
         raise CertificateError(f"{entry.place}: the sections are not stable")
     if not low < high:
         raise CertificateError(f"{entry.place}.limits are empty")
-    direct, gain = entry.number("direct"), entry.number("tracking_gain")
-    return Runtime(Precision.FLOAT64, direct, poles, residues, weights, gain, (low, high))
+    direct, gain, change = entry.number("direct"), entry.number("tracking_gain"), read_most_change(entry)
+    return Runtime(Precision.FLOAT64, direct, poles, residues, weights, gain, (low, high), change)
 
 
 def _read_plant(entry: JsonObject) -> PlantFamily:

@@ -37,11 +37,11 @@ from flint import arb, arb_mat
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.digital.implementation import implementation_of
-from fopi_tune.digital.realise import Precision
+from fopi_tune.digital.implementation import implementation_of, runtime_of
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.errors import DomainError
+from fopi_tune.proof.verdict import RATE_NOT_MODELLED
 from fopi_tune.spec.model import SystemSpec
 
 #: a control without limits has those of a double; one like this is taken for none too
@@ -253,8 +253,7 @@ def _share(rate: arb, time_s: arb) -> arb:
 def _loop_of(system: SystemSpec, index: int, gains: FoPi) -> SwitchedLoop:
     mode = system.modes[index]
     implementation = implementation_of(mode.spec, gains)
-    limits = mode.spec.digital.output_limits if mode.spec.digital is not None else None
-    controller = Runtime.of(implementation.sections, Precision.FLOAT64, limits)
+    controller = runtime_of(implementation.sections, mode.spec.digital)
     return SwitchedLoop(mode.name, controller, mode.spec.plant, implementation.delay_samples)
 
 
@@ -267,6 +266,8 @@ def loop_obstacle(loop: SwitchedLoop) -> str:
 def plant_obstacle(loop: SwitchedLoop) -> str:
     """Why a loop is outside of these methods; empty where it is not."""
     parameters = loop.plant.parameters
+    if loop.controller.limits_rate:
+        return RATE_NOT_MODELLED
     if loop.plant.model not in ("lag", "pole"):
         return "only plants of model lag or pole are handled"
     if parameters["dead_time_s"].max > 0.0:

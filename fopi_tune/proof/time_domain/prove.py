@@ -18,7 +18,7 @@ from fopi_tune.proof.time_domain.measures import PROVABLE, RATES, MeasureRange, 
 from fopi_tune.proof.time_domain.plants.hold import family_problem, holding_problem
 from fopi_tune.proof.time_domain.plants.lateness import cut_at_whole_samples
 from fopi_tune.proof.time_domain.proof import FREE, LIMITED, Level, TimeDomainProof
-from fopi_tune.proof.verdict import Verdict
+from fopi_tune.proof.verdict import RATE_NOT_MODELLED, Verdict
 from fopi_tune.spec.measures import ACCELERATION, acceleration_problem, velocity_unit
 from fopi_tune.spec.model import Relation
 
@@ -57,6 +57,8 @@ def prove_limit(case: TimeDomainCase, tolerance: float = 1e-6, budget: int = BUD
 def why_no_method(case: TimeDomainCase) -> str:
     """Why nothing can be proved of a case, whatever its numbers; empty where something may be."""
     measure = case.limit.measure
+    if case.controller.limits_rate:
+        return RATE_NOT_MODELLED
     if measure not in PROVABLE:
         return f"{measure} has none"
     if measure == ACCELERATION and velocity_unit(case.measurement_unit) is None:

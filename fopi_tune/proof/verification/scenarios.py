@@ -17,7 +17,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.digital.realise import Precision
+from fopi_tune.digital.implementation import runtime_of
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.proof.verification.results import MeasureResult, Place
 from fopi_tune.simulation.measures import horizon_of, measure_values, scenario_of
@@ -91,7 +91,7 @@ class ScenarioLoop:
     def of(cls, spec: DesignSpec, implementation: Implementation) -> ScenarioLoop:
         """Of a spec and its digital controller."""
         assert spec.digital is not None
-        controller = Runtime.of(implementation.sections, Precision.FLOAT64, spec.digital.output_limits)
+        controller = runtime_of(implementation.sections, spec.digital)
         return cls(spec.plant, controller, implementation, spec.digital.measurement_unit)
 
     def run_of(self, scenario: ScenarioSpec) -> tuple[Scenario, Horizon]:

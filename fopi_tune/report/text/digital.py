@@ -57,6 +57,10 @@ def digital_text(result: Discretized) -> Text:
     plural = "" if digital.delay_samples == 1.0 else "s"
     late = f", {number(digital.delay_samples)} sample{plural} of computing delay" if digital.delay_samples else ""
     lines += entry("sampled", f"every {with_unit(digital.sample_time_s, 's')} ({made}{late})")
+    if digital.output_rate_per_s is not None:
+        unit = f"{digital.output_unit} per s" if digital.output_unit else "per s"
+        said = f"changes by at most {with_unit(digital.output_rate_per_s, unit)}, which the anti-windup knows of"
+        lines += entry("output", said)
     lines += requirement_lines(result.reports, found.objective, result.measures)
     for note in result.notes:
         lines += wrapped(f"{note}.", "yellow")

@@ -25,7 +25,7 @@ from fopi_tune.simulation.fractional.time_stepping import (
 )
 from fopi_tune.simulation.measures import StepMeasures, horizon_of, measures_of, piecewise_signal, step_measures
 from fopi_tune.simulation.scenario import InitialInput, Measures, Scenario, Signals, Start, Traces
-from fopi_tune.spec.model import Knot, ScenarioSpec
+from fopi_tune.spec.model import DigitalSpec, Knot, ScenarioSpec
 
 #: steps of the coarser of the two runs: about the first number, never more than the second
 _USUAL_STEPS, _MOST_STEPS = 3000, 12_000
@@ -76,7 +76,7 @@ def simulate_loop(
     Raises:
         DomainError: something only a sampled loop has, a start without solution, or too many samples.
     """
-    refuse_samples_only(scenario)
+    refuse_samples_only(scenario, controller.limits_rate)
     step, coarse = _step(scenario.duration_s, sample_time_s, plant.dead_time_s), None
     while coarse is None:
         try:
@@ -109,23 +109,29 @@ def simulate_loop(
     return ContinuousSimulation(reference, traces, measures, step_measures(traces, run, horizon), (), reached)
 
 
-def refuse_loop(scenario: ScenarioSpec, plant: Plant, sample_time_s: float) -> None:
+def refuse_loop(scenario: ScenarioSpec, plant: Plant, digital: DigitalSpec) -> None:
     """Refuse, before anything runs, what `simulate_loop` cannot.
 
     Raises:
         DomainError: as there.
     """
-    refuse_samples_only(scenario)
-    _step(scenario.duration_s, sample_time_s, plant.dead_time_s)
+    refuse_samples_only(scenario, digital.output_rate_per_s is not None)
+    _step(scenario.duration_s, digital.sample_time_s, plant.dead_time_s)
     _initial_input(scenario, plant)
 
 
-def refuse_samples_only(scenario: ScenarioSpec) -> None:
-    """Refuse noise, quantisation and rate limit.
+def refuse_samples_only(scenario: ScenarioSpec, limits_rate: bool) -> None:
+    """Refuse noise, quantisation and rate limits.
+
+    Args:
+        scenario: may have noise, a quantum or an actuator with a rate limit.
+        limits_rate: whether the controller limits its output's rate.
 
     Raises:
-        DomainError: the scenario has one of them; only a sampled loop simulates it.
+        DomainError: there is one of them; only a sampled loop simulates it.
     """
+    if limits_rate:
+        raise DomainError("output_rate_per_s belongs to the loop on samples; leave it or --exact out")
     for key, none in (("noise_std", 0.0), ("quantum", 0.0), ("rate_per_s", math.inf)):
         if getattr(scenario, key) != none:
             raise DomainError(

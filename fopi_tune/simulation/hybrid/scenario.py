@@ -53,7 +53,7 @@ def simulate_inclusion(
     Raises:
         DomainError: the scenario has something only a sampled loop has, or invalid numbers.
     """
-    refuse_samples_only(scenario)
+    refuse_samples_only(scenario, any(controller.limits_rate for controller in controllers))
 
     def run(refined: int) -> _Run:
         return _simulated(system, scenario, gains, plants, controllers, sample_time_s, refined)

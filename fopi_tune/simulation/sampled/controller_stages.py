@@ -30,6 +30,7 @@ from fopi_tune.simulation.sampled.layout import (
     LONGEST_RUN,
     LOW,
     MODE,
+    MOST_CHANGE,
     OTHER_LAST_OUTPUT,
     RECENT_SWITCHES,
     RESET,
@@ -37,6 +38,7 @@ from fopi_tune.simulation.sampled.layout import (
     SECTIONS,
     START,
     SWITCHES,
+    TRACK,
     WIDTH,
 )
 from fopi_tune.simulation.sampled.vectors import (
@@ -101,7 +103,7 @@ def any_large(table, controllers, block):
     for mode in range(controllers.shape[0]):
         for row in range(controllers.shape[1]):
             most = 1.0 if row >= SECTIONS and (row - SECTIONS) % 3 == 0 else _LARGE_COEFFICIENT
-            found |= row != LOW and row != HIGH and not abs(controllers[mode, row]) <= most
+            found |= row != LOW and row != HIGH and row != MOST_CHANGE and not abs(controllers[mode, row]) <= most
     for lane in range(WIDTH):
         found |= not abs(table[0, block * WIDTH + lane]) <= _LARGE
     return found
@@ -130,6 +132,14 @@ def saturate(c, other, second, value):
     low, high = coefficient(c, LOW, other, second), coefficient(c, HIGH, other, second)
     value = where(value < low, low, value)
     return where(value > high, high, value)
+
+
+@_inlined
+def followed(c, other, second, value, last):
+    """What the output comes to on its way from the last one to a value within the limits."""
+    most, change = coefficient(c, MOST_CHANGE, other, second), value - last
+    value = where(change > most, last + most, value)
+    return where(change < broadcast(0.0) - most, last - most, value)
 
 
 @_inlined
@@ -246,6 +256,10 @@ def switch_and_demand(s, jumps, k, c, other, up, down, states, others, settings,
     new, choose = resolve_mode(c, other, second)
     start, last = coefficient(new, START, choose, second), load(s, LAST_OUTPUT)
     entered = start if settings.inactive == RESET else load(s, OTHER_LAST_OUTPUT)
+    if settings.limits_rate and settings.inactive != TRACK:
+        # of a mode without a limit of the rate the last output matters only where a sample is held
+        limited = coefficient(new, MOST_CHANGE, choose, second) < broadcast(np.inf)
+        entered = where(limited, saturate(new, choose, second, last), entered)
     store(s, OTHER_LAST_OUTPUT, where(jumping, last, load(s, OTHER_LAST_OUTPUT)))
     store(s, LAST_OUTPUT, where(jumping, entered, last))
     store(s, MODE, mode)

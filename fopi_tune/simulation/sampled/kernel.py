@@ -96,6 +96,8 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measur
     else:
         v = controller_stages.demand(s, own, select, second, offsets.active, settings.sections, e)
     u = controller_stages.saturate(own, select, second, v)
+    if settings.limits_rate:
+        u = controller_stages.followed(own, select, second, u, load(s, LAST_OUTPUT))
     d = controller_stages.coefficient(own, GAIN, select, second) * (u - v)
     store(s, LAST_ERROR, e)
     store(s, EXCESS, d)

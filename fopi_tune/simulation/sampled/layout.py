@@ -46,7 +46,7 @@ VALUE, DIRECTION, BAND, BEGINS, BEFORE, RISES_FROM, RISES_TO = range(7)
 STEP_ROWS = 7
 GOES_ON, REFERENCE_BEGINS, LOAD_BEGINS = 0.0, 1.0, 2.0
 #: a controller's coefficients; from SECTIONS on p, w, r of every section
-DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, SECTIONS = range(7)
+DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, MOST_CHANGE, SECTIONS = range(8)
 HOLD, TRACK, RESET = 0, 1, 2
 #: `Precision.FLOAT64.flush_below`; stated here because the cache of what was compiled knows this module
 FLUSH_BELOW = 2.0**-970
@@ -65,6 +65,7 @@ class Settings(NamedTuple):
     sections: int
     hybrid: int
     inactive: int
+    limits_rate: int
     first_mode: int
     most_switches: int
     window: int

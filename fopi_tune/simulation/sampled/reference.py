@@ -124,6 +124,9 @@ class _ReferenceLoop:
             self.last = min(max(self.last, low), high)
             if hybrid.inactive is InactiveController.RESET:
                 self.memory[self.mode] = runtime.init(self.controllers[self.mode])
+            if self.controllers[self.mode].limits_rate and hybrid.inactive is not InactiveController.TRACK:
+                entered, left = self.memory[self.mode], self.memory[1 - self.mode]
+                self.memory[self.mode] = runtime.follow_from(self.controllers[self.mode], entered, left.output)
 
     def _actuate(self, wanted: float) -> None:
         most = self.scenario.actuator.rate_per_s * self.scenario.sample_time_s

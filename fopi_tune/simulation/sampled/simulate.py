@@ -23,6 +23,7 @@ from fopi_tune.simulation.sampled.layout import (
     BEFORE,
     BEGINS,
     DIRECTION,
+    INTEGRATES,
     LOAD_BEGINS,
     REFERENCE_BEGINS,
     RESULTS,
@@ -213,7 +214,8 @@ def _coefficients(controller: Runtime, sections: int) -> Array:
     low, high = controller.limits
     start = float(init(controller).output)
     rows = np.zeros(SECTIONS + 3 * sections)
-    rows[:SECTIONS] = controller.direct, controller.tracking_gain, low, high, start, controller.has_integrator
+    rows[:INTEGRATES] = controller.direct, controller.tracking_gain, low, high, start
+    rows[INTEGRATES:SECTIONS] = controller.has_integrator, controller.most_change
     for place, row in enumerate((controller.poles, controller.weights, controller.residues)):
         rows[SECTIONS + place : SECTIONS + 3 * len(row) : 3] = row
     return rows
@@ -261,6 +263,7 @@ def _settings(
         sections=max(len(mode.controller.poles) for mode in modes),
         hybrid=int(scenario.hybrid is not None),
         inactive=int(hybrid.inactive),
+        limits_rate=int(any(mode.controller.limits_rate for mode in modes)),
         first_mode=int(hybrid.first) - 1,
         most_switches=int(hybrid.most_switches),
         window=int(np.floor(hybrid.window_s / Ts + 1e-9)),

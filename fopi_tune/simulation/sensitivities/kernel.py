@@ -48,8 +48,11 @@ def _flushed(value, flush):
 
 
 @_inlined
-def _control_sample(c, low, high, flush, z, new, e, v, u, d):
+def _control_sample(c, low, high, most, flush, z, new, e, v, u, d):
     """One sample of the controller, `digital.runtime`, (1) and (4): z to the next states, u to the output.
+
+    An output that is moving on its way, by `most` a sample, has the derivatives of the last one; else it has a `share`
+    of those of v, 0 at a limit.
 
     Where a number is not finite, states and output are held.
     """
@@ -61,11 +64,17 @@ def _control_sample(c, low, high, flush, z, new, e, v, u, d):
             v[j] += z[i, j]
     good = abs(e[0]) <= _BIG and abs(v[0]) <= _BIG
     limited = v[0] < low or v[0] > high
-    at = low if v[0] < low else high
-    share = 0.0 if limited else 1.0
-    excess = (at if limited else v[0]) - v[0]
+    at = v[0]
+    if limited:
+        at = low if v[0] < low else high
+    share, change = 0.0 if limited else 1.0, at - u[0]
+    moving = change > most or change < -most
+    if moving:
+        at = u[0] + most if change > most else u[0] - most
+    excess = at - v[0]
     for j in range(4):
-        d[j] = c[_GAIN, 0] * (share * v[j] - v[j]) + c[_GAIN, 1 + j] * excess
+        own = u[j] if moving else share * v[j]
+        d[j] = c[_GAIN, 0] * (own - v[j]) + c[_GAIN, 1 + j] * excess
     d[0] = c[_GAIN, 0] * excess
     for i in range(sections):
         row = _SECTIONS + 3 * i
@@ -82,9 +91,10 @@ def _control_sample(c, low, high, flush, z, new, e, v, u, d):
         z[i, 0] = 0.0 if resting and abs(new[i, 0]) < flush else new[i, 0]
         for j in range(1, 4):
             z[i, j] = _flushed(new[i, j], flush)
-    for j in range(4):
-        u[j] = share * v[j]
-    u[0] = at if limited else v[0]
+    if not moving:
+        for j in range(4):
+            u[j] = share * v[j]
+    u[0] = at
 
 
 @_inlined
@@ -114,7 +124,7 @@ def _run_plants(
     signal, found,
 ):  # fmt: skip
     m, steps, n, sections = found.shape[1], found.shape[2], states.shape[1], (c.shape[0] - _SECTIONS) // 3
-    low, high, most = limits
+    low, high, own_most, most = limits
     delay, transition, new_weight, old_weight = control
     load_delay, new_load_weight, old_load_weight = load
     c_output, direct, rate_state, rate_input = output
@@ -141,7 +151,7 @@ def _run_plants(
                 found[_OUTPUT, i, k, j], found[_RATE, i, k, j] = y, rate
                 e[j] = -y
             e[0] += reference[k]
-            _control_sample(c, low, high, flush, z, z_new, e, v, u, d)
+            _control_sample(c, low, high, own_most, flush, z, z_new, e, v, u, d)
             _actuate(most, u, last)
             for j in range(4):
                 found[_DEMANDED, i, k, j], found[_APPLIED, i, k, j] = u[j], last[j]

@@ -5,6 +5,7 @@ to the recursions of `simulation.scenario`, (3) and (4), of `digital.runtime`, (
 the simulation has branches, the one that is taken is differentiated:
 
     u = v within the limits                 du = dv;  du = 0 while the output is limited
+    u moves by at most D                    du = du_last while it does
     applied moves by at most rate Ts        d applied = du;  d of the last applied control while the rate is limited
     rate_after, the larger one              its own derivative
 
@@ -75,9 +76,10 @@ def trajectories(controller: ControllerDerivatives, plants: DiscretePlants, scen
     control = (plants.control.delay, *plants.control.whole)
     load = (plants.load.delay, *plants.load.whole[1:])
     output = (plants.output, plants.direct, plants.rate_state, plants.rate_input)
+    rates = runtime.most_change, float(scenario.actuator.rate_per_s * scenario.sample_time_s)
     found = np.empty((5, m, steps, 4))
     run_plants(
-        _rows(controller), (*runtime.limits, float(scenario.actuator.rate_per_s * scenario.sample_time_s)),
+        _rows(controller), (*runtime.limits, *rates),
         Precision.FLOAT64.flush_below, start, float(runtime.has_integrator), _contiguous(states), _contiguous(past),
         tuple(_contiguous(part) for part in control), tuple(_contiguous(part) for part in load),
         tuple(_contiguous(part) for part in output), plants.acts_at_samples, _contiguous(plants.arrivals),

@@ -57,6 +57,8 @@ _SYNONYMS: tuple[frozenset[str], ...] = tuple(
         "complementary_sensitivity_db mt",
         "crossover_rad_s wc wgc omega_c",
         "alpha lambda lam order",
+        "kp k_p kc k_c k gain p proportional proportional_gain",
+        "ki k_i i integral integral_gain",
     )
 )
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from cases import switched
 from cases.project import ROOT
 
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.switched import SystemVerdict, prove, prove_system, recheck_system
+from fopi_tune.proof.switched.documents import from_document, to_document
 from fopi_tune.spec import load_system
 
 VERDICTS = {"reset": SystemVerdict.SETTLES, "tracking": SystemVerdict.SETTLES, "held": SystemVerdict.CYCLES}
@@ -60,3 +63,30 @@ def test_a_throttle_that_may_not_settle_from_every_state_is_the_reason(monkeypat
 def test_setpoints_that_are_no_range_are_refused(setpoints: tuple[float, float]) -> None:
     with pytest.raises(DomainError, match="two finite numbers"):
         prove_system(switched.CAR, switched.GAINS, setpoints=setpoints)
+
+
+@pytest.mark.parametrize("limited", [(True, True), (True, False), (False, True)], ids=["both", "throttle", "brake"])
+def test_a_mode_that_limits_the_rate_of_its_output_leaves_nothing_proved(limited: tuple[bool, bool]) -> None:
+    modes = [
+        replace(mode, spec=replace(mode.spec, digital=replace(mode.spec.digital, output_rate_per_s=0.5)))  # pyright: ignore
+        if own
+        else mode
+        for mode, own in zip(switched.CAR.modes, limited, strict=True)
+    ]
+    system = replace(switched.car("reset"), modes=(modes[0], modes[1]))
+    found = prove_system(system, switched.GAINS, setpoints=switched.SETPOINTS)
+    assert found.settling is None
+    assert found.bounded is None
+    assert found.cycles == ()
+    assert (
+        found.reason == f"{'throttle' if limited[0] else 'brake'}: an output rate limit is not modelled in this proof"
+    )
+    for proof, own in zip(found.loops, limited, strict=True):
+        assert proof is None or not own
+    read = from_document(to_document(found))
+    assert read.model == found.model
+    assert recheck_system(read, system, switched.GAINS).problems == ()
+    # a certificate of the system without the limit is not accepted for this one
+    of_car = switched.certificate("reset")
+    assert of_car.settling is not None
+    assert recheck_system(of_car, system, switched.GAINS).problems != ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +25,7 @@ from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.certificate import Verdict
-from fopi_tune.proof.time_domain import TimeDomainCase, prove_limit, why_no_method
+from fopi_tune.proof.time_domain import TimeDomainCase, prove_limit, recheck_limit, why_no_method
 from fopi_tune.proof.time_domain.proof import FREE, LIMITED
 from fopi_tune.spec.model import Knot, Limit, Relation, ScenarioSpec
 
@@ -181,3 +182,18 @@ def test_what_has_no_method_says_why(number: int) -> None:
 def test_bad_numbers_are_refused(tolerance: float, budget: int) -> None:
     with pytest.raises(DomainError, match="tolerance"):
         prove_limit(brake_ramp(), tolerance, budget)
+
+
+@pytest.mark.parametrize("make", [brake_ramp, saturated_throttle, three_numbers])
+def test_a_controller_that_limits_its_rate_has_no_method(make: Callable[[], TimeDomainCase]) -> None:
+    case = make()
+    slow = replace(case, controller=replace(case.controller, most_change=0.01))
+    proof = prove_limit(slow)
+    assert proof.verdict is Verdict.UNDECIDED
+    assert proof.message == "no method: an output rate limit is not modelled in this proof"
+    # nor is the proof of the loop without it one of this
+    decided = prove_limit(case, budget=100)
+    if decided.verdict is not Verdict.UNDECIDED:
+        assert recheck_limit(case, decided) == ()
+        (problem,) = recheck_limit(slow, decided)
+        assert problem == "nothing can be proved: an output rate limit is not modelled in this proof"

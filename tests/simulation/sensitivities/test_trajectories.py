@@ -12,9 +12,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital.derivatives import controller_derivatives
 from fopi_tune.digital.discretize import sections_of
-from fopi_tune.digital.implementation import digital_section_of, nominal_crossover
-from fopi_tune.digital.realise import Precision
-from fopi_tune.digital.runtime import Runtime
+from fopi_tune.digital.implementation import digital_section_of, nominal_crossover, runtime_of
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.sampled.plants import discretize_plants
 from fopi_tune.simulation.sampled.simulate import simulate
@@ -82,8 +80,7 @@ def plants_of(order: int, direct: bool = False, dead_time: bool = False, seed: i
 def simulated(spec: DesignSpec, gains: FoPi, plants: Plants, scenario: Scenario) -> Traces:
     digital = digital_section_of(spec)
     crossover = nominal_crossover(spec, gains) if digital.depends_on_crossover else None
-    runtime = Runtime.of(sections_of(gains, digital, crossover), Precision.FLOAT64, digital.output_limits)
-    return simulate([Mode(runtime, plants)], scenario)
+    return simulate([Mode(runtime_of(sections_of(gains, digital, crossover), digital), plants)], scenario)
 
 
 def found_for(spec: DesignSpec, gains: FoPi, plants: Plants, scenario: Scenario) -> Trajectories:
@@ -92,10 +89,20 @@ def found_for(spec: DesignSpec, gains: FoPi, plants: Plants, scenario: Scenario)
 
 
 def branches(traces: Traces, spec: DesignSpec, plants: Plants, scenario: Scenario) -> list[np.ndarray]:
-    """Where the output is at which limit, where the actuator is at which rate, and whose arrival `rate_after` is of."""
+    """Where the output is at which limit, it or the actuator at which rate, and whose arrival `rate_after` is of."""
     low, high = digital_section_of(spec).output_limits or (-np.inf, np.inf)
-    slow = np.sign(traces.applied - traces.demanded)
+    slow = np.sign(traces.applied - traces.demanded) + 3.0 * ways_of(traces, spec, scenario)
     return [traces.demanded == low, traces.demanded == high, slow, load_is_faster(traces, plants, scenario)]
+
+
+def ways_of(traces: Traces, spec: DesignSpec, scenario: Scenario) -> np.ndarray:
+    """1 and -1 where the output moves up and down by all that its rate allows."""
+    rate, past = digital_section_of(spec).output_rate_per_s, scenario.start.output if scenario.start.bumpless else 0.0
+    if rate is None:
+        return np.zeros(traces.demanded.shape)
+    # plants of static gain 1 rest at their output
+    moves = np.diff(traces.demanded, axis=1, prepend=past)
+    return np.sign(moves) * (np.abs(moves) > rate * TS * (1.0 - 1e-9))
 
 
 def load_is_faster(traces: Traces, plants: Plants, scenario: Scenario) -> np.ndarray:
@@ -193,6 +200,21 @@ def test_a_limited_output_has_no_derivative_and_the_back_calculation_goes_on(ord
             at_limit = found_for(spec, gains, plants, scenario).demanded[low | high]
             assert not at_limit[:, 1:].any()
     assert limited.min() > 20, limited
+
+
+@pytest.mark.parametrize("order", [1, 3])
+def test_an_output_at_its_rate_has_the_derivative_of_its_last_value(order: int) -> None:
+    spec, plants, moving = spec_of("poles: 5, output_limits: [-0.3, 2.6], output_rate_per_s: 0.6"), plants_of(order), 0
+    for gains in (FoPi(0.9, 0.3, 0.8), FoPi(1.2, 0.2, 1.0), FoPi(0.3, 0.4, 0.6)):
+        for actuator in (Actuator(), Actuator(0.5, 0.3)):
+            scenario = Scenario(TS, signals(load=True), actuator=actuator, start=Start(1.0, bumpless=True))
+            assert_right(spec, gains, plants, scenario)
+            ways = ways_of(simulated(spec, gains, plants, scenario), spec, scenario)
+            moving += int(np.sum(ways != 0.0))
+            found = found_for(spec, gains, plants, scenario).demanded
+            on_its_way = np.flatnonzero(ways[0, 1:]) + 1
+            np.testing.assert_array_equal(found[0, on_its_way, 1:], found[0, on_its_way - 1, 1:])
+    assert moving > 200
 
 
 def test_an_actuator_at_its_rate_has_the_derivative_of_its_last_control() -> None:
