@@ -29,7 +29,7 @@ from fopi_tune.cli.init import (
     write_spec,
 )
 from fopi_tune.cli.output import bad_input, print_out, report_failure, to_json
-from fopi_tune.cli.prove import discretize_file, prove_file
+from fopi_tune.cli.prove import TOLERANCE, discretize_file, prove_file
 from fopi_tune.cli.recheck import recheck_file
 from fopi_tune.cli.simulations import SimulationOptions, parameters_from_options, simulate_file, validate_file
 from fopi_tune.cli.study import study
@@ -201,7 +201,7 @@ def prove(
     alpha: Alpha = None,
     tolerance: Annotated[
         float, typer.Option(help="How far a requirement may be missed, neper or radian; a delay margin's is relative.")
-    ] = 1e-6,
+    ] = TOLERANCE,
     recheck: Annotated[
         str | None,
         typer.Option(metavar="FILE", help="Check a certificate instead; with SPEC, also that it is about that spec."),

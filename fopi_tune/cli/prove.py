@@ -9,6 +9,10 @@ from fopi_tune.cli.gains import GivenGains, given_or_tuned_gains
 from fopi_tune.cli.output import Exit
 from fopi_tune.cli.simulations import gains_of_modes
 from fopi_tune.core.controller import FoPi
+from fopi_tune.errors import DomainError
+
+#: of a spec's requirements, where none is given; neper or radian
+TOLERANCE = 1e-6
 
 if TYPE_CHECKING:
     from fopi_tune.cli.result_files import Result
@@ -31,6 +35,8 @@ def prove_file(file: str, given: GivenGains, tolerance: float, options: OutputOp
         if isinstance(loaded, SystemSpec):
             from fopi_tune.pipeline.prove_system import prove_system
 
+            if tolerance != TOLERANCE:
+                raise DomainError("this is a system, which has no requirements to miss; leave --tolerance out")
             return prove_system(loaded, gains_of_modes(loaded, given, options))
         from fopi_tune.pipeline.prove import prove
 

@@ -42,12 +42,19 @@ def recheck_file(file: str, spec_file: str | None, options: OutputOptions) -> Ex
         return Exit.BAD_INPUT
     except Exception as error:
         return report_failure(file, error, options.debug)
-    code = Exit.MET if found.is_sound and found.certificate.verdict.value == "proved" else Exit.NOT_MET
+    code = _exit_code(found.is_sound, found.certificate.verdict.value)
     if options.as_json:
         return max(code, print_out(to_json(_document(found))))
     from fopi_tune.report import recheck_text
 
     return max(code, print_styled(recheck_text(found)))
+
+
+def _exit_code(is_sound: bool, verdict: str) -> Exit:
+    """As of the proof, for a certificate that is sound."""
+    if not is_sound:
+        return Exit.NOT_MET
+    return {"proved": Exit.MET, "settles": Exit.MET, "undecided": Exit.TOOL_FAILED}.get(verdict, Exit.NOT_MET)
 
 
 def _document(found: Recheck) -> dict[str, Any]:
@@ -112,7 +119,7 @@ def recheck_system_file(document: Any, system_file: str | None, options: OutputO
 
     certificate, found = recheck_system(document, system_file)
     verdict = certificate.verdict.value
-    code = Exit.MET if found.accepted and verdict == "settles" else Exit.NOT_MET
+    code = _exit_code(found.accepted, verdict)
     told = {
         "schema": 1,
         "status": "sound" if found.accepted else "refused",

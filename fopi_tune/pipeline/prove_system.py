@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.tune_system import mode_gains
 from fopi_tune.proof.switched import SystemCertificate, SystemRecheck
 from fopi_tune.proof.switched import prove_system as prove_model
@@ -59,4 +60,9 @@ def recheck_system(document: object, source: SystemSource | None = None) -> tupl
         return certificate, recheck_model(certificate)
     system = load_system(source)
     gains = {mode.name: mode.gains for mode in system.modes if mode.gains is not None}
+    if missing := [mode.name for mode in system.modes if mode.gains is None]:
+        raise DomainError(
+            f"the system's file has no gains of {' and '.join(missing)} to compare with; write those that were proved "
+            "there (system_proof.json has them), or leave the system out"
+        )
     return certificate, recheck_model(certificate, system, gains)

@@ -69,7 +69,7 @@ class LimitedLoop:
         return (
             f"stable with its limits, {low:g} to {high:g}: proved, for every plant, from every state, and on every "
             f"setpoint that a control between them holds; the state's norm shrinks by the factor "
-            f"{self.proof.decay:.6g} or more per sample, by half in {self.half_life_s:.3g} s"
+            f"{self.proof.told_decay} or more per sample, by half in {self.half_life_s:.3g} s"
         )
 
     def to_dict(self) -> dict[str, Any]:

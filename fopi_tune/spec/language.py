@@ -64,8 +64,8 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     if refuse_foreign(place, (*shape.keys, "system"), f"the file is no spec; {_START}"):
         return None
     if place.has("system"):
-        message = "the file describes a system; `fopi tune`, `simulate` and `validate` take it, others its two specs"
-        place.child("system").refuse(message)
+        takes = "`fopi tune`, `prove`, `discretize`, `simulate`, `validate` and `report` take systems"
+        place.child("system").refuse(f"the file describes a system, where a spec is needed; {takes}")
         return None
     values = shape.read_partial(place)
     if values is None:

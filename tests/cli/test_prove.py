@@ -99,3 +99,28 @@ def test_a_spec_with_output_limits_says_whether_it_is_stable_with_them(tmp_path:
     assert "with its limits" not in without.stdout
     again = fopi("prove", "--recheck", str(tmp_path / "b" / "certificate.json"), str(path))
     assert "limits    stable with its limits, 0 to 1: proved" in again.stdout
+
+
+def test_an_undecided_certificate_ends_as_its_proof_and_a_tolerance_is_refused(tmp_path: Path) -> None:
+    file, out = car(tmp_path, "reset"), tmp_path / "out"
+    text = Path(file).read_text(encoding="utf-8")
+    Path(file).write_text(text.replace("hysteresis: 0.5 ", "hysteresis: 1000 "), encoding="utf-8")
+    proved = fopi("prove", file, "--out", str(out), "--quiet")
+    assert proved.exit_code == 3
+    assert proved.stdout.startswith("car: undecided. ")
+    again = fopi("prove", "--recheck", str(out / "system_certificate.json"), file)
+    assert again.exit_code == 3
+    assert again.stdout.startswith("car: sound, undecided")
+    refused = fopi("prove", file, "--tolerance", "1e-3", "--quiet", "--out", str(out))
+    assert refused.exit_code == 2
+    assert "leave --tolerance out" in refused.stderr
+
+
+def test_gains_that_the_file_does_not_have_cannot_be_compared(tmp_path: Path) -> None:
+    file, out = car(tmp_path, "held"), tmp_path / "out"
+    fopi("prove", file, "--out", str(out), "--quiet")
+    text = Path(file).read_text(encoding="utf-8")
+    Path(file).write_text(re.sub(r"gains: {kp: 0.09[^}]*}, ", "", text), encoding="utf-8")
+    again = fopi("prove", "--recheck", str(out / "system_certificate.json"), file)
+    assert again.exit_code == 2
+    assert "no gains of throttle to compare with" in again.stderr

@@ -23,7 +23,7 @@ from fopi_tune.proof.switched.bounded import (
     verify_bounded,
     why_not_bounded,
 )
-from fopi_tune.proof.switched.definite import midpoints
+from fopi_tune.proof.switched.definite import midpoints, not_below
 from fopi_tune.proof.switched.model import Memory, SwitchedLoop, SwitchedModel
 
 #: bits of the matrices; numbers of samples that are tried in turn
@@ -59,7 +59,7 @@ def prove_bounded(model: SwitchedModel, setpoints: tuple[float, float] | None) -
         return BoundedSearch(None, reason)
     with ctx.workprec(_PRECISION):
         low, high = output_range(model)
-        outputs = _outwards(float(low.lower()), float(high.upper()))
+        outputs = _outwards(-not_below(-low), not_below(high))
         ends = (*outputs, *(setpoints or ()))
         found = BoundedProof((min(ends), max(ends)), outputs, (None, None))
         error = float(largest_error(found).upper())

@@ -25,7 +25,7 @@ ASSUMPTIONS = (
     "Controls are held from sample to sample and act after the computing delay, with their plants where modes change; "
     "there is no rate limit, quantisation or noise.",
     "The setpoint is constant from the time on that a statement is about.",
-    "Plants are of first order; a time constant may vary within its range while driving, a gain is constant.",
+    "Plants are of first order; a time constant may vary within its range while driving, a static gain is constant.",
 )
 #: bounds below are told as this one
 _LEAST = 1e-12
@@ -99,7 +99,7 @@ class SystemCertificate:
         found = [
             f"{loop.name}: with its limits and anti-windup the loop alone settles from every state, on each setpoint "
             f"that a control within the limits holds; the state's norm shrinks by the factor "
-            f"{proof.decay:.6g} or more per sample."
+            f"{proof.told_decay} or more per sample."
             for loop, proof in zip(self.model.loops, self.loops, strict=True)
             if proof is not None
         ]
@@ -121,7 +121,7 @@ class SystemCertificate:
             f"ends in finite time, then there is no other switch, and the output stays between "
             f"{_upwards(proof.undershoot)} below and {_upwards(proof.overshoot)} above the setpoint."
         )
-        settles = f"the output settles on each setpoint from {low:g} to {high:g}"
+        settles = f"the output settles on each setpoint from {told(low)} to {told(high)}"
         if self.model.memory is Memory.TRACKING:
             return f"After a step down from rest, from the {throttle} to the {brake}, {settles}: the {brake} {then}"
         above = f"with the {brake} active and the output above the hysteresis' lower line"
@@ -142,8 +142,8 @@ class SystemCertificate:
         ]
         return (
             f"Under every switching, also one without this hysteresis, every plant of the families, also one that "
-            f"varies, and every setpoint that moves between {least:g} and {most:g}: from rest at an output between "
-            f"{low:g} and {high:g} the output stays there{''.join('; ' + each for each in memories)}."
+            f"varies, and every setpoint that moves between {told(least)} and {told(most)}: from rest at an output "
+            f"between {told(low)} and {told(high)} the output stays there{''.join('; ' + each for each in memories)}."
         )
 
     def _cycle(self, proof: CycleProof) -> str:
@@ -154,6 +154,12 @@ class SystemCertificate:
             f"At setpoint {proof.setpoint:g}{''.join(', ' + each for each in numbers)}: {pull} periodic orbit of "
             f"{len(proof.modes)} samples, from {proof.lowest:+.4g} to {proof.highest:+.4g} around the setpoint."
         )
+
+
+def told(end: float) -> str:
+    """An end of a range: with six digits where these are all, else with all that it has."""
+    short = f"{end:g}"
+    return short if float(short) == end else repr(end)
 
 
 def _upwards(bound: float) -> str:

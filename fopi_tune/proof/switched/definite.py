@@ -11,6 +11,7 @@ Source: the LDL' factorisation, as in Golub and Van Loan, Matrix Computations, 2
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -59,3 +60,9 @@ def quadratic_norm(matrix: arb_mat, column: arb_mat) -> arb:
     square = (column.transpose() * matrix * column)[0, 0]
     # rounding may leave the ball of a tiny square with negative numbers in it
     return abs(square).sqrt()
+
+
+def not_below(number: arb) -> float:
+    """The least double, or the one after it, that no number of the ball is above."""
+    found = float(number.upper())
+    return found if arb(found) >= number else math.nextafter(found, math.inf)

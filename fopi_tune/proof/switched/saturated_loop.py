@@ -18,6 +18,7 @@ with Saturating Actuators, 2011; discrete time and convexity in the plants are d
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,6 +38,8 @@ from fopi_tune.proof.switched.model import Lag, SwitchedLoop, lag_range, loop_ma
 _PRECISION = 192
 #: parts of the linear loop's distance to the unit circle that are tried as the decay 1 - rho
 _PARTS = (0.8, 0.5, 0.2, 0.05)
+#: behind the point, that a double near 1 has
+_MOST_DIGITS = 15
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,13 @@ class SaturatedLoopProof:
     matrix: Triangle
     multiplier: float
     decay: float
+
+    @property
+    def told_decay(self) -> str:
+        """The decay with three digits of its distance to 1, not below it."""
+        digits = 2 - math.floor(math.log10(1.0 - self.decay))
+        slack = math.floor((1.0 - self.decay) * 10.0**digits)
+        return f"{1.0 - slack * 10.0**-digits:.{digits}f}" if digits <= _MOST_DIGITS else repr(self.decay)
 
 
 def prove_saturated_loop(loop: SwitchedLoop, sample_time_s: float) -> SaturatedLoopProof | None:

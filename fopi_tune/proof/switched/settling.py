@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 from flint import arb, arb_mat, ctx
 
-from fopi_tune.proof.switched.definite import Triangle, is_positive_definite, quadratic_norm, symmetric
+from fopi_tune.proof.switched.definite import Triangle, is_positive_definite, not_below, quadratic_norm, symmetric
 from fopi_tune.proof.switched.entries import (
     brake_top,
     dwell_margin,
@@ -142,7 +142,7 @@ def _follow(model: SwitchedModel, proof: SettlingProof, a: arb_mat, c: arb_mat, 
         if not (y < eps and v < corner.below and v < corner.above):
             return None
         undershoot, overshoot = undershoot.max(y), overshoot.max(y)
-    return Excursions(_above(undershoot), _above(overshoot))
+    return Excursions(not_below(undershoot), not_below(overshoot))
 
 
 def _start(model: SwitchedModel, proof: SettlingProof) -> tuple[arb_mat, list[_Corner]]:
@@ -165,12 +165,3 @@ def _cut(columns: arb_mat, lengths: list[arb]) -> tuple[arb_mat, arb]:
         total = sum((lengths[i] * row[j].rad() for i, row in enumerate(table)), arb(0))
         largest = largest.max(total)
     return columns.mid(), largest.upper()
-
-
-def _above(number: arb) -> float:
-    """A double that is not below the ball."""
-    upper = number.upper()
-    found = float(upper)
-    while not arb(found) >= upper:
-        found += abs(found) * 2.0**-52 + 2.0**-1000
-    return found

@@ -31,6 +31,12 @@ _PRECISION, _EVERY = 128, 50
 #: relative distance kept to what the search says is the end
 _MARGIN = 1e-3
 _BISECTIONS = 40
+#: parts of the range at which a setpoint that can be proved is looked for
+_TRIED = (0.5, 0.25, 0.75, 0.1, 0.9, 0.03, 0.01, 1e-3, 1e-4, 1e-5, 1e-6)
+#: output unit; what is above is where a control has no limits
+_LARGEST = 1e90
+#: the range of setpoints where nothing ends it and none are asked for, in half-widths of the hysteresis
+_WITHOUT_END = 1000.0
 #: behind the point; a power of ten below would be no double
 _MOST_DIGITS = 300
 
@@ -60,15 +66,15 @@ def prove_settling(model: SwitchedModel, setpoints: tuple[float, float] | None) 
     responses = _responses(model)
     if responses is None:
         return SettlingSearch(None, "the throttle's loop is not stable without its limits")
-    wide = responses.range
+    wide = responses.range(setpoints)
     if wide is None:
         return SettlingSearch(None, responses.why_none(setpoints))
     asked = setpoints or wide
     low, high = max(asked[0], wide[0]), min(asked[1], wide[1])
     if not low <= high:
         return SettlingSearch(None, responses.why_none(setpoints))
-    if setpoints is None:
-        low, high = _rounded(low, high)
+    rounded = _rounded(low, high)
+    low, high = (end if end in asked and setpoints else near for end, near in zip((low, high), rounded, strict=True))
     samples = responses.samples_until_level(low, high)
     found = SettlingProof((low, high), samples, responses.level.matrix, responses.level.decay, 0.0, 0.0)
     excursions = verify_settling(model, found)
@@ -121,16 +127,26 @@ class _Responses:
             found.append((lower, upper, name))
         return found
 
-    @property
-    def range(self) -> tuple[float, float] | None:
-        """The setpoints that can be proved; None without any."""
+    def range(self, asked: tuple[float, float] | None) -> tuple[float, float] | None:
+        """The setpoints that can be proved; None without any.
+
+        Args:
+            asked: least and largest setpoint; where nothing ends the range, it holds these.
+        """
         low, high = max(each[0] for each in self.bounds), min(each[1] for each in self.bounds)
+        if high > _LARGEST:
+            reach = 0.0 if asked is None else 2.0 * (asked[1] - low)
+            high = low + (reach if reach > 0.0 else _WITHOUT_END * self.hysteresis)
         if not (low < high and math.isfinite(high - low)):
             return None
-        low, high = low + _MARGIN * (high - low), high - _MARGIN * (high - low)
+        # a wide range does not cost small setpoints
+        width, near = high - low, min(high - low, self.hysteresis)
+        low, high = low + _MARGIN * near, high - _MARGIN * width
         last = len(self.states) - 1
-        tries = [low + part * (high - low) for part in (0.5, 0.25, 0.75, 0.1, 0.9)]
-        inside = next((each for each in tries if self.in_level(each, last)), None)
+        tries = [low + part * (high - low) for part in _TRIED]
+        if asked is not None:
+            tries.append(0.5 * (max(low, asked[0]) + min(high, asked[1])))
+        inside = next((each for each in tries if low <= each <= high and self.in_level(each, last)), None)
         if inside is None:
             return None
         return self._end(inside, low, last), self._end(inside, high, last)
@@ -165,9 +181,10 @@ class _Responses:
         high = min(self.bounds, key=lambda each: each[1])
         if not low[0] < high[1]:
             return f"no setpoint: {'; '.join(dict.fromkeys((low[2], high[2])))}"
-        asked = setpoints or (low[0], high[1])
-        told = [f"below {low[0]:.4g}: {low[2]}"] if asked[0] <= low[0] else []
-        told += [f"above {high[1]:.4g}: {high[2]}"] if asked[1] >= high[1] else []
+        told = []
+        if setpoints is not None and self.range(setpoints) is not None:
+            told += [f"below {low[0]:.4g}: {low[2]}"] if setpoints[0] <= low[0] else []
+            told += [f"above {high[1]:.4g}: {high[2]}"] if setpoints[1] >= high[1] else []
         return "; ".join(told) or "the level set is not reached within the samples that are followed"
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fopi_tune.proof.switched import SystemCertificate
+from fopi_tune.proof.switched.certificate import told
 from fopi_tune.proof.switched.cycles import CycleProof, verify_cycle
 from fopi_tune.report.figures.picture import BLUE, GREEN, ORANGE, WIDE, Picture, label_axes, legend_below
 
@@ -141,15 +142,15 @@ def _region_words(certificate: SystemCertificate) -> str:
     settling, cycles = certificate.settling, certificate.cycles
     parts = []
     if settling is not None:
+        low, high = map(told, settling.setpoints)
         parts.append(
-            f"Settling is proved for every setpoint from {settling.setpoints[0]:g} to {settling.setpoints[1]:g} and "
+            f"Settling is proved for every setpoint from {low} to {high} and "
             "every plant of the families, also one that varies."
         )
     if cycles:
         places = "one place" if len(cycles) == 1 else f"{len(cycles)} places"
         parts.append(f"A periodic orbit is proved at {places}, each a setpoint with constant plants.")
     if certificate.setpoints is not None:
-        parts.append(
-            f"Asked for, between the dotted lines: {certificate.setpoints[0]:g} to {certificate.setpoints[1]:g}."
-        )
+        low, high = map(told, certificate.setpoints)
+        parts.append(f"Asked for, between the dotted lines: {low} to {high}.")
     return " ".join([*parts, "Elsewhere nothing is said."])

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from cases import switched
 
+from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.proof.switched.bounded import verify_bounded
 from fopi_tune.proof.switched.bounded_search import prove_bounded
 
@@ -32,3 +33,15 @@ def test_a_loop_outside_of_the_methods_is_told() -> None:
     found = prove_bounded(replace(model, loops=(late, model.loops[1])), None)
     assert found.proof is None
     assert found.reason.startswith("throttle: ")
+
+
+def test_an_output_that_is_no_double_is_bounded() -> None:
+    # 2.5 times the double -0.4 lies below -1, by less than a double there can tell
+    model = switched.model("reset")
+    throttle, brake = model.loops
+    strong = PlantFamily("lag", {**brake.plant.parameters, "static_gain": Uncertain(2.5, 2.5, 2.5)})
+    weak = replace(brake, plant=strong, controller=replace(brake.controller, limits=(-0.4, 0.0)))
+    found = prove_bounded(replace(model, loops=(throttle, weak)), None)
+    assert found.reason == ""
+    assert found.proof is not None
+    assert -1.2 < found.proof.outputs[0] < -1.0

@@ -48,3 +48,10 @@ def test_an_orbit_is_told_with_its_place() -> None:
     assert f"an attracting periodic orbit of {len(cycle.modes)} samples" in first
     assert replace(held, cycles=(replace(cycle, attraction=None),)).statements[3].count(": a periodic orbit") == 1
     assert held.statements[-1].startswith("Not proved: a held memory")
+
+
+def test_ends_of_ranges_are_told_with_all_their_digits() -> None:
+    reset = switched.certificate("reset")
+    assert reset.settling is not None
+    said = replace(reset, settling=replace(reset.settling, setpoints=(2.00000001, 22.0))).statements[2]
+    assert "from 2.00000001 to 22, after" in said

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flint import arb, arb_mat
+from flint import arb, arb_mat, ctx
 
-from fopi_tune.proof.switched.definite import is_positive_definite, lower_triangle, midpoints, quadratic_norm, symmetric
+from fopi_tune.proof.switched.definite import (
+    is_positive_definite,
+    lower_triangle,
+    midpoints,
+    not_below,
+    quadratic_norm,
+    symmetric,
+)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -30,3 +37,11 @@ def test_a_triangle_is_the_symmetric_part() -> None:
     assert triangle == ((2.0,), (2.0, 5.0))
     assert np.array_equal(midpoints(symmetric(triangle)), [[2.0, 2.0], [2.0, 5.0]])
     assert float(quadratic_norm(symmetric(triangle), arb_mat([[1], [1]]))) == pytest.approx(np.sqrt(11.0), rel=1e-15)
+
+
+def test_a_bound_is_not_below_what_rounding_cuts_off() -> None:
+    with ctx.workprec(128):
+        assert not_below(arb(1)) == 1.0
+        assert not_below(1 + arb(2) ** -60) == 1.0 + 2.0**-52
+        assert not_below(-1 + arb(2) ** -60) == -1.0 + 2.0**-53
+        assert not_below(arb(1, 2.0**-60)) > 1.0

@@ -96,3 +96,19 @@ def test_a_late_control_shrinks_as_stated(delay: float) -> None:
             last = u
             after = np.array([y + 0.4, x[0] + 0.4, *x[1:], last + 0.4])
             assert after @ p @ after <= proof.decay**2 * (z @ p @ z) * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("decay", "told"),
+    [
+        (0.9996534, "0.999654"),
+        (0.93765, "0.9377"),
+        (0.999999912345, "0.9999999124"),
+        (0.0512, "0.052"),
+        (1.0 - 2.0**-53, "0.9999999999999999"),
+    ],
+)
+def test_a_decay_is_told_with_the_digits_of_its_distance_to_one_and_not_below_it(decay: float, told: str) -> None:
+    found = SaturatedLoopProof((), 1.0, decay).told_decay
+    assert found == told
+    assert decay <= float(found) < 1.0

@@ -31,7 +31,8 @@ def test_a_range_that_can_be_proved_in_part_says_what_ends_it() -> None:
     found = prove_settling(switched.model("reset"), (5.0, 30.0))
     assert found.proof is not None
     assert found.proof.setpoints[0] == 5.0
-    assert found.proof.setpoints[1] < 25.15
+    # three digits of the width, inwards
+    assert found.proof.setpoints[1] == 25.1
     assert found.reason.startswith("above 25.1")
 
 
@@ -85,3 +86,25 @@ def test_the_smallest_limits_and_setpoints_are_no_error() -> None:
     found = prove_settling(small, None)
     assert found.proof is None
     assert found.reason.startswith("no setpoint: ")
+
+
+def test_a_throttle_without_limits_settles_on_what_is_asked_for() -> None:
+    model = switched.model("reset")
+    throttle, brake = model.loops
+    endless = replace(throttle, controller=replace(throttle.controller, limits=(-1e300, 1e300)))
+    model = replace(model, loops=(endless, brake))
+    widest, asked = prove_settling(model, None), prove_settling(model, (2.0, 500.0))
+    assert widest.reason == asked.reason == ""
+    assert widest.proof is not None
+    assert widest.proof.setpoints[1] > 100.0
+    assert asked.proof is not None
+    assert asked.proof.setpoints == (2.0, 500.0)
+
+
+def test_a_level_set_that_is_not_reached_is_the_reason() -> None:
+    # so slow an integrator that 40,000 samples are not enough
+    throttle, brake = switched.model("reset").loops
+    slow = replace(throttle.controller, residues=tuple(1e-5 * each for each in throttle.controller.residues))
+    model = replace(switched.model("reset"), loops=(replace(throttle, controller=slow), brake))
+    for asked in (None, switched.SETPOINTS, (0.0, 30.0)):
+        assert prove_settling(model, asked).reason.startswith("the level set is not reached")
