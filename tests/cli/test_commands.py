@@ -56,6 +56,7 @@ nominal   crossover 0.3 rad/s, phase margin 90 deg, gain margin infinite, delay
           margin 5.236 s
 proof     proved: 288 boxes in ball arithmetic; each bound within 5.0e-07
           (relative) of a value that a plant reaches
+optimum   nothing better by more than 0.1 % is possible (checked)
 """
 
 

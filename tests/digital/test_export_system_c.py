@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases.thinned import thinned
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
@@ -96,8 +97,7 @@ def replayed(program: Path, table: str = "test_vectors.csv") -> subprocess.Compl
 
 
 @with_each_compiler
-@pytest.mark.parametrize("dwell", [0, 5])
-@pytest.mark.parametrize("memory", Memory)
+@pytest.mark.parametrize(("memory", "dwell"), thinned(itertools.product(Memory, (5, 0))))
 def test_the_vectors_are_met_bit_for_bit(tmp_path: Path, memory: Memory, dwell: int, compiler: str) -> None:
     files = export_system_c(exported(Switching(0.5, memory, dwell, first=dwell % 2)))
     for level in ("-O0", "-O2"):
@@ -131,9 +131,7 @@ def test_the_vectors_switch_saturate_and_wait(memory: Memory, dwell: int) -> Non
 
 
 @with_each_compiler
-@pytest.mark.parametrize("delay", [0.0, 0.6, 2.0])
-@pytest.mark.parametrize("dwell", [0, 7])
-@pytest.mark.parametrize("memory", Memory)
+@pytest.mark.parametrize(("memory", "dwell", "delay"), thinned(itertools.product(Memory, (0, 7), (0.0, 0.6, 2.0)), 5))
 def test_long_random_runs_are_the_compiled_simulation_bit_for_bit(
     tmp_path: Path, memory: Memory, dwell: int, delay: float, compiler: str
 ) -> None:
