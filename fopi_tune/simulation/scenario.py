@@ -104,7 +104,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Actuator:
-    """(4); the controller does not know of it.
+    """(4); the controller does not know of it, unless it limits the rate of its output itself.
 
     Args:
         rate_per_s: fastest change of the control, per s; inf: any.
@@ -144,7 +144,8 @@ class Start:
 class Hybrid:
     """(2): two modes that share the output.  With a computing delay a mode travels with its control to the plant.
 
-    At a jump the actuator's last value is cut to the new mode's limits before (4).  A measurement whose error is not
+    At a jump the actuator's last value is cut to the new mode's limits before (4).  The last output of a controller
+    that limits its rate is then the other one's, cut likewise, or what it tracked.  A measurement whose error is not
     finite causes none.
 
     Args:

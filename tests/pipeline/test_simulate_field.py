@@ -76,6 +76,15 @@ def test_a_rate_limit_in_the_controller_keeps_the_overshoot_below_5_percent(
     assert result.to_dict()["notes"] == list(result.notes)
 
 
+def test_drawn_plants_are_driven_by_the_controller_that_limits_its_rate() -> None:
+    family = ("time_constant_s: 2", "time_constant_s: {min: 1.8, max: 2.2}")
+    judged = "limits: [{overshoot: {at_most: 0.06}}]\nvalidation: {samples: 40}\n"
+    for own, met in ((", output_rate_per_s: 0.25", 40), ("", 0)):
+        text = spec_text("slew_limit", family, ("sample_time_s: 0.05", f"sample_time_s: 0.05{own}"))
+        (fraction,) = ft.validate(parse_spec(text + judged), FoPi(2.0, 2.0, 1.0)).evidence.limits
+        assert (fraction.fraction.met, fraction.fraction.total) == (met, 40)
+
+
 def test_an_actuator_whose_rate_is_not_reached_needs_no_note() -> None:
     text = spec_text("slew_limit", ("rate_per_s: 0.25", "rate_per_s: 200"))
     (result,) = ft.simulate(parse_spec(text), FoPi(2.0, 2.0, 1.0)).driven
