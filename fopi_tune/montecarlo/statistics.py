@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
@@ -165,11 +164,15 @@ def checked_values(values: Array) -> Array:
 
 def _lower(met: int, total: int, tail: float) -> float:
     # P(B >= met) = I_p(met, total - met + 1)
+    from scipy import special  # a quarter of a second
+
     return 0.0 if met == 0 else float(special.betaincinv(met, total - met + 1, tail))
 
 
 def _upper(met: int, total: int, tail: float) -> float:
     # P(B <= met) = 1 - I_p(met + 1, total - met)
+    from scipy import special  # a quarter of a second
+
     return 1.0 if met == total else float(special.betainccinv(met + 1, total - met, tail))
 
 
