@@ -87,7 +87,7 @@ def test_a_proof_of_a_shorter_dwell_is_none_of_a_longer_one(memory: str) -> None
         ("reset", 2.0, (0.6, 13.7)),
         ("reset", 4.0, (0.6, 10.5)),
         ("tracking", 1.0, (1.2, 25.1)),
-        ("tracking", 2.0, (2.7, 25.1)),
+        ("tracking", 2.0, (2.6, 25.1)),
         ("tracking", 4.0, (10.3, 25.1)),
     ],
 )
