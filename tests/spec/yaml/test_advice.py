@@ -70,9 +70,11 @@ def test_a_derivative_term_is_refused_with_what_there_is(key: str) -> None:
     assert "structure" not in message
 
 
-def test_a_pi_is_a_special_case() -> None:
+def test_a_pi_is_written_in_small_letters_and_an_integral_alone_is_a_special_case() -> None:
     (message,) = messages(f"{HEAD}{PLANT}{REQUIREMENTS}controller: {{structure: PI}}\n")
-    assert message == "'PI' is not known here; write fopi, and alpha: 1 beside it"
+    assert message == "'PI' is not known here; did you mean 'pi'?"
+    (message,) = messages(f"{HEAD}{PLANT}{REQUIREMENTS}controller: {{structure: I}}\n")
+    assert "kp: 0" in message
 
 
 @pytest.mark.parametrize(
