@@ -86,13 +86,16 @@ def designs() -> tuple[DigitalController, ...]:
 
 
 def export(controller: DigitalController, limits: tuple[float, float] | None = (-1.0, 1.0), **others: str) -> Export:
-    texts = {
-        "name": "Brake-1.2",
-        "description": "A car's brake.",
-        "spec_sha256": SHA256,
-        "tool": "fopi-tune 0",
-    } | others
-    return Export(**texts, controller=controller, units=Units("km/h", "part of full brake"), limits=limits)
+    made = Export(
+        name="Brake-1.2",
+        description="A car's brake.",
+        spec_sha256=SHA256,
+        tool="fopi-tune 0",
+        controller=controller,
+        units=Units("km/h", "part of full brake"),
+        limits=limits,
+    )
+    return replace(made, **others)
 
 
 def written(files: dict[str, str], folder: Path) -> Path:
