@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fopi_tune.core.controller import FoPi
+    from fopi_tune.core.controller import FoPi, Pid
     from fopi_tune.core.margins import Margins, margins
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
@@ -60,6 +60,7 @@ _PUBLIC = {
     "Optimum": "fopi_tune.optimum",
     "OptimumRecheck": "fopi_tune.optimum",
     "OptimumStatus": "fopi_tune.optimum",
+    "Pid": "fopi_tune.core.controller",
     "Plant": "fopi_tune.core.plant",
     "PlantFamily": "fopi_tune.core.plant",
     "ProvedSystem": "fopi_tune.results.proved_system",
@@ -121,6 +122,7 @@ __all__ = [
     "Optimum",
     "OptimumRecheck",
     "OptimumStatus",
+    "Pid",
     "Plant",
     "PlantFamily",
     "ProvedSystem",

@@ -14,16 +14,20 @@ if TYPE_CHECKING:
     from fopi_tune.spec.model import DesignSpec
 
 
+_NAMES = ("kp", "ki", "alpha", "kd")
+
+
 @dataclass(frozen=True)
 class GivenGains:
-    """The gains of --kp, --ki and --alpha; None where an option is left out."""
+    """The gains of --kp, --ki, --alpha and --kd; None where an option is left out."""
 
     kp: float | None
     ki: float | None
     alpha: float | None
+    kd: float | None = None
 
     def for_spec(self, spec: DesignSpec) -> FoPi | None:
-        """The controller, with what the spec fixes where an option is left out; None if none of the three is given.
+        """The controller, with what the spec fixes where an option is left out; None if none of them is given.
 
         Raises:
             DomainError: some are given, and another is neither given nor fixed; or there is no such controller.
@@ -31,18 +35,22 @@ class GivenGains:
         if not self:
             return None
         given: dict[str, float] = {}
-        for name in ("kp", "ki", "alpha"):
+        for name in _NAMES:
             value, box = getattr(self, name), getattr(spec.controller, name)
             if value is None and not box.is_fixed:
+                wanted = "--kp, --ki and --kd" if spec.controller.has_derivative else "--kp, --ki and --alpha"
                 raise DomainError(
-                    "give --kp, --ki and --alpha all three, or none of them: "
-                    f"--{name} is left out, and the spec gives {name} a range"
+                    f"give {wanted} all three, or none of them: --{name} is left out, and the spec gives {name} a range"
                 )
             given[name] = box.min if value is None else value
-        return FoPi(**given)
+        if spec.controller.has_derivative and given["alpha"] != 1.0:
+            raise DomainError("--alpha: the integral of structure pid has the order 1; leave --alpha out")
+        if given["kd"] != 0.0 and not spec.controller.has_derivative:
+            raise DomainError("--kd: the spec's controller has no derivative; write structure: pid in it")
+        return spec.controller.controller(**given)
 
     def __bool__(self) -> bool:
-        return any(value is not None for value in (self.kp, self.ki, self.alpha))
+        return any(getattr(self, name) is not None for name in _NAMES)
 
 
 def gains_of_document(entry: object) -> FoPi:
@@ -57,8 +65,7 @@ def gains_of_document(entry: object) -> FoPi:
     """
     from fopi_tune.proof.strict_json import JsonObject
 
-    gains = JsonObject(entry, "gains")
-    return FoPi(gains.number("kp"), gains.number("ki"), gains.number("alpha"))
+    return JsonObject(entry, "gains").controller()
 
 
 def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | None:
@@ -67,8 +74,8 @@ def gains_of_earlier_design(spec: DesignSpec, options: OutputOptions) -> FoPi | 
     from fopi_tune.spec.files import read_json
 
     box = spec.controller
-    if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
-        return FoPi(box.kp.min, box.ki.min, box.alpha.min)
+    if box.fixed is not None:
+        return box.fixed
     path = options.folder(spec) / "design.json"
     try:
         document = read_json(path)

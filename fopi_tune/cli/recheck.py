@@ -58,6 +58,8 @@ def _exit_code(is_sound: bool, verdict: str) -> Exit:
 
 
 def _document(found: Recheck) -> dict[str, Any]:
+    from fopi_tune.core.controller import numbers_of
+
     certificate = found.certificate
     gains = certificate.case.gains
     return {
@@ -66,7 +68,7 @@ def _document(found: Recheck) -> dict[str, Any]:
         "verdict": certificate.verdict.value if found.is_sound else None,
         "name": certificate.name,
         "spec_sha256": certificate.spec_sha256,
-        "gains": {"kp": gains.kp, "ki": gains.ki, "alpha": gains.alpha},
+        "gains": numbers_of(gains),
         "tolerance": certificate.tolerance,
         "boxes": found.boxes,
         "problems": list(found.problems),

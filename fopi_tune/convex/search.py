@@ -51,8 +51,8 @@ def convex_design(spec: DesignSpec, violations: Sequence[Violation] = ()) -> Can
     if box.kp.is_fixed and box.ki.is_fixed and box.kp.min == 0.0 and box.ki.min == 0.0:
         message = "kp and ki are fixed at 0: there is no controller"
         return Candidate(Status.INFEASIBLE, None, nothing, message=message)
-    if box.kp.is_fixed and box.ki.is_fixed and box.alpha.is_fixed:
-        return Candidate(Status.SOLVED, FoPi(box.kp.min, box.ki.min, box.alpha.min), nothing)
+    if box.fixed is not None:
+        return Candidate(Status.SOLVED, box.fixed, nothing)
     searches = [_search_at_own_crossover(branch, violations) for branch in _branches(spec)]
     found = [(search, best) for search in searches if (best := search.best()) is not None]
     solves = sum(search.procedure.program.solves for search in searches)

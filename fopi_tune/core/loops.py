@@ -5,14 +5,14 @@ Rows are independent: row i has its own gains and its own plant.  All values are
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, derivative_of
 from fopi_tune.core.plant import Plant, PlantFamily
 from fopi_tune.errors import DomainError
 
@@ -147,26 +147,65 @@ class Plants:
 
 
 @dataclass(frozen=True)
+class Derivatives:
+    """m derivative terms kd s/(Tf s + 1) beside a PI.
+
+    Args:
+        kd: shape (m,).
+        filter_s: shape (m,), Tf > 0.
+    """
+
+    kd: Array
+    filter_s: Array
+
+    def take(self, rows: Rows) -> Derivatives:
+        """Select rows."""
+        return Derivatives(self.kd[rows], self.filter_s[rows])
+
+    def response(self, rows: Rows, omega: Array) -> Complex:
+        """kd s/(Tf s + 1) at s = j omega; rows and omega of shape (n,)."""
+        # |s| may be inf: divided by s, nothing is inf/inf
+        with np.errstate(divide="ignore"):
+            return np.asarray(self.kd[rows] / (self.filter_s[rows] - 1j / omega), dtype=complex)
+
+    def joined(self, kp: Array, ki: Array) -> Plants:
+        """(kp Tf + kd) s^2 + (kp + ki Tf) s + ki over s (Tf s + 1), the whole controller with alpha = 1."""
+        zeros = np.zeros(len(kp))
+        top = np.column_stack([kp * self.filter_s + self.kd, kp + ki * self.filter_s, ki])
+        return Plants(top, np.column_stack([self.filter_s, np.ones(len(kp)), zeros]), zeros)
+
+
+@dataclass(frozen=True)
 class Loops:
-    """m loops L = C P; gains of shape (m,), plants of m rows."""
+    """m loops L = C P; gains of shape (m,), plants of m rows.
+
+    Args:
+        kp, ki, alpha: shape (m,).
+        plants: m plants.
+        derivatives: beside alpha = 1; None: C = kp + ki s^-alpha.
+    """
 
     kp: Array
     ki: Array
     alpha: Array
     plants: Plants
+    derivatives: Derivatives | None = field(default=None, kw_only=True)
 
     @classmethod
     def of(cls, controller: FoPi, plants: Plants) -> Loops:
         """One controller with every one of the plants."""
-        rows = len(plants)
-        return cls(np.full(rows, controller.kp), np.full(rows, controller.ki), np.full(rows, controller.alpha), plants)
+        ones = np.ones(len(plants))
+        kd, filter_s = derivative_of(controller)
+        derivatives = Derivatives(kd * ones, filter_s * ones) if kd != 0.0 else None
+        return cls(controller.kp * ones, controller.ki * ones, controller.alpha * ones, plants, derivatives=derivatives)
 
     def __len__(self) -> int:
         return len(self.kp)
 
     def take(self, rows: Rows) -> Loops:
         """Select rows."""
-        return Loops(self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows))
+        derivatives = None if self.derivatives is None else self.derivatives.take(rows)
+        return Loops(self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows), derivatives=derivatives)
 
     @property
     def highest_rad_s(self) -> float:
@@ -192,11 +231,13 @@ class Loops:
 
     @cached_property
     def log_controller(self) -> BodeForm:
-        """ln C of kp + ki s^-alpha; the phase tends to -90 deg alpha as omega -> 0, where the integral dominates.
+        """ln C; the phase tends to -90 deg alpha as omega -> 0, where the integral dominates.
 
         Raises:
-            DomainError: kp = ki = 0: there is no loop.
+            DomainError: all gains are 0: there is no loop.
         """
+        if self.derivatives is not None:
+            return self.derivatives.joined(self.kp, self.ki).log
         if np.any((self.kp == 0.0) & (self.ki == 0.0)):
             raise DomainError("kp = ki = 0: there is no controller, so there is no loop; give one of them a value")
         integral = self.ki != 0.0
@@ -221,7 +262,7 @@ class Loops:
         """ln L.  Two minus signs (a negative gain on a negative plant) cancel instead of adding -360 deg."""
         plant, controller = self.plants.log, self.log_controller
         product = plant + controller
-        lead = np.where(self.ki != 0.0, self.ki, self.kp)
+        lead = self._first_term
         own_sign = plant.phase0 - 0.5 * np.pi * plant.slope0 + np.pi * self.plants.unstable_poles
         negative_plant = own_sign < -0.5 * np.pi
         both = (lead < 0) & negative_plant
@@ -230,10 +271,17 @@ class Loops:
             product.sign, product.nu, product.corner, product.psi, product.delay,
         )  # fmt: skip
 
+    @property
+    def _first_term(self) -> Array:
+        """The gain of the term that dominates as omega -> 0, shape (m,)."""
+        lead = np.where(self.ki != 0.0, self.ki, self.kp)
+        return lead if self.derivatives is None else np.where(lead != 0.0, lead, self.derivatives.kd)
+
     def controller_response(self, rows: Rows, omega: Array) -> Complex:
         """C(j omega) on the principal branch; rows and omega of shape (n,)."""
         angle = 0.5 * np.pi * self.alpha[rows]
-        return self.kp[rows] + self.ki[rows] * omega ** -self.alpha[rows] * (np.cos(angle) - 1j * np.sin(angle))
+        pi = self.kp[rows] + self.ki[rows] * omega ** -self.alpha[rows] * (np.cos(angle) - 1j * np.sin(angle))
+        return pi if self.derivatives is None else pi + self.derivatives.response(rows, omega)
 
     def response(self, rows: Rows, omega: Array) -> Complex:
         """L(j omega), dead time included; rows and omega of shape (n,)."""

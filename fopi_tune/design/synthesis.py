@@ -11,9 +11,9 @@ from fopi_tune.design.reasons import reason_without_solving
 from fopi_tune.design.search import Neighbour, search
 from fopi_tune.results.candidate import Candidate, Violation
 from fopi_tune.results.status import Status
-from fopi_tune.spec.model import ControllerSpec, DesignSpec
+from fopi_tune.spec.model import DesignSpec
 
-NO_CONTROLLER = "kp and ki are fixed at 0: there is no controller"
+NO_CONTROLLER = "all gains are fixed at 0: there is no controller"
 
 
 def design(
@@ -34,24 +34,18 @@ def design(
     Returns:
         A candidate; `fopi_tune.proof` has to check it.
     """
-    fixed = fixed_gains(spec.controller)
+    fixed = spec.controller.fixed
     nothing = tuple(None for _ in spec.requirements)
-    if fixed is not None and fixed.kp == 0.0 and fixed.ki == 0.0:
+    if fixed is not None and fixed.is_zero:
         return Candidate(Status.INFEASIBLE, None, nothing, (), NO_CONTROLLER)
     if fixed is not None:
         return Candidate(Status.SOLVED, fixed, nothing)
+    spec.controller.refuse_derivative("the search")
     problem = Problem.of(spec, violations)
     reason = reason_without_solving(spec)
     if reason is not None:
         return explain_reason(problem, reason)
     return search(problem, start.gains if isinstance(start, Neighbour) else start, bracket)
-
-
-def fixed_gains(box: ControllerSpec) -> FoPi | None:
-    """The controller that the box prescribes when it leaves nothing free; else None."""
-    if not (box.kp.is_fixed and box.ki.is_fixed and box.alpha.is_fixed):
-        return None
-    return FoPi(box.kp.min, box.ki.min, box.alpha.min)
 
 
 def neighbour(spec: DesignSpec, gains: FoPi) -> Neighbour:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.optimum.pruning.exclusion import Reason
 from fopi_tune.optimum.results import Optimum, OptimumProof, OptimumStatus
@@ -40,7 +40,7 @@ def to_dict(optimum: Optimum) -> dict[str, Any]:
 
 def gains_dict(gains: FoPi | None) -> dict[str, float] | None:
     """Gains by name."""
-    return None if gains is None else {"kp": gains.kp, "ki": gains.ki, "alpha": gains.alpha}
+    return None if gains is None else numbers_of(gains)
 
 
 def to_document(optimum: Optimum, versions: dict[str, str]) -> dict[str, Any]:
@@ -140,7 +140,7 @@ class OptimumDocument:
 
 def _read_gains(entry: JsonObject) -> FoPi:
     try:
-        return FoPi(entry.number("kp"), entry.number("ki"), entry.number("alpha"))
+        return entry.controller()
     except DomainError as error:
         raise CertificateError(str(error)) from None
 

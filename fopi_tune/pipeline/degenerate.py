@@ -77,8 +77,7 @@ def _vanished(asked: DesignSpec, gains: FoPi, error: float | None) -> Iterator[s
 
 
 def _at_ends(controller: ControllerSpec, gains: FoPi) -> Iterator[str]:
-    for name in ("kp", "ki", "alpha"):
-        side: GainRange = getattr(controller, name)
+    for name, side in controller.ranges.items():
         value = getattr(gains, name)
         if side.is_fixed or (name == "alpha" and gains.ki == 0.0):
             continue

@@ -72,7 +72,7 @@ def tradeoff(
 
     knob = movable_limit(spec, str(requirement))
     box = spec.controller
-    if box.kp.is_fixed and box.ki.is_fixed and box.alpha.is_fixed:
+    if box.fixed is not None:
         raise DomainError(
             "the spec fixes kp, ki and alpha: whatever a limit is, the gains stay; give one of them a range"
         )

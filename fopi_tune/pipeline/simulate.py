@@ -73,6 +73,8 @@ def simulate(
     if spec.digital is None:
         driven, exact = replace(spec, digital=DigitalSpec(_sample_time(spec, gains))), True
         notes.append("the spec has no section digital: the loop in continuous time")
+    if exact:
+        spec.controller.refuse_derivative("the exact simulation in continuous time")
     implementation = implementation_of(driven, gains)
     if spec.scenarios:
         scenarios = select_scenarios(spec.scenarios, scenario)

@@ -162,7 +162,7 @@ def _checked_candidate(
 
         candidate = design(searched, violations, start, bracket and start is None)
     gains = candidate.gains
-    if gains is None or (gains.kp == 0.0 and gains.ki == 0.0):
+    if gains is None or gains.is_zero:
         return CheckedCandidate(candidate)
     implementation = designed_implementation(spec, gains)
     verification = verify(spec, gains, implementation=implementation)

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
 from fopi_tune.errors import CertificateError, DomainError
@@ -173,15 +172,15 @@ def from_document(document: object) -> Certificate:
         raise CertificateError(f"schema {top.number('schema'):g} is not known; this version reads {CERTIFICATE_SCHEMA}")
     gains = top.child("gains")
     try:
-        controller = FoPi(gains.number("kp"), gains.number("ki"), gains.number("alpha"))
+        controller = gains.controller()
         family = _family(top.child("plant"))
         implementation = _read_implementation(top.child("implementation")) if "implementation" in top.value else None
         case = Case(controller, family, top.number("origin_log_rad_s"), None, implementation)
         case.loop.plant([ball_of(side) for side in case.plants])
     except DomainError as error:
         raise CertificateError(str(error)) from None
-    if controller.kp == 0.0 and controller.ki == 0.0:
-        raise CertificateError("gains: kp = ki = 0 is no controller")
+    if controller.is_zero:
+        raise CertificateError("gains: all are 0, which is no controller")
     tolerance = top.number("tolerance")
     if not 0.0 < tolerance <= LARGEST_TOLERANCE:
         raise CertificateError(f"tolerance must be greater than 0 and at most {LARGEST_TOLERANCE:g}")

@@ -213,7 +213,7 @@ def _fraction(entry: JsonObject) -> int:
 
 
 def _gains(entry: JsonObject) -> FoPi:
-    return FoPi(entry.number("kp"), entry.number("ki"), entry.number("alpha"))
+    return entry.controller()
 
 
 def _stamp(entry: JsonObject) -> None:

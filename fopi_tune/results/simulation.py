@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import DesignSpec, Limit, ScenarioSpec, ValidationSpec
 
@@ -193,7 +193,7 @@ class Simulated:
         return {
             "schema": 1,
             "status": self.status,
-            "gains": {"kp": self.gains.kp, "ki": self.gains.ki, "alpha": self.gains.alpha},
+            "gains": numbers_of(self.gains),
             "name": self.spec.name,
             "plant": dict(self.plant),
             "index": self.index,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.core.plant import Plant, PlantFamily
@@ -124,6 +124,10 @@ def _controller(gains: FoPi, centre: float) -> ModalForm:
     Below alpha = 1 the integrator's residue and those of the filter have one sign.  Above it they are differences of
     large numbers: there the integrator follows the rest in series, coupled with the poles that are slow.
     """
+    if isinstance(gains, Pid):
+        # kd s/(Tf s + 1) = kd/Tf - (kd/Tf^2)/(s + 1/Tf)
+        rate = 1.0 / gains.derivative_filter_time_constant_s
+        return ModalForm.of_residues((0.0, -rate), (gains.ki, -gains.kd * rate**2), gains.kp + gains.kd * rate)
     band = (centre * 10.0**-_DECADES_BELOW, centre * 10.0**_DECADES_ABOVE)
     power = oustaloup(gains.alpha, (_DECADES_BELOW + _DECADES_ABOVE) * _POLES_PER_DECADE, band)
     if gains.alpha <= 1.0:

@@ -5,26 +5,31 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN
+from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, DERIVATIVE_NAMES
 from fopi_tune.spec.model import ControllerSpec, GainRange
 from fopi_tune.spec.yaml.advice import Advised, range_advice
 from fopi_tune.spec.yaml.nodes import Place, ScalarNode, kind_of
 from fopi_tune.spec.yaml.records import Key, Record, Values
-from fopi_tune.spec.yaml.shapes import Choice, Converted, Number, PlainOrMapping, Shape
+from fopi_tune.spec.yaml.shapes import Choice, Converted, JsonSchema, Number, PlainOrMapping, Shape
 
 _FREE = GainRange()
 #: orders that are searched by default; the ends 0 and 2 themselves are not allowed
 _ALPHA = GainRange(0.1, 1.9)
-_DESIGNED = "this version designs kp + ki/s^alpha"
-_DERIVATIVE = f"there is no derivative term: {_DESIGNED}; remove it"
+_DESIGNED = "this version designs kp + ki/s^alpha, and kp + ki/s + kd s/(Tf s + 1) with structure: pid"
+_DERIVATIVE = (
+    "write structure: pid, kd in place of a derivative time (kd = kp Td), and derivative_filter_time_constant_s"
+)
+_FILTER = "write derivative_filter_time_constant_s, Tf of kd s/(Tf s + 1); Tf = Td/N"
 _ERROR_ALONE = f"{_DESIGNED} of the control error, r - y as it is measured; remove it"
 _INTEGRAL_TIME = "the integral term is ki/s^alpha; write ki; ki = kp/Ti for alpha: 1"
 _ORDER = "write alpha, the order of the integral ki/s^alpha"
+_NO_ORDER = f"{_DESIGNED}: the derivative has order 1; remove it"
 _BAND = "write kp; kp = 100/band for a proportional band in %"
 #: words of other controllers, and other words for this one's; as they stand, in small and in capital letters
 _OTHER_WORDS = {
-    "kd k_d mu μ td t_d tau_d td_s tf t_f tf_s n derivative derivative_gain derivative_time derivative_time_s "
-    "derivative_order derivative_filter derivative_filter_time_constant_s": _DERIVATIVE,
+    "k_d td t_d tau_d td_s derivative derivative_gain derivative_time derivative_time_s": _DERIVATIVE,
+    "tf t_f tf_s n derivative_filter": _FILTER,
+    "mu μ derivative_order": _NO_ORDER,
     "ti t_i tau_i ti_s integral_time integral_time_s reset_time reset_time_s": _INTEGRAL_TIME,
     "λ integral_order fractional_order": _ORDER,
     "pb proportional_band": _BAND,
@@ -40,8 +45,10 @@ _ELSEWHERE = {
 _STRUCTURES = {
     "p": "write fopi, and ki: 0 beside it",
     "i": "write fopi, and kp: 0 and alpha: 1 beside it",
-    **dict.fromkeys(("pid", "pd", "fopid", "fopd"), f"there is no derivative term: {_DESIGNED}; write fopi or pi"),
+    "pd": "write pid, and ki: 0 beside it",
+    **dict.fromkeys(("fopid", "fopd"), f"{_DESIGNED}; write pid or fopi"),
 }
+_MEANING = "C(s) = kp + ki s^-alpha; of pi alpha is 1; of pid C(s) = kp + ki/s + kd s/(Tf s + 1)"
 _PI_ORDER = GainRange(1.0, 1.0)
 #: the box of a spec without `controller:`
 DEFAULT_CONTROLLER = ControllerSpec(_FREE, _FREE, _ALPHA)
@@ -51,33 +58,58 @@ def controller_shape() -> Shape:
     """Reads to a `ControllerSpec`."""
     orders = partial(Number, above=ALPHA_MIN, below=ALPHA_MAX)
     keys = {
-        "structure": Key(
-            Advised(Choice("C(s) = kp + ki s^-alpha; of pi alpha is 1", ["fopi", "pi"]), _structure_advice),
-            required=False,
-            default="fopi",
-        ),
+        "structure": Key(Advised(Choice(_MEANING, ["fopi", "pi", "pid"]), _structure_advice), False, "fopi"),
         "kp": Key(_gain_shape("proportional gain, control per output unit", Number, _FREE), required=False),
         "ki": Key(_gain_shape("integral gain, in kp's unit times (rad/s)^alpha", Number, _FREE), required=False),
         "alpha": Key(
             _gain_shape("order of the integral", orders, _ALPHA), False, {"min": _ALPHA.min, "max": _ALPHA.max}
         ),
+        "kd": Key(_gain_shape("derivative gain of pid, in kp's unit times s", Number, _FREE), required=False),
+        "derivative_filter_time_constant_s": Key(
+            Number("Tf of the derivative kd s/(Tf s + 1) of pid, s", above=0.0), required=False
+        ),
     }
-
-    is_pi = {"properties": {"structure": {"const": "pi"}}, "required": ["structure"]}
-    rules = {"if": is_pi, "then": {"properties": {"alpha": {"enum": [1, {"min": 1, "max": 1}]}}}}
+    rules = {"allOf": [_rule("pi", _ORDER_ONE), _rule("pid", _ORDER_ONE), *_derivative_rules()]}
     example = "{kp: {min: 0.0}, ki: {min: 0.0}, alpha: 0.8}"
     return Record("where the gains may lie", keys, _build_controller, example, _ELSEWHERE, rules)
 
 
+_ORDER_ONE = {"properties": {"alpha": {"enum": [1, {"min": 1, "max": 1}]}}}
+
+
+def _rule(structure: str, then: JsonSchema) -> JsonSchema:
+    return {"if": {"properties": {"structure": {"const": structure}}, "required": ["structure"]}, "then": then}
+
+
+def _derivative_rules() -> list[JsonSchema]:
+    """Of pid the filter is asked for; of other structures there is no derivative."""
+    is_pid = {"properties": {"structure": {"const": "pid"}}, "required": ["structure"]}
+    names = [{"required": [name]} for name in DERIVATIVE_NAMES]
+    return [{"if": is_pid, "then": {"required": [DERIVATIVE_NAMES[1]]}, "else": {"not": {"anyOf": names}}}]
+
+
 def _build_controller(values: Values, place: Place) -> ControllerSpec | None:
-    is_pi = values.get("structure") == "pi"
-    alpha = values.get("alpha", _PI_ORDER if is_pi else _ALPHA)
-    if is_pi and alpha != _PI_ORDER:
+    structure = values.get("structure", "fopi")
+    alpha = values.get("alpha", _ALPHA if structure == "fopi" else _PI_ORDER)
+    if structure != "fopi" and alpha != _PI_ORDER:
         place.child("alpha").refuse(
-            "the integral of structure pi has the order 1; remove alpha, or write structure: fopi"
+            f"the integral of structure {structure} has the order 1; remove alpha, or write structure: fopi"
         )
         return None
-    return ControllerSpec(values.get("kp", _FREE), values.get("ki", _FREE), alpha)
+    kp, ki, filter_s = values.get("kp", _FREE), values.get("ki", _FREE), values.get(DERIVATIVE_NAMES[1])
+    if structure == "pid":
+        if filter_s is not None:
+            return ControllerSpec(kp, ki, alpha, values.get("kd", _FREE), filter_s)
+        place.refuse(
+            "structure pid needs derivative_filter_time_constant_s, Tf of kd s/(Tf s + 1): without it the controller's "
+            "gain grows without end with the frequency; write a time of a tenth of the derivative time kd/kp or less"
+        )
+        return None
+    for name in DERIVATIVE_NAMES:
+        if name in values:
+            place.child(name).refuse("only structure: pid has a derivative; write structure: pid, or remove it")
+            return None
+    return ControllerSpec(kp, ki, alpha)
 
 
 def _structure_advice(place: Place) -> str | None:

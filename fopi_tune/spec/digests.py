@@ -12,8 +12,9 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Any
 
+from fopi_tune.core.controller import DERIVATIVE_NAMES
 from fopi_tune.spec.default_objective import with_default_objective
-from fopi_tune.spec.model import DesignSpec, DigitalSpec, Objective
+from fopi_tune.spec.model import ControllerSpec, DesignSpec, DigitalSpec, Objective
 from fopi_tune.spec.scenarios import designed_scenarios
 
 #: parts that gains and their proof depend on, and the digital controller besides
@@ -85,6 +86,8 @@ def _plain(value: Any) -> Any:
             names.remove("scenario")
         if isinstance(value, DigitalSpec) and value.output_rate_per_s is None:
             names.remove("output_rate_per_s")
+        if isinstance(value, ControllerSpec) and not value.has_derivative:
+            names = [name for name in names if name not in DERIVATIVE_NAMES]
         return {name: _plain(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}

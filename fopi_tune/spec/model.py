@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from fopi_tune.core.controller import ControllerSpec as ControllerSpec
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import GainRange as GainRange
 from fopi_tune.core.distributions import Distribution
 from fopi_tune.core.parameter_table import SamplesFile
 from fopi_tune.core.plant import JointFamily, PlantFamily
@@ -37,28 +39,6 @@ class Sense(StrEnum):
 
     MINIMIZE = "minimize"
     MAXIMIZE = "maximize"
-
-
-@dataclass(frozen=True)
-class GainRange:
-    """Where a gain may lie; an end the spec leaves open is infinite, min == max fixes the gain."""
-
-    min: float = -math.inf
-    max: float = math.inf
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether the spec prescribes the gain."""
-        return self.min == self.max
-
-
-@dataclass(frozen=True)
-class ControllerSpec:
-    """The box of gains to search."""
-
-    kp: GainRange
-    ki: GainRange
-    alpha: GainRange
 
 
 @dataclass(frozen=True)

@@ -247,6 +247,9 @@ def _read_mode(name: str, modes_section: dict[str, Any], place: Place, loader: S
     if spec.digital is None:
         where.refuse("the spec has no section digital, which says how its controller runs; add one to it")
         return None
+    if spec.controller.has_derivative:
+        where.refuse("a mode's controller is of structure fopi or pi in this version: two that take turns know no pid")
+        return None
     numerator, denominator, dead_time = spec.plant.assemble({})
     if len(denominator) != 2 or len(numerator) != 1 or dead_time != 0.0:
         message = "a mode's plant is of first order, without direct path or dead time; give the time as delay_samples"

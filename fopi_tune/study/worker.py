@@ -167,7 +167,7 @@ def _proof_in_design(cell: Cell) -> bool:
 def _gains_of_cell(cell: Cell) -> FoPi | None:
     """The gains of a cell, tuned or fixed; None where the design is not solved."""
     if Stage.TUNE not in cell.stages:
-        return _fixed_gains(spec_from_text(cell.text, cell.name, cell.files))
+        return spec_from_text(cell.text, cell.name, cell.files).controller.fixed
     design = _cached_design(cell.text, cell.files, cell.base, _proof_in_design(cell))
     return design.gains if design.status is Status.SOLVED else None
 
@@ -216,13 +216,6 @@ _RUN_BY_KIND: Mapping[Kind, Callable[[Cell, dict[str, Any]], str]] = {
     Kind.CLAIM: _run_claim,
     Kind.FIGURE: _run_figure,
 }
-
-
-def _fixed_gains(spec: DesignSpec) -> FoPi | None:
-    box = spec.controller
-    if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
-        return FoPi(box.kp.min, box.ki.min, box.alpha.min)
-    return None
 
 
 def _proof_document(design: Design) -> dict[str, Any]:

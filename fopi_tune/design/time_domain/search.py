@@ -11,7 +11,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
 from fopi_tune.design.infeasible import explain_reason
 from fopi_tune.design.reasons import reason_without_solving
-from fopi_tune.design.synthesis import NO_CONTROLLER, fixed_gains
+from fopi_tune.design.synthesis import NO_CONTROLLER
 from fopi_tune.design.time_domain.exchange import MET, Counts, Exchanged, solve
 from fopi_tune.design.time_domain.infeasible import explain
 from fopi_tune.design.time_domain.problem import ScenarioProblem, ScenarioRow
@@ -44,11 +44,10 @@ def design_for_scenarios(
     Raises:
         DomainError: the digital controller cannot be made, a plant cannot be simulated, or the filter is fitted.
     """
-    fixed = fixed_gains(spec.controller)
+    fixed = spec.controller.fixed
     nothing = tuple(None for _ in spec.requirements), tuple(None for _ in spec.scenario_requirements)
     if fixed is not None:
-        off = fixed.kp == 0.0 and fixed.ki == 0.0
-        status, gains, why = (Status.INFEASIBLE, None, NO_CONTROLLER) if off else (Status.SOLVED, fixed, "")
+        status, gains, why = (Status.INFEASIBLE, None, NO_CONTROLLER) if fixed.is_zero else (Status.SOLVED, fixed, "")
         return Candidate(status, gains, nothing[0], message=why, scenario_multipliers=nothing[1])
     assert spec.digital is not None
     if Method(spec.digital.method) is Method.FIT:

@@ -135,7 +135,7 @@ def _discounted_error(objective: Objective, samples: SamplePair) -> Value:
             with np.errstate(divide="ignore"):
                 return np.abs(early * gain / (1.0 + loop)), np.full(len(loops), np.nan)
         numerator = _polyval(plants.numerator, s) * np.exp(-s * plants.dead_time_s)
-        controller = loops.kp + loops.ki * s**-loops.alpha
+        controller = samples.base.gains(s).real
         with np.errstate(divide="ignore"):
             error = horizon * numerator / (_polyval(plants.denominator, s) + controller * numerator)
         return np.abs(error), np.full(len(loops), np.nan)

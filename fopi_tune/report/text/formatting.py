@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.text import Text
 
+from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.results.equalities import shown_score
 from fopi_tune.spec.model import Relation, Requirement, Scope
-
-if TYPE_CHECKING:
-    from fopi_tune.core.controller import FoPi
 
 WIDTH = 80
 #: width of the first column, which holds verdicts and labels
@@ -142,6 +140,8 @@ def margins_phrase(nominal: Mapping[str, Any]) -> str:
 def gains_line(gains: FoPi, width: int = 56) -> str:
     """The gains, padded to a width, and the controller's formula in one line; closer together where they are long, and
     without the formula where it has no room."""
+    if isinstance(gains, Pid):
+        return _pid_line(gains, width)
     if gains.ki == 0.0:
         return f"{f'kp = {number(gains.kp)}   ki = 0':<{width}}C(s) = kp"
     parts = [f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha")]
@@ -149,6 +149,13 @@ def gains_line(gains: FoPi, width: int = 56) -> str:
         if len(values := gap.join(parts)) + len(gap) <= width:
             return f"{values:<{width}}C(s) = kp + ki / s^alpha"
     return "   ".join(parts)
+
+
+def _pid_line(gains: Pid, width: int) -> str:
+    parts = [f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "kd")]
+    parts.append(f"Tf = {number(gains.derivative_filter_time_constant_s)} s")
+    values = "   ".join(parts)
+    return f"{values:<{width}}   C(s) = kp + ki/s + kd s/(Tf s + 1)" if len(values) <= width else values
 
 
 def gains_lines(gains: FoPi | Mapping[str, FoPi]) -> list[Line]:
