@@ -59,7 +59,7 @@ class Pid(FoPi):
     Args:
         kp: proportional gain, in control per output unit; any sign.
         ki: integral gain, in kp's unit times rad/s; any sign.
-        alpha: 1.
+        alpha: order of the integral, dimensionless: 1.
         kd: derivative gain, in kp's unit times s; any sign.
         derivative_filter_time_constant_s: Tf > 0, s; it keeps |C| finite as omega -> infinity, where C -> kp + kd/Tf.
 

@@ -16,9 +16,7 @@ _FREE = GainRange()
 #: orders that are searched by default; the ends 0 and 2 themselves are not allowed
 _ALPHA = GainRange(0.1, 1.9)
 _DESIGNED = "this version designs kp + ki/s^alpha, and kp + ki/s + kd s/(Tf s + 1) with structure: pid"
-_DERIVATIVE = (
-    "write structure: pid, kd in place of a derivative time (kd = kp Td), and derivative_filter_time_constant_s"
-)
+_DERIVATIVE = "write structure: pid, kd in place of a derivative time (kd = kp Td), and its filter's time"
 _FILTER = "write derivative_filter_time_constant_s, Tf of kd s/(Tf s + 1); Tf = Td/N"
 _ERROR_ALONE = f"{_DESIGNED} of the control error, r - y as it is measured; remove it"
 _INTEGRAL_TIME = "the integral term is ki/s^alpha; write ki; ki = kp/Ti for alpha: 1"

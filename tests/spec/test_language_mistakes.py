@@ -432,7 +432,10 @@ def test_a_fixed_integral_gain_cannot_be_maximised() -> None:
 
 
 INTEGRAL_TIME = "the integral term is ki/s^alpha; write ki; ki = kp/Ti for alpha: 1"
-DERIVATIVE = "there is no derivative term: this version designs kp + ki/s^alpha; remove it"
+DERIVATIVE = "write structure: pid, kd in place of a derivative time (kd = kp Td), and its filter's time"
+DESIGNED = "this version designs kp + ki/s^alpha, and kp + ki/s + kd s/(Tf s + 1) with structure: pid"
+FILTER = "write derivative_filter_time_constant_s, Tf of kd s/(Tf s + 1); Tf = Td/N"
+ONLY_PID = "only structure: pid has a derivative; write structure: pid, or remove it"
 
 
 @pytest.mark.parametrize(
@@ -448,12 +451,32 @@ DERIVATIVE = "there is no derivative term: this version designs kp + ki/s^alpha;
         ),
         (
             "{structure: pid}",
-            "5:25: controller.structure: 'pid' is not known here; there is no derivative term: this version designs "
-            "kp + ki/s^alpha; write fopi or pi",
+            "5:13: controller: structure pid needs derivative_filter_time_constant_s, Tf of kd s/(Tf s + 1): without "
+            "it the controller's gain grows without end with the frequency; write a time of a tenth of the derivative "
+            "time kd/kp or less",
+        ),
+        (
+            "{structure: pid, derivative_filter_time_constant_s: 0}",
+            "5:65: controller.derivative_filter_time_constant_s: 0 is out of range; it must be greater than 0.0",
+        ),
+        (
+            "{structure: pid, alpha: 0.9, derivative_filter_time_constant_s: 1}",
+            "5:37: controller.alpha: the integral of structure pid has the order 1; remove alpha, or write "
+            "structure: fopi",
+        ),
+        ("{structure: pd}", "5:25: controller.structure: 'pd' is not known here; write pid, and ki: 0 beside it"),
+        ("{structure: fopid}", f"5:25: controller.structure: 'fopid' is not known here; {DESIGNED}; write pid or fopi"),
+        ("{kd: 2}", f"5:18: controller.kd: {ONLY_PID}"),
+        (
+            "{derivative_filter_time_constant_s: 2}",
+            f"5:49: controller.derivative_filter_time_constant_s: {ONLY_PID}",
         ),
         ("{structure: P}", "5:25: controller.structure: 'P' is not known here; write fopi, and ki: 0 beside it"),
         ("{structure: PI}", "5:25: controller.structure: 'PI' is not known here; did you mean 'pi'?"),
-        ("{structure: fractional}", "5:25: controller.structure: 'fractional' is not known here; write fopi or pi"),
+        (
+            "{structure: fractional}",
+            "5:25: controller.structure: 'fractional' is not known here; write fopi, pi or pid",
+        ),
         (
             "{structure: pi, alpha: 0.8}",
             "5:36: controller.alpha: the integral of structure pi has the order 1; remove alpha, or write "
@@ -474,16 +497,15 @@ DERIVATIVE = "there is no derivative term: this version designs kp + ki/s^alpha;
         ("{lambda: 0.9}", "5:14: controller.lambda: the key is not known here; write alpha"),
         ("{λ: 0.9}", "5:14: controller.'λ': write alpha, the order of the integral ki/s^alpha"),
         ("{order: 0.9}", "5:14: controller.order: the key is not known here; write alpha"),
-        ("{Kd: 2}", f"5:14: controller.Kd: {DERIVATIVE}"),
+        ("{Kd: 2}", "5:14: controller.Kd: the key is not known here; write kd"),
         ("{Td: 2}", f"5:14: controller.Td: {DERIVATIVE}"),
-        ("{N: 10}", f"5:14: controller.N: {DERIVATIVE}"),
-        ("{Tf: 0.1}", f"5:14: controller.Tf: {DERIVATIVE}"),
-        ("{mu: 0.5}", f"5:14: controller.mu: {DERIVATIVE}"),
+        ("{N: 10}", f"5:14: controller.N: {FILTER}"),
+        ("{Tf: 0.1}", f"5:14: controller.Tf: {FILTER}"),
+        ("{mu: 0.5}", f"5:14: controller.mu: {DESIGNED}: the derivative has order 1; remove it"),
         ("{PB: 50}", "5:14: controller.PB: write kp; kp = 100/band for a proportional band in %"),
         (
             "{beta: 0.5}",
-            "5:14: controller.beta: this version designs kp + ki/s^alpha of the control error, r - y as it is "
-            "measured; remove it",
+            f"5:14: controller.beta: {DESIGNED} of the control error, r - y as it is measured; remove it",
         ),
     ],
 )
