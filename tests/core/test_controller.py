@@ -90,7 +90,7 @@ def test_the_control_sensitivity_of_a_pid_tends_to_its_direct_gain() -> None:
     found = extremes(
         Loops.of(pid, Plants.of(Plant((1.0,), (1.0, 3.0, 3.0, 1.0)))), Response.CONTROL_SENSITIVITY, 10.0, np.inf
     )
-    s = 1j * np.geomspace(10.0, 1e5, 20_000)
+    s = np.asarray(1j * np.geomspace(10.0, 1e5, 20_000), dtype=complex)
     c = pid(s)
     dense = np.log(np.abs(c / (1.0 + c / (s + 1.0) ** 3))).max()
     # the supremum is approached: kp + kd/Tf = 6
