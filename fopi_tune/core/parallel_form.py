@@ -1,8 +1,11 @@
-"""Digital controllers in parallel form, a sum of first-order sections:  C(z) = direct + sum_k r_k/(z - p_k)."""
+"""Digital controllers in parallel form, a sum of first-order sections:  C(z) = direct + sum_k r_k/(z - p_k).
+
+The sum is what a loop sees.  Which part of it acts on which signal, `DirectParts` has.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +17,26 @@ _NYQUIST_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
+class DirectParts:
+    """The direct feedthrough by the terms of C, which act on different signals: b r - y, r - y and -y.
+
+    Args:
+        proportional: kp.
+        integral: of the integral's sections.
+        derivative: of the derivative's section; 0 where there is none.
+    """
+
+    proportional: float
+    integral: float = 0.0
+    derivative: float = 0.0
+
+    @property
+    def on_error(self) -> float:
+        """Of the terms that act on r - y where b = 1."""
+        return self.proportional + self.integral
+
+
+@dataclass(frozen=True)
 class Sections:
     """C(z) = direct + sum_k residue_k/(z - pole_k).
 
@@ -21,14 +44,27 @@ class Sections:
         sample_time_s: Ts.
         direct: the direct feedthrough.
         poles: real, inside the unit circle except the integrator's, which is exactly 1 and comes first; empty
-            without ki.
+            without integral and derivative.
         residues: of the same length.
+        parts: of `direct`, for the controller's arithmetic; where they have a derivative, its section is the last one.
+            None of a sum of which only the loop is asked, where all terms act alike; equality is that of the sums.
     """
 
     sample_time_s: float
     direct: float
     poles: tuple[float, ...]
     residues: tuple[float, ...]
+    parts: DirectParts | None = field(default=None, compare=False)
+
+    @property
+    def has_derivative(self) -> bool:
+        """Whether the last section is the derivative's."""
+        return self.parts is not None and self.parts.derivative != 0.0
+
+    @property
+    def integral_sections(self) -> int:
+        """The number of sections before the derivative's."""
+        return len(self.poles) - int(self.has_derivative)
 
     def response(self, omega_rad_s: Array) -> NDArray[np.complex128]:
         """C(e^{j omega Ts}), shape (n,)."""

@@ -71,9 +71,10 @@ def controller_derivatives(spec: DesignSpec, gains: FoPi) -> ControllerDerivativ
 
     Raises:
         DomainError: there is no digital section or it cannot be met, `method: fit` has a free alpha, or the nominal
-            gain crossover, on which the filter depends, has no derivative.
+            gain crossover, on which the filter depends, has no derivative; the structure is pid.
     """
     digital = digital_section_of(spec)
+    spec.controller.refuse_derivative("a simulation's derivative by the gains")
     if Method(digital.method) is Method.FIT and not spec.controller.alpha.is_fixed:
         raise DomainError(
             "method: fit has no derivative by alpha, as its poles jump when alpha changes; give the controller a fixed "

@@ -19,7 +19,7 @@ from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital.fit import FIT_UP_TO, fit
 from fopi_tune.digital.oustaloup import ZeroPoleGain, modified_oustaloup, oustaloup
 from fopi_tune.digital.realise import Form, Precision, Realisation, checked_realisation, realise
-from fopi_tune.digital.transforms import matched, tustin
+from fopi_tune.digital.transforms import matched, tustin, with_derivative
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DigitalSpec
 
@@ -131,15 +131,15 @@ def sections_of(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None
     """The digital controller alone, without its errors.
 
     Args:
-        gains: kp, ki, alpha.
+        gains: kp, ki, alpha, and kd with its filter.
         digital: the spec's section.
         crossover_rad_s: where Tustin's rule is exact with `prewarp: crossover`.
 
     Raises:
-        DomainError: as for `discretize`.
+        DomainError: as for `discretize`; the derivative's filter is faster than half the sample time.
     """
     with np.errstate(all="ignore"):
-        sections = _sections(gains, digital, crossover_rad_s)
+        sections = with_derivative(_sections(gains, digital, crossover_rad_s), gains)
     if not np.all(np.isfinite([sections.direct, *sections.poles, *sections.residues])):
         raise DomainError("the filter's numbers are beyond what a double holds; use fewer poles or a narrower band")
     if any(abs(pole) >= 1.0 for pole in sections.poles[1:]) or len(set(sections.poles)) < len(sections.poles):
@@ -186,7 +186,7 @@ def _errors(
     """Largest relative errors up to shares of the Nyquist frequency, and the range with at most 5 %."""
     nyquist = np.pi / digital.sample_time_s
     omega = np.geomspace(from_rad_s, nyquist, _FREQUENCIES)
-    ideal = gains.kp + gains.ki * (1j * omega) ** -gains.alpha
+    ideal = gains(1j * omega)
     error = np.abs(sections.response(omega) / ideal - 1.0)
     largest = np.maximum.accumulate(error)
     parts = [part * nyquist for part in _PARTS if part * nyquist > from_rad_s]
@@ -220,6 +220,7 @@ def to_document(controller: DigitalController) -> dict[str, Any]:
                 {"pole": pole, "residue": residue}
                 for pole, residue in zip(sections.poles, sections.residues, strict=True)
             ],
+            **_derivative_entry(sections),
         },
         **({"band_note": controller.band_note} if controller.band_note else {}),
         "errors": [{"up_to_rad_s": omega, "largest_relative": error} for omega, error in controller.errors],
@@ -235,3 +236,11 @@ def to_document(controller: DigitalController) -> dict[str, Any]:
             for realisation in controller.realisations
         ],
     }
+
+
+def _derivative_entry(sections: Sections) -> dict[str, Any]:
+    """The derivative's part of the sum, which acts on -y; no entry without one."""
+    if sections.parts is None or not sections.has_derivative:
+        return {}
+    group = {"direct": sections.parts.derivative, "pole": sections.poles[-1], "residue": sections.residues[-1]}
+    return {"derivative": {"acts_on": "-measurement", **group}}

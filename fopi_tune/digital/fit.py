@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.parallel_form import Sections
+from fopi_tune.core.parallel_form import DirectParts, Sections
 from fopi_tune.errors import DomainError
 
 #: share of the Nyquist frequency up to which the error is minimised
@@ -73,15 +73,18 @@ def fit(gains: FoPi, sample_time_s: float, poles: int, band_rad_s: tuple[float, 
     """
     half = 0.5 * sample_time_s
     if gains.ki == 0.0:
-        return Sections(sample_time_s, gains.kp, (), ())
+        return Sections(sample_time_s, gains.kp, (), (), DirectParts(gains.kp))
     if gains.alpha == 1.0:
-        return Sections(sample_time_s, gains.kp + gains.ki * half, (1.0,), (gains.ki * sample_time_s,))
+        parts = DirectParts(gains.kp, gains.ki * half)
+        return Sections(sample_time_s, parts.on_error, (1.0,), (gains.ki * sample_time_s,), parts)
     direct, integral, residues, chosen = _fitted(gains.alpha, sample_time_s, poles, band_rad_s)
+    parts = DirectParts(gains.kp, float(gains.ki * (direct + integral * half)))
     return Sections(
         sample_time_s,
-        float(gains.kp + gains.ki * (direct + integral * half)),
+        parts.on_error,
         (1.0, *chosen.tolist()),
         (float(gains.ki * integral * sample_time_s), *(gains.ki * residues).tolist()),
+        parts,
     )
 
 

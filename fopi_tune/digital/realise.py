@@ -87,7 +87,7 @@ def realise(sections: Sections, form: Form, precision: Precision, inputs: Array)
     reference = run_parallel(sections, inputs, Precision.FLOAT64)
     if form is Form.PARALLEL:
         rows = parallel_rows(sections, precision)
-        outputs, stable = run_parallel(sections, inputs, precision), _poles_inside(rows[1:, 0])
+        outputs, stable = run_parallel(sections, inputs, precision), _poles_inside(sections, rows[1:, 0])
     else:
         table = second_order_sections(sections).astype(precision.dtype)
         outputs, stable = run_second_order(table, inputs, precision), _table_stable(table)
@@ -184,8 +184,10 @@ def run_second_order(table: NDArray[np.floating], inputs: Array, precision: Prec
     return outputs
 
 
-def _poles_inside(poles: NDArray[np.floating]) -> bool:
-    return bool(np.all(np.abs(poles[1:]) < 1.0) and np.all(poles[:1] == 1.0))
+def _poles_inside(sections: Sections, rounded: NDArray[np.floating]) -> bool:
+    """Whether only the integrator's pole is on the unit circle."""
+    integrates = sections.poles[:1] == (1.0,)
+    return bool(np.all(np.abs(rounded[int(integrates) :]) < 1.0))
 
 
 def _table_stable(table: NDArray[np.floating]) -> bool:

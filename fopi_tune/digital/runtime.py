@@ -110,6 +110,8 @@ class Runtime:
             DomainError: the limits are empty, the rate is not greater than 0 or lost to rounding, a coefficient is
                 beyond the precision's range, or a rounded pole is not inside the unit circle.
         """
+        if sections.has_derivative:
+            raise DomainError("simulation and C are not available for structure: pid in this version; leave them out")
         within = _limits(limits, precision)
         change = _most_change(rate_per_s, sections.sample_time_s, within, precision)
         with np.errstate(over="ignore", under="ignore"):

@@ -9,15 +9,21 @@ Tustin's rule with T = tan(w_p Ts/2)/w_p (T = Ts/2 without prewarping) maps a se
 
 Matched poles and zeros, z = e^{s Ts}, keep the gain at one frequency; the zero at infinity goes to z = -1.
 
-Source: derived; (1) is r/(s - p) with s = (z - 1)/(T (z + 1)).
+The derivative is always sampled by Tustin's rule without prewarping,
+
+    kd s/(Tf s + 1)  ->  d + d (p - 1)/(z - p),    p = (2 Tf - Ts)/(2 Tf + Ts),    d = 2 kd/(2 Tf + Ts) .           (2)
+
+Below Tf = Ts/2, p is negative: the derivative of a step would alternate.
+
+Source: derived; (1) is r/(s - p) with s = (z - 1)/(T (z + 1)), and (2) kd/Tf (1 - 1/(Tf s + 1)) with T = Ts/2.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from fopi_tune.core.controller import FoPi
-from fopi_tune.core.parallel_form import Sections
+from fopi_tune.core.controller import FoPi, derivative_of
+from fopi_tune.core.parallel_form import DirectParts, Sections
 from fopi_tune.digital.oustaloup import ZeroPoleGain
 from fopi_tune.errors import DomainError
 
@@ -37,14 +43,15 @@ def tustin(gains: FoPi, integral: ZeroPoleGain, sample_time_s: float, prewarp_ra
             raise DomainError(f"prewarp frequency {prewarp_rad_s:g} rad/s is not below the Nyquist frequency")
         half = float(np.tan(prewarp_rad_s * half) / prewarp_rad_s)
     if gains.ki == 0.0:
-        return Sections(sample_time_s, gains.kp, (), ())
+        return Sections(sample_time_s, gains.kp, (), (), DirectParts(gains.kp))
     p, r = np.array(integral.poles), gains.ki * integral.residues
     q = (1.0 + p * half) / (1.0 - p * half)
     g = r * half / (1.0 - p * half)
     q[p == 0.0] = 1.0
     # 1 + q = 2/(1 - pT), which does not cancel near q = -1
     residues = g * 2.0 / (1.0 - p * half)
-    return Sections(sample_time_s, float(gains.kp + g.sum()), tuple(q.tolist()), tuple(residues.tolist()))
+    parts = DirectParts(gains.kp, float(g.sum()))
+    return Sections(sample_time_s, parts.on_error, tuple(q.tolist()), tuple(residues.tolist()), parts)
 
 
 def matched(gains: FoPi, integral: ZeroPoleGain, sample_time_s: float, exact_at_rad_s: float) -> Sections:
@@ -59,7 +66,7 @@ def matched(gains: FoPi, integral: ZeroPoleGain, sample_time_s: float, exact_at_
     if not 0.0 < exact_at_rad_s < np.pi / sample_time_s:
         raise DomainError(f"matching frequency {exact_at_rad_s:g} rad/s is not below the Nyquist frequency")
     if gains.ki == 0.0:
-        return Sections(sample_time_s, gains.kp, (), ())
+        return Sections(sample_time_s, gains.kp, (), (), DirectParts(gains.kp))
     poles = np.exp(np.array(integral.poles) * sample_time_s)
     zeros = np.append(np.exp(np.array(integral.zeros) * sample_time_s), -1.0)
     # zeros far above the Nyquist frequency underflow to 0, which does no harm
@@ -73,4 +80,35 @@ def matched(gains: FoPi, integral: ZeroPoleGain, sample_time_s: float, exact_at_
         raise DomainError("matched poles fall together; use tustin, fewer poles or a narrower band")
     residues = gain * np.prod(poles[:, None] - zeros[None, :], axis=1) / np.prod(apart, axis=1)
     direct = gain if len(zeros) == len(poles) else 0.0
-    return Sections(sample_time_s, gains.kp + direct, tuple(poles.tolist()), tuple(residues.tolist()))
+    parts = DirectParts(gains.kp, direct)
+    return Sections(sample_time_s, parts.on_error, tuple(poles.tolist()), tuple(residues.tolist()), parts)
+
+
+def with_derivative(integral: Sections, gains: FoPi) -> Sections:
+    """kp + ki F(z) and the derivative kd s/(Tf s + 1) as one more section, (2).
+
+    Args:
+        integral: kp + ki F(z), with its parts.
+        gains: kd and Tf.
+
+    Raises:
+        DomainError: Tf < Ts/2.
+    """
+    (kd, filter_s), Ts, parts = derivative_of(gains), integral.sample_time_s, integral.parts
+    if kd == 0.0 or parts is None:
+        return integral
+    if 2.0 * filter_s < Ts:
+        what = f"derivative_filter_time_constant_s {filter_s:g} is below half the sample time, {0.5 * Ts:g} s"
+        raise DomainError(
+            f"{what}: sampled, the derivative would change its sign from sample to sample; write {0.5 * Ts:g} or more, "
+            f"or a sample_time_s of {2.0 * filter_s:g} or less"
+        )
+    direct = 2.0 * kd / (2.0 * filter_s + Ts)
+    pole, residue = (2.0 * filter_s - Ts) / (2.0 * filter_s + Ts), -direct * 2.0 * Ts / (2.0 * filter_s + Ts)
+    return Sections(
+        Ts,
+        integral.direct + direct,
+        (*integral.poles, pole),
+        (*integral.residues, residue),
+        DirectParts(parts.proportional, parts.integral, direct),
+    )
