@@ -132,6 +132,7 @@ def _code_files(result: Discretized) -> Iterator[tuple[str, str]]:
         units=Units(digital.measurement_unit, digital.output_unit),
         limits=digital.output_limits,
         rate_per_s=digital.output_rate_per_s,
+        setpoint_weight=spec.controller.setpoint_weight,
     )
     yield from ((f"{CODE_FOLDER}/{name}", text) for name, text in export_c(export).items())
 

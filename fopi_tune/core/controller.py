@@ -158,6 +158,7 @@ class ControllerSpec:
         alpha: order of the integral.
         kd: derivative gain; fixed at 0 where there is no derivative.
         derivative_filter_time_constant_s: Tf of kd s/(Tf s + 1); 0 where there is no derivative.
+        setpoint_weight: b of kp (b r - y), any finite number; the loop does not depend on it.
     """
 
     kp: GainRange
@@ -165,6 +166,7 @@ class ControllerSpec:
     alpha: GainRange
     kd: GainRange = NO_TERM
     derivative_filter_time_constant_s: float = 0.0
+    setpoint_weight: float = 1.0
 
     @property
     def has_derivative(self) -> bool:
@@ -192,6 +194,18 @@ class ControllerSpec:
         """
         if self.has_derivative:
             raise DomainError(f"{what} is not available for structure: pid in this version; leave it out")
+
+    def refuse_setpoint_weight(self, what: str) -> None:
+        """Refuse a stage that knows the control error alone.
+
+        Raises:
+            DomainError: the setpoint has a weight other than 1.
+        """
+        if self.setpoint_weight != 1.0:
+            raise DomainError(
+                f"{what} is not available with setpoint_weight {self.setpoint_weight:g} in this version; leave it out, "
+                "or write setpoint_weight: 1"
+            )
 
     def controller(self, kp: float, ki: float, alpha: float, kd: float = 0.0) -> FoPi:
         """The controller with these gains in this box's structure."""

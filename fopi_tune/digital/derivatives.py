@@ -71,17 +71,19 @@ def controller_derivatives(spec: DesignSpec, gains: FoPi) -> ControllerDerivativ
 
     Raises:
         DomainError: there is no digital section or it cannot be met, `method: fit` has a free alpha, or the nominal
-            gain crossover, on which the filter depends, has no derivative; the structure is pid.
+            gain crossover, on which the filter depends, has no derivative; the structure is pid, or the
+            setpoint has a weight.
     """
     digital = digital_section_of(spec)
-    spec.controller.refuse_derivative("a simulation's derivative by the gains")
+    for refuse in (spec.controller.refuse_derivative, spec.controller.refuse_setpoint_weight):
+        refuse("a simulation's derivative by the gains")
     if Method(digital.method) is Method.FIT and not spec.controller.alpha.is_fixed:
         raise DomainError(
             "method: fit has no derivative by alpha, as its poles jump when alpha changes; give the controller a fixed "
             "alpha, or take method: oustaloup"
         )
     crossover, rates = _crossover(spec, gains, digital)
-    controller = runtime_of(sections_of(gains, digital, crossover), digital)
+    controller = runtime_of(sections_of(gains, digital, crossover), spec)
     unit = _unit_filter(spec, gains, digital, crossover)
     by_gains = _by_gains(gains.ki, rates)
     direct, residues = unit.direct @ by_gains, unit.residues @ by_gains

@@ -61,6 +61,7 @@ class Export:
         units: of the signals; any text.
         limits: of the output in its unit, lower first; None where there are none.
         rate_per_s: fastest change of the output, per s; None where there is no limit.
+        setpoint_weight: b of kp (b r - y).
     """
 
     name: str
@@ -71,6 +72,7 @@ class Export:
     units: Units = Units()
     limits: tuple[float, float] | None = None
     rate_per_s: float | None = None
+    setpoint_weight: float = 1.0
 
 
 def export_c(export: Export) -> dict[str, str]:
@@ -122,7 +124,8 @@ def controller_code(export: Export, precision: Precision, identifier: str, part_
     Raises:
         DomainError: empty limits, a rate of 0, or a controller that is unusable after rounding.
     """
-    runtime = Runtime.of(export.controller.sections, precision, export.limits, export.rate_per_s)
+    sections, weight = export.controller.sections, export.setpoint_weight
+    runtime = Runtime.of(sections, precision, export.limits, export.rate_per_s, weight)
     values = with_export_id({**_values(export, runtime, identifier), **({"part_of": part_of} if part_of else {})})
     files = code_files("controller", {"part_of": "", **values})
     return ControllerCode(runtime, values["prefix"], values["macro"], values["export_id"], files)
@@ -219,7 +222,7 @@ def _values(export: Export, runtime: Runtime, identifier: str) -> dict[str, Any]
     controller, kind = export.controller, _TYPES[runtime.precision]
 
     def numbers(row: tuple[float, ...]) -> list[tuple[str, str]]:
-        return [(literal(number, kind["literal"]), repr(number)) for number in row]
+        return _numbers(row, runtime.precision)
 
     return {
         **kind,
@@ -248,8 +251,35 @@ def _values(export: Export, runtime: Runtime, identifier: str) -> dict[str, Any]
         "flush_below": literal(runtime.precision.flush_below, kind["literal"]),
         "flush_text": _power_of_two(runtime.precision.flush_below),
         "absorbing_text": _power_of_two(runtime.precision.absorbs_flushed),
+        **_parts(runtime),
         "rows": [(label, numbers(getattr(runtime, label))) for label in ("poles", "residues", "weights")],
     }
+
+
+def _numbers(row: tuple[float, ...], precision: Precision) -> list[tuple[str, str]]:
+    """Each number as a constant of C, and for people."""
+    return [(literal(number, _TYPES[precision]["literal"]), repr(number)) for number in row]
+
+
+def _parts(runtime: Runtime) -> dict[str, Any]:
+    """What a setpoint weight and a derivative need; nothing for a controller of r - y alone."""
+    if runtime.acts_on_error:
+        return {}
+    values: dict[str, Any] = {"signals": _signals(runtime)}
+    if runtime.proportional != 0.0:
+        pair = _numbers((runtime.proportional, runtime.setpoint_weight), runtime.precision)
+        values |= {"proportional": pair[0], "setpoint_weight": pair[1]}
+    if runtime.derivative is not None:
+        pair = _numbers((runtime.derivative.gain, runtime.derivative.share), runtime.precision)
+        values |= {"derivative_gain": pair[0], "derivative_share": pair[1]}
+    return {**values, **({"starts_at_first_sample": True} if runtime.starts_at_first_sample else {})}
+
+
+def _signals(runtime: Runtime) -> str:
+    """Which term acts on which signal."""
+    terms = ["kp on b r - y" if runtime.proportional != 0.0 else "kp on r - y", "ki on r - y"]
+    terms += ["kd on -y"] if runtime.derivative is not None else []
+    return f"r is the setpoint and y the measurement; {', '.join(terms)}"
 
 
 def _filter(controller: DigitalController) -> str:

@@ -29,18 +29,19 @@ def implementation_of(spec: DesignSpec, gains: FoPi) -> Implementation:
     return Implementation(sections_of(gains, digital, crossover), digital.delay_samples)
 
 
-def runtime_of(sections: Sections, digital: DigitalSpec | None) -> Runtime:
+def runtime_of(sections: Sections, spec: DesignSpec) -> Runtime:
     """The controller in the arithmetic of the exported double-precision code, with the limits of its output.
 
     Args:
         sections: the digital controller.
-        digital: gives the limits; None: there are none.
+        spec: gives the limits, if any, and the setpoint's weight.
 
     Raises:
         DomainError: the limits are empty, or a coefficient is out of range.
     """
+    digital, weight = spec.digital, spec.controller.setpoint_weight
     limits, rate = (digital.output_limits, digital.output_rate_per_s) if digital is not None else (None, None)
-    return Runtime.of(sections, Precision.FLOAT64, limits, rate)
+    return Runtime.of(sections, Precision.FLOAT64, limits, rate, weight)
 
 
 def designed_implementation(spec: DesignSpec, gains: FoPi) -> Implementation | None:

@@ -1,6 +1,6 @@
 """The controller's arithmetic on the target, in NumPy:  the same operations and roundings as the exported C.
 
-    e = setpoint - measurement
+    e = r - y,                                              r the setpoint, y the measurement
     v = direct e + x_0 + x_1 + ...                          from left to right
     u = v within the limits, and within D of the last output
     d = g (u - v)
@@ -12,11 +12,26 @@ last sample, what was tracked, or where `reset` started.
 
 At a sample with any number that is not finite, output and states are held.
 
+With a weight b of the setpoint other than 1, `direct` is the integral's part alone; with a derivative, its part is
+taken off:
+
+    v = kp (b r - y) + direct e - k_d (y - m) + x_0 + x_1 + ...
+    m <- m + q (y - m),        k_d = 2 kd/(2 Tf + Ts),    q = 2 Ts/(2 Tf + Ts) .                                   (5)
+
+That is the section of `digital.transforms`, (2), in other coordinates: m is the measurement behind a lag, and the
+derivative of a measurement at rest is 0, however the coefficients are rounded.  m follows y whatever becomes of the
+output: no anti-windup acts on it, and (3) takes it as it is after the sample.  The first sample after `init` and
+`reset` is one at rest at its own measurement, with r = y before it:
+
+    m <- y,        x_0 <- x_0 - kp (b y - y) .                                                                     (6)
+
 Anti-windup is back-calculation by weights that sum to 1.  While the output is limited, w_k = r_k/sum r_j (over p_j > 0)
 makes the correction take from each section what a constant error adds to it: no section winds up, not even a slow one.
 While the rate is limited it does the same: v stays near what the actuator can follow.
-g = min(1, |sum r_j/direct|) lets the output leave a limit as the error changes sign.  With g = 1, a sample of noise
-beyond the limit would change the integrator by all of its excess, and the output would settle off the setpoint.
+g = min(1, |sum r_j/d|), d = `direct` for b = 1, lets the output leave a limit as the error changes sign.  With g = 1, a
+sample of noise beyond the limit would change the integrator by all of its excess, and the output would settle off the
+setpoint.  For a PI that is a tracking time Ts/g = Ti + Ts/2.  Beside a derivative g = sqrt(r_0 q/k_d), at most 1, where
+that is larger: a tracking time of sqrt(Ti Td).
 
 Since (1) always feeds back u, the states obey, limited in value or rate or not,
 
@@ -34,6 +49,7 @@ difference to the applied output u,
 
     x_k <- p_k x_k  (k > 0),        x_0 = u - (direct e + x_1 + x_2 + ...) ,                                        (3)
 
+(with (5): u less the other terms of v)
 so that the next output with the same error is u, and stays u while the error is 0: errors during tracking are not
 integrated.
 
@@ -44,9 +60,11 @@ A section that decays would end as a subnormal number and stay one, and some pro
 
 An error of F or more is always integrated.  A smaller one with r e < F is lost on an integrator at 0, where 10^23
 samples of it would make the last place of an output of 1 in float32 (F is 1e-31; 1e-292 in float64); on one that holds
-`Precision.absorbs_flushed` rounding loses it anyway.
+`Precision.absorbs_flushed` rounding loses it anyway.  Likewise m <- 0 where |m| < F, after a sample with |y| < F and
+after one of tracking.
 
-Source: back-calculation as in Astrom and Hagglund, Advanced PID Control, 2006; weights and (2) derived here.
+Source: back-calculation with sqrt(Ti Td) as in Astrom and Hagglund, Advanced PID Control, 2006; weights and (2) derived
+here; r_0 q/k_d = Ts^2 ki/kd = Ts^2/(Ti Td).
 """
 
 from __future__ import annotations
@@ -62,11 +80,29 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.parallel_form import Sections
+from fopi_tune.digital.coefficients import (
+    StoredCoefficients,
+    anti_windup,
+    check_coefficients,
+    limits_within,
+    most_change,
+    on_error,
+)
 from fopi_tune.digital.realise import Precision, parallel_rows
 from fopi_tune.errors import DomainError
 
-#: least distance of eigenvalues from the unit circle for weights of both signs; above the rounding of `eigvals`
-_INSIDE = 1e-9
+
+@dataclass(frozen=True)
+class MeasuredDerivative:
+    """The derivative -k_d (y - m), m <- m + q (y - m).
+
+    Args:
+        gain: k_d.
+        share: q, in (0, 1].
+    """
+
+    gain: float
+    share: float
 
 
 @dataclass(frozen=True)
@@ -75,13 +111,16 @@ class Runtime:
 
     Args:
         precision: of coefficients, states and arithmetic.
-        direct: the path without memory.
-        poles: the integrator's, exactly 1, comes first.
+        direct: the path of r - y without memory.
+        poles: of the integral's sections, which act on r - y; the integrator's, exactly 1, comes first.
         residues: of the same length.
         weights: w_k of the anti-windup; they sum to 1 up to rounding; all 0 when no section takes a correction.
         tracking_gain: g, in [0, 1].
         limits: of the output, lower first.
         most_change: D, by which the output changes at most from sample to sample; inf: any change.
+        proportional: kp of kp (b r - y); 0 for b = 1, where `direct` has it.
+        setpoint_weight: b.
+        derivative: None without one.
     """
 
     precision: Precision
@@ -92,11 +131,14 @@ class Runtime:
     tracking_gain: float
     limits: tuple[float, float]
     most_change: float = math.inf
+    proportional: float = 0.0
+    setpoint_weight: float = 1.0
+    derivative: MeasuredDerivative | None = None
 
     @classmethod
     def of(
         cls, sections: Sections, precision: Precision, limits: tuple[float, float] | None = None,
-        rate_per_s: float | None = None,
+        rate_per_s: float | None = None, setpoint_weight: float = 1.0,
     ) -> Runtime:  # fmt: skip
         """Round a controller to a precision, once.
 
@@ -105,21 +147,22 @@ class Runtime:
             precision: of the target.
             limits: of the output, lower first; infinite, or None for both, where there is none.
             rate_per_s: fastest change of the output, per s; None where there is no limit.
+            setpoint_weight: b; other than 1 for sections with their parts only.
 
         Raises:
             DomainError: the limits are empty, the rate is not greater than 0 or lost to rounding, a coefficient is
-                beyond the precision's range, or a rounded pole is not inside the unit circle.
+                beyond the precision's range, a rounded pole is not inside the unit circle, or the sections of a weight
+                have no parts.
         """
-        if sections.has_derivative:
-            raise DomainError("simulation and C are not available for structure: pid in this version; leave them out")
-        within = _limits(limits, precision)
-        change = _most_change(rate_per_s, sections.sample_time_s, within, precision)
+        within = limits_within(limits, precision)
+        change = most_change(rate_per_s, sections.sample_time_s, within, precision)
         with np.errstate(over="ignore", under="ignore"):
-            rows = parallel_rows(sections, precision).astype(np.float64)
+            rows = parallel_rows(on_error(sections), precision).astype(np.float64)
         direct, poles, residues = float(rows[0, 1]), rows[1:, 0], rows[1:, 1]
-        _check_coefficients(sections, rows, precision)
-        weights, gain = _anti_windup(direct, poles, residues, precision)
-        return cls(precision, direct, _floats(poles), _floats(residues), _floats(weights), gain, within, change)
+        check_coefficients(sections, rows, precision)
+        weights, gain = anti_windup(direct, poles, residues, precision)
+        made = cls(precision, direct, _floats(poles), _floats(residues), _floats(weights), gain, within, change)
+        return _with_parts(made, sections, setpoint_weight)
 
     @property
     def has_integrator(self) -> bool:
@@ -131,6 +174,16 @@ class Runtime:
         """Whether the output's change from sample to sample is limited."""
         return math.isfinite(self.most_change)
 
+    @property
+    def acts_on_error(self) -> bool:
+        """Whether the output depends on r and y by r - y alone."""
+        return self.proportional == 0.0 and self.derivative is None
+
+    @property
+    def starts_at_first_sample(self) -> bool:
+        """Whether the first sample after `init` and `reset` sets states, (6)."""
+        return self.derivative is not None or (self.proportional != 0.0 and self.has_integrator)
+
     @cached_property
     def stored(self) -> StoredCoefficients:
         """The same numbers in the type of the precision."""
@@ -139,40 +192,12 @@ class Runtime:
         poles, residues, weights = (np.array(row, dtype=dtype) for row in (self.poles, self.residues, self.weights))
         largest, flush_below = np.finfo(dtype).max, dtype(self.precision.flush_below)
         change = dtype(self.most_change)
-        return StoredCoefficients(direct, poles, residues, weights, gain, low, high, change, largest, flush_below)
-
-
-@dataclass(frozen=True, eq=False)
-class StoredCoefficients:
-    """A runtime's numbers as NumPy's scalars and arrays of its precision."""
-
-    direct: np.floating
-    poles: NDArray[np.floating]
-    residues: NDArray[np.floating]
-    weights: NDArray[np.floating]
-    tracking_gain: np.floating
-    low: np.floating
-    high: np.floating
-    most_change: np.floating
-    largest: np.floating
-    flush_below: np.floating
-
-    def finite(self, value: np.floating) -> bool:
-        """By comparison, as on the target, which has no isfinite."""
-        return bool(-self.largest <= value <= self.largest)
-
-    def limited(self, value: np.floating) -> np.floating:
-        """The value within the limits."""
-        if value < self.low:
-            return self.low
-        return self.high if value > self.high else value
-
-    def followed(self, value: np.floating, last: np.floating) -> np.floating:
-        """What the output comes to on its way from the last one to a value within the limits."""
-        change = value - last
-        if change > self.most_change:
-            return last + self.most_change
-        return last - self.most_change if change < -self.most_change else value
+        derivative = self.derivative or MeasuredDerivative(0.0, 0.0)
+        more = self.proportional, self.setpoint_weight, derivative.gain, derivative.share
+        return StoredCoefficients(
+            direct, poles, residues, weights, gain, low, high, change, largest, flush_below,
+            *(dtype(number) for number in more),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,10 +207,14 @@ class State:
     Args:
         x: shape (n,), of the precision's type, a section's state each.
         output: the last output, of the precision's type.
+        filtered: m, the measurement that the derivative is taken from; None without one.
+        is_new: whether the next sample is the first one, where this sets states.
     """
 
     x: NDArray[np.floating]
     output: np.floating
+    filtered: np.floating | None = None
+    is_new: bool = False
 
 
 class Op(StrEnum):
@@ -233,7 +262,7 @@ def reset(runtime: Runtime, output: float) -> State:
     x = np.zeros(len(runtime.poles), dtype=dtype)
     if runtime.has_integrator:
         x[0] = start
-    return State(x, start)
+    return State(x, start, None if runtime.derivative is None else dtype(0.0), runtime.starts_at_first_sample)
 
 
 def step(runtime: Runtime, state: State, setpoint: float, measurement: float) -> State:
@@ -281,114 +310,85 @@ def replay(runtime: Runtime, operations: Iterable[Operation]) -> Array:
 
 @np.errstate(all="ignore")
 def _one_sample(runtime: Runtime, state: State, setpoint: float, measurement: float, applied: float | None) -> State:
-    """(1) or (3), and (4); the state itself when a number is not finite."""
+    """(1) or (3), with (4) to (6); the state itself when a number is not finite."""
     c, dtype = runtime.stored, runtime.precision.dtype
-    e = dtype(setpoint) - dtype(measurement)
-    v = c.direct * e
-    for x in state.x:
-        v = v + x
+    r, y = dtype(setpoint), dtype(measurement)
+    e, held = r - y, state
+    state = _at_rest(runtime, state, y) if state.is_new else state
+    v = _total(_without_memory(runtime, r, y, e, state.filtered), state.x)
+    filtered = None if state.filtered is None else state.filtered + c.derivative_share * (y - state.filtered)
     if not (c.finite(e) and c.finite(v)):
-        return state
+        return held
     if applied is None:
         u = c.followed(c.limited(v), state.output)
         d = c.tracking_gain * (u - v)
         following = c.poles * (state.x + c.weights * d) + c.residues * e
     else:
         if not c.finite(dtype(applied)):
-            return state
+            return held
         u = c.limited(dtype(applied))
         following = c.poles * state.x
         if runtime.has_integrator:
-            rest = c.direct * e
-            for x in following[1:]:
-                rest = rest + x
-            following[0] = u - rest
-    if not np.all(np.isfinite(following)):
-        return state
+            following[0] = u - _total(_without_memory(runtime, r, y, e, filtered), following[1:])
+    if not np.all(np.isfinite(following)) or not (filtered is None or np.isfinite(filtered)):
+        return held
     if applied is not None or abs(e) < c.flush_below:
         following[np.abs(following) < c.flush_below] = 0.0
-    return State(following, u)
+    if filtered is not None and (applied is not None or abs(y) < c.flush_below) and abs(filtered) < c.flush_below:
+        filtered = dtype(0.0)
+    return State(following, u, filtered)
+
+
+def _at_rest(runtime: Runtime, state: State, y: np.floating) -> State:
+    """(6)."""
+    c, x = runtime.stored, state.x.copy()
+    if runtime.proportional != 0.0 and runtime.has_integrator:
+        x[0] = x[0] - c.proportional * (c.setpoint_weight * y - y)
+    return replace(state, x=x, filtered=None if state.filtered is None else y, is_new=False)
+
+
+def _without_memory(
+    runtime: Runtime, r: np.floating, y: np.floating, e: np.floating, filtered: np.floating | None
+) -> np.floating:  # fmt: skip
+    """The terms of v before the sections' states."""
+    c = runtime.stored
+    v = c.direct * e
+    if runtime.proportional != 0.0:
+        v = c.proportional * (c.setpoint_weight * r - y) + v
+    return v if filtered is None else v - c.derivative_gain * (y - filtered)
+
+
+def _total(first: np.floating, rest: NDArray[np.floating]) -> np.floating:
+    """The sum from left to right."""
+    for x in rest:
+        first = first + x
+    return first
+
+
+def _with_parts(made: Runtime, sections: Sections, setpoint_weight: float) -> Runtime:
+    """The controller of the terms on r - y with the weight of the setpoint and the derivative."""
+    parts, dtype = sections.parts, made.precision.dtype
+    if parts is None:
+        if setpoint_weight != 1.0:
+            raise DomainError("a setpoint's weight needs sections that tell the proportional part of their sum")
+        return made
+    with np.errstate(over="ignore", under="ignore"):
+        if setpoint_weight != 1.0 and parts.proportional != 0.0:
+            kp, direct, weight = (float(dtype(n)) for n in (parts.proportional, parts.integral, setpoint_weight))
+            made = replace(made, direct=direct, proportional=kp, setpoint_weight=weight)
+        if sections.has_derivative:
+            # the section is k_d - k_d q/(z - p), p = 1 - q; as its residue q keeps all digits
+            share = float(dtype(-sections.residues[-1] / parts.derivative))
+            made = replace(made, derivative=MeasuredDerivative(float(dtype(parts.derivative)), share))
+            # sqrt(r_0 q/k_d)
+            ratio = made.residues[0] * share / made.derivative.gain if made.has_integrator else 0.0
+            if made.tracking_gain > 0.0 and ratio > 0.0:
+                made = replace(made, tracking_gain=max(made.tracking_gain, float(dtype(min(1.0, math.sqrt(ratio))))))
+    added = made.derivative or MeasuredDerivative(0.0, 1.0)
+    if not all(map(math.isfinite, (made.setpoint_weight, added.gain))) or not added.share > 0.0:
+        raise DomainError(f"a coefficient of the controller is beyond the range of {made.precision.value}; scale it")
+    return made
 
 
 def _floats(values: Array) -> tuple[float, ...]:
     return tuple(float(value) for value in values)
-
-
-def _limits(limits: tuple[float, float] | None, precision: Precision) -> tuple[float, float]:
-    """The limits in a precision, rounded inwards: never wider than the given ones."""
-    low, high = limits if limits is not None else (-np.inf, np.inf)
-    what = f"output limits ({low!r}, {high!r})"
-    if not low < high:
-        raise DomainError(f"{what} are empty; the lower one must be smaller than the upper one")
-    dtype = precision.dtype
-    with np.errstate(over="ignore"):
-        lower, upper = dtype(low), dtype(high)
-    if float(lower) < low or lower == -np.inf:
-        lower = np.nextafter(lower, dtype(np.inf))
-    if float(upper) > high or upper == np.inf:
-        upper = np.nextafter(upper, dtype(-np.inf))
-    if not lower < upper:
-        raise DomainError(f"{what} hold no two numbers of {precision.value}; widen them")
-    return float(lower), float(upper)
-
-
-def _most_change(
-    rate_per_s: float | None, sample_time_s: float, within: tuple[float, float], precision: Precision
-) -> float:  # fmt: skip
-    """D in a precision, rounded down: never faster than the given rate, but for the rounding of outputs."""
-    if rate_per_s is None or rate_per_s == math.inf:
-        return math.inf
-    if not rate_per_s > 0.0:
-        raise DomainError(f"output_rate_per_s {rate_per_s!r} must be greater than 0; leave it out for no limit")
-    dtype, wanted = precision.dtype, rate_per_s * sample_time_s
-    with np.errstate(over="ignore", under="ignore"):
-        change = dtype(wanted)
-    if float(change) > wanted:
-        change = np.nextafter(change, dtype(0.0))
-    # an output at the larger limit must still move
-    largest = dtype(max(abs(limit) for limit in within))
-    lost = largest - change == largest if largest < 0.5 * np.finfo(dtype).max else change == 0.0
-    if lost:
-        what = f"output_rate_per_s {rate_per_s!r} is {wanted:.3g} a sample, which {precision.value} loses"
-        raise DomainError(
-            f"{what} beside an output of {float(largest):.3g}; give a longer sample time or a faster rate"
-        )
-    return float(change)
-
-
-def _check_coefficients(sections: Sections, rows: Array, precision: Precision) -> None:
-    """Refuse rounded coefficients (pole, residue) of an unusable controller."""
-    poles, residues = rows[1:, 0], rows[1:, 1]
-    if not np.all(np.isfinite(rows)):
-        raise DomainError(f"a coefficient of the filter is beyond the range of {precision.value}; scale the signals")
-    # the integrator is one before rounding too; another pole may round to 1
-    integrates = bool(sections.poles) and sections.poles[0] == 1.0
-    if np.any(np.abs(poles[int(integrates) :]) >= 1.0):
-        what = f"the filter has a pole outside the unit circle after rounding to {precision.value}"
-        raise DomainError(f"{what}; use a higher lower end of the band or a longer sample time")
-    if integrates and residues[0] == 0.0:
-        raise DomainError(f"the integrator's residue is 0 in {precision.value}; scale the signals")
-
-
-def _anti_windup(direct: float, poles: Array, residues: Array, precision: Precision) -> tuple[Array, float]:
-    """Weights and gain: r_k/sum r_j if stable, else |r_k|/sum |r_j|, 0 without such sections."""
-    dtype = precision.dtype
-    taking = np.where(poles > 0.0, residues, 0.0)
-    for shares in (taking, np.abs(taking)):
-        with np.errstate(all="ignore"):
-            weights = (shares / shares.sum()).astype(dtype).astype(np.float64)
-        if not np.all(np.isfinite(weights)):
-            continue
-        # g = min(1, |sum r_j/direct|)
-        ratio = abs(float(shares.sum()))
-        gain = float(dtype(1.0 if ratio >= abs(direct) else ratio / abs(direct)))
-        if np.all(weights >= 0.0) or _stable(poles, weights, (gain, 1.0)):
-            return weights, gain
-    return np.zeros(len(poles)), 0.0
-
-
-def _stable(poles: Array, weights: Array, gains: tuple[float, ...]) -> bool:
-    """Whether the eigenvalues of P (I - g w 1') are inside the unit circle, for every g."""
-    ones = np.ones(len(poles))
-    matrices = [np.diag(poles) - gain * np.outer(poles * weights, ones) for gain in gains]
-    return all(np.abs(np.linalg.eigvals(matrix)).max() < 1.0 - _INSIDE for matrix in matrices)

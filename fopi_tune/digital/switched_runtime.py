@@ -66,7 +66,8 @@ class SwitchedRuntime:
         switching: how they take turns.
 
     Raises:
-        DomainError: a half-width that the precision does not hold, a dwell below 0, or no such first mode.
+        DomainError: a half-width that the precision does not hold, a dwell below 0, no such first mode, or a controller
+            of more than the control error.
     """
 
     controllers: tuple[Runtime, Runtime]
@@ -78,6 +79,8 @@ class SwitchedRuntime:
             raise DomainError(f"hysteresis {wanted.hysteresis!r} must be a number of {self.precision.value} and >= 0")
         if wanted.min_dwell_samples < 0 or wanted.first not in (0, 1):
             raise DomainError(f"{wanted}: the dwell must be at least 0 and the first mode 0 or 1")
+        if not all(controller.acts_on_error for controller in self.controllers):
+            raise DomainError("two controllers that take turns have no derivative and setpoint_weight: 1")
 
     @property
     def precision(self) -> Precision:

@@ -69,6 +69,8 @@ def standard_operations(runtime: Runtime, seed: int = _SEED, mixed: int = 800) -
         rows += steps(40, lambda k: size, lambda k: 0.5 * size)
     rows += [_random_operation(draw, size) for _ in range(mixed)]
     rows += _at_rest(runtime)
+    if runtime.derivative is not None:
+        rows += _measurements_at_rest()
     if runtime.limits_rate:
         rows += _around_the_rate(runtime, draw)
     return tuple(in_float32(row) for row in rows)
@@ -114,6 +116,16 @@ def _at_rest(runtime: Runtime) -> Iterable[Operation]:
     return rows
 
 
+def _measurements_at_rest() -> Iterable[Operation]:
+    """Measurements that come to rest at 0 beside a setpoint, from around what float32 takes for 0, and back."""
+    rows: list[Operation] = []
+    for exponent in range(-120, -80, 8):
+        rows += [Operation(Op.RESET), *steps(3, lambda k: 0.0, lambda k, e=exponent: 2.0**e)]
+        rows += steps(6, lambda k: 2.0**-60, lambda k: 0.0)
+        rows += [Operation(Op.TRACK), *steps(3, lambda k: 0.0, lambda k, e=exponent: -(2.0**e))]
+    return rows
+
+
 def _random_operation(draw: random.Random, size: float) -> Operation:
     """A random operation, mostly an ordinary step."""
     chance, scale = draw.random(), size * (20.0 if draw.random() < 0.1 else 1.0)
@@ -133,7 +145,8 @@ def _random_operation(draw: random.Random, size: float) -> Operation:
 
 def signal_size(runtime: Runtime) -> float:
     """Size of signals that move the output through much of its range; 1 where the range is unlimited."""
-    gain = abs(runtime.direct) + sum(abs(residue) for residue in runtime.residues)
+    gain = abs(runtime.direct) + sum(abs(residue) for residue in runtime.residues) + abs(runtime.proportional)
+    gain += abs(runtime.derivative.gain) if runtime.derivative is not None else 0.0
     span = max(abs(limit) for limit in runtime.limits)
     size = _SHARE * span / gain if gain > 0.0 else 1.0
     # outside these sizes no signal reaches the limits

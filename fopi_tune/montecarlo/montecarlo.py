@@ -278,7 +278,7 @@ class _MarginSampler:
 
 def controller_of(spec: DesignSpec, implementation: Implementation) -> Runtime:
     """The controller in the arithmetic of the exported double-precision code."""
-    return runtime_of(implementation.sections, spec.digital)
+    return runtime_of(implementation.sections, spec)
 
 
 def _limit_of(requirement: Requirement, upper: bool) -> float:

@@ -96,7 +96,9 @@ def prove_with_limits(spec: DesignSpec, implementation: Implementation | None) -
     """
     if implementation is None or spec.digital is None:
         return None
-    controller = runtime_of(implementation.sections, spec.digital)
+    # a setpoint's weight moves where the loop rests, not how it comes there: deviations obey the same equations
+    unweighted = replace(spec, controller=replace(spec.controller, setpoint_weight=1.0))
+    controller = runtime_of(implementation.sections, unweighted)
     if spec.digital.output_limits is None and not controller.limits_rate:
         return None
     loop = SwitchedLoop(spec.name, controller, spec.plant, implementation.delay_samples)
@@ -155,10 +157,13 @@ def limits_mismatches(limited: LimitedLoop | None, spec: DesignSpec) -> list[str
     if limited is None:
         return []
     digital, stated = spec.digital, limited.loop.controller
+    if limited.proof is not None and spec.controller.has_derivative:
+        return ["with_limits: nothing is shown for structure: pid"]
     if digital is not None and (digital.output_limits is not None or digital.output_rate_per_s is not None):
         # its filter is compared elsewhere
         sections = Sections(digital.sample_time_s, stated.direct, stated.poles, stated.residues)
-        asked = runtime_of(sections, digital)
+        limits, rate = digital.output_limits, digital.output_rate_per_s
+        asked = Runtime.of(sections, Precision.FLOAT64, limits, rate)
         if (asked.limits, asked.most_change) == (stated.limits, stated.most_change):
             return []
     return ["with_limits: the limits are not those of the spec"]

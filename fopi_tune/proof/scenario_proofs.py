@@ -65,7 +65,7 @@ def prove_scenarios(
 def cases_of(spec: DesignSpec, implementation: Implementation) -> list[tuple[int, TimeDomainCase]]:
     """What is to be proved, in the order of the requirements and, of one about all scenarios, of these."""
     assert spec.digital is not None
-    controller = runtime_of(implementation.sections, spec.digital)
+    controller = runtime_of(implementation.sections, spec)
     return [
         (
             index,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, DERIVATIVE_NAMES
@@ -18,7 +19,9 @@ _ALPHA = GainRange(0.1, 1.9)
 _DESIGNED = "this version designs kp + ki/s^alpha, and kp + ki/s + kd s/(Tf s + 1) with structure: pid"
 _DERIVATIVE = "write structure: pid, kd in place of a derivative time (kd = kp Td), and its filter's time"
 _FILTER = "write derivative_filter_time_constant_s, Tf of kd s/(Tf s + 1); Tf = Td/N"
-_ERROR_ALONE = f"{_DESIGNED} of the control error, r - y as it is measured; remove it"
+_WEIGHT = "write setpoint_weight, b of kp (b r - y)"
+_DERIVATIVE_OF_SETPOINT = "the derivative acts on -y, never on the setpoint; remove it"
+_NO_FILTER = f"{_DESIGNED} of y as it is measured; remove it"
 _INTEGRAL_TIME = "the integral term is ki/s^alpha; write ki; ki = kp/Ti for alpha: 1"
 _ORDER = "write alpha, the order of the integral ki/s^alpha"
 _NO_ORDER = f"{_DESIGNED}: the derivative has order 1; remove it"
@@ -31,7 +34,9 @@ _OTHER_WORDS = {
     "ti t_i tau_i ti_s integral_time integral_time_s reset_time reset_time_s": _INTEGRAL_TIME,
     "λ integral_order fractional_order": _ORDER,
     "pb proportional_band": _BAND,
-    "setpoint_weight b beta c measurement_filter": _ERROR_ALONE,
+    "b beta setpoint_weighting": _WEIGHT,
+    "c derivative_setpoint_weight": _DERIVATIVE_OF_SETPOINT,
+    "measurement_filter": _NO_FILTER,
 }
 _ELSEWHERE = {
     written: reason
@@ -66,6 +71,9 @@ def controller_shape() -> Shape:
         "derivative_filter_time_constant_s": Key(
             Number("Tf of the derivative kd s/(Tf s + 1) of pid, s", above=0.0), required=False
         ),
+        "setpoint_weight": Key(
+            Advised(Number("b of the proportional part kp (b r - y), as it runs on samples"), _weight_advice), False, 1
+        ),
     }
     rules = {"allOf": [_rule("pi", _ORDER_ONE), _rule("pid", _ORDER_ONE), *_derivative_rules()]}
     example = "{kp: {min: 0.0}, ki: {min: 0.0}, alpha: 0.8}"
@@ -86,7 +94,18 @@ def _derivative_rules() -> list[JsonSchema]:
     return [{"if": is_pid, "then": {"required": [DERIVATIVE_NAMES[1]]}, "else": {"not": {"anyOf": names}}}]
 
 
+def _weight_advice(place: Place) -> str | None:
+    if isinstance(place.node, ScalarNode):
+        return None
+    return f"{kind_of(place.node)} is no setpoint weight: no requirement decides it in this version; write one number"
+
+
 def _build_controller(values: Values, place: Place) -> ControllerSpec | None:
+    found = _build_box(values, place)
+    return None if found is None else replace(found, setpoint_weight=values.get("setpoint_weight", 1.0))
+
+
+def _build_box(values: Values, place: Place) -> ControllerSpec | None:
     structure = values.get("structure", "fopi")
     alpha = values.get("alpha", _ALPHA if structure == "fopi" else _PI_ORDER)
     if structure != "fopi" and alpha != _PI_ORDER:

@@ -41,13 +41,15 @@ def digests_of(spec: DesignSpec) -> dict[str, str]:
     if spec.designs_scenarios:
         # gains that are designed for scenarios depend on these, and on the limits of the control
         requirements, loop = (requirements, spec.scenario_requirements, designed_scenarios(spec)), spec.digital
+    weight = spec.controller.setpoint_weight
     parts = {
         "plant": spec.plant,
         "controller": spec.controller,
         "requirements": requirements,
         "objective": spec.objective,
         "loop": loop,
-        "digital": spec.digital,
+        # as b = 1 is the default, specs without a weight have the digest they always had
+        "digital": spec.digital if weight == 1.0 else (spec.digital, weight),
         "scenarios": (spec.scenarios, spec.judged_limits),
     }
     return {name: _digest(part) for name, part in parts.items()}
@@ -86,8 +88,10 @@ def _plain(value: Any) -> Any:
             names.remove("scenario")
         if isinstance(value, DigitalSpec) and value.output_rate_per_s is None:
             names.remove("output_rate_per_s")
-        if isinstance(value, ControllerSpec) and not value.has_derivative:
-            names = [name for name in names if name not in DERIVATIVE_NAMES]
+        if isinstance(value, ControllerSpec):
+            # the loop does not depend on the setpoint's weight: it belongs to the digital controller
+            absent = ("setpoint_weight",) if value.has_derivative else ("setpoint_weight", *DERIVATIVE_NAMES)
+            names = [name for name in names if name not in absent]
         return {name: _plain(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}

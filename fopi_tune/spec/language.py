@@ -76,7 +76,7 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     _check_between_sections(values, placed, place)
     _check_scenarios(values, measured, place)
     values |= check_scenario_design(values, measured, place)
-    _refuse_derivative_for_scenarios(values, measured, place)
+    _refuse_for_designed_scenarios(values, measured, place)
     placed_validation: PlacedValidation | None = values.get("validation")
     validation = None if placed_validation is None else resolve_validation(placed_validation, values.get("plant"), read)
     if place.collector.problems:
@@ -118,14 +118,19 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
         place.child("objective").child("maximize").refuse(message)
 
 
-def _refuse_derivative_for_scenarios(values: Values, measured: list[PlacedLimit], place: Place) -> None:
-    """Structure pid beside a requirement or an objective about a scenario."""
+def _refuse_for_designed_scenarios(values: Values, measured: list[PlacedLimit], place: Place) -> None:
+    """Structure pid, or a setpoint weight, beside a requirement or an objective about a scenario."""
     controller, objective = values.get("controller"), values.get("objective")
     designs = bool(measured) or (objective is not None and objective.scenario is not None)
     if designs and controller is not None and controller.has_derivative:
         place.child("controller").child("structure").refuse(
             "structure pid is designed for requirements and objectives of the loop's frequencies in this version; "
             "write what scenarios have to meet under `limits:`, which is judged and not designed for"
+        )
+    elif designs and controller is not None and controller.setpoint_weight != 1.0:
+        place.child("controller").child("setpoint_weight").refuse(
+            "gains are designed for requirements and objectives about scenarios with setpoint_weight: 1 in this "
+            "version; write what scenarios have to meet under `limits:`, which is judged and not designed for"
         )
 
 

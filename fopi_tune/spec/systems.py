@@ -250,6 +250,9 @@ def _read_mode(name: str, modes_section: dict[str, Any], place: Place, loader: S
     if spec.controller.has_derivative:
         where.refuse("a mode's controller is of structure fopi or pi in this version: two that take turns know no pid")
         return None
+    if spec.controller.setpoint_weight != 1.0:
+        where.refuse("a mode's controller has setpoint_weight: 1 in this version; remove the weight from its spec")
+        return None
     numerator, denominator, dead_time = spec.plant.assemble({})
     if len(denominator) != 2 or len(numerator) != 1 or dead_time != 0.0:
         message = "a mode's plant is of first order, without direct path or dead time; give the time as delay_samples"

@@ -53,7 +53,7 @@ def measured(spec: DesignSpec, gains: FoPi, scenario: str, name: str, points: Ar
     implementation = implementation_of(spec, gains)
     about = next(each for each in spec.scenarios if each.name == scenario)
     run = scenario_of(replace(about, noise_std=0.0, quantum=0.0), implementation, 0)
-    runtime = runtime_of(implementation.sections, spec.digital)
+    runtime = runtime_of(implementation.sections, spec)
     found = measure([Mode(runtime, Plants.members(spec.plant, points))], run, horizon_of(about, run), threads=1)
     values = measure_values(found, name, spec.digital.measurement_unit)
     return np.where(np.isfinite(values), values, np.inf)

@@ -94,7 +94,7 @@ class Family:
             DomainError: there is none.
         """
         spec = self.problem.spec
-        return runtime_of(implementation_of(spec, gains).sections, spec.digital)
+        return runtime_of(implementation_of(spec, gains).sections, spec)
 
     def values(self, controller: Runtime, points: Array) -> dict[tuple[int, str], Array]:
         """By how much each row is missed by plants at points of the box, shape (m,) each; inf where nothing ends."""

@@ -253,7 +253,7 @@ def _share(rate: arb, time_s: arb) -> arb:
 def _loop_of(system: SystemSpec, index: int, gains: FoPi) -> SwitchedLoop:
     mode = system.modes[index]
     implementation = implementation_of(mode.spec, gains)
-    controller = runtime_of(implementation.sections, mode.spec.digital)
+    controller = runtime_of(implementation.sections, mode.spec)
     return SwitchedLoop(mode.name, controller, mode.spec.plant, implementation.delay_samples)
 
 
@@ -268,6 +268,8 @@ def plant_obstacle(loop: SwitchedLoop) -> str:
     parameters = loop.plant.parameters
     if loop.controller.limits_rate:
         return RATE_NOT_MODELLED
+    if not loop.controller.acts_on_error:
+        return "a derivative, and a setpoint weight, are not modelled in this proof"
     if loop.plant.model not in ("lag", "pole"):
         return "only plants of model lag or pole are handled"
     if parameters["dead_time_s"].max > 0.0:

@@ -13,6 +13,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.digital.runtime import Runtime, init
+from fopi_tune.errors import DomainError
 from fopi_tune.proof.time_domain.bounded import Causal, above
 from fopi_tune.simulation.measures import horizon_of, scenario_of
 from fopi_tune.simulation.scenario import Horizon, InitialInput, Scenario
@@ -40,6 +41,9 @@ class TimeDomainCase:
         scenario: the spec's.
         limit: the requirement; `undershoot` is known here as well.
         measurement_unit: of the output; an acceleration needs a velocity.
+
+    Raises:
+        DomainError: the controller acts on more than the control error.
     """
 
     family: PlantFamily
@@ -49,6 +53,10 @@ class TimeDomainCase:
     scenario: ScenarioSpec
     limit: Limit
     measurement_unit: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.controller.acts_on_error:
+            raise DomainError("proofs of scenarios are of controllers without derivative and with setpoint_weight: 1")
 
     @cached_property
     def run(self) -> Scenario:

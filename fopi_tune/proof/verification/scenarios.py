@@ -91,7 +91,7 @@ class ScenarioLoop:
     def of(cls, spec: DesignSpec, implementation: Implementation) -> ScenarioLoop:
         """Of a spec and its digital controller."""
         assert spec.digital is not None
-        controller = runtime_of(implementation.sections, spec.digital)
+        controller = runtime_of(implementation.sections, spec)
         return cls(spec.plant, controller, implementation, spec.digital.measurement_unit)
 
     def run_of(self, scenario: ScenarioSpec) -> tuple[Scenario, Horizon]:

@@ -5,7 +5,8 @@ of its mode; where all lanes are in the same mode nothing has to be selected.
 
 Arguments that many stages share: s is the pointer to the scratch array, c the pointer to the coefficients of mode 1,
 `other` the offset of those of mode 2 (0 where there is nothing to select), `second` the mask of lanes in mode 2, e the
-error, v the controller's output before the limits and u within them.
+error, v the controller's output before the limits and u within them, `first` the part of v that has no memory.  Weights
+of the setpoint and derivatives are those of a single controller.
 """
 
 from __future__ import annotations
@@ -19,11 +20,15 @@ from fopi_tune.simulation.sampled.layout import (
     ALL_LANES,
     APPLIED,
     CHATTERING,
+    DERIVATIVE_GAIN,
+    DERIVATIVE_SHARE,
     DIRECT,
     EXCESS,
+    FILTERED,
     FLUSH_BELOW,
     HIGH,
     INTEGRATES,
+    IS_NEW,
     LAST_ERROR,
     LAST_OUTPUT,
     LAST_SWITCH,
@@ -32,10 +37,12 @@ from fopi_tune.simulation.sampled.layout import (
     MODE,
     MOST_CHANGE,
     OTHER_LAST_OUTPUT,
+    PROPORTIONAL,
     RECENT_SWITCHES,
     RESET,
     RUN,
     SECTIONS,
+    SETPOINT_WEIGHT,
     START,
     SWITCHES,
     TRACK,
@@ -143,9 +150,46 @@ def followed(c, other, second, value, last):
 
 
 @_inlined
-def demand(s, c, other, second, states, sections, e):
-    """v = direct e + x_0 + x_1 + ..."""
+def start_at_rest(s, c, other, second, states, sections, y):
+    """The states before the first sample, at rest at its measurement; a lane that holds it is new at the next one."""
+    new = load(s, IS_NEW) > broadcast(0.5)
+    if bits(new) != 0:
+        _store_where(s, FILTERED, new, y)
+        if sections > 0:
+            offset = coefficient(c, PROPORTIONAL, other, second) * (
+                coefficient(c, SETPOINT_WEIGHT, other, second) * y - y
+            )
+            integrates = coefficient(c, INTEGRATES, other, second) > broadcast(0.5)
+            _store_where(s, states, new & integrates, load(s, LAST_OUTPUT) - offset)
+
+
+@_inlined
+def without_memory(s, c, other, second, settings, r, y, e):
+    """The terms of v before the sections' states."""
     v = coefficient(c, DIRECT, other, second) * e
+    if settings.weighted:
+        weighted = coefficient(c, SETPOINT_WEIGHT, other, second) * broadcast(r) - y
+        v = coefficient(c, PROPORTIONAL, other, second) * weighted + v
+    if settings.derivative:
+        v = v - coefficient(c, DERIVATIVE_GAIN, other, second) * (y - load(s, FILTERED))
+    return v
+
+
+@_inlined
+def filter_measurement(s, c, other, second, y):
+    """The measurement behind the derivative's lag after a sample."""
+    m = load(s, FILTERED)
+    m = m + coefficient(c, DERIVATIVE_SHARE, other, second) * (y - m)
+    resting = is_tiny(y)
+    if bits(resting) != 0:
+        m = where(resting & is_tiny(m), broadcast(0.0), m)
+    return m
+
+
+@_inlined
+def demand(s, states, sections, first):
+    """v = first + x_0 + x_1 + ..."""
+    v = first
     for i in range(sections):
         v = v + load(s, states + i * WIDTH)
     return v
@@ -172,10 +216,10 @@ def update_states(s, c, other, second, states, new, sections):
 
 
 @_inlined
-def update_and_demand(s, c, other, second, states, sections, e):
+def update_and_demand(s, c, other, second, states, sections, first):
     """`update_states` and the next sample's `demand` in one pass over the sections."""
     before, d = load(s, LAST_ERROR), load(s, EXCESS)
-    v = coefficient(c, DIRECT, other, second) * e
+    v = first
     for i in range(sections):
         x = _next_state(s, c, other, second, states + i * WIDTH, i, before, d)
         store(s, states + i * WIDTH, x)
@@ -184,22 +228,40 @@ def update_and_demand(s, c, other, second, states, sections, e):
 
 
 @_inlined
-def update_checked(s, c, other, second, states, spare, sections, v, u):
+def update_checked(s, c, other, second, states, spare, settings, y, v, u):
     """`update_states`, and the output; where a number is not finite, states and output are held."""
-    good = is_finite(load(s, LAST_ERROR)) & is_finite(v)
+    good, sections = is_finite(load(s, LAST_ERROR)) & is_finite(v), settings.sections
+    filtered = load(s, FILTERED)
+    if settings.derivative:
+        filtered = filter_measurement(s, c, other, second, y)
+        good = good & is_finite(filtered)
     update_states(s, c, other, second, states, spare, sections)
     for i in range(sections):
         good = good & is_finite(load(s, spare + i * WIDTH))
     for i in range(sections):
         store(s, states + i * WIDTH, where(good, load(s, spare + i * WIDTH), load(s, states + i * WIDTH)))
+    if settings.derivative:
+        _store_where(s, FILTERED, good, filtered)
+    if settings.starts_at_first_sample:
+        _store_where(s, IS_NEW, good, broadcast(0.0))
     return where(good, u, load(s, LAST_OUTPUT))
+
+
+@_inlined
+def update_measured(s, c, other, second, settings, y):
+    """What is remembered of the measurement, where nothing can overflow."""
+    if settings.derivative:
+        store(s, FILTERED, filter_measurement(s, c, other, second, y))
+    if settings.starts_at_first_sample:
+        store(s, IS_NEW, broadcast(0.0))
 
 
 @_inlined
 def track_applied(s, c, other, second, old, new, sections, e, applied):
     """One sample of the inactive controller, which tracks the applied control."""
-    v = demand(s, c, other, second, old, sections, e)
-    rest, total = coefficient(c, DIRECT, other, second) * e, applied + v
+    rest = coefficient(c, DIRECT, other, second) * e
+    v = demand(s, old, sections, rest)
+    total = applied + v
     for i in range(1, sections):
         x = coefficient(c, SECTIONS + 3 * i, other, second) * load(s, old + i * WIDTH)
         store(s, new + i * WIDTH, flushed(x))

@@ -26,6 +26,7 @@ from fopi_tune.simulation.sampled.layout import (
     GAIN,
     HIGH,
     INTEGRATES,
+    IS_NEW,
     LAST_ERROR,
     LAST_OUTPUT,
     LAST_SWITCH,
@@ -65,6 +66,7 @@ def _initialise(s, block, table, controllers, settings, offsets):
         s[APPLIED + lane] = s[PREVIOUS_INPUT + lane] = s[CONTROL + lane] = past
         s[MODE + lane] = s[ARRIVED_MODE + lane] = settings.first_mode
         s[LAST_SWITCH + lane] = -np.inf
+        s[IS_NEW + lane] = settings.starts_at_first_sample
         for which in range(1 + settings.hybrid):
             mode = (settings.first_mode + which) % 2
             begin = controllers[mode, START]
@@ -91,10 +93,14 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measur
         )  # fmt: skip
         second = load(s, MODE) > broadcast(0.5)
         own, select = controller_stages.resolve_mode(c, other, second)
-    elif update_due:
-        v = controller_stages.update_and_demand(s, own, select, second, offsets.active, settings.sections, e)
     else:
-        v = controller_stages.demand(s, own, select, second, offsets.active, settings.sections, e)
+        if settings.starts_at_first_sample:
+            controller_stages.start_at_rest(s, own, select, second, offsets.active, settings.sections, measured)
+        first = controller_stages.without_memory(s, own, select, second, settings, r, measured, e)
+        if update_due:
+            v = controller_stages.update_and_demand(s, own, select, second, offsets.active, settings.sections, first)
+        else:
+            v = controller_stages.demand(s, offsets.active, settings.sections, first)
     u = controller_stages.saturate(own, select, second, v)
     if settings.limits_rate:
         u = controller_stages.followed(own, select, second, u, load(s, LAST_OUTPUT))
@@ -104,8 +110,10 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measur
     check_finite = check_finite or not controller_stages.all_small(e, d, u, rate)
     if check_finite:
         u = controller_stages.update_checked(
-            s, own, select, second, offsets.active, offsets.spare, settings.sections, v, u
+            s, own, select, second, offsets.active, offsets.spare, settings, measured, v, u
         )  # fmt: skip
+    else:
+        controller_stages.update_measured(s, own, select, second, settings, measured)
     store(s, LAST_OUTPUT, u)
     return e, u, check_finite
 

@@ -27,7 +27,8 @@ TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", 
 #: offsets of rows: first the results; then the run of switches, sample of the last switch, applied control, mode, input
 #: just before the sample, control and load that act now, mode of that control, the same three one sample before, last
 #: output of the active and of the inactive controller, last error, excess u - v, switches in the window; of a rise the
-#: direction and the lanes that wait for its two levels, in three places, and y one sample before
+#: direction and the lanes that wait for its two levels, in three places, and y one sample before; the measurement
+#: behind the derivative's lag, and whether the next sample is the controller's first
 PEAK_RATE, OVERSHOOT, OUTSIDE, IAE, ISE, SATURATED, PEAK_CONTROL = (WIDTH * i for i in range(7))
 SWITCHES, LONGEST_RUN, CHATTERING, FINAL_ERROR, FINITE, BEGUN, SETTLED, STEP_ERROR = (WIDTH * i for i in range(7, 15))
 UNDERSHOOT, REACHED, RISEN, RISE = (WIDTH * i for i in range(15, 19))
@@ -35,7 +36,7 @@ RUN, LAST_SWITCH, APPLIED, MODE, PREVIOUS_INPUT, CONTROL, LOAD, ARRIVED_MODE = (
 OLD_CONTROL, OLD_LOAD, OLD_ARRIVED_MODE, LAST_OUTPUT, OTHER_LAST_OUTPUT, LAST_ERROR, EXCESS, RECENT_SWITCHES = (
     WIDTH * i for i in range(27, 35)
 )
-RISING, RISING_OUTPUT, NOISE = (WIDTH * i for i in range(35, 38))
+RISING, RISING_OUTPUT, FILTERED, IS_NEW, NOISE = (WIDTH * i for i in range(35, 40))
 #: four rows each, for the noise of four samples; a vector may be read from the last entry
 TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
 #: rows with a fixed offset
@@ -46,7 +47,8 @@ VALUE, DIRECTION, BAND, BEGINS, BEFORE, RISES_FROM, RISES_TO = range(7)
 STEP_ROWS = 7
 GOES_ON, REFERENCE_BEGINS, LOAD_BEGINS = 0.0, 1.0, 2.0
 #: a controller's coefficients; from SECTIONS on p, w, r of every section
-DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, MOST_CHANGE, SECTIONS = range(8)
+DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, MOST_CHANGE = range(7)
+PROPORTIONAL, SETPOINT_WEIGHT, DERIVATIVE_GAIN, DERIVATIVE_SHARE, SECTIONS = range(7, 12)
 HOLD, TRACK, RESET = 0, 1, 2
 #: `Precision.FLOAT64.flush_below`; stated here because the cache of what was compiled knows this module
 FLUSH_BELOW = 2.0**-970
@@ -66,6 +68,9 @@ class Settings(NamedTuple):
     hybrid: int
     inactive: int
     limits_rate: int
+    weighted: int
+    derivative: int
+    starts_at_first_sample: int
     first_mode: int
     most_switches: int
     window: int

@@ -22,9 +22,11 @@ from fopi_tune.simulation.sampled.layout import (
     BAND,
     BEFORE,
     BEGINS,
+    DERIVATIVE_GAIN,
     DIRECTION,
     INTEGRATES,
     LOAD_BEGINS,
+    PROPORTIONAL,
     REFERENCE_BEGINS,
     RESULTS,
     RISES_FROM,
@@ -130,6 +132,8 @@ def _count(modes: Sequence[Mode], scenario: Scenario, count: int | None) -> int:
     """Number of plants, after checking that modes and scenario fit together."""
     if len(modes) != (1 if scenario.hybrid is None else 2):
         raise DomainError(f"{len(modes)} modes: one without `hybrid`, two with it")
+    if scenario.hybrid is not None and not all(mode.controller.acts_on_error for mode in modes):
+        raise DomainError("two controllers that take turns have no derivative and setpoint_weight: 1")
     given = {len(mode.plants) for mode in modes if isinstance(mode.plants, Plants)}
     if count is not None:
         given.add(count)
@@ -215,7 +219,10 @@ def _coefficients(controller: Runtime, sections: int) -> Array:
     start = float(init(controller).output)
     rows = np.zeros(SECTIONS + 3 * sections)
     rows[:INTEGRATES] = controller.direct, controller.tracking_gain, low, high, start
-    rows[INTEGRATES:SECTIONS] = controller.has_integrator, controller.most_change
+    rows[INTEGRATES:PROPORTIONAL] = controller.has_integrator, controller.most_change
+    rows[PROPORTIONAL:DERIVATIVE_GAIN] = controller.proportional, controller.setpoint_weight
+    if controller.derivative is not None:
+        rows[DERIVATIVE_GAIN:SECTIONS] = controller.derivative.gain, controller.derivative.share
     for place, row in enumerate((controller.poles, controller.weights, controller.residues)):
         rows[SECTIONS + place : SECTIONS + 3 * len(row) : 3] = row
     return rows
@@ -264,6 +271,9 @@ def _settings(
         hybrid=int(scenario.hybrid is not None),
         inactive=int(hybrid.inactive),
         limits_rate=int(any(mode.controller.limits_rate for mode in modes)),
+        weighted=int(any(mode.controller.proportional != 0.0 for mode in modes)),
+        derivative=int(any(mode.controller.derivative is not None for mode in modes)),
+        starts_at_first_sample=int(any(mode.controller.starts_at_first_sample for mode in modes)),
         first_mode=int(hybrid.first) - 1,
         most_switches=int(hybrid.most_switches),
         window=int(np.floor(hybrid.window_s / Ts + 1e-9)),

@@ -80,7 +80,7 @@ def plants_of(order: int, direct: bool = False, dead_time: bool = False, seed: i
 def simulated(spec: DesignSpec, gains: FoPi, plants: Plants, scenario: Scenario) -> Traces:
     digital = digital_section_of(spec)
     crossover = nominal_crossover(spec, gains) if digital.depends_on_crossover else None
-    return simulate([Mode(runtime_of(sections_of(gains, digital, crossover), digital), plants)], scenario)
+    return simulate([Mode(runtime_of(sections_of(gains, digital, crossover), spec), plants)], scenario)
 
 
 def found_for(spec: DesignSpec, gains: FoPi, plants: Plants, scenario: Scenario) -> Trajectories:
