@@ -61,7 +61,7 @@ class Export:
         units: of the signals; any text.
         limits: of the output in its unit, lower first; None where there are none.
         rate_per_s: fastest change of the output, per s; None where there is no limit.
-        setpoint_weight: b of kp (b r - y).
+        setpoint_weight: b of kp (b r - y), dimensionless.
     """
 
     name: str

@@ -503,9 +503,21 @@ ONLY_PID = "only structure: pid has a derivative; write structure: pid, or remov
         ("{Tf: 0.1}", f"5:14: controller.Tf: {FILTER}"),
         ("{mu: 0.5}", f"5:14: controller.mu: {DESIGNED}: the derivative has order 1; remove it"),
         ("{PB: 50}", "5:14: controller.PB: write kp; kp = 100/band for a proportional band in %"),
+        ("{beta: 0.5}", "5:14: controller.beta: write setpoint_weight, b of kp (b r - y)"),
+        ("{c: 0.5}", "5:14: controller.c: the derivative acts on -y, never on the setpoint; remove it"),
         (
-            "{beta: 0.5}",
-            f"5:14: controller.beta: {DESIGNED} of the control error, r - y as it is measured; remove it",
+            "{measurement_filter: 0.5}",
+            f"5:14: controller.measurement_filter: {DESIGNED} of y as it is measured; remove it",
+        ),
+        (
+            "{setpoint_weight: {min: 0, max: 1}}",
+            "5:31: controller.setpoint_weight: a mapping is no setpoint weight: no requirement decides it in this "
+            "version; write one number",
+        ),
+        (
+            "{setpoint_weight: .inf}",
+            "5:31: controller.setpoint_weight: '.inf' is not a finite number; write a number, or leave the key out "
+            "where it may be missing",
         ),
     ],
 )

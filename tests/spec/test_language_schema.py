@@ -87,8 +87,8 @@ def test_a_default_that_the_schema_states_is_what_holds_when_the_key_is_left_out
         "scenarios": [step | {"reference": [knot]}],
     }
     counts = [count for _, count in written.values()]
-    # structure and alpha; seven of the filter; four of the draws
-    assert [*counts, step_count, knot_count, plant_count, requirement_count] == [2, 7, 4, 6, 1, 1, 1]
+    # structure, alpha and the setpoint's weight; seven of the filter; four of the draws
+    assert [*counts, step_count, knot_count, plant_count, requirement_count] == [3, 7, 4, 6, 1, 1, 1]
     assert VALIDATOR.is_valid(long)
     said, left_out = parse_spec(yaml_of(long)), parse_spec(yaml_of(short))
     assert dataclasses.replace(said, sha256="", source=b"") == dataclasses.replace(left_out, sha256="", source=b"")
@@ -153,6 +153,7 @@ MISTAKES: list[tuple[tuple[str | int, ...], Any]] = [
     (("controller",), {"alpha": 2}),
     (("controller",), {"alpha": {"min": 0}}),
     (("controller",), {"kd": 1}),
+    (("controller",), {"setpoint_weight": {"min": 0, "max": 1}}),
     (("requirements",), []),
     (("requirements",), None),
     (("requirements",), {}),

@@ -176,8 +176,7 @@ class Members:
         implementation = self.documents.implementation
         if implementation is not None:
             return implementation.sections.response(self.omega)
-        s = np.asarray(1j * self.omega, dtype=complex)
-        return np.asarray(self.gains.kp + self.gains.ki * s**-self.gains.alpha, dtype=complex)
+        return self.gains(1j * self.omega)
 
 
 def members_of(documents: ResultDocuments) -> Members | None:
@@ -185,7 +184,7 @@ def members_of(documents: ResultDocuments) -> Members | None:
     gains = documents.gains
     if loop_name(documents.spec) == "sampled" and documents.implementation is None:
         return None
-    return None if gains is None or gains.kp == 0.0 == gains.ki else Members(documents, gains)
+    return None if gains is None or gains.is_zero else Members(documents, gains)
 
 
 def _phase_crossovers(loops: Loops) -> Array:

@@ -48,7 +48,7 @@ def controller_bode_svg(result: Discretized) -> str:
     gains, sections, digital = controller.gains, controller.sections, controller.digital
     nyquist = np.pi / digital.sample_time_s
     omega = np.geomspace(min(digital.band_rad_s[0], nyquist / 100.0), nyquist, _POINTS)
-    ideal = gains.kp + gains.ki * (1j * omega) ** -gains.alpha
+    ideal = gains(1j * omega)
     filtered = sections.response(omega)
     with matplotlib.rc_context({"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fonttype": "none"}):
         figure = Figure(figsize=(6.4, 6.0), layout="constrained")
@@ -138,7 +138,7 @@ def digital_picture(documents: ResultDocuments) -> Picture | None:
         return None
     nyquist = implementation.nyquist_rad_s
     omega = np.geomspace(min(digital.band_rad_s[0], nyquist / 100.0), nyquist, _REPORT_POINTS)
-    ideal = gains.kp + gains.ki * (1j * omega) ** -gains.alpha
+    ideal = gains(1j * omega)
     filtered = implementation.sections.response(np.asarray(omega, dtype=float))
     error = np.maximum(np.abs(filtered / ideal - 1.0), _SMALLEST_ERROR)
 
@@ -159,7 +159,7 @@ def digital_picture(documents: ResultDocuments) -> Picture | None:
     below = error[omega <= 0.3 * nyquist]
     title = f"{documents.spec.name}: controller, ideal and digital at {number(digital.sample_time_s)} s"
     said = (
-        "Gain and phase of the ideal fractional controller and of the digital one up to Nyquist's frequency, "
+        "Gain and phase of the ideal controller and of the digital one up to Nyquist's frequency, "
         f"{number(nyquist)} rad/s, and the relative error: at most {number(100.0 * float(below.max()), 3)} % in the "
         "part of the figure below 0.3 of that frequency."
     )

@@ -61,6 +61,10 @@ def digital_text(result: Discretized) -> Text:
         unit = f"{digital.output_unit} per s" if digital.output_unit else "per s"
         said = f"changes by at most {with_unit(digital.output_rate_per_s, unit)}, which the anti-windup knows of"
         lines += entry("output", said)
+    if (weight := result.spec.controller.setpoint_weight) != 1.0:
+        lines += entry("setpoint", f"weight {number(weight)}: kp acts on {number(weight)} r - y")
+    if controller.sections.has_derivative:
+        lines += entry("kd", "acts on -y alone, by Tustin's rule: the last of the sections")
     lines += requirement_lines(result.reports, found.objective, result.measures)
     for note in result.notes:
         lines += wrapped(f"{note}.", "yellow")
