@@ -45,7 +45,7 @@ class FoPi:
         """Whether C = 0: there is no controller."""
         return self.kp == 0.0 and self.ki == 0.0
 
-    def __call__(self, s: complex | NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def __call__(self, s: complex | NDArray[np.complexfloating]) -> NDArray[np.complex128]:
         """C(s) at complex numbers of any shape, s not 0 where there is an integral."""
         points = np.asarray(s, dtype=complex)
         integral = self.ki * points**-self.alpha if self.ki != 0.0 else np.zeros_like(points)
@@ -86,7 +86,7 @@ class Pid(FoPi):
         """Whether C = 0: there is no controller."""
         return super().is_zero and self.kd == 0.0
 
-    def __call__(self, s: complex | NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def __call__(self, s: complex | NDArray[np.complexfloating]) -> NDArray[np.complex128]:
         """C(s) at complex numbers of any shape, s not 0 where there is an integral."""
         points = np.asarray(s, dtype=complex)
         return super().__call__(points) + self.kd * points / (self.derivative_filter_time_constant_s * points + 1.0)

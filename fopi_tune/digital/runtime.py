@@ -379,9 +379,10 @@ def _with_parts(made: Runtime, sections: Sections, setpoint_weight: float) -> Ru
         if sections.has_derivative:
             # the section is k_d - k_d q/(z - p), p = 1 - q; as its residue q keeps all digits
             share = float(dtype(-sections.residues[-1] / parts.derivative))
-            made = replace(made, derivative=MeasuredDerivative(float(dtype(parts.derivative)), share))
+            derivative = MeasuredDerivative(float(dtype(parts.derivative)), share)
+            made = replace(made, derivative=derivative)
             # sqrt(r_0 q/k_d)
-            ratio = made.residues[0] * share / made.derivative.gain if made.has_integrator else 0.0
+            ratio = made.residues[0] * share / derivative.gain if made.has_integrator and derivative.gain else 0.0
             if made.tracking_gain > 0.0 and ratio > 0.0:
                 made = replace(made, tracking_gain=max(made.tracking_gain, float(dtype(min(1.0, math.sqrt(ratio))))))
     added = made.derivative or MeasuredDerivative(0.0, 1.0)
