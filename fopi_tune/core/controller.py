@@ -109,6 +109,16 @@ def derivative_of(controller: FoPi) -> tuple[float, float]:
     return 0.0, 1.0
 
 
+def refuse_derivative_in(controller: FoPi, what: str) -> None:
+    """Refuse a computation that knows kp + ki s^-alpha alone.
+
+    Raises:
+        DomainError: the controller has a derivative.
+    """
+    if derivative_of(controller)[0] != 0.0:
+        raise DomainError(f"{what} is not available for structure: pid in this version; leave it out")
+
+
 def controller_of(numbers: Mapping[str, float]) -> FoPi:
     """The controller with these numbers by name, as results hold them: a `Pid` where there is a kd.
 

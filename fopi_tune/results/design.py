@@ -232,7 +232,9 @@ class Discretized:
         from fopi_tune.digital import to_document as digital_document
 
         checked = verification_dict(self.spec, self.verification, self.certificate, self.stamp)
-        return {**checked, "loop": "sampled", **digital_document(self.controller)}
+        weight = self.spec.controller.setpoint_weight
+        weighted = {} if weight == 1.0 else {"setpoint_weight": weight}
+        return {**checked, "loop": "sampled", **digital_document(self.controller), **weighted}
 
     def to_control(self) -> SampledObjects:
         """The digital controller, the nominal plant behind its hold and the loop as discrete `control` objects."""

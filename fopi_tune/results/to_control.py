@@ -74,7 +74,8 @@ class SampledObjects:
     All are in modal form, real and block-diagonal, but for the whole samples of delay, a line before plant and loop.
 
     Args:
-        controller: the sum of first-order sections, exact.
+        controller: the sum of first-order sections, exact; all of them act on the error here, a derivative too, and a
+            setpoint's weight is not in it.
         plant: behind the zero-order hold, with its dead time and the computing delay, exact at the samples.
         loop: controller times plant.
     """

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, refuse_derivative_in
 from fopi_tune.core.plant import Plant
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
@@ -74,8 +74,9 @@ def simulate_loop(
             None: as it is.
 
     Raises:
-        DomainError: something only a sampled loop has, a start without solution, or too many samples.
+        DomainError: something only a sampled loop has, a derivative, a start without solution, or too many samples.
     """
+    refuse_derivative_in(gains, "the exact simulation in continuous time")
     refuse_samples_only(scenario, controller.limits_rate)
     step, coarse = _step(scenario.duration_s, sample_time_s, plant.dead_time_s), None
     while coarse is None:

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Complex
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, refuse_derivative_in
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import Plant
 from fopi_tune.core.stability import is_stable
@@ -146,7 +146,7 @@ class LoopTransform:
         gains, plant, signal, stimulus: as in `exact_response`.
 
     Raises:
-        DomainError: no controller, or a loop that is not well posed.
+        DomainError: no controller, one with a derivative, or a loop that is not well posed.
     """
 
     gains: FoPi
@@ -155,6 +155,7 @@ class LoopTransform:
     stimulus: Stimulus
 
     def __post_init__(self) -> None:
+        refuse_derivative_in(self.gains, "an exact response in continuous time")
         if self.gains.kp == 0.0 == self.gains.ki:
             raise DomainError("kp = ki = 0: there is no controller, so there is no loop; give one of them a value")
         if self.plant.dead_time_s == 0.0 and 1.0 + self.gains.kp * self.direct == 0.0:

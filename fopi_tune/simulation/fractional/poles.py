@@ -21,7 +21,7 @@ from fractions import Fraction
 import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, refuse_derivative_in
 from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.inversion import SECTOR_RAD
@@ -57,7 +57,12 @@ class Characteristic:
 
     @classmethod
     def of(cls, gains: FoPi, plant: Plant) -> Characteristic:
-        """chi of a loop without its dead time."""
+        """chi of a loop without its dead time.
+
+        Raises:
+            DomainError: the controller has a derivative.
+        """
+        refuse_derivative_in(gains, "the list of a loop's poles")
         numerator = np.trim_zeros(np.array(plant.numerator, dtype=float), "f")
         return cls(numerator, np.array(plant.denominator, dtype=float), gains.kp, gains.ki, gains.alpha)
 
