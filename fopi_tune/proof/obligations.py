@@ -159,7 +159,7 @@ def _aligned_far_out(case: Case, point: tuple[float, ...], upper: bool) -> float
     dead_time_s = float(plant.dead_time.value.mid())
     if isinstance(loop, SampledBallLoop) or dead_time_s <= 0.0 or not plant.has_direct_path:
         return _FAR
-    direct = loop.gains.kp * float((plant.numerator[0].value / plant.denominator[0].value).mid())
+    direct = float((loop.structure.at_infinity * plant.numerator[0].value / plant.denominator[0].value).mid())
     corner = float(loop.loops_at(np.array([point], dtype=float)).log.corners()[1][0])
     half_turns = math.exp(min(corner + math.log(dead_time_s), _MOST_LOG_TURN)) / math.pi
     # e^{-j omega L} = -1 at odd numbers of half turns

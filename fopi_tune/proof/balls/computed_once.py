@@ -21,6 +21,7 @@ class computed_once(Generic[Value]):  # noqa: N801  # in lower case, as the deco
 
     def __init__(self, method: Callable[[Any], Value]) -> None:
         self._method, self._name, self.__doc__ = method, method.__name__, method.__doc__
+        self.__isabstractmethod__ = getattr(method, "__isabstractmethod__", False)
 
     @overload
     def __get__(self, instance: None, owner: type | None = None) -> Self: ...

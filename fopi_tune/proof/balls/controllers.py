@@ -2,11 +2,15 @@
 
 A search splits the plants far more often than the frequencies: of 60 boxes about one has a new interval of u.  The
 factors c and x and the tails are those of `fopi_tune.proof.balls.responses`.
+
+What the proofs ask of a structure of controllers is a `Structure` and its `ControllerOnInterval`.  Here are those of
+C = kp + ki s^-alpha; those of a PID are in `fopi_tune.proof.balls.pid`.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,6 +22,8 @@ from fopi_tune.proof.balls.box import Interval, ball_of
 from fopi_tune.proof.balls.computed_once import computed_once
 
 _ZERO = arb(0)
+#: |ln| of a quotient of two coefficients, which are doubles, and as much again for the terms to differ
+FARTHEST = 3000.0
 
 
 @dataclass(frozen=True)
@@ -69,7 +75,7 @@ class LoopParameters:
         return self.ki / self.turn
 
 
-class ControllerOnInterval:
+class ControllerOnInterval(ABC):
     """C and s over one interval of frequencies.
 
     Every value is computed on first use and kept.
@@ -99,6 +105,71 @@ class ControllerOnInterval:
     def s(self) -> acb:
         """j omega; in the high tail 1/(j omega)."""
         return acb(0, -self.omega if self.high_tail else self.omega)
+
+    @computed_once
+    @abstractmethod
+    def c(self) -> acb:
+        """The factor c of the controller."""
+
+    @computed_once
+    @abstractmethod
+    def x(self) -> acb | None:
+        """s^order in the low tail of a loop with an integral; None is 1."""
+
+    @computed_once
+    @abstractmethod
+    def controller_slope(self) -> acb:
+        """d ln C/du; not in a tail."""
+
+    @computed_once
+    @abstractmethod
+    def controller_curvature(self) -> acb:
+        """d2 ln C/du2; not in a tail."""
+
+    def power_of_s(self, exponent: int) -> acb:
+        """s^exponent; in the high tail s^-exponent."""
+        if exponent not in self._powers:
+            self._powers[exponent] = self.s**exponent
+        return self._powers[exponent]
+
+
+class Structure(ABC):
+    """A structure of controllers C(s), as the proofs ask of it.
+
+    s^order C is bounded and analytic for Re s > 0 next to s = 0, and so is C next to s = inf.
+
+    Args:
+        loop: the gains.
+    """
+
+    #: |u| beyond which only the leading terms matter
+    farthest_u: float
+    #: order of the pole of C at s = 0; 0 without one
+    order: arb
+    #: s^order C at s = 0
+    at_zero: arb
+    #: C at s = inf
+    at_infinity: arb
+
+    @abstractmethod
+    def on_interval(self, u: Interval) -> ControllerOnInterval:
+        """C over an interval of u, possibly a tail."""
+
+    @abstractmethod
+    def value_and_slope(self, u: arb) -> tuple[acb, acb]:
+        """C and d ln C/du over a ball of u."""
+
+    @abstractmethod
+    def change_near_zero(self, u: float) -> arb:
+        """A bound of |s^order C - at_zero| for |s| <= e^u, Re s >= 0."""
+
+    @abstractmethod
+    def change_near_infinity(self, u: float) -> arb:
+        """A bound of |C - at_infinity| for |s| >= e^u, Re s >= 0."""
+
+
+class FoPiOnInterval(ControllerOnInterval):
+    """kp + ki s^-alpha over one interval of frequencies."""
 
     @computed_once
     def _power(self) -> arb:
@@ -146,8 +217,33 @@ class ControllerOnInterval:
         q = self.controller_slope
         return -q * (self.loop.alpha + q) if self.loop.gains.ki != 0.0 else acb(0)
 
-    def power_of_s(self, exponent: int) -> acb:
-        """s^exponent; in the high tail s^-exponent."""
-        if exponent not in self._powers:
-            self._powers[exponent] = self.s**exponent
-        return self._powers[exponent]
+
+class FoPiStructure(Structure):
+    """kp + ki s^-alpha; of a box of gains the balls are the loop's own."""
+
+    def __init__(self, loop: LoopParameters) -> None:
+        self.loop, self.has_integral = loop, loop.gains.ki != 0.0
+        self.order = loop.alpha if self.has_integral else _ZERO
+        self.at_zero = loop.ki if self.has_integral else loop.kp
+        self.at_infinity = loop.kp
+        self.farthest_u = FARTHEST / min(loop.gains.alpha, 1.0)
+
+    def on_interval(self, u: Interval) -> ControllerOnInterval:
+        return FoPiOnInterval(self.loop, u)
+
+    def value_and_slope(self, u: arb) -> tuple[acb, acb]:
+        loop = self.loop
+        if not self.has_integral:
+            return acb(loop.kp), acb(0)
+        integral = (-loop.alpha * u).exp() * loop.integral
+        if loop.gains.kp == 0.0:
+            return integral, acb(-loop.alpha)
+        # d ln C/du = -alpha ki s^-alpha/C = -alpha (1 - kp/C)
+        c = loop.kp + integral
+        return c, loop.alpha * (loop.kp / c - 1)
+
+    def change_near_zero(self, u: float) -> arb:
+        return (self.loop.alpha * u).exp() * abs(self.loop.kp) if self.has_integral else _ZERO
+
+    def change_near_infinity(self, u: float) -> arb:
+        return abs(self.loop.ki) * (-self.loop.alpha * u).exp()

@@ -13,6 +13,7 @@ from functools import cached_property
 from flint import acb, arb, ctx
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.controller import derivative_of
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.proof.balls.box import (
     Box,
@@ -26,14 +27,13 @@ from fopi_tune.proof.balls.box import (
     point_box,
 )
 from fopi_tune.proof.balls.computed_once import computed_once
-from fopi_tune.proof.balls.controllers import ControllerOnInterval, LoopParameters
+from fopi_tune.proof.balls.controllers import ControllerOnInterval, FoPiStructure, LoopParameters, Structure
+from fopi_tune.proof.balls.pid import PidStructure
 from fopi_tune.proof.balls.plant import PlantEnclosure, assemble, without_axes
 from fopi_tune.proof.balls.responses import LoopEnclosure
 
 #: bits of the balls' centres
 PRECISION = 64
-#: a coefficient over another, and as much again for the terms to differ
-_FARTHEST = 3000.0
 #: plants in the cache of a loop, and intervals of u; a plant of order 4 on samples takes some 20 kB
 _MOST_KNOWN = 4096
 
@@ -55,16 +55,14 @@ class _Cache:
 class BallLoop(LoopParameters):
     """One controller with a family of plants."""
 
+    @cached_property
+    def structure(self) -> Structure:
+        """What the structure of the controller is; without a derivative kp + ki s^-alpha."""
+        return PidStructure(self) if derivative_of(self.gains)[0] != 0.0 else FoPiStructure(self)
+
     def controller(self, u: arb) -> tuple[acb, acb]:
         """C and d ln C/du over a ball of u."""
-        if self.gains.ki == 0.0:
-            return acb(self.kp), acb(0)
-        integral = (-self.alpha * u).exp() * self.integral
-        if self.gains.kp == 0.0:
-            return integral, acb(-self.alpha)
-        # d ln C/du = -alpha ki s^-alpha/C = -alpha (1 - kp/C)
-        c = self.kp + integral
-        return c, self.alpha * (self.kp / c - 1)
+        return self.structure.value_and_slope(u)
 
     # -- the frequency axis -------------------------------------------------------------------------------------------
 
@@ -90,8 +88,8 @@ class BallLoop(LoopParameters):
 
     @property
     def farthest_u(self) -> float:
-        """|u| beyond which only the leading terms matter: coefficients are doubles, of which |ln| is below 750."""
-        return _FARTHEST / min(self.gains.alpha, 1.0)
+        """|u| beyond which only the leading terms matter."""
+        return self.structure.farthest_u
 
     def has_upper_limit(self, over: LoopEnclosure) -> bool:
         """Whether L has a limit at the upper end of the axis: not with a dead time."""
@@ -163,7 +161,7 @@ class BallLoop(LoopParameters):
 
     def new_controller_on(self, u: Interval) -> ControllerOnInterval:
         """C over an interval of u, without the cache."""
-        return ControllerOnInterval(self, u)
+        return self.structure.on_interval(u)
 
     def over(self, box: Box) -> LoopEnclosure:
         """The loop over a box, tails included."""

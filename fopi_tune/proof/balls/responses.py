@@ -4,14 +4,22 @@ On every piece of the frequency axis, with s = j omega, the loop is written with
 
     L = c n/(x d),    S = x d/F,    T = c n/F,    C S = c d/F,    F = x d + c n,
 
-between            c = kp + ki s^-alpha    x = 1          n = N(s) e^{-Ls}          d = D(s)
-omega -> 0         c = kp s^alpha + ki     x = s^alpha    n = N(s) e^{-Ls}          d = D(s)
-omega -> inf       c = kp + ki s^-alpha    x = 1          n = N(s)/s^k e^{-Ls}      d = D(s)/s^k ,
+between            c = C(s)                x = 1          n = N(s) e^{-Ls}          d = D(s)
+omega -> 0         c = s^a C(s)            x = s^a        n = N(s) e^{-Ls}          d = D(s)
+omega -> inf       c = C(s)                x = 1          n = N(s)/s^k e^{-Ls}      d = D(s)/s^k ,
 
-k the degree of D.  In the tails s (or 1/s) is enclosed by a ball that holds 0, and e^{-j omega L} by the unit disc, so
-no frequency is left out.  In u = ln omega the derivatives of ln L are
+a the order of the integral, 0 without one, and k the degree of D.  With sigma = 1/s these c are
 
-    d ln C/du = -alpha/(1 + (kp/ki) s^alpha),    d ln N/du = s N'/N,    d(-j omega L)/du = -j omega L.
+between            kp + ki s^-alpha              kp + ki/s + kd s/(Tf s + 1)
+omega -> 0         kp s^alpha + ki               kp s + ki + kd s^2/(Tf s + 1)
+omega -> inf       kp + ki sigma^alpha           kp + ki sigma + kd/(sigma + Tf) ,
+
+so that a PID tends to kp + kd/Tf.  In the tails s (or sigma) is enclosed by a ball that holds 0, and e^{-j omega L} by
+the unit disc, so no frequency is left out.  In u = ln omega the derivatives of ln L are
+
+    d ln C/du = -alpha/(1 + (kp/ki) s^alpha),    d ln N/du = s N'/N,    d(-j omega L)/du = -j omega L,
+
+d ln C/du of a PID in `fopi_tune.proof.balls.pid`.
 """
 
 from __future__ import annotations
@@ -66,7 +74,7 @@ class LoopEnclosure:
 
     @property
     def x(self) -> acb | None:
-        """s^alpha in the low tail of a loop with an integral; None is 1."""
+        """s^a in the low tail of a loop with an integral; None is 1."""
         return self.at.x
 
     @property

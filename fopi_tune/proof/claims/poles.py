@@ -1,12 +1,17 @@
 """Closed-loop poles in the right half-plane:  counted for one plant, excluded near 0 and infinity for all plants.
 
-The closed-loop poles are the roots of  F(s) = s^alpha D(s) + (kp s^alpha + ki) N(s) e^{-Ls}  (without ki: of
-D + kp N e^{-Ls}), analytic for Re s > 0.  Along +0 -> j0 -> j inf -> +inf the argument of F changes by
+The closed-loop poles are the roots of  F(s) = s^a D(s) + s^a C(s) N(s) e^{-Ls}, a the order of the pole of C at 0:
+
+    C = kp + ki s^-alpha              a = alpha, without ki 0         s^a C -> ki, without ki kp        C -> kp
+    C = kp + ki/s + kd s/(Tf s + 1)   a = 1, without ki 0             s^a C -> ki, without ki kp        C -> kp + kd/Tf
+
+as s -> 0 and as s -> inf.  F is analytic for Re s > 0, since the filter's pole -1/Tf is on the left.  Along
++0 -> j0 -> j inf -> +inf the argument of F changes by
 
     Delta arg F = -pi Z ,                                                                                          (1)
 
 Z the number of poles on the right, since F takes conjugate values at conjugate s and is real at both ends.  Near 0,
-F stays in a disc around F(0); near infinity F/(s^(n + alpha) d_n) stays in one around 1 + kp n_n/d_n, or around 1
+F stays in a disc around F(0); near infinity F/(s^(n + a) d_n) stays in one around 1 + C(inf) n_n/d_n, or around 1
 when a dead time turns the direct path.  Both bounds hold in the whole half-plane Re s >= 0, where |e^{-Ls}| <= 1.
 
 Source: derived from the argument principle.
@@ -64,13 +69,13 @@ def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float
         return None
     first, last = loop.enclosure((low.u, low.u), plant), loop.enclosure((high.u, high.u), plant)
     degree = len(plant.denominator) - 1
-    alpha = loop.alpha if loop.gains.ki != 0.0 else arb(0)
+    order = loop.structure.order
     quarter = arb.pi() / 2
-    # F(j e)/F(0), then along the axis, then back from (jR)^(n + alpha) d_n q to R^(n + alpha) d_n q
+    # F(j e)/F(0), then along the axis, then back from (jR)^(n + a) d_n q to R^(n + a) d_n q
     start = (first.characteristic * _power(loop, low.u) / low.middle).arg()
     s = acb(0, arb(high.u).exp())
     end = (last.characteristic / (s**degree * plant.denominator[0].value * high.middle)).arg()
-    total = start + along - end - (degree + alpha) * quarter
+    total = start + along - end - (degree + order) * quarter
     count = (-total / arb.pi()).unique_fmpz()
     return None if count is None or count < 0 else int(count)
 
@@ -78,33 +83,39 @@ def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float
 def is_structurally_unstable(loop: BallLoop, theta: tuple[float, ...]) -> bool:
     """Whether a plant's loop is unstable without counting poles.
 
-    Its integral is cancelled by a zero of the plant at s = 0, or a dead time is inside a direct path with
-    |kp n_n/d_n| > 1, which has infinitely many poles on the right.
+    Its integral is cancelled by a zero of the plant at s = 0, or its integrator by a zero of the controller there, or a
+    dead time is inside a direct path with |C(inf) n_n/d_n| > 1, which has infinitely many poles on the right.
     """
-    plant = assemble(loop.family, [arb(value) for value in theta])
-    integral = loop.has_integrator if isinstance(loop, SampledBallLoop) else loop.gains.ki != 0.0
+    plant, structure = assemble(loop.family, [arb(value) for value in theta]), loop.structure
+    on_samples = isinstance(loop, SampledBallLoop)
+    integral = loop.has_integrator if on_samples else not structure.order.is_zero()
     if integral and plant.numerator[-1].value.is_zero():
         return True
-    if isinstance(loop, SampledBallLoop):
+    if on_samples:
         return False
+    if structure.at_zero.is_zero() and plant.denominator[-1].value.is_zero():
+        return True
     if len(plant.numerator) < len(plant.denominator) or not plant.dead_time.value > 0:
         return False
-    return bool(abs(loop.kp * plant.numerator[0].value / plant.denominator[0].value) > 1)
+    return bool(abs(structure.at_infinity * plant.numerator[0].value / plant.denominator[0].value) > 1)
 
 
 def _power(loop: BallLoop, u: float) -> acb:
-    """s^alpha on the axis; 1 without an integral."""
-    if loop.gains.ki == 0.0:
+    """s^a on the axis; 1 without an integral."""
+    order = loop.structure.order
+    if order.is_zero():
         return acb(1)
-    return (loop.alpha * arb(u)).exp() * loop.turn
+    return (order * arb(u)).exp() * loop.turn
 
 
 def _low_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | None:
     """F stays in a disc without 0 around F(0) for |s| <= e^u."""
     d, n = _sizes(plant)
-    ki = loop.gains.ki
-    bottom = plant.numerator[-1].value
-    middle = loop.ki * bottom if ki != 0.0 else plant.denominator[-1].value + loop.kp * bottom
+    structure = loop.structure
+    order, at_zero = structure.order, structure.at_zero
+    integral = not order.is_zero()
+    bottom = at_zero * plant.numerator[-1].value
+    middle = bottom if integral else plant.denominator[-1].value + bottom
     if not middle.is_finite() or middle.contains(0):
         return None
     dead_time = arb(plant.dead_time.value.abs_upper())
@@ -114,11 +125,8 @@ def _low_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | No
         whole_d, whole_n = _sum(d, e), _sum(n, e)
         # |N e^{-Ls} - N(0)| <= |N - N(0)| + |N| |Ls|
         moved = whole_n - n[0] + whole_n * dead_time * e
-        if ki != 0.0:
-            power = (loop.alpha * u).exp()
-            radius = power * (whole_d + abs(loop.kp) * whole_n) + abs(loop.ki) * moved
-        else:
-            radius = whole_d - d[0] + abs(loop.kp) * moved
+        radius = (order * u).exp() * whole_d if integral else whole_d - d[0]
+        radius = radius + structure.change_near_zero(u) * whole_n + abs(at_zero) * moved
         if radius < middle.abs_lower():
             return _Disc(u, middle)
         u -= _STEP
@@ -126,17 +134,18 @@ def _low_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | No
 
 
 def _high_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | None:
-    """F/(s^(n + alpha) d_n) stays in a disc without 0 for |s| >= e^u."""
+    """F/(s^(n + a) d_n) stays in a disc without 0 for |s| >= e^u."""
     d, n = _sizes(plant)
-    degree = len(d) - 1
+    degree, structure = len(d) - 1, loop.structure
     leading = plant.denominator[0].value
     if leading.contains(0):
         return None
+    at_infinity = structure.at_infinity
     direct = plant.numerator[0].value / leading if len(n) == len(d) else arb(0)
     delayed = not plant.dead_time.value.is_zero()
     # a dead time that may be 0 or not leaves the direct path anywhere on its circle
-    middle = arb(1) if delayed else 1 + loop.kp * direct
-    fixed = abs(loop.kp * direct) if delayed else arb(0)
+    middle = arb(1) if delayed else 1 + at_infinity * direct
+    fixed = abs(at_infinity * direct) if delayed else arb(0)
     scale = leading.abs_lower()
     u = max(origin, 0.0)
     while u < _FARTHEST:
@@ -144,8 +153,8 @@ def _high_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | N
         rest_d = sum((c * e ** (degree - k) for k, c in enumerate(d[:-1])), arb(0)) / scale
         whole_n = sum((c * e ** (degree - k) for k, c in enumerate(n)), arb(0)) / scale
         rest_n = sum((c * e ** (degree - k) for k, c in enumerate(n) if k < degree), arb(0)) / scale
-        integral = abs(loop.ki) * (-loop.alpha * u).exp() * whole_n
-        if rest_d + abs(loop.kp) * rest_n + integral + fixed < middle.abs_lower():
+        changed = structure.change_near_infinity(u) * whole_n
+        if rest_d + abs(at_infinity) * rest_n + changed + fixed < middle.abs_lower():
             return _Disc(u, middle)
         u += _STEP
     return None
