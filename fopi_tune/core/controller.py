@@ -196,6 +196,11 @@ class ControllerSpec:
             return None
         return self.controller(self.kp.min, self.ki.min, self.alpha.min, self.kd.min)
 
+    def has_structure_of(self, controller: FoPi) -> bool:
+        """Whether a controller is of this structure: with the same filter of a derivative, or without a derivative."""
+        filter_s = controller.derivative_filter_time_constant_s if isinstance(controller, Pid) else 0.0
+        return filter_s == self.derivative_filter_time_constant_s
+
     def refuse_derivative(self, what: str) -> None:
         """Refuse a stage that does not know the derivative.
 

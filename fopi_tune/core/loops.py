@@ -104,12 +104,7 @@ class Plants:
     @cached_property
     def hidden_on_axis(self) -> NDArray[np.bool_]:
         """Whether N and D share a root on the imaginary axis, shape (m,): a hidden mode that no controller moves."""
-        poles, zeros = self.poles[:, :, None], self.zeros[:, None, :]
-        on_axis = np.isfinite(poles) & (np.abs(poles.real) <= _AXIS_TOLERANCE * np.abs(poles.imag))
-        both = on_axis & np.isfinite(zeros)
-        pole, zero = np.where(both, poles, 0.0), np.where(both, zeros, 0.0)
-        common = both & (np.abs(zero - pole) <= _AXIS_TOLERANCE * np.abs(pole))
-        return np.asarray(common.any(axis=(1, 2)))
+        return _share_a_root_on_the_axis(self.zeros, self.poles)
 
     def response(self, rows: Rows, omega: Array) -> Complex:
         """P(j omega) without its dead time; rows and omega of shape (n,)."""
@@ -230,6 +225,17 @@ class Loops:
         return np.asarray((self.ki != 0.0) & (self.plants.numerator[:, -1] == 0.0))
 
     @cached_property
+    def hidden_on_axis(self) -> NDArray[np.bool_]:
+        """Whether a pole of the plant on the imaginary axis is a mode that the loop does not move, shape (m,).
+
+        A zero of the plant hides it, or one of the controller: without kp and ki the derivative has one at s = 0.
+        """
+        if self.derivatives is None:
+            return self.plants.hidden_on_axis
+        zeros = self.derivatives.joined(self.kp, self.ki).zeros
+        return self.plants.hidden_on_axis | _share_a_root_on_the_axis(zeros, self.plants.poles)
+
+    @cached_property
     def log_controller(self) -> BodeForm:
         """ln C; the phase tends to -90 deg alpha as omega -> 0, where the integral dominates.
 
@@ -322,6 +328,16 @@ def leading_coefficients(coefficients: Array) -> Array:
     """The first nonzero coefficient of each row, shape (m,)."""
     first = np.argmax(coefficients != 0.0, axis=1)
     return coefficients[np.arange(len(coefficients)), first]
+
+
+def _share_a_root_on_the_axis(zeros: Complex, poles: Complex) -> NDArray[np.bool_]:
+    """Whether a zero is a pole on the imaginary axis, shape (m,); roots of shape (m, a) and (m, b)."""
+    pole, zero = poles[:, :, None], zeros[:, None, :]
+    on_axis = np.isfinite(pole) & (np.abs(pole.real) <= _AXIS_TOLERANCE * np.abs(pole.imag))
+    both = on_axis & np.isfinite(zero)
+    pole, zero = np.where(both, pole, 0.0), np.where(both, zero, 0.0)
+    common = both & (np.abs(zero - pole) <= _AXIS_TOLERANCE * np.abs(pole))
+    return np.asarray(common.any(axis=(1, 2)))
 
 
 def _nudged(roots: Complex) -> Complex:

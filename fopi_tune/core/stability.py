@@ -38,7 +38,8 @@ def unstable_closed_loop_poles(loops: Loops) -> NDArray[np.float64]:
     """Closed-loop poles in the closed right half-plane, shape (m,).
 
     inf: infinitely many (a direct path with |L(inf)| >= 1 around a dead time), or a pole on the axis itself, a loop
-    through -1, the controller's integral cancelled by a zero of the plant at s = 0, or a common root of N and D there.
+    through -1, the controller's integral cancelled by a zero of the plant at s = 0, or a pole of the plant there that a
+    zero of the plant or of the controller hides.
     """
     return unstable_poles_from(loops, gain_crossovers(loops))
 
@@ -67,7 +68,7 @@ def unstable_poles_from(loops: Loops, crossings: Crossings) -> NDArray[np.float6
     marginal |= (log.slope0 == 0) & _is_minus_one(log.scale, start_phase)
     marginal |= proper & _is_minus_one(end_gain, end_phase) & (loops.plants.dead_time_s == 0)
     infinite = proper & (loops.plants.dead_time_s > 0) & (end_gain > -_MARGINAL_RAD)
-    cancelled = loops.integral_is_cancelled | loops.plants.hidden_on_axis
+    cancelled = loops.integral_is_cancelled | loops.hidden_on_axis
     return np.where(marginal | infinite | cancelled, np.inf, count)
 
 

@@ -29,13 +29,19 @@ def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
-        DomainError: kp = ki = 0, a tolerance outside (0, 0.01], a dead time so long that the loop's crossings cannot be
-            listed, or a digital controller that the spec asks for and that cannot be made.
+        DomainError: all gains are 0, or of another structure than the spec's; a tolerance outside (0, 0.01], a dead
+            time so long that the loop's crossings cannot be listed, or a digital controller that the spec asks for and
+            that cannot be made.
     """
     spec = load_spec(source)
     if not 0.0 < tolerance <= LARGEST_TOLERANCE:
         raise DomainError(
             f"tolerance = {tolerance!r} must be greater than 0 and at most {LARGEST_TOLERANCE:g}; 1e-6 is usual"
+        )
+    if not spec.controller.has_structure_of(gains):
+        raise DomainError(
+            "the gains are of another structure than the spec's controller; give a Pid with the spec's "
+            "derivative_filter_time_constant_s where its structure is pid, else a FoPi"
         )
     implementation = designed_implementation(spec, gains)
     found = verify(spec, gains, tolerance, implementation)

@@ -112,6 +112,8 @@ def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
         problems.append("the name or the digest of the spec's file is another")
     if case.family.model != spec.plant.model or dict(case.family.parameters) != dict(spec.plant.parameters):
         problems.append("the plants are not those of the spec")
+    if not spec.controller.has_structure_of(case.gains):
+        problems.append("the controller is not of the structure that the spec asks for")
     stated = [_meaning(proof.requirement) for proof in certificate.requirements]
     # a design of a spec without an objective may have a limit of |S| added to it
     asked = [[_meaning(r) for r in each.requirements] for each in (spec, with_default_objective(spec))]

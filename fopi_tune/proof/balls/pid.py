@@ -23,7 +23,7 @@ import math
 from flint import acb, arb
 
 from fopi_tune.core.controller import derivative_of
-from fopi_tune.proof.balls.box import Interval
+from fopi_tune.proof.balls.box import Interval, ball_of
 from fopi_tune.proof.balls.computed_once import computed_once
 from fopi_tune.proof.balls.controllers import FARTHEST, ControllerOnInterval, LoopParameters, Structure
 
@@ -55,29 +55,27 @@ class PidStructure(Structure):
 
     def value_and_slope(self, u: arb) -> tuple[acb, acb]:
         s = acb(0, u.exp())
-        return self.value(s), self.slope(s, float(u.mid()))
+        return self.value(s), self.slope(s, u)
 
-    def slope(self, s: acb, at: float) -> acb:
-        """d ln C/du by (2); `at` is u, about."""
-        k = self._dominating(at)
-        (first,) = self._moments(s, k, 1)
+    def slope(self, s: acb, u: arb) -> acb:
+        """d ln C/du by (2), at s = j e^u."""
+        k, (first,) = self._moments(u, 1)
         return first + 1 / (s * self.filter + 1) + (k - 2)
 
-    def curvature(self, s: acb, at: float) -> acb:
-        """d2 ln C/du2 by (2); `at` is u, about."""
-        first, second = self._moments(s, self._dominating(at), 2)
+    def curvature(self, s: acb, u: arb) -> acb:
+        """d2 ln C/du2 by (2), at s = j e^u."""
+        _, (first, second) = self._moments(u, 2)
         q = 1 / (s * self.filter + 1)
         return second - first * first - q * (1 - q)
 
-    def _dominating(self, u: float) -> int:
-        """The power j with the largest |a_j s^j|."""
-        return max(self._powers, key=lambda power: power[2] + power[0] * u)[0]
-
-    def _moments(self, s: acb, k: int, count: int) -> list[acb]:
-        """m_1, m_2, ... of (2)."""
-        terms = [(j - k, (s**j) * a) for j, a, _ in self._powers]
+    def _moments(self, u: arb, count: int) -> tuple[int, list[acb]]:
+        """k, and m_1, m_2, ... of (2)."""
+        middle = float(u.mid())
+        k = max(self._powers, key=lambda power: power[2] + power[0] * middle)[0]
+        # e^(j u) is sharp over a wide interval, where the square of a ball would hold 0
+        terms = [(j - k, _on_axis(a * (j * u).exp(), j)) for j, a, _ in self._powers]
         total = sum((term for _, term in terms), acb(0))
-        return [sum((term * d**i for d, term in terms if d), acb(0)) / total for i in range(1, count + 1)]
+        return k, [sum((term * d**i for d, term in terms if d), acb(0)) / total for i in range(1, count + 1)]
 
     def change_near_zero(self, u: float) -> arb:
         """With a pole s C - ki = kp s + kd s^2/(Tf s + 1), else C - kp = kd s/(Tf s + 1)."""
@@ -105,7 +103,7 @@ class PidOnInterval(ControllerOnInterval):
 
     def __init__(self, pid: PidStructure, u: Interval) -> None:
         super().__init__(pid.loop, u)
-        self._pid, self._at = pid, 0.5 * (u[0] + u[1])
+        self._pid = pid
 
     @computed_once
     def c(self) -> acb:
@@ -126,12 +124,18 @@ class PidOnInterval(ControllerOnInterval):
     @computed_once
     def controller_slope(self) -> acb:
         """d ln C/du; not in a tail."""
-        return self._pid.slope(self.s, self._at)
+        return self._pid.slope(self.s, ball_of(self.u))
 
     @computed_once
     def controller_curvature(self) -> acb:
         """d2 ln C/du2; not in a tail."""
-        return self._pid.curvature(self.s, self._at)
+        return self._pid.curvature(self.s, ball_of(self.u))
+
+
+def _on_axis(size: arb, power: int) -> acb:
+    """j^power times a size."""
+    signed = size if power % 4 < 2 else -size
+    return acb(0, signed) if power % 2 else acb(signed)
 
 
 def _log(ball: arb) -> float:
