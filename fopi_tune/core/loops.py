@@ -232,7 +232,10 @@ class Loops:
         """
         if self.derivatives is None:
             return self.plants.hidden_on_axis
-        zeros = self.derivatives.joined(self.kp, self.ki).zeros
+        top = self.derivatives.joined(self.kp, self.ki).numerator
+        # without ki the numerator and the denominator of C share the root 0
+        reduced = np.column_stack([np.zeros(len(self)), top[:, :2]])
+        zeros = polynomial_roots(np.where((self.ki == 0.0)[:, None], reduced, top))
         return self.plants.hidden_on_axis | _share_a_root_on_the_axis(zeros, self.plants.poles)
 
     @cached_property

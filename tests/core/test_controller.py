@@ -11,7 +11,7 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import margins
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.plant import Plant
-from fopi_tune.core.stability import unstable_closed_loop_poles
+from fopi_tune.core.stability import is_stable, unstable_closed_loop_poles
 from fopi_tune.errors import DomainError
 
 #: relative; both evaluate the same rational function, one by its roots
@@ -95,3 +95,19 @@ def test_the_control_sensitivity_of_a_pid_tends_to_its_direct_gain() -> None:
     dense = np.log(np.abs(c / (1.0 + c / (s + 1.0) ** 3))).max()
     # the supremum is approached: kp + kd/Tf = 6
     assert found.value[0] == pytest.approx(max(dense, np.log(6.0)), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("pid", "plant", "stable"),
+    [
+        # the integrator is behind a zero of C: the loop's own pole is on the left, the hidden one stays at 0
+        (Pid(0.0, 0.0, 1.0, 0.1), Plant((1.0,), (1.0, 0.0)), False),
+        (Pid(0.5, 0.0, 1.0, 0.1), Plant((1.0,), (1.0, 0.0)), True),
+        (Pid(0.0, 0.0, 1.0, 0.1), Plant((1.0,), (1.0, 2.0)), True),
+        # kp + ki Tf = 0: the zeros of C are +-j 2, where the plant has undamped poles
+        (Pid(-0.1, 1.0, 0.26, 0.1), Plant((1.0,), (1.0, 1.0, 4.0, 4.0)), False),
+        (Pid(-0.1, 1.0, 0.26, 0.1), Plant((1.0,), (1.0, 2.0, 5.0, 4.0)), True),
+    ],
+)
+def test_a_pole_on_the_axis_that_the_controller_hides_is_no_stable_loop(pid: Pid, plant: Plant, stable: bool) -> None:
+    assert bool(is_stable(Loops.of(pid, Plants.of(plant)))[0]) is stable

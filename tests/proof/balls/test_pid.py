@@ -1,4 +1,4 @@
-"""A PID in balls, against its formula in mpmath: values, derivatives, both ends of the axis, and bounds next to them."""
+"""A PID in balls, against its formula in mpmath: values, derivatives, both ends of the axis and bounds next to them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def precision() -> Iterator[None]:
 # --- the oracle ----------------------------------------------------------------------------------------------------
 
 
-def controller(pid: Pid, s: mpmath.mpc) -> mpmath.mpc:
+def controller(pid: Pid, s: mpmath.mpc | complex) -> mpmath.mpc:
     return pid.kp + pid.ki / s + pid.kd * s / (pid.derivative_filter_time_constant_s * s + 1)
 
 
