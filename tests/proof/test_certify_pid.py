@@ -21,9 +21,6 @@ from cases.random_pids import mirrored, pid_for, plants_of, uncertain
 from oracles.dense_margins import UncertainError
 from oracles.pid_loops import RESPONSES, PidFamily
 
-import fopi_tune as ft
-from fopi_tune.core.controller import Pid
-from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof import certify, recheck, verify
 from fopi_tune.proof.certificate import Certificate, Verdict
 from fopi_tune.proof.documents import to_document
@@ -84,14 +81,11 @@ class Pair:
 def pair(seed: int) -> Pair:
     """Nominally stable in most cases, as what is drawn at random is not."""
     rng = np.random.default_rng([seed, 21])
-    for _ in range(12):
-        plants = uncertain(rng, plants_of(rng))
-        pid = pid_for(rng, plants)
-        if rng.random() < 0.15:
-            plants, pid = mirrored(plants, pid)
-        family = PidFamily(plants, pid)
-        if rng.random() < 0.06 or family.loop(plants.nominal_point).is_stable:
+    family = _family(rng)
+    for _ in range(11):
+        if rng.random() < 0.06 or family.loop(family.plants.nominal_point).is_stable:
             break
+        family = _family(rng)
     quantity, upper = ASKED[int(rng.integers(len(ASKED)))]
     low, high = 0.0, math.inf
     if quantity in RESPONSES and (quantity == "loop_gain_db" or not upper or rng.random() < 0.4):
@@ -102,6 +96,12 @@ def pair(seed: int) -> Pair:
         # far up |C S| ripples about |C|, which the dense evaluation follows turn by turn
         high = min(high, max(100.0 / late, 2.0 * low))
     return Pair(family, quantity, upper, low, high)
+
+
+def _family(rng: np.random.Generator) -> PidFamily:
+    plants = uncertain(rng, plants_of(rng))
+    pid = pid_for(rng, plants)
+    return PidFamily(*(mirrored(plants, pid) if rng.random() < 0.15 else (plants, pid)))
 
 
 def answer(seed: int, rechecked: bool) -> tuple[str, float]:

@@ -17,6 +17,7 @@ least phi.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -26,12 +27,14 @@ import numpy as np
 from flint import acb, arb
 
 from fopi_tune.core.crossings import gain_crossovers
-from fopi_tune.proof.balls.box import ball_of, point_box
+from fopi_tune.proof.balls.box import Box, ball_of, centre_of, point_box
 from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
 
 _MOST_STEPS = 25
 #: plants whose crossovers are kept
 _MOST_LISTED = 4096
+#: plants among which one of a box is looked for
+_LATELY = 32
 _LONGEST_STEP, _SHORTEST_STEP = 3.0, 1e-13
 _FLAT = 1e-6
 #: a larger multiplier of ln|L| would amplify rounding; the box is split instead
@@ -58,6 +61,7 @@ class CrossingEvaluator:
     def __init__(self, loop: BallLoop, nominal_crossings: Sequence[float] | None = None) -> None:
         self.loop = loop
         self._listed: dict[tuple[float, ...], list[float]] = {}
+        self._lately: deque[tuple[float, ...]] = deque(maxlen=_LATELY)
         self._known = None if nominal_crossings is None else list(nominal_crossings)
 
     @cached_property
@@ -72,11 +76,19 @@ class CrossingEvaluator:
             if len(self._listed) > _MOST_LISTED:
                 self._listed.clear()
             self._listed[theta] = gain_crossovers(self.loop.loops_at(np.array([theta], dtype=float))).u.tolist()
+            self._lately.append(theta)
         return self._listed[theta]
 
     def knows_crossings(self, theta: tuple[float, ...]) -> bool:
         """Whether this plant's crossovers were listed before: splits along u do not change it."""
         return theta in self._listed
+
+    def listed_within(self, plants: Box) -> tuple[float, ...]:
+        """A plant of a box whose crossovers were listed lately: they are near those of any other; else the centre."""
+        for theta in reversed(self._lately):
+            if all(low <= value <= high for value, (low, high) in zip(theta, plants, strict=True)):
+                return theta
+        return centre_of(plants)
 
     @cached_property
     def may_cross_often(self) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 
 from flint import arb
 
-from fopi_tune.proof.balls.box import Box, Interval, centre_of, is_tail
+from fopi_tune.proof.balls.box import Box, Interval, is_tail
 from fopi_tune.proof.balls.loop import BallLoop, LoopEnclosure
 from fopi_tune.proof.claims.claim import (
     HOLDS,
@@ -79,8 +79,9 @@ class EveryCrossover(LoopClaim):
             return HOLDS
         work = 1
         if self.quantity is CrossingQuantity.PHASE_SLOPE and self.evaluator.may_cross_often:
-            work = 1 if self.evaluator.knows_crossings(centre_of(box[1:])) else LISTING_WORK
-            if (leaf := self._not_the_highest(box)) is not None:
+            plant = self.evaluator.listed_within(box[1:])
+            work = 1 if self.evaluator.knows_crossings(plant) else LISTING_WORK
+            if (leaf := self._not_the_highest(box, plant)) is not None:
                 return BoxVerdict(leaf, work=work)
         if not all(c.is_finite() for c in found.slopes):
             return BoxVerdict(None, max_smear_axis(box, [abs(g) for g in gradient]), work=work)
@@ -115,9 +116,12 @@ class EveryCrossover(LoopClaim):
             return False
         return changes_sign(self.loop, bracket, box[1:])
 
-    def _not_the_highest(self, box: Box) -> str | None:
-        """A leaf with a change of sign of ln|L| at higher frequencies for every plant of the box; None if not found."""
-        higher = [u for u in self.evaluator.all_crossings(centre_of(box[1:])) if u > box[0][1]]
+    def _not_the_highest(self, box: Box, plant: tuple[float, ...]) -> str | None:
+        """A leaf with a change of sign of ln|L| at higher frequencies for every plant of the box; None if not found.
+
+        `plant` is one of the box, by whose crossovers the bracket is chosen.
+        """
+        higher = [u for u in self.evaluator.all_crossings(plant) if u > box[0][1]]
         if not higher:
             return None
         below = max(box[0][1], higher[-2]) if len(higher) > 1 else box[0][1]

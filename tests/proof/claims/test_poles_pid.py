@@ -139,7 +139,8 @@ def test_a_loop_close_to_minus_1_is_still_counted(distance: float) -> None:
     # (s + 1)^3 with kp = 8 and a derivative that moves the crossing: at omega the phases of C P sum up to -180 deg
     pid = Pid(4.0, 0.0, 2.0, 0.05)
     omega = np.geomspace(1.0, 50.0, 400_001)
-    gain = pid(1j * omega) / (1j * omega + 1.0) ** 3
+    s = np.asarray(1j * omega, dtype=complex)
+    gain = pid(s) / (s + 1.0) ** 3
     k = int(np.flatnonzero((gain.imag[1:] >= 0.0) & (gain.imag[:-1] < 0.0))[0])
     share = gain.imag[k] / (gain.imag[k] - gain.imag[k + 1])
     scale = 1.0 / abs(gain.real[k] + share * (gain.real[k + 1] - gain.real[k]))
