@@ -1,4 +1,4 @@
-"""The worst value over a family of loops on samples by `oracles.sampled_loops`:  a grid of members, then a refinement."""
+"""The worst value over a family of loops on samples by `oracles.sampled_loops`:  a grid of members, then a search."""
 
 from __future__ import annotations
 
