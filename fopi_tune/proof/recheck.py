@@ -14,6 +14,7 @@ from typing import Any
 
 from flint import ctx
 
+from fopi_tune.core.controller import derivative_of
 from fopi_tune.errors import CertificateError
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.certificate import Certificate, Record, RequirementProof, SideProof, Verdict, relaxed_limit
@@ -84,6 +85,7 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
         problems += _stability(certificate)
         for index, proof in enumerate(certificate.requirements):
             problems += [f"requirements[{index}]: {problem}" for problem in _requirement(certificate, proof)]
+    problems += _without_derivative(certificate)
     problems += scenario_problems(certificate.scenarios, certificate.tolerance) + limits_problems(certificate.limited)
     return Recheck(certificate, tuple(problems), _boxes(certificate))
 
@@ -102,6 +104,15 @@ def _integrity(certificate: Certificate, document: dict[str, Any]) -> list[str]:
         if difference is not None:
             problems.append(f"{difference} does not follow from the rest of the certificate")
     return problems
+
+
+def _without_derivative(certificate: Certificate) -> list[str]:
+    """Parts that are stated of a controller with a derivative, and whose proofs have no model of it."""
+    if derivative_of(certificate.case.gains)[0] == 0.0:
+        return []
+    limited = certificate.limited is not None and certificate.limited.proof is not None
+    parts = {"scenarios": bool(certificate.scenarios), "with_limits": limited}
+    return [f"{name}: nothing is shown of a controller with a derivative" for name, stated in parts.items() if stated]
 
 
 def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:

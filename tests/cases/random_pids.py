@@ -38,11 +38,11 @@ def plants_of(rng: np.random.Generator) -> PlantFamily:
     return transfer_function((gain * np.atleast_1d(numerator)).tolist(), denominator.tolist(), late)
 
 
-def uncertain(rng: np.random.Generator, plants: PlantFamily, most: int = 2) -> PlantFamily:
-    """The same with none up to `most` numbers that are known to some percent; nominal not in the middle."""
+def uncertain(rng: np.random.Generator, plants: PlantFamily, least: int = 0) -> PlantFamily:
+    """The same with `least` up to two numbers that are known to some percent; nominal not in the middle."""
     names = [n for n, number in plants.parameters.items() if number.nominal != 0.0 and n != "denominator[0]"]
     numbers = dict(plants.parameters)
-    for name in rng.permutation(names)[: int(rng.integers(most + 1))]:
+    for name in rng.permutation(names)[: int(rng.integers(least, 3))]:
         nominal, width = numbers[name].nominal, sized(rng, 1.02, 1.4)
         low, high = sorted((nominal / width ** float(rng.uniform(0.2, 1.0)), nominal * width))
         numbers[name] = Uncertain(nominal, low, high)

@@ -20,6 +20,7 @@ from oracles.sampled_families import worst_of
 from fopi_tune.core.controller import Pid
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
@@ -45,7 +46,8 @@ def test_the_sections_written_down_by_hand_are_the_bilinear_map_of_the_pid() -> 
     with ctx.workprec(64):
         for _ in range(30):
             ts = sized(rng, 0.01, 0.5)
-            pid = Pid(*(float(x) for x in rng.normal(size=3)), sized(rng, 0.1 * ts, 10.0 * ts))
+            kp, ki, kd = rng.normal(size=3).tolist()
+            pid = Pid(kp, ki, kd, sized(rng, 0.1 * ts, 10.0 * ts))
             sections = on_samples(pid, ts)
             nu = sized(rng, 1e-3, 1e3)
             # s = (2/Ts) w with w = j nu
@@ -57,20 +59,24 @@ def test_the_sections_written_down_by_hand_are_the_bilinear_map_of_the_pid() -> 
             assert abs(sections.response(np.array([2.0 / ts * math.atan(nu)]))[0] - expected) < 1e-12 * size
 
 
+def _loop(rng: np.random.Generator) -> tuple[PlantFamily, Pid, Implementation]:
+    plants = uncertain(rng, plants_of(rng), least=1)
+    pid = pid_for(rng, plants)
+    # filters of a fifth of a sample up to many samples
+    sample_time_s = pid.derivative_filter_time_constant_s * sized(rng, 0.1, 5.0)
+    delay = float(rng.choice([0.0, 0.0, 1.0, rng.uniform(0.0, 2.0)]))
+    return plants, pid, Implementation(on_samples(pid, sample_time_s), delay)
+
+
 def design(seed: int) -> tuple[DesignSpec, Pid, Implementation]:
     """Stable at the corners in most cases, with one or two uncertain numbers; the limit is not set yet."""
     rng = np.random.default_rng([seed, 22])
-    for _ in range(40):
-        plants = uncertain(rng, plants_of(rng))
-        pid = pid_for(rng, plants)
-        # filters of a fifth of a sample up to many samples
-        ts = pid.derivative_filter_time_constant_s * sized(rng, 0.1, 5.0)
-        implementation = Implementation(on_samples(pid, ts), float(rng.choice([0.0, 0.0, 1.0, rng.uniform(0.0, 2.0)])))
-        if not len(plants.uncertain_names):
-            continue
+    plants, pid, implementation = _loop(rng)
+    for _ in range(39):
         members = Plants.members(plants, plants.corners())
         if rng.random() < 0.05 or is_stable(SampledLoops.implemented(pid, implementation, members)).all():
             break
+        plants, pid, implementation = _loop(rng)
     name, upper = ASKED[int(rng.integers(len(ASKED)))]
     low, high, nyquist = 0.0, math.inf, implementation.nyquist_rad_s
     if QUANTITIES[name].takes_band and (name == "loop_gain_db" or not upper or rng.random() < 0.4):
