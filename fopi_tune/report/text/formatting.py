@@ -154,8 +154,12 @@ def gains_line(gains: FoPi, width: int = 56) -> str:
 def _pid_line(gains: Pid, width: int) -> str:
     parts = [f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "kd")]
     parts.append(f"Tf = {number(gains.derivative_filter_time_constant_s)} s")
-    values = "   ".join(parts)
-    return f"{values:<{width}}   C(s) = kp + ki/s + kd s/(Tf s + 1)" if len(values) <= width else values
+    # this formula is ten characters longer
+    room = width - 10
+    for gap in ("   ", "  "):
+        if len(values := gap.join(parts)) + len(gap) <= room:
+            return f"{values:<{room}}C(s) = kp + ki/s + kd s/(Tf s + 1)"
+    return "   ".join(parts)
 
 
 def gains_lines(gains: FoPi | Mapping[str, FoPi]) -> list[Line]:
