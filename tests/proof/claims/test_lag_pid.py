@@ -1,4 +1,4 @@
-"""The closed forms of the lag with a PID:  a level just beyond the worst of a dense grid is shown, one short of it not."""
+"""The closed forms of the lag with a PID:  levels around the worst of a dense grid are told apart."""
 
 from __future__ import annotations
 
