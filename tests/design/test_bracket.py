@@ -32,6 +32,7 @@ RESONANT = (
     "plant: {model: transfer_function, numerator: [1], denominator: [1, 0.2, 1]}\n"
     "controller: {kp: {min: -2, max: 10}, ki: {min: 0, max: 10}, alpha: {min: 0.3, max: 1.5}}\n"
 )
+DELAYED_RESONANCE = "plant: {model: transfer_function, numerator: [1], denominator: [1, 0.4, 1], dead_time_s: 0.1}\n"
 SPECS = {
     "ki": LAG + BOX + ASKED + OBJECTIVES[0],
     "iae": LAG + BOX + ASKED + OBJECTIVES[1],
@@ -47,6 +48,10 @@ SPECS = {
     + "requirements:\n  - {phase_margin_deg: {at_most: 48}, on: nominal}\n  - {delay_margin_s: {at_most: 5}}\n"
     + "  - {sensitivity_db: {at_most: 5}}\n"
     + OBJECTIVES[0],
+    # with crossovers between two columns whose angles are both beyond the limit
+    "upper margins of a resonance": DELAYED_RESONANCE
+    + BOX
+    + "requirements: [{phase_margin_deg: {at_most: 8}}, {phase_margin_deg: {at_least: 3}}]\n",
     "equality": LAG
     + BOX
     + "requirements:\n  - {crossover_rad_s: {equals: 0.3}, on: nominal}\n  - {sensitivity_db: {at_most: 5}}\n"
@@ -168,7 +173,7 @@ def test_the_bracket_of_shipped_specs_closes(path: str, design: str) -> None:
     bracket = bracket_of(polish, best.cost, best.x)
     assert bracket is not None
     assert bracket.gap == pytest.approx(0.001)
-    assert bracket.cells < 1000
+    assert bracket.cells < 1100
 
 
 def test_the_whole_box_of_a_spec_that_clashes_is_excluded() -> None:

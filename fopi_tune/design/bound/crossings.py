@@ -30,6 +30,7 @@ from fopi_tune.design.bound.implicit import (
     VALUE,
     implicit,
 )
+from fopi_tune.design.bound.margins import bulge, lag_exceeds
 from fopi_tune.design.bound.polygon import add_row
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER,
@@ -85,23 +86,20 @@ def _exceeds(kind, limit, i, kappa, half, table, work, slopes):
 
     Loops of the box whose |L| touches 1 again far below their highest crossover have margins there as well.
     """
-    n, last = work.gain.shape[1], 0
+    n, last_low, last_high = work.gain.shape[1], -np.inf, np.inf
     for j in range(1, n - 1):
-        g = work.gain[i, j] + kappa
-        here = 1 if g - half[0] + slopes[DOWN, j] > 0.0 else -1 if g + half[0] + slopes[UP, j] < 0.0 else 0
-        for column in (j - 1, j):
-            # a column that may be a crossover, and both beside one that lies between them
-            if column > 0 and (here * last < 0 if column < j else here == 0 or here * last < 0):
-                lag, room = work.phase[i, column] + _PI, slopes[ROOM, column]
-                lag -= 2.0 * _PI * math.floor(lag / (2.0 * _PI))
-                if kind == PHASE_MARGIN and not min(lag, 2.0 * _PI - lag) - room > limit:
-                    return False
-                omega = math.exp(log_omega_of(table.v[j], table.sampling.half))
-                if kind == DELAY_MARGIN and not (lag - room > limit * omega and lag + room < 2.0 * _PI):
-                    return False
-        last = here
-    # nothing crosses beyond either end of the axis
-    return last < 0 and work.gain[i, 1] + kappa - half[0] + slopes[DOWN, 1] > 0.0
+        low = work.gain[i, j] + kappa - half[0] + slopes[DOWN, j]
+        high = work.gain[i, j] + kappa + half[0] + slopes[UP, j]
+        if j == 1 and not low > 0.0:
+            return False
+        if j > 1:
+            more = bulge(work.gain[i], table.v, j)
+            may_cross = min(low, last_low) - more <= 0.0 <= max(high, last_high) + more
+            if may_cross and not lag_exceeds(kind, limit, i, j - 1, j, table, work, slopes):
+                return False
+        last_low, last_high = low, high
+    # nor does anything cross beyond the end of the axis
+    return last_high < 0.0
 
 
 @compiled

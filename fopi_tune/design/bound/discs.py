@@ -32,6 +32,7 @@ from fopi_tune.design.bound.cells import (
     fill_cell,
 )
 from fopi_tune.design.bound.integrals import H_LARGEST, real_integral_over
+from fopi_tune.design.bound.margins import forbid_interval, forbid_too_close, log_gain_at_end, margin_range
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER,
     CS,
@@ -55,15 +56,6 @@ _LEAST_KAPPA = -30.0
 
 
 @compiled
-def _forbid(forbidden, count, low, high):
-    """Append an interval of kappa to the forbidden ones; returns their new number."""
-    if high > low and count < len(forbidden):
-        forbidden[count, 0], forbidden[count, 1] = low, high
-        return count + 1
-    return count
-
-
-@compiled
 def _band_cell(of_inverse, inverse, r, cosine, g):
     """The kappa at which every loop of the cell exceeds an upper limit M = 1/inverse: (low, high), low > high if none.
 
@@ -82,73 +74,10 @@ def _band_cell(of_inverse, inverse, r, cosine, g):
 
 
 @compiled
-def _too_close(kind, limit, phase, room):
-    """Whether every loop of the cell is closer to -1 at a column than an angle, or lags by less."""
-    if not room < _PI:
-        return False
-    lag = (phase + _PI) % (2.0 * _PI)
-    if kind == PHASE_MARGIN:
-        return min(lag, 2.0 * _PI - lag) + room < limit
-    return lag - room > 0.0 and lag + room < limit
-
-
-@compiled
-def _margin_cell(kind, limit, i, table, work, slopes, count):
-    """Forbid the kappa at which every loop has a crossover that is too close to -1."""
-    n, low, high = work.gain.shape[1], np.inf, -np.inf
-    for j in range(1, n):
-        close = False
-        if j < n - 1:
-            angle = limit if kind == PHASE_MARGIN else limit * table.omega[j]
-            close = j >= table.alias[i] and slopes[ROOM, j] < _PI
-            close = close or _too_close(kind, angle, work.phase[i, j], slopes[ROOM, j])
-        if close:
-            low = min(low, -work.gain[i, j] - slopes[DOWN, j])
-            high = max(high, -work.gain[i, j] - slopes[UP, j])
-        elif high > -np.inf:
-            count = _forbid(work.forbidden, count, low, BEYOND if j == n - 1 and table.delay[i] > 0.0 else high)
-            low, high = np.inf, -np.inf
-    return count
-
-
-@compiled
-def _log_gain_at_end(i, psi, table):
-    """ln|L0| at the upper end of the axis, where the integral has vanished."""
-    cosine = math.cos(psi)
-    return table.gain[i, -1] + (math.log(cosine) if cosine > 1e-12 else -BEYOND)
-
-
-@compiled
 def _is_negative_at_end(i, signs, table):
     """Whether L is real and negative at Nyquist's frequency; never in continuous time."""
     turned = (table.phase[i, -1] + (0.0 if signs[0] < 0 else _PI)) % (2.0 * _PI)
     return table.sampling.half > 0.0 and min(turned, 2.0 * _PI - turned) < 1e-9
-
-
-@compiled
-def _margin_range(kind, limit, i, cell, table, work, slopes):
-    """The kappa at which a loop of the cell may have a crossover no farther from -1 than a limit: (low, high)."""
-    n, low, high = work.gain.shape[1], BEYOND, -BEYOND
-    for j in range(1, n - 1):
-        near = j >= table.alias[i] or not slopes[ROOM, j] < _PI
-        if not near:
-            lag = (work.phase[i, j] + _PI) % (2.0 * _PI)
-            if kind == PHASE_MARGIN:
-                near = min(lag, 2.0 * _PI - lag) - slopes[ROOM, j] <= limit
-            else:
-                near = lag - slopes[ROOM, j] <= limit * table.omega[j] or lag + slopes[ROOM, j] >= 2.0 * _PI
-        if not near:
-            continue
-        # a crossover up to the neighbouring columns
-        for k in range(j - 1, j + 2):
-            if 0 < k < n - 1:
-                low, high = min(low, -work.gain[i, k] - slopes[UP, k]), max(high, -work.gain[i, k] - slopes[DOWN, k])
-            else:
-                low, high = (-BEYOND if k == 0 else low), (BEYOND if k > 0 else high)
-    if kind == DELAY_MARGIN and abs(table.high_slope[i]) < 1e-9:
-        # where |L| does not fall below 1 at the end no delay is borne
-        low, high = min(low, -_log_gain_at_end(i, cell[PSI_LOW], table)), BEYOND
-    return low, high
 
 
 @compiled
@@ -219,16 +148,16 @@ def _unstable_cell(i, cell, signs, passages, table, work, slopes, count):
             elif kappa > -work.allowed[r, 1]:
                 clear = False
         if clear and abs(z) > 0.75:
-            count = _forbid(work.forbidden, count, ends[e], ends[e + 1])
+            count = forbid_interval(work.forbidden, count, ends[e], ends[e + 1])
     if _is_negative_at_end(i, signs, table):
         # 1 + L(z) changes its sign between z = -1 and -inf
-        count = _forbid(work.forbidden, count, -_log_gain_at_end(i, cell[PSI_HIGH], table), BEYOND)
+        count = forbid_interval(work.forbidden, count, -log_gain_at_end(i, cell[PSI_HIGH], table), BEYOND)
     if table.delay[i] > 0.0:
         low = BEYOND
         for j in range(table.alias[i], work.gain.shape[1] - 1):
             if work.high[j] < 1.0:
                 low = min(low, -work.gain[i, j] - slopes[DOWN, j])
-        count = _forbid(work.forbidden, count, low, BEYOND)
+        count = forbid_interval(work.forbidden, count, low, BEYOND)
     return count
 
 
@@ -244,7 +173,7 @@ def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
             # T -> 1 and C S -> 1/P as omega -> 0
             value = 0.0 if kind == T else -table.gain[i, 0]
             if kind != S and value > limit and (kind == T or table.low_slope[i] == 0.0):
-                return _forbid(work.forbidden, count, -BEYOND, BEYOND)
+                return forbid_interval(work.forbidden, count, -BEYOND, BEYOND)
         # neighbouring columns overlap: their union is one interval
         union_low, union_high, inverse, least = 0.0, -np.inf, math.exp(-limit), -BEYOND
         most = BEYOND
@@ -258,7 +187,7 @@ def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
                 if low <= union_high and high >= union_low:
                     union_low, union_high = min(low, union_low), max(high, union_high)
                 else:
-                    count = _forbid(work.forbidden, count, union_low, union_high)
+                    count = forbid_interval(work.forbidden, count, union_low, union_high)
                     union_low, union_high = low, high
                 continue
             if scaled > 1.0 and kind == S:
@@ -266,9 +195,9 @@ def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
                 least = max(least, math.log(scaled - 1.0) - work.gain[i, j] - slopes[UP, j])
             elif scaled > 1.0:
                 most = min(most, -math.log(scaled - 1.0) - work.gain[i, j] - slopes[DOWN, j])
-        count = _forbid(work.forbidden, count, union_low, union_high)
-        count = _forbid(work.forbidden, count, -BEYOND, least)
-        count = _forbid(work.forbidden, count, most, BEYOND)
+        count = forbid_interval(work.forbidden, count, union_low, union_high)
+        count = forbid_interval(work.forbidden, count, -BEYOND, least)
+        count = forbid_interval(work.forbidden, count, most, BEYOND)
     elif kind == LOOP_GAIN:
         low, high = -BEYOND, BEYOND
         for j in range(first, last + 1):
@@ -276,35 +205,35 @@ def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
                 high = min(high, limit - work.gain[i, j] - slopes[DOWN, j])
             if side <= 0:
                 low = max(low, limit - work.gain[i, j] - slopes[UP, j])
-        count = _forbid(work.forbidden, count, -BEYOND, low)
-        count = _forbid(work.forbidden, count, high, BEYOND)
+        count = forbid_interval(work.forbidden, count, -BEYOND, low)
+        count = forbid_interval(work.forbidden, count, high, BEYOND)
     elif kind in (PHASE_MARGIN, DELAY_MARGIN):
         if side <= 0:
-            count = _margin_cell(kind, limit - (1e-9 if side == 0 else 0.0), i, table, work, slopes, count)
+            count = forbid_too_close(kind, limit - (1e-9 if side == 0 else 0.0), i, table, work, slopes, count)
         if side < 0 and kind == DELAY_MARGIN and table.sampling.half > 0.0:
             # no delay is borne
-            count = _forbid(work.forbidden, count, -_log_gain_at_end(i, cell[PSI_HIGH], table), BEYOND)
+            count = forbid_interval(work.forbidden, count, -log_gain_at_end(i, cell[PSI_HIGH], table), BEYOND)
         if side >= 0:
-            low, high = _margin_range(kind, limit, i, cell, table, work, slopes)
-            count = _forbid(work.forbidden, count, -BEYOND, low)
-            count = _forbid(work.forbidden, count, high, BEYOND)
+            low, high = margin_range(kind, limit, i, cell, table, work, slopes)
+            count = forbid_interval(work.forbidden, count, -BEYOND, low)
+            count = forbid_interval(work.forbidden, count, high, BEYOND)
     elif kind == GAIN_MARGIN and side < 0:
         for r in range(passages):
             if work.cross_turn[i, r] != 0.0:
-                count = _forbid(work.forbidden, count, -limit - work.allowed[r, 0], -work.allowed[r, 1])
+                count = forbid_interval(work.forbidden, count, -limit - work.allowed[r, 0], -work.allowed[r, 1])
         if _is_negative_at_end(i, signs, table):
-            count = _forbid(work.forbidden, count, -limit - _log_gain_at_end(i, cell[PSI_HIGH], table), BEYOND)
+            count = forbid_interval(work.forbidden, count, -limit - log_gain_at_end(i, cell[PSI_HIGH], table), BEYOND)
     elif kind == CROSSOVER:
         most, top = -np.inf, BEYOND
         for j in range(first, n - 1):
             most = max(most, work.gain[i, j] + slopes[UP, j])
             if side >= 0 and j > first:
                 top = min(top, -work.gain[i, j] - slopes[DOWN, j])
-        count = _forbid(work.forbidden, count, top, BEYOND)
+        count = forbid_interval(work.forbidden, count, top, BEYOND)
         if side <= 0:
-            count = _forbid(work.forbidden, count, -BEYOND, -most)
+            count = forbid_interval(work.forbidden, count, -BEYOND, -most)
         if side == 0:
-            count = _forbid(work.forbidden, count, -work.gain[i, first] - slopes[DOWN, first], BEYOND)
+            count = forbid_interval(work.forbidden, count, -work.gain[i, first] - slopes[DOWN, first], BEYOND)
     return count
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER,
     CS,
@@ -96,17 +98,22 @@ def peak_near(kind, side, x, plant, v, near, low, high):
     if turn > 3.0:
         longest = 0.5 / turn
     h = min(_STEP, 0.02 * longest)
-    for _ in range(12):
+    best, base, step = -np.inf, v, 0.0
+    for _ in range(16):
         at = value_at(kind, x, plant, v, near)
-        above, below = value_at(kind, x, plant, v + h, near), value_at(kind, x, plant, v - h, near)
-        slope, bend = (above - below) / (2.0 * h), (above - 2.0 * at + below) / (h * h)
-        step = -slope / bend if side * bend < -1e-6 else 0.1 * side * (1.0 if slope > 0.0 else -1.0)
-        step = min(max(step, -longest), longest)
-        new = min(max(v + step, low), high)
-        if abs(new - v) < 1e-9:
-            return new
-        v = new
-    return v
+        if side * at < best:
+            # beyond a peak that is narrower than the step
+            step *= 0.25
+        else:
+            best, base = side * at, v
+            above, below = value_at(kind, x, plant, v + h, near), value_at(kind, x, plant, v - h, near)
+            slope, bend = (above - below) / (2.0 * h), (above - 2.0 * at + below) / (h * h)
+            step = -slope / bend if side * bend < -1e-6 else 0.1 * side * (1.0 if slope > 0.0 else -1.0)
+            step = min(max(step, -longest), longest)
+        v = min(max(base + step, low), high)
+        if abs(v - base) < 1e-9:
+            break
+    return base
 
 
 @compiled

@@ -355,14 +355,13 @@ def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, rea
                 other = found[order[t]]
                 near_by = abs(other[3] - v) <= _APART
                 for k in range(p):
-                    if abs(table.points[int(other[1]), k] - table.points[i, k]) > 1.01 * spacing[k]:
-                        near_by = False
+                    distance = abs(table.points[int(other[1]), k] - table.points[i, k])
+                    near_by = near_by and distance <= 1.01 * spacing[k]
                 belongs = belongs or near_by
             if belongs:
                 continue
             near = undelayed_phase(i, j, table, work) if j < n - 1 else work.phase[i, j]
-            if kind == GAIN_AT_REFERENCE:
-                near = reference_near
+            near = reference_near if kind == GAIN_AT_REFERENCE else near
             point, plant = table.points[i].copy(), table.members[i].copy()
             target, way = dip[5], float(side)
             if mode == AT_PEAK and target != 0.0:
@@ -381,14 +380,15 @@ def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, rea
             else:
                 value, v = settle(kind, int(way), mode, x, plant, v, near, target, low_v, high_v, horizon)
                 best = inner_slack(int(way), limit, scale, value)
+            if kind <= LOOP_GAIN and j == 0:
+                best = min(best, dip[0])  # the limit omega -> 0, which a slow integral approaches below the table
             if mode == AT_PEAK and (not low_v + 1e-9 < v < high_v - 1e-9 or half * math.exp(v) > _AT_NYQUIST):
                 mode = AT_FIXED
             twin = False
             for t in range(begin, total):
                 same = abs(out[t, V] - v) < 1e-4
                 for k in range(p):
-                    if abs(out[t, FIELDS + k] - point[k]) > 1e-3 * (high[k] - low[k]):
-                        same = False
+                    same = same and abs(out[t, FIELDS + k] - point[k]) <= 1e-3 * (high[k] - low[k])
                 twin = twin or same
             if twin:
                 continue

@@ -10,6 +10,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.proof import verify
+from fopi_tune.quantities.base import NEPER_PER_DB
 
 CASES = {
     "vertices": (
@@ -66,3 +67,25 @@ def test_the_smallest_slack_of_every_row_is_the_verifications(name: str) -> None
             assert slacks.min() == pytest.approx(0.1629867, abs=1e-6)
             continue
         assert slacks.min() == pytest.approx(result.slack, abs=room), result.requirement.quantity
+
+
+@pytest.mark.parametrize(
+    ("dead_time_s", "gains"),
+    [
+        # passes -1 at 3 deg: the peak of |C S| there is narrower than the distance of the table's columns
+        (0.1, FoPi(0.081938, 0.095174, 0.85)),
+        # |C S| is largest as omega -> 0, and at the table's first frequency 0.15 dB below that
+        (0.5, FoPi(0.154524, 0.001, 0.6)),
+    ],
+)
+def test_the_largest_value_of_an_objective_is_the_verifications(dead_time_s: float, gains: FoPi) -> None:
+    plant = f"{{model: transfer_function, numerator: [1], denominator: [1, 0.1, 1], dead_time_s: {dead_time_s}}}"
+    text = f"schema: 1\nname: x\nplant: {plant}\nrequirements: [{{sensitivity_db: {{at_most: 30}}}}]\n"
+    spec = ft.parse_spec(text + "objective: {minimize: control_sensitivity_peak_db}\n")
+    problem = Problem.of(spec)
+    polish = Polish(problem)
+    found = polish.look(problem.scale.scaled(gains), within=np.inf)
+    assert found is not None
+    largest = -found[found[:, 0] >= polish.real_rows, 1].min() - np.log(problem.scale.gain)
+    # both follow the maximum by differences, whose error enters its value squared
+    assert largest / NEPER_PER_DB == pytest.approx(verify(spec, gains).objective, abs=1e-6)
