@@ -117,11 +117,17 @@ class LoopEnclosure:
         """D."""
         return self._scaled(self.plant.bottom, self.degree)
 
+    @property
+    def sides(self) -> tuple[acb, acb]:
+        """N e^{-Ls} and D, but for a common factor."""
+        return self.n, self.d
+
     @computed_once
     def gain(self) -> acb:
         """L; not finite where it is unbounded."""
-        top = self.c * self.n
-        return top / self.d if self.x is None else top / (self.x * self.d)
+        n, d = self.sides
+        top = self.c * n
+        return top / d if self.x is None else top / (self.x * d)
 
     @computed_once
     def size(self) -> arb:
@@ -134,8 +140,9 @@ class LoopEnclosure:
     @computed_once
     def inverse_gain(self) -> acb:
         """1/L; not finite where L may be 0."""
-        bottom = self.c * self.n
-        return self.d / bottom if self.x is None else self.x * self.d / bottom
+        n, d = self.sides
+        bottom = self.c * n
+        return d / bottom if self.x is None else self.x * d / bottom
 
     @computed_once
     def _closed(self) -> tuple[acb, acb]:
@@ -163,7 +170,8 @@ class LoopEnclosure:
         """C S = T/P; the second form where L is large and C may be unbounded."""
         if self.x is None and not self.gain.abs_lower() > 1:
             return self.c * self.sensitivity
-        return self.d / self.n * self.complementary
+        n, d = self.sides
+        return d / n * self.complementary
 
     # -- derivatives ------------------------------------------------------------------------------------------------
 
@@ -203,20 +211,21 @@ class LoopEnclosure:
     def log_gradient(self) -> list[acb]:
         """d ln L/dtheta_k, k = 1 ... p."""
         gradient = [acb(0) for _ in range(self.loop.axes - 1)]
-        for coefficients, value, above in (
-            (self.plant.numerator, self.numerator, True),
-            (self.plant.denominator, self.d, False),
-        ):
+        for coefficients, above in ((self.plant.numerator, True), (self.plant.denominator, False)):
             degree = len(coefficients) - 1
             for k, coefficient in enumerate(coefficients):
                 for axis, slope in coefficient.gradient.items():
-                    term, before = self._monomial(degree - k) * slope / value, gradient[axis - 1]
+                    term, before = self.term_share(degree - k, slope, above), gradient[axis - 1]
                     gradient[axis - 1] = before + term if above else before - term
         for axis, slope in self.plant.dead_time.gradient.items():
             # in the high tail omega has no end, and neither has this derivative
             turn = acb(0, self.omega * slope) if not self.high_tail else acb(arb.nan(), arb.nan())
             gradient[axis - 1] = gradient[axis - 1] - turn
         return gradient
+
+    def term_share(self, power: int, coefficient: arb, above: bool) -> acb:
+        """coefficient s^power over N, or over D."""
+        return self._monomial(power) * coefficient / (self.numerator if above else self.d)
 
     def _monomial(self, power: int) -> acb:
         return self.at.power_of_s(self.degree - power if self.high_tail else power)

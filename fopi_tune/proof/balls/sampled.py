@@ -262,6 +262,31 @@ class SampledLoopEnclosure(LoopEnclosure):
         return turned * (-gain if self.high_tail and late % 2 else gain)
 
     @computed_once
+    def _over_power(self) -> tuple[acb, acb]:
+        """N and D over w^k, k the degree of D, as polynomials in 1/w, which are sharp towards z = -1."""
+        inverse, top, bottom = self.at.inverse, self.plant.top, self.plant.bottom
+        return self._to_degree(top.reversed.at(inverse), top.degree), bottom.reversed.at(inverse)
+
+    def _to_degree(self, value: acb, degree: int) -> acb:
+        """X/w^k of X/w^degree."""
+        return value * self.at.inverse ** (self.degree - degree) if degree < self.degree else value
+
+    @property
+    def sides(self) -> tuple[acb, acb]:
+        """N z^-late and D, but for a common factor."""
+        if not self.at.is_beyond_one:
+            return super().sides
+        top, bottom = self._over_power
+        return top * self.delay, bottom
+
+    def term_share(self, power: int, coefficient: arb, above: bool) -> acb:
+        """coefficient w^power over N, or over D."""
+        if not self.at.is_beyond_one:
+            return super().term_share(power, coefficient, above)
+        inverse = self.at.inverse ** (self.degree - power)
+        return inverse * coefficient / self._over_power[0 if above else 1]
+
+    @computed_once
     def size(self) -> arb:
         """An upper bound of |L|."""
         return self.gain.abs_upper()
