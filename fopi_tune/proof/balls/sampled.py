@@ -276,8 +276,9 @@ class SampledLoopEnclosure(LoopEnclosure):
         """N z^-late and D, but for a common factor."""
         if not self.at.is_beyond_one:
             return super().sides
-        top, bottom = self._over_power
-        return top * self.delay, bottom
+        (top, bottom), delay = self._over_power, self.delay
+        assert delay is not None, "a hold is late by a sample at least"
+        return top * delay, bottom
 
     def term_share(self, power: int, coefficient: arb, above: bool) -> acb:
         """coefficient w^power over N, or over D."""
