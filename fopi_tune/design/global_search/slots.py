@@ -165,7 +165,7 @@ def _slot(finding: Array, q: int, plant: Array, x: Array, rows: Rows, in_t: floa
     # a slack that has to exceed t:  slack - t >= 0;  t at least minus the slack:  slack + t >= 0
     p[INDEX["with_t"]] = -in_t
     if mode == AT_INFINITY:
-        p[INDEX["fixed"]] = p[INDEX["log_kp"]] = 1.0
+        p[INDEX["fixed"]] = p[INDEX["log_end"]] = 1.0
         p[INDEX["v0"]] = 0.0
         return Slot(p, 0.0, q, is_equal)
     p[INDEX[_EQUATION[mode]]] = 1.0
