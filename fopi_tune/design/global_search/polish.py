@@ -66,8 +66,8 @@ _MOST_FINDINGS = 96
 _ROUNDS = 16
 FIRST_RADIUS = 0.5
 _SMALLEST_RADIUS = 0.005
-#: numbers of a controller, and t: more equalities contradict or repeat each other
-_UNKNOWN = 4
+#: numbers of a controller: more equalities contradict or repeat each other
+_UNKNOWN = 3
 #: radii of steps up to gains with a new crossing: the first, the smallest; most of them
 _WALK, _SMALLEST_STEP, _MOST_STEPS = 0.01, 1e-5, 40
 #: natural units; a step that violates by more was too long

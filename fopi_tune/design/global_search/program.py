@@ -89,19 +89,19 @@ class Kind(NamedTuple):
 
     @classmethod
     def of(cls, sampling: Sampling) -> tuple[Kind, Array]:
-        """The kind, and the numbers that its program has for parameters, shape (`count`,)."""
+        """The kind, and the numbers that its program has for parameters, shape (`parameters`,)."""
         kind = cls(len(sampling.corners), sampling.matched, sampling.half > 0.0, sampling.derivative > 0.0)
         numbers = np.concatenate([[sampling.half, sampling.derivative], sampling.gain, sampling.corners.ravel()])
-        return kind, numbers[: kind.count]
+        return kind, numbers[: kind.parameters]
 
     @property
-    def count(self) -> int:
+    def parameters(self) -> int:
         """How many parameters the controller has."""
         return 6 + 3 * self.corners if self.sampled or self.derivative else 0
 
     def made(self, third: Any, numbers: Any) -> Filter | None:
         """The controller's responses, from its third number and the parameters; None: kp' + ki' s^-alpha."""
-        if not self.count:
+        if not self.parameters:
             return None
         corners, half = ca.reshape(numbers[6:], 3, self.corners), numbers[0] if self.sampled else None
         order, filter_time = (1.0, numbers[1]) if self.derivative else (third, None)
@@ -256,7 +256,7 @@ def solver_of(size: int, kind: Kind) -> Any:
     p, errors = ca.SX.sym("p", PARAMETERS, size), ca.SX.sym("errors", 3, ERRORS)
     whole = ca.SX.sym("whole", len(WHOLE))
     kp, ki, third, t = z[0] * whole[4], z[1] * whole[5], z[2] * whole[6], z[3]
-    numbers = ca.SX.sym("numbers", kind.count)
+    numbers = ca.SX.sym("numbers", kind.parameters)
     made = kind.made(third, numbers)
     public_ki = ki * ca.exp(whole[2] + whole[3] * (1.0 if kind.derivative else third))
     rows, equations, reference = [], [], ca.SX(0)
