@@ -31,7 +31,7 @@ _BASINS = 3
 _COARSE = 2.0
 #: of the best cost (or of 0.05): a basin that is worse by more on the scan's table is not polished
 _WORTH = 0.03
-#: natural units; costs that differ by less are the same, which those of two basins are only by a limit of the objective
+#: natural units; costs that differ by less are the same
 _SAME = 1e-9
 #: of spreads, which an equality and a narrow region leave far from their minimum on the scan's rays
 _WORTH_OF_SPREADS = 0.4
@@ -175,7 +175,7 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
             continue
         found = polish.run(basin.gains)
         for radius in _NEARER:
-            if found is not None and found.settled and found.cost <= basin.cost + worth:
+            if found is not None and ((found.settled and found.cost <= basin.cost + worth) or _is_floor(found, basin)):
                 break
             nearer = polish.run(basin.gains if found is None else found.x, radius)
             if nearer is not None and (found is None or nearer.cost < found.cost):
@@ -187,8 +187,11 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
 
 
 def _is_floor(best: Polished, basin: Basin) -> bool:
-    """Whether two basins end at the same value, as where the objective is a limit that no gains change."""
-    return best.settled and abs(basin.cost - best.cost) <= _SAME
+    """Whether a basin's value on the scan's table is that of gains that were polished.
+
+    So exactly only where the objective is a limit that these gains do not change, as that of |C S| as omega -> 0.
+    """
+    return abs(basin.cost - best.cost) <= _SAME
 
 
 def _on_axis(polish: Polish, found: Polished | None) -> Polished | None:

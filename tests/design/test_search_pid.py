@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -210,21 +210,24 @@ def test_a_neighbours_gains_start_another_design() -> None:
 # --- random specs --------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Known:
-    """What the reference reached, to be minimised."""
+#: what the reference reached for a seed, to be minimised; 6 and 8 are on samples
+KNOWN = {
+    2: -0.1839692,
+    4: -1.3737050,
+    6: 0.1558215,
+    7: 0.1253453,
+    8: -0.2117184,
+    16: -82.01269,
+    28: -4.032839,
+    33: -1.759314e-4,
+    36: 0.3337026,
+    39: -219.5307,
+}
 
-    seed: int
-    objective: float
 
-
-KNOWN = ()
-
-
-@pytest.mark.parametrize("known", KNOWN, ids=lambda known: str(known.seed))
-def test_a_random_spec_is_solved_to_the_references_optimum(known: Known) -> None:
-    spec = ft.parse_spec(pid_spec(known.seed))
-    assert solved(spec)[1] <= known.objective + OPTIMAL * abs(known.objective)
+@pytest.mark.parametrize("seed", KNOWN)
+def test_a_random_spec_is_solved_to_the_references_optimum(seed: int) -> None:
+    assert solved(ft.parse_spec(pid_spec(seed)))[1] <= KNOWN[seed] + OPTIMAL * abs(KNOWN[seed])
 
 
 @pytest.mark.long

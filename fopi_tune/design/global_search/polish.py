@@ -366,6 +366,8 @@ def solve(
     rows_low = np.concatenate([[box.ki_low / scale_ki], np.zeros(size + ERRORS), np.zeros(size)])
     rows_high = np.concatenate([[box.ki_high / scale_ki], np.full(size + ERRORS, np.inf), np.zeros(size)])
     rows_high[1 : 1 + size][[slot.is_equal for slot in padded]] = 0.0
+    # rows that are off are 0 whatever the gains are: at a limit of 0 no interior point has a slack there
+    rows_low[1 + size : 1 + size + ERRORS][errors[:, 2] == 0.0] = -1.0
     weight_t = -1.0 if code == DEPTH else 1.0
     whole = [1.0, 0.0] if code == KI else [0.0, weight_t]
     whole += [log_ki - math.log(scale_ki), box.log_omega, *units.tolist()]
