@@ -190,6 +190,12 @@ class ControllerSpec:
         return {name: getattr(self, name) for name in names}
 
     @property
+    def names(self) -> str:
+        """The numbers that may be free, in words: "kp, ki and alpha"."""
+        *others, last = self.ranges
+        return f"{', '.join(others)} and {last}"
+
+    @property
     def fixed(self) -> FoPi | None:
         """The controller that the box prescribes when it leaves nothing free; else None."""
         if not all(gain.is_fixed for gain in self.ranges.values()):

@@ -3,8 +3,9 @@
 Every requirement becomes one-sided inequalities or an equality in natural units (neper, radian).  With a characteristic
 frequency omega_s and the gain g_s = |P(j omega_s)| of the nominal plant the loop is scaled by
 
-    v = ln(omega/omega_s),   kp' = kp g_s,   ki' = ki g_s omega_s^-alpha ,
-    so that   C g_s = kp' + ki' e^{-alpha (v + j pi/2)} .
+    v = ln(omega/omega_s),   kp' = kp g_s,   ki' = ki g_s omega_s^-alpha,   kd' = kd g_s omega_s ,
+    so that   C g_s = kp' + ki' e^{-alpha (v + j pi/2)} ,
+    with a derivative   C g_s = kp' + ki'/s + kd' s/(Tf omega_s s + 1)   at   s = j e^v .
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from enum import Enum
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, Pid, derivative_of
 from fopi_tune.core.loops import Plants
 from fopi_tune.quantities import QUANTITIES, Quantity
 from fopi_tune.quantities.base import EvaluatedAt
@@ -160,21 +161,29 @@ class Scale:
         omega_rad_s: omega_s.
         gain: g_s = |P(j omega_s)| of the nominal plant.
         omega_grid: shape (n,), rad/s, where the oracle evaluates the constraints.
+        filter_s: Tf of the derivative, 0 where there is none.
     """
 
     omega_rad_s: float
     gain: float
     omega_grid: Array
+    filter_s: float = 0.0
 
     def scaled(self, controller: FoPi) -> Array:
-        """(kp', ki', alpha), shape (3,)."""
+        """(kp', ki', alpha), or (kp', ki', kd') where there is a derivative; shape (3,)."""
         ki = controller.ki * self.gain * self.omega_rad_s**-controller.alpha
-        return np.array([controller.kp * self.gain, ki, controller.alpha])
+        third = controller.alpha
+        if self.filter_s:
+            third = derivative_of(controller)[0] * self.gain * self.omega_rad_s
+        return np.array([controller.kp * self.gain, ki, third])
 
     def controller(self, scaled: Array) -> FoPi:
         """The gains in the user's units."""
-        kp, ki, alpha = (float(x) for x in scaled[:3])
-        return FoPi(kp / self.gain, ki / self.gain * self.omega_rad_s**alpha, alpha)
+        kp, ki, third = (float(x) for x in scaled[:3])
+        if self.filter_s:
+            kd = third / (self.gain * self.omega_rad_s)
+            return Pid(kp / self.gain, ki / self.gain * self.omega_rad_s, kd, self.filter_s)
+        return FoPi(kp / self.gain, ki / self.gain * self.omega_rad_s**third, third)
 
 
 def scale_of(spec: DesignSpec) -> Scale:
@@ -184,11 +193,12 @@ def scale_of(spec: DesignSpec) -> Scale:
     roots = np.concatenate([plants.zeros.ravel(), plants.poles.ravel()])
     roots = roots[np.isfinite(roots) & (roots != 0)]
     own = np.concatenate([np.abs(roots), 1.0 / plants.dead_time_s[plants.dead_time_s > 0]])
-    named = _named_frequencies(spec)
-    everything = np.concatenate([own, named]) if len(own) + len(named) else np.array([1.0])
+    named, box = _named_frequencies(spec), spec.controller
+    filter_s = box.derivative_filter_time_constant_s
+    everything = np.concatenate([own, named, [1.0 / filter_s] if filter_s else []])
+    everything = everything if len(everything) else np.array([1.0])
     omega_s = _characteristic(spec, own, named)
-    box = spec.controller
-    is_open = any(math.isinf(v) for gain in (box.kp, box.ki) for v in (gain.min, gain.max))
+    is_open = any(math.isinf(v) for gain in (box.kp, box.ki, box.kd) for v in (gain.min, gain.max))
     span = 10.0 ** (_DECADES_BEYOND_OPEN if is_open else _DECADES_BEYOND)
     low, high = everything.min() / span, everything.max() * span
     count = int(_POINTS_PER_DECADE * math.log10(high / low)) + 2
@@ -198,7 +208,7 @@ def scale_of(spec: DesignSpec) -> Scale:
     grid = np.unique(np.concatenate([grid, np.array(resonances), named]))
     nominal = plants.take(np.array([0]))
     gain = float(np.abs(nominal.response(np.array([0]), np.array([omega_s])))[0])
-    return Scale(omega_s, gain if math.isfinite(gain) and gain > 0 else 1.0, grid[grid > 0])
+    return Scale(omega_s, gain if math.isfinite(gain) and gain > 0 else 1.0, grid[grid > 0], filter_s)
 
 
 def _named_frequencies(spec: DesignSpec) -> Array:

@@ -122,7 +122,7 @@ def has_wrong_sign(problem: Problem) -> bool:
     """Whether the plant's gain is negative and the ranges hold no negative gains."""
     box = problem.spec.controller
     plants = Plants.members(problem.spec.plant, problem.fine_points[0])
-    return has_negative_gain(plants) and box.kp.min >= 0.0 and box.ki.min >= 0.0
+    return has_negative_gain(plants) and all(gain.min >= 0.0 for gain in (box.kp, box.ki, box.kd))
 
 
 def _unstable(problem: Problem) -> str:

@@ -52,7 +52,8 @@ def reason_without_solving(spec: DesignSpec) -> Reason | None:
     return (
         _no_phase_crossover(spec, constraints)
         or _limit_at_zero_or_infinity(spec, constraints)
-        or _closed_form_out_of_range(spec, constraints)
+        # crossover and margin leave the gains of a PID one degree of freedom
+        or (None if spec.controller.has_derivative else _closed_form_out_of_range(spec, constraints))
     )
 
 
@@ -70,12 +71,12 @@ def _crossover_above_nyquist(spec: DesignSpec, constraints: tuple[Constraint, ..
 def _no_phase_crossover(spec: DesignSpec, constraints: tuple[Constraint, ...]) -> Reason | None:
     """An upper limit (or equality) of the gain margin on a loop whose phase never reaches -180 deg.
 
-    For kp, ki >= 0 the controller's phase lies in [-90 deg alpha, 0], and without dead time the plant's phase is
-    bounded from below.
+    For kp, ki >= 0 the controller's phase lies in [-90 deg alpha, 0], with a derivative kd >= 0 in [-90, 90] deg, and
+    without dead time the plant's phase is bounded from below.
     """
     wanted = [s for s in constraints if s.where is EvaluatedAt.PHASE_CROSSOVERS and s.bound is not Bound.LOWER]
     box, family = spec.controller, spec.plant
-    if not wanted or box.kp.min < 0 or box.ki.min < 0 or family.parameters["dead_time_s"].max > 0:
+    if not wanted or min(box.kp.min, box.ki.min, box.kd.min) < 0 or family.parameters["dead_time_s"].max > 0:
         return None
     plants = Plants.members(family, family.corners())
     log = plants.log
@@ -85,10 +86,13 @@ def _no_phase_crossover(spec: DesignSpec, constraints: tuple[Constraint, ...]) -
     lowest = float(np.minimum(log.phase0, log.end()[1]).min())
     if lowest - 0.5 * math.pi * box.alpha.max < -math.pi - 1e-12:
         return None
-    first = wanted[0]
+    first, gains = (
+        wanted[0],
+        "kp, ki and kd >= 0" if box.has_derivative else f"kp, ki >= 0 and alpha <= {box.alpha.max:g}",
+    )
     text = describe(spec.requirements[first.requirement])
     message = (
-        f"{text} has no solution: with kp, ki >= 0 and alpha <= {box.alpha.max:g} the loop's phase never reaches "
+        f"{text} has no solution: with {gains} the loop's phase never reaches "
         "-180 deg, so the gain margin is infinite; ask for at_least, which an infinite margin meets, or model the dead "
         "time that makes it finite"
     )

@@ -31,6 +31,8 @@ _BASINS = 3
 _COARSE = 2.0
 #: of the best cost (or of 0.05): a basin that is worse by more on the scan's table is not polished
 _WORTH = 0.03
+#: natural units; costs that differ by less are the same
+_SAME = 1e-9
 #: of spreads, which an equality and a narrow region leave far from their minimum on the scan's rays
 _WORTH_OF_SPREADS = 0.4
 #: radii of the polish when its result is worse than the scan's
@@ -44,6 +46,8 @@ _PUBLIC_UNIT = {
 }
 #: a term smaller than this part of the other one, in scaled gains, may be better left out
 _VANISHING = 0.05
+#: index of kd among the numbers of a controller
+_DERIVATIVE = 2
 #: brackets that are made, and the part by which gains from the last one have to be better for another
 _MOST_BRACKETS, _BETTER = 3, 1e-4
 _ONLY_WITHOUT_INTEGRAL = (
@@ -76,18 +80,17 @@ def search(problem: Problem, start: FoPi | None = None, bracket: bool = False) -
         problem: with at least one free gain.
         start: gains close to the optimum.
         bracket: whether to bound what anything else can reach, and to polish where the bound leaves room; not where
-            the filter depends on the crossover.
+            the filter depends on the crossover, nor with a derivative.
     """
     polish, best = at_own_crossover(*best_from(problem, start))
     problem = polish.problem
     if best is None or (problem.code == DEPTH and best.cost > MEETS):
-        excluded = share_in_words(excluded_share(problem)) if bracket and not problem.needs_crossover else ""
+        excluded = share_in_words(excluded_share(problem)) if bracket and problem.has_bound else ""
         return explain(problem, excluded, polish.counts)
     if problem.code == KI and best.x[1] == 0.0 and problem.box.ki_high > 0.0 and has_wrong_sign(problem):
         nothing = tuple(None for _ in problem.spec.requirements)
         return Candidate(Status.INFEASIBLE, None, nothing, (), _ONLY_WITHOUT_INTEGRAL, polish.counts.solves)
-    if not bracket or problem.needs_crossover:
-        # the bound is about one filter for each alpha; gains with another crossover would have another one
+    if not bracket or not problem.has_bound:
         return candidate_of(polish, best)
     best, gap = beyond_doubt(polish, best)
     return replace(candidate_of(polish, best), gap=gap)
@@ -123,7 +126,7 @@ def share_in_words(excluded: float) -> str:
 
 def best_from(problem: Problem, start: FoPi | None = None) -> tuple[Polish, Polished | None]:
     """`best_of_box` of a problem whose filter, on samples, is exact at the crossover of the start."""
-    if start is not None and (start.kp, start.ki) != (0.0, 0.0) and problem.needs_crossover:
+    if start is not None and not start.is_zero and problem.needs_crossover:
         problem = problem.exact_at(nominal_crossover(problem.spec, start))
     polish = Polish(problem)
     return polish, best_of_box(polish, start)
@@ -150,7 +153,7 @@ def at_own_crossover(polish: Polish, best: Polished | None) -> tuple[Polish, Pol
 def best_of_box(polish: Polish, start: FoPi | None = None) -> Polished | None:
     """The best local optimum of the scan's basins, and of a start."""
     best: Polished | None = None
-    if start is not None and (start.kp, start.ki) != (0.0, 0.0):
+    if start is not None and not start.is_zero:
         best = polish.run(inside(polish.problem, polish.problem.scale.scaled(start)))
         if best is not None and not _is_stable(polish.problem, best):
             best = None
@@ -170,11 +173,11 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
     spread = polish.problem.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
     for basin in basins:
         worth = (_WORTH_OF_SPREADS if spread else _WORTH) * max(abs(basin.cost), 0.05)
-        if best is not None and basin.cost > best.cost + worth:
+        if best is not None and (basin.cost > best.cost + worth or _is_floor(best, basin)):
             continue
         found = polish.run(basin.gains)
         for radius in _NEARER:
-            if found is not None and found.settled and found.cost <= basin.cost + worth:
+            if found is not None and ((found.settled and found.cost <= basin.cost + worth) or _is_floor(found, basin)):
                 break
             nearer = polish.run(basin.gains if found is None else found.x, radius)
             if nearer is not None and (found is None or nearer.cost < found.cost):
@@ -185,17 +188,29 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
     return best
 
 
+def _is_floor(best: Polished, basin: Basin) -> bool:
+    """Whether a basin's value on the scan's table is that of gains that were polished.
+
+    So exactly only where the objective is a limit that these gains do not change, as that of |C S| as omega -> 0.
+    """
+    return abs(basin.cost - best.cost) <= _SAME
+
+
 def _on_axis(polish: Polish, found: Polished | None) -> Polished | None:
     """The same or better gains without a term that nearly vanishes."""
     if found is None:
         return None
-    box = polish.problem.box
-    for k, low, high in ((0, box.kp_low, box.kp_high), (1, box.ki_low, box.ki_high)):
-        if low <= 0.0 <= high and 0.0 < abs(found.x[k]) < _VANISHING * abs(found.x[1 - k]):
+    problem = polish.problem
+    ranges = list(problem.spec.controller.ranges.values())
+    for k in problem.structure.gains:
+        others = problem.structure.size(np.where(np.arange(3) == k, 0.0, found.x))
+        if ranges[k].min <= 0.0 <= ranges[k].max and 0.0 < abs(found.x[k]) < _VANISHING * others:
             x = found.x.copy()
             x[k] = 0.0
-            other = polish.run(x)
-            if other is not None and other.cost <= found.cost:
+            # a derivative that gains nothing is held at 0
+            without = Polish(problem.without_derivative(), polish.counts) if k == _DERIVATIVE else polish
+            other = without.run(x)
+            if other is not None and other.cost <= found.cost + (_SAME if k == _DERIVATIVE else 0.0):
                 found = other
     return found
 
@@ -225,11 +240,11 @@ def candidate_of(polish: Polish, best: Polished) -> Candidate:
 
 def grown_without_end(problem: Problem, best: Polished) -> tuple[str, ...]:
     """Names of what reached the end of the search's range: gains that the spec leaves open, or the smallest slack."""
-    box, far = problem.spec.controller, 0.99 * LARGEST_GAIN
+    ranges, far = problem.spec.controller.ranges, 0.99 * LARGEST_GAIN
     names = [
         name
-        for name, gain, value in (("kp", box.kp, best.x[0]), ("ki", box.ki, best.x[1]))
-        if (math.isinf(gain.max) and value > far) or (math.isinf(gain.min) and -value > far)
+        for name, value in zip(problem.structure.names, best.x[: problem.structure.linear], strict=False)
+        if (math.isinf(ranges[name].max) and value > far) or (math.isinf(ranges[name].min) and -value > far)
     ]
     if problem.code == DEPTH and problem.free is None and -best.cost > ENDLESS - 1e-6:
         names.append("the smallest slack")

@@ -42,10 +42,9 @@ def assemble_design(
     status, message, clash = candidate.status, candidate.message, candidate.clash
     if status is Status.SOLVED and (found is None or not found.all_met):
         status, message = Status.FAILED, _refuted_message(found)
-        box = spec.controller
-        if found is not None and all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
+        if found is not None and spec.controller.fixed is not None:
             status, clash = Status.INFEASIBLE, _missed_limits(found)
-            message = f"the spec fixes kp, ki and alpha, and {_fixed_gains_problem(found)}"
+            message = f"the spec fixes {spec.controller.names}, and {_fixed_gains_problem(found)}"
     if status is Status.SOLVED and certificate is not None and certificate.verdict is not Verdict.PROVED:
         status, message = Status.FAILED, _unproved_message(spec, certificate)
     if candidate.status is not Status.SOLVED and refuted is not None:

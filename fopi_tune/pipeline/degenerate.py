@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, derivative_of
 from fopi_tune.results.design import Design
 from fopi_tune.results.equalities import in_percent
 from fopi_tune.results.status import Status
@@ -15,8 +15,8 @@ from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
 
 #: a term smaller than this part of the whole controller at the crossover is gone
 _VANISHED = 1e-6
-#: the proportional one: where the best value is 0 the objective is flat, and the search ends at the root of its
-#: tolerance
+#: the proportional and the derivative one: where the best value is 0 the objective is flat, and the search ends at the
+#: root of its tolerance
 _VANISHED_PROPORTIONAL = 1e-4
 #: a gain this close, relative to its range, to an end of the range has reached it
 _AT_END = 1e-6
@@ -30,18 +30,23 @@ def without_vanished_terms(controller: ControllerSpec, gains: FoPi, crossover_ra
     Args:
         controller: the box.
         gains: those found.
-        crossover_rad_s: where the sizes of both terms are compared; None for 1 rad/s.
+        crossover_rad_s: where the sizes of the terms are compared; None for 1 rad/s.  That of a derivative is its
+            largest, kd/Tf.
     """
     omega = 1.0 if crossover_rad_s is None else crossover_rad_s
-    proportional, integral = abs(gains.kp), abs(gains.ki) * omega**-gains.alpha
-    if not (math.isfinite(integral) and proportional + integral > 0.0):
+    kd, filter_s = derivative_of(gains)
+    proportional, integral, derivative = abs(gains.kp), abs(gains.ki) * omega**-gains.alpha, abs(kd) / filter_s
+    total = proportional + integral + derivative
+    if not (math.isfinite(integral) and total > 0.0):
         return controller
-    if integral <= _VANISHED * proportional and not controller.ki.is_fixed and _holds_zero(controller.ki):
+    if integral <= _VANISHED * (total - integral) and not controller.ki.is_fixed and _holds_zero(controller.ki):
         # without its term the order has no meaning; 1 where the range allows it
         order = min(max(1.0, controller.alpha.min), controller.alpha.max)
         return replace(controller, ki=GainRange(0.0, 0.0), alpha=GainRange(order, order))
-    if proportional <= _VANISHED_PROPORTIONAL * integral and not controller.kp.is_fixed and _holds_zero(controller.kp):
-        return replace(controller, kp=GainRange(0.0, 0.0))
+    for name, size in (("kp", proportional), ("kd", derivative)):
+        gain = getattr(controller, name)
+        if size <= _VANISHED_PROPORTIONAL * (total - size) and not gain.is_fixed and _holds_zero(gain):
+            return replace(controller, **{name: GainRange(0.0, 0.0)})
     return controller
 
 
@@ -56,7 +61,7 @@ def design_notes(asked: DesignSpec, design: Design) -> tuple[str, ...]:
         asked: the spec as written.
         design: solved for what it was completed to.
     """
-    notes = list(default_notes(asked))
+    notes = [*default_notes(asked), *_noise(asked)]
     if design.status is Status.SOLVED and design.gains is not None:
         notes += [*_vanished(asked, design.gains, design.steady_state_error), *_at_ends(asked.controller, design.gains)]
     return tuple(notes)
@@ -70,10 +75,30 @@ def _vanished(asked: DesignSpec, gains: FoPi, error: float | None) -> Iterator[s
                 "for none, give ki a lower end (controller: ki: {min: ...}) or ask for "
                 "sensitivity_db: {at_most: ...} at low frequencies (to_rad_s: ...)"
             )
+        elif asked.controller.has_derivative:
+            yield "no integral action: the best gains have ki = 0"
         else:
             yield "no integral action: the best gains have ki = 0, so that alpha has no meaning"
     if gains.kp == 0.0 and not asked.controller.kp.is_fixed:
         yield "no proportional action: the best gains have kp = 0"
+    if derivative_of(gains)[0] == 0.0 and not asked.controller.kd.is_fixed:
+        yield "no derivative action: the best gains have kd = 0"
+
+
+def _noise(asked: DesignSpec) -> Iterator[str]:
+    """Of a derivative that costs nothing: no limit of |C S| up to high frequencies, and no end of kd away from 0."""
+    kd = asked.controller.kd
+    if kd.is_fixed or (math.isfinite(kd.min) and math.isfinite(kd.max)):
+        return
+    name = "control_sensitivity"
+    limited = any(
+        r.quantity == f"{name}_db" and math.isfinite(r.upper) and r.to_rad_s == math.inf for r in asked.requirements
+    )
+    if not limited and not (asked.objective is not None and asked.objective.quantity == f"{name}_peak_db"):
+        yield (
+            "nothing bounds what derivative action costs in noise: add control_sensitivity_db: {at_most: ...} or an "
+            f"{'upper' if math.isinf(kd.max) else 'lower'} end of kd"
+        )
 
 
 def _at_ends(controller: ControllerSpec, gains: FoPi) -> Iterator[str]:

@@ -73,9 +73,7 @@ def tradeoff(
     knob = movable_limit(spec, str(requirement))
     box = spec.controller
     if box.fixed is not None:
-        raise DomainError(
-            "the spec fixes kp, ki and alpha: whatever a limit is, the gains stay; give one of them a range"
-        )
+        raise DomainError(f"the spec fixes {box.names}: whatever a limit is, the gains stay; give one of them a range")
     design = tune(spec, proof=False, bracket=False)
     if design.status is not Status.SOLVED or design.gains is None:
         said = f"{design.status.value}: {design.message}" if design.message else design.status.value

@@ -63,8 +63,9 @@ def tune(
         start: gains close to the solution, or a neighbour (`fopi_tune.design.neighbour`) that has them.  They are
             polished beside a scan of the whole box on fewer rays, which is faster.  The convex search ignores it.
         bracket: whether to bound in floating point how much better any other gains can be (`Design.gap`), and to search
-            again where that leaves room.  Only without a start, and on samples not with `prewarp: crossover` or
-            `rule: matched`, whose filter changes with the gains' own crossover: `Design.gap` is then None.
+            again where that leaves room.  Only without a start, not with `structure: pid`, whose derivative the bound
+            does not know, and on samples not with `prewarp: crossover` or `rule: matched`, whose filter changes with
+            the gains' own crossover: `Design.gap` is then None.
 
     Returns:
         A design; `status` says how it ended.  Infeasible, unbounded and failed are answers, not exceptions.
@@ -89,19 +90,18 @@ def tune(
 def _without_vanished_terms(spec: DesignSpec, design: Design, proof: bool, solver: Solver) -> Design:
     """The design with a vanished term fixed at 0 and the rest tuned again; itself where that is no solution.
 
-    A proportional term that is only small goes where the objective is none the worse for it.
+    A proportional or derivative term that is only small goes where the objective is none the worse for it.
     """
     if design.status is not Status.SOLVED or design.gains is None or design.nominal is None:
         return design
     box = without_vanished_terms(spec.controller, design.gains, design.nominal.crossover_rad_s)
     if box is spec.controller:
         return design
-    gains = design.gains
-    of_kp = box.kp != spec.controller.kp
-    start = replace(gains, kp=0.0) if of_kp else replace(gains, ki=0.0)
+    gone = next(name for name in ("kp", "ki", "kd") if getattr(box, name) != getattr(spec.controller, name))
+    start = replace(design.gains, **{gone: 0.0})
     again = _unconfirmed_design(spec, replace(spec, controller=box), proof, solver, start, False)
     no_worse = _is_no_worse(spec, again, design)
-    if again.status is not Status.SOLVED or (of_kp and not no_worse):
+    if again.status is not Status.SOLVED or (gone != "ki" and not no_worse):
         return design
     # what nothing in the whole box beats, nothing in a part of it does
     return replace(again, gap=design.gap if no_worse else None)
@@ -129,9 +129,7 @@ def _unconfirmed_design(
     violations: tuple[Violation, ...] = ()
     refuted: CheckedCandidate | None = None
     checked = _checked_candidate(spec, searched, violations, proof, solver, start, bracket)
-    box = searched.controller
-    is_free = not all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha))
-    for _ in range(_MOST_REFUTATIONS if is_free else 0):
+    for _ in range(_MOST_REFUTATIONS if searched.controller.fixed is None else 0):
         new = new_violations(checked, violations)
         if not new:
             break

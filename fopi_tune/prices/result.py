@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import ControllerSpec, FoPi, Pid
 from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.results.documents import finite
 from fopi_tune.results.stamp import Stamp
@@ -16,6 +16,11 @@ from fopi_tune.spec.model import DesignSpec, Limit, Requirement, Scope
 #: version of the result's JSON; it may only grow
 TRADEOFF_SCHEMA = 1
 COLUMNS = ("limit", "status", "objective", "kp", "ki", "alpha", "largest_score", "binds")
+
+
+def columns_of(controller: ControllerSpec) -> tuple[str, ...]:
+    """The columns of the CSV file: `COLUMNS`, and kd last where there is a derivative."""
+    return (*COLUMNS, "kd") if controller.has_derivative else COLUMNS
 
 
 class PointStatus(StrEnum):
@@ -52,7 +57,8 @@ class TradeoffPoint:
         """A row of the CSV file; empty where there is no number."""
         gains = (self.gains.kp, self.gains.ki, self.gains.alpha) if self.gains else (None, None, None)
         numbers = ["" if v is None else repr(v) for v in (self.objective, *gains, self.largest_score)]
-        return (repr(self.limit), self.status.value, *numbers, str(self.binds).lower())
+        more = (repr(self.gains.kd),) if isinstance(self.gains, Pid) else ()
+        return (repr(self.limit), self.status.value, *numbers, str(self.binds).lower(), *more)
 
     def to_dict(self) -> dict[str, Any]:
         """As in the result's JSON."""
@@ -127,8 +133,10 @@ class Tradeoff:
         return tuple(p for p in self.points if p.status is PointStatus.MET)
 
     def rows(self) -> Iterator[tuple[str, ...]]:
-        """One row a point, with the columns `COLUMNS`."""
-        yield from (point.row() for point in self.points)
+        """One row a point, with the columns `columns_of` the spec's controller."""
+        width = len(columns_of(self.spec.controller))
+        for row in (point.row() for point in self.points):
+            yield (*row, *[""] * (width - len(row)))
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import DERIVATIVE_NAMES, FoPi, Pid
 from fopi_tune.errors import DomainError
 from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
 from fopi_tune.report.evidence import evidence_rows, histograms, sampling_phrase
@@ -125,9 +125,12 @@ def _text_values(documents: ResultDocuments) -> dict[str, Any]:
 
 
 def _gains_words(gains: FoPi, status: str) -> str:
-    values = ", ".join(f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha"))
+    is_pid = isinstance(gains, Pid)
+    names = ("kp", "ki", *DERIVATIVE_NAMES) if is_pid else ("kp", "ki", "alpha")
+    formula = "kp + ki / s + kd s / (Tf s + 1)" if is_pid else "kp + ki / s^alpha"
+    values = ", ".join(f"{name} = {number(getattr(gains, name))}" for name in names)
     no_solution = "" if status == "solved" else "; these gains are no solution, only where the search ended"
-    return f"C(s) = kp + ki / s^alpha with {values}{no_solution}"
+    return f"C(s) = {formula} with {values}{no_solution}"
 
 
 def _score_note(requirements: Sequence[ReportedRequirement]) -> str:

@@ -41,8 +41,7 @@ def with_default_objective(spec: DesignSpec) -> DesignSpec:
         With `minimize: iae_disturbance`, and with |S| <= 6 dB where neither |S| nor the phase margin is bounded.  Gains
         that the spec fixes are checked as they are: itself.
     """
-    box = spec.controller
-    if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
+    if spec.controller.fixed is not None:
         return spec
     if spec.objective is not None or any(asks_to_act(requirement) for requirement in spec.requirements):
         return spec

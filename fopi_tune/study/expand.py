@@ -172,9 +172,10 @@ class _CellChecker:
         self, stages: Sequence[Stage], overrides: Sequence[Override], spec: DesignSpec, checked: DesignSpec
     ) -> bool:
         """Whether the stages can be run on the spec; reports if not."""
-        box, section = spec.controller, "controller"
-        if Stage.TUNE not in stages and not all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
-            message = "there is no stage tune, and the spec does not fix kp, ki and alpha; add the stage or fix them"
+        section = "controller"
+        if Stage.TUNE not in stages and spec.controller.fixed is None:
+            names = spec.controller.names
+            message = f"there is no stage tune, and the spec does not fix {names}; add the stage or fix them"
         elif checked.digital is None and {Stage.DISCRETIZE, Stage.VALIDATE} & set(stages):
             section = "digital"
             message = "discretize and validate need a section digital; add digital: {sample_time_s: 0.2} to the spec"

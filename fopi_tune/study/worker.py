@@ -241,8 +241,7 @@ def _base_neighbour(text: str) -> Neighbour | None:
     from fopi_tune.design import neighbour
 
     spec = spec_from_text(text)
-    box = spec.controller
-    if all(gain.is_fixed for gain in (box.kp, box.ki, box.alpha)):
+    if spec.controller.fixed is not None:
         return None
     design = tune(spec, proof=False, bracket=False)
     return neighbour(spec, design.gains) if design.status is Status.SOLVED and design.gains is not None else None

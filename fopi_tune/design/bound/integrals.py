@@ -22,7 +22,7 @@ import math
 import numpy as np
 
 from fopi_tune.design.global_search.compiled import compiled
-from fopi_tune.design.global_search.samples import controller_of, filter_at, integral_at_real
+from fopi_tune.design.global_search.samples import CORNERS, GAIN, controller_of, filter_at, integral_at_real
 
 _PI = math.pi
 #: rows of a cell's integral at each frequency: F and |F| at the centre, lambda, the largest |dl/d alpha|, mu, how much
@@ -31,8 +31,6 @@ F_REAL, F_IMAG, F_SIZE, RATE_REAL, RATE_IMAG, RATE, BEND, CHANGE, GAIN_CHANGE, A
 INTEGRALS = 12
 #: what is known at a real s: F at the centre, its largest value, d ln F/d alpha, and as above
 H_VALUE, H_LARGEST, H_SLOPE, H_RATE, H_BEND, H_CHANGE = range(6)
-#: where the gain and the corners are in what `controller_of` returns
-_GAIN, _CORNERS = 4, 5
 #: relative to alpha, of central differences
 _STEP = 1e-4
 #: what values at both ends and the centre of a narrow range are multiplied by to bound what lies between
@@ -51,7 +49,7 @@ def filters_over(alpha, reach, sampling):
     if sampling.half == 0.0:
         return np.empty((3, 3, 0))
     x = np.array((1.0, 1.0, alpha))
-    found = np.empty((3, 3, _CORNERS + len(sampling.corners)))
+    found = np.empty((3, 3, CORNERS + len(sampling.corners)))
     for t in range(3):
         x[2] = alpha + (t - 1) * reach
         here, step = x[2], _STEP * x[2]
@@ -62,7 +60,7 @@ def filters_over(alpha, reach, sampling):
         below = controller_of(x, sampling)
         for k in range(len(at)):
             found[t, 0, k] = at[k]
-            if k < _GAIN:
+            if k < GAIN:
                 continue
             up, down = math.log(above[k] / at[k]), math.log(at[k] / below[k])
             found[t, 1, k], found[t, 2, k] = 0.5 * (up + down) / step, (up - down) / (step * step)
@@ -107,11 +105,11 @@ def integral_over(alpha, reach, v, filters, out):
     # the second derivative at the three alphas, and the sum of its terms' largest sizes
     bends, most, middle = np.empty((3, 2)), 0.0, np.zeros(2)
     for t in range(3):
-        bends[t, 0], bends[t, 1] = filters[t, 2, _GAIN], 0.0
-        most = max(most, _SAFE * abs(filters[t, 2, _GAIN]))
-    middle[0] = filters[1, 1, _GAIN]
+        bends[t, 0], bends[t, 1] = filters[t, 2, GAIN], 0.0
+        most = max(most, _SAFE * abs(filters[t, 2, GAIN]))
+    middle[0] = filters[1, 1, GAIN]
     sign = 1.0
-    for k in range(_CORNERS, filters.shape[2]):
+    for k in range(CORNERS, filters.shape[2]):
         bump, weight, first, second = 0.0, 0.0, 0.0, 0.0
         for t in range(3):
             z, d, more = filters[t, 0, k], filters[t, 1, k], filters[t, 2, k]
@@ -170,12 +168,12 @@ def real_integral_over(alpha, reach, log_s, filters, out):
     largest = spread = most = highest = change = slope = 0.0
     bends = np.empty(3)
     for t in range(3):
-        bends[t] = filters[t, 2, _GAIN]
+        bends[t] = filters[t, 2, GAIN]
         most = max(most, _SAFE * abs(bends[t]))
         here = integral_at_real(filters[t, 0], log_s)
         highest, change = max(highest, here), max(change, abs(math.log(here / value)))
-    slope, sign = filters[1, 1, _GAIN], 1.0
-    for k in range(_CORNERS, filters.shape[2]):
+    slope, sign = filters[1, 1, GAIN], 1.0
+    for k in range(CORNERS, filters.shape[2]):
         bump, weight, first, second = 0.0, 0.0, 0.0, 0.0
         for t in range(3):
             d, more, w = filters[t, 1, k], filters[t, 2, k], filters[t, 0, k] / (s + filters[t, 0, k])

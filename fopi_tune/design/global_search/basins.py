@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -22,14 +23,13 @@ from fopi_tune.design.global_search.compiled import (
     work_for,
 )
 from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.scan import best_at_margin, best_of_order, compass, direction, scan_rays
+from fopi_tune.design.global_search.scan import best_at_margin, best_of_shape, compass, scan_rays
+from fopi_tune.design.global_search.structures import FRACTIONAL, ray_of
 from fopi_tune.design.global_search.tables import DECADES_BEYOND
 
-#: rays: orders this far apart, and so many directions
-_ALPHA_STEP = 0.07
-_FEWEST_ALPHAS = 7
+#: rays: so many directions for each shape
 _DIRECTIONS = 33
-_ORDERS_WITH_TWO_EQUALITIES = 61
+_SHAPES_WITH_TWO_EQUALITIES = 61
 #: ln of how far from the grid's ends the frequency stays where both terms of the controller are equal
 _INSIDE = 1.0
 #: natural units; inequalities are relaxed by these where the coarse grid shows nothing that meets them
@@ -46,7 +46,7 @@ class Basin:
 
     Args:
         cost: on the scan's table.
-        gains: scaled kp, ki and alpha, shape (3,).
+        gains: the scaled numbers of the controller, shape (3,).
     """
 
     cost: float
@@ -71,7 +71,7 @@ class Scan:
 
 
 def reach_of(problem: Problem) -> tuple[float, float]:
-    """Most and span of `direction`."""
+    """Most and span of `ray_of`."""
     v = problem.scan_table.v
     most = float(min(-v[1], v[-2])) - _INSIDE
     span = max(0.25 * (float(max(-v[1], v[-2])) - math.log(10.0) * (DECADES_BEYOND + 3.0)), 1.0)
@@ -79,11 +79,11 @@ def reach_of(problem: Problem) -> tuple[float, float]:
 
 
 def quadrants_of(problem: Problem) -> Array:
-    """The signs of kp and ki that their ranges allow, shape (k, 2)."""
+    """The signs of kp, ki and kd that their ranges allow, shape (k, 3)."""
     box = problem.box
-    kp = [sign for sign in (1.0, -1.0) if (box.kp_high > 0.0 if sign > 0 else box.kp_low < 0.0)] or [1.0]
-    ki = [sign for sign in (1.0, -1.0) if (box.ki_high > 0.0 if sign > 0 else box.ki_low < 0.0)] or [1.0]
-    return np.array([(a, b) for a in kp for b in ki])
+    ranges = ((box.kp_low, box.kp_high), (box.ki_low, box.ki_high), (box.kd_low, box.kd_high))
+    signs = [[s for s in (1.0, -1.0) if (high > 0.0 if s > 0 else low < 0.0)] or [1.0] for low, high in ranges]
+    return np.array(list(itertools.product(*signs)))
 
 
 def equalities_of(problem: Problem, rows: Rows) -> NDArray[np.int64]:
@@ -102,7 +102,7 @@ def directions_of(problem: Problem) -> tuple[Array, bool]:
     box = problem.box
     if box.ki_low == box.ki_high == 0.0:
         return np.array([-1.0]), True
-    if box.kp_low == box.kp_high == 0.0:
+    if box.kp_low == box.kp_high == 0.0 and box.kd_low == box.kd_high == 0.0:
         return np.array([1.0]), True
     return np.concatenate([[-1.0], np.linspace(-0.96, 0.96, _DIRECTIONS - 2), [1.0]]), False
 
@@ -118,56 +118,56 @@ def scan_box(problem: Problem, most: int, coarse: float = 1.0) -> Scan:
     box = problem.box
     taus, fixed = directions_of(problem)
     quadrants, (most_ratio, span) = quadrants_of(problem), reach_of(problem)
-    alphas = _orders(problem, _ALPHA_STEP * coarse, _FEWEST_ALPHAS)
+    structure = problem.structure
+    shapes = _shapes(problem, structure.step * coarse, structure.fewest)
     table, rays = problem.scan_table, 0
     work = work_for(table)
     for relaxed in RELAXED:
         rows = problem.rows(table, relaxed)
         equal = equalities_of(problem, rows)
         if len(equal) > 1 and not fixed:
-            at_margin = coarse > 1.0 and [rows.kind[q] for q in equal] == [CROSSOVER, PHASE_MARGIN]
+            fractional = problem.structure == FRACTIONAL
+            at_margin = fractional and coarse > 1.0 and [rows.kind[q] for q in equal] == [CROSSOVER, PHASE_MARGIN]
             pairs = _with_two_equalities(problem, rows, equal, taus, most, True) if at_margin else ()
             pairs = pairs or _with_two_equalities(problem, rows, equal, taus, most, False)
-            rays += _ORDERS_WITH_TWO_EQUALITIES * (2 if at_margin else len(taus))
+            rays += _SHAPES_WITH_TWO_EQUALITIES * (2 if at_margin else len(taus))
             if pairs:
                 return Scan(pairs, relaxed, rays, 1.0)
             continue
         costs, kappas = scan_rays(
-            problem.code, alphas, taus, quadrants, equal, most_ratio, span, table, rows, box, work
+            problem.code, shapes, taus, quadrants, equal, most_ratio, span, table, rows, box, work
         )  # fmt: skip
         rays += costs.size
         if (costs < NOTHING).any():
             break
     else:
         return Scan((), RELAXED[-1], rays, 0.0)
-    steps = (0.5 * (alphas[1] - alphas[0]) if len(alphas) > 1 else 0.0, 0.03)
+    steps = (0.5 * (shapes[1] - shapes[0]) if len(shapes) > 1 else 0.0, 0.03)
     found: list[Basin] = []
     for value, z, i, j in _minima(costs)[: 3 * most]:
-        alpha, tau, value, kappa = compass(
-            problem.code, np.array([alphas[i], taus[j], value + 1e-15]), np.array(steps), fixed, quadrants[z], equal,
+        shape, tau, value, kappa = compass(
+            problem.code, np.array([shapes[i], taus[j], value + 1e-15]), np.array(steps), fixed, quadrants[z], equal,
             most_ratio, span, _LEAST_STEP, _ROUNDS, table, rows, box, work,
         )  # fmt: skip
         if kappa == 0.0:
             kappa = kappas[z, i, j]
-        _offer(found, Basin(value, _gains(alpha, tau, kappa, quadrants[z], most_ratio, span)))
+        _offer(found, Basin(value, _gains(problem, shape, tau, kappa, quadrants[z])))
     found = sorted(found, key=lambda basin: basin.cost)[:most]
-    if problem.code not in (KI, IAE) and len(alphas) > 3:
-        found += _flat_valley(problem, found[0].cost, costs, kappas, alphas, taus, quadrants)
+    if problem.code not in (KI, IAE) and len(shapes) > 3:
+        found += _flat_valley(problem, found[0].cost, costs, kappas, shapes, taus, quadrants)
     return Scan(tuple(found), relaxed, rays, float((costs < NOTHING).mean()))
 
 
-def _orders(problem: Problem, step: float, fewest: int) -> Array:
-    box = problem.box
-    if box.alpha_low == box.alpha_high:
-        return np.array([box.alpha_low])
-    count = max(fewest, int((box.alpha_high - box.alpha_low) / step) + 2)
-    return np.linspace(box.alpha_low, box.alpha_high, count)
+def _shapes(problem: Problem, step: float, fewest: int) -> Array:
+    low, high = problem.box.shape_low, problem.box.shape_high
+    if low == high:
+        return np.array([low])
+    return np.linspace(low, high, max(fewest, int((high - low) / step) + 2))
 
 
-def _gains(alpha: float, tau: float, kappa: float, signs: Array, most_ratio: float, span: float) -> Array:
-    c, s = direction(alpha, tau, most_ratio, span)
-    k = math.exp(kappa)
-    return np.array([k * c * signs[0], k * s * signs[1], alpha])
+def _gains(problem: Problem, shape: float, tau: float, kappa: float, signs: Array) -> Array:
+    third, c, s = ray_of(shape, tau, signs, *reach_of(problem), problem.box, problem.scaled.sampling)
+    return problem.structure.times(math.exp(kappa), np.array([c, s, third]))
 
 
 def _minima(costs: Array) -> list[tuple[float, int, int, int]]:
@@ -193,18 +193,15 @@ def _offer(found: list[Basin], new: Basin) -> None:
 
 
 def _flat_valley(
-    problem: Problem, best: float, costs: Array, kappas: Array, alphas: Array, taus: Array, quadrants: Array
+    problem: Problem, best: float, costs: Array, kappas: Array, shapes: Array, taus: Array, quadrants: Array
 ) -> list[Basin]:
-    """One more start from each third of the orders: minima of a largest value are flat along a valley."""
-    most_ratio, span = reach_of(problem)
+    """One more start from each third of the shapes: minima of a largest value are flat along a valley."""
     more = []
-    for part in np.array_split(np.arange(len(alphas)), 3):
+    for part in np.array_split(np.arange(len(shapes)), 3):
         z, i, j = np.unravel_index(np.argmin(costs[:, part, :]), costs[:, part, :].shape)
         value = float(costs[z, part[i], j])
         if value < best + _NEARLY * max(abs(best), 0.05):
-            gains = _gains(
-                float(alphas[part[i]]), float(taus[j]), float(kappas[z, part[i], j]), quadrants[z], most_ratio, span
-            )
+            gains = _gains(problem, float(shapes[part[i]]), float(taus[j]), float(kappas[z, part[i], j]), quadrants[z])
             more.append(Basin(value, gains))
     return more
 
@@ -212,7 +209,7 @@ def _flat_valley(
 def _with_two_equalities(
     problem: Problem, rows: Rows, equal: NDArray[np.int64], taus: Array, most: int, at_margin: bool
 ) -> tuple[Basin, ...]:
-    """Minima over alpha where two equalities leave one ray for each order.
+    """Minima over the shapes where two equalities leave one ray for each.
 
     With `at_margin` these are a crossover and the phase margin there; a margin that another crossover has is left out.
     """
@@ -220,34 +217,34 @@ def _with_two_equalities(
     box, table = problem.box, problem.scan_table
     nominal = nominal_of(table)
     work, nominal_work = work_for(table), work_for(nominal)
-    alphas = _orders(problem, 1.0, _ORDERS_WITH_TWO_EQUALITIES // (2 if at_margin else 1))
+    shapes = _shapes(problem, 9.0, _SHAPES_WITH_TWO_EQUALITIES // (2 if at_margin else 1))
     found: list[Basin] = []
     for signs in quadrants_of(problem):
 
-        def best(alpha: float, signs: Array = signs) -> tuple[float, float, float]:
+        def best(shape: float, signs: Array = signs) -> tuple[float, float, float]:
             if at_margin:
                 return best_at_margin(
-                    problem.code, alpha, signs, equal, most_ratio, span, table, rows, box, work
+                    problem.code, shape, signs, equal, most_ratio, span, table, rows, box, work
                 )  # fmt: skip
-            return best_of_order(
-                problem.code, alpha, signs, taus, equal, most_ratio, span, table, rows, box, work, nominal, nominal_work
+            return best_of_shape(
+                problem.code, shape, signs, taus, equal, most_ratio, span, table, rows, box, work, nominal, nominal_work
             )
 
-        costs = np.array([best(alpha)[0] for alpha in alphas])
+        costs = np.array([best(shape)[0] for shape in shapes])
         padded = np.pad(costs, 1, constant_values=NOTHING)
         low = np.flatnonzero((costs <= np.minimum(padded[:-2], padded[2:])) & (costs < NOTHING))
         for i in low[np.argsort(costs[low])][:most]:
-            alpha, step = float(alphas[i]), 0.5 * float(alphas[1] - alphas[0]) if len(alphas) > 1 else 0.0
+            shape, step = float(shapes[i]), 0.5 * float(shapes[1] - shapes[0]) if len(shapes) > 1 else 0.0
             value = float(costs[i])
             while step > 1e-3:
-                near = [min(max(alpha + d, box.alpha_low), box.alpha_high) for d in (-step, step)]
+                near = [min(max(shape + d, box.shape_low), box.shape_high) for d in (-step, step)]
                 values = [best(x)[0] for x in near]
                 k = int(np.argmin(values))
                 if values[k] < value:
-                    alpha, value = near[k], values[k]
+                    shape, value = near[k], values[k]
                 else:
                     step *= 0.5
-            value, kappa, tau = best(alpha)
+            value, kappa, tau = best(shape)
             if value < NOTHING:
-                _offer(found, Basin(float(value), _gains(alpha, tau, kappa, signs, most_ratio, span)))
+                _offer(found, Basin(float(value), _gains(problem, shape, tau, kappa, signs)))
     return tuple(sorted(found, key=lambda basin: basin.cost)[:most])

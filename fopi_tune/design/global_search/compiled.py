@@ -125,12 +125,14 @@ class Sampling(NamedTuple):
 
     `half` = omega_s Ts/2.  `corners`, shape (2 N, 3), are zeros and poles in turn: ln corner = a + b alpha + c ln
     alpha.  `matched` is 1 for matched poles and zeros.  `gain` are the ln of frequencies where the gain is set.
+    `derivative` is Tf omega_s of a derivative beside an integrator, 0 where there is none (`structures.py`).
     """
 
     half: float
     corners: Any
     matched: int
     gain: Any
+    derivative: float = 0.0
 
 
 #: of the continuous loop
@@ -201,7 +203,7 @@ class Rows(NamedTuple):
 
 
 class Box(NamedTuple):
-    """The ranges of the scaled kp, of ki in the user's unit, and what turns the one into the other."""
+    """The ranges of the scaled kp and kd, of ki in the user's unit, and what turns the one into the other."""
 
     kp_low: float
     kp_high: float
@@ -213,10 +215,16 @@ class Box(NamedTuple):
     log_gain: float
     #: ln(T omega_s) of the horizon T
     log_horizon: float
+    #: 0 without a derivative
+    kd_low: float
+    kd_high: float
+    #: of what decides a ray's shape, as in `structures.py`
+    shape_low: float
+    shape_high: float
 
 
 class Work(NamedTuple):
-    """Scratch arrays for one ray."""
+    """Scratch arrays for one ray; rows of `controller` are ln|C0|, its real and imaginary part and its phase."""
 
     gain: Any
     phase: Any
@@ -252,7 +260,7 @@ def work_for(table: Table) -> Work:
         phase=np.empty((m, n)),
         real=np.empty((m, n)),
         square=np.empty((m, n)),
-        controller=np.empty((3, n)),
+        controller=np.empty((4, n)),
         power=np.empty((2, n)),
         order=np.full(1, np.nan),
         low=np.empty(n),

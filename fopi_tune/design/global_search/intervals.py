@@ -337,17 +337,16 @@ def allowed_on_ray(low, high, table, rows, work):
 
 
 @compiled
-def allowed_intervals(alpha, c, s, low, high, table, rows, work):
+def allowed_intervals(third, c, s, low, high, table, rows, work):
     """The kappa in [low, high] that are stable and meet all inequalities: their number; the intervals are in `found`.
 
     Args:
-        alpha: the order.
-        c, s: the direction, C0 = c + s (j omega)^-alpha in scaled numbers.
+        third, c, s: the numbers of C0, as in `fill_ray`.
         low, high: the range of kappa; equal ends ask about one value.
         table: the plants, the nominal one first.
         rows: what is asked; equalities are not.
         work: scratch arrays; the ray's responses and passages are left there.
     """
-    fill_ray(alpha, c, s, table, work)
-    find_passages(alpha, c, s, table, work)
+    fill_ray(third, c, s, table, work)
+    find_passages(third, c, s, table, work)
     return allowed_on_ray(low, high, table, rows, work)

@@ -33,7 +33,7 @@ from fopi_tune.design.global_search.compiled import (
     work_for,
 )
 from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.program import ERRORS, INDEX, SIZES, raising_interrupts, solver_of
+from fopi_tune.design.global_search.program import ERRORS, INDEX, SIZES, Kind, raising_interrupts, solver_of
 from fopi_tune.design.global_search.rays import fill_ray
 from fopi_tune.design.global_search.samples import controller_of
 from fopi_tune.design.global_search.slots import (
@@ -66,6 +66,8 @@ _MOST_FINDINGS = 96
 _ROUNDS = 16
 FIRST_RADIUS = 0.5
 _SMALLEST_RADIUS = 0.005
+#: numbers of a controller: more equalities contradict or repeat each other
+_UNKNOWN = 3
 #: radii of steps up to gains with a new crossing: the first, the smallest; most of them
 _WALK, _SMALLEST_STEP, _MOST_STEPS = 0.01, 1e-5, 40
 #: natural units; a step that violates by more was too long
@@ -98,7 +100,7 @@ class Polished:
 
     Args:
         cost: exact, smaller is better.
-        x: scaled kp, ki and alpha.
+        x: scaled numbers of the controller.
         prices: d cost/d limit of each row.
         rounds: of exchange.
         cuts: plants and frequencies in the last solve.
@@ -155,7 +157,7 @@ class Polish:
     def look(self, x: Array, within: float = _WITHIN) -> Array | None:
         """The worst cases at gains; None where a plant is unstable or a quantity has no value."""
         self.counts.looks += 1
-        if max(abs(x[0]), abs(x[1])) < _NO_CONTROLLER:
+        if self.problem.structure.size(x) < _NO_CONTROLLER:
             return None
         rows = self.rows
         if self.code == MARGIN_SPREAD:
@@ -290,6 +292,8 @@ class Polish:
         slots = [self._first_slot(x), *slots_of(
             order_of(pool, self.rows, self.real_rows), x, self.rows, self.problem.scaled, self.in_t, self.spread
         )]  # fmt: skip
+        equal = [slot for slot in slots if slot.is_equal][_UNKNOWN:]
+        slots = [slot for slot in slots if not any(slot is other for other in equal)]
         size = next((s for s in SIZES if s >= len(slots)), SIZES[-1])
         slots = slots[:size]
         self.counts.solves += 1
@@ -334,8 +338,8 @@ def solve(
     real_rows: int,
 ) -> Solved:  # fmt: skip
     """One solve of the program with these slots, within a region around x."""
-    box, unit = problem.box, max(abs(float(x[0])), abs(float(x[1])), 1e-12)
-    units = np.array([max(abs(x[0]), 0.1 * unit), max(abs(x[1]), 0.1 * unit), 1.0])
+    box, structure = problem.box, problem.structure
+    units = structure.units(x)
     z = x / units
     idle = idle_slot(problem.fine_table.members[0])
     padded = slots + [idle] * (size - len(slots))
@@ -348,8 +352,9 @@ def solve(
         high[1] = 0.0
     if x[1] == 0.0:
         low[1] = 0.0
-    low[2], high[2] = box.alpha_low, box.alpha_high
-    reach = radius * np.array([0.3 + abs(z[0]), 0.3 + abs(z[1]), 0.5])
+    third = (box.kd_low, box.kd_high) if 2 in structure.gains else (box.alpha_low, box.alpha_high)
+    low[2], high[2] = third[0] / units[2], third[1] / units[2]
+    reach = radius * structure.reach(z)
     low[:3], high[:3] = np.maximum(low[:3], z - reach), np.minimum(high[:3], z + reach)
     high[:3] = np.maximum(high[:3], low[:3])
     if code == KI:
@@ -357,18 +362,19 @@ def solve(
     v = np.array([slot.v for slot in padded])
     low[4:], high[4:] = v - _FREQUENCY_REACH, v + _FREQUENCY_REACH
     log_ki = -box.log_gain
-    scale_ki = max(abs(float(x[1])) * math.exp(log_ki + float(x[2]) * box.log_omega), 1e-12)
+    scale_ki = max(abs(float(x[1])) * math.exp(log_ki + structure.order(x) * box.log_omega), 1e-12)
     rows_low = np.concatenate([[box.ki_low / scale_ki], np.zeros(size + ERRORS), np.zeros(size)])
     rows_high = np.concatenate([[box.ki_high / scale_ki], np.full(size + ERRORS, np.inf), np.zeros(size)])
     rows_high[1 : 1 + size][[slot.is_equal for slot in padded]] = 0.0
+    # rows that are off are 0 whatever the gains are: at a limit of 0 no interior point has a slack there
+    rows_low[1 + size : 1 + size + ERRORS][errors[:, 2] == 0.0] = -1.0
     weight_t = -1.0 if code == DEPTH else 1.0
     whole = [1.0, 0.0] if code == KI else [0.0, weight_t]
-    whole += [log_ki - math.log(scale_ki), box.log_omega, float(units[0]), float(units[1])]
-    sampling = problem.scaled.sampling
-    made = [[sampling.half], sampling.gain, sampling.corners.ravel()] if sampling.half else []
-    parameters = np.concatenate([np.ravel([slot.p for slot in padded]), errors.ravel(), whole, *made])
+    whole += [log_ki - math.log(scale_ki), box.log_omega, *units.tolist()]
+    kind, numbers = Kind.of(problem.scaled.sampling)
+    parameters = np.concatenate([np.ravel([slot.p for slot in padded]), errors.ravel(), whole, numbers])
     start = np.clip(np.concatenate([z, [t], v]), low, high)
-    solver = solver_of(size, len(sampling.corners), sampling.matched)
+    solver = solver_of(size, kind)
     with raising_interrupts():
         result = solver(x0=start, p=parameters, lbx=low, ubx=high, lbg=rows_low, ubg=rows_high)
     found = np.array(result["x"]).ravel()

@@ -34,6 +34,7 @@ from fopi_tune.design.global_search.compiled import (
     Table,
 )
 from fopi_tune.design.global_search.samples import Samples
+from fopi_tune.design.global_search.structures import Structure
 from fopi_tune.design.global_search.tables import Scaled, box_grid, frequency_grid, table_of, vertices
 from fopi_tune.digital import sections_of
 from fopi_tune.digital.discretize import Method
@@ -113,7 +114,7 @@ class Problem:
         samples = Samples(spec.digital, scale, scale.omega_rad_s) if spec.digital is not None and sampled else None
         if samples is not None and samples.digital.method != Method.FIT:
             # a filter that cannot be made is refused as such
-            sections_of(FoPi(1.0, 1.0, spec.controller.alpha.max), samples.digital)
+            sections_of(spec.controller.controller(1.0, 1.0, spec.controller.alpha.max, 1.0), samples.digital)
         scaled = Scaled.of(spec.plant, scale, samples)
         return cls(
             spec, scale, scaled, _needed(constraints_of(spec)), objective, CODE_OF_OBJECTIVE[objective], horizon,
@@ -129,6 +130,15 @@ class Problem:
     def needs_crossover(self) -> bool:
         """Whether the loop is on samples with a filter that depends on its crossover."""
         return self.scaled.samples is not None and self.scaled.samples.digital.depends_on_crossover
+
+    @property
+    def has_bound(self) -> bool:
+        """Whether `bound/` knows what no gains can reach.
+
+        It is about kp + ki s^-alpha, with one filter for each alpha: not where gains with another crossover would have
+        another filter, nor where there is a derivative.
+        """
+        return not self.needs_crossover and not self.spec.controller.has_derivative
 
     def is_exact_at(self, crossover_rad_s: float | None) -> bool:
         """Whether the filter is exact at a crossover, up to what the polish leaves."""
@@ -152,6 +162,11 @@ class Problem:
         kept = tuple(c for c in self.constraints if c.requirement not in dropped)
         other = replace(self, constraints=kept, free=free, objective=ObjectiveKind.DEPTH, code=DEPTH)
         return self._share_tables(other)
+
+    def without_derivative(self) -> Problem:
+        """The same problem with kd = 0."""
+        controller = replace(self.spec.controller, kd=GainRange(0.0, 0.0))
+        return self._share_tables(replace(self, spec=replace(self.spec, controller=controller)))
 
     def _share_tables(self, other: Problem) -> Problem:
         for name in ("scan_table", "fine_table", "fine_points"):
@@ -243,15 +258,24 @@ class Problem:
         final = int(np.searchsorted(v, v_of(math.log(high)) + 1e-9)) - 1 if high < math.inf else last
         return first, final
 
+    @property
+    def structure(self) -> Structure:
+        """What the numbers of the controller are."""
+        return Structure.of(self.spec.controller)
+
     @cached_property
     def box(self) -> Box:
         """The ranges of the gains."""
         box, g = self.spec.controller, self.scale.gain
         ki = GainRange(0.0, 0.0) if self.without_integral else box.ki
-        low, high = max(box.kp.min * g, -LARGEST_GAIN), min(box.kp.max * g, LARGEST_GAIN)
+        kp, kd = ((max(gain.min * unit, -LARGEST_GAIN), min(gain.max * unit, LARGEST_GAIN))
+                  for gain, unit in ((box.kp, g), (box.kd, g * self.scale.omega_rad_s)))  # fmt: skip
+        shape = box.alpha.min, box.alpha.max
+        if box.has_derivative:
+            shape = (-1.0, -1.0) if kd == (0.0, 0.0) else (1.0, 1.0) if kp == (0.0, 0.0) else (-1.0, 1.0)
         return Box(
-            low, high, ki.min, ki.max, box.alpha.min, box.alpha.max,
-            math.log(self.scale.omega_rad_s), math.log(g), self._log_horizon,
+            *kp, ki.min, ki.max, box.alpha.min, box.alpha.max,
+            math.log(self.scale.omega_rad_s), math.log(g), self._log_horizon, *kd, *shape,
         )  # fmt: skip
 
     @property
@@ -297,12 +321,10 @@ class Problem:
         return SampledLoops.implemented(gains, implementation, plants)
 
     def gains(self, x: Array) -> FoPi:
-        """Scaled gains (kp', ki', alpha) in the user's units, inside their ranges."""
-        found, box = self.scale.controller(x), self.spec.controller
-        return FoPi(
-            min(max(found.kp, box.kp.min), box.kp.max),
-            min(max(found.ki, box.ki.min), box.ki.max),
-            min(max(found.alpha, box.alpha.min), box.alpha.max),
+        """Scaled numbers of a controller in the user's units, inside their ranges."""
+        found, ranges = self.scale.controller(x), self.spec.controller.ranges
+        return replace(
+            found, **{name: min(max(getattr(found, name), side.min), side.max) for name, side in ranges.items()}
         )
 
 

@@ -1,16 +1,17 @@
 """The one nonlinear program that serves every spec:  slots with parameters, compiled once a process by CasADi.
 
-Unknown are the gains (kp' = u0 z0, ki' = u1 z1, alpha), the value t of an objective that is a largest or smallest
-member, and a frequency v of each slot.  A slot is one plant at one frequency (its parameters: the coefficients of N
-and D, the dead time, weights), with
+Unknown are the numbers of the controller (kp' = u0 z0, ki' = u1 z1, and u2 z2, which is alpha or kd'), the value t of
+an objective that is a largest or smallest member, and a frequency v of each slot.  A slot is one plant at one frequency
+(its parameters: the coefficients of N and D, the dead time, weights), with
 
     an equation   that keeps v at a peak, at |L| = e^-(level + level_t t), at a phase, at v0, or at the first v
     a row         sign (limit - value) + with_t t + with_reference (angle of the first slot) >= 0  (or = 0) ,
 
 where `value` is a weighted sum of ln|C|, ln|L|, ln|1 + L|, the angle arg L + offset, that angle over omega, the slope
-of arg L, ln omega, and ln|kp'|.  Nothing is compiled for a spec.  The controller enters through `controller_parts`
-alone.  On samples v is the coordinate of `samples.py`, with omega and the delay's phase by (1) and the filter by (2)
-there: a program for each number of corners, whose parameters are what the corners and the gain depend on.
+of arg L, ln omega, and ln|C(infinity)|.  Nothing is compiled for a spec.  The controller enters through
+`controller_parts` and its values at a real s and at infinity alone; `Kind` says of which structure it is.  On samples v
+is the coordinate of `samples.py`, with omega and the delay's phase by (1) and the filter by (2) there: a program for
+each number of corners, whose parameters are what the corners and the gain depend on.
 
 CasADi takes Ctrl-C during a solve for a failure of the solver; `raising_interrupts` raises KeyboardInterrupt
 nevertheless.
@@ -26,16 +27,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from types import FrameType
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
+import numpy as np
 
+from fopi_tune.core.bode_form import Array
+from fopi_tune.design.global_search.compiled import Sampling
 from fopi_tune.design.global_search.tables import WIDTH
 
 #: names of a slot's parameters after its 2 WIDTH + 1 coefficients
 NAMES = (
     "near", "peak", "gain", "phase", "fixed", "reference", "level", "level_t", "v0",
-    "log_c", "log_l", "log_s", "angle", "lag", "slope", "log_omega", "log_kp",
+    "log_c", "log_l", "log_s", "angle", "lag", "slope", "log_omega", "log_end",
     "offset", "sign", "limit", "with_t", "with_reference",
 )  # fmt: skip
 COEFFICIENTS = 2 * WIDTH + 1
@@ -44,8 +48,9 @@ INDEX = {name: COEFFICIENTS + k for k, name in enumerate(NAMES)}
 SIZES = (4, 8, 16, 32)
 #: rows for the discounted error
 ERRORS = 4
-#: parameters of the whole program: weights of ki and t in the cost, ln of ki' -> ki (constant, slope in alpha), u0, u1
-WHOLE = ("ki", "t", "log_ki", "log_ki_alpha", "unit_kp", "unit_ki")
+#: parameters of the whole program: weights of ki and t in the cost, ln of ki' -> ki (constant, slope in the order), u0
+#: to u2
+WHOLE = ("ki", "t", "log_ki", "log_ki_order", "unit_kp", "unit_ki", "unit_third")
 _TINY = 1e-200
 
 OPTIONS = {
@@ -67,16 +72,60 @@ OPTIONS = {
 }
 
 
+class Kind(NamedTuple):
+    """What programs differ in.
+
+    Args:
+        corners: of a filter.
+        matched: whether they are matched poles and zeros.
+        sampled: whether the loop is on samples.
+        derivative: whether there is a derivative, beside an integrator.
+    """
+
+    corners: int = 0
+    matched: int = 0
+    sampled: bool = False
+    derivative: bool = False
+
+    @classmethod
+    def of(cls, sampling: Sampling) -> tuple[Kind, Array]:
+        """The kind, and the numbers that its program has for parameters, shape (`parameters`,)."""
+        kind = cls(len(sampling.corners), sampling.matched, sampling.half > 0.0, sampling.derivative > 0.0)
+        numbers = np.concatenate([[sampling.half, sampling.derivative], sampling.gain, sampling.corners.ravel()])
+        return kind, numbers[: kind.parameters]
+
+    @property
+    def parameters(self) -> int:
+        """How many parameters the controller has."""
+        return 6 + 3 * self.corners if self.sampled or self.derivative else 0
+
+    def made(self, third: Any, numbers: Any) -> Filter | None:
+        """The controller's responses, from its third number and the parameters; None: kp' + ki' s^-alpha."""
+        if not self.parameters:
+            return None
+        corners, half = ca.reshape(numbers[6:], 3, self.corners), numbers[0] if self.sampled else None
+        order, filter_time = (1.0, numbers[1]) if self.derivative else (third, None)
+        return Filter.of(order, half, numbers[2:6], corners, self.matched, filter_time)
+
+
 @dataclass(frozen=True)
 class Filter:
-    """The filter of a loop on samples at the unknown alpha: h, its zeros and poles, ln of its gain."""
+    """The integral of a loop on samples at the unknown alpha, or an integrator beside a derivative.
+
+    Args:
+        half: h; None in continuous time.
+        corners: zeros and poles.
+        log_gain: ln of the gain.
+        filter_time: Tf of D = s/(Tf s + 1) beside it; None without.
+    """
 
     half: Any
     corners: tuple[tuple[Any, Any], ...]
     log_gain: Any
+    filter_time: Any = None
 
     @classmethod
-    def of(cls, alpha: Any, half: Any, gain: Any, corners: Any, matched: int) -> Filter:
+    def of(cls, alpha: Any, half: Any, gain: Any, corners: Any, matched: int, filter_time: Any = None) -> Filter:
         """From the numbers of `Sampling`: `gain` of shape (4,), `corners` of shape (3, 2 N)."""
         middle, last, here, there = (gain[k] for k in range(4))
         log_gain, found = last - here + there - alpha * middle, []
@@ -89,10 +138,10 @@ class Filter:
                 corner = ca.tanh(half * corner) / half
             log_gain -= 0.5 * sign * ca.log(ca.exp(2.0 * there) + corner**2)
             found.append(corner)
-        return cls(half, tuple(zip(found[::2], found[1::2], strict=True)), log_gain)
+        return cls(half, tuple(zip(found[::2], found[1::2], strict=True)), log_gain, filter_time)
 
     def parts(self, omega: Any) -> tuple[Any, Any]:
-        """Real and imaginary part at s = j omega."""
+        """Real and imaginary part of the integral at s = j omega."""
         found = ca.SX(0), -ca.exp(self.log_gain) / omega
         for zero, pole in self.corners:
             size = pole**2 + omega**2
@@ -100,20 +149,42 @@ class Filter:
         return found
 
     def at_real(self, s: Any) -> Any:
-        """The value at a real s."""
+        """The integral at a real s."""
         value = ca.exp(self.log_gain) / s
         for zero, pole in self.corners:
             value *= (s + zero) / (s + pole)
         return value
 
 
-def controller_parts(kp: Any, ki: Any, alpha: Any, v: Any, made: Filter | None = None) -> tuple[Any, Any]:
-    """Real and imaginary part of the scaled controller at j e^v: kp' + ki' e^{-alpha (v + j pi/2)} or kp' + ki' F."""
-    if made is not None:
-        real, imag = made.parts(ca.exp(v))
-        return kp + ki * real, ki * imag
-    power, angle = ki * ca.exp(-alpha * v), alpha * (math.pi / 2)
-    return kp + power * ca.cos(angle), -power * ca.sin(angle)
+def controller_parts(kp: Any, ki: Any, third: Any, v: Any, made: Filter | None = None) -> tuple[Any, Any]:
+    """Real and imaginary part of the scaled controller at j e^v.
+
+    kp' + ki' e^{-alpha (v + j pi/2)}, kp' + ki' F, or kp' + ki' F + kd' D.
+    """
+    if made is None:
+        power, angle = ki * ca.exp(-third * v), third * (math.pi / 2)
+        return kp + power * ca.cos(angle), -power * ca.sin(angle)
+    omega = ca.exp(v)
+    real, imag = made.parts(omega)
+    real, imag = kp + ki * real, ki * imag
+    if made.filter_time is not None:
+        part = third * omega / (1.0 + (omega * made.filter_time) ** 2)
+        real, imag = real + part * omega * made.filter_time, imag + part
+    return real, imag
+
+
+def controller_at_real(kp: Any, ki: Any, third: Any, log_s: Any, made: Filter | None = None) -> Any:
+    """The scaled controller at a real s."""
+    if made is None:
+        return kp + ki * ca.exp(-third * log_s)
+    s = ca.exp(log_s)
+    value = kp + ki * made.at_real(s)
+    return value if made.filter_time is None else value + third * s / (made.filter_time * s + 1.0)
+
+
+def controller_at_infinity(kp: Any, third: Any, made: Filter | None = None) -> Any:
+    """The limit of the scaled controller as s tends to infinity."""
+    return kp if made is None or made.filter_time is None else kp + third / made.filter_time
 
 
 def _polynomial(coefficients: Any, omega: Any) -> tuple[Any, Any]:
@@ -132,8 +203,9 @@ def _log_size(a: tuple[Any, Any]) -> Any:
 
 
 def _slot(
-    kp: Any, ki: Any, alpha: Any, t: Any, v: Any, first_v: Any, reference: Any, p: Any, made: Filter | None = None
-) -> tuple[Any, Any, Any]:
+    kp: Any, ki: Any, third: Any, t: Any, v: Any, first_v: Any, reference: Any, p: Any,
+    made: Filter | None = None,
+) -> tuple[Any, Any, Any]:  # fmt: skip
     """Equation, row and angle of a slot."""
 
     def of(name: str) -> Any:
@@ -141,26 +213,27 @@ def _slot(
 
     omega = ca.exp(v)
     top, bottom = _polynomial(p[:WIDTH], omega), _polynomial(p[WIDTH : 2 * WIDTH], omega)
-    controller = controller_parts(kp, ki, alpha, v, made)
+    controller, half = controller_parts(kp, ki, third, v, made), None if made is None else made.half
     log_c = _log_size(controller)
     log_l = log_c + _log_size(top) - _log_size(bottom)
     # C N conj(D) has the phase of C P; `near` selects the branch
     product = _times(_times(controller, top), (bottom[0], -bottom[1]))
     turned = _times(product, (ca.cos(of("near")), -ca.sin(of("near"))))
-    angle_of_omega = omega if made is None else 2.0 * ca.atan(made.half * omega)
+    angle_of_omega = omega if half is None else 2.0 * ca.atan(half * omega)
     phase = ca.atan2(turned[1], turned[0]) + of("near") - angle_of_omega * p[2 * WIDTH]
     slope, log_omega = ca.gradient(phase, v), v
-    if made is not None:
-        omega = 0.5 * angle_of_omega / made.half
+    if half is not None:
+        omega = 0.5 * angle_of_omega / half
         log_omega = ca.log(omega)
         slope = slope / ca.gradient(log_omega, v)
     gain = ca.exp(log_l)
     log_s = -_log_size((1.0 + gain * ca.cos(phase), gain * ca.sin(phase)))
     angle = phase + of("offset")
     band = of("log_c") * log_c + of("log_l") * log_l + of("log_s") * log_s
+    log_end = 0.5 * ca.log(controller_at_infinity(kp, third, made) ** 2 + _TINY)
     value = (
         band + of("angle") * angle + of("lag") * angle / omega + of("slope") * slope * math.log(10.0)
-        + of("log_omega") * log_omega + of("log_kp") * 0.5 * ca.log(kp**2 + _TINY)
+        + of("log_omega") * log_omega + of("log_end") * log_end
     )  # fmt: skip
     equation = (
         of("peak") * ca.gradient(band, v)
@@ -172,40 +245,38 @@ def _slot(
 
 
 @lru_cache
-def solver_of(size: int, corners: int = 0, matched: int = 0) -> Any:
-    """Ipopt for at most `size` slots, on samples with a filter of so many corners.
+def solver_of(size: int, kind: Kind) -> Any:
+    """Ipopt for at most `size` slots and a kind of controller.
 
-    Unknown: z0, z1, alpha, t, v of each slot.  Parameters: those of each slot in turn, (P(1/T), ln(1/T omega_s), on)
-    of each error row, `WHOLE`, and of a filter h, the frequencies of its gain and its corners.  Constraints: ki over
+    Unknown: z0 to z2, t, v of each slot.  Parameters: those of each slot in turn, (P(1/T), ln(1/T omega_s), on) of each
+    error row, `WHOLE`, and the numbers of `Kind.of`.  Constraints: ki over
     its unit, the slots' rows, the error rows, the slots' equations.
     """
     z, v = ca.SX.sym("z", 4), ca.SX.sym("v", size)
     p, errors = ca.SX.sym("p", PARAMETERS, size), ca.SX.sym("errors", 3, ERRORS)
     whole = ca.SX.sym("whole", len(WHOLE))
-    kp, ki, alpha, t = z[0] * whole[4], z[1] * whole[5], z[2], z[3]
-    sampling, made = ca.SX.sym("sampling", 5 + 3 * corners if corners else 0), None
-    if corners:
-        made = Filter.of(alpha, sampling[0], sampling[1:5], ca.reshape(sampling[5:], 3, corners), matched)
-    public_ki = ki * ca.exp(whole[2] + whole[3] * alpha)
+    kp, ki, third, t = z[0] * whole[4], z[1] * whole[5], z[2] * whole[6], z[3]
+    numbers = ca.SX.sym("numbers", kind.parameters)
+    made = kind.made(third, numbers)
+    public_ki = ki * ca.exp(whole[2] + whole[3] * (1.0 if kind.derivative else third))
     rows, equations, reference = [], [], ca.SX(0)
     for k in range(size):
-        equation, row, angle = _slot(kp, ki, alpha, t, v[k], v[0], 0 if k == 0 else reference, p[:, k], made)
+        equation, row, angle = _slot(kp, ki, third, t, v[k], v[0], 0 if k == 0 else reference, p[:, k], made)
         reference = angle if k == 0 else reference
         equations.append(equation)
         rows.append(row)
     for k in range(ERRORS):
         plant = errors[0, k]
-        integral = ca.exp(-alpha * errors[1, k]) if made is None else made.at_real(ca.exp(errors[1, k]))
-        loop = plant * (kp + ki * integral)
+        loop = plant * controller_at_real(kp, ki, third, errors[1, k], made)
         rows.append(errors[2, k] * (t - 0.5 * ca.log(plant**2) + 0.5 * ca.log((1.0 + loop) ** 2)))
     cost = -whole[0] * public_ki + whole[1] * t
     program = {
         "x": ca.vertcat(z, v),
-        "p": ca.vertcat(ca.vec(p), ca.vec(errors), whole, sampling),
+        "p": ca.vertcat(ca.vec(p), ca.vec(errors), whole, numbers),
         "f": cost,
         "g": ca.vertcat(public_ki, *rows, *equations),
     }
-    return ca.nlpsol(f"global_{size}_{corners}", "ipopt", program, OPTIONS)
+    return ca.nlpsol(f"global_{size}_{kind.corners}", "ipopt", program, OPTIONS)
 
 
 @contextlib.contextmanager

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from fopi_tune.design.global_search.compiled import CLOSEST, END, compiled
-from fopi_tune.design.global_search.samples import controller_of, filter_at
+from fopi_tune.design.global_search.structures import fill_controller, first_term
 
 _PI = math.pi
 #: neper; beyond all kappa
@@ -35,50 +35,23 @@ def whole_turns(phase):
 
 
 @compiled
-def fill_order(alpha, table, work):
-    """Write (j omega)^-alpha, on samples the filter F, of all columns into the scratch, unless it is there."""
-    if work.order[0] == alpha:
-        return
-    n = table.gain.shape[1]
-    cosine, sine = math.cos(0.5 * _PI * alpha), math.sin(0.5 * _PI * alpha)
-    sampled = table.sampling.half > 0.0
-    controller = controller_of(np.array((0.0, 1.0, alpha)), table.sampling)
-    if sampled:
-        # at both ends of the axis the filter is an integrator
-        cosine, sine = 0.0, 1.0
-    for j in range(n):
-        x = math.exp(-alpha * table.v[j])
-        if j == 0:
-            x = math.exp(END)
-        elif j == n - 1:
-            x = math.exp(-END)
-        real, imag = x * cosine, -x * sine
-        if sampled and 0 < j < n - 1:
-            real, imag = filter_at(controller, math.exp(table.v[j]))
-        work.power[0, j], work.power[1, j] = real, imag
-    work.order[0] = alpha
+def fill_ray(third, c, s, table, work):
+    """Write L0 = C0 P of all plants and columns into the scratch.
 
-
-@compiled
-def fill_ray(alpha, c, s, table, work):
-    """Write L0 = (c + s (j omega)^-alpha) P, on samples (c + s F) P, of all plants and columns into the scratch."""
+    Args:
+        third, c, s: the numbers x of `structures.py`; c and s are kp' and ki', the third alpha or kd'.
+        table: the plants.
+        work: scratch arrays.
+    """
     m, n = table.gain.shape
-    fill_order(alpha, table, work)
-    sampled = table.sampling.half > 0.0
-    negative = s < 0 or (s == 0 and c < 0)
-    log_c, real_c, imag_c = work.controller[0], work.controller[1], work.controller[2]
+    fill_controller(third, c, s, table, work)
     for j in range(n):
-        real, imag = c + s * work.power[0, j], s * work.power[1, j]
-        real_c[j], imag_c[j] = real, imag
+        log_c, real, imag, angle = (
+            work.controller[0, j], work.controller[1, j], work.controller[2, j], work.controller[3, j]
+        )  # fmt: skip
         square = real * real + imag * imag
-        log_c[j] = 0.5 * math.log(square)
-        angle = math.atan2(-imag, -real) - _PI if negative else math.atan2(imag, real)
-        if sampled and angle > (-0.5 * _PI if negative else 0.5 * _PI):
-            # an order close to 2, whose filter turns a little further than -180 deg
-            angle -= 2.0 * _PI
         for i in range(m):
-            g = log_c[j] + table.gain[i, j]
-            work.gain[i, j] = g
+            work.gain[i, j] = log_c + table.gain[i, j]
             work.phase[i, j] = angle + table.phase[i, j]
             work.real[i, j] = real * table.real[i, j] - imag * table.imag[i, j]
             size = table.real[i, j] * table.real[i, j] + table.imag[i, j] * table.imag[i, j]
@@ -86,13 +59,18 @@ def fill_ray(alpha, c, s, table, work):
             if j >= table.alias[i]:
                 # the dead time turns L many times between columns: the worst phase is among them
                 work.real[i, j] = -math.sqrt(work.square[i, j])
+    if s == 0.0 and c == 0.0:
+        for i in range(m):
+            # a derivative alone cancels one pole of the plant at s = 0
+            slope = table.low_slope[i] + 1.0
+            work.gain[i, 0] = work.gain[i, 1] if abs(slope) < 1e-9 else -END * np.sign(slope)
 
 
 @compiled
-def find_passages(alpha, c, s, table, work):
+def find_passages(third, c, s, table, work):
     """List every plant's passages of the negative real axis: ln|L0| and the signed turns."""
     m, n = table.gain.shape
-    lead = s if s != 0 else c
+    lead = first_term(third, c, s, table.sampling)
     for i in range(m):
         count = 0
         begin = table.start_phase[i] - (_PI if lead < 0 else 0.0)

@@ -1,6 +1,6 @@
 """The loop of one plant at any frequency, and its peaks and crossings by Newton's method (compiled).
 
-A plant is its 19 scaled coefficients, gains are x = (kp', ki', alpha), on samples what `controller_of` makes of them.
+A plant is its 19 scaled coefficients, gains are x, the numbers of `structures.py`, as `controller_of` completes them.
 Derivatives in v are central differences: of a peak only the place suffers, whose error enters its value squared.
 """
 
@@ -25,14 +25,13 @@ from fopi_tune.design.global_search.compiled import (
 )
 from fopi_tune.design.global_search.samples import (
     delayed_at_real,
-    filter_at,
     half_of,
-    integral_at_real,
     log_omega_of,
     stretch_of,
     turn_of,
     turn_rate,
 )
+from fopi_tune.design.global_search.structures import controller_at, controller_at_infinity, controller_at_real
 from fopi_tune.design.global_search.tables import WIDTH
 
 _PI = math.pi
@@ -45,12 +44,7 @@ AT_PEAK, AT_FIXED, AT_GAIN, AT_PHASE, AT_REFERENCE, AT_HORIZON, AT_INFINITY = ra
 def loop_at(x, plant, v, near):
     """ln|L|, arg L on the branch closest to `near` (delay-free) and ln|C'| at omega_s e^v."""
     omega = math.exp(v)
-    if len(x) > 3:
-        real, imag = filter_at(x, omega)
-        real, imag = x[0] + x[1] * real, x[1] * imag
-    else:
-        power = x[1] * math.exp(-x[2] * v)
-        real, imag = x[0] + power * math.cos(0.5 * _PI * x[2]), -power * math.sin(0.5 * _PI * x[2])
+    real, imag = controller_at(x, v)
     a = b = c = d = 0.0
     for k in range(WIDTH):
         a, b = plant[k] - b * omega, a * omega
@@ -141,7 +135,7 @@ def discounted_error(x, plant, log_horizon):
     for k in range(WIDTH):
         a, b = a * s + plant[k], b * s + plant[WIDTH + k]
     p = a / b * delayed_at_real(plant[2 * WIDTH], s, half_of(x))
-    return math.log(abs(p / (1.0 + (x[0] + x[1] * integral_at_real(x, -log_horizon)) * p)))
+    return math.log(abs(p / (1.0 + controller_at_real(x, -log_horizon) * p)))
 
 
 @compiled
@@ -150,7 +144,7 @@ def settle(kind, side, mode, x, plant, v, near, target, low, high, log_horizon):
     if kind == DISCOUNTED_ERROR:
         return discounted_error(x, plant, log_horizon), v
     if mode == AT_INFINITY:
-        return math.log(abs(x[0]) + 1e-300), v
+        return math.log(abs(controller_at_infinity(x)) + 1e-300), v
     if mode == AT_PEAK:
         v = peak_near(kind, side, x, plant, v, near, low, high)
     elif mode == AT_GAIN:

@@ -35,19 +35,22 @@ from fopi_tune.spec.model import DigitalSpec
 _TERMS = 17
 #: the modified filter's fast zero and pole, as in `digital/oustaloup.py`
 _FAST = math.log(10.0 / 9.0)
-#: where the controller's numbers begin in what `controller_of` returns
-_HALF, _GAIN, _CORNERS = 3, 4, 5
+#: where a controller's numbers are in what `controller_of` returns: h, Tf omega_s, e^g and, from the last on, corners
+HALF, FILTER, GAIN, CORNERS = 3, 4, 5, 6
 
 
 @compiled
 def controller_of(x, sampling):
-    """The gains (kp', ki', alpha) and, on samples, h, e^g and the corners z_1, p_1, z_2, ... at this alpha."""
-    if sampling.half == 0.0:
+    """The gains x and, unless C is kp' + ki' s^-alpha, h, Tf omega_s, e^g and corners z_1, p_1, z_2, ... at this alpha.
+
+    The third of x is alpha, or kd' where there is a derivative, beside which the integral has order 1.
+    """
+    if sampling.half == 0.0 and sampling.derivative == 0.0:
         return x
-    alpha, h, corners = x[2], sampling.half, sampling.corners
+    alpha, h, corners = (x[2] if sampling.derivative == 0.0 else 1.0), sampling.half, sampling.corners
     middle, last, here, there = sampling.gain[0], sampling.gain[1], sampling.gain[2], sampling.gain[3]
-    found = np.empty(_CORNERS + len(corners))
-    found[0], found[1], found[2], found[_HALF] = x[0], x[1], x[2], h
+    found = np.empty(CORNERS + len(corners))
+    found[0], found[1], found[2], found[HALF], found[FILTER] = x[0], x[1], x[2], h, sampling.derivative
     g, sign = last - here + there - alpha * middle, 1.0
     for k in range(len(corners)):
         corner = math.exp(corners[k, 0] + corners[k, 1] * alpha + corners[k, 2] * math.log(alpha))
@@ -56,17 +59,17 @@ def controller_of(x, sampling):
             g += 0.5 * sign * (math.log(math.exp(2.0 * here) + square) - math.log(math.exp(2.0 * last) + square))
             corner = math.tanh(h * corner) / h
         g -= 0.5 * sign * math.log(math.exp(2.0 * there) + corner * corner)
-        found[_CORNERS + k] = corner
+        found[CORNERS + k] = corner
         sign = -sign
-    found[_GAIN] = math.exp(g)
+    found[GAIN] = math.exp(g)
     return found
 
 
 @compiled
 def filter_at(controller, omega):
     """(2) at s = j omega: real and imaginary part."""
-    real, imag, square = 0.0, -controller[_GAIN] / omega, omega * omega
-    for k in range(_CORNERS, len(controller), 2):
+    real, imag, square = 0.0, -controller[GAIN] / omega, omega * omega
+    for k in range(CORNERS, len(controller), 2):
         zero, pole = controller[k], controller[k + 1]
         size = pole * pole + square
         a, b = (zero * pole + square) / size, omega * (pole - zero) / size
@@ -80,8 +83,8 @@ def integral_at_real(controller, log_s):
     if len(controller) == 3:
         return math.exp(-controller[2] * log_s)
     s = math.exp(log_s)
-    value = controller[_GAIN] / s
-    for k in range(_CORNERS, len(controller), 2):
+    value = controller[GAIN] / s
+    for k in range(CORNERS, len(controller), 2):
         value *= (s + controller[k]) / (s + controller[k + 1])
     return value
 
@@ -89,7 +92,7 @@ def integral_at_real(controller, log_s):
 @compiled
 def half_of(controller):
     """h; 0 for the continuous loop."""
-    return controller[_HALF] if len(controller) > 3 else 0.0
+    return controller[HALF] if len(controller) > 3 else 0.0
 
 
 @compiled
@@ -340,6 +343,16 @@ class Samples:
             corners[:, 0] += moved
             return Sampling(self.half, corners, 0, np.array((middle, middle + moved, middle + moved, middle + moved)))
         return Sampling(self.half, corners, 0, np.array((middle, middle, middle, middle)))
+
+    def integrator(self, derivative: float) -> Sampling:
+        """The numbers of an integrator, which every method makes without corners, beside a derivative.
+
+        Args:
+            derivative: Tf omega_s.  The derivative is made by Tustin's rule whatever the integrator's is, so that with
+                h s = (z - 1)/(z + 1) it is s/(Tf omega_s s + 1).
+        """
+        gain = np.zeros(4) if Method(self.digital.method) is Method.FIT else self.sampling.gain
+        return Sampling(self.half, np.zeros((0, 3)), 0, gain, derivative)
 
     def plants(self, plants: Plants) -> SampledPlants:
         """Behind the hold."""

@@ -41,6 +41,8 @@ _PI = math.pi
 _STEEP = 0.3
 _EQUATION = {AT_PEAK: "peak", AT_FIXED: "fixed", AT_GAIN: "gain", AT_PHASE: "phase", AT_REFERENCE: "reference"}
 _STEP = 1e-5
+#: ln|L| below which |S| = 1
+_NO_LOOP = -16.0
 _MARGINS = (PHASE_MARGIN, GAIN_MARGIN, DELAY_MARGIN)
 #: |v| within which a finding replaces an older one of the same row and plant; how many are kept
 _SAME_PEAK, _SAME_CROSSING, _MOST_KEPT = 0.5, 0.2, 28
@@ -102,12 +104,18 @@ def slots_of(findings: list[Array], x: Array, rows: Rows, scaled: Scaled, in_t: 
         in_t: of each row, whether its slack has to exceed t (1), t is at least minus its slack (-1), or neither (0).
         spread: rows from this one on are angles measured from the first slot's.
     """
-    slots, x = [], controller_of(x, scaled.sampling)
+    slots, beyond, x = [], [], controller_of(x, scaled.sampling)
     for finding in findings:
         q = int(finding[ROW])
         if rows.kind[q] == DISCOUNTED_ERROR:
             continue
         plant = scaled.member(finding[FIELDS:])
+        if rows.kind[q] == CS and loop_at(x, plant, finding[V], finding[NEAR])[0] < _NO_LOOP:
+            # |C S| = |C| whatever the plant: the same row again and again would be degenerate
+            known = any(slot.row == q and abs(slot.v - finding[V]) < _SAME_PEAK for slot in beyond)
+            if known:
+                continue
+            beyond.append(_slot(finding, q, plant, x, rows, float(in_t[q])))
         slots.append(_slot(finding, q, plant, x, rows, float(in_t[q])))
         if q >= spread:
             #  t - side (angle - reference) >= 0
@@ -165,7 +173,7 @@ def _slot(finding: Array, q: int, plant: Array, x: Array, rows: Rows, in_t: floa
     # a slack that has to exceed t:  slack - t >= 0;  t at least minus the slack:  slack + t >= 0
     p[INDEX["with_t"]] = -in_t
     if mode == AT_INFINITY:
-        p[INDEX["fixed"]] = p[INDEX["log_kp"]] = 1.0
+        p[INDEX["fixed"]] = p[INDEX["log_end"]] = 1.0
         p[INDEX["v0"]] = 0.0
         return Slot(p, 0.0, q, is_equal)
     p[INDEX[_EQUATION[mode]]] = 1.0

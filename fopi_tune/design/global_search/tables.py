@@ -76,8 +76,11 @@ class Scaled:
 
     @property
     def sampling(self) -> Sampling:
-        """The filter's numbers."""
-        return NO_SAMPLES if self.samples is None else self.samples.sampling
+        """What responses of the controller depend on besides its own numbers."""
+        derivative = self.scale.filter_s * self.scale.omega_rad_s
+        if self.samples is None:
+            return NO_SAMPLES._replace(derivative=derivative)
+        return self.samples.integrator(derivative) if derivative else self.samples.sampling
 
     def members(self, points: Array) -> Array:
         """Coefficients of the plants at points of the box, shape (m, 19)."""
@@ -161,7 +164,10 @@ def frequency_grid(scaled: Scaled, named: Array, per_decade: int, per_decade_bey
     roots = roots[np.isfinite(roots) & (roots != 0)]
     low, high = float(scale.omega_grid[0]), float(scale.omega_grid[-1])
     delays = plants.dead_time_s[plants.dead_time_s > 0]
-    corners = np.concatenate([np.abs(roots), 1.0 / delays, named[(named > low) & (named < high)], [scale.omega_rad_s]])
+    filters = [1.0 / scale.filter_s] if scale.filter_s else []
+    corners = np.concatenate(
+        [np.abs(roots), 1.0 / delays, named[(named > low) & (named < high)], [scale.omega_rad_s], filters]
+    )
     if samples is not None:
         # below its band the filter is an integrator
         band = samples.digital.band_rad_s[0]

@@ -30,7 +30,8 @@ from fopi_tune.design.global_search.compiled import (
     compiled,
 )
 from fopi_tune.design.global_search.intervals import band_interval, excess, slope_at
-from fopi_tune.design.global_search.samples import controller_of, integral_at_real
+from fopi_tune.design.global_search.samples import controller_of
+from fopi_tune.design.global_search.structures import controller_at_real, order_of
 
 _PI = math.pi
 #: the slack of a quantity that a loop should have and has not
@@ -124,19 +125,19 @@ def depth(kappa, table, rows, work):
 
 
 @compiled
-def controller_at_horizon(alpha, c, s, table, box):
+def controller_at_horizon(third, c, s, table, box):
     """C0 of the ray at the horizon's s."""
-    return c + s * integral_at_real(controller_of(np.array((c, s, alpha)), table.sampling), -box.log_horizon)
+    return controller_at_real(controller_of(np.array((c, s, third)), table.sampling), -box.log_horizon)
 
 
 @compiled
-def cost(code, kappa, alpha, c, s, table, rows, box, work):
+def cost(code, kappa, third, c, s, table, rows, box, work):
     """What the objective makes of one kappa on the ray in the scratch arrays; smaller is better."""
     m, n = work.gain.shape
     if code == KI:
-        return -s * math.exp(kappa + alpha * box.log_omega - box.log_gain)
+        return -s * math.exp(kappa + order_of(third, table.sampling) * box.log_omega - box.log_gain)
     if code == IAE:
-        controller, worst = math.exp(kappa) * controller_at_horizon(alpha, c, s, table, box), 0.0
+        controller, worst = math.exp(kappa) * controller_at_horizon(third, c, s, table, box), 0.0
         for i in range(m):
             p = table.error_gain[i]
             worst = max(worst, abs(p / (1.0 + controller * p)))

@@ -9,6 +9,7 @@ from xml.sax.saxutils import escape
 
 from rich.text import Text
 
+from fopi_tune.core.controller import Pid
 from fopi_tune.prices.result import PointStatus
 from fopi_tune.report.text.formatting import (
     BAD,
@@ -44,7 +45,8 @@ def tradeoff_text(result: Tradeoff) -> Text:
         f"requirement {knob.name}: {limit_phrase(knob.requirement)}, {limit_scope_phrase(knob.requirement)}"
     )
     lines += wrapped(f"objective: {result.objective_quantity}")
-    lines += [("", ""), (f"{'limit':>12}{'objective':>13}{'kp':>12}{'ki':>12}{'alpha':>10}{'score':>9}", "bold")]
+    third = f"{'kd':>12}" if result.spec.controller.has_derivative else f"{'alpha':>10}"
+    lines += [("", ""), (f"{'limit':>12}{'objective':>13}{'kp':>12}{'ki':>12}{third}{'score':>9}", "bold")]
     shown = [p for k, p in enumerate(result.points) if k % every == 0 or k == of - 1]
     for point in sorted((*shown, result.own), key=lambda p: p.limit):
         lines.append(_row(point, point is result.own))
@@ -61,7 +63,8 @@ def _row(point: TradeoffPoint, own: bool) -> Line:
     if point.gains is None or point.objective is None:
         return f"{number(point.limit):>12}{point.status.value:>13}{mark}", BAD
     gains = point.gains
-    numbers = f"{number(gains.kp):>12}{number(gains.ki):>12}{number(gains.alpha):>10}"
+    third = f"{number(gains.kd):>12}" if isinstance(gains, Pid) else f"{number(gains.alpha):>10}"
+    numbers = f"{number(gains.kp):>12}{number(gains.ki):>12}{third}"
     score = "-" if point.largest_score is None else f"{point.largest_score:.3f}"
     loose = "" if point.binds else " -"
     return (

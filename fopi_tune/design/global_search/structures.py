@@ -1,0 +1,331 @@
+"""Structures:  a controller is linear gains times basis responses; a ray gives its gains by a direction and a shape.
+
+With scaled s and three numbers x, whose first `linear` ones are gains and the others shapes,
+
+    fractional      C = x0 + x1 s^-alpha ,                          x2 = alpha ,                                    (1)
+    with derivative C = x0 + x1/s + x2 D ,    D = s/(Tf s + 1) ,    x2 = kd' ,                                      (2)
+
+where on samples s^-alpha and 1/s are the filters of `samples.py` and D is the same function of s there.  A ray is
+C = k C0.  Its direction is the ratio of x1 to the rest, its shape what else there is to choose: alpha in (1), and in
+(2) u in [-1, 1] with
+
+    x0 = c cos(theta) ,   x2 = c sin(theta) ,   ln tan(theta) = r u/sqrt(1 - u^2) ,                                 (3)
+
+so that u = -1 is kd = 0 and u = 1 is kp = 0.  The part of a search that knows the structure is here, in `Structure` and
+in the compiled functions; the solver's symbols are in `program.py`.
+
+Source: derived.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.core.controller import ControllerSpec
+from fopi_tune.design.global_search.compiled import END, compiled
+from fopi_tune.design.global_search.samples import (
+    FILTER,
+    GAIN,
+    controller_of,
+    filter_at,
+    integral_at_real,
+)
+
+_PI = math.pi
+#: neper: the part of the reach of directions that does not depend on the order
+_BASE = 2.5
+#: r of (3), and the largest |ln tan(theta)| between the ends
+_REACH, _MOST = 2.0, 9.0
+#: |C|^2 that stands for 0
+_TINY = 1e-60
+
+
+class Structure(NamedTuple):
+    """What a search has to know of the numbers x.
+
+    Args:
+        names: of the numbers in specs and results.
+        linear: how many of them are gains.
+        step: the distance of shapes in a scan.
+        fewest: shapes in a scan at least.
+    """
+
+    names: tuple[str, str, str]
+    linear: int
+    step: float
+    fewest: int
+
+    @classmethod
+    def of(cls, spec: ControllerSpec) -> Structure:
+        """That of a spec's box."""
+        return WITH_DERIVATIVE if spec.has_derivative else FRACTIONAL
+
+    @property
+    def gains(self) -> tuple[int, ...]:
+        """Indices of the gains."""
+        return tuple(range(self.linear))
+
+    def order(self, x: Array) -> float:
+        """The order of the integral."""
+        return float(x[2]) if self.linear == FRACTIONAL.linear else 1.0
+
+    def times(self, k: float, x: Array) -> Array:
+        """The numbers of k C."""
+        return np.concatenate([k * x[: self.linear], x[self.linear :]])
+
+    def size(self, x: Array) -> float:
+        """The largest gain."""
+        return float(np.max(np.abs(x[: self.linear])))
+
+    def units(self, x: Array) -> Array:
+        """What the solver's unknowns are measured in near x: of the size of each number, never of a vanishing one."""
+        unit = max(self.size(x), 1e-12)
+        return np.concatenate([np.maximum(np.abs(x[: self.linear]), 0.1 * unit), np.ones(len(x) - self.linear)])
+
+    def reach(self, z: Array) -> Array:
+        """How far the solver's unknowns may go from z by a region of radius 1."""
+        return np.concatenate([0.3 + np.abs(z[: self.linear]), np.full(len(z) - self.linear, 0.5)])
+
+
+FRACTIONAL = Structure(("kp", "ki", "alpha"), 2, 0.07, 7)
+WITH_DERIVATIVE = Structure(("kp", "ki", "kd"), 3, 0.13, 2)
+
+
+@compiled
+def order_of(third, sampling):
+    """The order of the integral, which turns scaled ki into the user's."""
+    return third if sampling.derivative == 0.0 else 1.0
+
+
+@compiled
+def controller_at(x, v):
+    """Real and imaginary part of C at j e^v; x is what `controller_of` makes of the numbers."""
+    if len(x) == 3:
+        power = x[1] * math.exp(-x[2] * v)
+        return x[0] + power * math.cos(0.5 * _PI * x[2]), -power * math.sin(0.5 * _PI * x[2])
+    omega = math.exp(v)
+    real, imag = filter_at(x, omega)
+    real, imag = x[0] + x[1] * real, x[1] * imag
+    if x[FILTER] > 0.0:
+        #  D = j omega/(1 + j omega Tf)
+        part = x[2] * omega / (1.0 + (omega * x[FILTER]) ** 2)
+        real, imag = real + part * omega * x[FILTER], imag + part
+    return real, imag
+
+
+@compiled
+def controller_at_real(x, log_s):
+    """C at a real s; x is what `controller_of` makes of the numbers."""
+    value = x[0] + x[1] * integral_at_real(x, log_s)
+    if len(x) > 3 and x[FILTER] > 0.0:
+        s = math.exp(log_s)
+        value += x[2] * s / (x[FILTER] * s + 1.0)
+    return value
+
+
+@compiled
+def controller_at_infinity(x):
+    """C as s tends to infinity; x is what `controller_of` makes of the numbers."""
+    return x[0] + x[2] / x[FILTER] if len(x) > 3 and x[FILTER] > 0.0 else x[0]
+
+
+@compiled
+def first_term(third, c, s, sampling):
+    """The gain of the term that dominates as omega -> 0."""
+    if s != 0.0:
+        return s
+    return third if c == 0.0 and sampling.derivative > 0.0 else c
+
+
+@compiled
+def fill_controller(third, c, s, table, work):
+    """Write ln|C0|, C0 and arg C0 of all columns into the scratch.
+
+    The phase is that from the real axis as omega -> 0: -90 deg times the order, less 180 deg where the first term is
+    negative.
+    """
+    sampling = table.sampling
+    if sampling.derivative > 0.0:
+        x = controller_of(np.array((c, s, third)), sampling)
+        _fill_with_derivative(x, first_term(third, c, s, sampling), table, work)
+    else:
+        _fill_fractional(third, c, s, table, work)
+
+
+@compiled
+def fill_order(alpha, table, work):
+    """Write (j omega)^-alpha, on samples the filter F, of all columns into the scratch, unless it is there."""
+    if work.order[0] == alpha:
+        return
+    n = len(table.v)
+    cosine, sine = math.cos(0.5 * _PI * alpha), math.sin(0.5 * _PI * alpha)
+    sampled = table.sampling.half > 0.0
+    controller = controller_of(np.array((0.0, 1.0, alpha)), table.sampling)
+    if sampled:
+        # at both ends of the axis the filter is an integrator
+        cosine, sine = 0.0, 1.0
+    for j in range(n):
+        x = math.exp(-alpha * table.v[j])
+        if j == 0:
+            x = math.exp(END)
+        elif j == n - 1:
+            x = math.exp(-END)
+        real, imag = x * cosine, -x * sine
+        if sampled and 0 < j < n - 1:
+            real, imag = filter_at(controller, math.exp(table.v[j]))
+        work.power[0, j], work.power[1, j] = real, imag
+    work.order[0] = alpha
+
+
+@compiled
+def _fill_fractional(alpha, c, s, table, work):
+    """`fill_controller` of (1)."""
+    fill_order(alpha, table, work)
+    sampled = table.sampling.half > 0.0
+    negative = s < 0 or (s == 0 and c < 0)
+    for j in range(len(table.v)):
+        real, imag = c + s * work.power[0, j], s * work.power[1, j]
+        angle = math.atan2(-imag, -real) - _PI if negative else math.atan2(imag, real)
+        if sampled and angle > (-0.5 * _PI if negative else 0.5 * _PI):
+            # an order close to 2, whose filter turns a little further than -180 deg
+            angle -= 2.0 * _PI
+        work.controller[0, j] = 0.5 * math.log(real * real + imag * imag)
+        work.controller[1, j], work.controller[2, j], work.controller[3, j] = real, imag, angle
+
+
+@compiled
+def _fill_with_derivative(x, lead, table, work):
+    """`fill_controller` of (2).
+
+    Where Im C changes its sign, once, Re C is kp + Tf ki e^g: its sign says on which side of 0 the locus passes.
+    """
+    n, sign = len(table.v), (-1.0 if lead < 0.0 else 1.0)
+    by_left = x[1] != 0.0 and sign * (x[0] + x[FILTER] * x[1] * x[GAIN]) < 0.0
+    for j in range(n):
+        real, imag = controller_at(x, -END if j == 0 else (END if j == n - 1 else table.v[j]))
+        angle = math.atan2(sign * imag, sign * real)
+        if by_left and angle > 0.0:
+            angle -= 2.0 * _PI
+        work.controller[0, j] = 0.5 * math.log(max(real * real + imag * imag, _TINY))
+        work.controller[1, j], work.controller[2, j] = real, imag
+        work.controller[3, j] = angle if lead > 0.0 else angle - _PI
+
+
+@compiled
+def clamped(ratio, top_low, top_high, bottom_low, bottom_high):
+    """A ratio of two numbers in [low, high], not negative, that is as close to the given one as their ranges allow."""
+    low = top_low / bottom_high if bottom_high > 0.0 else (np.inf if top_high > 0.0 else 0.0)
+    high = top_high / bottom_low if bottom_low > 0.0 else (np.inf if top_high > 0.0 else 0.0)
+    return min(max(ratio, low), high)
+
+
+@compiled
+def sizes(sign, low, high):
+    """The sizes of a gain of one sign in its range: (least, largest)."""
+    return (max(low, 0.0), max(high, 0.0)) if sign > 0.0 else (max(-high, 0.0), max(-low, 0.0))
+
+
+@compiled
+def parts_of(ratio):
+    """(cos, sin) of an angle in [0, 90 deg] with this tangent."""
+    if ratio == np.inf:
+        return 0.0, 1.0
+    size = math.sqrt(1.0 + ratio * ratio)
+    return 1.0 / size, ratio / size
+
+
+@compiled
+def direction_ratio(order, tau, most, span):
+    """ki'/kp' of a direction: from 0 at tau = -1 to inf at tau = 1."""
+    if tau <= -1.0:
+        return 0.0
+    if tau >= 1.0:
+        return np.inf
+    t = (_BASE + order * span) * tau / math.sqrt(1.0 - tau * tau)
+    return math.exp(min(max(t, -order * most), order * most))
+
+
+@compiled
+def tau_of(order, ratio, most, span):
+    """The inverse of `direction_ratio`: tau of ki'/kp' >= 0, and whether a direction reaches it."""
+    if ratio == 0.0:
+        return -1.0, True
+    if ratio == np.inf:
+        return 1.0, True
+    t = math.log(ratio)
+    x = t / (_BASE + order * span)
+    return x / math.sqrt(1.0 + x * x), abs(t) <= order * most
+
+
+@compiled
+def shape_ratio(u):
+    """tan(theta) by (3)."""
+    if u <= -1.0:
+        return 0.0
+    if u >= 1.0:
+        return np.inf
+    return math.exp(min(max(_REACH * u / math.sqrt(1.0 - u * u), -_MOST), _MOST))
+
+
+@compiled
+def ray_of(shape, tau, signs, most, span, box, sampling):
+    """The numbers (third, c, s) of the ray C0 with a shape and a direction that is nearest to them in the box of gains.
+
+    Args:
+        shape: alpha, or u of (3).
+        tau: in [-1, 1]: -1 is ki = 0, 1 is ki alone.
+        signs: of the gains.
+        most, span: of `reach_of`.
+        box: the ranges.
+        sampling: tells the structure.
+    """
+    order = order_of(shape, sampling)
+    ki_low, ki_high = sizes(signs[1], box.ki_low, box.ki_high)
+    unit = math.exp(box.log_gain - order * box.log_omega)
+    first_low, first_high = sizes(signs[0], box.kp_low, box.kp_high)
+    cosine, sine = 1.0, 0.0
+    if sampling.derivative > 0.0:
+        kd_low, kd_high = sizes(signs[2], box.kd_low, box.kd_high)
+        cosine, sine = parts_of(clamped(shape_ratio(shape), kd_low, kd_high, first_low, first_high))
+        low, high = 0.0, np.inf
+        if cosine > 0.0:
+            low, high = first_low / cosine, first_high / cosine
+        if sine > 0.0:
+            low, high = max(low, kd_low / sine), min(high, kd_high / sine)
+        first_low, first_high = low, high
+    ratio = clamped(direction_ratio(order, tau, most, span), ki_low * unit, ki_high * unit, first_low, first_high)
+    c, s = parts_of(ratio)
+    if sampling.derivative > 0.0:
+        return c * sine * signs[2], c * cosine * signs[0], s * signs[1]
+    return shape, c * signs[0], s * signs[1]
+
+
+@compiled
+def kappa_range(third, c, s, least, largest, box, sampling):
+    """The kappa in [least, largest] that the ranges of the gains allow: (low, high)."""
+    low, high = 0.0, math.exp(largest)
+    order = order_of(third, sampling)
+    factor = s * math.exp(order * box.log_omega - box.log_gain)
+    for part in range(3 if sampling.derivative > 0.0 else 2):
+        x, a, b = c, box.kp_low, box.kp_high
+        if part == 1:
+            x, a, b = factor, box.ki_low, box.ki_high
+        elif part == 2:
+            x, a, b = third, box.kd_low, box.kd_high
+        if x == 0.0:
+            if a > 0.0 or b < 0.0:
+                return 1.0, 0.0
+        elif x > 0.0:
+            low, high = max(low, a / x), min(high, b / x)
+        else:
+            low, high = max(low, b / x), min(high, a / x)
+    lowest = math.log(low) if low > math.exp(least) else least
+    highest = math.log(high) if high > 1e-300 else 2.0 * least
+    if highest < lowest < highest + 1e-9:
+        # both are ends of the box on which the ray was put
+        return highest, highest
+    return lowest, highest
