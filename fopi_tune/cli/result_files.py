@@ -146,11 +146,10 @@ def _simulation_csv(driven: ScenarioResult) -> str:
 
 
 def _tradeoff_files(result: Tradeoff) -> Iterator[tuple[str, str]]:
-    from fopi_tune.prices.result import COLUMNS
     from fopi_tune.report import tradeoff_svg
 
     yield f"{TRADEOFF}.json", to_json(result.to_dict()) + "\n"
-    lines = [",".join(COLUMNS), *(",".join(row) for row in result.rows())]
+    lines = [",".join(result.columns), *(",".join(row) for row in result.rows())]
     yield f"{TRADEOFF}.csv", "\n".join(lines) + "\n"
     yield f"{TRADEOFF}.svg", tradeoff_svg(result)
 

@@ -15,7 +15,7 @@ from fopi_tune.spec.model import DesignSpec, Limit, Requirement, Scope
 
 #: version of the result's JSON; it may only grow
 TRADEOFF_SCHEMA = 1
-COLUMNS = ("limit", "status", "objective", "kp", "ki", "alpha", "largest_score", "binds")
+_BEFORE, _AFTER = ("limit", "status", "objective"), ("largest_score", "binds")
 
 
 class PointStatus(StrEnum):
@@ -48,9 +48,13 @@ class TradeoffPoint:
     largest_score: float | None
     binds: bool
 
-    def row(self) -> tuple[str, ...]:
-        """A row of the CSV file; empty where there is no number."""
-        gains = (self.gains.kp, self.gains.ki, self.gains.alpha) if self.gains else (None, None, None)
+    def row(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """A row of the CSV file; empty where there is no number.
+
+        Args:
+            names: of the controller's numbers that are shown.
+        """
+        gains = tuple(getattr(self.gains, name) if self.gains else None for name in names)
         numbers = ["" if v is None else repr(v) for v in (self.objective, *gains, self.largest_score)]
         return (repr(self.limit), self.status.value, *numbers, str(self.binds).lower())
 
@@ -126,9 +130,19 @@ class Tradeoff:
         """The feasible points, which make the curve."""
         return tuple(p for p in self.points if p.status is PointStatus.MET)
 
+    @property
+    def gain_names(self) -> tuple[str, ...]:
+        """The controller's numbers that are shown: kp, ki, alpha, and kd where there is a derivative."""
+        return ("kp", "ki", "alpha", *(("kd",) if self.spec.controller.has_derivative else ()))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the CSV file's columns."""
+        return (*_BEFORE, *self.gain_names, *_AFTER)
+
     def rows(self) -> Iterator[tuple[str, ...]]:
-        """One row a point, with the columns `COLUMNS`."""
-        yield from (point.row() for point in self.points)
+        """One row a point, with the columns `columns`."""
+        yield from (point.row(self.gain_names) for point in self.points)
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.errors import DomainError
 from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
 from fopi_tune.report.evidence import evidence_rows, histograms, sampling_phrase
@@ -125,9 +125,14 @@ def _text_values(documents: ResultDocuments) -> dict[str, Any]:
 
 
 def _gains_words(gains: FoPi, status: str) -> str:
-    values = ", ".join(f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha"))
+    formula, names = "kp + ki / s^alpha", {"kp": gains.kp, "ki": gains.ki, "alpha": gains.alpha}
+    if isinstance(gains, Pid):
+        formula = "kp + ki/s + kd s/(Tf s + 1)"
+        names = {"kp": gains.kp, "ki": gains.ki, "kd": gains.kd, "Tf": gains.derivative_filter_time_constant_s}
+    values = ", ".join(f"{name} = {number(value)}" for name, value in names.items())
+    values += " s" if isinstance(gains, Pid) else ""
     no_solution = "" if status == "solved" else "; these gains are no solution, only where the search ended"
-    return f"C(s) = kp + ki / s^alpha with {values}{no_solution}"
+    return f"C(s) = {formula} with {values}{no_solution}"
 
 
 def _score_note(requirements: Sequence[ReportedRequirement]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
@@ -26,12 +26,17 @@ if TYPE_CHECKING:
 
 #: rows of the table; of more points every second, third, ... is shown
 _MOST_ROWS = 26
+#: a controller's numbers and the widths of their columns
+_NAMES: Mapping[str, int] = {"kp": 12, "ki": 12, "alpha": 10}
+_NAMES_WITH_DERIVATIVE: Mapping[str, int] = {"kp": 12, "ki": 12, "kd": 12}
+_HEAD = f"{'limit':>12}{'objective':>13}"
 _CURVE, _OWN, _REFUSED = "#0072b2", "#000000", "#d55e00"
 
 
 def tradeoff_text(result: Tradeoff) -> Text:
     """The curve as a table of at most 80 columns, and where it ends."""
     knob, solved = result.knob, result.status == "solved"
+    shown_names = _NAMES_WITH_DERIVATIVE if result.spec.controller.has_derivative else _NAMES
     every = -(-len(result.points) // _MOST_ROWS)
     met, of = len(result.met), len(result.points)
     said = (
@@ -44,10 +49,13 @@ def tradeoff_text(result: Tradeoff) -> Text:
         f"requirement {knob.name}: {limit_phrase(knob.requirement)}, {limit_scope_phrase(knob.requirement)}"
     )
     lines += wrapped(f"objective: {result.objective_quantity}")
-    lines += [("", ""), (f"{'limit':>12}{'objective':>13}{'kp':>12}{'ki':>12}{'alpha':>10}{'score':>9}", "bold")]
+    lines += [
+        ("", ""),
+        (_HEAD + "".join(f"{name:>{width}}" for name, width in shown_names.items()) + f"{'score':>9}", "bold"),
+    ]
     shown = [p for k, p in enumerate(result.points) if k % every == 0 or k == of - 1]
     for point in sorted((*shown, result.own), key=lambda p: p.limit):
-        lines.append(_row(point, point is result.own))
+        lines.append(_row(point, point is result.own, shown_names))
     lines += [("", "")]
     for end in result.ends:
         lines += wrapped(_end_words(end))
@@ -56,12 +64,12 @@ def tradeoff_text(result: Tradeoff) -> Text:
     return to_text(lines)
 
 
-def _row(point: TradeoffPoint, own: bool) -> Line:
+def _row(point: TradeoffPoint, own: bool, names: Mapping[str, int]) -> Line:
     mark = "  *" if own else ""
     if point.gains is None or point.objective is None:
         return f"{number(point.limit):>12}{point.status.value:>13}{mark}", BAD
     gains = point.gains
-    numbers = f"{number(gains.kp):>12}{number(gains.ki):>12}{number(gains.alpha):>10}"
+    numbers = "".join(f"{number(getattr(gains, name)):>{width}}" for name, width in names.items())
     score = "-" if point.largest_score is None else f"{point.largest_score:.3f}"
     loose = "" if point.binds else " -"
     return (
