@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
+from fopi_tune.core.controller import Pid
 from fopi_tune.report.comparison import ALIKE, ComparedDesign, Comparison, compare_designs
 from fopi_tune.report.documents import Document, ResultDocuments
 from fopi_tune.report.evidence import evidence_rows, sampling_phrase
@@ -51,6 +53,7 @@ def _facts(comparison: Comparison) -> list[tuple[str, list[str]]]:
         ("kp", lambda f: "–" if f.gains is None else number(f.gains.kp)),
         ("ki", lambda f: "–" if f.gains is None else number(f.gains.ki)),
         ("alpha", lambda f: "–" if f.gains is None else number(f.gains.alpha)),
+        *(_DERIVATIVE_FACTS if any(isinstance(each.gains, Pid) for each in every) else ()),
         ("gains from", lambda f: f.design["stamp"]["solver"] or "the spec or the command line"),
         ("stability", _stability),
         ("nominal crossover, rad/s", lambda f: _nominal(f, "crossover_rad_s")),
@@ -60,6 +63,17 @@ def _facts(comparison: Comparison) -> list[tuple[str, list[str]]]:
         ("spec (SHA-256)", lambda f: f.spec.sha256[:12]),
     )
     return [(name, [str(tell(each)) for each in every]) for name, tell in makers]
+
+
+def _of_derivative(name: str, documents: ResultDocuments) -> str:
+    return number(getattr(documents.gains, name)) if isinstance(documents.gains, Pid) else "–"
+
+
+#: shown where one of the designs has a derivative
+_DERIVATIVE_FACTS = (
+    ("kd", partial(_of_derivative, "kd")),
+    ("derivative filter, s", partial(_of_derivative, "derivative_filter_time_constant_s")),
+)
 
 
 def _stability(documents: ResultDocuments) -> str:
