@@ -22,16 +22,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from fopi_tune.core.compiled.loops import Terms
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Complex = NDArray[np.complex128]
 
 #: exponents are clipped here so that a double, and in bounds its square, stays finite
-_EXPONENT_CAP = 700.0
 _BOUND_EXPONENT_CAP = 300.0
 #: points evaluated together: an array of 30 factors of each point is 0.25 MB, which stays in the cache and is not given
 #: back to the system after every operation
@@ -41,66 +44,6 @@ PORTION = 1_024
 def portions(count: int) -> list[slice]:
     """Slices of at most `PORTION` points each that together are all of them; one when there are none."""
     return [slice(start, start + PORTION) for start in range(0, max(count, 1), PORTION)]
-
-
-@dataclass(frozen=True)
-class _Rays:
-    """Factors 1 + w, w = e^x e^{j psi}, in real arithmetic, several times faster than with complex logarithms.
-
-    With m = e^-|x| <= 1 and d = |1 + m e^{j psi}|^2 = 1 + m (m + 2 cos psi), nothing overflows:
-
-        ln|1 + w| = max(x, 0) + ln(d)/2 ,
-        w/(1 + w) = {m (m + cos psi)  if x <= 0,  1 + m cos psi  if x > 0}/d + j m sin psi/d .                      (3)
-
-    Source: derived; for x > 0 with 1/w, whose absolute value is m.
-
-    Args:
-        exponent: shape (n, K), x.
-        small: shape (n, K), m.
-        cosine, sine: shape (n, K), of psi.
-    """
-
-    exponent: Array
-    small: Array
-    cosine: Array
-    sine: Array
-
-    @cached_property
-    def _is_large(self) -> NDArray[np.bool_]:
-        return self.exponent > 0.0
-
-    @cached_property
-    def _along(self) -> Array:
-        """Shape (n, K), m cos psi."""
-        return self.small * self.cosine
-
-    @cached_property
-    def _across(self) -> Array:
-        """Shape (n, K), m sin psi."""
-        return self.small * self.sine
-
-    @cached_property
-    def squared_distance(self) -> Array:
-        """Shape (n, K), d: as a sum of squares it is accurate near w = -1 too."""
-        return (1.0 + self._along) ** 2 + self._across**2
-
-    def log_gain(self) -> Array:
-        """Shape (n, K), ln|1 + w|."""
-        excess = self.small * (self.small + 2.0 * self.cosine)
-        log = np.log1p(excess)
-        close = excess < -0.5
-        if close.any():
-            log[close] = np.log(self.squared_distance[close])
-        return np.maximum(self.exponent, 0.0) + 0.5 * log
-
-    def phase(self) -> Array:
-        """Shape (n, K), arg(1 + w) in rad."""
-        real = np.where(self._is_large, self.small + self.cosine, 1.0 + self._along)
-        return np.arctan2(np.where(self._is_large, self.sine, self._across), real)
-
-    def real_part(self) -> Array:
-        """Shape (n, K), d Re w/(1 + w)."""
-        return np.where(self._is_large, 1.0 + self._along, self.small * (self.small + self.cosine))
 
 
 @dataclass(frozen=True)
@@ -160,36 +103,15 @@ class BodeForm:
 
     def derivative(self, rows: Rows, u: Array) -> Complex:
         """d ln f / du at u: the slope of ln|f| and, imaginary, that of the phase in rad."""
-        if len(u) <= PORTION:
-            return self._derivative_at_once(rows, u)
-        return np.concatenate([self._derivative_at_once(rows[part], u[part]) for part in portions(len(u))])
+        from fopi_tune.core.compiled.loops import slopes
+
+        return slopes(self.terms, contiguous_rows(rows), np.ascontiguousarray(u, dtype=float))
 
     def value_and_derivative(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
         """ln f, unwrapped, and d ln f / du at u; rows and u of equal shape (n,)."""
-        if len(u) <= PORTION:
-            return self._at_once(rows, u)
-        found = [self._at_once(rows[part], u[part]) for part in portions(len(u))]
-        return np.concatenate([value for value, _ in found]), np.concatenate([slope for _, slope in found])
+        from fopi_tune.core.compiled.loops import values
 
-    def _derivative_at_once(self, rows: Rows, u: Array) -> Complex:
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            (_, slope0, _, delay), (nu, corner, cosine, sine, _, weight) = self._selected(rows)
-            rays = _rays(nu, corner, cosine, sine, u)
-            return _derivative(slope0, weight, rays, delay * np.exp(u))
-
-    def _at_once(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            (scale, slope0, phase0, delay), (nu, corner, cosine, sine, sign, weight) = self._selected(rows)
-            rays, turn = _rays(nu, corner, cosine, sine, u), delay * np.exp(u)
-            value = np.empty(len(u), dtype=complex)
-            value.real = scale + slope0 * u + np.add.reduce(sign * rays.log_gain(), axis=1)
-            value.imag = phase0 - turn + np.add.reduce(sign * rays.phase(), axis=1)
-            return value, _derivative(slope0, weight, rays, turn)
-
-    def _selected(self, rows: Rows) -> tuple[Array, Array]:
-        """Rows of the numbers of functions, shape (4, n), and of factors, shape (6, n, K): two selections, not ten."""
-        terms, factors = self._tables
-        return terms.take(rows, axis=1), factors.take(rows, axis=1)
+        return values(self.terms, contiguous_rows(rows), np.ascontiguousarray(u, dtype=float))
 
     def curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
         """An upper bound of |d2 ln f / du2| on [low, high], by (2)."""
@@ -204,7 +126,7 @@ class BodeForm:
         )
 
     def _gain_curvature_bound(self, rows: Rows, low: Array, high: Array) -> Array:
-        nu, corner, cosine, sine, sign, _ = self._selected(rows)[1]
+        nu, corner, cosine, sine, sign = self.terms.factors[:5].take(rows, axis=1)
         rho_low = np.exp(_clipped(nu * (low[:, None] - corner), _BOUND_EXPONENT_CAP))
         rho_high = np.exp(_clipped(nu * (high[:, None] - corner), _BOUND_EXPONENT_CAP))
         # The point of the ray's piece that lies closest to -1 has |w| = -cos psi, or is an end of the piece.
@@ -234,27 +156,25 @@ class BodeForm:
         return np.where(none, -1.0, low), np.where(none, 1.0, high)
 
     @cached_property
-    def _tables(self) -> tuple[Array, Array]:
-        """What `_selected` selects of: scale, slope0, phase0, delay; nu, corner, cos psi, sin psi, sign, sign nu."""
+    def terms(self) -> Terms:
+        """For compiled functions: scale, slope0, phase0, delay; nu, corner, cos psi, sin psi, sign, sign nu, e^-corner.
+
+        The last one is 0 where nu is not 1 or the corner lies so far away that products with it might overflow.
+        """
+        from fopi_tune.core.compiled.loops import NEAR_ONE, Terms
+
         direction: Complex = np.exp(1j * self.psi)
-        factors = self.nu, self.corner, direction.real, direction.imag, self.sign, self.sign * self.nu
-        return np.array([self.scale, self.slope0, self.phase0, self.delay]), np.array(factors)
+        plain = (self.nu == 1.0) & (np.abs(self.corner) < NEAR_ONE)
+        inverse = np.where(plain, np.exp(-np.where(plain, self.corner, 0.0)), 0.0)
+        factors = self.nu, self.corner, direction.real, direction.imag, self.sign, self.sign * self.nu, inverse
+        return Terms(np.array([self.scale, self.slope0, self.phase0, self.delay], dtype=float), np.array(factors))
+
+
+def contiguous_rows(rows: Rows) -> Rows:
+    """As compiled functions take them."""
+    return np.ascontiguousarray(rows, dtype=np.int64)
 
 
 def _clipped(exponent: Array, cap: float) -> Array:
     """As `np.clip`, which takes longer than what it is for where arrays are short."""
     return np.minimum(np.maximum(exponent, -cap), cap)
-
-
-def _rays(nu: Array, corner: Array, cosine: Array, sine: Array, u: Array) -> _Rays:
-    exponent = _clipped(nu * (u[:, None] - corner), _EXPONENT_CAP)
-    return _Rays(exponent, np.exp(-np.abs(exponent)), cosine, sine)
-
-
-def _derivative(slope0: Array, weight: Array, rays: _Rays, turn: Array) -> Complex:
-    """Formula (2); the weight of a factor is its sign times its exponent."""
-    weight = weight / rays.squared_distance
-    slope = np.empty(len(turn), dtype=complex)
-    slope.real = slope0 + np.add.reduce(weight * rays.real_part(), axis=1)
-    slope.imag = np.add.reduce(weight * rays.small * rays.sine, axis=1) - turn
-    return slope

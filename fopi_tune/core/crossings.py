@@ -15,10 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.bode_form import Array, Rows
+from fopi_tune.core.bode_form import Array, Rows, contiguous_rows
 from fopi_tune.core.loops import Loops
-from fopi_tune.core.roots import find_roots
+from fopi_tune.core.roots import find_roots, merged
 
+#: their name in `Loops.computed`
+_CROSSOVERS = "gain crossovers"
 #: |u| never exceeds this: omega stays inside what a double can hold
 _U_CAP = 600.0
 #: |ln|L|| is clipped here in results, so that |L| stays finite
@@ -102,16 +104,13 @@ def gain_crossovers(loops: Loops, level: Array | None = None) -> Crossings:
     Returns:
         The crossings; a loop without any has no row in it.
     """
-    level = np.zeros(len(loops)) if level is None else level
+    if level is None:
+        # several requirements ask for them
+        if _CROSSOVERS not in loops.computed:
+            loops.computed[_CROSSOVERS] = gain_crossovers(loops, np.zeros(len(loops)))
+        return loops.computed[_CROSSOVERS]
     low, high = _gain_range(loops, level)
-
-    def function(rows: Rows, u: Array) -> tuple[Array, Array]:
-        value, slope = loops.log_response_and_slope(rows, u)
-        return value.real - level[rows], slope.real
-
-    # |e^{-j omega L}| = 1: the dead time bends only the phase.
-    rows, u = find_roots(function, loops.log.gain_curvature_bound, np.arange(len(loops)), low, high)
-    return _crossings(loops, rows, u)
+    return _crossings(loops, *_roots(loops, level, np.arange(len(loops)), low, high))
 
 
 def phase_crossovers(loops: Loops) -> Crossings:
@@ -219,12 +218,32 @@ def _limit_crossings(loops: Loops) -> Crossings:
 
 
 def _phase_crossings(loops: Loops, rows: Rows, low: Array, high: Array) -> Crossings:
-    def function(r: Rows, u: Array) -> tuple[Array, Array]:
-        value, slope = loops.log_response_and_slope(r, u)
-        return value.imag + np.pi, slope.imag
+    return _crossings(loops, *_roots(loops, None, rows, low[rows], high[rows]))
 
-    found, u = find_roots(function, loops.log.curvature_bound, rows, low[rows], high[rows], period=2.0 * np.pi)
-    return _crossings(loops, found, u)
+
+def _roots(loops: Loops, level: Array | None, rows: Rows, low: Array, high: Array) -> tuple[Rows, Array]:
+    """Every |L| = e^level, or without a level every arg L = -180 deg (mod 360), of these loops on these intervals."""
+    if not len(rows):
+        return rows, low
+    from fopi_tune.core.compiled.roots import loop_roots
+
+    levels, rows = np.zeros(len(loops)) if level is None else level, contiguous_rows(rows)
+    complete, found = loop_roots(level is None, loops.log.terms, loops.direct, levels, rows, low, high)
+    if not complete:
+        # the same search, which ends by saying why
+        def function(rows: Rows, u: Array) -> tuple[Array, Array]:
+            value, slope = loops.log_response_and_slope(rows, u)
+            return (value.imag + np.pi, slope.imag) if level is None else (value.real - levels[rows], slope.real)
+
+        # |e^{-j omega L}| = 1: the dead time bends only the phase
+        bound = loops.log.curvature_bound if level is None else loops.log.gain_curvature_bound
+        return find_roots(function, bound, rows, low, high, None if level is not None else 2.0 * np.pi)
+    touching = found[:, 2] > 0.0
+    at = merged([(found[touching, 0], found[touching, 1])])
+    row = np.concatenate([found[~touching, 0], at[0]]).astype(np.intp)
+    u = np.concatenate([found[~touching, 1], at[1]])
+    order = np.lexsort((u, row))
+    return row[order], u[order]
 
 
 def _joined(*parts: Crossings) -> Crossings:

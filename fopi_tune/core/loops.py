@@ -7,14 +7,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
+from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows, contiguous_rows
 from fopi_tune.core.controller import FoPi, derivative_of
 from fopi_tune.core.plant import Plant, PlantFamily
 from fopi_tune.errors import DomainError
+
+if TYPE_CHECKING:
+    from fopi_tune.core.compiled.loops import Direct
 
 #: relative; a root this close to the imaginary axis is treated as one just inside the left half-plane
 _AXIS_TOLERANCE = 1e-9
@@ -202,6 +206,11 @@ class Loops:
         derivatives = None if self.derivatives is None else self.derivatives.take(rows)
         return Loops(self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows), derivatives=derivatives)
 
+    @cached_property
+    def computed(self) -> dict[str, Any]:
+        """What is known of these loops, by its name: one who asks again gets the same object."""
+        return {}
+
     @property
     def highest_rad_s(self) -> float:
         """The highest frequency: infinite in continuous time, Nyquist's on samples."""
@@ -307,13 +316,24 @@ class Loops:
 
     def log_response_and_slope(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
         """ln L as above, and d ln L / du."""
-        factors, slope = self.log.value_and_derivative(rows, u)
-        omega = np.exp(u)
-        with np.errstate(all="ignore"):
-            direct = np.log(self.controller_response(rows, omega) * self.plants.response(rows, omega))
-        direct = direct - 1j * omega * self.plants.dead_time_s[rows]
-        turns = np.round((factors.imag - direct.imag) / (2.0 * np.pi))
-        return np.where(np.isfinite(direct), direct + 2j * np.pi * turns, factors), slope
+        from fopi_tune.core.compiled.loops import loop_values
+
+        return loop_values(self.log.terms, self.direct, contiguous_rows(rows), np.ascontiguousarray(u, dtype=float))
+
+    @cached_property
+    def direct(self) -> Direct:
+        """For compiled functions: what the loops are computed from directly."""
+        from fopi_tune.core.compiled.loops import Direct
+
+        none = np.zeros(len(self))
+        derivative = (none, none) if self.derivatives is None else (self.derivatives.kd, self.derivatives.filter_s)
+        gains = np.array([self.kp, self.ki, self.alpha, *derivative], dtype=float)
+        return Direct(gains, np.zeros((2, 0)), 0.0, *self._polynomials, self.plants.dead_time_s + 0.0, False)
+
+    @property
+    def _polynomials(self) -> tuple[Array, Array]:
+        plants = self.plants
+        return tuple(np.ascontiguousarray(c, dtype=float) for c in (plants.numerator, plants.denominator))
 
 
 NDArrayInt = np.ndarray[tuple[int, ...], np.dtype[np.int_]]

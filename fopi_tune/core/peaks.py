@@ -17,19 +17,12 @@ from enum import Enum
 
 import numpy as np
 
-from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows, portions
+from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
 from fopi_tune.core.loops import Loops
 from fopi_tune.errors import DomainError
 
-_FIRST_CELLS = 24
-_PIECES = 4
-_SMALLEST_WIDTH = 1e-10
 #: cells of a search in all
 _MOST_CELLS = 2_000_000
-#: the extreme is found to this many neper
-_TOLERANCE = 1e-10
-#: a segment this short is a point
-_NO_LENGTH = 1e-200
 #: |u| and ln|K| are clipped here (1e100 and 1e130), so that their products stay finite
 _U_CAP, _GAIN_CAP = 230.0, 300.0
 
@@ -78,30 +71,6 @@ class _Sum:
             value += e
             slope += e * log_slope
         return value, slope
-
-    def bounds(
-        self, rows: Rows, low: Array, high: Array, logs: list[tuple[Complex, Complex]]
-    ) -> tuple[Array, Array, Array]:
-        """Bounds on each cell [low, high]: of |K''| from above, and of |K| from below and above by its terms' moduli.
-
-        The bounds of |K| do not depend on how fast a dead time turns the terms, so they also hold at high frequencies.
-        `logs` are the terms at the cells' centres.
-        """
-        h = 0.5 * (high - low)
-        curvature = np.zeros(len(h))
-        ranges = [(np.ones(len(h)), np.ones(len(h)))] if self.one else []
-        for term, (value, slope) in zip(self.terms, logs, strict=True):
-            gain_bound = term.gain_curvature_bound(rows, low, high)
-            bound = gain_bound + np.abs(term.delay[rows]) * np.exp(high)
-            gain, reach = value.real, (np.abs(slope.real) + gain_bound * h) * h
-            largest = np.exp(np.minimum(gain + reach, _GAIN_CAP))
-            ranges.append((np.exp(np.minimum(gain - reach, _GAIN_CAP)), largest))
-            with np.errstate(over="ignore", invalid="ignore"):
-                term_curvature = largest * ((np.abs(slope) + bound * h) ** 2 + bound)
-            curvature += np.where(np.isfinite(term_curvature), term_curvature, np.inf)
-        total = sum(high for _, high in ranges)
-        smallest = np.max([low + high for low, high in ranges], axis=0) - total
-        return curvature, smallest, np.asarray(total)
 
 
 def _exp(z: Complex) -> Complex:
@@ -234,62 +203,13 @@ def _branch_and_bound(inverse: _Sum, low: Array, high: Array, sign: float, floor
 
     Cells with a bound below `floor` are dropped.
     """
-    m = len(low)
-    r, a, b = _pieces(np.arange(m), low, high, _FIRST_CELLS)
-    best, where = np.full(m, -np.inf), low.copy()
+    from fopi_tune.core.compiled.loops import Terms
+    from fopi_tune.core.compiled.peaks import branch_and_bound
 
-    def offer(rows: Rows, u: Array, value: Array) -> None:
-        order = np.lexsort((value, rows))
-        last = order[np.append(rows[order][1:] != rows[order][:-1], True)] if len(order) else order
-        better = last[value[last] > best[rows[last]]]
-        best[rows[better]], where[rows[better]] = value[better], u[better]
-
-    for end in (low, high):
-        offer(np.arange(m), end, _value_and_bound(inverse, np.arange(m), end, end, sign)[0])
-    work = 0
-    while len(r):
-        work += len(r)
-        if work > _MOST_CELLS:
-            raise DomainError("the response has too many peaks to search; the dead time is too long for this loop")
-        value, bound = _in_portions(inverse, r, a, b, sign)
-        offer(r, 0.5 * (a + b), value)
-        keep = (bound > np.maximum(best, floor)[r] + _TOLERANCE) & (0.5 * (b - a) > _SMALLEST_WIDTH)
-        r, a, b = _pieces(r[keep], a[keep], b[keep], _PIECES)
+    first, *more = (term.terms for term in inverse.terms)
+    second = more[0] if more else Terms(np.zeros((4, 0)), np.zeros((7, 0, 0)))
+    low, high, floor = (np.ascontiguousarray(part, dtype=float) for part in (low, high, floor))
+    best, where, work = branch_and_bound(inverse.one, first, second, low, high, sign, floor, _MOST_CELLS)
+    if work > _MOST_CELLS:
+        raise DomainError("the response has too many peaks to search; the dead time is too long for this loop")
     return best, where, work
-
-
-def _in_portions(inverse: _Sum, rows: Rows, low: Array, high: Array, sign: float) -> tuple[Array, Array]:
-    """`_value_and_bound` of many cells, so many at a time that the memory stays small."""
-    value, bound = np.empty(len(rows)), np.empty(len(rows))
-    for part in portions(len(rows)):
-        value[part], bound[part] = _value_and_bound(inverse, rows[part], low[part], high[part], sign)
-    return value, bound
-
-
-def _value_and_bound(inverse: _Sum, rows: Rows, low: Array, high: Array, sign: float) -> tuple[Array, Array]:
-    """sign * (-ln|K|) at each cell's centre, and what it cannot exceed on the cell."""
-    c, h = 0.5 * (low + high), 0.5 * (high - low)
-    logs = inverse.logs(rows, c)
-    k, slope = inverse.value_and_slope(logs)
-    curvature, smallest, largest = inverse.bounds(rows, low, high, logs)
-    with np.errstate(over="ignore"):
-        slack = 0.5 * curvature * h**2
-    if sign > 0:
-        size = np.maximum(np.maximum(_distance_of_segment(k, slope * h) - slack, smallest), 0.0)
-    else:
-        size = np.minimum(np.maximum(np.abs(k + slope * h), np.abs(k - slope * h)) + slack, largest)
-    with np.errstate(divide="ignore"):
-        return -sign * np.log(np.abs(k)), -sign * np.log(size)
-
-
-def _pieces(rows: Rows, low: Array, high: Array, count: int) -> tuple[Rows, Array, Array]:
-    """Every interval cut into `count` equal ones; neighbours share their ends to the last bit."""
-    edges = low[:, None] + (high - low)[:, None] * (np.arange(count + 1) / count)
-    edges[:, -1] = high
-    return np.repeat(rows, count), edges[:, :-1].ravel(), edges[:, 1:].ravel()
-
-
-def _distance_of_segment(middle: Complex, half: Complex) -> Array:
-    """Distance from 0 of the segment from middle - half to middle + half."""
-    along = -(middle / np.where(np.abs(half) > _NO_LENGTH, half, 1.0)).real
-    return np.abs(middle + np.clip(along, -1.0, 1.0) * half)

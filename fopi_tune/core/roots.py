@@ -23,16 +23,16 @@ Function = Callable[[Rows, Array], tuple[Array, Array]]
 #: (rows, low, high) -> bound of the second derivative's absolute value
 Curvature = Callable[[Rows, Array, Array], Array]
 
-_FIRST_CELLS = 12
-_SMALLEST_WIDTH = 1e-9
-_MOST_CELLS = 400_000
-_TOUCH = 1e-12
+FIRST_CELLS = 12
+SMALLEST_WIDTH = 1e-9
+MOST_CELLS = 400_000
+TOUCH = 1e-12
 #: allowance for rounding in the test for a root, relative and absolute
-_WIDER, _ROUNDING = 1.0 + 1e-9, 1e-15
+WIDER, ROUNDING = 1.0 + 1e-9, 1e-15
 #: a Newton step this small may be rounding alone
-_LAST_STEP = 1e-12
+LAST_STEP = 1e-12
 #: f is taken as constant at its level where it stays this close to it over a cell at least this wide
-_FLAT, _FLAT_WIDTH = 1e-14, 1e-6
+FLAT, FLAT_WIDTH = 1e-14, 1e-6
 
 
 def find_roots(
@@ -65,16 +65,16 @@ def _isolate(
     function: Function, curvature: Curvature, rows: Rows, low: Array, high: Array, period: float | None
 ) -> tuple[Rows, Array, Array, Array, Rows, Array]:
     """Split until every cell has no root, is monotone, or is too small; monotone cells become brackets."""
-    share = np.arange(_FIRST_CELLS + 1) / _FIRST_CELLS
+    share = np.arange(FIRST_CELLS + 1) / FIRST_CELLS
     edges = low[:, None] + (high - low)[:, None] * share
     edges[:, -1] = high
-    r, a, b = np.repeat(rows, _FIRST_CELLS), edges[:, :-1].ravel(), edges[:, 1:].ravel()
+    r, a, b = np.repeat(rows, FIRST_CELLS), edges[:, :-1].ravel(), edges[:, 1:].ravel()
     brackets: list[tuple[Rows, Array, Array]] = []
     touching: list[tuple[Rows, Array]] = []
     work = 0
     while len(r):
         work += len(r)
-        if work > _MOST_CELLS:
+        if work > MOST_CELLS:
             raise DomainError(_too_often(function(r, 0.5 * (a + b))[0], period))
         c, h = 0.5 * (a + b), 0.5 * (b - a)
         value, slope = function(r, c)
@@ -83,13 +83,13 @@ def _isolate(
         distance = np.abs(value) if period is None else np.abs(value - period * np.round(value / period))
         # A root on the edge between two cells must survive in both, whatever rounding does to the equality.
         # A function that lies on its level over a wide cell does not cross it there.
-        maybe = (distance <= reach * _WIDER + _ROUNDING) & ((distance + reach > _FLAT) | (h < _FLAT_WIDTH))
+        maybe = (distance <= reach * WIDER + ROUNDING) & ((distance + reach > FLAT) | (h < FLAT_WIDTH))
         monotone = maybe & (np.abs(slope) > bound * h)
         brackets.append((r[monotone], a[monotone], b[monotone]))
         rest = maybe & ~monotone
-        tiny = rest & (h < _SMALLEST_WIDTH)
+        tiny = rest & (h < SMALLEST_WIDTH)
         if tiny.any():
-            touch = tiny & (distance < _TOUCH)
+            touch = tiny & (distance < TOUCH)
             touching.append((r[touch], c[touch]))
             brackets.append((r[tiny & ~touch], a[tiny & ~touch], b[tiny & ~touch]))
         split = rest & ~tiny
@@ -97,14 +97,14 @@ def _isolate(
         a, b = np.concatenate([a[split], c[split]]), np.concatenate([c[split], b[split]])
     nothing = (np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros(0))
     r, a, b = (np.concatenate(part) for part in zip(nothing, *brackets, strict=True))
-    touching_rows, touched = _merge(touching)
+    touching_rows, touched = merged(touching)
     return *_brackets_of_levels(function, r, a, b, period), touching_rows, touched
 
 
 def _too_often(values: Array, period: float | None) -> str:
     """Why the roots cannot be listed, from the values in the middle of the cells that are left."""
     distance = np.abs(values if period is None else values - period * np.round(values / period))
-    if np.mean(distance < _TOUCH) > 0.5:
+    if np.mean(distance < TOUCH) > 0.5:
         line = "|L| = 1" if period is None else "arg L = -180 deg"
         return (
             f"{line} over a whole range of frequencies, up to rounding, so that there are no single crossings: the "
@@ -129,7 +129,7 @@ def _brackets_of_levels(
     below = np.ceil(np.minimum(fa, fb) / period)
     above = np.ceil(np.maximum(fa, fb) / period)
     count = np.maximum(above - below, 0).astype(np.intp)
-    if count.sum() > _MOST_CELLS:
+    if count.sum() > MOST_CELLS:
         raise DomainError("the phase passes -180 deg too often to list; the dead time is far too long for this loop")
     index = np.repeat(np.arange(len(r)), count)
     step = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
@@ -152,7 +152,7 @@ def _polish(function: Function, rows: Rows, a: Array, b: Array, level: Array) ->
         size = np.abs(step)
         # At the root rounding decides the step's sign: a step that no longer shrinks is the last one.
         resolution = 4e-16 * np.maximum(1.0, np.abs(u))
-        done = (np.minimum(size, b - a) <= resolution) | ((size <= _LAST_STEP) & (size > 0.25 * before))
+        done = (np.minimum(size, b - a) <= resolution) | ((size <= LAST_STEP) & (size > 0.25 * before))
         # The root may be an end of the bracket itself.
         inside = (u + step > a - resolution) & (u + step < b + resolution)
         u = np.where(done, u, np.where(inside, u + step, 0.5 * (a + b)))
@@ -162,7 +162,7 @@ def _polish(function: Function, rows: Rows, a: Array, b: Array, level: Array) ->
     return u
 
 
-def _merge(touching: list[tuple[Rows, Array]]) -> tuple[Rows, Array]:
+def merged(touching: list[tuple[Rows, Array]]) -> tuple[Rows, Array]:
     """Touching points, those of neighbouring cells merged."""
     if not touching:
         return np.zeros(0, dtype=np.intp), np.zeros(0)
@@ -171,5 +171,5 @@ def _merge(touching: list[tuple[Rows, Array]]) -> tuple[Rows, Array]:
     order = np.lexsort((u, r))
     r, u = r[order], u[order]
     keep = np.ones(len(r), dtype=bool)
-    keep[1:] = (r[1:] != r[:-1]) | (u[1:] - u[:-1] > 10 * _SMALLEST_WIDTH)
+    keep[1:] = (r[1:] != r[:-1]) | (u[1:] - u[:-1] > 10 * SMALLEST_WIDTH)
     return r[keep], u[keep]

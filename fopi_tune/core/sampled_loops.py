@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,9 @@ from fopi_tune.core.loops import Loops, Plants, leading_coefficients, polynomial
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.zero_order_hold import behind_hold
 from fopi_tune.errors import DomainError
+
+if TYPE_CHECKING:
+    from fopi_tune.core.compiled.loops import Direct
 
 _AXIS_TOLERANCE = 1e-9
 #: exponents of omega are clipped here, so that nu and 1/nu stay finite
@@ -182,17 +186,15 @@ class SampledLoops(Loops):
         u = np.clip(self.u_of(omega), -_U_CAP, _U_CAP)
         return self.sections.at(shifted(u)) * self.plants.at(rows, u)
 
-    def log_response_and_slope(self, rows: Rows, u: Array) -> tuple[Complex, Complex]:
-        """ln L and d ln L/du.
+    @cached_property
+    def direct(self) -> Direct:
+        """For compiled functions: the sections and the plants behind the hold."""
+        from fopi_tune.core.compiled.loops import Direct
 
-        The value comes from the sections and polynomials, the branch of the logarithm from the Bode form.
-        """
-        factors, slope = self.log.value_and_derivative(rows, u)
-        with np.errstate(all="ignore"):
-            gain: Complex = self.sections.at(shifted(u)) * self.plants.at(rows, u)
-            direct: Complex = np.log(gain)
-        turns = np.round((factors.imag - direct.imag) / (2.0 * np.pi))
-        return np.where(np.isfinite(direct), direct + 2j * np.pi * turns, factors), slope
+        sections = self.sections
+        table = np.array([np.array(sections.poles) - 1.0, np.array(sections.residues)], dtype=float)
+        late = self.plants.late.astype(float)
+        return Direct(np.zeros((5, len(self))), table, float(sections.direct), *self._polynomials, late, True)
 
 
 def shifted(u: Array) -> Complex:

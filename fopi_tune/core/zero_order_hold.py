@@ -102,18 +102,23 @@ def constant_input_step(a: Array, part: Array) -> tuple[Array, Array]:
         e^{At}, shape (m, n, n), and the input vector int_0^t e^{As} e_1 ds, shape (m, n).
     """
     if a.shape[1] == 1:
-        # (e^{at} - 1)/a, and t for an integrator
         exponent = a[:, 0, 0] * part
-        still = exponent == 0.0
-        ratio = np.where(still, 1.0, np.expm1(exponent) / np.where(still, 1.0, exponent))
-        return np.exp(exponent)[:, None, None], (part * ratio)[:, None]
+        return np.exp(exponent)[:, None, None], (part * _mean_growth(exponent))[:, None]
     integral = _integrals(a, part)
     return np.eye(a.shape[1]) + a @ integral, integral[:, :, :1].sum(axis=2)
+
+
+def _mean_growth(x: Array) -> Array:
+    """(e^x - 1)/x, and 1 at 0."""
+    still = x == 0.0
+    return np.where(still, 1.0, np.expm1(x) / np.where(still, 1.0, x))
 
 
 def _integrals(a: Array, t: Array) -> Array:
     """int_0^t e^{As} ds of m matrices, shape (m, n, n)."""
     m, n, _ = a.shape
+    if n == 1:
+        return (t * _mean_growth(a[:, 0, 0] * t))[:, None, None]
     block = np.zeros((m, 2 * n, 2 * n))
     block[:, :n, :n] = a
     block[:, :n, n:] = np.eye(n)

@@ -1,0 +1,125 @@
+"""The branch and bound of `core/peaks`, one loop after the other (compiled):  the same cells, the same extremes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from fopi_tune.core.compiled.loops import bode_at, entry, inner
+
+_FIRST_CELLS, _PIECES = 24, 4
+_SMALLEST_WIDTH, _TOLERANCE = 1e-10, 1e-10
+#: ln|K| is clipped here
+_GAIN_CAP = 300.0
+_NO_LENGTH = 1e-200
+
+
+@inner
+def _distance_of_segment(x, y, dx, dy):
+    """Distance from 0 of the segment from (x, y) - (dx, dy) to (x, y) + (dx, dy)."""
+    square = dx * dx + dy * dy
+    along = -(x * dx + y * dy) / square if math.sqrt(square) > _NO_LENGTH else -x
+    along = min(max(along, -1.0), 1.0)
+    return math.hypot(x + along * dx, y + along * dy)
+
+
+@inner
+def _term(terms, r, u, h):
+    """Of a summand e^l at u: value, slope (four real numbers), bound of the curvature, smallest and largest value."""
+    gain, phase, rise, turn, gain_bound, _, bound = bode_at(terms, r, u, h)
+    size = math.exp(min(gain, _GAIN_CAP))
+    real, imag = size * math.cos(phase), size * math.sin(phase)
+    reach = (abs(rise) + gain_bound * h) * h
+    largest, smallest = math.exp(min(gain + reach, _GAIN_CAP)), math.exp(min(gain - reach, _GAIN_CAP))
+    steep = math.hypot(rise, turn) + bound * h
+    curvature = largest * (steep * steep + bound)
+    if not math.isfinite(curvature):
+        curvature = np.inf
+    return real, imag, real * rise - imag * turn, real * turn + imag * rise, curvature, smallest, largest
+
+
+@inner
+def _value_and_bound(one, first, second, r, low, high, sign):
+    """sign * (-ln|K|) at a cell's centre, and what it cannot exceed on the cell."""
+    u, h = 0.5 * (low + high), 0.5 * (high - low)
+    x, y, dx, dy, curvature, small, large = _term(first, r, u, h)
+    other_small, other_large = small, large
+    if one:
+        x, other_small, other_large = x + 1.0, 1.0, 1.0
+    elif second.whole.shape[1] > 0:
+        a, b, da, db, more, other_small, other_large = _term(second, r, u, h)
+        x, y, dx, dy, curvature = x + a, y + b, dx + da, dy + db, curvature + more
+    # |K| >= the smallest value of one summand less the largest of the other
+    total, smallest = large + other_large, max(small - other_large, other_small - large)
+    if not one and second.whole.shape[1] == 0:
+        total, smallest = large, small
+    size, dx, dy = math.hypot(x, y), dx * h, dy * h
+    slack = 0.5 * curvature * h * h if h > 0.0 else 0.0
+    if sign > 0.0:
+        reached = max(max(_distance_of_segment(x, y, dx, dy) - slack, smallest), 0.0)
+    else:
+        reached = min(max(math.hypot(x + dx, y + dy), math.hypot(x - dx, y - dy)) + slack, total)
+    value = -sign * math.log(size) if size > 0.0 else sign * np.inf
+    return value, (-sign * math.log(reached) if reached > 0.0 else sign * np.inf)
+
+
+def _branch_and_bound(sources):
+    def branch_and_bound(one, first, second, low, high, sign, floor, most_cells):
+        """max over u of sign * (-ln|K|) on [low, high], shapes (m,), its u, and the number of cells.
+
+        Args:
+            one: whether the constant 1 is a summand of K.
+            first, second: the other summands in Bode form, `second` of 0 rows where there is none.
+            low, high: shape (m,).
+            sign: 1 or -1.
+            floor: shape (m,); cells with a bound below it are dropped.
+            most_cells: of all rows; with more the number of cells is what was examined until then.
+        """
+        _key = sources
+        m, work = len(low), 0
+        best, where = np.full(m, -np.inf), low.copy()
+        cells, new = np.empty((256, 2)), np.empty((256, 2))
+        for r in range(m):
+            for end in range(2):
+                u = low[r] if end == 0 else high[r]
+                value, _ = _value_and_bound(one, first, second, r, u, u, sign)
+                if value > best[r]:
+                    best[r], where[r] = value, u
+            count, wide = 1, _FIRST_CELLS
+            cells[0, 0], cells[0, 1] = low[r], high[r]
+            while count > 0:
+                if wide * count > len(new):
+                    new = np.empty((2 * wide * count, 2))
+                for i in range(count):
+                    for k in range(wide):
+                        a, b = cells[i, 0], cells[i, 1]
+                        new[wide * i + k, 0] = a + (b - a) * (k / wide)
+                        new[wide * i + k, 1] = a + (b - a) * ((k + 1) / wide) if k < wide - 1 else b
+                count, wide = wide * count, _PIECES
+                work += count
+                if work > most_cells:
+                    return best, where, work
+                if len(cells) < count:
+                    cells = np.empty((2 * count, 2))
+                # bounds first, in place of the cells that they belong to; the best value of all decides
+                bounds, level, at = np.empty(count), -np.inf, 0.0
+                for i in range(count):
+                    value, bounds[i] = _value_and_bound(one, first, second, r, new[i, 0], new[i, 1], sign)
+                    if value >= level:
+                        level, at = value, 0.5 * (new[i, 0] + new[i, 1])
+                if level > best[r]:
+                    best[r], where[r] = level, at
+                kept = 0
+                for i in range(count):
+                    enough = bounds[i] > max(best[r], floor[r]) + _TOLERANCE
+                    if enough and 0.5 * (new[i, 1] - new[i, 0]) > _SMALLEST_WIDTH:
+                        cells[kept, 0], cells[kept, 1] = new[i, 0], new[i, 1]
+                        kept += 1
+                count = kept
+        return best, where, work
+
+    return branch_and_bound
+
+
+branch_and_bound = entry(_branch_and_bound)

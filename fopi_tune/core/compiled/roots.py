@@ -1,0 +1,133 @@
+"""Every |L| = e^level or every arg L = -180 deg (mod 360) of many loops, by the bisection of `core/roots` (compiled).
+
+A cell is examined as there, and its two halves after it, one loop after the other: the same cells, the same roots.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from fopi_tune.core.compiled.loops import entry, inner, loop_at
+from fopi_tune.core.roots import (
+    FIRST_CELLS,
+    FLAT,
+    FLAT_WIDTH,
+    LAST_STEP,
+    MOST_CELLS,
+    ROUNDING,
+    SMALLEST_WIDTH,
+    TOUCH,
+    WIDER,
+)
+
+#: cells of one loop that wait at the same time: those of the start, and one a halving
+_WAITING = FIRST_CELLS + 80
+_NEWTON_STEPS = 100
+
+
+@inner
+def _value(is_phase, terms, direct, r, u, h, level):
+    """Value, slope and bound of the curvature of ln|L| - level or of arg L + 180 deg."""
+    gain, phase, slope, turn, of_gain, of_phase = loop_at(terms, direct, r, u, h)
+    if is_phase:
+        return phase + math.pi, turn, of_phase
+    return gain - level, slope, of_gain
+
+
+@inner
+def _polished(is_phase, terms, direct, r, a, b, rising, level, target):
+    """Newton's method safeguarded by bisection, as `roots._polish`."""
+    u, before = 0.5 * (a + b), np.inf
+    for _ in range(_NEWTON_STEPS):
+        value, slope, _ = _value(is_phase, terms, direct, r, u, 0.0, level)
+        value -= target
+        if (value >= 0.0) == rising:
+            b = u
+        else:
+            a = u
+        step = 0.0 if value == 0.0 else -value / slope
+        size, resolution = abs(step), 4e-16 * max(1.0, abs(u))
+        if min(size, b - a) <= resolution or (size <= LAST_STEP and size > 0.25 * before):
+            break
+        inside = u + step > a - resolution and u + step < b + resolution
+        u = u + step if inside else 0.5 * (a + b)
+        before = size if inside else np.inf
+    return u
+
+
+@inner
+def _kept(found, count, r, u, touching):
+    """Write a root; returns the array, longer where it was full, and the new number."""
+    if count == len(found):
+        longer = np.empty((2 * count, 3))
+        longer[:count] = found
+        found = longer
+    found[count, 0], found[count, 1], found[count, 2] = r, u, touching
+    return found, count + 1
+
+
+def _loop_roots(sources):
+    def loop_roots(is_phase, terms, direct, levels, rows, low, high):
+        """Roots of ln|L| - level, or of arg L + 180 deg modulo 360 deg.
+
+        Args:
+            is_phase: which.
+            terms, direct: of m loops.
+            levels: shape (m,), in neper.
+            rows, low, high: shape (n,), loops and the intervals of u in which roots are searched for.
+
+        Returns:
+            Whether all could be listed, and (loop, u, 1 where it only touches), shape (k, 3), not sorted.
+        """
+        _key = sources
+        found, count, work = np.empty((4 * len(rows) + 16, 3)), 0, 0
+        waiting, period = np.empty((_WAITING, 2)), 2.0 * math.pi
+        for i in range(len(rows)):
+            r, level = rows[i], levels[rows[i]]
+            cells = FIRST_CELLS
+            for k in range(cells):
+                waiting[k, 0] = low[i] + (high[i] - low[i]) * (k / cells)
+                waiting[k, 1] = low[i] + (high[i] - low[i]) * ((k + 1) / cells) if k < cells - 1 else high[i]
+            while cells > 0:
+                work, cells = work + 1, cells - 1
+                if work > MOST_CELLS:
+                    return False, found[:count]
+                a, b = waiting[cells, 0], waiting[cells, 1]
+                c, h = 0.5 * (a + b), 0.5 * (b - a)
+                value, slope, bound = _value(is_phase, terms, direct, r, c, h, level)
+                reach = abs(slope) * h + 0.5 * bound * h * h
+                distance = abs(value - period * np.round(value / period)) if is_phase else abs(value)
+                if not (distance <= reach * WIDER + ROUNDING and (distance + reach > FLAT or h < FLAT_WIDTH)):
+                    continue
+                if abs(slope) <= bound * h or math.isnan(bound):
+                    if h >= SMALLEST_WIDTH:
+                        waiting[cells, 0], waiting[cells, 1] = a, c
+                        waiting[cells + 1, 0], waiting[cells + 1, 1] = c, b
+                        cells += 2
+                        continue
+                    if distance < TOUCH:
+                        found, count = _kept(found, count, r, c, 1.0)
+                        continue
+                at_a, _, _ = _value(is_phase, terms, direct, r, a, 0.0, level)
+                at_b, _, _ = _value(is_phase, terms, direct, r, b, 0.0, level)
+                if not is_phase:
+                    if (at_a >= 0.0) != (at_b >= 0.0):
+                        u = _polished(is_phase, terms, direct, r, a, b, at_a < at_b, level, 0.0)
+                        found, count = _kept(found, count, r, u, 0.0)
+                    continue
+                # half-open at the upper value on both sides, so that neighbours count a root on their edge once
+                below, above = np.ceil(min(at_a, at_b) / period), np.ceil(max(at_a, at_b) / period)
+                if not above - below < MOST_CELLS - count:
+                    return False, found[:count]
+                for turn in range(int(max(above - below, 0.0))):
+                    target = (below + turn) * period
+                    u = _polished(is_phase, terms, direct, r, a, b, at_a < at_b, level, target)
+                    found, count = _kept(found, count, r, u, 0.0)
+        return True, found[:count]
+
+    return loop_roots
+
+
+loop_roots = entry(_loop_roots)
