@@ -29,7 +29,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import Plant
-from fopi_tune.core.stability import unstable_poles_from
+from fopi_tune.core.stability import is_stable
 
 #: neper; |L| this close to 1 at the upper end of the axis does not fall below it
 _AT_ONE = 1e-12
@@ -167,7 +167,7 @@ def margins_of(loops: Loops) -> Margins:
     """The margins of one loop, the first row's alone."""
     loops = loops.take(np.zeros(1, dtype=np.intp))
     gain, phase = gain_crossovers(loops), phase_crossovers(loops)
-    stable = unstable_poles_from(loops, gain) < 0.5
+    stable = is_stable(loops)
     angle, lag = phase_margins(loops, gain).where(stable), delay_margins(loops, gain).where(stable)
     room, last = gain_margins(loops, phase).where(stable), -1 if len(gain.row) else None
     reduction_db = -20.0 * np.log10(phase.gain[phase.gain > 1.0])

@@ -14,12 +14,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
 from fopi_tune.core.loops import Loops
 from fopi_tune.errors import DomainError
+
+if TYPE_CHECKING:
+    from fopi_tune.core.compiled.loops import Terms
 
 #: cells of a search in all
 _MOST_CELLS = 2_000_000
@@ -203,13 +208,20 @@ def _branch_and_bound(inverse: _Sum, low: Array, high: Array, sign: float, floor
 
     Cells with a bound below `floor` are dropped.
     """
-    from fopi_tune.core.compiled.loops import Terms
     from fopi_tune.core.compiled.peaks import branch_and_bound
 
     first, *more = (term.terms for term in inverse.terms)
-    second = more[0] if more else Terms(np.zeros((4, 0)), np.zeros((7, 0, 0)))
+    second = more[0] if more else no_terms()
     low, high, floor = (np.ascontiguousarray(part, dtype=float) for part in (low, high, floor))
     best, where, work = branch_and_bound(inverse.one, first, second, low, high, sign, floor, _MOST_CELLS)
     if work > _MOST_CELLS:
         raise DomainError("the response has too many peaks to search; the dead time is too long for this loop")
     return best, where, work
+
+
+@lru_cache
+def no_terms() -> Terms:
+    """No function in Bode form, for a sum of one."""
+    from fopi_tune.core.compiled.loops import Terms
+
+    return Terms(np.zeros((4, 0)), np.zeros((7, 0, 0)))

@@ -22,6 +22,8 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.crossings import Crossings, gain_crossovers
 from fopi_tune.core.loops import Loops
 
+#: its name in `Loops.computed`
+_COUNT = "unstable closed-loop poles"
 #: rad; a loop whose phase at |L| = 1 is this close to -180 deg passes through -1 and counts as unstable
 _MARGINAL_RAD = 1e-9
 
@@ -41,7 +43,9 @@ def unstable_closed_loop_poles(loops: Loops) -> NDArray[np.float64]:
     through -1, the controller's integral cancelled by a zero of the plant at s = 0, or a pole of the plant there that a
     zero of the plant or of the controller hides.
     """
-    return unstable_poles_from(loops, gain_crossovers(loops))
+    if _COUNT not in loops.computed:
+        loops.computed[_COUNT] = unstable_poles_from(loops, gain_crossovers(loops))
+    return loops.computed[_COUNT]
 
 
 def unstable_poles_from(loops: Loops, crossings: Crossings) -> NDArray[np.float64]:

@@ -155,7 +155,9 @@ def best_of_box(polish: Polish, start: FoPi | None = None) -> Polished | None:
         if best is not None and not _is_stable(polish.problem, best):
             best = None
     scan = scan_box(polish.problem, _BASINS, 1.0 if best is None else _COARSE)
-    return polish_basins(polish, scan.basins, best)
+    # a basin about a local optimum that is known has nothing else
+    new = [basin for basin in scan.basins if best is None or not best.settled or _is_far(basin.gains, best.x)]
+    return polish_basins(polish, new, best)
 
 
 def inside(problem: Problem, x: Array) -> Array:

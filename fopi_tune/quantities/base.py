@@ -15,7 +15,7 @@ from typing import Any, Protocol
 from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import Measured
-from fopi_tune.core.stability import unstable_poles_from
+from fopi_tune.core.stability import is_stable
 
 NEPER_PER_DB = math.log(10.0) / 20.0
 #: measured: finding one crossing takes about as long as this many cells of a search for peaks
@@ -143,7 +143,7 @@ class QuantityAtCrossings(Quantity):
         crossovers = gain_crossovers(loops)
         crossings = phase_crossovers(loops) if self.where is EvaluatedAt.PHASE_CROSSOVERS else crossovers
         found = replace(self.at_crossings(loops, crossings), work=_CELLS_A_CROSSING * len(crossings.row))
-        return found.where(unstable_poles_from(loops, crossovers) < 0.5) if self.is_margin else found
+        return found.where(is_stable(loops)) if self.is_margin else found
 
     @abstractmethod
     def at_crossings(self, loops: Loops, crossings: Crossings) -> Measured:

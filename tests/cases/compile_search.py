@@ -27,6 +27,7 @@ from fopi_tune.design.time_domain.model import Modeller
 from fopi_tune.design.time_domain.problem import ScenarioProblem
 from fopi_tune.design.time_domain.worst_plants import Family
 from fopi_tune.pipeline.simulate import simulate
+from fopi_tune.proof import verify
 from fopi_tune.spec import load_spec
 
 #: with two equalities, and without any
@@ -35,7 +36,8 @@ SPECS = "brake", "second_order"
 
 def rays(problem: Problem) -> None:
     """What looks for basins."""
-    scan_box(problem, 1, coarse=20.0)
+    for coarse in (1.0, 20.0):
+        scan_box(problem, 1, coarse)
     table = problem.scan_table
     allowed_intervals(1.0, 0.8, 0.6, -8.0, 5.0, table, problem.rows(table, tightening=0.0), work_for(table))
 
@@ -51,8 +53,10 @@ def worst_cases(problem: Problem) -> None:
 
 
 def on_samples() -> None:
-    """What the bound needs of filters and of crossings on samples."""
-    problem = Problem.of(load_spec(ROOT / "specs" / "brake.yaml"))
+    """What the bound needs of filters and of crossings on samples, and what checks gains."""
+    spec = load_spec(ROOT / "specs" / "brake.yaml")
+    verify(spec, FoPi(0.4, 0.4, 0.8))
+    problem = Problem.of(spec)
     bracket_of(Polish(problem), 1.0, np.array([0.5, 0.4, 0.9]), budget=50)
 
 

@@ -28,7 +28,7 @@ _U_CAP = 600.0
 
 
 class Terms(NamedTuple):
-    """m functions in Bode form: `whole` (4, m) are scale, slope0, phase0 and delay, `factors` (7, m, K) those of `BodeForm.terms`."""
+    """m functions in Bode form, as in `BodeForm.terms`: `whole`, shape (4, m), and `factors`, shape (7, m, K)."""
 
     whole: Any
     factors: Any
@@ -206,7 +206,7 @@ def controller_at(direct, r, u):
 
 @inner
 def loop_at(terms, direct, r, u, h):
-    """As `bode_at` without the last bound, of a loop, the value computed from the controller and the polynomials where that is finite.
+    """As `bode_at` without the last bound, of a loop; its value from controller and polynomials where that is finite.
 
     Multiple roots, which a root finder resolves to a few digits only, do not spoil such a value.
     """
@@ -254,24 +254,30 @@ def _loop_values(sources):
     return loop_values
 
 
+@inner
+def slope_at(terms, r, u):
+    """d ln|f|/du and d arg f/du of a function in Bode form."""
+    factors, along, across, omega = terms.factors, terms.whole[1, r], 0.0, frequency_of(u)
+    for k in range(factors.shape[2]):
+        if factors[1, r, k] == np.inf:
+            continue
+        x, small = power_of(factors, r, k, u, omega)
+        a, b = 1.0 + small * factors[2, r, k], small * factors[3, r, k]
+        weight = factors[5, r, k] / (a * a + b * b)
+        along += weight * (a if x > 0.0 else small * (small + factors[2, r, k]))
+        across += weight * b
+    if terms.whole[3, r] != 0.0:
+        across -= terms.whole[3, r] * math.exp(u)
+    return along, across
+
+
 def _slopes(sources):
     def slopes(terms, rows, u):
         """d ln f/du of functions in Bode form; rows and u of shape (n,)."""
         _key = sources
-        factors, slope = terms.factors, np.empty(len(u), dtype=np.complex128)
+        slope = np.empty(len(u), dtype=np.complex128)
         for i in range(len(u)):
-            r, omega = rows[i], frequency_of(u[i])
-            along, across = terms.whole[1, r], 0.0
-            for k in range(factors.shape[2]):
-                if factors[1, r, k] == np.inf:
-                    continue
-                x, small = power_of(factors, r, k, u[i], omega)
-                a, b = 1.0 + small * factors[2, r, k], small * factors[3, r, k]
-                weight = factors[5, r, k] / (a * a + b * b)
-                along += weight * (a if x > 0.0 else small * (small + factors[2, r, k]))
-                across += weight * b
-            if terms.whole[3, r] != 0.0:
-                across -= terms.whole[3, r] * math.exp(u[i])
+            along, across = slope_at(terms, rows[i], u[i])
             slope[i] = complex(along, across)
         return slope
 

@@ -15,13 +15,14 @@ from fopi_tune.design.global_search.compiled import (
     IAE,
     KI,
     NOTHING,
+    PHASE_MARGIN,
     PHASE_SLOPE,
     Rows,
     nominal_of,
     work_for,
 )
 from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.scan import best_of_order, compass, direction, scan_rays
+from fopi_tune.design.global_search.scan import best_at_margin, best_of_order, compass, direction, scan_rays
 from fopi_tune.design.global_search.tables import DECADES_BEYOND
 
 #: rays: orders this far apart, and so many directions
@@ -124,8 +125,10 @@ def scan_box(problem: Problem, most: int, coarse: float = 1.0) -> Scan:
         rows = problem.rows(table, relaxed)
         equal = equalities_of(problem, rows)
         if len(equal) > 1 and not fixed:
-            pairs = _with_two_equalities(problem, rows, equal, taus, most)
-            rays += _ORDERS_WITH_TWO_EQUALITIES * len(taus)
+            at_margin = coarse > 1.0 and [rows.kind[q] for q in equal] == [CROSSOVER, PHASE_MARGIN]
+            pairs = _with_two_equalities(problem, rows, equal, taus, most, True) if at_margin else ()
+            pairs = pairs or _with_two_equalities(problem, rows, equal, taus, most, False)
+            rays += _ORDERS_WITH_TWO_EQUALITIES * (2 if at_margin else len(taus))
             if pairs:
                 return Scan(pairs, relaxed, rays, 1.0)
             continue
@@ -207,18 +210,25 @@ def _flat_valley(
 
 
 def _with_two_equalities(
-    problem: Problem, rows: Rows, equal: NDArray[np.int64], taus: Array, most: int
+    problem: Problem, rows: Rows, equal: NDArray[np.int64], taus: Array, most: int, at_margin: bool
 ) -> tuple[Basin, ...]:
-    """Minima over alpha where two equalities leave one ray for each order."""
+    """Minima over alpha where two equalities leave one ray for each order.
+
+    With `at_margin` these are a crossover and the phase margin there; a margin that another crossover has is left out.
+    """
     most_ratio, span = reach_of(problem)
     box, table = problem.box, problem.scan_table
     nominal = nominal_of(table)
     work, nominal_work = work_for(table), work_for(nominal)
-    alphas = _orders(problem, 1.0, _ORDERS_WITH_TWO_EQUALITIES)
+    alphas = _orders(problem, 1.0, _ORDERS_WITH_TWO_EQUALITIES // (2 if at_margin else 1))
     found: list[Basin] = []
     for signs in quadrants_of(problem):
 
         def best(alpha: float, signs: Array = signs) -> tuple[float, float, float]:
+            if at_margin:
+                return best_at_margin(
+                    problem.code, alpha, signs, equal, most_ratio, span, table, rows, box, work
+                )  # fmt: skip
             return best_of_order(
                 problem.code, alpha, signs, taus, equal, most_ratio, span, table, rows, box, work, nominal, nominal_work
             )

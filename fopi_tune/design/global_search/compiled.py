@@ -223,6 +223,9 @@ class Work(NamedTuple):
     real: Any
     square: Any
     controller: Any
+    #: of the order `order[0]`: real and imaginary part of (j omega)^-alpha or of the filter
+    power: Any
+    order: Any
     low: Any
     high: Any
     forbidden: Any
@@ -250,6 +253,8 @@ def work_for(table: Table) -> Work:
         real=np.empty((m, n)),
         square=np.empty((m, n)),
         controller=np.empty((3, n)),
+        power=np.empty((2, n)),
+        order=np.full(1, np.nan),
         low=np.empty(n),
         high=np.empty(n),
         forbidden=np.empty((most * 4 + 64 * m, 2)),

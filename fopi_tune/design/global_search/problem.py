@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -48,8 +48,29 @@ TIGHTENING = 4e-7
 LARGEST_GAIN = 1e6
 #: relative
 _SAME_CROSSOVER = 1e-9
+#: tables that are kept: two a problem
+_TABLES = 8
 _SCAN_GRID = (10, 3)
 _FINE_GRID = (20, 6)
+
+
+@dataclass(frozen=True)
+class _TableOf:
+    """What a table is made of; `numbers` are all that it depends on."""
+
+    grid: tuple[int, int]
+    horizon_s: float
+    numbers: tuple[object, ...]
+    scaled: Scaled = field(compare=False)
+    named: Array = field(compare=False)
+    points: Array = field(compare=False)
+
+
+@lru_cache(_TABLES)
+def _table(of: _TableOf) -> Table:
+    """The table; specs that differ in their limits alone, as in a study, share it."""
+    omega = frequency_grid(of.scaled, of.named, *of.grid)
+    return table_of(of.scaled, of.points, omega, of.horizon_s)
 
 
 @dataclass(frozen=True)
@@ -146,8 +167,7 @@ class Problem:
     @cached_property
     def scan_table(self) -> Table:
         """Vertices and the nominal plant on a coarse grid."""
-        omega = frequency_grid(self.scaled, self._named, *_SCAN_GRID)
-        return table_of(self.scaled, vertices(self.spec.plant), omega, self.horizon_s)
+        return _table(self._tables_of(_SCAN_GRID))
 
     @cached_property
     def fine_points(self) -> tuple[Array, Array]:
@@ -159,9 +179,18 @@ class Problem:
     @cached_property
     def fine_table(self) -> Table:
         """Plants of the whole box on a fine grid."""
-        seen = [v.omega_rad_s for v in self.violations if 0.0 < v.omega_rad_s < math.inf]
-        omega = frequency_grid(self.scaled, np.union1d(self._named, seen), *_FINE_GRID)
-        return table_of(self.scaled, self.fine_points[0], omega, self.horizon_s)
+        return _table(self._tables_of(_FINE_GRID))
+
+    def _tables_of(self, grid: tuple[int, int]) -> _TableOf:
+        violations = self.violations if grid == _FINE_GRID else ()
+        seen = [v.omega_rad_s for v in violations if 0.0 < v.omega_rad_s < math.inf]
+        named = np.union1d(self._named, seen)
+        points = self.fine_points[0] if grid == _FINE_GRID else vertices(self.spec.plant)
+        digital = None if self.scaled.samples is None else self.spec.digital
+        crossover = None if self.scaled.samples is None else self.scaled.samples.crossover_rad_s
+        of_scale = (self.scale.omega_rad_s, self.scale.gain, self.scale.omega_grid.tobytes())
+        known = (repr(self.spec.plant), digital, crossover, of_scale, named.tobytes(), points.tobytes())
+        return _TableOf(grid, self.horizon_s, known, self.scaled, named, points)
 
     def rows(self, table: Table, relaxed: float = 0.0, tightening: float | None = None) -> Rows:
         """The constraints on a table's columns.

@@ -35,27 +35,40 @@ def whole_turns(phase):
 
 
 @compiled
-def fill_ray(alpha, c, s, table, work):
-    """Write L0 = (c + s (j omega)^-alpha) P, on samples (c + s F) P, of all plants and columns into the scratch."""
-    m, n = table.gain.shape
+def fill_order(alpha, table, work):
+    """Write (j omega)^-alpha, on samples the filter F, of all columns into the scratch, unless it is there."""
+    if work.order[0] == alpha:
+        return
+    n = table.gain.shape[1]
     cosine, sine = math.cos(0.5 * _PI * alpha), math.sin(0.5 * _PI * alpha)
     sampled = table.sampling.half > 0.0
-    controller = controller_of(np.array((c, s, alpha)), table.sampling)
+    controller = controller_of(np.array((0.0, 1.0, alpha)), table.sampling)
     if sampled:
         # at both ends of the axis the filter is an integrator
         cosine, sine = 0.0, 1.0
+    for j in range(n):
+        x = math.exp(-alpha * table.v[j])
+        if j == 0:
+            x = math.exp(END)
+        elif j == n - 1:
+            x = math.exp(-END)
+        real, imag = x * cosine, -x * sine
+        if sampled and 0 < j < n - 1:
+            real, imag = filter_at(controller, math.exp(table.v[j]))
+        work.power[0, j], work.power[1, j] = real, imag
+    work.order[0] = alpha
+
+
+@compiled
+def fill_ray(alpha, c, s, table, work):
+    """Write L0 = (c + s (j omega)^-alpha) P, on samples (c + s F) P, of all plants and columns into the scratch."""
+    m, n = table.gain.shape
+    fill_order(alpha, table, work)
+    sampled = table.sampling.half > 0.0
     negative = s < 0 or (s == 0 and c < 0)
     log_c, real_c, imag_c = work.controller[0], work.controller[1], work.controller[2]
     for j in range(n):
-        x = s * math.exp(-alpha * table.v[j])
-        if j == 0:
-            x = s * math.exp(END)
-        elif j == n - 1:
-            x = s * math.exp(-END)
-        real, imag = c + x * cosine, -x * sine
-        if sampled and 0 < j < n - 1:
-            real, imag = filter_at(controller, math.exp(table.v[j]))
-            real, imag = c + s * real, s * imag
+        real, imag = c + s * work.power[0, j], s * work.power[1, j]
         real_c[j], imag_c[j] = real, imag
         square = real * real + imag * imag
         log_c[j] = 0.5 * math.log(square)

@@ -17,7 +17,7 @@ import numpy as np
 
 from fopi_tune.design.global_search.compiled import IAE, KI, NOTHING, compiled
 from fopi_tune.design.global_search.intervals import allowed_on_ray
-from fopi_tune.design.global_search.rays import fill_ray, find_passages
+from fopi_tune.design.global_search.rays import fill_order, fill_ray, find_passages
 from fopi_tune.design.global_search.values import cost, equality_gains, slack
 
 _LEAST_KAPPA, _LARGEST_KAPPA = -25.0, 30.0
@@ -152,6 +152,50 @@ def missed_on_ray(pick, alpha, c, s, equal, table, rows, work):
         return 0.0, False, count
     value = slack(equal[1], gains[pick], 0, table, rows, work)
     return value, abs(value) < 3.0, count
+
+
+@compiled
+def tau_of(ratio, alpha, most, span):
+    """The inverse of `direction`: tau of ki'/kp' >= 0, and whether `direction` reaches it."""
+    if ratio == 0.0:
+        return -1.0, True
+    if ratio == np.inf:
+        return 1.0, True
+    t = math.log(ratio)
+    x = t / (_BASE + alpha * span)
+    return x / math.sqrt(1.0 + x * x), abs(t) <= alpha * most
+
+
+@compiled
+def best_at_margin(code, alpha, signs, equal, most, span, table, rows, box, work):
+    """(cost, kappa, tau) of gains with which the nominal plant has its crossover and there its phase margin.
+
+    L(j omega_c) = -e^{+-j phi} gives C(j omega_c), which is linear in the gains: the second equality at the crossover
+    of the first one, without a search.
+    """
+    best, at, where = NOTHING, 0.0, 0.0
+    j, phi = rows.first[equal[0]], rows.limit[equal[1]]
+    if abs(table.log_omega[j] - rows.limit[equal[0]]) > 1e-9:
+        return best, at, where
+    fill_order(alpha, table, work)
+    real, imag = table.real[0, j], table.imag[0, j]
+    size = real * real + imag * imag
+    for side in (-1.0, 1.0):
+        a, b = -math.cos(phi), -side * math.sin(phi)
+        a, b = (a * real + b * imag) / size, (b * real - a * imag) / size
+        integral = b / work.power[1, j]
+        proportional = a - integral * work.power[0, j]
+        kp, ki = signs[0] * proportional, signs[1] * integral
+        if kp < 0.0 or ki < 0.0 or kp + ki == 0.0:
+            continue
+        tau, reached = tau_of(ki / kp if kp > 0.0 else np.inf, alpha, most, span)
+        if not reached:
+            continue
+        c, s = direction(alpha, tau, most, span)
+        value, kappa, _ = best_on_ray(code, alpha, c * signs[0], s * signs[1], equal, 0, 0, table, rows, box, work)
+        if value < best:
+            best, at, where = value, kappa, tau
+    return best, at, where
 
 
 @compiled

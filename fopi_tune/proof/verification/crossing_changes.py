@@ -13,20 +13,15 @@ Source: derived; between two turning points a function crosses a level at most o
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
+from fopi_tune.core.bode_form import Array, BodeForm, Rows
 from fopi_tune.core.loops import Loops
 from fopi_tune.proof.verification.sample import LoopFunction, Sample, evaluate
 from fopi_tune.proof.verification.worst_case import find_worst_case
-
-#: np.real or np.imag
-Part = Callable[[Complex], Array]
 
 _MOST_EDGES = 48
 _HALVINGS = 36
@@ -34,8 +29,6 @@ _HALVINGS = 36
 _BOTH_IN_ONE = 4096.0
 #: slopes of ln f below this are rounding errors
 _FLAT = 1e-9
-#: stop the root search at a slope this small, or an interval in u this narrow
-_TURNED, _NARROW = 1e-10, 1e-11
 #: a turning point this close to its threshold touches it
 _TOUCHES = 1e-8
 #: a turning point this close may touch it nearby
@@ -110,68 +103,25 @@ def _signatures(loops: Loops) -> tuple[Array, Array]:
 
 
 def _signatures_at_once(loops: Loops) -> tuple[Array, Array]:
+    from fopi_tune.core.compiled.turning_points import turning_points
+
     m, log = len(loops), loops.log
     gains, phases, distance = np.zeros(m), np.zeros(m), np.full(m, np.inf)
-    # |e^{-j omega L}| = 1: the dead time changes only the phase
-    grid = _Slopes.of(log)
-    rows, u, maximum = _turning_points(grid, log.undelayed(), np.real)
-    gain = loops.log_response(rows, u).real
-    np.add.at(gains, rows, np.where(maximum, 1.0, -1.0) * (gain > 0))
-    np.minimum.at(distance, rows, np.abs(gain))
-    rows, u, maximum = _turning_points(grid, log, np.imag)
-    turns = (loops.log_response(rows, u).imag + np.pi) / (2.0 * np.pi)
-    np.add.at(phases, rows, np.where(maximum, 1.0, -1.0) * np.floor(turns))
-    np.minimum.at(distance, rows, 2.0 * np.pi * np.abs(turns - np.round(turns)))
+    found = turning_points(log.terms, _places(log), _FLAT)
+    part, rows, u, maximum = found[:, 0], found[:, 1].astype(np.intp), found[:, 2], found[:, 3] > 0.0
+    value = loops.log_response(rows, u)
+    sign, of_gain, of_phase = np.where(maximum, 1.0, -1.0), part == 0.0, part == 1.0
+    turns = (value.imag + np.pi) / (2.0 * np.pi)
+    np.add.at(gains, rows[of_gain], (sign * (value.real > 0))[of_gain])
+    np.add.at(phases, rows[of_phase], (sign * np.floor(turns))[of_phase])
+    apart = np.where(of_gain, np.abs(value.real), 2.0 * np.pi * np.abs(turns - np.round(turns)))
+    np.minimum.at(distance, rows, apart)
     # a flat asymptote counts as a turning point
     end_gain, _ = log.end()
     for flat, gain in ((log.slope0 == 0, log.scale), (np.abs(log.slope_end()) < 1e-12, end_gain)):
         gains += flat & (gain > 0)
         distance = np.minimum(distance, np.where(flat, np.abs(gain), np.inf))
     return gains + _BOTH_IN_ONE * phases, distance
-
-
-@dataclass(frozen=True)
-class _Slopes:
-    """d ln f/du on the grid for turning points; all of shape (n,)."""
-
-    rows: Rows
-    u: Array
-    slope: Complex
-
-    @classmethod
-    def of(cls, log: BodeForm) -> _Slopes:
-        """Both parts at once: the gain's slope does not depend on the dead time."""
-        u = _places(log)
-        rows = np.repeat(np.arange(len(u)), u.shape[1])
-        return cls(rows, u.ravel(), log.derivative(rows, u.ravel()))
-
-
-def _turning_points(grid: _Slopes, log: BodeForm, part: Part) -> tuple[Rows, Array, NDArray[np.bool_]]:
-    """Turning points of ln|f| or arg f: rows, u, and whether each is a maximum."""
-    slope = part(grid.slope)
-    steep = np.abs(slope) > _FLAT
-    rows, u, slope = grid.rows[steep], grid.u[steep], slope[steep]
-    turns = np.flatnonzero((rows[1:] == rows[:-1]) & ((slope[1:] > 0) != (slope[:-1] > 0)))
-    rows, ends, slopes = rows[turns], (u[turns], u[turns + 1]), (slope[turns], slope[turns + 1])
-    return rows, _sign_change(lambda u: part(log.derivative(rows, u)), ends, slopes), slopes[0] > 0
-
-
-def _sign_change(slope: Callable[[Array], Array], ends: tuple[Array, Array], slopes: tuple[Array, Array]) -> Array:
-    """Roots of slopes between two ends, shape (n,), by the Illinois method; every third step is a bisection."""
-    (a, b), (at_a, at_b) = ends, slopes
-    x, kept_b, kept_a = 0.5 * (a + b), np.zeros(len(a), dtype=bool), np.zeros(len(a), dtype=bool)
-    for step in range(3 * _HALVINGS):
-        secant = b - at_b * (b - a) / (at_b - at_a)
-        x = 0.5 * (a + b) if step % 3 == 2 else np.clip(secant, a, b)
-        at_x = slope(x)
-        if np.all((np.abs(at_x) < _TURNED) | (b - a < _NARROW)):
-            break
-        same = (at_x > 0) == (slopes[0] > 0)
-        # Illinois: halve the value at an end that is kept twice
-        at_a, at_b = np.where(same, at_x, at_a * np.where(kept_a, 0.5, 1.0)), np.where(same, at_b, at_x)
-        at_b = np.where(same & kept_b, 0.5 * at_b, at_b)
-        a, b, kept_a, kept_b = np.where(same, x, a), np.where(same, b, x), ~same, same
-    return x
 
 
 def _places(log: BodeForm) -> Array:

@@ -12,7 +12,7 @@ from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.sampled_loops import SampledLoops
-from fopi_tune.core.stability import unstable_poles_from
+from fopi_tune.core.stability import unstable_closed_loop_poles
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.results import Stability
 from fopi_tune.proof.verification.sample import Sample, evaluate, with_work
@@ -64,7 +64,7 @@ def _poles_and_turns(loops: Loops) -> tuple[Array, Array]:
     crossings = gain_crossovers(loops)
     turns = np.zeros(len(loops))
     np.maximum.at(turns, crossings.row, np.abs(crossings.phase_rad) / (2.0 * np.pi))
-    return unstable_poles_from(loops, crossings), turns
+    return unstable_closed_loop_poles(loops), turns
 
 
 def _refuse_too_many_turns(sample: Sample, turns: Array) -> None:

@@ -16,7 +16,8 @@ Discontinuities do not satisfy this; there the window shrinks until its width is
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -28,6 +29,8 @@ _MOST_CANDIDATES = 6
 _MOST_ROUNDS = 80
 #: distances from the boundary, in spacings of the sample
 _NEXT_TO_THE_BOUNDARY = 0.5 ** np.arange(2.0, 10.0)
+#: of a window, with one uncertain number
+_SMALLER = 0.25
 _CONVERGED = 1e-10
 _ROUNDING = 1e-13
 _NARROWEST = 1e-11
@@ -54,6 +57,34 @@ class WorstCase:
     def place(self, sample: Sample) -> Place:
         """The member in the user's terms."""
         return place_of(sample, self.x, self.omega_rad_s)
+
+
+@dataclass
+class _Evaluated:
+    """The criterion at points, each evaluated once.
+
+    Args:
+        sample: of the family.
+        criterion: the criterion.
+        work: spent so far.
+        known: value and frequency by the point's bytes.
+    """
+
+    sample: Sample
+    criterion: LoopFunction
+    work: float = 0.0
+    known: dict[bytes, tuple[float, float]] = field(default_factory=dict)
+
+    def at(self, x: Array) -> tuple[Array, Array]:
+        """Values and frequencies at points of shape (n, p), both of shape (n,)."""
+        keys = [row.tobytes() for row in x]
+        new = {key: k for k, key in enumerate(keys) if key not in self.known}
+        if new:
+            values, omegas, *spent = evaluate(self.sample.loops_at(x[list(new.values())]), self.criterion)
+            self.work += sum(float(part.sum()) for part in spent)
+            self.known.update(zip(new, zip(values.tolist(), omegas.tolist(), strict=True), strict=True))
+        found = np.array([self.known[key] for key in keys]).reshape(len(keys), 2)
+        return found[:, 0], found[:, 1]
 
 
 @dataclass(frozen=True)
@@ -83,7 +114,7 @@ def find_worst_case(
     The search ends early where its work is spent: loops with very many peaks or crossings.
     """
     values, omegas, *spent = evaluate(sample.loops, criterion)
-    work = sum(float(part.sum()) for part in spent)
+    evaluated = _Evaluated(sample, criterion, sum(float(part.sum()) for part in spent))
     missing = np.isnan(values)
     k = sample.nominal if missing[sample.nominal] else int(np.argmax(np.where(missing, np.inf, values)))
     first = WorstCase(float(values[k]), float(omegas[k]), sample.x[k], sample.x[k][None, :])
@@ -94,13 +125,14 @@ def find_worst_case(
     if len(finite) == len(values) and np.ptp(finite) <= _ROUNDING * scale:
         return first
     active = [_start(sample, values, omegas, int(row)) for row in _distinct_peaks(sample, values)]
-    active, spent_there = _moved_inwards(sample, criterion, active, scale)
-    work += spent_there
+    if sample.x.shape[1] == 1:
+        # what most searches need, those that end on the boundary: at once, and not in three turns
+        evaluated.at(np.concatenate([*_next_to_boundary(sample, active), *_first_patterns(active)]))
+    active = _moved_inwards(evaluated, active, scale)
     finished: list[_Candidate] = []
     for count in range(_MOST_ROUNDS):
         trial = [_unique(c.x + c.width * _pattern(len(c.x), count)) for c in active]
-        new_values, new_omegas, *spent = evaluate(sample.loops_at(np.concatenate(trial)), criterion)
-        work += sum(float(part.sum()) for part in spent)
+        new_values, new_omegas = evaluated.at(np.concatenate(trial))
         if np.isnan(new_values).any():
             row = int(np.argmax(np.isnan(new_values)))
             x = np.concatenate(trial)[row]
@@ -110,7 +142,7 @@ def find_worst_case(
         moved = [_step(c, t, v, w, sample.spacing, scale) for c, t, v, w in parts]
         finished += [c for c in moved if c.done]
         best = max(c.value for c in moved + finished)
-        if best > ceiling or work > _MOST_WORK:
+        if best > ceiling or evaluated.work > _MOST_WORK:
             return _result(moved + finished)
         active = [c for c in moved if not c.done and c.value + 2.0 * c.spread >= max(best, floor)]
         if not active:
@@ -118,18 +150,28 @@ def find_worst_case(
     return _result(finished + active)
 
 
-def _moved_inwards(
-    sample: Sample, criterion: LoopFunction, candidates: list[_Candidate], scale: float
-) -> tuple[list[_Candidate], float]:
-    """Candidates on the boundary, moved to a larger value next to it along one axis; and the work of looking."""
+def _next_to_boundary(sample: Sample, candidates: list[_Candidate]) -> list[Array]:
+    """Points at geometric distances from each candidate on the boundary, along each axis that leads inwards."""
     trial = []
     for c in candidates:
         inwards = np.where(c.x == 0.0, 1.0, np.where(c.x == 1.0, -1.0, 0.0))
         steps = [c.x + d * sample.spacing * np.diag(inwards)[inwards != 0.0] for d in _NEXT_TO_THE_BOUNDARY]
         trial.append(np.concatenate(steps))
+    return trial
+
+
+def _first_patterns(candidates: list[_Candidate]) -> list[Array]:
+    """The patterns of the first two rounds about candidates that stay where they are."""
+    pairs = [(c, c.width * factor) for c in candidates for factor in (1.0, _SMALLER)]
+    return [_unique(c.x + width * _pattern(len(c.x), 0)) for c, width in pairs]
+
+
+def _moved_inwards(evaluated: _Evaluated, candidates: list[_Candidate], scale: float) -> list[_Candidate]:
+    """Candidates on the boundary, moved to a larger value next to it along one axis."""
+    trial = _next_to_boundary(evaluated.sample, candidates)
     if not any(len(t) for t in trial):
-        return candidates, 0.0
-    values, omegas, *spent = evaluate(sample.loops_at(np.concatenate(trial)), criterion)
+        return candidates
+    values, omegas = evaluated.at(np.concatenate(trial))
     ends = np.cumsum([len(t) for t in trial])[:-1]
     moved = []
     for c, points, found, where in zip(candidates, trial, np.split(values, ends), np.split(omegas, ends), strict=True):
@@ -140,7 +182,7 @@ def _moved_inwards(
             continue
         width = float(np.abs(points[k] - c.x).max())
         moved.append(replace(c, x=points[k], value=float(found[k]), omega=float(where[k]), width=width))
-    return moved, sum(float(part.sum()) for part in spent)
+    return moved
 
 
 def place_of(sample: Sample, x: Array, omega_rad_s: float) -> Place:
@@ -191,22 +233,28 @@ def _distinct_peaks(sample: Sample, values: Array) -> Rows:
 def _pattern(p: int, count: int) -> Array:
     """Points to evaluate in a window, in half-widths."""
     if p <= 3:
-        steps = np.linspace(-1.0, 1.0, {1: 9, 2: 5, 3: 3}[p])
-        pattern = np.array(list(itertools.product(steps, repeat=p)))
-        return pattern[np.abs(pattern).max(axis=1) > 0]
+        return _pattern_of_grid(p)
     axes = np.concatenate([np.eye(p), -np.eye(p)])
     scattered = np.random.default_rng(count).uniform(-1.0, 1.0, size=(24, p))
     return np.concatenate([axes, 0.5 * axes, scattered])
 
 
+@lru_cache
+def _pattern_of_grid(p: int) -> Array:
+    steps = np.linspace(-1.0, 1.0, {1: 9, 2: 5, 3: 3}[p])
+    pattern = np.array(list(itertools.product(steps, repeat=p)))
+    return pattern[np.abs(pattern).max(axis=1) > 0]
+
+
 def _unique(x: Array) -> Array:
-    return np.unique(np.clip(x, 0.0, 1.0), axis=0)
+    inside = np.minimum(np.maximum(x, 0.0), 1.0)
+    return np.unique(inside)[:, None] if x.shape[1] == 1 else np.unique(inside, axis=0)
 
 
 def _step(c: _Candidate, trial: Array, values: Array, omegas: Array, spacing: float, scale: float) -> _Candidate:
     """The candidate after one round."""
     k = int(np.argmax(values))
-    smaller = c.width * (0.25 if len(c.x) == 1 else 0.5)
+    smaller = c.width * (_SMALLER if len(c.x) == 1 else 0.5)
     if values[k] > c.value + _ROUNDING * scale:
         reached = (np.abs(trial[k] - c.x) > 0.99 * c.width) & (trial[k] > 0.0) & (trial[k] < 1.0)
         width = min(2.0 * c.width, spacing) if reached.any() else smaller
