@@ -37,9 +37,10 @@ class Terms(NamedTuple):
 class Direct(NamedTuple):
     """What m loops are computed from directly.
 
-    Fields: `gains`, shape (5, m), kp, ki, alpha, kd and Tf of a continuous loop, kd 0 without a derivative; `sections`, shape (2, n), poles - 1 and
-    residues of a digital controller, and its `feedthrough`; polynomials of shapes (m, a) and (m, b); `late`, shape
-    (m,), the dead time in s, on samples the delay in samples; `sampled`, whether the loop is one on samples.
+    Fields: `gains`, shape (5, m), kp, ki, alpha, kd and Tf of a continuous loop, kd 0 without a derivative; `sections`,
+    shape (2, n), poles - 1 and residues of a digital controller, and its `feedthrough`; polynomials of shapes (m, a)
+    and (m, b); `late`, shape (m,), the dead time in s, on samples the delay in samples; `sampled`, whether the loop is
+    one on samples.
     """
 
     gains: Any
