@@ -60,9 +60,8 @@ def tune(
         source: a spec file, or a spec.
         proof: False leaves the certificate out: `solved` then means verified in floating point, and the result says so.
         solver: which search finds the gains; `Solver.CONVEX` is the slower second opinion.
-        start: gains close to the solution, or a neighbour (`fopi_tune.design.neighbour`) that has them.  The search
-            begins there alone, and elsewhere only if that fails: faster, but a better optimum elsewhere is missed.
-            The convex search ignores it.
+        start: gains close to the solution, or a neighbour (`fopi_tune.design.neighbour`) that has them.  They are
+            polished beside a scan of the whole box on fewer rays, which is faster.  The convex search ignores it.
         bracket: whether to bound in floating point how much better any other gains can be (`Design.gap`), and to search
             again where that leaves room.  Only without a start, and on samples not with `prewarp: crossover` or
             `rule: matched`, whose filter changes with the gains' own crossover: `Design.gap` is then None.

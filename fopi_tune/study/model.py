@@ -26,9 +26,9 @@ class Stage(StrEnum):
 class Starts(StrEnum):
     """Where the search for a cell's gains begins."""
 
-    #: every start, as `fopi tune`
+    #: the scan of the whole box, as `fopi tune`
     ALL = "all"
-    #: the gains of the spec without overrides; every start where no solution is found from them
+    #: the gains of the spec without overrides, and a scan of the whole box on fewer rays
     BASE = "base"
 
 
@@ -64,7 +64,7 @@ class Cell:
         overrides: path to value, as in the study file; they distinguish the cell.
         text: the spec as canonical JSON (which is YAML); of an entry, its registry.
         check: the spec that the gains are proved, discretised and validated against; empty: `text` itself.
-        base: the spec whose gains the search starts from; empty: every start.
+        base: the spec whose gains are polished beside a coarser scan; empty: none.
         stages: what is run, in order.
         files: names and contents of the files that the specs name.
         draws: plants that the stage `validate` draws.

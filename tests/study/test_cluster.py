@@ -20,6 +20,9 @@ import psutil
 import pytest
 from cases.project import CONTINUOUS, IMPORTED, ROOT
 
+from fopi_tune.study.ledger import read_ledger
+from fopi_tune.study.load import load_study
+
 TESTS = ROOT / "tests"
 DASK = shutil.which("dask", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", ""))))
 #: with the package that was imported, and not that of the folder where the tests run: its code is compiled already
@@ -175,6 +178,35 @@ def test_designs_and_proofs_that_are_killed_end_as_ones_that_are_not(tmp_path: P
     hits = killed_again_and_again(file, tmp_path / "out", 30, seed=1, longest_s=1.0)
     assert hits > 0
     assert table_of(file, tmp_path / "out", "2") == whole
+
+
+def documents_of(file: Path, folder: Path) -> dict[str, str]:
+    """What the ledger has of each cell, by its overrides."""
+    labels = {cell.index: cell.label for cell in load_study(file).cells}
+    with read_ledger(folder) as ledger:
+        return {labels[index]: result.document for index, result in ledger.results()}
+
+
+@pytest.mark.parametrize("starts", ["all", "base"])
+def test_cells_in_another_order_by_more_workers_killed_and_resumed_have_the_same_bytes(
+    tmp_path: Path, starts: str
+) -> None:
+    limits = "[-20, -19.6, -19.2, -18.8, -18, -17]"
+    text = BRAKE.replace(limits, "[-20, -19.2, -18]") + f"stages: [tune]\nstarts: {starts}\n"
+    forwards, backwards = tmp_path / "brakes.yaml", tmp_path / "turned.yaml"
+    forwards.write_text(text, encoding="utf-8")
+    turned = text.replace("[-20, -19.2, -18]", "[-18, -19.2, -20]").replace("[2.9, 3.1, 3.3]", "[3.3, 2.9, 3.1]")
+    backwards.write_text(turned, encoding="utf-8")
+    whole = table_of(forwards, tmp_path / "whole", "0")
+    process = started(backwards, tmp_path / "out", "2")
+    assert wait_until_begun(process)
+    process.kill()
+    process.communicate(timeout=60)
+    table = table_of(backwards, tmp_path / "out", "2")
+    assert documents_of(backwards, tmp_path / "out") == documents_of(forwards, tmp_path / "whole")
+    # the same rows, but for their number, which comes first
+    rows = [sorted(line.split(",", 1)[1] for line in lines.splitlines()) for lines in (table, whole)]
+    assert rows[0] == rows[1]
 
 
 def test_ctrl_c_ends_at_once_without_noise_and_leaves_a_ledger_that_goes_on(tmp_path: Path) -> None:
