@@ -333,7 +333,9 @@ class Loops:
     @property
     def _polynomials(self) -> tuple[Array, Array]:
         plants = self.plants
-        return tuple(np.ascontiguousarray(c, dtype=float) for c in (plants.numerator, plants.denominator))
+        return np.ascontiguousarray(plants.numerator, dtype=float), np.ascontiguousarray(
+            plants.denominator, dtype=float
+        )
 
 
 NDArrayInt = np.ndarray[tuple[int, ...], np.dtype[np.int_]]

@@ -7,9 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import Margins
-from fopi_tune.optimum.documents import to_dict as optimum_dict
-from fopi_tune.optimum.documents import to_document as optimum_to_document
-from fopi_tune.optimum.results import Optimum
 from fopi_tune.proof.certificate import Certificate, Verdict
 from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.verification.results import Stability, Verification
@@ -31,6 +28,7 @@ from fopi_tune.spec.model import DesignSpec
 if TYPE_CHECKING:
     from fopi_tune.digital import DigitalController
     from fopi_tune.montecarlo.montecarlo import Evidence
+    from fopi_tune.optimum.results import Optimum
     from fopi_tune.results.to_control import ControlObjects, SampledObjects
 
 #: version of the result's JSON; it may only grow
@@ -114,12 +112,16 @@ class Design:
             "clash": [relaxation_dict(relaxation, self.spec) for relaxation in self.clash],
             "proof": proof_dict(self.certificate, self.proof_wanted),
             **measures_dict(self.measures),
-            **({} if self.optimum is None else {"optimum": optimum_dict(self.optimum)}),
+            **_of_optimum(self.optimum),
         }
 
     def optimum_document(self) -> dict[str, Any] | None:
         """The JSON of what is proved of the best gains, with its boxes; None when that was not asked for."""
-        return None if self.optimum is None else optimum_to_document(self.optimum, certificate_versions())
+        if self.optimum is None:
+            return None
+        from fopi_tune.optimum.documents import to_document as optimum_to_document
+
+        return optimum_to_document(self.optimum, certificate_versions())
 
     def certificate_document(self) -> dict[str, Any] | None:
         """The certificate's JSON; None without one."""
@@ -369,3 +371,12 @@ def objective_name(spec: DesignSpec) -> str:
         return name
     horizon_s = spec.objective.horizon_s or default_horizon_s(spec.plant)
     return f"{name} (proxy: |integral of e exp(-t/T)| after a unit step at the plant's input, T = {horizon_s:.5g} s)"
+
+
+def _of_optimum(optimum: Optimum | None) -> dict[str, Any]:
+    """The entry of a design whose optimum was certified; what makes it is loaded by none else."""
+    if optimum is None:
+        return {}
+    from fopi_tune.optimum.documents import to_dict
+
+    return {"optimum": to_dict(optimum)}

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from fopi_tune.optimum import Optimum, OptimumStatus
 from fopi_tune.proof.verification.results import Outcome, Place, RequirementResult, Stability
 from fopi_tune.report.text.certificates import proof_lines
 from fopi_tune.report.text.formatting import (
@@ -48,6 +47,7 @@ from fopi_tune.spec.scenarios import every_requirement
 
 if TYPE_CHECKING:
     from fopi_tune.core.margins import Margins
+    from fopi_tune.optimum import Optimum
     from fopi_tune.results.measures import MeasureReport
     from fopi_tune.results.status import Relaxation
 
@@ -287,11 +287,15 @@ def optimum_lines(optimum: Optimum | None, gap: float | None = None) -> Iterator
         if gap is not None:
             yield from entry("optimum", f"nothing better by more than {100.0 * gap:.3g} % is possible (checked)")
         return
+    from fopi_tune.optimum import OptimumStatus  # its search is loaded by no design without it
+
     good = optimum.status in (OptimumStatus.CERTIFIED, OptimumStatus.INFEASIBLE)
     yield from entry("optimum", _optimum_words(optimum), "" if good else "yellow")
 
 
 def _optimum_words(optimum: Optimum) -> str:
+    from fopi_tune.optimum import OptimumStatus
+
     effort = f"{optimum.boxes} boxes of gains, {optimum.seconds:.1f} s"
     status = optimum.status
     if status is OptimumStatus.INFEASIBLE:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cases.random_loops import random_loop, random_sampled
 
-from fopi_tune.core.bode_form import BodeForm
+from fopi_tune.core.bode_form import Array, BodeForm, Complex
 from fopi_tune.core.compiled.loops import Direct, Terms, bode_at, entry
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
@@ -27,13 +27,13 @@ def loops(seed: int) -> Loops:
     return Loops.of(loop.controller, Plants.of(loop.plant))
 
 
-def by_factors(form: BodeForm, u: np.ndarray) -> np.ndarray:
+def by_factors(form: BodeForm, u: Array) -> Complex:
     """Formula (1) of `bode_form`: the sum of the factors' principal logarithms."""
     total = form.scale[0] + form.slope0[0] * u + 1j * (form.phase0[0] - form.delay[0] * np.exp(u))
     for sign, nu, corner, psi in zip(form.sign[0], form.nu[0], form.corner[0], form.psi[0], strict=True):
         if np.isfinite(corner):
             total = total + sign * np.log(1.0 + np.exp(nu * (u - corner) + 1j * psi))
-    return total
+    return np.asarray(total, dtype=complex)
 
 
 def _bounds(sources):
