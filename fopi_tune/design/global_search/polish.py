@@ -292,10 +292,9 @@ class Polish:
         slots = [self._first_slot(x), *slots_of(
             order_of(pool, self.rows, self.real_rows), x, self.rows, self.problem.scaled, self.in_t, self.spread
         )]  # fmt: skip
-        equal = [slot for slot in slots if slot.is_equal][_UNKNOWN:]
-        slots = [slot for slot in slots if not any(slot is other for other in equal)]
-        size = next((s for s in SIZES if s >= len(slots)), SIZES[-1])
-        slots = slots[:size]
+        surplus = [slot for slot in slots if slot.is_equal][_UNKNOWN:]
+        slots = [slot for slot in slots if not any(slot is other for other in surplus)][: SIZES[-1]]
+        size = next(s for s in SIZES if s >= len(slots))
         self.counts.solves += 1
         return solve(self.problem, self.code, slots, self._errors(pool), x, t, radius, size, self.real_rows), len(slots)
 
@@ -366,8 +365,10 @@ def solve(
     rows_low = np.concatenate([[box.ki_low / scale_ki], np.zeros(size + ERRORS), np.zeros(size)])
     rows_high = np.concatenate([[box.ki_high / scale_ki], np.full(size + ERRORS, np.inf), np.zeros(size)])
     rows_high[1 : 1 + size][[slot.is_equal for slot in padded]] = 0.0
-    # rows that are off are 0 whatever the gains are: at a limit of 0 no interior point has a slack there
-    rows_low[1 + size : 1 + size + ERRORS][errors[:, 2] == 0.0] = -1.0
+    if problem.spec.controller.has_derivative:
+        # rows that are off are 0 whatever the gains are: at a limit of 0 there is no interior point, which costs many
+        # steps; with kp + ki s^-alpha specs are known that are solved with it alone
+        rows_low[1 + size : 1 + size + ERRORS][errors[:, 2] == 0.0] = -1.0
     weight_t = -1.0 if code == DEPTH else 1.0
     whole = [1.0, 0.0] if code == KI else [0.0, weight_t]
     whole += [log_ki - math.log(scale_ki), box.log_omega, *units.tolist()]
