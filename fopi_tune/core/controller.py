@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from fopi_tune.errors import DomainError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 ALPHA_MIN = 0.0
 ALPHA_MAX = 2.0
@@ -47,6 +49,8 @@ class FoPi:
 
     def __call__(self, s: complex | NDArray[np.complexfloating]) -> NDArray[np.complex128]:
         """C(s) at complex numbers of any shape, s not 0 where there is an integral."""
+        import numpy as np  # the command line reads gains before it needs arrays
+
         points = np.asarray(s, dtype=complex)
         integral = self.ki * points**-self.alpha if self.ki != 0.0 else np.zeros_like(points)
         return np.asarray(self.kp + integral, dtype=complex)
@@ -88,6 +92,8 @@ class Pid(FoPi):
 
     def __call__(self, s: complex | NDArray[np.complexfloating]) -> NDArray[np.complex128]:
         """C(s) at complex numbers of any shape, s not 0 where there is an integral."""
+        import numpy as np  # the command line reads gains before it needs arrays
+
         points = np.asarray(s, dtype=complex)
         return super().__call__(points) + self.kd * points / (self.derivative_filter_time_constant_s * points + 1.0)
 

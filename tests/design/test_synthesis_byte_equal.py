@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from cases.project import CONTINUOUS, ROOT
+from cases.project import CONTINUOUS, IMPORTED, ROOT
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.pipeline.tune import tune
@@ -47,9 +48,7 @@ def paths(tmp_path: Path) -> tuple[str, ...]:
 
 def printed(paths: tuple[str, ...], seed: str) -> list[str]:
     """Designs by a process of their own, one after the other, with its own order of sets and dicts of text."""
-    import os
-
-    environment = os.environ | {"PYTHONHASHSEED": seed, "PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"PYTHONHASHSEED": seed, "PYTHONPATH": str(IMPORTED)}
     done = subprocess.run([sys.executable, "-c", _PRINT, *paths], env=environment, capture_output=True, check=True)
     return done.stdout.decode().splitlines()
 
