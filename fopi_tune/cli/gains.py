@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fopi_tune.cli.batch import OutputOptions
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import CertificateError, DomainError
+from fopi_tune.spec.yaml.scalars import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
     from fopi_tune.results.design import Design
     from fopi_tune.spec.model import DesignSpec
-
 
 _NAMES = ("kp", "ki", "alpha", "kd")
 
@@ -42,6 +43,9 @@ class GivenGains:
                 raise DomainError(
                     f"give {wanted} all three, or none of them: --{name} is left out, and the spec gives {name} a range"
                 )
+            if value and math.isfinite(value) and not SMALLEST <= abs(value) <= LARGEST:
+                said = f"{value:g} cannot be computed with; write 0, or {SMALLEST:g} to {LARGEST:g}"
+                raise DomainError(f"--{name}: {said}")
             given[name] = box.min if value is None else value
         if spec.controller.has_derivative and given["alpha"] != 1.0:
             raise DomainError("--alpha: the integral of structure pid has the order 1; leave --alpha out")

@@ -53,11 +53,7 @@ def _build_range(values: Values, place: Place) -> Uncertain | None:
     if nominal is not None and not low <= nominal <= high:
         place.child("nominal").refuse(f"nominal {nominal} lies outside [{low}, {high}]; move it inside")
         return None
-    try:
-        return Uncertain.between(low, high) if nominal is None else Uncertain(nominal, low, high)
-    except DomainError:  # the midpoint of two huge numbers overflows
-        place.refuse("the midpoint of min and max is too large a number; write nominal, or a narrower range")
-        return None
+    return Uncertain.between(low, high) if nominal is None else Uncertain(nominal, low, high)
 
 
 def _model_record(model: PlantModel) -> Record:

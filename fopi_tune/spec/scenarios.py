@@ -220,9 +220,10 @@ def refuse_accelerations(limits: list[PlacedLimit], measurement_unit: str) -> No
 def refuse_too_many_samples(scenarios: list[ScenarioSpec], sample_time_s: float, place: Place) -> None:
     """Reports scenarios of more than `MAX_SAMPLES` samples."""
     for index, scenario in enumerate(scenarios):
-        if scenario.duration_s / sample_time_s > MAX_SAMPLES:
+        samples = scenario.duration_s / sample_time_s
+        if samples > MAX_SAMPLES:
             where = place.child("scenarios").item(index).child("duration_s")
-            where.refuse(f"{math.ceil(scenario.duration_s / sample_time_s)} samples are more than {MAX_SAMPLES}")
+            where.refuse(f"{math.ceil(samples) if samples < 1e15 else samples} samples are more than {MAX_SAMPLES}")
 
 
 def frequency_part(spec: DesignSpec) -> DesignSpec:

@@ -1,20 +1,22 @@
 """Commands that read a file which was damaged:  a folder of good files, and for each the commands that read it.
 
-`run_in_child` runs a command in a child of this process and measures it, so that one that hangs, grows or crashes is
+`run_in_child` runs commands in a process of their own and measures them, so that one that hangs, grows or crashes is
 seen and harms nobody.
 """
 
 from __future__ import annotations
 
 import contextlib
-import gc
 import io
 import json
 import os
+import pickle
 import random
 import resource
 import shutil
 import signal
+import subprocess
+import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -22,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cases.fuzz import damaged, damaged_json
-from cases.project import ROOT
+from cases.project import IMPORTED, ROOT
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
@@ -192,22 +194,28 @@ def mutants(targets: Sequence[Target], folder: Path, chance: random.Random, coun
 
 
 def run_in_child(batch: Sequence[Mutant], folder: Path) -> list[Ended]:
-    """Run commands one after the other in a child of this process; after a crash the batch goes on in another."""
+    """Run commands one after the other in a new process; after a crash the batch goes on in another.
+
+    It is no fork of this process, which holds what all tests before have imported and computed: the memory that is
+    measured would be theirs.
+    """
     ends: list[Ended] = []
+    log, todo = folder / "said.jsonl", folder / "todo.pickle"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(Path(__file__).parents[1]), str(IMPORTED)))}
+    program = "import sys; from cases.fuzz_commands import run_all; run_all(sys.argv[1], sys.argv[2])"
     while len(ends) < len(batch):
         started = batch[len(ends) :]
-        log = folder / "said.jsonl"
         log.write_text("", encoding="utf-8")
-        child = os.fork()
-        if child == 0:
-            _run_all(started, folder, log)
-        _, status, _ = os.wait4(child, 0)
+        todo.write_bytes(
+            pickle.dumps([(folder / each.target.file, each.data, each.target.arguments) for each in started])
+        )
+        ended = subprocess.run([sys.executable, "-c", program, str(todo), str(log)], env=environment, check=False)
         lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
         ends += [Ended(mutant, *line) for mutant, line in zip(started, lines, strict=False)]
         if len(lines) < len(started):
             culprit = started[len(lines)]
             (folder / culprit.target.file).write_bytes(_good(folder, culprit))
-            ends.append(Ended(culprit, os.waitstatus_to_exitcode(status), MOST_CPU_S, 0, "the process was ended"))
+            ends.append(Ended(culprit, ended.returncode, MOST_CPU_S, 0, "the process was ended"))
     return ends
 
 
@@ -215,24 +223,28 @@ def _good(folder: Path, mutant: Mutant) -> bytes:
     return (folder / GOOD / mutant.target.file).read_bytes()
 
 
-def _run_all(batch: Sequence[Mutant], folder: Path, log: Path) -> None:
-    try:
-        gc.freeze()
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        for mutant in batch:
-            path = folder / mutant.target.file
-            good = path.read_bytes()
-            path.write_bytes(mutant.data)
-            signal.alarm(_MOST_WALL_S)
-            began, words = time.process_time(), io.StringIO()
-            code = _code_of(mutant.target.arguments, words)
-            took = time.process_time() - began
-            path.write_bytes(good)
-            line = code, took, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024, words.getvalue()
-            with open(log, "a", encoding="utf-8") as file:
-                file.write(json.dumps(line) + "\n")
-    finally:
-        os._exit(0)
+def run_all(todo: str, log: str) -> None:
+    """Run commands on damaged files, and write how each ended: code, seconds, peak of memory in bytes, words."""
+    for path, data, arguments in pickle.loads(Path(todo).read_bytes()):
+        good = path.read_bytes()
+        path.write_bytes(data)
+        signal.alarm(_MOST_WALL_S)
+        began, words = time.process_time(), io.StringIO()
+        code = _code_of(arguments, words)
+        took = time.process_time() - began
+        path.write_bytes(good)
+        line = code, took, _peak_bytes(), words.getvalue()
+        with open(log, "a", encoding="utf-8") as file:
+            file.write(json.dumps(line) + "\n")
+
+
+def _peak_bytes() -> int:
+    """The most memory that this process had; Linux counts into ru_maxrss that of the process which started it."""
+    status = Path("/proc/self/status")
+    if not status.exists():
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    peak = next(line for line in status.read_text(encoding="utf-8").splitlines() if line.startswith("VmHWM:"))
+    return int(peak.split()[1]) * 1024
 
 
 def _code_of(arguments: Sequence[str], words: io.StringIO) -> int:

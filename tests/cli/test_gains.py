@@ -30,3 +30,9 @@ def test_a_gain_that_is_left_out_and_has_a_range_is_named() -> None:
         DomainError, match="all three, or none of them: --ki is left out, and the spec gives ki a range"
     ):
         GivenGains(1.0, None, None).for_spec(SPEC)
+
+
+@pytest.mark.parametrize("gain", [1e308, -1e308, 5e-324, 1.1e100])
+def test_a_gain_that_cannot_be_computed_with_is_refused(gain: float) -> None:
+    with pytest.raises(DomainError, match=r"--ki: .* cannot be computed with; write 0, or 1e-100 to 1e"):
+        GivenGains(1.0, gain, 1.0).for_spec(SPEC)

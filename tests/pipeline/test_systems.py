@@ -146,6 +146,7 @@ def test_a_file_is_told_to_be_a_spec_or_a_system(folder: Path) -> None:
         ("alpha: 0.45", "alpha: 2.5", "out of range"),
         ("scenario: down", "scenario: sideways", "no scenario has this name"),
         ("duration_s: 20, reference", "duration_s: 1e9, reference", "samples are more"),
+        ("duration_s: 20, reference", "duration_s: 1e99, reference", "samples are more"),
         ("kp: 0.07, ki: 0.11, ", "kp: 0, ki: 0, ", None),
     ],
 )

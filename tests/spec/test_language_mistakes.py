@@ -333,10 +333,11 @@ def test_a_phase_margin_of_180_deg_can_be_asked_for(words: str) -> None:
             ],
         ),
         (
-            "{model: pole, gain: {min: -1.7e308, max: -1.6e308}, pole_rad_s: {min: -1.7e308, max: 1.7e308}}",
+            "{model: pole, gain: {min: -1.7e308, max: 1e-320}, pole_rad_s: 1.0e+101}",
             [
-                "4:72: plant.pole_rad_s: the midpoint of min and max is too large a number; "
-                "write nominal, or a narrower range"
+                "4:34: plant.gain.min: -1.7e308 is too large to compute with; write at most 1e+100",
+                "4:49: plant.gain.max: 1e-320 is too small to compute with; write 0, or at least 1e-100",
+                "4:70: plant.pole_rad_s: 1.0e+101 is too large to compute with; write at most 1e+100",
             ],
         ),
         ("{gain: 1}", ["4:8: plant.model: the key is missing; add it with lag, pole or transfer_function"]),

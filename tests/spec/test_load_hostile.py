@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from fopi_tune.errors import Problem, SpecError
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.yaml.composer import MAX_BYTES, MAX_NODES
-from fopi_tune.spec.yaml.scalars import parse_number
+from fopi_tune.spec.yaml.scalars import LARGEST, SMALLEST, parse_number
 
 BRAKE = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
 THROTTLE = (CONTINUOUS / "throttle.yaml").read_text(encoding="utf-8")
@@ -182,9 +182,11 @@ NUMBERS: dict[str, str] = {
     ".inf": "'.inf' is not a finite number; write a number, or leave the key out where it may be missing",
     "-.Inf": "'-.Inf' is not a finite number; write a number, or leave the key out where it may be missing",
     "infinity": "'infinity' is not a finite number; write a number, or leave the key out where it may be missing",
-    "1e400": "1e400 is too large for a floating-point number; write less than 1.8e308",
-    "-1e400": "-1e400 is too large for a floating-point number; write less than 1.8e308",
-    "1e-400": "1e-400 is too small for a floating-point number; write 0 or more than 1e-307",
+    "1e400": "1e400 is too large to compute with; write at most 1e+100",
+    "-1e308": "-1e308 is too large to compute with; write at most 1e+100",
+    "1.001e100": "1.001e100 is too large to compute with; write at most 1e+100",
+    "1e-400": "1e-400 is too small to compute with; write 0, or at least 1e-100",
+    "-5e-324": "-5e-324 is too small to compute with; write 0, or at least 1e-100",
     "0x1F": "0x1F is not decimal; write 31",
     "0o17": "0o17 is not decimal; write 15",
     "0b11": "0b11 is not decimal; write 3",
@@ -374,6 +376,6 @@ def test_any_rearrangement_of_lines_is_a_spec_or_a_spec_error(data: st.DataObjec
 
 
 @settings(max_examples=200, deadline=None, derandomize=True)
-@given(st.floats(allow_nan=False, allow_infinity=False))
+@given(st.floats(-LARGEST, LARGEST).filter(lambda value: value == 0.0 or abs(value) >= SMALLEST))
 def test_a_number_is_read_to_the_last_bit(value: float) -> None:
     assert parse_number(repr(value)) == value

@@ -52,6 +52,7 @@ from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec import validation as validation_section
 from fopi_tune.spec.model import MEASURES, DesignSpec
 from fopi_tune.spec.templates.template import template
+from fopi_tune.spec.yaml.scalars import SMALLEST
 
 Array = NDArray[np.float64]
 BRAKE = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
@@ -170,16 +171,16 @@ WRONG = [
     ("{time_constant_s: {truncated_normal: {mean: 100, std: 1}}}", "24:47: validation.distributions.time_constant_s: "),
     ("{time_constant_s: {truncated_normal: {mean: 100, std: 1}}}", "next to no probability on [1.6, 3.1]; check mean"),
     ("{time_constant_s: {truncated_normal: {mean: 2, std: 1e9}}}", "does not vary on [1.6, 3.1] by what a float can"),
-    ("{time_constant_s: {truncated_normal: {mean: 1e308, std: 1e-3}}}", "next to no probability"),
+    ("{time_constant_s: {truncated_normal: {mean: 1e99, std: 1e-3}}}", "next to no probability"),
     ("{time_constant_s: {normal: {mean: -9, std: 1}}}", "draws no plant: every value from -18 to 0 must be greater"),
-    ("{time_constant_s: {normal: {mean: 1, std: 1e308}}}", "too large for a floating-point number"),
+    ("{time_constant_s: {normal: {mean: 1, std: 1e308}}}", "too large to compute with; write at most 1e+100"),
     ("{time_constant_s: {normal: {mean: 1, std: 1, clip: [2, 1]}}}", "2.0 is not less than 1.0"),
     ("{time_constant_s: {nominal_plus_noise: {mean: 0.85}}}", "shape: the key is missing; add it with normal, half_"),
     ("{time_constant_s: {nominal_plus_noise: {shape: folded, mean: 1}}}", "'folded' is not known here; write normal"),
     ("{time_constant_s: {nominal_plus_noise: {shape: half_normal, mean: 0}}}", "24:95: "),
     ("{time_constant_s: {nominal_plus_noise: {shape: uniform, mean: 0}}}", "one-sided noise of mean 0 is none"),
     ("{time_constant_s: {nominal_plus_noise: {shape: uniform, mean: 1, std: 1}}}", "std: the key is not known here"),
-    ("{time_constant_s: {nominal_plus_noise: {shape: half_normal, mean: 1.7e308}}}", "too large for a floating-point"),
+    ("{time_constant_s: {nominal_plus_noise: {shape: half_normal, mean: 1.7e308}}}", "too large to compute with"),
     ("uniform", "24:29: validation.distributions: 'uniform' is written where a mapping belongs"),
 ]
 
@@ -207,7 +208,7 @@ def test_every_wrong_distribution_is_reported_at_once() -> None:
 
 
 @settings(max_examples=120, deadline=None, derandomize=True)
-@given(st.floats(-60, 60), st.floats(-3, 9))
+@given(st.floats(-60, 60).filter(lambda mean: mean == 0.0 or abs(mean) >= SMALLEST), st.floats(-3, 9))
 def test_a_spec_refuses_just_the_truncated_normals_that_cannot_be_drawn(mean: float, log_std: float) -> None:
     """At the last u's: what was read draws values that tell one u from another and keep to the range."""
     text = f"{{truncated_normal: {{mean: {mean!r}, std: {10**log_std!r}}}}}"

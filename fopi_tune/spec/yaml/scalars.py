@@ -10,6 +10,8 @@ from collections.abc import Callable
 from fopi_tune.spec.yaml.problems import quoted
 
 MAX_LENGTH = 100
+#: numbers beyond these are no quantity of an engineer's, and their powers and products no floating-point numbers
+SMALLEST, LARGEST = 1e-100, 1e100
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 _LEADING_ZERO = re.compile(r"[+-]?0[0-9]")
@@ -46,7 +48,7 @@ def parse_number(text: str) -> float:
     """A finite decimal number.
 
     Raises:
-        NotANumberError: not a decimal number, or too large, small or long for one.
+        NotANumberError: not a decimal number, or too large, small or long for one that is computed with.
     """
     if len(text) > MAX_LENGTH:
         raise NotANumberError(f"{quoted(text)} is {len(text)} characters long; write at most {MAX_LENGTH} characters")
@@ -55,10 +57,10 @@ def parse_number(text: str) -> float:
     if _LEADING_ZERO.match(text):
         raise NotANumberError(f"{text} begins with 0 and could be octal; write it without the leading 0")
     value = float(text)
-    if math.isinf(value):
-        raise NotANumberError(f"{text} is too large for a floating-point number; write less than 1.8e308")
-    if value == 0.0 and re.search("[1-9]", re.split("[eE]", text)[0]):
-        raise NotANumberError(f"{text} is too small for a floating-point number; write 0 or more than 1e-307")
+    if abs(value) > LARGEST:
+        raise NotANumberError(f"{text} is too large to compute with; write at most {LARGEST:g}")
+    if abs(value) < SMALLEST and (value != 0.0 or re.search("[1-9]", re.split("[eE]", text)[0])):
+        raise NotANumberError(f"{text} is too small to compute with; write 0, or at least {SMALLEST:g}")
     return value
 
 
