@@ -22,6 +22,7 @@ from fopi_tune.quantities.objectives import OBJECTIVES
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.language import json_schema
 from fopi_tune.spec.templates.template import template
+from fopi_tune.spec.yaml.scalars import SMALLEST
 
 SPECS = sorted((ROOT / "specs").glob("*.yaml"))
 SCHEMA = json_schema()
@@ -240,8 +241,13 @@ def _with_some(required: dict[str, Any], optional: dict[str, Any]) -> st.SearchS
     return st.fixed_dictionaries(required, optional=optional)
 
 
+def _floats(low: float, high: float) -> st.SearchStrategy[float]:
+    """Numbers that can be computed with: a schema does not see those that are too close to 0."""
+    return st.floats(low, high).filter(lambda x: x == 0.0 or abs(x) >= SMALLEST)
+
+
 # ends are drawn apart so that few specs are refused for reasons that a schema cannot see; some still are
-NUMBER = st.floats(-100, 100) | st.integers(-100, 100)
+NUMBER = _floats(-100, 100) | st.integers(-100, 100)
 POSITIVE = st.floats(0.01, 100) | st.integers(1, 100)
 RANGE = _with_some({"min": st.floats(1, 2), "max": st.floats(3, 4)}, {"nominal": st.floats(2, 3)})
 UNCERTAIN = POSITIVE | RANGE
@@ -256,7 +262,7 @@ PLANT = st.one_of(
         {"dead_time_s": UNCERTAIN},
     ),
 )
-GAIN = NUMBER | _with_some({}, {"min": st.floats(-5, 0), "max": st.floats(1, 5)})
+GAIN = NUMBER | _with_some({}, {"min": _floats(-5, 0), "max": st.floats(1, 5)})
 ALPHA = st.floats(0.01, 1.99) | _with_some({}, {"min": st.floats(0.01, 1), "max": st.floats(1, 1.99)})
 CONTROLLER = _with_some({}, {"structure": st.just("fopi"), "kp": GAIN, "ki": GAIN, "alpha": ALPHA}) | _with_some(
     {"structure": st.just("pi")}, {"kp": GAIN, "ki": GAIN, "alpha": st.sampled_from([1, {"min": 1, "max": 1}])}
@@ -285,7 +291,7 @@ DIGITAL = _with_some(
         "poles": st.integers(1, 50),
         "band_rad_s": st.tuples(st.floats(0.01, 1), st.floats(2, 1e6)).map(list),
         "rule": st.sampled_from(["tustin", "matched"]),
-        "delay_samples": st.floats(0, 5),
+        "delay_samples": _floats(0, 5),
         "output_rate_per_s": POSITIVE,
     },
 )
