@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from fopi_tune.cli.batch import OutputOptions
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import CertificateError, DomainError
-from fopi_tune.spec.yaml.scalars import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
     from fopi_tune.results.design import Design
@@ -35,6 +34,8 @@ class GivenGains:
         """
         if not self:
             return None
+        from fopi_tune.spec.yaml.scalars import LARGEST, SMALLEST  # --version reads no specs
+
         given: dict[str, float] = {}
         for name in _NAMES:
             value, box = getattr(self, name), getattr(spec.controller, name)
