@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fopi_tune.core.controller import FoPi, Pid
+    from fopi_tune.core.controller import FoPi, FoPid, Pid
     from fopi_tune.core.margins import Margins, margins
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
@@ -54,6 +54,7 @@ _PUBLIC = {
     "DiscretizedSystem": "fopi_tune.results.system",
     "DomainError": "fopi_tune.errors",
     "FoPi": "fopi_tune.core.controller",
+    "FoPid": "fopi_tune.core.controller",
     "FopiError": "fopi_tune.errors",
     "Identified": "fopi_tune.identification",
     "Margins": "fopi_tune.core.margins",
@@ -116,6 +117,7 @@ __all__ = [
     "DiscretizedSystem",
     "DomainError",
     "FoPi",
+    "FoPid",
     "FopiError",
     "Identified",
     "Margins",

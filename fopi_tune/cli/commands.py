@@ -68,7 +68,8 @@ Out = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on stdout; of several specs, a list.")]
 Kp = Annotated[float | None, typer.Option(help="Proportional gain.")]
-Kd = Annotated[float | None, typer.Option(help="Derivative gain of structure pid, in kp's unit times s.")]
+Kd = Annotated[float | None, typer.Option(help="Derivative gain of pid and fopid, in kp's unit times s^mu.")]
+Mu = Annotated[float | None, typer.Option(help="Order of the derivative of fopid, above 0 and up to 1.")]
 Ki = Annotated[float | None, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")]
 Alpha = Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")]
@@ -201,6 +202,7 @@ def prove(
     ki: Ki = None,
     alpha: Alpha = None,
     kd: Kd = None,
+    mu: Mu = None,
     tolerance: Annotated[
         float, typer.Option(help="How far a requirement may be missed, neper or radian; a delay margin's is relative.")
     ] = TOLERANCE,
@@ -225,12 +227,12 @@ def prove(
     """
     options = OutputOptions(out, as_json, quiet, debug, require_proof=require_proof)
     if recheck is not None:
-        if any(gain is not None for gain in (kp, ki, alpha, kd)):
-            raise bad_input("--recheck takes the gains from the certificate; leave --kp, --ki, --alpha and --kd out")
+        if any(gain is not None for gain in (kp, ki, alpha, kd, mu)):
+            raise bad_input("--recheck takes the gains from the certificate; leave --kp, --ki, --alpha, --kd, --mu out")
         raise typer.Exit(recheck_file(recheck, spec, options))
     if spec is None:
         raise bad_input("there is no SPEC to prove; name a spec file, or a certificate with --recheck")
-    raise typer.Exit(prove_file(spec, GivenGains(kp, ki, alpha, kd), tolerance, options))
+    raise typer.Exit(prove_file(spec, GivenGains(kp, ki, alpha, kd, mu), tolerance, options))
 
 
 @app.command()
@@ -240,6 +242,7 @@ def discretize(
     ki: Ki = None,
     alpha: Alpha = None,
     kd: Kd = None,
+    mu: Mu = None,
     out: Out = None,
     as_json: AsJson = False,
     no_proof: NoProof = False,
@@ -254,7 +257,7 @@ def discretize(
     and how they take turns; nothing is proved of it here.
     """
     options = OutputOptions(out, as_json, quiet, debug)
-    raise typer.Exit(discretize_file(spec, GivenGains(kp, ki, alpha, kd), not no_proof, options))
+    raise typer.Exit(discretize_file(spec, GivenGains(kp, ki, alpha, kd, mu), not no_proof, options))
 
 
 @app.command()
@@ -264,6 +267,7 @@ def validate(
     ki: Ki = None,
     alpha: Alpha = None,
     kd: Kd = None,
+    mu: Mu = None,
     samples: Annotated[int | None, typer.Option(help="Plants to draw, in place of the spec's.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the draw, in place of the spec's.")] = None,
     out: Out = None,
@@ -278,7 +282,7 @@ def validate(
     Gains are taken as `fopi prove` takes them, those of a system from its file.
     """
     options = OutputOptions(out, as_json, quiet, debug)
-    raise typer.Exit(validate_file(spec, GivenGains(kp, ki, alpha, kd), samples, seed, options))
+    raise typer.Exit(validate_file(spec, GivenGains(kp, ki, alpha, kd, mu), samples, seed, options))
 
 
 @app.command()
@@ -290,6 +294,7 @@ def simulate(
     ki: Ki = None,
     alpha: Alpha = None,
     kd: Kd = None,
+    mu: Mu = None,
     scenario: Annotated[str | None, typer.Option(metavar="NAME", help="Only this scenario.")] = None,
     plant: Annotated[
         list[str] | None, typer.Option(metavar="NAME=VALUE", help="An uncertain number; nominal where left out.")
@@ -324,7 +329,7 @@ def simulate(
     if accuracy is not None and not exact:
         raise bad_input("--accuracy is of the loop in continuous time; give --exact too, or leave it out")
     selection = SimulationOptions(scenario, numbers, replay, samples, seed, exact, accuracy)
-    raise typer.Exit(simulate_file(spec, GivenGains(kp, ki, alpha, kd), selection, options))
+    raise typer.Exit(simulate_file(spec, GivenGains(kp, ki, alpha, kd, mu), selection, options))
 
 
 app.command()(study)

@@ -14,17 +14,18 @@ if TYPE_CHECKING:
     from fopi_tune.results.design import Design
     from fopi_tune.spec.model import DesignSpec
 
-_NAMES = ("kp", "ki", "alpha", "kd")
+_NAMES = ("kp", "ki", "alpha", "kd", "mu")
 
 
 @dataclass(frozen=True)
 class GivenGains:
-    """The gains of --kp, --ki, --alpha and --kd; None where an option is left out."""
+    """The gains of --kp, --ki, --alpha, --kd and --mu; None where an option is left out."""
 
     kp: float | None
     ki: float | None
     alpha: float | None
     kd: float | None = None
+    mu: float | None = None
 
     def for_spec(self, spec: DesignSpec) -> FoPi | None:
         """The controller, with what the spec fixes where an option is left out; None if none of them is given.
@@ -37,22 +38,33 @@ class GivenGains:
         from fopi_tune.spec.yaml.scalars import LARGEST, SMALLEST  # --version reads no specs
 
         given: dict[str, float] = {}
+        self._refuse_foreign(spec)
         for name in _NAMES:
             value, box = getattr(self, name), getattr(spec.controller, name)
+            if box is None:
+                continue
             if value is None and not box.is_fixed:
-                wanted = "--kp, --ki and --kd" if spec.controller.has_derivative else "--kp, --ki and --alpha"
+                *others, last = (f"--{each}" for each in spec.controller.ranges)
+                every = {2: "three", 4: "five"}[len(others)]
                 raise DomainError(
-                    f"give {wanted} all three, or none of them: --{name} is left out, and the spec gives {name} a range"
+                    f"give {', '.join(others)} and {last} all {every}, or none of them: --{name} is left out, and the "
+                    f"spec gives {name} a range"
                 )
             if value and math.isfinite(value) and not SMALLEST <= abs(value) <= LARGEST:
                 said = f"{value:g} cannot be computed with; write 0, or {SMALLEST:g} to {LARGEST:g}"
                 raise DomainError(f"--{name}: {said}")
             given[name] = box.min if value is None else value
-        if spec.controller.has_derivative and given["alpha"] != 1.0:
+        if spec.controller.structure == "pid" and given["alpha"] != 1.0:
             raise DomainError("--alpha: the integral of structure pid has the order 1; leave --alpha out")
         if given["kd"] != 0.0 and not spec.controller.has_derivative:
             raise DomainError("--kd: the spec's controller has no derivative; write structure: pid in it")
         return spec.controller.controller(**given)
+
+    def _refuse_foreign(self, spec: DesignSpec) -> None:
+        """Refuse an order of a derivative that the spec's structure does not have; 1 is that of a pid."""
+        own = (None, 1.0) if spec.controller.structure == "pid" else (None,)
+        if not spec.controller.has_derivative_order and self.mu not in own:
+            raise DomainError("--mu: the spec's controller has no order mu; write structure: fopid in it")
 
     def __bool__(self) -> bool:
         return any(getattr(self, name) is not None for name in _NAMES)

@@ -8,7 +8,8 @@ Each factor k has a sign (+1 in the numerator, -1 in the denominator), an expone
 psi_k. A root r of a polynomial has nu = 1, u_k = ln|r| and psi = arg(-j/r); kp + ki s^-alpha has nu = alpha, u_k =
 ln|ki/kp|/alpha and psi = alpha pi/2.  As omega grows, w = e^{nu (u - u_k)} e^{j psi} runs along a ray from 0, so the
 principal value of ln(1 + w) is continuous: the imaginary part of (1) is the unwrapped phase from omega -> 0, in closed
-form.  With
+form.  A derivative of another order than 1 beside the integral is no product of such factors: a sum of powers joins
+them (`core/compiled/power_sums.py`), whose branch is known as well.  With
 
     d/du ln(1 + w) = nu w/(1 + w),        d2/du2 ln(1 + w) = nu^2 w/(1 + w)^2,                                     (2)
 
@@ -20,7 +21,7 @@ Source: derived; (1) is the sum of the logarithms of the factors of N, D and C.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,8 @@ _BOUND_EXPONENT_CAP = 300.0
 #: points evaluated together: an array of 30 factors of each point is 0.25 MB, which stays in the cache and is not given
 #: back to the system after every operation
 PORTION = 1_024
+#: of functions without a sum of powers
+NO_SUMS = np.zeros((0, 6, 5))
 
 
 def portions(count: int) -> list[slice]:
@@ -59,6 +62,7 @@ class BodeForm:
         corner: shape (m, K), u_k; inf for a factor that is absent.
         psi: shape (m, K), rad, angle of a factor's ray, in (-pi, pi).
         delay: shape (m,), s; negative in the inverse of a delayed function.
+        sums: shape (m, 6, 5), a factor that is a sum of powers; shape (0, 6, 5) without.
     """
 
     scale: Array
@@ -69,6 +73,7 @@ class BodeForm:
     corner: Array
     psi: Array
     delay: Array
+    sums: Array = field(default_factory=lambda: NO_SUMS)
 
     def __add__(self, other: BodeForm) -> BodeForm:
         """The product of the functions."""
@@ -81,17 +86,22 @@ class BodeForm:
             np.concatenate([self.corner, other.corner], axis=1),
             np.concatenate([self.psi, other.psi], axis=1),
             self.delay + other.delay,
+            # only a controller has one
+            self.sums if len(self.sums) else other.sums,
         )
 
     def __neg__(self) -> BodeForm:
         """One over the functions."""
+        sums = self.sums.copy()
+        sums[:, 4, -1] *= -1.0
         return BodeForm(
-            -self.scale, -self.slope0, -self.phase0, -self.sign, self.nu, self.corner, self.psi, -self.delay
+            -self.scale, -self.slope0, -self.phase0, -self.sign, self.nu, self.corner, self.psi, -self.delay, sums
         )
 
     def take(self, rows: Rows) -> BodeForm:
         """Select rows."""
-        return BodeForm(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+        every = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return BodeForm(**{name: part[rows] if name != "sums" or len(part) else part for name, part in every.items()})
 
     def undelayed(self) -> BodeForm:
         """The functions without their dead times: same gain, and a curvature bound of the gain alone."""
@@ -132,18 +142,37 @@ class BodeForm:
         # The point of the ray's piece that lies closest to -1 has |w| = -cos psi, or is an end of the piece.
         closest = np.minimum(np.maximum(-cosine, rho_low), rho_high)
         squared_distance = (closest + cosine) ** 2 + sine**2
-        return np.add.reduce(np.abs(sign) * nu**2 * rho_high / np.maximum(squared_distance, 1e-300), axis=1)
+        bound = np.add.reduce(np.abs(sign) * nu**2 * rho_high / np.maximum(squared_distance, 1e-300), axis=1)
+        if not len(self.sums):
+            return bound
+        from fopi_tune.core.compiled.power_sums import curvature_bounds
+
+        return bound + curvature_bounds(self.sums, contiguous_rows(rows), 0.5 * (low + high), 0.5 * (high - low))
 
     def slope_end(self) -> Array:
         """Shape (m,), d ln|f| / du as omega -> inf."""
         present = np.isfinite(self.corner)
-        return self.slope0 + (self.sign * self.nu * present).sum(axis=1)
+        slope = self.slope0 + (self.sign * self.nu * present).sum(axis=1)
+        return slope if self._end_of_sum is None else slope + self._end_of_sum[0]
+
+    @cached_property
+    def _end_of_sum(self) -> tuple[Array, Array, Array] | None:
+        """Of the sum of powers as omega -> inf: exponent, ln of the size, phase."""
+        if not len(self.sums):
+            return None
+        from fopi_tune.core.compiled.power_sums import ends
+
+        sign = self.sums[:, 4, -1]
+        exponent, size, phase = ends(self.sums)
+        return sign * exponent, sign * size, sign * phase
 
     def end(self) -> tuple[Array, Array]:
         """High-frequency asymptote c omega^slope_end: ln|c| and its phase (rad, delay left out), shape (m,) each."""
         present = np.isfinite(self.corner)
         log_gain = -(np.where(present, self.sign * self.nu * np.where(present, self.corner, 0.0), 0.0)).sum(axis=1)
         phase = np.where(present, self.sign * self.psi, 0.0).sum(axis=1)
+        if self._end_of_sum is not None:
+            log_gain, phase = log_gain + self._end_of_sum[1], phase + self._end_of_sum[2]
         return self.scale + log_gain, self.phase0 + phase
 
     def corners(self) -> tuple[Array, Array]:
@@ -153,6 +182,11 @@ class BodeForm:
         low = np.where(present, self.corner - reach, np.inf).min(axis=1, initial=np.inf)
         high = np.where(present, self.corner + reach, -np.inf).max(axis=1, initial=-np.inf)
         none = ~present.any(axis=1)
+        if len(self.sums):
+            from fopi_tune.core.compiled.power_sums import corners
+
+            first, last = corners(self.sums, 1e-9)
+            low, high, none = np.minimum(low, first), np.maximum(high, last), np.isinf(np.minimum(low, first))
         return np.where(none, -1.0, low), np.where(none, 1.0, high)
 
     @cached_property
@@ -167,7 +201,8 @@ class BodeForm:
         plain = (self.nu == 1.0) & (np.abs(self.corner) < NEAR_ONE)
         inverse = np.where(plain, np.exp(-np.where(plain, self.corner, 0.0)), 0.0)
         factors = self.nu, self.corner, direction.real, direction.imag, self.sign, self.sign * self.nu, inverse
-        return Terms(np.array([self.scale, self.slope0, self.phase0, self.delay], dtype=float), np.array(factors))
+        whole = np.array([self.scale, self.slope0, self.phase0, self.delay], dtype=float)
+        return Terms(whole, np.array(factors), self.sums)
 
 
 def contiguous_rows(rows: Rows) -> Rows:

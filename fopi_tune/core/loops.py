@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows, contiguous_rows
 from fopi_tune.core.controller import FoPi, derivative_of
+from fopi_tune.core.derivatives import Derivatives
 from fopi_tune.core.plant import Plant, PlantFamily
 from fopi_tune.errors import DomainError
 
@@ -146,42 +147,13 @@ class Plants:
 
 
 @dataclass(frozen=True)
-class Derivatives:
-    """m derivative terms kd s/(Tf s + 1) beside a PI.
-
-    Args:
-        kd: shape (m,).
-        filter_s: shape (m,), Tf > 0.
-    """
-
-    kd: Array
-    filter_s: Array
-
-    def take(self, rows: Rows) -> Derivatives:
-        """Select rows."""
-        return Derivatives(self.kd[rows], self.filter_s[rows])
-
-    def response(self, rows: Rows, omega: Array) -> Complex:
-        """kd s/(Tf s + 1) at s = j omega; rows and omega of shape (n,)."""
-        # |s| may be inf: divided by s, nothing is inf/inf
-        with np.errstate(divide="ignore"):
-            return np.asarray(self.kd[rows] / (self.filter_s[rows] - 1j / omega), dtype=complex)
-
-    def joined(self, kp: Array, ki: Array) -> Plants:
-        """(kp Tf + kd) s^2 + (kp + ki Tf) s + ki over s (Tf s + 1), the whole controller with alpha = 1."""
-        zeros = np.zeros(len(kp))
-        top = np.column_stack([kp * self.filter_s + self.kd, kp + ki * self.filter_s, ki])
-        return Plants(top, np.column_stack([self.filter_s, np.ones(len(kp)), zeros]), zeros)
-
-
-@dataclass(frozen=True)
 class Loops:
     """m loops L = C P; gains of shape (m,), plants of m rows.
 
     Args:
         kp, ki, alpha: shape (m,).
         plants: m plants.
-        derivatives: beside alpha = 1; None: C = kp + ki s^-alpha.
+        derivatives: beside the integral; None: C = kp + ki s^-alpha.
     """
 
     kp: Array
@@ -194,8 +166,8 @@ class Loops:
     def of(cls, controller: FoPi, plants: Plants) -> Loops:
         """One controller with every one of the plants."""
         ones = np.ones(len(plants))
-        kd, filter_s = derivative_of(controller)
-        derivatives = Derivatives(kd * ones, filter_s * ones) if kd != 0.0 else None
+        kd, mu, filter_s = derivative_of(controller)
+        derivatives = Derivatives(kd * ones, mu * ones, filter_s * ones) if kd != 0.0 else None
         return cls(controller.kp * ones, controller.ki * ones, controller.alpha * ones, plants, derivatives=derivatives)
 
     def __len__(self) -> int:
@@ -239,13 +211,35 @@ class Loops:
 
         A zero of the plant hides it, or one of the controller: without kp and ki the derivative has one at s = 0.
         """
+        hidden = self.plants.hidden_on_axis
         if self.derivatives is None:
-            return self.plants.hidden_on_axis
-        top = self.derivatives.joined(self.kp, self.ki).numerator
+            return hidden
+        if not self._is_rational:
+            return hidden | self._controller_vanishes_at_a_pole
+        top, _ = self.derivatives.joined(self.kp, self.ki)
         # without ki the numerator and the denominator of C share the root 0
         reduced = np.column_stack([np.zeros(len(self)), top[:, :2]])
         zeros = polynomial_roots(np.where((self.ki == 0.0)[:, None], reduced, top))
-        return self.plants.hidden_on_axis | _share_a_root_on_the_axis(zeros, self.plants.poles)
+        return hidden | _share_a_root_on_the_axis(zeros, self.plants.poles)
+
+    @property
+    def _is_rational(self) -> bool:
+        """Whether all orders are 1."""
+        return self.derivatives is not None and bool(np.all(self.derivatives.mu == 1.0) and np.all(self.alpha == 1.0))
+
+    @property
+    def _controller_vanishes_at_a_pole(self) -> NDArray[np.bool_]:
+        """Whether C is 0, but for rounding, at a pole of the plant on the imaginary axis, shape (m,)."""
+        assert self.derivatives is not None
+        poles = self.plants.poles
+        on_axis = np.isfinite(poles) & (np.abs(poles.real) <= _AXIS_TOLERANCE * np.abs(poles.imag))
+        row, column = np.nonzero(on_axis & (poles.imag > 0.0))
+        omega = poles.imag[row, column]
+        parts = self.kp[row], self.ki[row] * omega ** -self.alpha[row], self.derivatives.response(row, omega)
+        size = sum((np.abs(part) for part in parts), np.zeros(len(row)))
+        found = np.any(on_axis & (poles == 0.0), axis=1) & (self.kp == 0.0) & (self.ki == 0.0)
+        found[row[np.abs(self.controller_response(row, omega)) <= _AXIS_TOLERANCE * size]] = True
+        return found
 
     @cached_property
     def log_controller(self) -> BodeForm:
@@ -255,7 +249,9 @@ class Loops:
             DomainError: all gains are 0: there is no loop.
         """
         if self.derivatives is not None:
-            return self.derivatives.joined(self.kp, self.ki).log
+            if self._is_rational:
+                return Plants(*self.derivatives.joined(self.kp, self.ki), np.zeros(len(self))).log
+            return self.derivatives.log_sums(self.kp, self.ki, self.alpha)
         if np.any((self.kp == 0.0) & (self.ki == 0.0)):
             raise DomainError("kp = ki = 0: there is no controller, so there is no loop; give one of them a value")
         integral = self.ki != 0.0
@@ -286,7 +282,7 @@ class Loops:
         both = (lead < 0) & negative_plant
         return BodeForm(
             product.scale, product.slope0, product.phase0 + 2.0 * np.pi * both,
-            product.sign, product.nu, product.corner, product.psi, product.delay,
+            product.sign, product.nu, product.corner, product.psi, product.delay, product.sums,
         )  # fmt: skip
 
     @property
@@ -325,8 +321,8 @@ class Loops:
         """For compiled functions: what the loops are computed from directly."""
         from fopi_tune.core.compiled.loops import Direct
 
-        none = np.zeros(len(self))
-        derivative = (none, none) if self.derivatives is None else (self.derivatives.kd, self.derivatives.filter_s)
+        none, known = np.zeros(len(self)), self.derivatives
+        derivative = (none, none, none) if known is None else (known.kd, known.filter_s, known.mu)
         gains = np.array([self.kp, self.ki, self.alpha, *derivative], dtype=float)
         return Direct(gains, np.zeros((2, 0)), 0.0, *self._polynomials, self.plants.dead_time_s + 0.0, False)
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
+from fopi_tune.core.bode_form import NO_SUMS, Array, BodeForm, Complex, Rows
 from fopi_tune.core.loops import Loops
 from fopi_tune.errors import DomainError
 
@@ -224,4 +224,4 @@ def no_terms() -> Terms:
     """No function in Bode form, for a sum of one."""
     from fopi_tune.core.compiled.loops import Terms
 
-    return Terms(np.zeros((4, 0)), np.zeros((7, 0, 0)))
+    return Terms(np.zeros((4, 0)), np.zeros((7, 0, 0)), NO_SUMS)

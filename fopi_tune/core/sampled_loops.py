@@ -194,7 +194,7 @@ class SampledLoops(Loops):
         sections = self.sections
         table = np.array([np.array(sections.poles) - 1.0, np.array(sections.residues)], dtype=float)
         late = self.plants.late.astype(float)
-        return Direct(np.zeros((5, len(self))), table, float(sections.direct), *self._polynomials, late, True)
+        return Direct(np.zeros((6, len(self))), table, float(sections.direct), *self._polynomials, late, True)
 
 
 def shifted(u: Array) -> Complex:

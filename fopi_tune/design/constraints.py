@@ -174,7 +174,7 @@ class Scale:
         ki = controller.ki * self.gain * self.omega_rad_s**-controller.alpha
         third = controller.alpha
         if self.filter_s:
-            third = derivative_of(controller)[0] * self.gain * self.omega_rad_s
+            third = derivative_of(controller).kd * self.gain * self.omega_rad_s
         return np.array([controller.kp * self.gain, ki, third])
 
     def controller(self, scaled: Array) -> FoPi:
@@ -188,6 +188,7 @@ class Scale:
 
 def scale_of(spec: DesignSpec) -> Scale:
     """Scaling and frequency grid, from the plants' corner frequencies and dead times and the spec's own frequencies."""
+    spec.controller.refuse_derivative_order("the search for gains")
     family = spec.plant
     plants = Plants.members(family, family.corners())
     roots = np.concatenate([plants.zeros.ravel(), plants.poles.ravel()])

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fopi_tune.core.controller import FoPi, derivative_of
+from fopi_tune.core.controller import FoPi, derivative_of, refuse_derivative_order_in
 from fopi_tune.core.parallel_form import DirectParts, Sections
 from fopi_tune.digital.oustaloup import ZeroPoleGain
 from fopi_tune.errors import DomainError
@@ -92,9 +92,10 @@ def with_derivative(integral: Sections, gains: FoPi) -> Sections:
         gains: kd and Tf.
 
     Raises:
-        DomainError: Tf < Ts/2.
+        DomainError: Tf < Ts/2, or a derivative of any order.
     """
-    (kd, filter_s), Ts, parts = derivative_of(gains), integral.sample_time_s, integral.parts
+    refuse_derivative_order_in(gains, "the controller on samples")
+    (kd, _, filter_s), Ts, parts = derivative_of(gains), integral.sample_time_s, integral.parts
     if kd == 0.0 or parts is None:
         return integral
     if 2.0 * filter_s < Ts:

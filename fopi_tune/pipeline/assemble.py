@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.steady_state import largest_steady_state_error
+from fopi_tune.core.stability import largest_steady_state_error
 from fopi_tune.proof import Certificate, Place, Verdict, Verification
 from fopi_tune.proof.verification.results import MeasureResult
 from fopi_tune.quantities import QUANTITIES

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from fopi_tune.core.controller import FoPi, derivative_of
+from fopi_tune.core.controller import MU_MAX, FoPi, derivative_of
 from fopi_tune.results.design import Design
 from fopi_tune.results.equalities import in_percent
 from fopi_tune.results.status import Status
@@ -31,11 +31,11 @@ def without_vanished_terms(controller: ControllerSpec, gains: FoPi, crossover_ra
         controller: the box.
         gains: those found.
         crossover_rad_s: where the sizes of the terms are compared; None for 1 rad/s.  That of a derivative is its
-            largest, kd/Tf.
+            largest, of a PID kd/Tf.
     """
     omega = 1.0 if crossover_rad_s is None else crossover_rad_s
-    kd, filter_s = derivative_of(gains)
-    proportional, integral, derivative = abs(gains.kp), abs(gains.ki) * omega**-gains.alpha, abs(kd) / filter_s
+    proportional, integral = abs(gains.kp), abs(gains.ki) * omega**-gains.alpha
+    derivative = derivative_of(gains).largest
     total = proportional + integral + derivative
     if not (math.isfinite(integral) and total > 0.0):
         return controller
@@ -75,14 +75,15 @@ def _vanished(asked: DesignSpec, gains: FoPi, error: float | None) -> Iterator[s
                 "for none, give ki a lower end (controller: ki: {min: ...}) or ask for "
                 "sensitivity_db: {at_most: ...} at low frequencies (to_rad_s: ...)"
             )
-        elif asked.controller.has_derivative:
+        elif asked.controller.structure == "pid":
             yield "no integral action: the best gains have ki = 0"
         else:
             yield "no integral action: the best gains have ki = 0, so that alpha has no meaning"
     if gains.kp == 0.0 and not asked.controller.kp.is_fixed:
         yield "no proportional action: the best gains have kp = 0"
-    if derivative_of(gains)[0] == 0.0 and not asked.controller.kd.is_fixed:
-        yield "no derivative action: the best gains have kd = 0"
+    if derivative_of(gains).kd == 0.0 and not asked.controller.kd.is_fixed:
+        order = ", so that mu has no meaning" if asked.controller.has_derivative_order else ""
+        yield f"no derivative action: the best gains have kd = 0{order}"
 
 
 def _noise(asked: DesignSpec) -> Iterator[str]:
@@ -104,7 +105,9 @@ def _noise(asked: DesignSpec) -> Iterator[str]:
 def _at_ends(controller: ControllerSpec, gains: FoPi) -> Iterator[str]:
     for name, side in controller.ranges.items():
         value = getattr(gains, name)
-        if side.is_fixed or (name == "alpha" and gains.ki == 0.0):
+        is_idle = (name == "alpha" and gains.ki == 0.0) or (name == "mu" and derivative_of(gains).kd == 0.0)
+        # the controller is proper up to mu = 1: there is no wider range
+        if side.is_fixed or is_idle or (name == "mu" and value == side.max == MU_MAX):
             continue
         for word, end in (("lower", side.min), ("upper", side.max)):
             if value != 0.0 and math.isfinite(end) and abs(value - end) <= _AT_END * max(abs(end), abs(value)):

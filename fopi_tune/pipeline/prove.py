@@ -40,8 +40,8 @@ def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
         )
     if not spec.controller.has_structure_of(gains):
         raise DomainError(
-            "the gains are of another structure than the spec's controller; give a Pid with the spec's "
-            "derivative_filter_time_constant_s where its structure is pid, else a FoPi"
+            "the gains are of another structure than the spec's controller; give a Pid, or with structure fopid a "
+            "FoPid, with the spec's derivative_filter_time_constant_s, and a FoPi where there is no derivative"
         )
     implementation = designed_implementation(spec, gains)
     found = verify(spec, gains, tolerance, implementation)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-from fopi_tune.core.controller import ControllerSpec, FoPi, Pid
+from fopi_tune.core.controller import ORDER_NAME, ControllerSpec, FoPi, numbers_of
 from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.results.documents import finite
 from fopi_tune.results.stamp import Stamp
@@ -19,8 +19,9 @@ COLUMNS = ("limit", "status", "objective", "kp", "ki", "alpha", "largest_score",
 
 
 def columns_of(controller: ControllerSpec) -> tuple[str, ...]:
-    """The columns of the CSV file: `COLUMNS`, and kd last where there is a derivative."""
-    return (*COLUMNS, "kd") if controller.has_derivative else COLUMNS
+    """The columns of the CSV file: `COLUMNS`, and last kd where there is a derivative, and its order in a fopid."""
+    more = [name for name in ("kd", ORDER_NAME) if name in controller.ranges]
+    return (*COLUMNS, *more)
 
 
 class PointStatus(StrEnum):
@@ -57,7 +58,8 @@ class TradeoffPoint:
         """A row of the CSV file; empty where there is no number."""
         gains = (self.gains.kp, self.gains.ki, self.gains.alpha) if self.gains else (None, None, None)
         numbers = ["" if v is None else repr(v) for v in (self.objective, *gains, self.largest_score)]
-        more = (repr(self.gains.kd),) if isinstance(self.gains, Pid) else ()
+        known = {} if self.gains is None else numbers_of(self.gains)
+        more = [repr(known[name]) for name in ("kd", ORDER_NAME) if name in known]
         return (repr(self.limit), self.status.value, *numbers, str(self.binds).lower(), *more)
 
     def to_dict(self) -> dict[str, Any]:
@@ -66,7 +68,7 @@ class TradeoffPoint:
             "limit": self.limit,
             "status": self.status.value,
             "objective": finite(self.objective),
-            "gains": asdict(self.gains) if self.gains else None,
+            "gains": numbers_of(self.gains) if self.gains else None,
             "largest_score": finite(self.largest_score),
             "binds": self.binds,
         }

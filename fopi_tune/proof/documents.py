@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from fopi_tune.core.controller import numbers_of
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
 from fopi_tune.errors import CertificateError, DomainError
@@ -54,7 +55,7 @@ def to_document(certificate: Certificate) -> dict[str, Any]:
         "verdict": certificate.verdict.value,
         "spec_sha256": certificate.spec_sha256,
         "tolerance": certificate.tolerance,
-        "gains": asdict(case.gains),
+        "gains": numbers_of(case.gains),
         "plant": {
             "model": case.family.model,
             "parameters": [{"name": name, **asdict(value)} for name, value in case.family.parameters.items()],

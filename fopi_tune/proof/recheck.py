@@ -108,7 +108,7 @@ def _integrity(certificate: Certificate, document: dict[str, Any]) -> list[str]:
 
 def _without_derivative(certificate: Certificate) -> list[str]:
     """Parts that are stated of a controller with a derivative, and whose proofs have no model of it."""
-    if derivative_of(certificate.case.gains)[0] == 0.0:
+    if derivative_of(certificate.case.gains).kd == 0.0:
         return []
     limited = certificate.limited is not None and certificate.limited.proof is not None
     parts = {"scenarios": bool(certificate.scenarios), "with_limits": limited}

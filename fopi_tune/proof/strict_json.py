@@ -9,7 +9,7 @@ import math
 from enum import StrEnum
 from typing import Any, TypeVar
 
-from fopi_tune.core.controller import DERIVATIVE_NAMES, FoPi, controller_of
+from fopi_tune.core.controller import DERIVATIVE_NAMES, ORDER_NAME, FoPi, controller_of
 from fopi_tune.errors import CertificateError
 
 #: relative; by how much a number may differ from the one derived again, which another machine rounds otherwise
@@ -54,14 +54,15 @@ class JsonObject:
         return float(found)
 
     def controller(self) -> FoPi:
-        """The controller whose numbers the entries are: kp, ki, alpha, and of one with a derivative kd and its filter.
+        """The controller whose numbers the entries are: kp, ki, alpha, kd and filter of a derivative, mu of a fopid.
 
         Raises:
             CertificateError: an entry is missing, or is no finite number.
             DomainError: there is no such controller.
         """
-        derivative = DERIVATIVE_NAMES if any(name in self.value for name in DERIVATIVE_NAMES) else ()
-        return controller_of({name: self.number(name) for name in ("kp", "ki", "alpha", *derivative)})
+        order = (ORDER_NAME,) if ORDER_NAME in self.value else ()
+        derivative = DERIVATIVE_NAMES if order or any(name in self.value for name in DERIVATIVE_NAMES) else ()
+        return controller_of({name: self.number(name) for name in ("kp", "ki", "alpha", *derivative, *order)})
 
     def number_or_none(self, key: str) -> float | None:
         """A finite number or null."""

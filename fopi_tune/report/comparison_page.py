@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from fopi_tune.core.controller import Pid
+from fopi_tune.core.controller import FoPid, Pid
 from fopi_tune.report.comparison import ALIKE, ComparedDesign, Comparison, compare_designs
 from fopi_tune.report.documents import Document, ResultDocuments
 from fopi_tune.report.evidence import evidence_rows, sampling_phrase
@@ -53,7 +53,8 @@ def _facts(comparison: Comparison) -> list[tuple[str, list[str]]]:
         ("kp", lambda f: "–" if f.gains is None else number(f.gains.kp)),
         ("ki", lambda f: "–" if f.gains is None else number(f.gains.ki)),
         ("alpha", lambda f: "–" if f.gains is None else number(f.gains.alpha)),
-        *(_DERIVATIVE_FACTS if any(isinstance(each.gains, Pid) for each in every) else ()),
+        *(_DERIVATIVE_FACTS if any(isinstance(each.gains, FoPid) for each in every) else ()),
+        *(_ORDER_FACTS if any(_has_order(each.gains) for each in every) else ()),
         ("gains from", lambda f: f.design["stamp"]["solver"] or "the spec or the command line"),
         ("stability", _stability),
         ("nominal crossover, rad/s", lambda f: _nominal(f, "crossover_rad_s")),
@@ -66,9 +67,15 @@ def _facts(comparison: Comparison) -> list[tuple[str, list[str]]]:
 
 
 def _of_derivative(name: str, documents: ResultDocuments) -> str:
-    return number(getattr(documents.gains, name)) if isinstance(documents.gains, Pid) else "–"
+    return number(getattr(documents.gains, name)) if isinstance(documents.gains, FoPid) else "–"
 
 
+def _has_order(gains: object) -> bool:
+    return isinstance(gains, FoPid) and not isinstance(gains, Pid)
+
+
+#: shown where one of the designs is of structure fopid
+_ORDER_FACTS = (("mu", partial(_of_derivative, "mu")),)
 #: shown where one of the designs has a derivative
 _DERIVATIVE_FACTS = (
     ("kd", partial(_of_derivative, "kd")),

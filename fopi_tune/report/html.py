@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from fopi_tune.core.controller import DERIVATIVE_NAMES, FoPi, Pid
+from fopi_tune.core.controller import DERIVATIVE_NAMES, FoPi, structure_of
 from fopi_tune.errors import DomainError
 from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
 from fopi_tune.report.evidence import evidence_rows, histograms, sampling_phrase
@@ -125,9 +125,11 @@ def _text_values(documents: ResultDocuments) -> dict[str, Any]:
 
 
 def _gains_words(gains: FoPi, status: str) -> str:
-    is_pid = isinstance(gains, Pid)
-    names = ("kp", "ki", *DERIVATIVE_NAMES) if is_pid else ("kp", "ki", "alpha")
-    formula = "kp + ki / s + kd s / (Tf s + 1)" if is_pid else "kp + ki / s^alpha"
+    names, formula = {
+        "fopi": (("kp", "ki", "alpha"), "kp + ki / s^alpha"),
+        "pid": (("kp", "ki", *DERIVATIVE_NAMES), "kp + ki / s + kd s / (Tf s + 1)"),
+        "fopid": (("kp", "ki", "alpha", "mu", *DERIVATIVE_NAMES), "kp + ki / s^alpha + kd s^mu / (Tf s + 1)"),
+    }[structure_of(gains)]
     values = ", ".join(f"{name} = {number(getattr(gains, name))}" for name in names)
     no_solution = "" if status == "solved" else "; these gains are no solution, only where the search ended"
     return f"C(s) = {formula} with {values}{no_solution}"

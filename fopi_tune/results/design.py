@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.core.margins import Margins
 from fopi_tune.proof.certificate import Certificate, Verdict
 from fopi_tune.proof.documents import to_document
@@ -95,7 +95,7 @@ class Design:
         return {
             "schema": RESULT_SCHEMA,
             "status": self.status.value,
-            "gains": asdict(self.gains) if self.gains else None,
+            "gains": numbers_of(self.gains) if self.gains else None,
             "objective": finite(self.objective),
             "requirements": [report.to_dict() for report in self.requirements],
             "stamp": asdict(self.stamp),
@@ -279,7 +279,7 @@ class Validated:
         return {
             "schema": RESULT_SCHEMA,
             "status": self.status,
-            "gains": asdict(self.digital.controller.gains),
+            "gains": numbers_of(self.digital.controller.gains),
             "name": self.spec.name,
             "contradictions": list(self.contradictions),
             **evidence_document(self.evidence),
@@ -329,7 +329,7 @@ def verification_dict(
     return {
         "schema": RESULT_SCHEMA,
         "status": verification_status(found, certificate),
-        "gains": asdict(found.gains),
+        "gains": numbers_of(found.gains),
         "objective": finite(found.objective),
         "requirements": [report.to_dict() for report in requirement_reports(found, certificate)],
         "stamp": asdict(stamp),

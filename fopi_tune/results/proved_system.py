@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.proof.switched import SystemCertificate, SystemVerdict
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import SystemSpec
@@ -41,7 +41,7 @@ class ProvedSystem:
             "schema": _SCHEMA,
             "status": self.status.value,
             "name": self.spec.name,
-            "gains": {name: asdict(found) for name, found in self.gains.items()},
+            "gains": {name: numbers_of(found) for name, found in self.gains.items()},
             "inactive": self.spec.inactive,
             **({"min_dwell_s": self.spec.min_dwell_s} if self.spec.min_dwell_s else {}),
             "measurement_unit": self.spec.measurement_unit,

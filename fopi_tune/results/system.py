@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.results.simulation import ScenarioResult, draw_stamp
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import SystemSpec
@@ -56,7 +56,7 @@ class SimulatedSystem:
         return {
             "schema": _SCHEMA,
             "status": self.status,
-            "gains": {name: asdict(gains) for name, gains in self.gains.items()},
+            "gains": {name: numbers_of(gains) for name, gains in self.gains.items()},
             "name": self.spec.name,
             "plant": dict(self.plant),
             "index": self.index,
@@ -98,7 +98,7 @@ class ValidatedSystem:
         return {
             "schema": _SCHEMA,
             "status": self.status,
-            "gains": {name: asdict(gains) for name, gains in self.gains.items()},
+            "gains": {name: numbers_of(gains) for name, gains in self.gains.items()},
             "name": self.spec.name,
             **system_document(self.evidence),
             "notes": list(self.notes),
@@ -150,7 +150,7 @@ class DiscretizedSystem:
             "schema": _SCHEMA,
             "status": self.status,
             "name": self.spec.name,
-            "gains": {name: asdict(found) for name, found in self.gains.items()},
+            "gains": {name: numbers_of(found) for name, found in self.gains.items()},
             "hysteresis": self.spec.hysteresis,
             "inactive": self.spec.inactive,
             "first": self.spec.first,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.montecarlo.statistics import Fraction
 from fopi_tune.proof.verification.results import Verification
 from fopi_tune.results.documents import finite
@@ -100,7 +100,7 @@ class DesignedSystem:
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON."""
-        gains = None if self.gains is None else {name: asdict(found) for name, found in self.gains.items()}
+        gains = None if self.gains is None else {name: numbers_of(found) for name, found in self.gains.items()}
         return {
             "schema": _SCHEMA,
             "status": self.status.value,

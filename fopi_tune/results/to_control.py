@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fopi_tune.core.controller import FoPi, Pid
+from fopi_tune.core.controller import FoPi, Pid, refuse_derivative_order_in
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.core.plant import Plant, PlantFamily
@@ -52,10 +52,11 @@ def to_control(gains: FoPi | None, family: PlantFamily) -> ControlObjects:
     """Controller, nominal plant and loop as state-space systems of python-control.
 
     Raises:
-        DomainError: there are no gains.
+        DomainError: there are no gains, or their derivative may have any order.
     """
     if gains is None:
         raise DomainError("there are no gains to convert; the design has no answer")
+    refuse_derivative_order_in(gains, "an object of python-control")
     from fopi_tune.core.margins import margins
 
     plant = family.member(family.nominal_point)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, DERIVATIVE_NAMES
+from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, DERIVATIVE_NAMES, IMPROPER, MU_MAX, ORDER_NAME
 from fopi_tune.spec.model import ControllerSpec, GainRange
 from fopi_tune.spec.yaml.advice import Advised, range_advice
 from fopi_tune.spec.yaml.nodes import Place, ScalarNode, kind_of
@@ -16,21 +16,26 @@ from fopi_tune.spec.yaml.shapes import Choice, Converted, JsonSchema, Number, Pl
 _FREE = GainRange()
 #: orders that are searched by default; the ends 0 and 2 themselves are not allowed
 _ALPHA = GainRange(0.1, 1.9)
-_DESIGNED = "this version designs kp + ki/s^alpha, and kp + ki/s + kd s/(Tf s + 1) with structure: pid"
-_DERIVATIVE = "write structure: pid, kd in place of a derivative time (kd = kp Td), and its filter's time"
-_FILTER = "write derivative_filter_time_constant_s, Tf of kd s/(Tf s + 1); Tf = Td/N"
+#: orders of the derivative that are searched by default
+_MU = GainRange(0.1, MU_MAX)
+_DESIGNED = "this version designs kp + ki/s^alpha + kd s^mu/(Tf s + 1), with structure: pi, pid, fopi or fopid"
+_DERIVATIVE = (
+    "write structure: pid, or fopid with an order mu, kd in place of a derivative time (kd = kp Td), and its filter's "
+    "time"
+)
+_FILTER = "write derivative_filter_time_constant_s, Tf of kd s^mu/(Tf s + 1); Tf = Td/N"
 _WEIGHT = "write setpoint_weight, b of kp (b r - y)"
 _DERIVATIVE_OF_SETPOINT = "the derivative acts on -y, never on the setpoint; remove it"
 _NO_FILTER = f"{_DESIGNED} of y as it is measured; remove it"
 _INTEGRAL_TIME = "the integral term is ki/s^alpha; write ki; ki = kp/Ti for alpha: 1"
 _ORDER = "write alpha, the order of the integral ki/s^alpha"
-_NO_ORDER = f"{_DESIGNED}: the derivative has order 1; remove it"
+_DERIVATIVE_ORDER = "write structure: fopid and mu, the order of the derivative kd s^mu/(Tf s + 1)"
 _BAND = "write kp; kp = 100/band for a proportional band in %"
 #: words of other controllers, and other words for this one's; as they stand, in small and in capital letters
 _OTHER_WORDS = {
     "k_d td t_d tau_d td_s derivative derivative_gain derivative_time derivative_time_s": _DERIVATIVE,
     "tf t_f tf_s n derivative_filter": _FILTER,
-    "mu μ derivative_order": _NO_ORDER,
+    "μ delta derivative_order": _DERIVATIVE_ORDER,
     "ti t_i tau_i ti_s integral_time integral_time_s reset_time reset_time_s": _INTEGRAL_TIME,
     "λ integral_order fractional_order": _ORDER,
     "pb proportional_band": _BAND,
@@ -49,10 +54,15 @@ _STRUCTURES = {
     "p": "write fopi, and ki: 0 beside it",
     "i": "write fopi, and kp: 0 and alpha: 1 beside it",
     "pd": "write pid, and ki: 0 beside it",
-    **dict.fromkeys(("fopid", "fopd"), f"{_DESIGNED}; write pid or fopi"),
+    "fopd": "write fopid, and ki: 0 beside it",
 }
-_MEANING = "C(s) = kp + ki s^-alpha; of pi alpha is 1; of pid C(s) = kp + ki/s + kd s/(Tf s + 1)"
+_MEANING = (
+    "C(s) = kp + ki s^-alpha; of pi alpha is 1; of fopid C(s) = kp + ki s^-alpha + kd s^mu/(Tf s + 1); of pid that "
+    "with alpha = mu = 1"
+)
 _PI_ORDER = GainRange(1.0, 1.0)
+#: structures whose integral may have another order than 1
+_ANY_ORDER = ("fopi", "fopid")
 #: the box of a spec without `controller:`
 DEFAULT_CONTROLLER = ControllerSpec(_FREE, _FREE, _ALPHA)
 
@@ -61,15 +71,20 @@ def controller_shape() -> Shape:
     """Reads to a `ControllerSpec`."""
     orders = partial(Number, above=ALPHA_MIN, below=ALPHA_MAX)
     keys = {
-        "structure": Key(Advised(Choice(_MEANING, ["fopi", "pi", "pid"]), _structure_advice), False, "fopi"),
+        "structure": Key(Advised(Choice(_MEANING, ["fopi", "pi", "pid", "fopid"]), _structure_advice), False, "fopi"),
         "kp": Key(_gain_shape("proportional gain, control per output unit", Number, _FREE), required=False),
         "ki": Key(_gain_shape("integral gain, in kp's unit times (rad/s)^alpha", Number, _FREE), required=False),
         "alpha": Key(
             _gain_shape("order of the integral", orders, _ALPHA), False, {"min": _ALPHA.min, "max": _ALPHA.max}
         ),
-        "kd": Key(_gain_shape("derivative gain of pid, in kp's unit times s", Number, _FREE), required=False),
+        "kd": Key(
+            _gain_shape("derivative gain of pid and fopid, in kp's unit times s^mu", Number, _FREE), required=False
+        ),
+        ORDER_NAME: Key(
+            _gain_shape("order of the derivative of fopid, at most 1", partial(Number, above=0.0), _MU), required=False
+        ),
         "derivative_filter_time_constant_s": Key(
-            Number("Tf of the derivative kd s/(Tf s + 1) of pid, s", above=0.0), required=False
+            Number("Tf of the derivative kd s^mu/(Tf s + 1) of pid and fopid, s", above=0.0), required=False
         ),
         "setpoint_weight": Key(
             Advised(Number("b of the proportional part kp (b r - y), as it runs on samples"), _weight_advice), False, 1
@@ -88,10 +103,17 @@ def _rule(structure: str, then: JsonSchema) -> JsonSchema:
 
 
 def _derivative_rules() -> list[JsonSchema]:
-    """Of pid the filter is asked for; of other structures there is no derivative."""
-    is_pid = {"properties": {"structure": {"const": "pid"}}, "required": ["structure"]}
-    names = [{"required": [name]} for name in DERIVATIVE_NAMES]
-    return [{"if": is_pid, "then": {"required": [DERIVATIVE_NAMES[1]]}, "else": {"not": {"anyOf": names}}}]
+    """Of pid and fopid the filter is asked for, and of fopid alone there is an order; others have no derivative."""
+
+    def rule(structures: list[str], then: JsonSchema, names: tuple[str, ...]) -> JsonSchema:
+        is_one = {"properties": {"structure": {"enum": structures}}, "required": ["structure"]}
+        return {"if": is_one, "then": then, "else": {"not": {"anyOf": [{"required": [name]} for name in names]}}}
+
+    proper = {"properties": {ORDER_NAME: {"maximum": MU_MAX, "properties": {"max": {"maximum": MU_MAX}}}}}
+    return [
+        rule(["pid", "fopid"], {"required": [DERIVATIVE_NAMES[1]]}, DERIVATIVE_NAMES),
+        rule(["fopid"], proper, (ORDER_NAME,)),
+    ]
 
 
 def _weight_advice(place: Place) -> str | None:
@@ -107,24 +129,37 @@ def _build_controller(values: Values, place: Place) -> ControllerSpec | None:
 
 def _build_box(values: Values, place: Place) -> ControllerSpec | None:
     structure = values.get("structure", "fopi")
-    alpha = values.get("alpha", _ALPHA if structure == "fopi" else _PI_ORDER)
-    if structure != "fopi" and alpha != _PI_ORDER:
+    alpha = values.get("alpha", _ALPHA if structure in _ANY_ORDER else _PI_ORDER)
+    if structure not in _ANY_ORDER and alpha != _PI_ORDER:
         place.child("alpha").refuse(
-            f"the integral of structure {structure} has the order 1; remove alpha, or write structure: fopi"
+            f"the integral of structure {structure} has the order 1; remove alpha, or write structure: "
+            f"{'fopid' if structure == 'pid' else 'fopi'}"
         )
         return None
-    kp, ki, filter_s = values.get("kp", _FREE), values.get("ki", _FREE), values.get(DERIVATIVE_NAMES[1])
-    if structure == "pid":
+    kp, ki, kd, filter_s = (
+        values.get("kp", _FREE), values.get("ki", _FREE), values.get("kd", _FREE), values.get(DERIVATIVE_NAMES[1])
+    )  # fmt: skip
+    if ORDER_NAME in values and structure != "fopid":
+        place.child(ORDER_NAME).refuse("only structure: fopid has an order mu; write structure: fopid, or remove it")
+        return None
+    if structure in ("pid", "fopid"):
+        mu = values.get(ORDER_NAME, _MU) if structure == "fopid" else None
+        if mu is not None and mu.max > MU_MAX:
+            place.child(ORDER_NAME).refuse(f"{IMPROPER}; write an order, or a max, of at most 1")
+            return None
         if filter_s is not None:
-            return ControllerSpec(kp, ki, alpha, values.get("kd", _FREE), filter_s)
+            return ControllerSpec(kp, ki, alpha, kd, filter_s, mu=mu)
         place.refuse(
-            "structure pid needs derivative_filter_time_constant_s, Tf of kd s/(Tf s + 1): without it the controller's "
+            f"structure {structure} needs derivative_filter_time_constant_s, Tf of kd "
+            f"{'s^mu' if structure == 'fopid' else 's'}/(Tf s + 1): without it the controller's "
             "gain grows without end with the frequency; write a time of a tenth of the derivative time kd/kp or less"
         )
         return None
     for name in DERIVATIVE_NAMES:
         if name in values:
-            place.child(name).refuse("only structure: pid has a derivative; write structure: pid, or remove it")
+            place.child(name).refuse(
+                "only structure: pid or fopid has a derivative; write structure: pid, or remove it"
+            )
             return None
     return ControllerSpec(kp, ki, alpha)
 

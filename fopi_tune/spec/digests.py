@@ -12,7 +12,7 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Any
 
-from fopi_tune.core.controller import DERIVATIVE_NAMES
+from fopi_tune.core.controller import DERIVATIVE_NAMES, ORDER_NAME
 from fopi_tune.spec.default_objective import with_default_objective
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, DigitalSpec, Objective
 from fopi_tune.spec.scenarios import designed_scenarios
@@ -90,7 +90,8 @@ def _plain(value: Any) -> Any:
             names.remove("output_rate_per_s")
         if isinstance(value, ControllerSpec):
             # the loop does not depend on the setpoint's weight: it belongs to the digital controller
-            absent = ("setpoint_weight",) if value.has_derivative else ("setpoint_weight", *DERIVATIVE_NAMES)
+            absent = ["setpoint_weight"] if value.has_derivative else ["setpoint_weight", *DERIVATIVE_NAMES]
+            absent += [] if value.has_derivative_order else [ORDER_NAME]
             names = [name for name in names if name not in absent]
         return {name: _plain(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):

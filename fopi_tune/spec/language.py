@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from fopi_tune.core.controller import not_available
 from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
 from fopi_tune.spec.digital import digital_shape
 from fopi_tune.spec.model import DesignSpec, GainRange, Sense
@@ -105,10 +106,12 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
     if values.get("plant") is not None:
         refuse_equalities_over_families(placed, values["plant"])
     refuse_contradictions(placed)
-    digital = values.get("digital")
+    digital, controller = values.get("digital"), values.get("controller")
+    if place.has("digital") and controller is not None and controller.has_derivative_order:
+        place.child("digital").refuse(not_available("the controller on samples", controller.structure))
     if digital is not None and digital.designs_sampled:
         refuse_bands_above_nyquist(placed, math.pi / digital.sample_time_s)
-    objective, controller = values.get("objective"), values.get("controller")
+    objective = values.get("objective")
     if objective is None or controller is None or objective.sense is not Sense.MAXIMIZE:
         return
     gain = getattr(controller, objective.quantity, None)
@@ -124,7 +127,8 @@ def _refuse_for_designed_scenarios(values: Values, measured: list[PlacedLimit], 
     designs = bool(measured) or (objective is not None and objective.scenario is not None)
     if designs and controller is not None and controller.has_derivative:
         place.child("controller").child("structure").refuse(
-            "structure pid is designed for requirements and objectives of the loop's frequencies in this version; "
+            f"structure {controller.structure} is designed for requirements and objectives of the loop's frequencies "
+            "in this version; "
             "write what scenarios have to meet under `limits:`, which is judged and not designed for"
         )
     elif designs and controller is not None and controller.setpoint_weight != 1.0:

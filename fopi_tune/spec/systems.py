@@ -248,7 +248,10 @@ def _read_mode(name: str, modes_section: dict[str, Any], place: Place, loader: S
         where.refuse("the spec has no section digital, which says how its controller runs; add one to it")
         return None
     if spec.controller.has_derivative:
-        where.refuse("a mode's controller is of structure fopi or pi in this version: two that take turns know no pid")
+        where.refuse(
+            "a mode's controller is of structure fopi or pi in this version: two that take turns know no "
+            f"{spec.controller.structure}"
+        )
         return None
     if spec.controller.setpoint_weight != 1.0:
         where.refuse("a mode's controller has setpoint_weight: 1 in this version; remove the weight from its spec")

@@ -1,12 +1,19 @@
-"""The setpoint's weight in specs: which parts of a spec depend on it, and where it is refused."""
+"""Controllers in specs: the setpoint's weight, orders of a derivative, which digests depend on them, and refusals."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from fopi_tune.errors import SpecError
+import fopi_tune as ft
+from fopi_tune.core.controller import FoPid, GainRange
+from fopi_tune.digital import sections_of
+from fopi_tune.digital.implementation import implementation_of
+from fopi_tune.errors import DomainError, SpecError
+from fopi_tune.results.to_control import to_control
+from fopi_tune.simulation.fractional.poles import principal_poles
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.digests import DESIGN_PARTS, DIGITAL_PARTS, digests_of
 from fopi_tune.spec.load import load_system
@@ -20,6 +27,8 @@ requirements: [{phase_margin_deg: {at_least: 60}}]
 scenarios: [{name: one, duration_s: 10, reference: [{at_s: 0, value: 1}]}]
 """
 PID = "structure: pid, derivative_filter_time_constant_s: 0.2"
+#: of the section `controller`, of a pid and of a fopi, before there was an order of the derivative
+KNOWN_DIGESTS = ["2718e1830669774d", "519008aa094b1398"]
 
 
 @pytest.mark.parametrize("structure", ["structure: fopi", "structure: pi", PID])
@@ -63,3 +72,50 @@ def test_a_weight_in_a_mode_is_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(SpecError, match="a mode's controller has setpoint_weight: 1"):
         load_system(tmp_path / "s.yaml")
+
+
+FOPID = "structure: fopid, derivative_filter_time_constant_s: 0.2"
+
+
+def test_a_fopid_has_an_order_of_its_derivative() -> None:
+    text = SPEC.replace("digital: {sample_time_s: 0.1, design: sampled}\n", "")
+    text = text[: text.index("scenarios")]
+    box = parse_spec(f"{text}controller: {{{FOPID}}}\n").controller
+    assert (box.structure, box.mu, box.alpha) == ("fopid", GainRange(0.1, 1.0), GainRange(0.1, 1.9))
+    box = parse_spec(f"{text}controller: {{{FOPID}, alpha: 0.9, mu: {{min: 0.5}}, kd: 1}}\n").controller
+    assert (box.mu, box.alpha, box.kd) == (GainRange(0.5, 1.0), GainRange(0.9, 0.9), GainRange(1.0, 1.0))
+    # every number but the setpoint's weight belongs to the loop
+    digests = [
+        digests_of(parse_spec(f"{text}controller: {{{FOPID}, {more}}}\n"))
+        for more in ("alpha: 0.9, mu: 0.5", "alpha: 0.9, mu: 0.6", "alpha: 0.8, mu: 0.5", "alpha: 0.9, mu: 0.5, kp: 1")
+    ]
+    assert len({each["controller"] for each in digests}) == 4
+    assert len({each["plant"] for each in digests}) == 1
+
+
+def test_a_fopid_on_samples_is_refused_with_the_place() -> None:
+    with pytest.raises(SpecError, match="the controller on samples is not available for structure: fopid in this"):
+        parse_spec(f"{SPEC}controller: {{{FOPID}}}\n")
+    spec = parse_spec(f"{SPEC}controller: {{{PID}}}\n")
+    made = replace(spec, controller=replace(spec.controller, mu=GainRange(0.5, 1.0)))
+    gains = FoPid(1.0, 1.0, 0.8, 0.1, 0.5, 0.2)
+    digital = made.digital
+    assert digital is not None
+    for refused in (
+        lambda: implementation_of(made, gains),
+        lambda: sections_of(gains, digital),
+        lambda: ft.simulate(replace(made, digital=None, scenarios=()), gains),
+        lambda: ft.simulate(replace(made, digital=None, scenarios=()), gains, exact=True),
+        lambda: ft.discretize(made, gains),
+        lambda: ft.validate(made, gains),
+        lambda: to_control(gains, made.plant),
+        lambda: principal_poles(gains, made.plant.member(made.plant.nominal_point)),
+    ):
+        with pytest.raises(DomainError, match="not available for structure: fopid in this version"):
+            refused()
+
+
+def test_digests_of_other_structures_are_what_they_were() -> None:
+    specs = (f"{SPEC}controller: {{{PID}}}\n", f"{SPEC}controller: {{alpha: 0.8}}\n")
+    found = [digests_of(parse_spec(text))["controller"][:16] for text in specs]
+    assert found == KNOWN_DIGESTS

@@ -433,10 +433,19 @@ def test_a_fixed_integral_gain_cannot_be_maximised() -> None:
 
 
 INTEGRAL_TIME = "the integral term is ki/s^alpha; write ki; ki = kp/Ti for alpha: 1"
-DERIVATIVE = "write structure: pid, kd in place of a derivative time (kd = kp Td), and its filter's time"
-DESIGNED = "this version designs kp + ki/s^alpha, and kp + ki/s + kd s/(Tf s + 1) with structure: pid"
-FILTER = "write derivative_filter_time_constant_s, Tf of kd s/(Tf s + 1); Tf = Td/N"
-ONLY_PID = "only structure: pid has a derivative; write structure: pid, or remove it"
+DERIVATIVE = (
+    "write structure: pid, or fopid with an order mu, kd in place of a derivative time (kd = kp Td), and its filter's "
+    "time"
+)
+DESIGNED = "this version designs kp + ki/s^alpha + kd s^mu/(Tf s + 1), with structure: pi, pid, fopi or fopid"
+DERIVATIVE_ORDER = "write structure: fopid and mu, the order of the derivative kd s^mu/(Tf s + 1)"
+FILTER = "write derivative_filter_time_constant_s, Tf of kd s^mu/(Tf s + 1); Tf = Td/N"
+ONLY_PID = "only structure: pid or fopid has a derivative; write structure: pid, or remove it"
+ONLY_FOPID = "only structure: fopid has an order mu; write structure: fopid, or remove it"
+IMPROPER = (
+    "with mu above 1 the controller is improper: behind the filter of first order its gain grows without end with the "
+    "frequency; write an order, or a max, of at most 1"
+)
 
 
 @pytest.mark.parametrize(
@@ -463,10 +472,30 @@ ONLY_PID = "only structure: pid has a derivative; write structure: pid, or remov
         (
             "{structure: pid, alpha: 0.9, derivative_filter_time_constant_s: 1}",
             "5:37: controller.alpha: the integral of structure pid has the order 1; remove alpha, or write "
-            "structure: fopi",
+            "structure: fopid",
         ),
         ("{structure: pd}", "5:25: controller.structure: 'pd' is not known here; write pid, and ki: 0 beside it"),
-        ("{structure: fopid}", f"5:25: controller.structure: 'fopid' is not known here; {DESIGNED}; write pid or fopi"),
+        ("{structure: fopd}", "5:25: controller.structure: 'fopd' is not known here; write fopid, and ki: 0 beside it"),
+        (
+            "{structure: fopid}",
+            "5:13: controller: structure fopid needs derivative_filter_time_constant_s, Tf of kd s^mu/(Tf s + 1): "
+            "without it the controller's gain grows without end with the frequency; write a time of a tenth of the "
+            "derivative time kd/kp or less",
+        ),
+        (
+            "{structure: fopid, mu: 1.2, derivative_filter_time_constant_s: 1}",
+            f"5:36: controller.mu: {IMPROPER}",
+        ),
+        (
+            "{structure: fopid, mu: {min: 0.5, max: 1.5}, derivative_filter_time_constant_s: 1}",
+            f"5:36: controller.mu: {IMPROPER}",
+        ),
+        (
+            "{structure: fopid, mu: 0, derivative_filter_time_constant_s: 1}",
+            "5:36: controller.mu: 0 is out of range; it must be greater than 0.0",
+        ),
+        ("{structure: pid, mu: 0.5, derivative_filter_time_constant_s: 1}", f"5:34: controller.mu: {ONLY_FOPID}"),
+        ("{mu: 0.5}", f"5:18: controller.mu: {ONLY_FOPID}"),
         ("{kd: 2}", f"5:18: controller.kd: {ONLY_PID}"),
         (
             "{derivative_filter_time_constant_s: 2}",
@@ -476,7 +505,7 @@ ONLY_PID = "only structure: pid has a derivative; write structure: pid, or remov
         ("{structure: PI}", "5:25: controller.structure: 'PI' is not known here; did you mean 'pi'?"),
         (
             "{structure: fractional}",
-            "5:25: controller.structure: 'fractional' is not known here; write fopi, pi or pid",
+            "5:25: controller.structure: 'fractional' is not known here; write fopi, pi, pid or fopid",
         ),
         (
             "{structure: pi, alpha: 0.8}",
@@ -502,7 +531,8 @@ ONLY_PID = "only structure: pid has a derivative; write structure: pid, or remov
         ("{Td: 2}", f"5:14: controller.Td: {DERIVATIVE}"),
         ("{N: 10}", f"5:14: controller.N: {FILTER}"),
         ("{Tf: 0.1}", f"5:14: controller.Tf: {FILTER}"),
-        ("{mu: 0.5}", f"5:14: controller.mu: {DESIGNED}: the derivative has order 1; remove it"),
+        ("{μ: 0.5}", f"5:14: controller.'μ': {DERIVATIVE_ORDER}"),
+        ("{derivative_order: 0.5}", f"5:14: controller.derivative_order: {DERIVATIVE_ORDER}"),
         ("{PB: 50}", "5:14: controller.PB: write kp; kp = 100/band for a proportional band in %"),
         ("{beta: 0.5}", "5:14: controller.beta: write setpoint_weight, b of kp (b r - y)"),
         ("{c: 0.5}", "5:14: controller.c: the derivative acts on -y, never on the setpoint; remove it"),

@@ -147,6 +147,12 @@ MISTAKES: list[tuple[tuple[str | int, ...], Any]] = [
     (("plant",), {"model": "transfer_function", "numerator": [1], "denominator": [1] * 33}),
     (("controller",), {"kp": "1"}),
     (("controller",), {"structure": "pid"}),
+    (("controller",), {"structure": "fopid", "mu": 0.5}),
+    (("controller",), {"structure": "fopid", "mu": 1.2, "derivative_filter_time_constant_s": 1}),
+    (("controller",), {"structure": "fopid", "mu": {"max": 1.2}, "derivative_filter_time_constant_s": 1}),
+    (("controller",), {"structure": "fopid", "mu": {"min": 0}, "derivative_filter_time_constant_s": 1}),
+    (("controller",), {"structure": "pid", "mu": 0.5, "derivative_filter_time_constant_s": 1}),
+    (("controller",), {"mu": 0.5}),
     (("controller",), {"structure": "pi", "alpha": 0.8}),
     (("controller",), {"structure": "pi", "alpha": {"min": 0.8, "max": 1}}),
     (("digital",), {"sample_time_s": 0.2, "output_rate_per_s": 0}),
@@ -266,6 +272,11 @@ GAIN = NUMBER | _with_some({}, {"min": _floats(-5, 0), "max": st.floats(1, 5)})
 ALPHA = st.floats(0.01, 1.99) | _with_some({}, {"min": st.floats(0.01, 1), "max": st.floats(1, 1.99)})
 CONTROLLER = _with_some({}, {"structure": st.just("fopi"), "kp": GAIN, "ki": GAIN, "alpha": ALPHA}) | _with_some(
     {"structure": st.just("pi")}, {"kp": GAIN, "ki": GAIN, "alpha": st.sampled_from([1, {"min": 1, "max": 1}])}
+)
+MU = st.floats(0.01, 1.0) | _with_some({}, {"min": st.floats(0.01, 0.9), "max": st.floats(0.9, 1.0)})
+CONTROLLER |= _with_some(
+    {"structure": st.just("fopid"), "derivative_filter_time_constant_s": POSITIVE},
+    {"kd": GAIN, "alpha": ALPHA, "mu": MU},
 )
 RELATION = st.one_of(
     st.fixed_dictionaries({"at_least": POSITIVE}),

@@ -28,19 +28,24 @@ _U_CAP = 600.0
 
 
 class Terms(NamedTuple):
-    """m functions in Bode form, as in `BodeForm.terms`: `whole`, shape (4, m), and `factors`, shape (7, m, K)."""
+    """m functions in Bode form, as in `BodeForm.terms`.
+
+    Fields: `whole`, shape (4, m), `factors`, shape (7, m, K), and `sums`, shape (m, 6, 5), the factors of
+    `power_sums.py`; (0, 6, 5) where there are none.
+    """
 
     whole: Any
     factors: Any
+    sums: Any
 
 
 class Direct(NamedTuple):
     """What m loops are computed from directly.
 
-    Fields: `gains`, shape (5, m), kp, ki, alpha, kd and Tf of a continuous loop, kd 0 without a derivative; `sections`,
-    shape (2, n), poles - 1 and residues of a digital controller, and its `feedthrough`; polynomials of shapes (m, a)
-    and (m, b); `late`, shape (m,), the dead time in s, on samples the delay in samples; `sampled`, whether the loop is
-    one on samples.
+    Fields: `gains`, shape (6, m), kp, ki, alpha, kd, Tf and mu of a continuous loop, kd 0 without a derivative;
+    `sections`, shape (2, n), poles - 1 and residues of a digital controller, and its `feedthrough`; polynomials of
+    shapes (m, a) and (m, b); `late`, shape (m,), the dead time in s, on samples the delay in samples; `sampled`,
+    whether the loop is one on samples.
     """
 
     gains: Any
@@ -87,6 +92,62 @@ def power_of(factors, r, k, u, omega):
 def frequency_of(u):
     """e^u where that and its products with corners stay finite, else 0."""
     return math.exp(u) if abs(u) < NEAR_ONE else 0.0
+
+
+@inner
+def power_sum_at(sums, r, u, h):
+    """ln G of (1) in `power_sums.py` at u, its derivative and bounds on [u - h, u + h].
+
+    Returns:
+        ln|G| and arg G, their slopes; the second derivatives of both; bounds of the absolute values of the second and
+        of the third derivative of ln G, 0 where h is.
+    """
+    most, k = -np.inf, 0
+    for j in range(sums.shape[2]):
+        size = sums[r, 1, j] + sums[r, 0, j] * u
+        if size > most:
+            most, k = size, j
+    largest = sums[r, 0, k]
+    real = imag = first_real = first_imag = second_real = second_imag = 0.0
+    steep = bent = twisted = others = 0.0
+    for j in range(sums.shape[2]):
+        size = math.exp(sums[r, 1, j] + sums[r, 0, j] * u - most)
+        if size == 0.0:
+            continue
+        d = sums[r, 0, j] - largest
+        x, y = size * sums[r, 2, j], size * sums[r, 3, j]
+        real, imag = real + x, imag + y
+        first_real, first_imag = first_real + d * x, first_imag + d * y
+        second_real, second_imag = second_real + d * d * x, second_imag + d * d * y
+        if h > 0.0 and j != k:
+            far = size * math.exp(min(abs(d) * h, _EXPONENT_CAP))
+            others += far
+            d = abs(d)
+            steep, bent, twisted = steep + d * far, bent + d * d * far, twisted + d * d * d * far
+    square = max(real * real + imag * imag, 1e-300)
+    below = 0
+    while below < sums.shape[2] - 1 and u > sums[r, 4, below]:
+        below += 1
+    angle = math.atan2(imag, real)
+    angle += 2.0 * math.pi * np.round(((sums[r, 5, below] + 0.5) * math.pi - angle) / (2.0 * math.pi))
+    m_real = (first_real * real + first_imag * imag) / square
+    m_imag = (first_imag * real - first_real * imag) / square
+    bend = (second_real * real + second_imag * imag) / square - m_real * m_real + m_imag * m_imag
+    twist = (second_imag * real - second_real * imag) / square - 2.0 * m_real * m_imag
+    bound = third = 0.0
+    if h > 0.0:
+        # |G| by the segment of its tangent, or by what the other terms leave of the largest
+        along = -(real * first_real + imag * first_imag) / max(first_real**2 + first_imag**2, 1e-300)
+        along = min(max(along, -h), h)
+        least = math.hypot(real + along * first_real, imag + along * first_imag) - 0.5 * bent * h * h
+        least = max(least, 1.0 - others)
+        if least > 0.0:
+            p, q, t = steep / least, bent / least, twisted / least
+            bound, third = q + p * p, t + 3.0 * p * q + 2.0 * p * p * p
+        else:
+            bound = third = np.inf
+    gain = most + 0.5 * math.log(square)
+    return gain, angle, largest + m_real, m_imag, bend, twist, bound, third
 
 
 @inner
@@ -155,6 +216,11 @@ def bode_at(terms, r, u, h):
             third += own * nu * (1.0 + high) / math.sqrt(distance)
     gain += 0.5 * math.log(top / bottom)
     phase += math.atan2(imag, real) + 2.0 * math.pi * turns
+    if len(terms.sums) > 0:
+        sign = terms.sums[r, 4, -1]
+        a, b, q_real, q_imag, x, along, own, across = power_sum_at(terms.sums, r, u, h)
+        gain, phase, slope, turn = gain + sign * a, phase + sign * b, slope + sign * q_real, turn + sign * q_imag
+        bend, twist, bound, third = bend + sign * x, twist + sign * along, bound + own, third + across
     turning, delay = 0.0, whole[3, r]
     if delay != 0.0:
         turned = delay * math.exp(u)
@@ -186,10 +252,16 @@ def controller_at(direct, r, u):
         power, angle = direct.gains[1, r] * math.exp(-direct.gains[2, r] * u), 0.5 * math.pi * direct.gains[2, r]
         real, imag, omega = direct.gains[0, r] + power * math.cos(angle), -power * math.sin(angle), math.exp(u)
         if direct.gains[3, r] != 0.0:
-            # kd s/(Tf s + 1) = kd/(Tf + 1/s)
+            # kd s/(Tf s + 1) = kd/(Tf + 1/s), and with another order s^(mu - 1) times that
             lag, filter_s = 1.0 / omega, direct.gains[4, r]
             factor = direct.gains[3, r] / (filter_s * filter_s + lag * lag)
-            real, imag = real + factor * filter_s, imag + factor * lag
+            a, b = factor * filter_s, factor * lag
+            if direct.gains[5, r] != 1.0:
+                rest = direct.gains[5, r] - 1.0
+                power, angle = math.exp(rest * u), 0.5 * math.pi * rest
+                cosine, sine = power * math.cos(angle), power * math.sin(angle)
+                a, b = a * cosine - b * sine, a * sine + b * cosine
+            real, imag = real + a, imag + b
         return real, imag, 0.0, omega
     # delta = 2j nu/(1 - j nu) at nu = e^u, by 1/nu where that is the smaller one
     n = math.exp(-min(abs(u), _U_CAP))
@@ -267,6 +339,9 @@ def slope_at(terms, r, u):
         weight = factors[5, r, k] / (a * a + b * b)
         along += weight * (a if x > 0.0 else small * (small + factors[2, r, k]))
         across += weight * b
+    if len(terms.sums) > 0:
+        found = power_sum_at(terms.sums, r, u, 0.0)
+        along, across = along + terms.sums[r, 4, -1] * found[2], across + terms.sums[r, 4, -1] * found[3]
     if terms.whole[3, r] != 0.0:
         across -= terms.whole[3, r] * math.exp(u)
     return along, across

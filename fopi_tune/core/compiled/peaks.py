@@ -19,6 +19,9 @@ _NO_LENGTH = 1e-200
 def _distance_of_segment(x, y, dx, dy):
     """Distance from 0 of the segment from (x, y) - (dx, dy) to (x, y) + (dx, dy)."""
     square = dx * dx + dy * dy
+    if square == np.inf:
+        # far up the axis the square of a number is none any more: nothing is known
+        return 0.0
     along = -(x * dx + y * dy) / square if math.sqrt(square) > _NO_LENGTH else -x
     along = min(max(along, -1.0), 1.0)
     return math.hypot(x + along * dx, y + along * dy)

@@ -58,7 +58,7 @@ class BallLoop(LoopParameters):
     @cached_property
     def structure(self) -> Structure:
         """What the structure of the controller is; without a derivative kp + ki s^-alpha."""
-        return PidStructure(self) if derivative_of(self.gains)[0] != 0.0 else FoPiStructure(self)
+        return PidStructure(self) if derivative_of(self.gains).kd != 0.0 else FoPiStructure(self)
 
     def controller(self, u: arb) -> tuple[acb, acb]:
         """C and d ln C/du over a ball of u."""

@@ -34,7 +34,7 @@ class PidStructure(Structure):
     """kp + ki/s + kd s/(Tf s + 1) with kd other than 0."""
 
     def __init__(self, loop: LoopParameters) -> None:
-        kd, filter_s = derivative_of(loop.gains)
+        kd, _, filter_s = derivative_of(loop.gains)
         self.kp, self.ki, self.kd, self.filter = loop.kp, loop.ki, arb(kd), arb(filter_s)
         self.loop, self.has_integral = loop, loop.gains.ki != 0.0
         self.order = _ONE if self.has_integral else _ZERO

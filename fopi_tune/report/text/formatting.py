@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.text import Text
 
-from fopi_tune.core.controller import FoPi, Pid
+from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.results.equalities import shown_score
@@ -140,8 +140,8 @@ def margins_phrase(nominal: Mapping[str, Any]) -> str:
 def gains_line(gains: FoPi, width: int = 56) -> str:
     """The gains, padded to a width, and the controller's formula in one line; closer together where they are long, and
     without the formula where it has no room."""
-    if isinstance(gains, Pid):
-        return _pid_line(gains, width)
+    if isinstance(gains, FoPid):
+        return _line_with_derivative(gains, width)
     if gains.ki == 0.0:
         return f"{f'kp = {number(gains.kp)}   ki = 0':<{width}}C(s) = kp"
     parts = [f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "alpha")]
@@ -151,15 +151,17 @@ def gains_line(gains: FoPi, width: int = 56) -> str:
     return "   ".join(parts)
 
 
-def _pid_line(gains: Pid, width: int) -> str:
-    parts = [f"{name} = {number(getattr(gains, name))}" for name in ("kp", "ki", "kd")]
+def _line_with_derivative(gains: FoPid, width: int) -> str:
+    is_pid = isinstance(gains, Pid)
+    names = ("kp", "ki", "kd") if is_pid else ("kp", "ki", "alpha", "kd", "mu")
+    parts = [f"{name} = {number(getattr(gains, name))}" for name in names]
     parts.append(f"Tf = {number(gains.derivative_filter_time_constant_s)} s")
-    # this formula is ten characters longer
-    room = width - 10
+    # this formula is ten characters longer; that of other orders has no room
+    room = width - 10 if is_pid else 0
     for gap in ("   ", "  "):
         if len(values := gap.join(parts)) + len(gap) <= room:
             return f"{values:<{room}}C(s) = kp + ki/s + kd s/(Tf s + 1)"
-    return "   ".join(parts)
+    return ("   " if is_pid else "  ").join(parts)
 
 
 def gains_lines(gains: FoPi | Mapping[str, FoPi]) -> list[Line]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 from rich.text import Text
 
-from fopi_tune.core.controller import Pid
+from fopi_tune.core.controller import ControllerSpec, numbers_of
 from fopi_tune.prices.result import PointStatus
 from fopi_tune.report.text.formatting import (
     BAD,
@@ -45,11 +45,11 @@ def tradeoff_text(result: Tradeoff) -> Text:
         f"requirement {knob.name}: {limit_phrase(knob.requirement)}, {limit_scope_phrase(knob.requirement)}"
     )
     lines += wrapped(f"objective: {result.objective_quantity}")
-    third = f"{'kd':>12}" if result.spec.controller.has_derivative else f"{'alpha':>10}"
-    lines += [("", ""), (f"{'limit':>12}{'objective':>13}{'kp':>12}{'ki':>12}{third}{'score':>9}", "bold")]
+    others = "".join(f"{name:>{width}}" for name, width in _others(result.spec.controller).items())
+    lines += [("", ""), (f"{'limit':>12}{'objective':>13}{'kp':>12}{'ki':>12}{others}", "bold")]
     shown = [p for k, p in enumerate(result.points) if k % every == 0 or k == of - 1]
     for point in sorted((*shown, result.own), key=lambda p: p.limit):
-        lines.append(_row(point, point is result.own))
+        lines.append(_row(point, point is result.own, _others(result.spec.controller)))
     lines += [("", "")]
     for end in result.ends:
         lines += wrapped(_end_words(end))
@@ -58,17 +58,26 @@ def tradeoff_text(result: Tradeoff) -> Text:
     return to_text(lines)
 
 
-def _row(point: TradeoffPoint, own: bool) -> Line:
+def _others(controller: ControllerSpec) -> dict[str, int]:
+    """The columns after ki, with their widths; with five numbers the scores have no room."""
+    return {
+        "fopid": {"alpha": 7, "kd": 11, "mu": 7},
+        "pid": {"kd": 12, "score": 9},
+        "fopi": {"alpha": 10, "score": 9},
+    }[controller.structure]
+
+
+def _row(point: TradeoffPoint, own: bool, others: Mapping[str, int]) -> Line:
     mark = "  *" if own else ""
     if point.gains is None or point.objective is None:
         return f"{number(point.limit):>12}{point.status.value:>13}{mark}", BAD
-    gains = point.gains
-    third = f"{number(gains.kd):>12}" if isinstance(gains, Pid) else f"{number(gains.alpha):>10}"
-    numbers = f"{number(gains.kp):>12}{number(gains.ki):>12}{third}"
-    score = "-" if point.largest_score is None else f"{point.largest_score:.3f}"
+    gains, score = point.gains, "-" if point.largest_score is None else f"{point.largest_score:.3f}"
+    digits = dict.fromkeys(("alpha", "mu"), 4) if "mu" in others else {}
+    shown = {name: number(value, digits.get(name, 5)) for name, value in numbers_of(gains).items()} | {"score": score}
+    numbers = "".join(f"{shown[name]:>{width}}" for name, width in ({"kp": 12, "ki": 12} | others).items())
     loose = "" if point.binds else " -"
     return (
-        f"{number(point.limit):>12}{number(point.objective):>13}{numbers}{score:>9}{loose}{mark}",
+        f"{number(point.limit):>12}{number(point.objective):>13}{numbers}{loose}{mark}",
         "bold" if own else "",
     )
 

@@ -26,7 +26,8 @@ description: {description}
 
 # The controller C(s) = kp + ki / s^alpha.  A number fixes a gain ("alpha: 1" is the ordinary PI), a range is searched;
 # kp and ki are free on a side without an end.  alpha lies between 0 and 2; without ends, 0.1 ... 1.9 is searched.
-# With `structure: pid`, kd and derivative_filter_time_constant_s (a number, Tf) it is kp + ki/s + kd s/(Tf s + 1).
+# With `structure: pid`, kd and derivative_filter_time_constant_s (a number, Tf) it is kp + ki/s + kd s/(Tf s + 1), and
+# with `structure: fopid` and the order mu of the derivative besides kp + ki/s^alpha + kd s^mu/(Tf s + 1), mu at most 1.
 {controller}
 
 # What the loop must do.  Each entry is one quantity with one relation: equals, at_least, at_most or between: [a, b].

@@ -9,7 +9,7 @@ from cases.plants import transfer_function
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily, Uncertain
-from fopi_tune.core.steady_state import largest_steady_state_error, steady_state_errors
+from fopi_tune.core.stability import largest_steady_state_error, steady_state_errors
 
 
 @pytest.mark.parametrize(
