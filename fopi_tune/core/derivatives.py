@@ -34,7 +34,9 @@ class Derivatives:
         with np.errstate(divide="ignore"):
             found = np.asarray(self.kd[rows] / (self.filter_s[rows] - 1j / omega), dtype=complex)
             rest = self.mu[rows] - 1.0
-            return found * (omega**rest * np.exp(0.5j * np.pi * rest)) if rest.any() else found
+            if not rest.any():
+                return found
+            return np.asarray(found * (omega**rest * np.exp(0.5j * np.pi * rest)), dtype=complex)
 
     def joined(self, kp: Array, ki: Array) -> tuple[Array, Array]:
         """(kp Tf + kd) s^2 + (kp + ki Tf) s + ki and s (Tf s + 1), the whole controller with alpha = mu = 1."""

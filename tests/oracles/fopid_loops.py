@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,7 +109,7 @@ def poles_by_sector(gains: FoPid, plant: Plant, q: int) -> int | None:
         found[::q] = coefficients
         return found
 
-    def shifted(polynomial: Array, power: int) -> Array:
+    def shifted(polynomial: NDArray[Any], power: int) -> Array:
         return np.concatenate([polynomial, np.zeros(power)])
 
     filtered, top = in_w((filter_s, 1.0)), in_w(plant.numerator)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from oracles.dense_margins import Continuous, UncertainError, gain_crossovers, value
 from scipy.optimize import minimize_scalar
 
-from fopi_tune.core.controller import Pid
+from fopi_tune.core.controller import FoPid
 from fopi_tune.core.plant import Plant, PlantFamily
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ class PidLoop:
     """One loop in continuous time."""
 
     plant: Plant
-    pid: Pid
+    pid: FoPid
 
     @cached_property
     def joined(self) -> Continuous:
@@ -127,7 +127,7 @@ class PidFamily:
     """The members of a family with one PID."""
 
     plants: PlantFamily
-    pid: Pid
+    pid: FoPid
 
     def loop(self, point: Array) -> PidLoop:
         """The loop with the plant at a place of the box."""

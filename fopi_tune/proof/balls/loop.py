@@ -28,6 +28,7 @@ from fopi_tune.proof.balls.box import (
 )
 from fopi_tune.proof.balls.computed_once import computed_once
 from fopi_tune.proof.balls.controllers import ControllerOnInterval, FoPiStructure, LoopParameters, Structure
+from fopi_tune.proof.balls.fopid import FoPidStructure
 from fopi_tune.proof.balls.pid import PidStructure
 from fopi_tune.proof.balls.plant import PlantEnclosure, assemble, without_axes
 from fopi_tune.proof.balls.responses import LoopEnclosure
@@ -58,7 +59,10 @@ class BallLoop(LoopParameters):
     @cached_property
     def structure(self) -> Structure:
         """What the structure of the controller is; without a derivative kp + ki s^-alpha."""
-        return PidStructure(self) if derivative_of(self.gains).kd != 0.0 else FoPiStructure(self)
+        kd, mu, _ = derivative_of(self.gains)
+        if kd == 0.0:
+            return FoPiStructure(self)
+        return PidStructure(self) if self.gains.alpha == 1.0 and mu == 1.0 else FoPidStructure(self)
 
     def controller(self, u: arb) -> tuple[acb, acb]:
         """C and d ln C/du over a ball of u."""

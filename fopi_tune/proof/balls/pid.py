@@ -9,7 +9,8 @@ In u = ln omega s^j has the derivative j s^j.  With m_i = sum_j (j - k)^i a_j s^
     d ln C/du = k - 2 + m_1 + q,    d2 ln C/du2 = m_2 - m_1^2 - q (1 - q) .                                         (2)
 
 k is the power that dominates M, whose own term is then missing in m_1 and m_2: they are small where C is one of its
-asymptotes.  For Re s >= 0,  |Tf s + 1|^2 >= 1 + Tf^2 |s|^2, and
+asymptotes.  (2) holds for any real powers, with the degree of the denominator in the place of 2.  For Re s >= 0,
+|Tf s + 1|^2 >= 1 + Tf^2 |s|^2, and
 
     C - (kp + kd/Tf) = ki/s - (kd/Tf)/(Tf s + 1) .                                                                  (3)
 
@@ -19,6 +20,7 @@ Source: derived.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from flint import acb, arb
 
@@ -30,8 +32,36 @@ from fopi_tune.proof.balls.controllers import FARTHEST, ControllerOnInterval, Lo
 _ZERO, _ONE = arb(0), arb(1)
 
 
+@dataclass(frozen=True)
+class Power:
+    """A term of M of (1).
+
+    Args:
+        exponent: j.
+        size: a_j.
+        log: ln of its size, about.
+        turn: j^exponent on the imaginary axis; of whole exponents None.
+    """
+
+    exponent: int | arb
+    size: arb
+    log: float
+    turn: acb | None = None
+
+    def on_axis(self, size: arb) -> acb:
+        """j^exponent times a size."""
+        if self.turn is not None:
+            return self.turn * size
+        power = int(self.exponent)
+        signed = size if power % 4 < 2 else -size
+        return acb(0, signed) if power % 2 else acb(signed)
+
+
 class PidStructure(Structure):
     """kp + ki/s + kd s/(Tf s + 1) with kd other than 0."""
+
+    #: degree of the denominator of (1)
+    degree: int | arb = 2
 
     def __init__(self, loop: LoopParameters) -> None:
         kd, _, filter_s = derivative_of(loop.gains)
@@ -43,24 +73,24 @@ class PidStructure(Structure):
         # a_2 and a_1 are products: their logarithms reach twice as far
         self.farthest_u = 2.0 * FARTHEST
         powers = (self.ki, self.kp + self.ki * self.filter, self.kp * self.filter + self.kd)
-        self._powers = [(j, a, _log(a)) for j, a in enumerate(powers) if not a.is_zero()]
+        self.powers: list[Power] = [Power(j, a, log_size(a)) for j, a in enumerate(powers) if not a.is_zero()]
 
     def on_interval(self, u: Interval) -> ControllerOnInterval:
         return PidOnInterval(self, u)
 
-    def value(self, s: acb) -> acb:
-        """C; s without 0."""
+    def value(self, s: acb, u: arb) -> acb:
+        """C at s = j e^u."""
         inverse = 1 / s
         return self.kp + inverse * self.ki + self.kd / (inverse + self.filter)
 
     def value_and_slope(self, u: arb) -> tuple[acb, acb]:
         s = acb(0, u.exp())
-        return self.value(s), self.slope(s, u)
+        return self.value(s, u), self.slope(s, u)
 
     def slope(self, s: acb, u: arb) -> acb:
         """d ln C/du by (2), at s = j e^u."""
         k, (first,) = self._moments(u, 1)
-        return first + 1 / (s * self.filter + 1) + (k - 2)
+        return first + 1 / (s * self.filter + 1) + (k - self.degree)
 
     def curvature(self, s: acb, u: arb) -> acb:
         """d2 ln C/du2 by (2), at s = j e^u."""
@@ -68,27 +98,29 @@ class PidStructure(Structure):
         q = 1 / (s * self.filter + 1)
         return second - first * first - q * (1 - q)
 
-    def _moments(self, u: arb, count: int) -> tuple[int, list[acb]]:
+    def _moments(self, u: arb, count: int) -> tuple[int | arb, list[acb]]:
         """k, and m_1, m_2, ... of (2)."""
         middle = float(u.mid())
-        k = max(self._powers, key=lambda power: power[2] + power[0] * middle)[0]
+        largest = max(self.powers, key=lambda power: power.log + float(power.exponent) * middle)
+        k = largest.exponent
         # e^(j u) is sharp over a wide interval, where the square of a ball would hold 0
-        terms = [(j - k, _on_axis(a * (j * u).exp(), j)) for j, a, _ in self._powers]
-        total = sum((term for _, term in terms), acb(0))
-        return k, [sum((term * d**i for d, term in terms if d), acb(0)) / total for i in range(1, count + 1)]
+        terms = [(p.exponent - k, p.on_axis(p.size * (p.exponent * u).exp()), p is largest) for p in self.powers]
+        total = sum((term for _, term, _ in terms), acb(0))
+        others = [(d, term) for d, term, is_largest in terms if not is_largest]
+        return k, [sum((term * d**i for d, term in others), acb(0)) / total for i in range(1, count + 1)]
 
     def change_near_zero(self, u: float) -> arb:
         """With a pole s C - ki = kp s + kd s^2/(Tf s + 1), else C - kp = kd s/(Tf s + 1)."""
         radius = arb(u).exp()
-        derivative = abs(self.kd) * radius * self._largest_filter(radius)
+        derivative = abs(self.kd) * radius * self.largest_filter(radius)
         return radius * (abs(self.kp) + derivative) if self.has_integral else derivative
 
     def change_near_infinity(self, u: float) -> arb:
         """By (3)."""
         radius = arb(u).exp()
-        return abs(self.ki) / radius + abs(self.kd) / self.filter * self._largest_filter(radius)
+        return abs(self.ki) / radius + abs(self.kd) / self.filter * self.largest_filter(radius)
 
-    def _largest_filter(self, radius: arb) -> arb:
+    def largest_filter(self, radius: arb) -> arb:
         """The largest 1/|Tf s + 1| for |s| = radius, Re s >= 0; |s| times it grows with |s|, and itself it falls."""
         return 1 / (1 + (self.filter * radius) ** 2).sqrt()
 
@@ -112,7 +144,7 @@ class PidOnInterval(ControllerOnInterval):
         if self.high_tail:
             return pid.kp + s * pid.ki + pid.kd / (s + pid.filter)
         if not self.low_tail:
-            return pid.value(s)
+            return pid.value(s, ball_of(self.u))
         rest = pid.kp + s * pid.kd / (s * pid.filter + 1)
         return pid.ki + s * rest if pid.has_integral else rest
 
@@ -132,13 +164,7 @@ class PidOnInterval(ControllerOnInterval):
         return self._pid.curvature(self.s, ball_of(self.u))
 
 
-def _on_axis(size: arb, power: int) -> acb:
-    """j^power times a size."""
-    signed = size if power % 4 < 2 else -size
-    return acb(0, signed) if power % 2 else acb(signed)
-
-
-def _log(ball: arb) -> float:
+def log_size(ball: arb) -> float:
     """ln of the size of a ball, about."""
     size = float(abs(arb(ball.mid())).log())
     return size if math.isfinite(size) else -math.inf

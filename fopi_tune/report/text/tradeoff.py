@@ -72,9 +72,9 @@ def _row(point: TradeoffPoint, own: bool, others: Mapping[str, int]) -> Line:
     if point.gains is None or point.objective is None:
         return f"{number(point.limit):>12}{point.status.value:>13}{mark}", BAD
     gains, score = point.gains, "-" if point.largest_score is None else f"{point.largest_score:.3f}"
-    digits = dict.fromkeys(("alpha", "mu"), 4) if "mu" in others else {}
+    digits: dict[str, int] = dict.fromkeys(("alpha", "mu"), 4) if "mu" in others else {}
     shown = {name: number(value, digits.get(name, 5)) for name, value in numbers_of(gains).items()} | {"score": score}
-    numbers = "".join(f"{shown[name]:>{width}}" for name, width in ({"kp": 12, "ki": 12} | others).items())
+    numbers = "".join(f"{shown[name]:>{width}}" for name, width in ({"kp": 12, "ki": 12} | dict(others)).items())
     loose = "" if point.binds else " -"
     return (
         f"{number(point.limit):>12}{number(point.objective):>13}{numbers}{loose}{mark}",
