@@ -50,9 +50,10 @@ class Power:
 
     def on_axis(self, size: arb) -> acb:
         """j^exponent times a size."""
-        if self.turn is not None:
+        power = self.exponent
+        if isinstance(power, arb):
+            assert self.turn is not None, "a power that is no whole number has a turn"
             return self.turn * size
-        power = int(self.exponent)
         signed = size if power % 4 < 2 else -size
         return acb(0, signed) if power % 2 else acb(signed)
 

@@ -35,7 +35,7 @@ def precision() -> Iterator[None]:
 def controller(found: FoPid, s: Any) -> Any:
     """C(s) on the principal branch, by logarithms of 40 digits."""
     log = mpmath.log(s)
-    value = mpmath.mpc(found.kp) + mpmath.mpf(found.ki) * mpmath.exp(-mpmath.mpf(found.alpha) * log)
+    value = mpmath.mpf(found.kp) + mpmath.mpf(found.ki) * mpmath.exp(-mpmath.mpf(found.alpha) * log)
     top = mpmath.mpf(found.kd) * mpmath.exp(mpmath.mpf(found.mu) * log)
     return value + top / (mpmath.mpf(found.derivative_filter_time_constant_s) * s + 1)
 
