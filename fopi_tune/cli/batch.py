@@ -86,17 +86,30 @@ def process_specs(
 
         return load_spec(file)
 
-    return process_with_loader(files, load, compute, options, activity)
+    return _process(files, load, compute, options, activity)
 
 
-def process_with_loader(
+def process_specs_or_systems(
+    files: Sequence[str], compute: Callable[[DesignSpec | SystemSpec], Result], options: OutputOptions, activity: str
+) -> Exit:
+    """As `process_specs`, of files that hold a spec or a system."""
+
+    def load(file: str) -> DesignSpec | SystemSpec:
+        from fopi_tune.spec import load_any
+
+        return load_any(file)
+
+    return _process(files, load, compute, options, activity)
+
+
+def _process(
     files: Sequence[str],
     load: Callable[[str], Loaded],
     compute: Callable[[Loaded], Result],
     options: OutputOptions,
     activity: str,
 ) -> Exit:
-    """As `process_specs`, with another loader, which may raise SpecError."""
+    """Load with a loader that may raise SpecError, compute, write and print; the worst exit code."""
     specs, code = load_specs(files, load, options)
     documents: list[dict[str, Any]] = []
     for spec in specs:
@@ -253,9 +266,9 @@ def _result_text(result: Result) -> Text:
     from fopi_tune.results.system_design import DesignedSystem
 
     if isinstance(result, DiscretizedSystem):
-        from fopi_tune.cli.discretize import system_text
+        from fopi_tune.report.text.system_digital import system_digital_text
 
-        return system_text(result)
+        return system_digital_text(result)
     if isinstance(result, ProvedSystem):
         return system_proof_text(result)
     if isinstance(result, DesignedSystem):

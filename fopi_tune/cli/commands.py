@@ -10,6 +10,7 @@ import typer
 
 from fopi_tune import __version__
 from fopi_tune.cli.batch import OutputOptions, process_specs
+from fopi_tune.cli.discretize import discretize_file
 from fopi_tune.cli.gains import GivenGains
 from fopi_tune.cli.init import (
     FittedOption,
@@ -29,7 +30,7 @@ from fopi_tune.cli.init import (
     write_spec,
 )
 from fopi_tune.cli.output import bad_input, print_out, report_failure, to_json
-from fopi_tune.cli.prove import TOLERANCE, discretize_file, prove_file
+from fopi_tune.cli.prove import TOLERANCE, prove_file
 from fopi_tune.cli.recheck import recheck_file
 from fopi_tune.cli.simulations import SimulationOptions, parameters_from_options, simulate_file, validate_file
 from fopi_tune.cli.study import study

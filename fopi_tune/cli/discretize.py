@@ -1,42 +1,37 @@
-"""The digital controllers of a system as text, of `fopi discretize SYSTEM`."""
+"""`fopi discretize`, of a spec's gains or of a system."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fopi_tune.cli.batch import OutputOptions, process_specs_or_systems
+from fopi_tune.cli.gains import GivenGains, given_or_tuned_gains
+from fopi_tune.cli.output import Exit
+from fopi_tune.cli.simulations import gains_of_modes
+from fopi_tune.core.controller import FoPi
+
 if TYPE_CHECKING:
-    from rich.text import Text
+    from fopi_tune.cli.result_files import Result
+    from fopi_tune.spec.model import DesignSpec, SystemSpec
 
-    from fopi_tune.results.system import DiscretizedSystem
 
+def discretize_file(file: str, given: GivenGains, proof: bool, options: OutputOptions) -> Exit:
+    """Make a spec's digital controller and prove its loop, or those of a system; write and print the result.
 
-def system_text(result: DiscretizedSystem) -> Text:
-    """Gains, switching, and the errors of both filters."""
-    from fopi_tune.report.text.formatting import BAD, QUIET, TIE, Line, entry, gains_lines, to_text, with_unit, wrapped
+    Args:
+        file: of the spec or system.
+        given: gains of a spec's controller.
+        proof: of a spec's requirements for the loop on samples; of a system nothing is proved.
+        options: where results go.
+    """
 
-    spec, controllers = result.spec, result.controllers
-    lines: list[Line] = [
-        *wrapped(f"{spec.name}, digital: made. Both controllers and how they take turns are C code."),
-        ("", ""),
-        *gains_lines(result.gains),
-        ("", ""),
-    ]
-    throttle, brake = (mode.name for mode in spec.modes)
-    unit, dwell = spec.measurement_unit, spec.min_dwell_samples
-    eps = with_unit(spec.hysteresis, unit) if unit else f"{spec.hysteresis:g}"
-    lines += entry("sampled", f"every {with_unit(spec.sample_time_s, 's')}")
-    above, below = (f"the setpoint{TIE}{sign}{TIE}{eps}" for sign in "+-")
-    lines += entry("switching", f"{brake} from {above} on, {throttle} from {below} on")
-    if dwell > 1:
-        lines += entry("dwell", f"at least {dwell} samples, {with_unit(dwell * spec.sample_time_s, 's')}")
-    lines += entry("inactive", spec.inactive)
-    for mode, controller in zip(spec.modes, controllers, strict=True):
-        errors = [f"{100 * error:.3g}{TIE}% up to {with_unit(omega, 'rad/s')}" for omega, error in controller.errors]
-        low = with_unit(controller.errors_from_rad_s, "rad/s")
-        lines += entry(mode.name, f"largest relative error of its filter from {low}: {', '.join(errors)}")
-        if controller.band_note:
-            lines += entry("", f"NOTE: {controller.band_note}", BAD)
-    for note in result.notes:
-        lines += wrapped(f"{note}.", "yellow")
-    lines += [("", ""), *wrapped("Nothing is proved here: `fopi prove` says whether the system settles.", QUIET)]
-    return to_text(lines)
+    def compute(loaded: DesignSpec | SystemSpec) -> Result:
+        from fopi_tune.pipeline.discretize import discretize, discretize_system
+        from fopi_tune.spec.model import SystemSpec
+
+        if isinstance(loaded, SystemSpec):
+            return discretize_system(loaded, gains_of_modes(loaded, given, options))
+        gains = given_or_tuned_gains(loaded, given, options)
+        return gains if not isinstance(gains, FoPi) else discretize(loaded, gains, proof)
+
+    return process_specs_or_systems([file], compute, options, "discretizing")

@@ -1,10 +1,10 @@
-"""`fopi prove` and `fopi discretize`, of a spec's gains or of a system."""
+"""`fopi prove`, of a spec's gains or of a system."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fopi_tune.cli.batch import OutputOptions, process_with_loader
+from fopi_tune.cli.batch import OutputOptions, process_specs_or_systems
 from fopi_tune.cli.gains import GivenGains, given_or_tuned_gains
 from fopi_tune.cli.output import Exit
 from fopi_tune.cli.simulations import gains_of_modes
@@ -43,32 +43,4 @@ def prove_file(file: str, given: GivenGains, tolerance: float, options: OutputOp
         gains = given_or_tuned_gains(loaded, given, options)
         return gains if not isinstance(gains, FoPi) else prove(loaded, gains, tolerance)
 
-    return process_with_loader([file], _load, compute, options, "proving")
-
-
-def discretize_file(file: str, given: GivenGains, proof: bool, options: OutputOptions) -> Exit:
-    """Make a spec's digital controller and prove its loop, or those of a system; write and print the result.
-
-    Args:
-        file: of the spec or system.
-        given: gains of a spec's controller.
-        proof: of a spec's requirements for the loop on samples; of a system nothing is proved.
-        options: where results go.
-    """
-
-    def compute(loaded: DesignSpec | SystemSpec) -> Result:
-        from fopi_tune.pipeline.discretize import discretize, discretize_system
-        from fopi_tune.spec.model import SystemSpec
-
-        if isinstance(loaded, SystemSpec):
-            return discretize_system(loaded, gains_of_modes(loaded, given, options))
-        gains = given_or_tuned_gains(loaded, given, options)
-        return gains if not isinstance(gains, FoPi) else discretize(loaded, gains, proof)
-
-    return process_with_loader([file], _load, compute, options, "discretizing")
-
-
-def _load(file: str) -> DesignSpec | SystemSpec:
-    from fopi_tune.spec import load_any
-
-    return load_any(file)
+    return process_specs_or_systems([file], compute, options, "proving")

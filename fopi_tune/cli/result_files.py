@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from fopi_tune import __version__
 from fopi_tune.cli.output import to_json
 
 if TYPE_CHECKING:
@@ -120,21 +119,10 @@ def _certificate_file(result: Design | Check | Discretized, name: str) -> Iterat
 
 
 def _code_files(result: Discretized) -> Iterator[tuple[str, str]]:
-    from fopi_tune.digital import Export, Units, export_c
+    from fopi_tune.digital import Export, export_c
 
-    spec, digital = result.spec, result.controller.digital
-    export = Export(
-        name=spec.name,
-        description=spec.description,
-        spec_sha256=spec.sha256,
-        tool=f"fopi-tune {__version__}",
-        controller=result.controller,
-        units=Units(digital.measurement_unit, digital.output_unit),
-        limits=digital.output_limits,
-        rate_per_s=digital.output_rate_per_s,
-        setpoint_weight=spec.controller.setpoint_weight,
-    )
-    yield from ((f"{CODE_FOLDER}/{name}", text) for name, text in export_c(export).items())
+    files = export_c(Export.of(result.spec, result.controller))
+    yield from ((f"{CODE_FOLDER}/{name}", text) for name, text in files.items())
 
 
 def _simulation_csv(driven: ScenarioResult) -> str:

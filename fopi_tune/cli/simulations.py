@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.batch import OutputOptions, process_with_loader
+from fopi_tune.cli.batch import OutputOptions, process_specs_or_systems
 from fopi_tune.cli.gains import GivenGains, gains_of_document, gains_of_earlier_design, given_or_tuned_gains
 from fopi_tune.cli.output import Exit, bad_input, progress_bar
 from fopi_tune.core.controller import FoPi
@@ -69,7 +69,7 @@ def validate_file(file: str, given: GivenGains, samples: int | None, seed: int |
         with progress_bar("loops", options.quiet) as progress:
             return validate(loaded, found, samples=samples, seed=seed, progress=progress)
 
-    return process_with_loader([file], _load, compute, options, "validating")
+    return process_specs_or_systems([file], compute, options, "validating")
 
 
 def simulate_file(file: str, given: GivenGains, selection: SimulationOptions, options: OutputOptions) -> Exit:
@@ -96,13 +96,7 @@ def simulate_file(file: str, given: GivenGains, selection: SimulationOptions, op
         found = given_or_tuned_gains(loaded, given, options)
         return found if not isinstance(found, FoPi) else simulate(loaded, found, **arguments)
 
-    return process_with_loader([file], _load, compute, options, "simulating")
-
-
-def _load(file: str) -> DesignSpec | SystemSpec:
-    from fopi_tune.spec import load_any
-
-    return load_any(file)
+    return process_specs_or_systems([file], compute, options, "simulating")
 
 
 def _gains_of_system_design(system: SystemSpec, options: OutputOptions) -> dict[str, FoPi]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fopi_tune.cli.batch import OutputOptions, process_with_loader
+from fopi_tune.cli.batch import OutputOptions, process_specs_or_systems
 from fopi_tune.cli.output import Exit, progress_bar
 from fopi_tune.errors import DomainError
 from fopi_tune.results.candidate import Solver
@@ -131,13 +131,8 @@ def tune_files(
             return with_optimum(found, *certified, output)
         return found
 
-    def load(file: str) -> DesignSpec | SystemSpec:
-        from fopi_tune.spec import load_any
-
-        return load_any(file)
-
     activity = "tuning" if options.requirement is None else "sweeping"
-    return process_with_loader(files, load, compute, output, activity)
+    return process_specs_or_systems(files, compute, output, activity)
 
 
 def with_optimum(design: Design, gap: float, time_limit_s: float, output_options: OutputOptions) -> Design:

@@ -13,7 +13,7 @@ import re
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from fopi_tune.digital.realise import Form, Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.vectors import COLUMNS, standard_operations, vector_table
 from fopi_tune.errors import DomainError
+
+if TYPE_CHECKING:
+    from fopi_tune.spec.model import DesignSpec
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 #: largest lengths: of a comment's line after " * ", of a description, and of other texts
@@ -73,6 +76,24 @@ class Export:
     limits: tuple[float, float] | None = None
     rate_per_s: float | None = None
     setpoint_weight: float = 1.0
+
+    @classmethod
+    def of(cls, spec: DesignSpec, controller: DigitalController) -> Export:
+        """A spec's controller, with the limits and units that it was made with."""
+        from fopi_tune import __version__
+
+        digital = controller.digital
+        return cls(
+            name=spec.name,
+            description=spec.description,
+            spec_sha256=spec.sha256,
+            tool=f"fopi-tune {__version__}",
+            controller=controller,
+            units=Units(digital.measurement_unit, digital.output_unit),
+            limits=digital.output_limits,
+            rate_per_s=digital.output_rate_per_s,
+            setpoint_weight=spec.controller.setpoint_weight,
+        )
 
 
 def export_c(export: Export) -> dict[str, str]:

@@ -19,7 +19,6 @@ from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.digital.implementation import runtime_of
-from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.margins import MarginScan
 from fopi_tune.montecarlo.membership import FamilyTally, merge_family_tallies
@@ -148,7 +147,7 @@ def sample_block(
     scenarios = _limited_scenarios(spec)
     done = split_progress(progress, end - first, 1 + len(scenarios))
     margins = _MarginSampler(spec, gains, implementation, sampler).margins(first, end, done[0])
-    modes = [Mode(controller_of(spec, implementation), sampler.plants)]
+    modes = [Mode(runtime_of(implementation.sections, spec), sampler.plants)]
     unit = "" if spec.digital is None else spec.digital.measurement_unit
     simulated = [
         sampler.simulate_scenario(
@@ -217,7 +216,7 @@ def scenario_fractions(spec: DesignSpec, implementation: Implementation) -> tupl
     """
     drawn = ValidationSpec(samples=CHECKED_PLANTS, seed=(spec.validation or ValidationSpec()).seed)
     sampler = PlantSampler(spec.plant, drawn)
-    modes = [Mode(controller_of(spec, implementation), sampler.plants)]
+    modes = [Mode(runtime_of(implementation.sections, spec), sampler.plants)]
     unit = "" if spec.digital is None else spec.digital.measurement_unit
     found: dict[Limit, list[Fraction]] = {limit: [] for limit in spec.scenario_requirements}
     for scenario in spec.scenarios:
@@ -274,11 +273,6 @@ class _MarginSampler:
                 parts.append(counts)
                 done(chunk[1] - first)
         return tuple(merge_family_tallies(column) for column in zip(*parts, strict=True))
-
-
-def controller_of(spec: DesignSpec, implementation: Implementation) -> Runtime:
-    """The controller in the arithmetic of the exported double-precision code."""
-    return runtime_of(implementation.sections, spec)
 
 
 def _limit_of(requirement: Requirement, upper: bool) -> float:

@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
-from fopi_tune.montecarlo.montecarlo import controller_of
+from fopi_tune.digital.implementation import runtime_of
+from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.montecarlo.outcomes import PlantSampler, Progress, ScenarioStatistics, split_progress
 from fopi_tune.simulation.measures import scenario_of
 from fopi_tune.simulation.scenario import Hybrid, InactiveController, Mode, PlantSupplier, Scenario
 from fopi_tune.spec.model import ModeSpec, ScenarioSpec, SystemSpec, ValidationSpec
-
-_INACTIVE = {"held": InactiveController.HOLD, "tracking": InactiveController.TRACK, "reset": InactiveController.RESET}
 
 #: uncertain numbers of the draws first to end - 1, shape (end - first, p), columns as the joint box's
 PointSource = Callable[[int, int], Array]
@@ -62,7 +61,7 @@ def modes_of(system: SystemSpec, implementations: Sequence[Implementation], poin
         return lambda first, end: Plants.members(mode.spec.plant, points(first, end)[:, columns])
 
     return [
-        Mode(controller_of(mode.spec, implementation), supply(mode, columns))
+        Mode(runtime_of(implementation.sections, mode.spec), supply(mode, columns))
         for mode, implementation, columns in zip(
             system.modes, implementations, (slice(0, split), slice(split, None)), strict=True
         )
@@ -81,7 +80,7 @@ def hybrid_scenario(system: SystemSpec, scenario: ScenarioSpec, implementation: 
     names = [mode.name for mode in system.modes]
     hybrid = Hybrid(
         system.hysteresis,
-        _INACTIVE[system.inactive],
+        InactiveController.of(Memory(system.inactive)),
         1 + names.index(system.first),
         system.most_switches,
         system.chattering_window_s,

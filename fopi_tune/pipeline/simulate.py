@@ -144,10 +144,10 @@ def refuse_simulation(
 
 def _default(spec: DesignSpec, implementation: Implementation) -> ScenarioSpec:
     """The default scenario, of the nominal plant so that all plants are driven alike."""
-    from fopi_tune.montecarlo.montecarlo import controller_of
+    from fopi_tune.digital.implementation import runtime_of
     from fopi_tune.simulation.default_scenario import default_scenario
 
-    nominal, controller = spec.plant.member(spec.plant.nominal_point), controller_of(spec, implementation)
+    nominal, controller = spec.plant.member(spec.plant.nominal_point), runtime_of(implementation.sections, spec)
     return default_scenario(nominal, controller, implementation.sample_time_s, implementation.delay_samples)
 
 
@@ -167,12 +167,12 @@ def _sampled_results(
     point: np.ndarray, index: int, accuracy: float | None,
 ) -> tuple[ScenarioResult, ...]:  # fmt: skip
     """The scenarios of the plant at `point` with the digital controller; the noise is that of the draw `index`."""
-    from fopi_tune.montecarlo.montecarlo import controller_of
+    from fopi_tune.digital.implementation import runtime_of
     from fopi_tune.simulation.measures import scenario_of
     from fopi_tune.simulation.scenario import Mode
 
     seed = (spec.validation or ValidationSpec()).seed
-    plants, controller = Plants.members(spec.plant, point[None, :]), controller_of(spec, implementation)
+    plants, controller = Plants.members(spec.plant, point[None, :]), runtime_of(implementation.sections, spec)
     # a function of the index, so that the noise is that of the draw
     modes = [Mode(controller, lambda begin, end: plants)]
     results = [
@@ -190,10 +190,10 @@ def _continuous_results(
     point: np.ndarray, index: int, accuracy: float | None,
 ) -> tuple[ScenarioResult, ...]:  # fmt: skip
     """The scenarios of the plant at `point` with the fractional controller, without samples."""
-    from fopi_tune.montecarlo.montecarlo import controller_of
+    from fopi_tune.digital.implementation import runtime_of
     from fopi_tune.simulation.fractional.continuous import simulate_loop
 
-    plant, controller = spec.plant.member(point), controller_of(spec, implementation)
+    plant, controller = spec.plant.member(point), runtime_of(implementation.sections, spec)
     step = implementation.sample_time_s
     runs = [simulate_loop(each, gains, plant, controller, step, accuracy) for each in scenarios]
     limits, unit = spec.judged_limits, _unit(spec)

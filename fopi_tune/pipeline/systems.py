@@ -198,11 +198,11 @@ def _inclusion_result(
     accuracy: float | None,
 ) -> ScenarioResult:
     """One scenario of the hybrid inclusion; `point` holds the numbers of the first mode's plant, then the second's."""
-    from fopi_tune.montecarlo.montecarlo import controller_of
+    from fopi_tune.digital.implementation import runtime_of
     from fopi_tune.simulation.hybrid.scenario import simulate_inclusion
 
     plants = [m.spec.plant.member(part) for m, part in zip(system.modes, _points(system, point), strict=True)]
-    controllers = [controller_of(m.spec, i) for m, i in zip(system.modes, implementations, strict=True)]
+    controllers = [runtime_of(i.sections, m.spec) for m, i in zip(system.modes, implementations, strict=True)]
     each = [gains[mode.name] for mode in system.modes]
     step = implementations[0].sample_time_s
     found = simulate_inclusion(system, scenario, each, plants, controllers, step, accuracy)

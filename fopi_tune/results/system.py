@@ -167,30 +167,18 @@ class DiscretizedSystem:
         Raises:
             DomainError: a controller, or the hysteresis, cannot be exported.
         """
-        from fopi_tune import __version__
-        from fopi_tune.digital import Export, SystemExport, Units, export_system_c
+        from fopi_tune.digital import Export, SystemExport, export_system_c
 
-        tool = f"fopi-tune {__version__}"
-        modes = [
-            Export(
-                name=mode.spec.name,
-                description=mode.spec.description,
-                spec_sha256=mode.spec.sha256,
-                tool=tool,
-                controller=controller,
-                units=Units(self.spec.measurement_unit, controller.digital.output_unit),
-                limits=controller.digital.output_limits,
-                rate_per_s=controller.digital.output_rate_per_s,
-            )
-            for mode, controller in zip(self.spec.modes, self.controllers, strict=True)
-        ]
+        throttle, brake = (
+            Export.of(mode.spec, controller) for mode, controller in zip(self.spec.modes, self.controllers, strict=True)
+        )
         return export_system_c(
             SystemExport(
                 name=self.spec.name,
                 description=self.spec.description,
                 system_sha256=self.spec.sha256,
-                tool=tool,
-                modes=(modes[0], modes[1]),
+                tool=throttle.tool,
+                modes=(throttle, brake),
                 mode_names=(self.spec.modes[0].name, self.spec.modes[1].name),
                 switching=self.switching,
                 min_dwell_s=self.spec.min_dwell_s,

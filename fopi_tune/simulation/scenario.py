@@ -27,6 +27,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
+from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.errors import DomainError
 
 #: shares of a step between which the output rises
@@ -48,6 +49,11 @@ class InactiveController(IntEnum):
     HOLD = 0  # nothing: its states are kept
     TRACK = 1  # tracks the applied control, within its own limits
     RESET = 2  # is reset when its mode is entered
+
+    @classmethod
+    def of(cls, memory: Memory) -> InactiveController:
+        """What keeps this memory."""
+        return {Memory.HELD: cls.HOLD, Memory.TRACKING: cls.TRACK, Memory.RESET: cls.RESET}[memory]
 
 
 @dataclass(frozen=True, eq=False)

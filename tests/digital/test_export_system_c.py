@@ -48,7 +48,6 @@ with_each_compiler = pytest.mark.parametrize(
         for c in ("gcc", "clang")
     ],
 )
-INACTIVE = dict(zip(Memory, (InactiveController.HOLD, InactiveController.TRACK, InactiveController.RESET), strict=True))
 HOSTILE = "*/ #error escaped \\\n??/ \u2028 {{ 1/0 }} /*"
 
 
@@ -141,7 +140,7 @@ def test_long_random_runs_are_the_compiled_simulation_bit_for_bit(
     levels = np.repeat(rng.uniform(2.0, 24.0, samples // 50), 50)
     # the last fifth rests
     levels[-samples // 5 :] = 0.0
-    hybrid = Hybrid(0.5, INACTIVE[memory], min_dwell_samples=dwell)
+    hybrid = Hybrid(0.5, InactiveController.of(memory), min_dwell_samples=dwell)
     start, actuator = Start(2.0, InitialInput.FREE), Actuator(delay_samples=delay)
     scenario = Scenario(TS, Signals(levels), Sensor(0.0, 0.4, 5), actuator, start, hybrid)
     # the second pair's output overflows

@@ -39,11 +39,6 @@ from fopi_tune.simulation.scenario import (
 from fopi_tune.spec.model import DigitalSpec
 
 TS = 0.2
-INACTIVE = {
-    Memory.HELD: InactiveController.HOLD,
-    Memory.TRACKING: InactiveController.TRACK,
-    Memory.RESET: InactiveController.RESET,
-}
 
 
 def made(gains: FoPi, limits: tuple[float, float], precision: Precision = Precision.FLOAT64, poles: int = 7) -> Runtime:
@@ -68,7 +63,7 @@ def simulated(pair: SwitchedRuntime, samples: int, noise_std: float, wild: bool 
     levels = np.repeat(np.array([18.0, 6.0, 10.0, 24.0, 3.0, 0.0]), -(-samples // 6))[:samples]
     hybrid = Hybrid(
         pair.half_width,
-        INACTIVE[pair.switching.memory],
+        InactiveController.of(pair.switching.memory),
         1 + pair.switching.first,
         min_dwell_samples=pair.switching.min_dwell_samples,
     )

@@ -33,7 +33,6 @@ from fopi_tune.simulation.scenario import (
 from fopi_tune.spec.model import DigitalSpec
 
 TS = 0.2
-INACTIVE = dict(zip(Memory, (InactiveController.HOLD, InactiveController.TRACK, InactiveController.RESET), strict=True))
 FLAGS = [
     *("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror"),
     *("-Wstrict-prototypes", "-Wmissing-prototypes", "-Wcast-qual", "-ffp-contract=off", "-O2"),
@@ -62,7 +61,9 @@ def driven(pair: SwitchedRuntime, samples: int) -> tuple[list[Operation], np.nda
     """What a loop measured, and the compiled simulation's outputs and modes."""
     levels = np.repeat(np.array([18.0, 6.0, 10.0, 24.0, 3.0]), samples // 5)
     hybrid = Hybrid(
-        pair.half_width, INACTIVE[pair.switching.memory], min_dwell_samples=pair.switching.min_dwell_samples
+        pair.half_width,
+        InactiveController.of(pair.switching.memory),
+        min_dwell_samples=pair.switching.min_dwell_samples,
     )
     scenario = Scenario(TS, Signals(levels), Sensor(0.0, 0.3, 5), start=Start(2.0, InitialInput.FREE), hybrid=hybrid)
     plants = (

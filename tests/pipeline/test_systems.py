@@ -17,17 +17,17 @@ import fopi_tune as ft
 from fopi_tune.cli.commands import app
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
-from fopi_tune.digital.implementation import implementation_of
+from fopi_tune.digital import Memory
+from fopi_tune.digital.implementation import implementation_of, runtime_of
 from fopi_tune.digital.oustaloup import oustaloup
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.montecarlo.draws import sample_points
-from fopi_tune.montecarlo.montecarlo import controller_of
 from fopi_tune.montecarlo.outcomes import sampling_plan_of
 from fopi_tune.montecarlo.systems import hybrid_scenario
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
 from fopi_tune.simulation.hybrid.flow import ModeLoop
 from fopi_tune.simulation.hybrid.inclusion import simulate_hybrid
-from fopi_tune.simulation.hybrid.model import Corner, HybridCar, HybridStart, Memory, Mode, Watch
+from fopi_tune.simulation.hybrid.model import Corner, HybridCar, HybridStart, Mode, Watch
 from fopi_tune.simulation.sampled.plants import discretize_plants
 from fopi_tune.simulation.sampled.reference import simulate_reference
 from fopi_tune.spec import load_any, load_spec, load_system
@@ -199,7 +199,7 @@ def test_a_system_runs_as_the_plain_simulation_of_its_two_loops_does(folder: Pat
         assert mode.gains is not None
         implementation = implementation_of(mode.spec, mode.gains)
         implementations.append(implementation)
-        controllers.append(controller_of(mode.spec, implementation))
+        controllers.append(runtime_of(implementation.sections, mode.spec))
         point = np.array([[tau]]) if tau else np.zeros((1, 0))
         held.append(discretize_plants(Plants.members(mode.spec.plant, point), 0.2))
     run = hybrid_scenario(system, system.scenarios[0], implementations[0], 3)

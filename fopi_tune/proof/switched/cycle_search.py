@@ -17,7 +17,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.proof.switched.cycles import LONGEST_WORD, CycleProof, verify_cycle
 from fopi_tune.proof.switched.definite import lower_triangle, midpoints
-from fopi_tune.proof.switched.model import Memory, SwitchedModel
+from fopi_tune.proof.switched.model import SwitchedModel
 from fopi_tune.simulation.sampled.simulate import simulate
 from fopi_tune.simulation.scenario import (
     Actuator,
@@ -38,11 +38,6 @@ _SETPOINTS, _REST = (0.12, 0.24, 0.32, 0.4, 0.48, 0.6, 0.8), 0.995
 _WITHOUT_LIMIT = 50.0
 #: of both families, corners and nominal plants that are simulated side by side
 _MOST_PLANTS = 8
-_INACTIVE = {
-    Memory.HELD: InactiveController.HOLD,
-    Memory.TRACKING: InactiveController.TRACK,
-    Memory.RESET: InactiveController.RESET,
-}
 
 
 def prove_cycles(model: SwitchedModel, setpoints: tuple[float, float] | None) -> tuple[CycleProof, ...]:
@@ -96,7 +91,7 @@ def _words(
         Signals(np.full(_SAMPLES, setpoint)),
         start=Start(start, InitialInput.REST, bumpless=True),
         actuator=Actuator(delay_samples=model.loops[0].delay_samples),
-        hybrid=Hybrid(model.hysteresis, _INACTIVE[model.memory], min_dwell_samples=model.min_dwell_samples),
+        hybrid=Hybrid(model.hysteresis, InactiveController.of(model.memory), min_dwell_samples=model.min_dwell_samples),
     )
     modes = [
         Mode(loop.controller, Plants.members(loop.plant, points))

@@ -25,8 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.simulation.hybrid.flow import ModeLoop
-from fopi_tune.simulation.hybrid.model import HybridCar, HybridOutcome, HybridStart, Memory, Mode, Watch
+from fopi_tune.simulation.hybrid.model import HybridCar, HybridOutcome, HybridStart, Mode, Watch
 
 #: repetitions of a step whose own control acts within it
 _REPEATED = 3

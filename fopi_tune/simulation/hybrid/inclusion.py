@@ -34,6 +34,7 @@ from dataclasses import replace
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.hybrid.events import Guard, GuardStatus
 from fopi_tune.simulation.hybrid.flow import FINEST, Flow, LoopDerivatives, ModeLoop, Node, Regime, interpolate
@@ -44,7 +45,6 @@ from fopi_tune.simulation.hybrid.model import (
     HybridOutcome,
     HybridResponse,
     HybridStart,
-    Memory,
     Mode,
     Watch,
     checked_reference,

@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum, IntEnum, StrEnum
+from enum import IntEnum, StrEnum
 
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.hybrid.flow import ModeLoop
 
@@ -36,18 +37,6 @@ class Mode(IntEnum):
         return 1 if self is Mode.THROTTLE else -1
 
 
-class Memory(Enum):
-    """States of a controller while the other one acts.
-
-    TRACKING sets the integrator's state at the jump so that the new demand is the control before the jump, as far as
-    the new mode's limits let it; a controller without an integral has no state to set.
-    """
-
-    HELD = "kept as they were"
-    RESET = "0 when it acts again"
-    TRACKING = "set so that the control has no jump"
-
-
 class HybridOutcome(StrEnum):
     """How a run ended."""
 
@@ -63,7 +52,9 @@ class HybridCar:
     Args:
         throttle, brake: modes 1 and 2.
         eps: half-width of the hysteresis, >= 0, in the output's unit.
-        memory: of the inactive controller; the paper keeps it.
+        memory: of the inactive controller; the paper keeps it.  TRACKING sets the integrator's state at the jump so
+            that the new demand is the control before the jump, as far as the new mode's limits let it; a controller
+            without an integral has no state to set.
         min_dwell_s: from one jump to the next at least, s; the first mode may be left at once.
 
     Raises:

@@ -17,17 +17,17 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import Plant
 from fopi_tune.digital.oustaloup import oustaloup
 from fopi_tune.digital.runtime import Runtime
+from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.continuous import ContinuousSimulation, refuse_samples_only, start_of
 from fopi_tune.simulation.hybrid.delayed import SteppedSignals, simulate_stepped
 from fopi_tune.simulation.hybrid.flow import PURE_INTEGRAL, ModeLoop
 from fopi_tune.simulation.hybrid.inclusion import simulate_hybrid
-from fopi_tune.simulation.hybrid.model import Corner, HybridCar, HybridOutcome, HybridStart, Memory, Mode, Watch
+from fopi_tune.simulation.hybrid.model import Corner, HybridCar, HybridOutcome, HybridStart, Mode, Watch
 from fopi_tune.simulation.measures import horizon_of, measures_of, piecewise_signal, step_measures
 from fopi_tune.simulation.scenario import Hybrid, InitialInput, Scenario, Signals, Traces
 from fopi_tune.spec.model import Knot, ScenarioSpec, SystemSpec
 
-_MEMORY = {"held": Memory.HELD, "tracking": Memory.TRACKING, "reset": Memory.RESET}
 #: poles of the filter for s^-alpha, refined from the first on, its band, and the number of stored times per sample
 _POLES, _BAND = (39, 51, 65), (1e-7, 1e6)
 _KEPT = 10
@@ -101,7 +101,7 @@ def _simulated(
     ]
     first = Mode.THROTTLE if system.first == system.modes[0].name else Mode.BRAKE
     # without any integral there is nothing to track
-    memory = _MEMORY[system.inactive] if any(gain.ki for gain in gains) else Memory.HELD
+    memory = Memory(system.inactive) if any(gain.ki for gain in gains) else Memory.HELD
     car = HybridCar(*loops, eps=system.hysteresis, memory=memory, min_dwell_s=system.min_dwell_s)
     loop = car.loop(first)
     at_rest = scenario.before == InitialInput.REST.value

@@ -8,6 +8,7 @@ from cases import switched
 from flint import arb
 
 from fopi_tune.core.loops import Plants
+from fopi_tune.digital import Memory
 from fopi_tune.proof.switched.definite import midpoints
 from fopi_tune.proof.switched.model import SwitchedModel, lag_at
 from fopi_tune.proof.switched.sample_map import sample_map
@@ -25,11 +26,6 @@ from fopi_tune.simulation.scenario import (
 )
 
 SAMPLES = 4000
-MEMORIES = {
-    "held": InactiveController.HOLD,
-    "tracking": InactiveController.TRACK,
-    "reset": InactiveController.RESET,
-}
 
 
 def simulated(model: SwitchedModel, memory: str, setpoint: float, tau: float) -> Traces:
@@ -39,7 +35,7 @@ def simulated(model: SwitchedModel, memory: str, setpoint: float, tau: float) ->
         Mode(each.controller, Plants.members(each.plant, at)) for each, at in zip(model.loops, points, strict=True)
     ]
     start = Start(25.0, InitialInput.REST, bumpless=True)
-    hybrid = Hybrid(model.hysteresis, MEMORIES[memory])
+    hybrid = Hybrid(model.hysteresis, InactiveController.of(Memory(memory)))
     signals = Signals(np.full(SAMPLES, setpoint))
     return simulate(
         modes,
@@ -77,7 +73,7 @@ def mapped(model: SwitchedModel, setpoint: float, tau: float) -> tuple[np.ndarra
     return np.array(outputs), np.array(modes)
 
 
-@pytest.mark.parametrize("memory", MEMORIES)
+@pytest.mark.parametrize("memory", list(Memory))
 @pytest.mark.parametrize(
     ("setpoint", "tau", "delay"),
     [(6.0, 3.1, 0.0), (12.0, 1.6, 0.0), (20.0, 2.25, 0.0), (6.0, 3.1, 0.35), (12.0, 1.6, 1.0)],
