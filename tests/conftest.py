@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from cases.thinned import mark_what_is_thinned
 from hypothesis import settings
 
 # the same examples in every run: what fails once fails again
@@ -31,6 +33,30 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         raise pytest.UsageError(f"the search cannot be compiled: {failed}")
 
 
+@pytest.fixture(scope="module")
+def plain_figures() -> Iterator[None]:
+    """Reports without rendering, for all tests of a module that are about something else."""
+    from cases.plain_figures import RENDERED_BY, drawn_alone
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(RENDERED_BY, drawn_alone)
+        yield
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The marker of `cases/thinned.py`."""
+    config.addinivalue_line(
+        "markers",
+        "thinned(every, first, slow): of a test's cases one of `every` from `first` on is run each time, and none"
+        " whose id has a text of `slow`; the others have the marker long",
+    )
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests of the pages first, which take longest each: at the end no process waits for another one."""
+    """Long cases are marked before `-m` chooses.
+
+    Tests of the pages come first, which take longest each: at the end no process waits for another one.
+    """
+    mark_what_is_thinned(items)
     items.sort(key=lambda item: item.path.name != "test_docs.py")
