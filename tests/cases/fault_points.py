@@ -121,11 +121,14 @@ def commands(folder: Path) -> Iterator[Commands]:
 
 
 def _keep_what_is_computed() -> None:
-    """Results and reports are computed once for equal input; everything else runs as it is."""
+    """Results and reports are computed once for equal input, and figures not rendered; all else runs as it is."""
+    from cases.plain_figures import drawn_alone
+
     import fopi_tune.cli.batch
     import fopi_tune.pipeline.run
     import fopi_tune.pipeline.validate
     import fopi_tune.report.html
+    import fopi_tune.report.page
     import fopi_tune.study.worker
 
     def keep(module: Any, name: str, key: Callable[..., object]) -> None:
@@ -140,6 +143,7 @@ def _keep_what_is_computed() -> None:
 
         setattr(module, name, kept_or_computed)
 
+    fopi_tune.report.page.svg_and_png_of = drawn_alone
     keep(fopi_tune.pipeline.run, "run", lambda spec, proof: (spec.sha256, proof))
     keep(fopi_tune.pipeline.validate, "validate", lambda spec, gains, **named: (spec.sha256, gains, named["samples"]))
     keep(

@@ -201,7 +201,8 @@ def run_in_child(batch: Sequence[Mutant], folder: Path) -> list[Ended]:
     """
     ends: list[Ended] = []
     log, todo = folder / "said.jsonl", folder / "todo.pickle"
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(Path(__file__).parents[1]), str(IMPORTED)))}
+    paths = os.pathsep.join((str(Path(__file__).parents[1]), str(IMPORTED)))
+    environment = os.environ | {"PYTHONPATH": paths, "PYTHONSAFEPATH": "1"}
     program = "import sys; from cases.fuzz_commands import run_all; run_all(sys.argv[1], sys.argv[2])"
     while len(ends) < len(batch):
         started = batch[len(ends) :]

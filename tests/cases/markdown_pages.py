@@ -108,7 +108,7 @@ def run_page(blocks: Sequence[Block], folder: Path) -> list[tuple[Block, str]]:
             script += [f"{{\n{block.text}}} >block_{number}.out"]
             ran.append((block, folder / f"block_{number}.out"))
     path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
-    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(IMPORTED), "COLUMNS": "80"}
+    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(IMPORTED), "PYTHONSAFEPATH": "1", "COLUMNS": "80"}
     done = subprocess.run(
         ["bash", "-m", "-c", "\n".join(script)],
         cwd=folder,

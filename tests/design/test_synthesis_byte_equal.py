@@ -48,12 +48,17 @@ def paths(tmp_path: Path) -> tuple[str, ...]:
 
 def printed(paths: tuple[str, ...], seed: str) -> list[str]:
     """Designs by a process of their own, one after the other, with its own order of sets and dicts of text."""
-    environment = os.environ | {"PYTHONHASHSEED": seed, "PYTHONPATH": str(IMPORTED)}
+    # the package that these tests have imported, not the one in this folder: it would be compiled again
+    environment = os.environ | {"PYTHONHASHSEED": seed, "PYTHONPATH": str(IMPORTED), "PYTHONSAFEPATH": "1"}
     done = subprocess.run([sys.executable, "-c", _PRINT, *paths], env=environment, capture_output=True, check=True)
     return done.stdout.decode().splitlines()
 
 
-def test_a_design_has_the_same_bytes_whatever_was_solved_before(paths: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("chosen", [(0, 1, 4), pytest.param((0, 1, 2, 3, 4), marks=pytest.mark.long)])
+def test_a_design_has_the_same_bytes_whatever_was_solved_before(
+    paths: tuple[str, ...], chosen: tuple[int, ...]
+) -> None:
+    paths = tuple(paths[k] for k in chosen)
     forwards = printed(paths, "1")
     backwards = printed(paths[::-1], "2")[::-1]
     twice = [json.dumps(tune(path, proof=False).to_dict()) for path in (*paths[2:], *paths[:3])]
@@ -61,6 +66,7 @@ def test_a_design_has_the_same_bytes_whatever_was_solved_before(paths: tuple[str
     assert twice == [*forwards[2:], *forwards[:3]]
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("path", SPECS)
 @pytest.mark.parametrize("start", [FoPi(9.0, 0.1, 0.4), FoPi(0.05, 5.0, 1.4)])
 def test_a_start_far_away_hides_no_better_optimum(path: Path, start: FoPi) -> None:

@@ -134,6 +134,7 @@ PLACES = {
 }
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(("where", "place"), PLACES.items(), ids=PLACES.values())
 def test_every_number_is_reported_at_its_own_place(where: str, place: str) -> None:
     assert EVERY_NUMBER.count(where) >= 1
@@ -599,7 +600,7 @@ print(*sorted(slow & set(sys.modules)))
 
 def test_reporting_a_bad_spec_imports_nothing_slow() -> None:
     # a new process: each of these imports takes longer than all that the report of a mistake needs
-    environment = os.environ | {"PYTHONPATH": str(IMPORTED)}
+    environment = os.environ | {"PYTHONPATH": str(IMPORTED), "PYTHONSAFEPATH": "1"}
     done = subprocess.run(
         [sys.executable, "-c", REPORT_A_MISTAKE], check=True, env=environment, capture_output=True, text=True
     )
