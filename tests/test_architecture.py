@@ -87,10 +87,11 @@ def module_of(imported: str) -> str:
     return imported
 
 
-def own_imports(name: str) -> set[str]:
+@cache
+def own_imports(name: str) -> frozenset[str]:
     """The modules of this package that a module imports, for types and inside functions too."""
     found = (imported for imported in imports(tree(MODULES[name])) if imported.split(".")[0] == "fopi_tune")
-    return {module_of(imported) for imported in found if imported != VERSION}
+    return frozenset(module_of(imported) for imported in found if imported != VERSION)
 
 
 def folder_of(module: str) -> str:
@@ -98,7 +99,7 @@ def folder_of(module: str) -> str:
     return module if f"{module}.__init__" in MODULES else module.removesuffix(".__init__").rpartition(".")[0]
 
 
-def circles(graph: Mapping[str, set[str]]) -> list[str]:
+def circles(graph: Mapping[str, set[str] | frozenset[str]]) -> list[str]:
     """What is left of a graph when everything that leads to no circle is taken away."""
     left = {node: {other for other in others if other in graph and other != node} for node, others in graph.items()}
     while ends := [node for node, others in left.items() if not others]:

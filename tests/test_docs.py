@@ -28,6 +28,9 @@ PAGES = {path.relative_to(DOCS).with_suffix("").as_posix(): path for path in sor
 CODE = {name: blocks_of(path.read_text(encoding="utf-8")) for name, path in PAGES.items()}
 #: commands that a page needs and that do not come with the package
 NEEDS = {"howto/c_on_target": ("gcc", "make")}
+#: pages whose commands take half a minute each, and are run with `-m long`
+LONG_PAGES = ["paper", *(f"howto/{name}" for name in ("comfort", "what_a_limit", "own_plant", "two_loops"))]
+LONG_PAGES += [f"howto/{name}" for name in ("c_on_target", "reports", "dask", "batch", "evidence")]
 
 
 class Page(HTMLParser):
@@ -156,6 +159,7 @@ def test_specs_systems_and_studies_on_a_page_can_be_used(name: str, tmp_path: Pa
             assert load(file), f"{name}:{block.line}"
 
 
+@pytest.mark.thinned(slow=LONG_PAGES)
 @pytest.mark.parametrize(
     "name", [name for name, code in CODE.items() if any(b.language in ("sh", "python") for b in code)]
 )

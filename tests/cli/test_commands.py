@@ -22,6 +22,8 @@ from fopi_tune.errors import DomainError
 from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec
 
+pytestmark = pytest.mark.usefixtures("plain_figures")
+
 BRAKE_FILE, THROTTLE_FILE = str(CONTINUOUS / "brake.yaml"), str(CONTINUOUS / "throttle.yaml")
 BRAKE = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
 PUBLISHED = ("--kp", "0.07", "--ki", "0.11", "--alpha", "0.45")

@@ -31,7 +31,10 @@ from fopi_tune.cli.gains import gains_of_earlier_design
 from fopi_tune.spec import load_spec
 
 BRAKE = str(ROOT / "specs" / "brake.yaml")
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="pipes and child processes as POSIX has them")
+pytestmark = [
+    pytest.mark.skipif(os.name != "posix", reason="pipes and child processes as POSIX has them"),
+    pytest.mark.usefixtures("plain_figures"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -80,8 +83,9 @@ def check_in_this_process(targets: Sequence[Target], folder: Path, chance: rando
     return codes
 
 
-def test_damaged_specs_studies_and_recordings_are_read_or_refused(files: Path) -> None:
-    assert {0, 2} <= check_in_this_process(spec_targets(files), files, random.Random(1), 45)
+@pytest.mark.parametrize("count", [20, pytest.param(45, marks=pytest.mark.long)])
+def test_damaged_specs_studies_and_recordings_are_read_or_refused(files: Path, count: int) -> None:
+    assert {0, 2} <= check_in_this_process(spec_targets(files), files, random.Random(1), count)
 
 
 def test_damaged_results_and_certificates_are_read_or_refused(files: Path) -> None:
@@ -141,6 +145,7 @@ def change(path: Path, place: Sequence[str | int], value: Any) -> None:
     path.write_text(text.replace('"here"', value.decode()) if isinstance(value, bytes) else text, encoding="utf-8")
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(
     ("file", "place", "value", "said"),
     [

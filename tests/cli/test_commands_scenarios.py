@@ -15,6 +15,8 @@ from typer.testing import CliRunner, Result
 
 from fopi_tune.cli import app
 
+pytestmark = pytest.mark.usefixtures("plain_figures")
+
 #: a limit that does not bind beside one that does
 TEXT = brake("stop", "step").replace("objective:", "  - {rise_time_s: {at_most: 40}, scenario: step}\nobjective:")
 WANTED = (0.0315, 0.0355, 0.975)

@@ -14,6 +14,8 @@ from typer.testing import CliRunner, Result
 import fopi_tune as ft
 from fopi_tune.cli import app
 
+pytestmark = pytest.mark.usefixtures("plain_figures")
+
 
 def fopi(*arguments: str) -> Result:
     return CliRunner().invoke(app, list(arguments))

@@ -30,6 +30,8 @@ from fopi_tune.spec.templates.fitted import sections_for_fitted
 from fopi_tune.spec.templates.sections import SECTIONS_BY_MODEL
 from fopi_tune.spec.templates.template import template
 
+pytestmark = pytest.mark.usefixtures("plain_figures")
+
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -227,6 +229,7 @@ def test_the_words_of_the_command_are_those_that_can_be_fitted_and_read() -> Non
     assert {each.value for each in Unit} == {each.value for each in TimeUnit}
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("kind", FIELD_FILES)
 def test_a_file_of_the_field_becomes_a_spec_whose_ranges_hold_its_plant(kind: str) -> None:
     file = FIELD_FILES[kind](5)
@@ -252,6 +255,7 @@ def written(plant: Any, file: str = "given.csv") -> str:
     return file
 
 
+@pytest.mark.thinned(slow=["plant3"])
 @pytest.mark.parametrize(
     ("plant", "model"),
     [
@@ -336,6 +340,7 @@ def settled_s(gains: FoPi, plant: Plant, longest_s: float) -> tuple[float, float
     return float(times[outside[-1]]), float(output.max()) - 1.0
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     ("gain", "tau", "dead", "most"),
     [

@@ -74,6 +74,7 @@ def kill_a_writer(path: Path, by: signal.Signals, delays_s: Sequence[float]) -> 
         assert text in ("a" * 3_000_000, "b" * 3_000_000)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_a_file_is_whole_whenever_its_writer_is_ended(by: signal.Signals, tmp_path: Path) -> None:
     path = tmp_path / "result.json"

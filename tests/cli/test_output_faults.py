@@ -179,7 +179,7 @@ def check_again(bench: Bench, folder: Path, case: Case) -> None:
     assert files_in(folder) == wanted
 
 
-@pytest.mark.parametrize(("name", "step"), some_and_all(run=39, new=31, validate=3, report=39))
+@pytest.mark.parametrize(("name", "step"), some_and_all(run=79, new=63, validate=7, report=79))
 def test_a_command_killed_at_an_operation_leaves_old_and_new_files_that_are_told_apart(
     bench: Bench, name: str, step: int
 ) -> None:
@@ -223,7 +223,7 @@ def check_said(ended: Ended, folder: Path, why: str) -> None:
     assert "--out" in line
 
 
-@pytest.mark.parametrize(("name", "step"), some_and_all(run=33, validate=3, report=39))
+@pytest.mark.parametrize(("name", "step"), some_and_all(run=67, validate=7, report=79))
 def test_a_full_disk_is_told_and_nothing_is_lost(bench: Bench, name: str, step: int) -> None:
     check_failing(bench, name, step, How.FULL_DISK, "No space left on device")
 

@@ -57,6 +57,7 @@ def value(spec: DesignSpec, gains: FoPi | None) -> float:
     return found.objective
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(
     ("method", "rule"),
     [
@@ -78,6 +79,7 @@ def test_its_loops_are_those_of_the_digital_controller(method: str, rule: dict[s
     np.testing.assert_allclose(slope, steep, rtol=1e-6)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("requirement", EVERYTHING)
 def test_slopes_of_all_limits_are_those_of_small_steps(requirement: str) -> None:
     """The slack of each row changes with the gains as the row says."""
@@ -131,6 +133,7 @@ def test_both_searches_agree_on_a_shipped_spec_on_samples(name: str, alpha: floa
     assert value(spec, found.gains) == pytest.approx(value(spec, design(spec).gains), rel=AGREE)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "digital",
     [{"rule": "matched"}, pytest.param({"prewarp": "crossover", "delay_samples": "1"}, marks=pytest.mark.long)],

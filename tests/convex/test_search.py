@@ -87,6 +87,7 @@ def quick(names: Iterable[str]) -> list:
     return [pytest.param(name, id=name, marks=pytest.mark.long if name in LONG else ()) for name in names]
 
 
+@pytest.mark.thinned(slow=["brake", "throttle"])
 @pytest.mark.parametrize("name", quick(path.stem for path in sorted(CONTINUOUS.glob("*.yaml"))))
 def test_both_searches_agree_on_a_shipped_spec(name: str) -> None:
     spec, found = shipped(name)
@@ -121,6 +122,7 @@ OBJECTIVES = {
 }
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", OBJECTIVES)
 def test_both_searches_agree_on_every_objective(name: str) -> None:
     asked = (
@@ -140,6 +142,7 @@ def test_two_equalities_leave_the_closed_form() -> None:
     assert (found.gains.kp, found.gains.ki) == pytest.approx((0.3976732, 0.6527344), abs=1e-7)  # printed digits
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", ["alpha_half", "alpha_one", "kp_fixed", "depth_one_parameter"])
 def test_the_convex_path_reaches_the_references_optimum(name: str) -> None:
     check_case(name)

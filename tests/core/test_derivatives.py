@@ -110,6 +110,7 @@ def test_structures_of_boxes() -> None:
     pid.refuse_derivative_order("x")
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("seed", range(40))
 def test_the_logarithm_of_the_loop_is_that_of_its_formula(seed: int) -> None:
     rng = np.random.default_rng([seed, 81])
@@ -150,6 +151,7 @@ def test_with_a_hundred_random_orders_poles_are_counted_as_by_matignons_sector(s
     assert len(set(seen)) > 1
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("seed", range(30))
 def test_with_a_dead_time_poles_are_counted_as_along_the_contour(seed: int) -> None:
     rng = np.random.default_rng([seed, 83])
@@ -162,6 +164,7 @@ def test_with_a_dead_time_poles_are_counted_as_along_the_contour(seed: int) -> N
     assert bool(is_stable(Loops.of(found, Plants.of(late)))[0]) is expected, (found, late)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("seed", thinned(range(60), 3))
 def test_margins_and_peaks_are_those_of_a_dense_evaluation(seed: int) -> None:
     rng = np.random.default_rng([seed, 84])

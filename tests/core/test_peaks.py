@@ -93,6 +93,7 @@ def assert_scans_agree(loops: int, seed: int) -> None:
                 assert at == pytest.approx(value, abs=2e-7)
 
 
+@pytest.mark.long
 def test_bands_of_random_loops_agree_with_dense_scans() -> None:
     assert_scans_agree(10, seed=1)
 

@@ -145,6 +145,7 @@ def test_a_delay_of_too_many_samples_is_named() -> None:
 # -- closed-loop poles ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("seed", range(30))
 def test_closed_loop_poles_are_counted_as_eigenvalues_are(seed: int) -> None:
     """A hundred plants of one shape a filter: three thousand loops, those within 1e-7 of the circle left out."""
@@ -325,6 +326,7 @@ RESPONSES = {
 }
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("response", RESPONSES)
 @pytest.mark.parametrize("largest", [True, False])
 def test_extremes_are_those_of_a_dense_scan(response: Response, largest: bool) -> None:

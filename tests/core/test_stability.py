@@ -118,6 +118,7 @@ def test_an_ordinary_pi_agrees_with_the_roots_of_the_closed_loop_polynomial() ->
     assert_counts_agree(1, 1, cases=500, seed=1)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(("p", "q"), [(1, 2), (3, 2), (4, 5), (6, 5), (1, 3), (9, 20), (19, 10)])
 def test_a_commensurate_order_agrees_with_the_roots_in_the_fractional_power(p: int, q: int) -> None:
     assert_counts_agree(p, q, cases=120, seed=10 * p + q)

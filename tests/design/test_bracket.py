@@ -120,11 +120,13 @@ def check_that_better_gains_are_kept(spec: DesignSpec, parts: tuple[float, ...])
     return len(parts)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", SPECS)
 def test_gains_that_are_better_than_the_target_are_never_discarded(name: str) -> None:
     assert check_that_better_gains_are_kept(spec_of(SPECS[name]), (0.01, 0.02, 0.15)) == 3
 
 
+@pytest.mark.thinned(2, first=1)
 @pytest.mark.parametrize("name", SPECS)
 def test_nor_are_they_on_samples(name: str) -> None:
     assert check_that_better_gains_are_kept(spec_of(SPECS[name] + SAMPLED[name]), (0.01, 0.15)) == 2
@@ -162,6 +164,7 @@ def spec_of_seed(seed: int) -> DesignSpec:
     return ft.parse_spec(random_spec(seed))
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("design", ["continuous", "sampled"])
 @pytest.mark.parametrize("path", ["brake", "throttle", "brake_delay", "second_order", "pi_baseline"])
 def test_the_bracket_of_shipped_specs_closes(path: str, design: str) -> None:

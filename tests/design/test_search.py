@@ -39,6 +39,7 @@ def objective(spec: DesignSpec) -> float:
     return value
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(
     ("path", "index", "relax"),
     [(BRAKE, 4, 0.01), (THROTTLE, 2, 0.01), (DELAY, 0, -0.01), (DELAY, 2, 0.005)],
@@ -280,6 +281,7 @@ _PEAK = "objective: {minimize: sensitivity_peak_db}\n"
 _ON_SAMPLES = "digital: {sample_time_s: 0.2, design: sampled}\n"
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     "text",
     [

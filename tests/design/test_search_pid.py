@@ -93,6 +93,7 @@ def test_the_largest_integral_gain_of_an_uncertain_lag() -> None:
     assert -solved(spec_of(LAG, asked, ranges))[1] == pytest.approx(1.36268, rel=1e-5)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("plant", [DELAYED, SWINGING])
 def test_a_known_plant_is_solved_to_the_references_optimum(plant: str) -> None:
     spec = spec_of(plant)
@@ -119,6 +120,7 @@ def test_gains_of_either_sign_are_searched() -> None:
     assert cost == pytest.approx(solved(spec_of(DELAYED))[1], rel=1e-5)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("held", [("kp",), ("ki",), ("kd",), ("kp", "kd"), ("kp", "ki"), ("ki", "kd")])
 def test_gains_that_the_spec_fixes_stay(held: tuple[str, ...]) -> None:
     # gains that are fixed near their best values leave the peak of |S| near its best
@@ -226,6 +228,7 @@ KNOWN = {
 }
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("seed", KNOWN)
 def test_a_random_spec_is_solved_to_the_references_optimum(seed: int) -> None:
     assert solved(ft.parse_spec(pid_spec(seed)))[1] <= KNOWN[seed] + OPTIMAL * abs(KNOWN[seed])

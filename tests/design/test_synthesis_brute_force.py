@@ -70,16 +70,19 @@ def check_solved(design: ft.Design, reference: float | None) -> None:
     assert no_worse(objective, reference), f"{objective} against the reference's {reference}"
 
 
+@pytest.mark.thinned(slow=["lag_gain", "second_order"])
 @pytest.mark.parametrize("path", SPECS, ids=lambda path: path.stem)
 def test_a_shipped_spec_is_solved_to_the_references_optimum(path: Path) -> None:
     check_solved(ft.tune(path, proof=False), REFERENCES[f"spec:{path.stem}"])
 
 
+@pytest.mark.thinned(5)
 @pytest.mark.parametrize("case", chosen(SOLVED))
 def test_an_unseen_spec_is_solved_to_the_references_optimum(case: Case) -> None:
     check_solved(tuned(case.name), case.objective)
 
 
+@pytest.mark.thinned(3, slow=["no_iso"])
 @pytest.mark.parametrize("case", chosen(INFEASIBLE))
 def test_an_infeasible_spec_says_which_requirements_clash(case: Case) -> None:
     design = tuned(case.name)
@@ -119,6 +122,7 @@ def test_another_unit_of_the_plants_gain_gives_the_same_design(name: str, gain: 
 # --- the reference itself ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thinned(slow=["brake"])
 @pytest.mark.parametrize("name", ["throttle", "brake"])
 def test_the_stored_references_of_closed_form_specs_are_what_a_scan_of_alpha_finds(name: str) -> None:
     spec = ft.load_spec(next(path for path in SPECS if path.stem == name))

@@ -52,6 +52,7 @@ def solved(spec: DesignSpec) -> tuple[Candidate, float]:
     return found, -verified.objective if is_maximised else verified.objective
 
 
+@pytest.mark.thinned(slow=["lag_gain", "second_order"])
 @pytest.mark.parametrize("name", STAND_IN)
 def test_a_shipped_spec_is_no_worse_on_samples_than_by_a_stand_in(name: str) -> None:
     spec = shipped(name)
@@ -113,6 +114,7 @@ def test_further_random_specs_are_designed_to_the_references_optimum() -> None:
     assert {seed: pair for seed, pair in pairs.items() if not is_no_worse(*pair)} == {}
 
 
+@pytest.mark.long
 def test_what_clashes_on_samples_is_said_and_each_relaxation_is_enough() -> None:
     text = (
         "schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: 2, dead_time_s: 0.4}\n"

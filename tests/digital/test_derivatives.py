@@ -91,6 +91,7 @@ def differences(spec: DesignSpec, gains: FoPi, column: int) -> list[np.ndarray]:
     return [np.tensordot(SHARES, np.array(values), axes=1) / STEP for values in zip(*each, strict=True)]
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", FILTERS)
 def test_derivatives_are_the_differences_of_the_controller_that_runs(name: str) -> None:
     spec = spec_of(FILTERS[name])

@@ -27,6 +27,9 @@ from fopi_tune.digital.vectors import standard_operations, vector_table
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DigitalSpec
 
+#: to measure what rounding does to a filter takes a tenth of a second
+discretized = cache(discretize)
+
 TS = 0.2
 SHA256 = "0123456789abcdef" * 4
 FLAGS = [
@@ -67,7 +70,7 @@ HOSTILE = [
 def made(kp: float, ki: float, alpha: float, method: str = "oustaloup", poles: int = 7) -> DigitalController:
     """A digital controller; the fit's band begins where a fit is of use."""
     band = (10**-2.5, 1e3) if method == "fit" else (1e-3, 1e3)
-    return discretize(FoPi(kp, ki, alpha), DigitalSpec(TS, method, poles, band))
+    return discretized(FoPi(kp, ki, alpha), DigitalSpec(TS, method, poles, band))
 
 
 def of_gains(gains: FoPi) -> DigitalController:
@@ -355,6 +358,7 @@ def test_a_hand_over_with_the_same_error_does_not_move_the_output(error: float) 
             assert abs(float(step(runtime, state, error, 0.0).output) - 0.4) <= room
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("alpha", [0.3, 0.8, 1.2, 1.6, 1.9])
 @pytest.mark.parametrize("method", ["oustaloup", "fit"])
 def test_what_is_taken_over_at_no_error_stays(alpha: float, method: str) -> None:
@@ -433,6 +437,7 @@ def test_the_cases_have_every_kind_of_weights() -> None:
     assert not np.any(weights["no weights"])
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("limits", [None, (-1.0, 1.0), (0.0, 1.0), (-1.0, 0.0)])
 @pytest.mark.parametrize("name", FORGETFUL)
 def test_no_state_stays_subnormal_at_rest_or_while_tracking(name: str, limits: tuple[float, float] | None) -> None:
@@ -453,6 +458,7 @@ def test_no_state_stays_subnormal_at_rest_or_while_tracking(name: str, limits: t
             assert flushed.output == (kept.output if abs(kept.output) > precision.absorbs_flushed else 0.0)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("limits", [None, (-1.0, 1.0), (0.0, 1.0), (-0.1, 0.7)])
 def test_no_output_of_an_ordinary_run_has_another_bit_for_it(limits: tuple[float, float] | None) -> None:
     draw, flushed = np.random.default_rng(7), 0
@@ -555,12 +561,15 @@ def rest_in_python(runtime: Runtime) -> list[list[float]]:
 
 
 @needs_compiler
-def test_states_in_c_are_pythons_bit_for_bit_and_normal_after_two_million_samples_at_rest(tmp_path: Path) -> None:
+@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.long)])
+def test_states_in_c_are_pythons_bit_for_bit_and_normal_after_two_million_samples_at_rest(
+    tmp_path: Path, step: int
+) -> None:
     of_brake = of_gains(PUBLISHED_BRAKE)
     cases: list[tuple[DigitalController, tuple[float, float] | None]] = [(of_brake, None)]
     for sections, limits in zip(FORGETFUL.values(), [(0.0, 1.0), (-1.0, 0.0), None, None, (-1.0, 1.0)], strict=True):
         cases.append((replace(of_brake, sections=sections), limits))
-    for i, (controller, limits) in enumerate(cases):
+    for i, (controller, limits) in enumerate(cases[::step]):
         files = export_c(export(controller, limits)) | {"main.c": REST_MAIN}
         done = run(compiled(written(files, tmp_path / str(i)), "-O1"))
         rows = [[float.fromhex(word) for word in line.split()] for line in done.stdout.splitlines()]
@@ -578,21 +587,23 @@ def test_states_in_c_are_pythons_bit_for_bit_and_normal_after_two_million_sample
 
 
 @needs_compiler
-def test_a_hundred_thousand_operations_are_equal_bit_for_bit(tmp_path: Path) -> None:
+@pytest.mark.parametrize("mixed", [1_000, pytest.param(10_500, marks=pytest.mark.long)])
+def test_thousands_of_operations_are_equal_bit_for_bit(tmp_path: Path, mixed: int) -> None:
     limits = [(-1.0, 1.0), (0.0, 1.0), None, (-0.1, 0.7), (0.2, 5.0)]
     total = 0
     for k, controller in enumerate(designs()):
         files = export_c(export(controller, limits[k % len(limits)]))
         runtimes = both(controller, limits[k % len(limits)])
-        operations = standard_operations(runtimes[0], seed=k, mixed=10_500)
+        operations = standard_operations(runtimes[0], seed=k, mixed=mixed)
         files["test_vectors.csv"] = vector_table(runtimes[0], runtimes[1], operations)
         done = run(compiled(written(files, tmp_path / str(k)), "-O2"))
         assert done.returncode == 0, done.stdout + done.stderr
         assert done.stdout.startswith(f"{len(operations)} rows are equal bit for bit")
         total += len(operations)
-    assert total >= 100_000
+    assert total >= 10 * mixed
 
 
+@pytest.mark.thinned(slow=["O0", "O3"])
 @needs_compiler
 @with_each_compiler
 @pytest.mark.parametrize("level", ["-O0", "-O2", "-O3", "-Os"])
@@ -615,6 +626,7 @@ def test_the_sanitizers_find_nothing(tmp_path: Path, ki: float) -> None:
     assert done.stderr == ""
 
 
+@pytest.mark.thinned(2)
 @needs_compiler
 @pytest.mark.parametrize("precision", ["f64", "f32"])
 @pytest.mark.parametrize("table", ["poles", "residues", "weights"])
@@ -672,6 +684,7 @@ def test_fast_math_does_not_compile(tmp_path: Path) -> None:
         assert "compile without -ffast-math" in done.stderr
 
 
+@pytest.mark.thinned(2)
 @needs_compiler
 @pytest.mark.parametrize("precision", ["f32", "f64"])
 def test_header_and_source_of_two_exports_do_not_compile_together(tmp_path: Path, precision: str) -> None:
@@ -732,6 +745,7 @@ def test_make_test_replays_the_vectors(tmp_path: Path) -> None:
 # -- the texts -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thinned(2)
 @needs_compiler
 @pytest.mark.parametrize("text", HOSTILE)
 def test_nothing_of_a_text_leaves_the_comment(tmp_path: Path, text: str) -> None:

@@ -95,6 +95,7 @@ def replayed(program: Path, table: str = "test_vectors.csv") -> subprocess.Compl
     return subprocess.run([program, table], cwd=program.parent, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.thinned(slow=["held", "reset"])
 @with_each_compiler
 @pytest.mark.parametrize(("memory", "dwell"), thinned(itertools.product(Memory, (5, 0))))
 def test_the_vectors_are_met_bit_for_bit(tmp_path: Path, memory: Memory, dwell: int, compiler: str) -> None:
@@ -107,6 +108,7 @@ def test_the_vectors_are_met_bit_for_bit(tmp_path: Path, memory: Memory, dwell: 
     assert replayed(sanitized).returncode == 0
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("dwell", [0, 5])
 @pytest.mark.parametrize("memory", Memory)
 def test_the_vectors_switch_saturate_and_wait(memory: Memory, dwell: int) -> None:
@@ -129,6 +131,7 @@ def test_the_vectors_switch_saturate_and_wait(memory: Memory, dwell: int) -> Non
         assert plain or found.tobytes() != outputs.tobytes() or not np.array_equal(found_modes, modes)
 
 
+@pytest.mark.thinned(slow=["held"])
 @with_each_compiler
 @pytest.mark.parametrize(("memory", "dwell", "delay"), thinned(itertools.product(Memory, (0, 7), (0.0, 0.6, 2.0)), 5))
 def test_long_random_runs_are_the_compiled_simulation_bit_for_bit(
@@ -191,13 +194,14 @@ def test_headers_of_another_export_are_refused(tmp_path: Path, compiler: str) ->
 
 
 @with_each_compiler
-def test_controllers_without_an_integral_or_limits_are_exported_too(tmp_path: Path, compiler: str) -> None:
+@pytest.mark.parametrize("memory", thinned(Memory, every=3))
+def test_controllers_without_an_integral_or_limits_are_exported_too(
+    tmp_path: Path, compiler: str, memory: Memory
+) -> None:
     modes = mode_export("one", FoPi(0.3, 0.0, 0.8), None), mode_export("two", FoPi(0.2, 0.1, 1.0), (-3.0, 2.0))
-    for memory in Memory:
-        export = exported(Switching(0.0, memory, 3), modes=modes)
-        program = built(export_system_c(export), tmp_path / memory.value, compiler)
-        done = replayed(program)
-        assert done.returncode == 0, done.stdout + done.stderr
+    export = exported(Switching(0.0, memory, 3), modes=modes)
+    done = replayed(built(export_system_c(export), tmp_path / memory.value, compiler))
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @with_each_compiler
@@ -228,12 +232,15 @@ def test_the_header_has_the_numbers() -> None:
 
 
 def test_equal_systems_give_equal_bytes_and_others_another_export() -> None:
-    export = exported(Switching(0.5, Memory.RESET, 4))
-    assert export_system_c(export) == export_system_c(export)
+    first, again = (export_system_c(exported(Switching(0.5, Memory.RESET, 4))) for _ in range(2))
+    assert first == again
+    others = (
+        export_system_c(exported(switching))
+        for switching in (Switching(0.5, Memory.RESET, 3), Switching(0.6, Memory.RESET, 4))
+    )
     found = set()
-    for switching in (export.switching, Switching(0.5, Memory.RESET, 3), Switching(0.6, Memory.RESET, 4)):
-        header = export_system_c(exported(switching))["fopi_car_1_2_f64.h"]
-        found |= set(re.findall(r"_EXPORT (0x\w+)", header))
+    for files in (first, *others):
+        found |= set(re.findall(r"_EXPORT (0x\w+)", files["fopi_car_1_2_f64.h"]))
     assert len(found) == 3
 
 

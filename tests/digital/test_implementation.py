@@ -26,6 +26,8 @@ from fopi_tune.results.design import Discretized
 from fopi_tune.spec import load_spec, parse_spec
 from fopi_tune.spec.model import DesignSpec
 
+pytestmark = pytest.mark.usefixtures("plain_figures")
+
 BRAKE, THROTTLE = CONTINUOUS / "brake.yaml", CONTINUOUS / "throttle.yaml"
 GAINS = ["--kp", "0.385", "--ki", "0.388", "--alpha", "0.82"]
 

@@ -238,6 +238,7 @@ def replayed(folder: Path, table: str) -> str:
     return done.stdout
 
 
+@pytest.mark.thinned(slow=["no limits", "p-10000"])
 @with_each_compiler
 @pytest.mark.parametrize("count", [10_000, pytest.param(100_000, marks=pytest.mark.long)])
 @pytest.mark.parametrize("kind", ["fopi", "p", "no limits"])

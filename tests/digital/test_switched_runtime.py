@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -38,11 +39,14 @@ from fopi_tune.simulation.scenario import (
 )
 from fopi_tune.spec.model import DigitalSpec
 
+#: to measure what rounding does to a filter takes a tenth of a second
+discretized = cache(discretize)
+
 TS = 0.2
 
 
 def made(gains: FoPi, limits: tuple[float, float], precision: Precision = Precision.FLOAT64, poles: int = 7) -> Runtime:
-    return Runtime.of(discretize(gains, DigitalSpec(TS, "oustaloup", poles)).sections, precision, limits)
+    return Runtime.of(discretized(gains, DigitalSpec(TS, "oustaloup", poles)).sections, precision, limits)
 
 
 def pair_of(switching: Switching, precision: Precision = Precision.FLOAT64) -> SwitchedRuntime:
@@ -73,6 +77,7 @@ def simulated(pair: SwitchedRuntime, samples: int, noise_std: float, wild: bool 
     return levels, simulate(modes, scenario)
 
 
+@pytest.mark.thinned(5)
 @pytest.mark.parametrize("dwell", [0, 1, 2, 9])
 @pytest.mark.parametrize("memory", Memory)
 def test_the_pair_is_the_compiled_simulation_bit_for_bit(memory: Memory, dwell: int) -> None:
@@ -112,6 +117,7 @@ def driven(pair: SwitchedRuntime, state: SwitchedState, measurements: list[float
     return found
 
 
+@pytest.mark.thinned(5)
 @pytest.mark.parametrize("precision", Precision)
 @pytest.mark.parametrize("memory", Memory)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
@@ -141,6 +147,7 @@ def test_the_first_mode_may_be_left_at_once_and_a_reset_begins_there_at_rest() -
         assert step(pair, state, 10.0, 10.0).output == 0.25 - first
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("precision", Precision)
 def test_at_rest_the_states_become_zero(precision: Precision) -> None:
     for memory in Memory:

@@ -35,6 +35,7 @@ def test_a_dropout_is_left_out_and_named(moved: Array, first: int, length: int, 
     assert found.notes[-1].startswith(f"samples {first} to {first + length - 1}: a dropout of {length}")
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(("moved", "first"), PLACES.values(), ids=PLACES)
 def test_the_intervals_hold_the_plant_whose_recording_has_a_dropout(moved: Array, first: int) -> None:
     counts = dict.fromkeys(PLANT.numbers, 0)

@@ -78,6 +78,7 @@ def since(given: Recording) -> Array:
 # -- exact data --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(
     ("gain", "tau", "dead", "y0", "step", "n", "length_s"),
     [
@@ -164,7 +165,7 @@ def test_the_intervals_hold_the_truth_in_95_percent_of_the_recordings() -> None:
 
 
 @pytest.mark.parametrize(
-    ("dead", "count"), [(0.1, 80), *(pytest.param(dead, 200, marks=pytest.mark.long) for dead in (0.1, 1.03))]
+    ("dead", "count"), [(0.1, 20), *(pytest.param(dead, 200, marks=pytest.mark.long) for dead in (0.1, 1.03))]
 )
 def test_the_intervals_hold_the_truth_wherever_between_two_lines_the_step_comes(dead: float, count: int) -> None:
     rng = np.random.default_rng(12)
@@ -180,10 +181,11 @@ def test_the_intervals_hold_the_truth_wherever_between_two_lines_the_step_comes(
     assert np.all(held_in(fits, (2.0, 5.0, dead)) / count >= 0.95 - 4 * math.sqrt(0.95 * 0.05 / count))
 
 
-def test_no_other_dead_time_fits_better() -> None:
+@pytest.mark.parametrize("count", [2, pytest.param(10, marks=pytest.mark.long)])
+def test_no_other_dead_time_fits_better(count: int) -> None:
     # brute force over the dead time, in which the sum of squares has a kink at every sample
     rng = np.random.default_rng(5)
-    for _ in range(10):
+    for _ in range(count):
         given = recording(n=60, noise=0.1 * rng.standard_normal(60))
         fit = fit_plant(given)
         least = fit.residual_std**2 * 55
@@ -237,6 +239,7 @@ def test_a_plant_that_is_no_lag_is_noted() -> None:
 # -- what cannot be told -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thinned(slow=["on the rise", "longer"])
 @pytest.mark.parametrize(
     ("given", "said"),
     [
@@ -272,6 +275,7 @@ def test_three_recordings_give_a_family_that_holds_each_plant() -> None:
     assert [fit.name for fit in family.fits] == ["0.csv", "1.csv", "2.csv"]
 
 
+@pytest.mark.long
 def test_a_family_holds_the_interval_of_every_fit() -> None:
     rng = np.random.default_rng(9)
     family = identify_recordings([recording(noise=0.05 * rng.standard_normal(100)) for _ in range(4)])

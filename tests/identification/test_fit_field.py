@@ -43,6 +43,7 @@ def held(fit: Fit, plant: TruePlant) -> dict[str, bool]:
     return {name: fit[name].low <= true <= fit[name].high for name, true in plant.numbers.items()}
 
 
+@pytest.mark.thinned(slow=["not_at_rest", "spikes", "coarse", "counts", "four"])
 @pytest.mark.parametrize("kind", FIELD_FILES)
 def test_the_files_of_the_field_are_taken_and_tell_their_plants_to_ten_percent(kind: str) -> None:
     counts: dict[str, int] = {}
@@ -96,6 +97,7 @@ def noisy(plant: TruePlant, moved: np.ndarray, seed: int, share: float = 0.01) -
     return Recording("a", DT * np.arange(float(len(moved))), moved, 7.0 + output + noise)
 
 
+@pytest.mark.thinned(5)
 @seeds_of_noise
 @pytest.mark.parametrize("shape", INPUTS)
 @pytest.mark.parametrize("name", PLANTS)
@@ -106,6 +108,7 @@ def test_any_input_tells_the_plant_within_its_intervals(name: str, shape: str, s
     assert counts.min() >= LEAST_HELD[seeds], counts
 
 
+@pytest.mark.thinned(3)
 @seeds_of_noise
 @pytest.mark.parametrize("name", ["lag", "integrator"])
 @pytest.mark.parametrize(
@@ -122,6 +125,7 @@ def test_an_input_without_jumps_tells_the_plant_too(name: str, moved: np.ndarray
     assert counts.min() >= LEAST_HELD[seeds], counts
 
 
+@pytest.mark.thinned(slow=["overdamped"])
 @seeds_of_noise
 @pytest.mark.parametrize(
     ("name", "kp", "ki"),
@@ -139,6 +143,7 @@ def test_a_closed_loop_tells_the_plant_within_its_intervals(name: str, kp: float
     assert np.sum(counts, axis=0).min() >= LEAST_HELD[seeds], np.sum(counts, axis=0)
 
 
+@pytest.mark.thinned(slow=["lag"])
 @seeds_of_noise
 @pytest.mark.parametrize("name", ["lag", "resonant", "integrator"])
 def test_a_record_may_begin_with_the_first_change_of_the_input(name: str, seeds: int) -> None:
@@ -157,6 +162,7 @@ def test_a_record_may_begin_with_the_first_change_of_the_input(name: str, seeds:
     assert len(said) > seeds / 2
 
 
+@pytest.mark.thinned(slow=["integrator"])
 @pytest.mark.parametrize("name", PLANTS)
 def test_auto_finds_the_model_and_says_so(name: str) -> None:
     fit = fit_plant(noisy(PLANTS[name], INPUTS["steps up and down"], 3), FitModel.AUTO)

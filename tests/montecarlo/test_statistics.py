@@ -138,6 +138,7 @@ def test_a_whole_rank_survives_the_roundings_of_its_probability() -> None:
     assert quantiles(np.arange(1.0, 11.0), [0.7])[0].value == 7.0
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("q", [0.05, 0.5, 0.99])
 @pytest.mark.parametrize("kind", ["continuous", "lumpy", "often infinite"])
 def test_the_quantiles_interval_covers_the_truth(q: float, kind: str) -> None:

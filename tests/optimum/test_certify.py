@@ -260,6 +260,7 @@ def test_no_gains_of_a_scan_beat_a_bound() -> None:
     assert not (ki[met] > found.bound).any()
 
 
+@pytest.mark.thinned(slow=["brake_delay"])
 @pytest.mark.parametrize(("name", "gap"), [("pi_baseline", 1e-4), ("brake_delay", 0.1)])
 def test_a_shipped_spec_is_certified(name: str, gap: float) -> None:
     found = certify_optimum(spec_named(name), TUNED[name], gap=gap, time_limit_s=300.0)
@@ -281,6 +282,7 @@ def test_every_shipped_spec_is_certified_to_a_tenth_of_a_percent(name: str) -> N
 # -- infeasible, and feasible twins --------------------------------------------------------------------------------
 
 
+@pytest.mark.thinned(slow=["brake_delay-3"])
 @pytest.mark.parametrize(
     ("name", "place", "infeasible", "feasible"),
     [("pi_baseline", 2, 81.5, 80.0), ("brake_delay", 2, 0.4, 2.5), ("brake_delay", 3, -42.0, -20.0)],
@@ -453,6 +455,7 @@ def test_what_discards_gains_off_the_line_of_a_fixed_margin_discards_none_on_it(
     assert "on a line of the fixed margin" in problems[0]
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     "change",
     [

@@ -97,8 +97,9 @@ def _check(count: int, seed: int) -> None:
     assert checked == count
 
 
-def test_designs_made_worse_are_not_certified() -> None:
-    _check(3, seed=1)
+@pytest.mark.parametrize("count", [1, pytest.param(3, marks=pytest.mark.long)])
+def test_designs_made_worse_are_not_certified(count: int) -> None:
+    _check(count, seed=1)
 
 
 @pytest.mark.long

@@ -205,6 +205,7 @@ def _response(condition: Condition, spec: DesignSpec, gains: FoPi, point: tuple[
     return math.log(abs(top[condition.response] / (1.0 + value)))
 
 
+@pytest.mark.thinned(slow=["better"])
 @pytest.mark.parametrize("name", CASES)
 def test_what_is_written_is_sound_and_true(name: str) -> None:
     spec, document = case_named(name)
@@ -213,6 +214,7 @@ def test_what_is_written_is_sound_and_true(name: str) -> None:
     assert false_statements(document, spec) == []
 
 
+@pytest.mark.thinned(slow=["limit"])
 @pytest.mark.parametrize("name", CASES)
 def test_a_changed_detail_is_refused_unless_every_statement_is_still_true(name: str) -> None:
     spec, document = case_named(name)

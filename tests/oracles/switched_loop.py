@@ -29,6 +29,7 @@ def run(
     `delay`, in samples, a mode arrives with its control; the control before the start is 0.
     """
     y, x, mode = output.copy(), [each.copy() for each in memories], mode.copy()
+    loops = [_Columns.of(loop.controller) for loop in model.loops]
     left = np.zeros(len(y), dtype=np.int64) if waits is None else waits.copy()
     last, arrived = np.zeros(len(y)), mode.copy()
     outputs, modes = [], []
@@ -42,30 +43,50 @@ def run(
             if model.memory is Memory.RESET:
                 x[index][:, begins] = 0.0
         e = setpoint - y
-        results = [_step(loop.controller, x[k], e) for k, loop in enumerate(model.loops)]
+        results = [_step(loop, x[k], e) for k, loop in enumerate(loops)]
         u = np.where(mode == 0, results[0][0], results[1][0])
-        for k, loop in enumerate(model.loops):
-            idle = _track(loop.controller, x[k], e, u) if model.memory is Memory.TRACKING else x[k]
+        for k, loop in enumerate(loops):
+            idle = _track(loop, x[k], e, u) if model.memory is Memory.TRACKING else x[k]
             x[k] = np.where(mode == k, results[k][1], idle)
         outputs.append(y)
         modes.append(mode.copy())
         for control, by, time in ((last, arrived, delay), (u, mode, 1.0 - delay)):
+            if time == 0.0:
+                continue
             m = -np.expm1(time * np.log1p(-np.where(by == 0, throttle[0], share)))
             y = y + m * (np.where(by == 0, throttle[1], brake[1]) * control - y)
         last, arrived = u, mode.copy()
     return Run(np.array(outputs), np.array(modes))
 
 
-def _step(c: Runtime, x: Array, e: Array) -> tuple[Array, Array]:
-    p, r, w = (np.array(row)[:, None] for row in (c.poles, c.residues, c.weights))
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """A controller's numbers of each section, as columns beside the lanes."""
+
+    poles: Array
+    residues: Array
+    corrections: Array
+    direct: float
+    limits: tuple[float, float]
+
+    @classmethod
+    def of(cls, c: Runtime) -> _Columns:
+        p, r, w = (np.array(row)[:, None] for row in (c.poles, c.residues, c.weights))
+        return cls(p, r, w * c.tracking_gain, c.direct, c.limits)
+
+    def limited(self, v: Array) -> Array:
+        return np.minimum(np.maximum(v, self.limits[0]), self.limits[1])
+
+
+def _step(c: _Columns, x: Array, e: Array) -> tuple[Array, Array]:
     v = c.direct * e + x.sum(axis=0)
-    u = np.clip(v, *c.limits)
-    return u, p * (x + w * c.tracking_gain * (u - v)) + r * e
+    u = c.limited(v)
+    return u, c.poles * (x + c.corrections * (u - v)) + c.residues * e
 
 
-def _track(c: Runtime, x: Array, e: Array, applied: Array) -> Array:
-    following = np.array(c.poles)[:, None] * x
-    following[0] = np.clip(applied, *c.limits) - c.direct * e - following[1:].sum(axis=0)
+def _track(c: _Columns, x: Array, e: Array, applied: Array) -> Array:
+    following = c.poles * x
+    following[0] = c.limited(applied) - c.direct * e - following[1:].sum(axis=0)
     return following
 
 
@@ -78,6 +99,7 @@ def run_any(
     `setpoint` and `mode` have shape (samples, lanes); `lags` are m and K of both plants, of that shape too.
     """
     y, x = output.copy(), [each.copy() for each in memories]
+    loops = [_Columns.of(loop.controller) for loop in model.loops]
     outputs, largest = [], [np.zeros(len(each) + 1) for each in memories]
     for k, active in enumerate(mode):
         if model.memory is Memory.RESET and k:
@@ -93,10 +115,10 @@ def run_any(
                 sizes = np.where(active == index, sizes, 0.0)
             largest[index] = np.maximum(largest[index], sizes.max(axis=1))
         e = setpoint[k] - y
-        results = [_step(loop.controller, x[i], e) for i, loop in enumerate(model.loops)]
+        results = [_step(loop, x[i], e) for i, loop in enumerate(loops)]
         u = np.where(active == 0, results[0][0], results[1][0])
-        for i, loop in enumerate(model.loops):
-            idle = _track(loop.controller, x[i], e, u) if model.memory is Memory.TRACKING else x[i]
+        for i, loop in enumerate(loops):
+            idle = _track(loop, x[i], e, u) if model.memory is Memory.TRACKING else x[i]
             x[i] = np.where(active == i, results[i][1], idle)
         outputs.append(y)
         m, gain = (np.where(active == 0, lags[0][part][k], lags[1][part][k]) for part in (0, 1))

@@ -403,6 +403,7 @@ scenarios: [{{name: load, duration_s: 60, load: [{{at_s: 0, value: 1}}], referen
 # ---- figures ----
 
 
+@pytest.mark.thinned(slow=["filter_responses", "bode", "switching", "alpha"])
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_figure_says_in_words_what_it_shows(name: str) -> None:
     picture = PICTURES[name]()

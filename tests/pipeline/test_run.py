@@ -12,6 +12,7 @@ SHIPPED = ("throttle", "brake", "pi_baseline", "brake_delay", "second_order", "l
 SLOW = ("second_order", "lag_gain_and_delay")
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.long] if n in SLOW else []) for n in SHIPPED])
 def test_a_shipped_spec_is_solved_and_proved_as_the_loop_on_samples(name: str) -> None:
     done = ft.run(ROOT / "specs" / f"{name}.yaml")

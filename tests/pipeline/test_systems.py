@@ -31,7 +31,7 @@ from fopi_tune.simulation.hybrid.model import Corner, HybridCar, HybridStart, Mo
 from fopi_tune.simulation.sampled.plants import discretize_plants
 from fopi_tune.simulation.sampled.reference import simulate_reference
 from fopi_tune.spec import load_any, load_spec, load_system
-from fopi_tune.spec.model import DesignSpec, SystemSpec
+from fopi_tune.spec.model import DesignSpec, Knot, SystemSpec
 from fopi_tune.spec.systems import system_json_schema
 
 CAR, CAR_HELD = ROOT / "systems" / "car.yaml", ROOT / "systems" / "car_held.yaml"
@@ -276,6 +276,7 @@ def test_the_papers_car_chatters_with_held_memories_and_not_with_reset_ones(fold
     assert jumps["reset"] <= 10 < 50 < jumps["held"]
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(("seconds", "samples"), [(0.0, 0), (0.2, 1), (0.6, 3), (0.61, 4), (1e-9, 1)])
 def test_a_minimum_dwell_is_rounded_up_to_samples(folder: Path, seconds: float, samples: int) -> None:
     system = load_system(changed(folder, "hysteresis: 0.5", f"hysteresis: 0.5\n  min_dwell_s: {seconds}"))
@@ -289,14 +290,22 @@ def test_a_minimum_dwell_is_rounded_up_to_samples(folder: Path, seconds: float, 
         replace(system, min_dwell_s=math.nan)
 
 
+def shortened(system: SystemSpec) -> SystemSpec:
+    """Its first scenario alone, from the highest setpoint down in half of the time."""
+    drive = replace(
+        system.scenarios[0], duration_s=75.0, reference=(Knot(0.0, 20.0), Knot(25.0, 12.0), Knot(50.0, 5.0))
+    )
+    return replace(system, scenarios=(drive,))
+
+
 def test_every_simulation_of_a_system_keeps_the_minimum_dwell(folder: Path) -> None:
     text = CAR.read_text().replace("../specs/", "").replace("inactive: reset", "inactive: held")
     late = [(folder / f"{name}.yaml").read_text().replace("delay_samples: 0", "delay_samples: 1") for name in MODES]
     (folder / "car.yaml").write_text(text)
-    system = load_system(folder / "car.yaml")
+    system = shortened(load_system(folder / "car.yaml"))
     for name, content in zip(MODES, late, strict=True):
         (folder / f"{name}.yaml").write_text(content)
-    delayed = load_system(folder / "car.yaml")
+    delayed = shortened(load_system(folder / "car.yaml"))
     # on samples; with located jumps; in equal steps
     for each, exact in ((system, False), (system, True), (delayed, True)):
         plain, dwelling = (

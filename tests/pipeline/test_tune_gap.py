@@ -59,6 +59,7 @@ def test_an_infeasible_spec_says_how_completely_its_box_was_searched() -> None:
     assert design.message.endswith("the whole box was excluded, in floating point")
 
 
+@pytest.mark.long
 def test_so_does_one_on_samples() -> None:
     text = CLASH + "digital: {sample_time_s: 0.3, design: sampled}\n"
     said = "the whole box was excluded, in floating point"

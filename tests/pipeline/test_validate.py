@@ -60,6 +60,7 @@ def brake(*pairs: tuple[str, str], more: str = SCENARIOS, samples: int = 600) ->
 # -- margins of many loops --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", ["brake", "brake_delay", "lag_gain_and_delay", "second_order", "throttle"])
 def test_scanned_margins_are_those_of_the_core(name: str) -> None:
     spec = ft.load_spec(CONTINUOUS / f"{name}.yaml")
@@ -312,10 +313,11 @@ def test_limits_without_scenarios_and_scenarios_without_a_controller_are_refused
 FREE = "validation: {samples: 1200, seed: 1, distributions: {time_constant_s: {normal: {mean: 2.3, std: 0.9}}}}"
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("how", ["", "design: sobol, ", "design: latin_hypercube, "])
 def test_blocks_put_together_in_any_order_are_the_whole(how: str) -> None:
-    spec = brake(("samples: 600", f"{how}samples: 1200"))
-    blocks = [validate_block(spec, GAINS, *edge) for edge in ((1024, 1200), (0, 512), (512, 1024))]
+    spec = brake(("samples: 600", f"{how}samples: 1030"))
+    blocks = [validate_block(spec, GAINS, *edge) for edge in ((1024, 1030), (0, 512), (512, 1024))]
     whole = validate(spec, GAINS)
     assert validate(spec, GAINS, blocks=pickle.loads(pickle.dumps(blocks))).to_dict() == whole.to_dict()
 
@@ -337,6 +339,7 @@ def test_blocks_that_are_not_all_draws_are_refused(edges: list[tuple[int, int]])
         validate(spec, GAINS, blocks=blocks)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("edge", [(0, 511), (1, 600), (512, 512), (0, 1024), (1024, 512)])
 def test_a_block_that_is_cut_elsewhere_is_refused(edge: tuple[int, int]) -> None:
     with pytest.raises(DomainError, match="are no block; cut at multiples of 512"):

@@ -40,6 +40,7 @@ def agree(multiplier: float | None, price: Price) -> None:
     assert price.tightened == pytest.approx(multiplier, rel=AGREES)
 
 
+@pytest.mark.thinned(slow=["brake"])
 @pytest.mark.parametrize(
     "name",
     [
@@ -62,6 +63,7 @@ def test_solving_again_confirms_every_multiplier_of_a_shipped_spec(name: str) ->
     assert all(entry["multiplier_checked"] is None for entry in design.to_dict()["requirements"])
 
 
+@pytest.mark.thinned(slow=["depth"])
 @pytest.mark.parametrize(
     "spec",
     [
@@ -153,6 +155,7 @@ def test_what_costs_nothing_or_is_not_solved_has_no_price() -> None:
     assert ft.price(infeasible) == infeasible
 
 
+@pytest.mark.thinned(slow=["delay"])
 @pytest.mark.parametrize(
     "name", ["throttle", "brake_delay", pytest.param("lag_gain_and_delay", marks=pytest.mark.long)]
 )

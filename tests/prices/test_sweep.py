@@ -94,6 +94,7 @@ def test_the_infeasible_end_of_the_brake_is_the_scans() -> None:
     assert end.infeasible - 1e-6 <= last <= end.feasible + 5e-3
 
 
+@pytest.mark.long
 def test_a_sweep_over_one_free_gain_is_a_scan_over_it() -> None:
     spec = spec_of("sensitivity_db: {at_most: 3}", objective="maximize: ki",
                    controller="{kp: 0.8, ki: {min: 0, max: 10}, alpha: 1.2}")  # fmt: skip
@@ -249,10 +250,10 @@ def test_a_sweep_on_samples_is_of_the_loop_on_samples() -> None:
     spec = ft.load_spec(CONTINUOUS / "throttle.yaml")
     assert spec.digital is not None
     sampled = replace(spec, digital=replace(spec.digital, design="sampled"))
-    curve = ft.tradeoff(sampled, 3, start=-22.0, stop=-18.0, points=5)
+    curve = ft.tradeoff(sampled, 3, start=-22.0, stop=-18.0, points=3)
     own = ft.tune(sampled, proof=False)
-    assert [point.status.value for point in curve.points] == ["met"] * 5
-    assert curve.points[2].objective == pytest.approx(own.objective, rel=1e-6)
+    assert [point.status.value for point in curve.points] == ["met"] * 3
+    assert curve.points[1].objective == pytest.approx(own.objective, rel=1e-6)
     objectives = [point.objective or 0.0 for point in curve.points]
     assert objectives == sorted(objectives)
     assert objectives[0] < objectives[-1]

@@ -74,6 +74,7 @@ def test_the_reference_phase_margins_are_enclosed() -> None:
     assert (low, high) == (pytest.approx(68.9, abs=0.05), pytest.approx(83.3, abs=0.05))
 
 
+@pytest.mark.thinned(slow=["lag_gain"])
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_shipped_spec_is_proved_to_the_gap_asked_for(name: str) -> None:
     spec = load_spec(CONTINUOUS / f"{name}.yaml")
@@ -96,6 +97,7 @@ def test_every_shipped_spec_is_proved_to_the_gap_asked_for(name: str) -> None:
             assert low - 1e-9 <= proof.requirement.limits[0] <= high + 1e-9
 
 
+@pytest.mark.thinned(slow=["lag_gain"])
 @pytest.mark.parametrize("name", SHIPPED)
 def test_proved_bounds_hold_on_a_dense_sample(name: str) -> None:
     """The float verification searches, this sample does not: no member may lie beyond what is proved."""
@@ -191,6 +193,7 @@ def test_a_plant_without_gain_crossover_refutes_any_limit_of_it(relation: str) -
     assert "no gain crossover" in proof.reason
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize(
     ("requirement", "gains"),
     [
@@ -245,6 +248,7 @@ DIRECT = "{model: transfer_function, numerator: [1, 2], denominator: [1, 10], de
 THROUGH_0 = "denominator: [1, {min: -0.1, max: 0.1}, {min: 0.9, max: 1.1}], dead_time_s: 0.05}"
 
 
+@pytest.mark.thinned(slow=["long_delay", "direct_peak"])
 @pytest.mark.parametrize(
     ("plant", "gains", "requirement"),
     [

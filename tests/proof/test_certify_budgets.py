@@ -69,6 +69,7 @@ def searched(monkeypatch: pytest.MonkeyPatch) -> list[SearchResult]:
     return results
 
 
+@pytest.mark.long
 def test_a_phase_margin_that_only_one_of_three_crossovers_has_is_proved_in_some_hundred_boxes(
     searched: list[SearchResult],
 ) -> None:
@@ -98,6 +99,7 @@ ENDLESS = ("sensitivity_db", "complementary_sensitivity_db")
 ASKED = [(q, r) for q in LIMITS for r in ("at_least", "at_most") if not (q in ENDLESS and r == "at_least")]
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(("quantity", "relation"), ASKED)
 def test_every_requirement_ends_within_its_budget(
     quantity: str, relation: str, searched: list[SearchResult], monkeypatch: pytest.MonkeyPatch

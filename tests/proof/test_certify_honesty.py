@@ -123,6 +123,7 @@ def check_honesty(seed: int) -> str:
 SLOW = (1001,)
 
 
+@pytest.mark.thinned(slow=["0", "4"])
 @pytest.mark.parametrize("block", thinned(range(6)))
 def test_limits_around_the_true_worst_case_are_told_apart(block: int) -> None:
     kinds = [check_honesty(seed) for seed in range(1000 + 8 * block, 1008 + 8 * block) if seed not in SLOW]

@@ -41,6 +41,7 @@ def sizes(kp: float, direct: float, nearest_to_minus_one: bool) -> dict[str, flo
     return dict(zip(RESPONSES, (20.0 * math.log10(x / apart) for x in (1.0, loop, abs(kp))), strict=True))
 
 
+@pytest.mark.thinned(slow=["300.0-a negative", "300.0-a lead"])
 @pytest.mark.parametrize("name", RISING)
 @pytest.mark.parametrize("dead_time_s", [1e-3, pytest.param(1.0, marks=pytest.mark.long), 300.0])
 def test_a_direct_path_behind_a_dead_time_is_refuted_at_the_limit_that_it_turns_around(

@@ -333,6 +333,7 @@ HOSTILE: dict[str, tuple[Callable[[Document], object], str]] = {
 }
 
 
+@pytest.mark.thinned(slow=["million"])
 @pytest.mark.parametrize("name", HOSTILE)
 def test_a_hostile_implementation_is_named(sound: Document, name: str) -> None:
     change, said = HOSTILE[name]

@@ -99,6 +99,7 @@ def test_changed_gains_are_refused_without_the_spec_too(name: str) -> None:
     assert problems(CHANGED[name], None)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", CHANGED)
 def test_changed_gains_of_a_controller_on_samples_are_refused(name: str) -> None:
     """The proof is about the sections; that they are the gains' own is known where there is a spec."""

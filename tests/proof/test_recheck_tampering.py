@@ -190,6 +190,7 @@ def test_what_is_written_is_sound_and_true(case: Case) -> None:
     assert false_statements(document, spec) == []
 
 
+@pytest.mark.thinned(slow=["on samples", "without"])
 def test_a_changed_detail_is_refused_unless_every_statement_is_still_true(case: Case) -> None:
     spec, document = case
     counted = Counter(outcome(spec, document, change) for change in some(changes(document, WORDS), 20, seed=1))
@@ -288,6 +289,7 @@ AIMED: dict[str, tuple[str, Callable[[Document], object], str]] = {
 }
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", AIMED)
 def test_entries_that_agree_with_each_other_are_refused_when_they_are_not_true(name: str) -> None:
     of, change, said = AIMED[name]

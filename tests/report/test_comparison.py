@@ -31,6 +31,8 @@ from fopi_tune.report.figures.overlays import Overlay, overlay_pictures
 from fopi_tune.report.figures.picture import STYLES, Picture
 from fopi_tune.spec import parse_spec
 
+pytestmark = pytest.mark.usefixtures("plain_figures")
+
 BRAKE = (CONTINUOUS / "brake.yaml").read_text(encoding="utf-8")
 #: cancels the nominal brake: L = 0.3/s there
 PI = FoPi(0.675, 0.3, 1.0)

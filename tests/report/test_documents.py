@@ -39,6 +39,7 @@ def test_a_result_as_it_was_written_is_backed_by_its_certificate(proved_run: dic
     check(proved_run)
 
 
+@pytest.mark.thinned(slow=["lag_gain", "second_order"])
 @pytest.mark.parametrize("name", ["brake_delay", "lag_gain_and_delay", "pi_baseline", "second_order", "throttle"])
 def test_checks_of_every_shipped_spec_are_backed(name: str) -> None:
     spec = ft.load_spec(CONTINUOUS / f"{name}.yaml")

@@ -53,6 +53,7 @@ def by_matrix_exponential(system: Any, times: np.ndarray) -> np.ndarray:
     return np.array([(system.C @ expm(whole * t)[:-1, -1:] + system.D)[0, 0] for t in times])
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("alpha", [0.2, 0.82, 1.0, 1.3, 1.8])
 @pytest.mark.parametrize("dead_time_s", [0.0, 0.3])
 def test_control_objects_respond_as_the_exact_loop_does(alpha: float, dead_time_s: float) -> None:
@@ -70,6 +71,7 @@ def test_control_objects_respond_as_the_exact_loop_does(alpha: float, dead_time_
     assert 0.0 in np.diag(objects.controller.A)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", LOOPS)
 def test_step_responses_are_the_matrix_exponentials_on_any_grid(name: str) -> None:
     family, gains = LOOPS[name]

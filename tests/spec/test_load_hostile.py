@@ -221,6 +221,7 @@ def test_what_is_no_number_is_refused_with_what_to_write(text: str, reason: str)
     assert reasons(gain_as(text)) == [f"s.yaml:6:{column}: plant.static_gain: {reason}"]
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(("text", "reason"), HEAVY.values(), ids=HEAVY.keys())
 def test_a_file_made_to_be_heavy_is_refused_soon(text: str | bytes, reason: str) -> None:
     start = time.process_time()
@@ -251,11 +252,12 @@ print(int(status.split("VmHWM:")[1].split()[0]) // 1024)
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="peak memory is read from /proc")
-def test_heavy_files_take_less_than_300_megabytes(tmp_path: Path) -> None:
-    for index, (text, _) in enumerate(HEAVY.values()):
+@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.long)])
+def test_heavy_files_take_less_than_300_megabytes(tmp_path: Path, step: int) -> None:
+    for index, (text, _) in enumerate(list(HEAVY.values())[::step]):
         (tmp_path / f"{index}.yaml").write_bytes(text if isinstance(text, bytes) else text.encode())
     paths = [str(path) for path in tmp_path.iterdir()]
-    environment = os.environ | {"PYTHONPATH": str(IMPORTED)}
+    environment = os.environ | {"PYTHONPATH": str(IMPORTED), "PYTHONSAFEPATH": "1"}
     command = [sys.executable, "-c", HEAVY_PROGRAM, *paths]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=60)
     assert done.returncode == 0, done.stderr
@@ -357,22 +359,30 @@ SNIPPETS = st.sampled_from(
 )
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
-@given(st.data(), st.sampled_from([BRAKE, THROTTLE]))
-def test_any_mutation_of_a_spec_is_a_spec_or_a_spec_error(data: st.DataObject, text: str) -> None:
-    for _ in range(data.draw(st.integers(1, 4))):
-        start = data.draw(st.integers(0, len(text)))
-        stop = start + data.draw(st.integers(0, 12))
-        text = text[:start] + data.draw(SNIPPETS | st.text(max_size=4)) + text[stop:]
-    parse_or_refuse(text)
+@pytest.mark.parametrize("examples", [80, pytest.param(300, marks=pytest.mark.long)])
+def test_any_mutation_of_a_spec_is_a_spec_or_a_spec_error(examples: int) -> None:
+    @settings(max_examples=examples, deadline=None, derandomize=True)
+    @given(st.data(), st.sampled_from([BRAKE, THROTTLE]))
+    def check(data: st.DataObject, text: str) -> None:
+        for _ in range(data.draw(st.integers(1, 4))):
+            start = data.draw(st.integers(0, len(text)))
+            stop = start + data.draw(st.integers(0, 12))
+            text = text[:start] + data.draw(SNIPPETS | st.text(max_size=4)) + text[stop:]
+        parse_or_refuse(text)
+
+    check()
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
-@given(st.data(), st.sampled_from([BRAKE, THROTTLE]))
-def test_any_rearrangement_of_lines_is_a_spec_or_a_spec_error(data: st.DataObject, text: str) -> None:
-    rows = text.splitlines(keepends=True)
-    chosen = data.draw(st.lists(st.sampled_from(rows), max_size=2 * len(rows)))
-    parse_or_refuse("".join(chosen))
+@pytest.mark.parametrize("examples", [60, pytest.param(200, marks=pytest.mark.long)])
+def test_any_rearrangement_of_lines_is_a_spec_or_a_spec_error(examples: int) -> None:
+    @settings(max_examples=examples, deadline=None, derandomize=True)
+    @given(st.data(), st.sampled_from([BRAKE, THROTTLE]))
+    def check(data: st.DataObject, text: str) -> None:
+        rows = text.splitlines(keepends=True)
+        chosen = data.draw(st.lists(st.sampled_from(rows), max_size=2 * len(rows)))
+        parse_or_refuse("".join(chosen))
+
+    check()
 
 
 @settings(max_examples=200, deadline=None, derandomize=True)

@@ -253,6 +253,7 @@ def test_draws_of_a_spec_follow_scipys_distribution(written: str) -> None:
     assert stats.kstest(x, KINDS[written][1].cdf).pvalue > IMPLAUSIBLE
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("written", KINDS)
 def test_draws_moved_by_a_twentieth_of_the_range_are_told_apart(written: str) -> None:
     """What the test above can see: 40,000 draws in the wrong place are refused at a level below 1e-9."""
@@ -292,6 +293,7 @@ def test_the_other_designs_carry_through_the_distribution(design: str, written: 
     np.testing.assert_array_equal(np.sort(cells), np.arange(1024))
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("design", ["random", "latin_hypercube", "sobol"])
 @pytest.mark.parametrize("written", [*KINDS, BOTH_SIDES])
 def test_a_draw_depends_on_seed_and_index_alone(written: str, design: str) -> None:
@@ -307,6 +309,7 @@ def test_a_draw_depends_on_seed_and_index_alone(written: str, design: str) -> No
 # -- evidence ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("written", ["{beta: {a: 2, b: 3}}", FOLDED, BOTH_SIDES])
 def test_chunks_do_not_change_the_evidence(written: str, monkeypatch: pytest.MonkeyPatch) -> None:
     spec = drawing(written, "samples: 400", SCENARIO)
@@ -323,6 +326,7 @@ def test_chunks_do_not_change_the_evidence(written: str, monkeypatch: pytest.Mon
         assert one.missed_inside == other.missed_inside
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("written", [*KINDS, BOTH_SIDES])
 def test_a_plant_is_made_again_exactly(written: str) -> None:
     spec = drawing(written, "samples: 60, seed: 9, design: latin_hypercube", SCENARIO)

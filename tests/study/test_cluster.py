@@ -147,6 +147,7 @@ def test_a_cell_that_kills_its_worker_is_marked_and_the_rest_goes_on(tmp_path: P
     assert said == ""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "dying",
     ["dies_at_once", *(pytest.param(f"dies_{n}", marks=pytest.mark.long) for n in (1, 3, 10, 30))],
@@ -161,7 +162,8 @@ def test_a_worker_that_dies_once_in_or_after_a_cell_changes_no_row(tmp_path: Pat
     assert died.exists()
 
 
-@pytest.mark.parametrize("kills", [3, pytest.param(30, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("kills", [3, 30])
 def test_a_study_that_is_killed_ends_as_one_that_is_not(tmp_path: Path, kills: int) -> None:
     file = study_file(tmp_path, SLOW)
     whole = table_of(file, tmp_path / "whole", "0")
@@ -187,15 +189,21 @@ def documents_of(file: Path, folder: Path) -> dict[str, str]:
         return {labels[index]: result.document for index, result in ledger.results()}
 
 
-@pytest.mark.parametrize("starts", ["all", "base"])
+@pytest.mark.parametrize(
+    ("starts", "limits"),
+    [
+        ("all", ("-20", "-18")),
+        *(pytest.param(starts, ("-20", "-19.2", "-18"), marks=pytest.mark.long) for starts in ("all", "base")),
+    ],
+)
 def test_cells_in_another_order_by_more_workers_killed_and_resumed_have_the_same_bytes(
-    tmp_path: Path, starts: str
+    tmp_path: Path, starts: str, limits: tuple[str, ...]
 ) -> None:
-    limits = "[-20, -19.6, -19.2, -18.8, -18, -17]"
-    text = BRAKE.replace(limits, "[-20, -19.2, -18]") + f"stages: [tune]\nstarts: {starts}\n"
+    forth, back = (f"[{', '.join(each)}]" for each in (limits, limits[::-1]))
+    text = BRAKE.replace("[-20, -19.6, -19.2, -18.8, -18, -17]", forth) + f"stages: [tune]\nstarts: {starts}\n"
     forwards, backwards = tmp_path / "brakes.yaml", tmp_path / "turned.yaml"
     forwards.write_text(text, encoding="utf-8")
-    turned = text.replace("[-20, -19.2, -18]", "[-18, -19.2, -20]").replace("[2.9, 3.1, 3.3]", "[3.3, 2.9, 3.1]")
+    turned = text.replace(forth, back).replace("[2.9, 3.1, 3.3]", "[3.3, 2.9, 3.1]")
     backwards.write_text(turned, encoding="utf-8")
     whole = table_of(forwards, tmp_path / "whole", "0")
     process = started(backwards, tmp_path / "out", "2")
@@ -331,6 +339,7 @@ def test_an_address_where_nothing_answers_is_bad_input(tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.long
 def test_draws_that_are_divided_among_processes_give_the_same_rows(tmp_path: Path) -> None:
     brake = json.dumps(str(CONTINUOUS / "brake.yaml"))
     (tmp_path / "s.yaml").write_text(

@@ -135,6 +135,7 @@ def test_a_study_killed_at_an_operation_goes_on_without_losing_a_result(bench: B
     assert most == len(bench.rows)
 
 
+@pytest.mark.thinned(2)
 @SOME_AND_ALL
 @pytest.mark.parametrize("how", [How.FULL_DISK, How.FAIL_ONCE], ids=["full", "faulty"])
 def test_a_disk_that_is_full_or_fails_is_told_and_what_was_done_is_kept(bench: Bench, step: int, how: How) -> None:

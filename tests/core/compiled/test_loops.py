@@ -65,6 +65,7 @@ def test_slopes_are_differences_of_values(seed: int) -> None:
     assert form.value_and_derivative(ROWS, U)[1] == pytest.approx(form.derivative(ROWS, U), rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.thinned(7)
 @pytest.mark.parametrize("seed", range(30))
 @pytest.mark.parametrize("h", [0.001, 0.03, 0.3, 2.0])
 def test_no_second_difference_inside_a_cell_exceeds_its_bound(seed: int, h: float) -> None:

@@ -14,6 +14,7 @@ U = np.linspace(-8.0, 8.0, 200_001)
 LOW, HIGH = U[:1], U[-1:]
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("response", list(Response))
 @pytest.mark.parametrize("sign", [1.0, -1.0])

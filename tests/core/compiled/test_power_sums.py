@@ -34,6 +34,7 @@ def dense(exponents: list[float], coefficients: list[float], u: np.ndarray) -> n
     return np.asarray(sum(c * np.exp(e * log_s) for e, c in zip(exponents, coefficients, strict=True)))
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("seed", range(60))
 def test_the_logarithm_is_followed_from_low_frequency_on(seed: int) -> None:
     exponents, coefficients = random_sum(seed)
@@ -51,6 +52,7 @@ def test_the_logarithm_is_followed_from_low_frequency_on(seed: int) -> None:
     np.testing.assert_allclose(slope[near], np.gradient(found, U)[near], rtol=2e-2, atol=2e-2)
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("seed", range(60))
 def test_ends_and_corners_are_those_of_the_first_and_the_last_term(seed: int) -> None:
     exponents, coefficients = random_sum(seed)
@@ -72,6 +74,7 @@ def test_ends_and_corners_are_those_of_the_first_and_the_last_term(seed: int) ->
     )
 
 
+@pytest.mark.thinned(7)
 @pytest.mark.parametrize("seed", range(60))
 @pytest.mark.parametrize("h", [0.003, 0.1, 0.7])
 def test_no_second_derivative_inside_a_cell_exceeds_its_bound(seed: int, h: float) -> None:

@@ -26,6 +26,7 @@ def loops(seed: int) -> Loops:
     return Loops.of(loop.controller, Plants.of(loop.plant))
 
 
+@pytest.mark.thinned(7)
 @pytest.mark.parametrize("seed", range(60))
 @pytest.mark.parametrize("is_phase", [False, True])
 def test_the_roots_are_those_of_the_search_in_numpy(seed: int, is_phase: bool) -> None:

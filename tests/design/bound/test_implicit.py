@@ -40,6 +40,7 @@ LOOPS = {
 }
 
 
+@pytest.mark.thinned(5)
 @pytest.mark.parametrize("of_gain", [True, False])
 @pytest.mark.parametrize("name", LOOPS)
 def test_crossings_of_a_box_are_where_they_are_said_to_be(name: str, of_gain: bool) -> None:

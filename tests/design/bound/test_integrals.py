@@ -109,6 +109,7 @@ def test_an_integral_and_its_derivatives_stay_inside_what_is_said_of_a_range(nam
         assert (rest <= 0.5 * out[BEND] * (alphas - alpha) ** 2 * room + 1e-11).all()
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", [None, *FILTERS])
 def test_the_same_at_a_real_frequency(name: str | None) -> None:
     sampling = sampling_of(None if name is None else FILTERS[name])

@@ -108,6 +108,7 @@ def meets_limits(spec: DesignSpec, loops: Loops) -> np.ndarray:
     return good
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("requirement", thinned(REQUIREMENTS))
 @pytest.mark.parametrize("plant", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in PLANTS])
 def test_the_allowed_intervals_are_those_of_the_exact_quantities(plant: str, requirement: str) -> None:

@@ -35,6 +35,7 @@ def slot_value(problem: Problem, gains: FoPi, theta: np.ndarray, v: float, near:
     return float(ca.Function("row", [symbols], [row])(v))
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("plant", PLANTS)
 def test_the_slots_quantities_are_those_of_core(plant: str) -> None:
     spec = parse_spec(f"schema: 1\nname: x\nplant: {plant}\nrequirements: [{{sensitivity_db: {{at_most: 6}}}}]\n")

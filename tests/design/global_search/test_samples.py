@@ -116,6 +116,7 @@ def test_the_plants_of_a_box_are_those_behind_the_hold(plant: str, digital: str)
         np.testing.assert_allclose(response, wanted, rtol=2e-9, atol=1e-12 * np.abs(wanted).max())
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("plant", ["vertices", "integrator", "direct"])
 @pytest.mark.parametrize("options", FILTERS[:3], ids=lambda o: " ".join(o.values()))
 def test_the_slots_quantities_are_those_of_core(plant: str, options: dict[str, str]) -> None:
@@ -193,6 +194,7 @@ def is_long(name: str, digital: str) -> bool:
     return name == "unstable" or ("0.3" in digital and name != "direct")
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(
     ("name", "digital"), [pytest.param(*pair, marks=[pytest.mark.long] * is_long(*pair)) for pair in ASKED]
 )
@@ -230,6 +232,7 @@ RAYS = [(0.5, 1.0, 0.3), (1.0, 0.3, 1.0), (1.3, 1.0, 1.0), (0.9, 1.0, 0.0), (1.0
 NEAR = 0.06
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(
     "plant",
     [

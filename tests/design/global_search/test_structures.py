@@ -92,6 +92,7 @@ def test_the_responses_are_those_of_the_controller(more: str) -> None:
             assert end == pytest.approx(gains.kp + gains.kd / TF, rel=1e-12)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("zero", ["", "ki", "kp ki", "kp", "kd"])
 def test_the_phase_of_a_ray_is_followed_from_low_frequency_on(zero: str) -> None:
     problem, chance = problem_of(), np.random.default_rng(8)

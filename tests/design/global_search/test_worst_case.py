@@ -44,6 +44,7 @@ QUANTITIES = [
 ]
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", CASES)
 def test_the_smallest_slack_of_every_row_is_the_verifications(name: str) -> None:
     plant, gains = CASES[name]

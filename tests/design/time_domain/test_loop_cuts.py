@@ -100,6 +100,7 @@ def natural_slack(cuts: LoopCuts, row: int, value: float) -> float:
     return constraint.slack(natural)
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("which", GAINS)
 @pytest.mark.parametrize("requirement", REQUIREMENTS)
 def test_a_cut_is_what_core_has_at_its_plant_and_its_slopes_are_cores_differences(requirement: str, which: str) -> None:

@@ -102,6 +102,7 @@ def moved(gains: FoPi, j: int, by: float) -> FoPi:
     return FoPi(*numbers)
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("which", GAINS)
 @pytest.mark.parametrize("name", RUNS)
 def test_the_largest_point_is_the_simulations_measure(name: str, which: str) -> None:
@@ -114,6 +115,7 @@ def test_the_largest_point_is_the_simulations_measure(name: str, which: str) -> 
         assert np.all(found[~ends] > 0.0)
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("which", GAINS)
 @pytest.mark.parametrize("name", RUNS)
 def test_a_settling_time_is_kept_where_no_point_is_above_1(name: str, which: str) -> None:
@@ -128,6 +130,7 @@ def test_a_settling_time_is_kept_where_no_point_is_above_1(name: str, which: str
         np.testing.assert_array_equal(outside, settled >= limit - 1e-9, err_msg=f"at least {limit} s; {settled}")
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("which", GAINS)
 @pytest.mark.parametrize("name", RUNS)
 def test_slopes_are_the_differences_of_the_simulations_measures(name: str, which: str) -> None:

@@ -144,6 +144,7 @@ def test_a_step_of_linear_pieces_is_the_linear_programs(seed: int, shape: tuple[
     assert step.expected == pytest.approx(least, abs=EXACT * promised + 1e-7)
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("shape", [(30, 40, 0), (3, 20, 2), (0, 30, 3)], ids=str)
 @pytest.mark.parametrize("seed", range(2))
 def test_a_curved_step_is_found_by_no_search_to_be_worse(seed: int, shape: tuple[int, int, int]) -> None:

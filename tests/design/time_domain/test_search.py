@@ -86,6 +86,7 @@ def assert_optimal(spec: DesignSpec, gains: FoPi, per_axis: int = 5, count: int 
 SHORT = {"brake_step", "brake_delay"}
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", [pytest.param(k, marks=pytest.mark.long if k not in SHORT else ()) for k in DESIGNS])
 def test_a_problem_is_solved_to_a_thousandth(name: str) -> None:
     spec, known = DESIGNS[name].spec, DESIGNS[name]
@@ -117,6 +118,7 @@ OBJECTIVES = {
 LONG = {"undershoot", "overshoot", "peak control", "settling time", "peak rate", "ise"}
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", [pytest.param(k, marks=pytest.mark.long if k in LONG else ()) for k in OBJECTIVES])
 def test_every_measure_can_be_minimised(name: str) -> None:
     aim, requirements = OBJECTIVES[name]
@@ -150,6 +152,7 @@ VARIANTS = {
 SHORT_VARIANTS = {"order fixed", "exact at the crossover", "maximize ki", "limited"}
 
 
+@pytest.mark.thinned(slow=["limited", "exact"])
 @pytest.mark.parametrize(
     "name", [pytest.param(k, marks=pytest.mark.long if k not in SHORT_VARIANTS else ()) for k in VARIANTS]
 )
@@ -256,6 +259,7 @@ def test_a_fitted_filter_is_refused_with_what_to_write() -> None:
     assert fixed.gains == FoPi(1.0, 0.5, 0.8)
 
 
+@pytest.mark.long
 def test_a_start_that_is_close_changes_no_optimum() -> None:
     known = DESIGNS["brake_step"]
     start = FoPi(0.04, 0.03, 0.9)

@@ -38,6 +38,7 @@ def test_a_plant_without_an_uncertain_number_is_designed_for() -> None:
     assert found.scenario_multipliers[1] > 0.0
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(("second", "output"), [(1e-6, 1e-3), (3600.0, 1e4)])
 def test_units_change_no_design(second: float, output: float) -> None:
     wanted, found = design_for_scenarios(spec_in()), design_for_scenarios(spec_in(second, output))

@@ -101,6 +101,7 @@ def _wrongly_discarded(spec: DesignSpec, beat: float, gains: FoPi, pick: np.rand
     return wrong
 
 
+@pytest.mark.thinned(slow=["three", "second order"])
 @pytest.mark.parametrize(("name", "equalities"), [(name, k % 3) for k, name in enumerate(FAMILIES)])
 def test_no_box_around_gains_that_just_meet_a_spec_is_discarded(name: str, equalities: int) -> None:
     pick = np.random.default_rng([equalities, *name.encode()])

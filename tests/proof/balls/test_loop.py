@@ -187,6 +187,7 @@ def random_place(rng: np.random.Generator, box: Box) -> tuple[float, Theta]:
 # --- enclosures ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", ["gain", "sensitivity", "complementary", "control_sensitivity"])
 def test_every_member_of_a_box_has_its_response_inside_the_enclosure(name: str) -> None:
     rng = np.random.default_rng(101)
@@ -254,6 +255,7 @@ def test_a_box_without_any_end_in_frequency_is_refused() -> None:
         loop.over(((-math.inf, math.inf),))
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", ["log_slope", "log_gradient", "log_curvature", "log_slope_gradient"])
 def test_every_member_of_a_box_has_its_derivative_inside_the_enclosure(name: str) -> None:
     rng = np.random.default_rng(104)

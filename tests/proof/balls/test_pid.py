@@ -94,6 +94,7 @@ def random_place(rng: np.random.Generator, box: Box) -> tuple[float, tuple[float
 # --- enclosures ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", ["gain", "sensitivity", "complementary", "control_sensitivity"])
 def test_every_member_of_a_box_has_its_response_inside_the_enclosure(name: str) -> None:
     rng = np.random.default_rng(211)

@@ -75,6 +75,7 @@ def value_at(
     return complex(loop.gain(omega)[0]), complex(oracle.controller(implementation.sections, omega)[0])
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", CASES)
 def test_values_and_derivatives_lie_in_the_balls_of_every_box(name: str) -> None:
     family, delay = CASES[name]
@@ -121,6 +122,7 @@ def phase_slopes(family: PlantFamily, implementation: Implementation, u: np.ndar
     return along / (nu / (1.0 + nu * nu) / np.arctan(nu))
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", CASES)
 def test_the_phase_slope_and_its_derivatives_are_differences_of_the_loop_on_samples(name: str) -> None:
     family, delay = CASES[name]
@@ -146,6 +148,7 @@ def test_the_phase_slope_and_its_derivatives_are_differences_of_the_loop_on_samp
             assert (derivative * 2.0 * float(step[axis])).overlaps(arb(change, 1e-3 * abs(change) + 1e-9 * size)), axis
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", CASES)
 def test_tails_hold_every_value_up_to_both_ends(name: str) -> None:
     family, delay = CASES[name]
@@ -183,6 +186,7 @@ def worst_sensitivity(sections: Sections, low: float, high: float, omega: float)
     return math.sqrt(max(np.polyval(top, m) / np.polyval(bottom, m) for m in (*ends, *inside)))
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("residue", [0.04, 0.4, 2.0])
 def test_the_closed_form_tells_levels_around_the_worst_sensitivity_apart(residue: float) -> None:
     """Also for loops that are not stable: |S| has a bound whenever no plant has a pole on the circle."""

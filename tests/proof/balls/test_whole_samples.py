@@ -118,6 +118,7 @@ def test_a_box_is_cut_at_the_whole_numbers_first() -> None:
     assert sorted(found) == sorted(loop.pieces.sides)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(
     "case",
     [
@@ -187,6 +188,7 @@ def test_a_certificate_without_the_count_on_every_piece_is_not_accepted() -> Non
     assert any("claims have to be shown" in problem for problem in recheck(to_document(less), spec).problems)
 
 
+@pytest.mark.long
 def test_two_resonances_on_samples_are_bounded_in_some_thousand_boxes() -> None:
     """Coefficients that are enclosed without the mean-value form took more than 74,000 boxes, and were not shown."""
     plants = transfer_function([1.77], [1.0, 0.909, (39.3, 34.2, 54.2), 4.0, 62.0], 0.762)

@@ -243,6 +243,7 @@ BOUNDS = [
 ]
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_bound_of_a_response_is_shown_exactly_from_its_worst_value_on(name: str) -> None:
     design = random_design(name, 1)
@@ -255,6 +256,7 @@ def test_a_bound_of_a_response_is_shown_exactly_from_its_worst_value_on(name: st
         assert_sharp(claim, worst_response(design, response, upper, band), upper)
 
 
+@pytest.mark.thinned(5)
 @pytest.mark.parametrize("name", ["lag", "pole", "second order", "gain, lag and delay"])
 @pytest.mark.parametrize(
     "quantity", [CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN, CrossingQuantity.PHASE_SLOPE]
@@ -273,6 +275,7 @@ def test_a_reading_at_every_crossover_is_shown_exactly_from_its_worst_value_on(
         assert_sharp(claim, worst, upper, GAP * abs(worst))
 
 
+@pytest.mark.thinned(5)
 @pytest.mark.parametrize("name", ["lag", "pole", "second order", "gain, lag and delay"])
 @pytest.mark.parametrize(
     "quantity", [CrossingQuantity.PHASE_MARGIN, CrossingQuantity.DELAY_MARGIN, CrossingQuantity.CROSSOVER]
@@ -291,6 +294,7 @@ def test_a_reading_at_some_crossover_is_shown_exactly_from_its_worst_value_on(
         assert_sharp(claim, worst, upper, GAP * abs(worst))
 
 
+@pytest.mark.thinned(5)
 @pytest.mark.parametrize("name", ["gain, lag and delay", "delayed lag", "delayed pole"])
 @pytest.mark.parametrize("upper", [False, True])
 def test_a_gain_margin_is_shown_exactly_from_its_worst_value_on(name: str, upper: bool) -> None:

@@ -105,6 +105,7 @@ def test_a_record_that_was_found_is_accepted(name: str) -> None:
     assert len(result.record) == result.boxes
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", CLAIMS)
 def test_a_record_with_a_token_less_more_or_different_is_refused(name: str) -> None:
     claim, record = recorded(name)
@@ -237,6 +238,7 @@ def test_without_derivatives_a_sharp_level_takes_ten_times_the_boxes(name: str) 
     assert not search(sensitivity_at_most(name, 1e-6, NaiveBound), 10 * boxes).shown
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("name", ["lag", "second", "three", "closed form"])
 def test_boxes_grow_with_the_logarithm_of_the_gap(name: str) -> None:
     def boxes(gap: float) -> int:

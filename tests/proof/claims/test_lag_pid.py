@@ -45,6 +45,7 @@ def dense(loop: BallLoop, response: Response, largest: bool) -> float:
     return float(sizes.max() if largest else sizes.min())
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("response", list(Response))
 @pytest.mark.parametrize("upper", [True, False])
 def test_levels_around_the_worst_response_are_told_apart(response: Response, upper: bool) -> None:

@@ -256,6 +256,7 @@ def test_the_battery_is_answered_without_a_mistake() -> None:
     assert len(answers) == 3 * sum(answers) > 100
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize(("old", "new"), thinned(SLIPS))
 def test_a_slip_in_a_sign_is_caught(old: str, new: str, monkeypatch: pytest.MonkeyPatch) -> None:
     sources = [inspect.getsource(module) for module in (original_response, original)]

@@ -178,6 +178,7 @@ def test_no_pole_comes_from_the_ends_of_the_half_plane(gains: FoPi, family: Plan
     assert shown(ends(gains, family))
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(
     ("gains", "family"),
     [

@@ -167,6 +167,7 @@ def test_no_pole_comes_from_the_ends_of_the_half_plane(pid: Pid, family: PlantFa
     assert shown(pid, family)
 
 
+@pytest.mark.thinned(slow=["pid3"])
 @pytest.mark.parametrize(
     ("pid", "family"),
     [

@@ -63,6 +63,7 @@ def drive(model: SwitchedModel, proof: BoundedProof, seed: int) -> tuple[Array, 
     return run_any(model, setpoint, output, dwells(rng), memories, lags)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("memory", MEMORIES)
 def test_no_switching_leaves_the_bounds(memory: str) -> None:
     proof, bounds = proof_of(memory), bounds_of(memory)

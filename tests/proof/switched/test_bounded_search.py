@@ -12,6 +12,7 @@ from fopi_tune.proof.switched.bounded import verify_bounded
 from fopi_tune.proof.switched.bounded_search import prove_bounded
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("memory", ["reset", "tracking"])
 def test_smaller_bounds_are_not_accepted(memory: str) -> None:
     model = switched.model(memory)

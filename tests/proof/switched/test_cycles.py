@@ -22,6 +22,7 @@ def test_many_places_have_an_orbit() -> None:
     assert all(each.highest > switched.CAR.hysteresis and each.lowest < -switched.CAR.hysteresis for each in CYCLES)
 
 
+@pytest.mark.thinned(7)
 @pytest.mark.parametrize(
     ("proof", "delay"),
     [*((each, 0.0) for each in CYCLES[::4]), (LATE_CYCLES[0], 0.4), (LATE_CYCLES[-1], 0.4)],

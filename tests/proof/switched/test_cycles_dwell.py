@@ -20,6 +20,7 @@ def shortest_run(modes: str) -> int:
     return min(len(list(part)) for _, part in itertools.groupby(turned))
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("dwell", [3, 12])
 def test_orbits_keep_the_dwell_and_a_simulation_ends_in_them(dwell: int) -> None:
     model, samples = replace(switched.model("held"), min_dwell_samples=dwell), 20_000

@@ -24,6 +24,7 @@ def test_the_published_gains(memory: str) -> None:
     assert found.verdict.advice
 
 
+@pytest.mark.thinned(slow=["tracking", "held"])
 @pytest.mark.parametrize("memory", VERDICTS)
 def test_the_tuned_gains(memory: str) -> None:
     found = prove_system(switched.car(memory), switched.TUNED, setpoints=switched.SETPOINTS)

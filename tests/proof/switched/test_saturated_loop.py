@@ -72,6 +72,7 @@ def test_an_unstable_loop_has_no_proof() -> None:
     assert prove_saturated_loop(replace(loop, controller=strong), 0.2) is None
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("delay", [0.4, 1.0])
 def test_a_late_control_shrinks_as_stated(delay: float) -> None:
     proof, loop = switched.certificate("reset", delay).loops[1], switched.model("reset", delay).loops[1]

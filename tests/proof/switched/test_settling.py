@@ -33,6 +33,7 @@ def test_the_car_settles_on_every_setpoint_it_is_driven_at(memory: str) -> None:
     assert proof.overshoot < switched.CAR.hysteresis
 
 
+@pytest.mark.thinned(slow=["tracking"])
 @pytest.mark.parametrize("memory", MEMORIES)
 def test_false_statements_are_refused(memory: str) -> None:
     model, proof = switched.model(memory), proof_of(memory)
@@ -52,6 +53,7 @@ def test_false_statements_are_refused(memory: str) -> None:
     assert verify_settling(switched.model("held"), proof) is None
 
 
+@pytest.mark.thinned(slow=["1.0", "0.4"])
 @pytest.mark.parametrize(
     ("memory", "delay"), [("reset", 0.0), ("tracking", 0.0), ("reset", 0.4), ("tracking", 1.0), ("reset", 1.0)]
 )
@@ -86,6 +88,7 @@ def test_no_simulation_contradicts(memory: str, delay: float) -> None:
             assert -error.min() <= proof.overshoot
 
 
+@pytest.mark.thinned(slow=["tracking"])
 @pytest.mark.parametrize("memory", MEMORIES)
 def test_a_computing_delay_makes_the_undershoot_larger(memory: str) -> None:
     bounds = [proof_of(memory, delay).undershoot for delay in (0.0, 0.4, 1.0)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,10 +22,12 @@ from fopi_tune.proof.switched.settling_search import prove_settling
 MEMORIES = ("reset", "tracking")
 
 
+@cache
 def dwelling(memory: str, seconds: float) -> SystemCertificate:
     return prove_system(switched.car(memory, min_dwell_s=seconds), switched.GAINS)
 
 
+@pytest.mark.thinned(slow=["tracking", "reset-4", "reset-0.9"])
 @pytest.mark.parametrize("seconds", [0.4, 0.9, 4.0])
 @pytest.mark.parametrize("memory", MEMORIES)
 def test_no_simulation_contradicts(memory: str, seconds: float) -> None:
@@ -65,6 +68,7 @@ def test_no_simulation_contradicts(memory: str, seconds: float) -> None:
     assert late > 10 or seconds < 0.5
 
 
+@pytest.mark.thinned(slow=["tracking"])
 @pytest.mark.parametrize("memory", MEMORIES)
 def test_a_proof_of_a_shorter_dwell_is_none_of_a_longer_one(memory: str) -> None:
     proof = switched.certificate(memory).settling
@@ -79,6 +83,7 @@ def test_a_proof_of_a_shorter_dwell_is_none_of_a_longer_one(memory: str) -> None
     assert named in found.reason
 
 
+@pytest.mark.thinned(6)
 @pytest.mark.parametrize(
     ("memory", "seconds", "setpoints"),
     [
@@ -126,6 +131,7 @@ def test_the_file_has_the_dwell_and_a_system_with_another_one_is_refused() -> No
     ).accepted
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("value", [-1, 2.5, None, True, "3"])
 def test_a_dwell_that_is_none_is_told(value: object) -> None:
     document = {**to_document(dwelling("reset", 0.6)), "min_dwell_samples": value}

@@ -13,6 +13,7 @@ from fopi_tune.proof.switched.settling import verify_settling
 from fopi_tune.proof.switched.settling_search import prove_settling
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("memory", ["reset", "tracking"])
 def test_without_a_question_the_widest_range_is_found(memory: str) -> None:
     model = switched.model(memory)

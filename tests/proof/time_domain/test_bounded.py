@@ -41,6 +41,7 @@ def operators() -> list[Causal]:
     return [Causal(series), Causal(matrix)]
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("first", [0, 1])
 @pytest.mark.parametrize("second", [0, 1])
 def test_products_and_signals(first: int, second: int) -> None:
@@ -55,6 +56,7 @@ def test_products_and_signals(first: int, second: int) -> None:
     assert np.all(off.max(axis=0) <= found.errors)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("kind", [0, 1])
 def test_short_polynomials_before_and_after(kind: int) -> None:
     own, short = operators()[kind], Delays(np.array([0.5, -0.3]), 2)

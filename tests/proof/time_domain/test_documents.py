@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import pytest
@@ -16,6 +17,11 @@ from fopi_tune.proof.time_domain.documents import from_document, to_document
 from fopi_tune.proof.verdict import Verdict
 
 CASE = brake_ramp()
+
+
+@cache
+def proof_of_the_case() -> TimeDomainProof:
+    return prove_limit(CASE)
 
 
 @pytest.mark.parametrize("limit", [2.0, 1.99])
@@ -61,13 +67,13 @@ CHANGES: list[tuple[dict[str, Any], str]] = [
 @pytest.mark.parametrize("number", range(len(CHANGES)))
 def test_what_is_no_proof_of_the_case_is_refused(number: int) -> None:
     change, named = CHANGES[number]
-    document = to_document(CASE, prove_limit(CASE)) | change
+    document = to_document(CASE, proof_of_the_case()) | change
     with pytest.raises(CertificateError, match=named.replace("[", r"\[")):
         from_document(CASE, document, "time_domain[0]")
 
 
 def test_every_entry_is_needed() -> None:
-    document = to_document(CASE, prove_limit(CASE))
+    document = to_document(CASE, proof_of_the_case())
     for key in document:
         less = copy.deepcopy(document)
         del less[key]

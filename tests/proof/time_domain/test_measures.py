@@ -40,6 +40,7 @@ def agree(case: TimeDomainCase, plant: tuple[float, ...]) -> None:
         assert found.high - found.low <= slack, name
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("seed", range(400, 418))
 def test_every_measure_of_random_scenarios(seed: int) -> None:
     case = random_case(seed)
@@ -48,6 +49,7 @@ def test_every_measure_of_random_scenarios(seed: int) -> None:
 
 # fractions of a sample that division by the sample time gives exactly: where control and load arrive together, rounding
 # must not tell them apart
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("late", [0.0, 0.05, 0.25])
 @pytest.mark.parametrize("delay", [0.0, 0.4, 1.0])
 def test_rates_where_control_and_load_arrive_at_different_times(late: float, delay: float) -> None:

@@ -49,6 +49,7 @@ def test_the_brake_keeps_its_acceleration_to_the_last_millionth() -> None:
     assert simulated(brake_ramp(), np.array([refuted.theta]))[0] == pytest.approx(refuted.value, abs=1e-8)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(
     "name", ["overshoot", "peak_rate_per_s", "final_error", "settling_time_s", "iae", "ise", "peak_control"]
 )
@@ -64,6 +65,7 @@ def test_saturated_loops_are_proved_sample_by_sample(name: str) -> None:
         assert proof.bound == pytest.approx(1.0, abs=1e-12)
 
 
+@pytest.mark.long
 def test_three_uncertain_numbers_are_proved_up_to_a_corner() -> None:
     case = three_numbers()
     worst = float(simulated(case, points(case.family, np.random.default_rng(1), 500)).max())
@@ -75,11 +77,12 @@ def test_three_uncertain_numbers_are_proved_up_to_a_corner() -> None:
     assert refuted.theta == (1.25, 3.1, 0.4)
 
 
-def test_a_rate_is_proved_for_every_dead_time_where_none_is_the_worst() -> None:
+@pytest.mark.parametrize("distance", [0.02, pytest.param(0.001, marks=pytest.mark.long)])
+def test_a_rate_is_proved_for_every_dead_time_where_none_is_the_worst(distance: float) -> None:
     case = at_most(three_numbers(), 1.0, "peak_rate_per_s")
     worst = float(simulated(case, points(case.family, np.random.default_rng(1), 500)).max())
-    assert prove_limit(at_most(case, worst * 1.001), budget=400).verdict is Verdict.PROVED
-    assert prove_limit(at_most(case, worst * 0.999), budget=400).verdict is Verdict.REFUTED
+    assert prove_limit(at_most(case, worst * (1.0 + distance)), budget=400).verdict is Verdict.PROVED
+    assert prove_limit(at_most(case, worst * (1.0 - distance)), budget=400).verdict is Verdict.REFUTED
 
 
 def test_lower_limits_are_proved_and_refuted() -> None:
@@ -184,6 +187,7 @@ def test_bad_numbers_are_refused(tolerance: float, budget: int) -> None:
         prove_limit(brake_ramp(), tolerance, budget)
 
 
+@pytest.mark.thinned(slow=["saturated", "three"])
 @pytest.mark.parametrize("make", [brake_ramp, saturated_throttle, three_numbers])
 def test_a_controller_that_limits_its_rate_has_no_method(make: Callable[[], TimeDomainCase]) -> None:
     case = make()

@@ -9,7 +9,7 @@ from cases.time_domain_cases import at_most, brake_ramp, saturated_throttle, thr
 
 from fopi_tune.proof.balls.box import Box
 from fopi_tune.proof.certificate import Verdict
-from fopi_tune.proof.time_domain import TimeDomainProof, prove_limit, recheck_limit
+from fopi_tune.proof.time_domain import TimeDomainCase, TimeDomainProof, prove_limit, recheck_limit
 from fopi_tune.proof.time_domain.recheck import uncovered
 
 CASE = brake_ramp()
@@ -29,10 +29,15 @@ def test_proofs_and_refutations_hold(proved: TimeDomainProof, refuted: TimeDomai
     assert recheck_limit(CASE, proved) == ()
     assert recheck_limit(at_most(CASE, 1.99), refuted) == ()
     assert recheck_limit(CASE, replace(proved, verdict=Verdict.UNDECIDED)) == ()
-    saturated = at_most(saturated_throttle(), 0.21)
-    assert recheck_limit(saturated, prove_limit(saturated)) == ()
-    three = at_most(three_numbers(), 0.11)
-    assert recheck_limit(three, prove_limit(three)) == ()
+
+
+@pytest.mark.parametrize(
+    "case",
+    [at_most(saturated_throttle(), 0.21), pytest.param(at_most(three_numbers(), 0.11), marks=pytest.mark.long)],
+    ids=["saturated", "three numbers"],
+)
+def test_other_proofs_hold(case: TimeDomainCase) -> None:
+    assert recheck_limit(case, prove_limit(case)) == ()
 
 
 def test_a_missing_box_is_found(proved: TimeDomainProof) -> None:

@@ -61,6 +61,7 @@ MEASURES = (
 )
 
 
+@pytest.mark.thinned(slow=["resonant"])
 @pytest.mark.parametrize("plant", [LAG, RESONANT, TWO], ids=["lag", "resonant", "two numbers"])
 def test_no_plant_of_a_dense_sample_is_worse(plant: str) -> None:
     limits = [f"{name}: {{at_most: 1}}, scenario: step" for name in MEASURES]
@@ -110,6 +111,7 @@ def test_the_worst_scenario_of_a_requirement_on_all() -> None:
     )
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     ("measure", "unit"),
     [
@@ -167,6 +169,7 @@ def test_an_output_that_does_not_stay_finite_misses_lower_limits_too() -> None:
 POINTWISE = ("acceleration_m_s2", "peak_rate_per_s", "overshoot", "undershoot", "peak_control")
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("measure", POINTWISE)
 def test_the_time_is_when_the_worst_plant_has_the_value(measure: str) -> None:
     spec = spec_of(f"{measure}: {{at_most: 1}}, scenario: step", digital=", measurement_unit: m/s")
@@ -189,6 +192,7 @@ def test_the_time_is_when_the_worst_plant_has_the_value(measure: str) -> None:
     assert result.achieved == pytest.approx(max(there, 0.0) if measure == "undershoot" else there, rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("measure", ["iae", "ise", "settling_time_s", "rise_time_s", "final_error"])
 def test_no_single_sample_decides_a_sum_or_a_time(measure: str) -> None:
     assert checked(spec_of(f"{measure}: {{at_most: 20}}, scenario: step")).measures[0].time_s is None

@@ -233,6 +233,7 @@ def test_stability_agrees_with_the_roots_of_the_polynomial_for_alpha_one(
 # --- requirements
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     ("name", "band"),
     [
@@ -393,6 +394,7 @@ def test_no_controller_is_an_error_with_a_message():
 # --- the search over the family
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", ["phase_margin_deg", "gain_margin_db", "crossover_rad_s", "control_sensitivity_db"])
 def test_no_random_member_of_three_uncertain_numbers_is_worse_than_the_worst(name: str):
     family, gains = lag_gain_and_delay(), FoPi(0.6, 0.5, 0.9)

@@ -37,6 +37,7 @@ def spec_of(name: str) -> DesignSpec:
     return with_default_objective(spec)
 
 
+@pytest.mark.thinned(7)
 @pytest.mark.parametrize("case", [pytest.param(k, id=f"{k[0]}-{k[1]}") for k in cases()])
 def test_the_worst_values_are_those_found_before(case: tuple[str, str, str, str]) -> None:
     name, *gains = case

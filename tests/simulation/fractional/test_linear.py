@@ -178,6 +178,7 @@ def test_a_proportional_loop_around_a_pure_delay_jumps_at_every_dead_time() -> N
 # --- one method against another ------------------------------------------------------------------------------------
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("signal", Signal)
 def test_thirty_delayed_loops_are_answered_everywhere(signal: Signal) -> None:
     for gains, plant in random_loops(7, 10, delayed=True):
@@ -196,6 +197,7 @@ def test_steps_and_bent_line_meet_where_both_hold() -> None:
         assert np.all(np.abs(steps.value - beside.value)[known] <= allowed[known]), (gains, plant)
 
 
+@pytest.mark.long
 def test_thirty_loops_without_dead_time_agree_with_a_line_that_knows_no_poles() -> None:
     times = np.array([0.01, 0.3, 5.0, 60.0])
     for gains, plant in random_loops(9, 30, delayed=False):
@@ -366,6 +368,7 @@ def test_steps_are_of_second_order_for_every_alpha(alpha: float) -> None:
     assert orders(FoPi(0.5, 0.2, alpha), BRAKE) == pytest.approx(2.0, abs=0.15)
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("signal", Signal)
 @pytest.mark.parametrize("plant", [BRAKE, Plant((1.0,), (2.35, 1.0), 1.0), Plant((-0.2, 1.0), (1.0, 1.0, 1.0), 0.5)])
 def test_steps_are_of_second_order_for_every_signal_with_and_without_dead_time(signal: Signal, plant: Plant) -> None:

@@ -223,6 +223,7 @@ def random_case(seed: int, limited: bool) -> tuple[HybridCar, tuple[Corner, ...]
     return HybridCar(pedals[0], pedals[1], float(rng.uniform(0.1, 0.5)), memory), tuple(corners), start
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("limited", [False, True])
 def test_events_agree_with_an_integrator_at_tight_tolerances(limited: bool) -> None:
     jumps = 0
@@ -238,6 +239,7 @@ def test_events_agree_with_an_integrator_at_tight_tolerances(limited: bool) -> N
     assert jumps > 20
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("dwell", [1.0, 3.0])
 def test_events_after_a_minimum_dwell_agree_with_an_integrator(dwell: float) -> None:
     jumps, waited = 0, 0
@@ -279,6 +281,7 @@ def test_on_a_dense_grid_no_mode_is_ever_found_beyond_its_line() -> None:
         assert np.all(outwards < car.eps + 1e-12), seed
 
 
+@pytest.mark.long
 def test_the_bounds_on_the_curvature_hold_between_two_steps() -> None:
     rng = np.random.default_rng(7)
     share = np.linspace(0.0, 1.0, 201)

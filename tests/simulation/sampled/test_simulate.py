@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,9 @@ from fopi_tune.simulation.scenario import (
 )
 from fopi_tune.spec.model import DigitalSpec
 
+#: to measure what rounding does to a filter takes a tenth of a second
+discretized = cache(discretize)
+
 TS = 0.2
 STEPS = 150
 WIDE = (-1e6, 1e6)
@@ -60,7 +64,7 @@ NAMES = [field.name for field in dataclasses.fields(Measures)]
 
 
 def made(gains: FoPi, limits: tuple[float, float], poles: int = 7) -> Runtime:
-    return Runtime.of(discretize(gains, DigitalSpec(TS, "oustaloup", poles)).sections, Precision.FLOAT64, limits)
+    return Runtime.of(discretized(gains, DigitalSpec(TS, "oustaloup", poles)).sections, Precision.FLOAT64, limits)
 
 
 THROTTLE = made(FoPi(0.09, 0.025, 0.8), (0.0, 1.0))
@@ -122,6 +126,7 @@ CASES = {
 }
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.long), 3])
 @pytest.mark.parametrize("case", CASES)
 def test_the_kernel_computes_what_the_plain_simulation_does(case: str, order: int) -> None:
@@ -132,12 +137,13 @@ def test_the_kernel_computes_what_the_plain_simulation_does(case: str, order: in
     assert_same_measures(modes, CASES[case])
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("inactive", InactiveController)
 @pytest.mark.parametrize("case", thinned(CASES))
 def test_a_hybrid_loop_switches_in_the_kernel_as_in_the_plain_simulation(
     case: str, inactive: InactiveController
 ) -> None:
-    modes = [Mode(THROTTLE, throttle_plants(18)), Mode(BRAKE, brake_plants(18))]
+    modes = [Mode(THROTTLE, throttle_plants(10)), Mode(BRAKE, brake_plants(10))]
     for first in (1, 2):
         start = dataclasses.replace(CASES[case].start, before=InitialInput.FREE)
         hybrid = Hybrid(0.3, inactive, first, 3, 1.5)
@@ -148,10 +154,11 @@ def test_a_hybrid_loop_switches_in_the_kernel_as_in_the_plain_simulation(
     assert_same_measures(modes, scenario)
 
 
+@pytest.mark.thinned(6)
 @pytest.mark.parametrize("inactive", InactiveController)
 @pytest.mark.parametrize("case", ["noisy", "late and slow"])
 def test_a_mode_stays_for_its_minimum_dwell_and_may_be_left_just_then(case: str, inactive: InactiveController) -> None:
-    modes, shortest = [Mode(THROTTLE, throttle_plants(18)), Mode(BRAKE, brake_plants(18))], []
+    modes, shortest = [Mode(THROTTLE, throttle_plants(10)), Mode(BRAKE, brake_plants(10))], []
     for dwell in (0, 2, 7):
         # narrow enough for the noise to cross it at almost every sample
         hybrid = Hybrid(0.05, inactive, 1, 3, 1.5, dwell)
@@ -328,6 +335,7 @@ def test_the_largest_rate_of_a_lag_is_where_its_control_arrives(delay: float) ->
     np.testing.assert_allclose(found.peak_rate, 1.5 / np.array([0.2, 0.4]), rtol=1e-12)
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize(("delay", "late"), [(0.4, 0.0), (1.3, 0.07), (0.0, 0.07)])
 def test_the_rate_jumps_where_an_input_arrives_between_samples(delay: float, late: float) -> None:
     # plants of relative degree 1 and orders 2 and 3; control and load each arrive with a delay of their own
@@ -372,7 +380,7 @@ def rates_after_arrivals(plants: Plants, i: int, applied: np.ndarray, late: floa
 
 
 def test_a_sine_s_steady_state_is_the_frequency_response_of_the_sampled_loop() -> None:
-    sections = discretize(FoPi(0.4, 0.3, 0.6), DigitalSpec(TS, "oustaloup", 5, band_rad_s=(0.05, 100.0))).sections
+    sections = discretized(FoPi(0.4, 0.3, 0.6), DigitalSpec(TS, "oustaloup", 5, band_rad_s=(0.05, 100.0))).sections
     plants = Plants(np.array([[2.0]]), np.array([[1.0, 1.2]]), np.array([0.33]))
     loops = SampledLoops.implemented(FoPi(0.4, 0.3, 0.6), Implementation(sections, 0.6), plants)
     cycle = 40

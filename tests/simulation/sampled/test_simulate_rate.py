@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -30,6 +31,9 @@ from fopi_tune.simulation.scenario import (
 )
 from fopi_tune.spec.model import DigitalSpec
 
+#: to measure what rounding does to a filter takes a tenth of a second
+discretized = cache(discretize)
+
 TS = 0.2
 STEPS = 150
 LEVELS = np.repeat([18.0, 6.0, 10.0], STEPS // 3)
@@ -38,7 +42,7 @@ ROUNDING = 1e-12
 
 
 def made(gains: FoPi, limits: tuple[float, float], rate_per_s: float | None, poles: int = 7) -> Runtime:
-    sections = discretize(gains, DigitalSpec(TS, "oustaloup", poles)).sections
+    sections = discretized(gains, DigitalSpec(TS, "oustaloup", poles)).sections
     return Runtime.of(sections, Precision.FLOAT64, limits, rate_per_s)
 
 
@@ -48,7 +52,7 @@ def second_order(m: int) -> Plants:
     return Plants(rng.uniform(0.2, 1.0, (m, 2)), bottoms, rng.uniform(0.0, 0.9, m))
 
 
-def two_modes(rates: tuple[float | None, float | None], m: int = 18) -> list[Mode]:
+def two_modes(rates: tuple[float | None, float | None], m: int = 10) -> list[Mode]:
     rng = np.random.default_rng(1)
     throttle = Plants(rng.uniform(4.0, 5.0, (m, 1)), np.c_[np.ones(m), rng.uniform(0.1, 0.3, m)], np.zeros(m))
     brake = Plants(np.ones((m, 1)), np.c_[rng.uniform(1.6, 3.1, m), np.ones(m)], np.zeros(m))
@@ -73,6 +77,7 @@ def assert_same(one: Traces, two: Traces) -> None:
         np.testing.assert_allclose(getattr(one, name), getattr(two, name), rtol=ROUNDING, atol=ROUNDING, err_msg=name)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     "actuator", [Actuator(), Actuator(2.0, 1.3), Actuator(0.4)], ids=["none", "faster and late", "slower"]
 )
@@ -102,6 +107,7 @@ def test_an_output_that_overflows_is_held_at_its_rate() -> None:
     assert replay(modes[0].controller, steps).tobytes() == traces.demanded[0].tobytes()
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("rates", [(0.3, 0.5), (None, 0.5), (0.3, None)], ids=["both", "brake", "throttle"])
 @pytest.mark.parametrize("inactive", InactiveController)
 def test_modes_take_over_the_output_of_each_other(

@@ -102,6 +102,7 @@ def test_a_hybrid_loop_at_rest_holds_no_subnormal_number(
         assert not np.any(subnormal(numbers))
 
 
+@pytest.mark.long
 def test_the_plain_simulation_rests_as_the_kernel_does_and_would_not_without(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario, plants = shortened(LOOPS["plain"]), fast_plants(2).take(np.array([0, 39]))
     held = [discretize_plants(plants, TS)]
@@ -120,6 +121,7 @@ def test_the_plain_simulation_rests_as_the_kernel_does_and_would_not_without(mon
     np.testing.assert_array_equal(traces.output[large], unflushed.output[large])
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("case", LOOPS)
 def test_through_rest_and_out_of_it_the_controller_is_the_runtime_bit_for_bit(case: str) -> None:
     plants = fast_plants(1).take(np.array([0, 20]))
@@ -132,6 +134,7 @@ def test_through_rest_and_out_of_it_the_controller_is_the_runtime_bit_for_bit(ca
             assert state.output.tobytes() == u.tobytes()
 
 
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("inactive", InactiveController)
 @pytest.mark.parametrize("case", LOOPS)
 def test_through_rest_both_controllers_of_a_hybrid_loop_are_the_runtime_bit_for_bit(

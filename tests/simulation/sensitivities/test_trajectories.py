@@ -167,6 +167,7 @@ SCENARIOS = {
 }
 
 
+@pytest.mark.thinned(5)
 @pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.long), 3])
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_signals_and_derivatives_of_plants_of_every_order(name: str, order: int) -> None:
@@ -174,6 +175,7 @@ def test_signals_and_derivatives_of_plants_of_every_order(name: str, order: int)
         assert_right(spec_of(), gains, plants_of(order), SCENARIOS[name])
 
 
+@pytest.mark.thinned(slow=["between"])
 @pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_direct_path_and_dead_times_that_differ(name: str, order: int) -> None:
@@ -202,6 +204,7 @@ def test_a_limited_output_has_no_derivative_and_the_back_calculation_goes_on(ord
     assert limited.min() > 20, limited
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("order", [1, 3])
 def test_an_output_at_its_rate_has_the_derivative_of_its_last_value(order: int) -> None:
     spec, plants, moving = spec_of("poles: 5, output_limits: [-0.3, 2.6], output_rate_per_s: 0.6"), plants_of(order), 0
@@ -227,6 +230,7 @@ def test_an_actuator_at_its_rate_has_the_derivative_of_its_last_control() -> Non
         np.testing.assert_array_equal(found[:, 1:, 1:][slow], found[:, :-1, 1:][slow])
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     "digital",
     [
