@@ -181,9 +181,14 @@ class Ended:
     words: str
 
     @property
+    def is_slow(self) -> bool:
+        """Whether it took more time of the processor than a command may."""
+        return self.cpu_s > MOST_CPU_S
+
+    @property
     def is_well(self) -> bool:
-        """Whether it ended as commands must, in time and memory, and without a warning of a library."""
-        bounded = self.cpu_s <= MOST_CPU_S and self.peak_bytes <= MOST_BYTES
+        """Whether it ended as commands must, in memory, and without a warning of a library."""
+        bounded = self.peak_bytes <= MOST_BYTES
         return self.code in (0, 1, 2) and bounded and "Warning:" not in self.words and "Traceback" not in self.words
 
 
@@ -218,6 +223,12 @@ def run_in_child(batch: Sequence[Mutant], folder: Path) -> list[Ended]:
             (folder / culprit.target.file).write_bytes(_good(folder, culprit))
             ends.append(Ended(culprit, ended.returncode, MOST_CPU_S, 0, "the process was ended"))
     return ends
+
+
+def takes_as_long_undamaged(ended: Ended, folder: Path) -> bool:
+    """Whether the same command needs two thirds of the time for the good file: then the machine is what is slow."""
+    good = _good(folder, ended.mutant)
+    return 1.5 * run_in_child([Mutant(ended.mutant.target, good)], folder)[0].cpu_s >= ended.cpu_s
 
 
 def _good(folder: Path, mutant: Mutant) -> bytes:
