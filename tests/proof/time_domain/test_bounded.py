@@ -11,7 +11,6 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.proof.time_domain.bounded import Causal, Delays, Signals
 
 K = 40
-RNG = np.random.default_rng(7)
 Exact = list[list[Fraction]]
 
 
@@ -35,8 +34,9 @@ def differences(one: Exact, values: Array) -> Exact:
 
 
 def operators() -> list[Causal]:
-    series = np.concatenate([[1.0], 0.3 * RNG.standard_normal(K - 1)])
-    matrix = np.tril(RNG.standard_normal((K, K))) * 0.1
+    rng = np.random.default_rng(7)
+    series = np.concatenate([[1.0], 0.3 * rng.standard_normal(K - 1)])
+    matrix = np.tril(rng.standard_normal((K, K))) * 0.1
     np.fill_diagonal(matrix, 1.0)
     return [Causal(series), Causal(matrix)]
 
@@ -49,7 +49,7 @@ def test_products_and_signals(first: int, second: int) -> None:
     both = one.after(two)
     assert distance(product(exact(one.matrix), exact(two.matrix)), both.matrix) <= both.error
     assert both.error < 1e-10
-    signals = Signals.exactly(RNG.standard_normal((K, 3)))
+    signals = Signals.exactly(np.random.default_rng(8).standard_normal((K, 3)))
     found = one.apply(signals)
     true = product(exact(one.matrix), exact(signals.values))
     off = np.array(differences(true, found.values), dtype=float)
@@ -96,7 +96,7 @@ def test_norms_are_those_up_to_each_sample() -> None:
 
 
 def test_long_series_are_no_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
-    series, signals = operators()[0], Signals.exactly(RNG.standard_normal((K, 2)))
+    series, signals = operators()[0], Signals.exactly(np.random.default_rng(8).standard_normal((K, 2)))
     expected = series.apply(signals)
     monkeypatch.setattr("fopi_tune.proof.time_domain.bounded._LONG", 10)
     found = series.apply(signals)
