@@ -25,10 +25,11 @@ def _family(rng: np.random.Generator) -> FopidFamily:
     return FopidFamily(*(mirrored(plants, found) if rng.random() < 0.15 else (plants, found)))
 
 
-def test_limits_around_the_worst_case_of_a_fopid_are_told_apart() -> None:
-    counted, undecided, _ = outcomes(range(30), _family, SALT)
+@pytest.mark.parametrize(("seeds", "least"), [(range(10), 6), pytest.param(range(10, 30), 13, marks=pytest.mark.long)])
+def test_limits_around_the_worst_case_of_a_fopid_are_told_apart(seeds: range, least: int) -> None:
+    counted, undecided, _ = outcomes(seeds, _family, SALT)
     assert undecided == []
-    assert counted["told apart"] >= 20, counted
+    assert counted["told apart"] >= least, counted
 
 
 @pytest.mark.long
