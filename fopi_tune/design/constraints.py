@@ -5,7 +5,8 @@ frequency omega_s and the gain g_s = |P(j omega_s)| of the nominal plant the loo
 
     v = ln(omega/omega_s),   kp' = kp g_s,   ki' = ki g_s omega_s^-alpha,   kd' = kd g_s omega_s ,
     so that   C g_s = kp' + ki' e^{-alpha (v + j pi/2)} ,
-    with a derivative   C g_s = kp' + ki'/s + kd' s/(Tf omega_s s + 1)   at   s = j e^v .
+    with a derivative   C g_s = kp' + ki'/s + kd' s/(Tf omega_s s + 1)   at   s = j e^v ,
+    and with orders kd' = kd g_s omega_s^mu in the same way.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from enum import Enum
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.controller import FoPi, Pid, derivative_of
+from fopi_tune.core.controller import FoPi, FoPid, Pid, derivative_of
 from fopi_tune.core.loops import Plants
 from fopi_tune.quantities import QUANTITIES, Quantity
 from fopi_tune.quantities.base import EvaluatedAt
@@ -162,24 +163,31 @@ class Scale:
         gain: g_s = |P(j omega_s)| of the nominal plant.
         omega_grid: shape (n,), rad/s, where the oracle evaluates the constraints.
         filter_s: Tf of the derivative, 0 where there is none.
+        has_orders: whether the structure is fopid.
     """
 
     omega_rad_s: float
     gain: float
     omega_grid: Array
     filter_s: float = 0.0
+    has_orders: bool = False
 
     def scaled(self, controller: FoPi) -> Array:
-        """(kp', ki', alpha), or (kp', ki', kd') where there is a derivative; shape (3,)."""
+        """(kp', ki', alpha), with a derivative (kp', ki', kd'), with orders (kp', ki', kd', alpha, mu)."""
         ki = controller.ki * self.gain * self.omega_rad_s**-controller.alpha
-        third = controller.alpha
+        third, derivative = controller.alpha, derivative_of(controller)
         if self.filter_s:
-            third = derivative_of(controller).kd * self.gain * self.omega_rad_s
-        return np.array([controller.kp * self.gain, ki, third])
+            third = derivative.kd * self.gain * self.omega_rad_s**derivative.mu
+        orders = [controller.alpha, derivative.mu] if self.has_orders else []
+        return np.array([controller.kp * self.gain, ki, third, *orders])
 
     def controller(self, scaled: Array) -> FoPi:
         """The gains in the user's units."""
-        kp, ki, third = (float(x) for x in scaled[:3])
+        kp, ki, third, *orders = (float(x) for x in scaled)
+        if self.has_orders:
+            alpha, mu = orders
+            kd = third / (self.gain * self.omega_rad_s**mu)
+            return FoPid(kp / self.gain, ki / self.gain * self.omega_rad_s**alpha, alpha, kd, mu, self.filter_s)
         if self.filter_s:
             kd = third / (self.gain * self.omega_rad_s)
             return Pid(kp / self.gain, ki / self.gain * self.omega_rad_s, kd, self.filter_s)
@@ -188,7 +196,6 @@ class Scale:
 
 def scale_of(spec: DesignSpec) -> Scale:
     """Scaling and frequency grid, from the plants' corner frequencies and dead times and the spec's own frequencies."""
-    spec.controller.refuse_derivative_order("the search for gains")
     family = spec.plant
     plants = Plants.members(family, family.corners())
     roots = np.concatenate([plants.zeros.ravel(), plants.poles.ravel()])
@@ -209,7 +216,8 @@ def scale_of(spec: DesignSpec) -> Scale:
     grid = np.unique(np.concatenate([grid, np.array(resonances), named]))
     nominal = plants.take(np.array([0]))
     gain = float(np.abs(nominal.response(np.array([0]), np.array([omega_s])))[0])
-    return Scale(omega_s, gain if math.isfinite(gain) and gain > 0 else 1.0, grid[grid > 0], filter_s)
+    unit = gain if math.isfinite(gain) and gain > 0 else 1.0
+    return Scale(omega_s, unit, grid[grid > 0], filter_s, box.has_derivative_order)
 
 
 def _named_frequencies(spec: DesignSpec) -> Array:

@@ -71,8 +71,9 @@ def _crossover_above_nyquist(spec: DesignSpec, constraints: tuple[Constraint, ..
 def _no_phase_crossover(spec: DesignSpec, constraints: tuple[Constraint, ...]) -> Reason | None:
     """An upper limit (or equality) of the gain margin on a loop whose phase never reaches -180 deg.
 
-    For kp, ki >= 0 the controller's phase lies in [-90 deg alpha, 0], with a derivative kd >= 0 in [-90, 90] deg, and
-    without dead time the plant's phase is bounded from below.
+    For kp, ki >= 0 the controller's phase lies in [-90 deg alpha, 0], with a derivative kd >= 0 in [-90, 90] deg, with
+    orders above the lower one of -90 deg alpha and -90 deg (1 - mu), and without dead time the plant's phase is bounded
+    from below.
     """
     wanted = [s for s in constraints if s.where is EvaluatedAt.PHASE_CROSSOVERS and s.bound is not Bound.LOWER]
     box, family = spec.controller, spec.plant
@@ -84,7 +85,8 @@ def _no_phase_crossover(spec: DesignSpec, constraints: tuple[Constraint, ...]) -
         return None
     # First order: the phase falls monotonically from its low-frequency to its high-frequency asymptote.
     lowest = float(np.minimum(log.phase0, log.end()[1]).min())
-    if lowest - 0.5 * math.pi * box.alpha.max < -math.pi - 1e-12:
+    order = box.alpha.max if box.mu is None else max(box.alpha.max, 1.0 - box.mu.min)
+    if lowest - 0.5 * math.pi * order < -math.pi - 1e-12:
         return None
     first, gains = (
         wanted[0],

@@ -16,7 +16,8 @@ from fopi_tune.design.constraints import STABILITY_GUARD, Bound
 from fopi_tune.design.global_search.basins import Basin, scan_box
 from fopi_tune.design.global_search.compiled import CROSSOVER_SPREAD, DEPTH, ENDLESS, KI, MARGIN_SPREAD
 from fopi_tune.design.global_search.polish import MEETS, Polish, Polished
-from fopi_tune.design.global_search.problem import LARGEST_GAIN, Problem
+from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.global_search.structures import LARGEST_GAIN
 from fopi_tune.design.infeasible import explain, has_wrong_sign
 from fopi_tune.digital.implementation import nominal_crossover
 from fopi_tune.errors import DomainError
@@ -182,10 +183,19 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
             nearer = polish.run(basin.gains if found is None else found.x, radius)
             if nearer is not None and (found is None or nearer.cost < found.cost):
                 found = nearer
+        if polish.problem.structure.has_orders and _is_known(best, found):
+            continue
         found = _on_axis(polish, found)
         if found is not None and (best is None or found.cost < best.cost) and _is_stable(polish.problem, found):
             best = found
     return best
+
+
+def _is_known(best: Polished | None, found: Polished | None) -> bool:
+    """Whether gains are the best ones that are known, without a better cost."""
+    if best is None or found is None:
+        return False
+    return found.cost >= best.cost - _SAME and not np.any(np.abs(found.x - best.x) > 1e-3 * (1.0 + np.abs(best.x)))
 
 
 def _is_floor(best: Polished, basin: Basin) -> bool:
@@ -201,9 +211,9 @@ def _on_axis(polish: Polish, found: Polished | None) -> Polished | None:
     if found is None:
         return None
     problem = polish.problem
-    ranges = list(problem.spec.controller.ranges.values())
+    ranges = [problem.spec.controller.ranges[name] for name in problem.structure.names]
     for k in problem.structure.gains:
-        others = problem.structure.size(np.where(np.arange(3) == k, 0.0, found.x))
+        others = problem.structure.size(np.where(np.arange(len(found.x)) == k, 0.0, found.x))
         if ranges[k].min <= 0.0 <= ranges[k].max and 0.0 < abs(found.x[k]) < _VANISHING * others:
             x = found.x.copy()
             x[k] = 0.0

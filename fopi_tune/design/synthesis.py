@@ -29,8 +29,8 @@ def design(
         violations: points that a check found; they are among the plants and frequencies that are looked at.
         start: gains close to the optimum, or a solved spec; polished beside the basins of a coarser scan.
         bracket: whether to bound in floating point what no gains can beat (`Candidate.gap`), and to search again
-            wherever that leaves room; not with `structure: pid`, whose derivative the bound does not know, nor on
-            samples where the filter depends on the gains' crossover.
+            wherever that leaves room; not with `structure: pid` or `fopid`, whose derivative the bound does not know,
+            nor on samples where the filter depends on the gains' crossover.
 
     Returns:
         A candidate; `fopi_tune.proof` has to check it.

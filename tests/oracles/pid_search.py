@@ -85,13 +85,21 @@ class PidLoops:
         """C of gains (n, 3) at s (w,): (n, w)."""
         return x[:, :1] + x[:, 1:2] / s + x[:, 2:3] * (s / (self.filter_s * s + 1.0))
 
+    def ends(self, x):
+        """C of gains (n, 3) as omega -> inf: (n,)."""
+        return x[:, 0] + x[:, 2] / self.filter_s
+
+    def orders(self, x):
+        """The order of the integral of gains (n, 3): (n, 1)."""
+        return (x[:, 1:2] != 0.0) * 1.0
+
     def evaluate(self, x):
         """Of gains (n, 3): the objective to be minimised (n,), rows that must be <= 0 (n, k), unstable members (n,)."""
         c = self.controllers(x, self.s)
         loop = c[:, None, :] * self.p
         one = 1.0 + loop
         log = {"one": np.log(np.abs(one)), "loop": np.log(np.abs(loop)), "c": np.log(np.abs(c))[:, None, :]}
-        end = np.log(np.abs(x[:, 0] + x[:, 2] / self.filter_s))[:, None]
+        end = np.log(np.abs(self.ends(x)))[:, None]
         rows = [self._row(r, limit, sign, x, loop, log, end) for r in self.spec.requirements
                 for limit, sign in ((r.lower, -1.0), (r.upper, 1.0)) if np.isfinite(limit)]  # fmt: skip
         excess = np.concatenate([r.reshape(len(x), -1) for r in rows], axis=1)
@@ -100,7 +108,7 @@ class PidLoops:
     def _unstable(self, x, one):
         angle = np.angle(one)
         turn = (np.diff(angle, axis=2) + np.pi) % (2 * np.pi) - np.pi
-        order = self.at_zero + (x[:, 1:2] != 0.0)
+        order = self.at_zero + self.orders(x)
         z = self.right - (turn.sum(axis=2) - 0.5 * np.pi * order) / np.pi
         return np.sum(np.abs(z) > 0.3, axis=1)
 
@@ -186,23 +194,25 @@ def search(spec: DesignSpec, seed: int = 0, population: int = 48, generations: i
     for start in range(2):
         chance = np.random.default_rng(seed + 100 * start)
         y = chance.random((population, 3))
-        merit = _merit(coarse, gains(y))
+        merit = merit_of(coarse, gains(y))
         for _ in range(generations):
             a, b, c = (chance.permutation(population) for _ in range(3))
             factor = chance.uniform(0.4, 0.9, (population, 1))
             other = np.where(chance.random((population, 1)) < 0.5, y[a], y[np.argmin(merit)])
             mutant = np.clip(other + factor * (y[b] - y[c]), 0.0, 1.0)
             trial = np.where(chance.random(y.shape) < 0.9, mutant, y)
-            value = _merit(coarse, gains(trial))
+            value = merit_of(coarse, gains(trial))
             y, merit = np.where((value < merit)[:, None], trial, y), np.minimum(value, merit)
         order = np.argsort(merit)
         best += [gains(y[order[0]]), gains(y[order[len(order) // 2]])]
-    found = [_polished(fine, _polished(coarse, x, high)[0], high) for x in best]
+    low = np.zeros(3)
+    found = [polished(fine, polished(coarse, x, low, high)[0], low, high) for x in best]
     met = [pair for pair in found if pair is not None and pair[2] <= 1e-6]
     return min(((x, value) for x, value, _ in met), key=lambda pair: pair[1]) if met else None
 
 
-def _merit(loops: PidLoops, x):
+def merit_of(loops: PidLoops, x):
+    """What differential evolution minimises, for numbers (n, k)."""
     with np.errstate(all="ignore"):
         value, excess, unstable = loops.evaluate(np.maximum(x, 1e-12))
     missed = np.maximum(excess, 0.0).max(axis=1)
@@ -211,8 +221,13 @@ def _merit(loops: PidLoops, x):
     return np.where(np.isfinite(value), value, 1e15) + 1e16 * unstable
 
 
-def _polished(loops: PidLoops, x, high):
-    """Linear programs in a region that shrinks: (gains, objective, the largest miss)."""
+def polished(loops: PidLoops, x, low, high):
+    """Linear programs in a region that shrinks: (numbers, objective, the largest miss).
+
+    Args:
+        loops: evaluate numbers, of which the first three are gains.
+        x, low, high: numbers and their ranges, shape (k,).
+    """
     radius, x = 0.15, x.astype(float)
 
     def of(x):
@@ -225,24 +240,27 @@ def _polished(loops: PidLoops, x, high):
     for _ in range(60):
         if radius < 1e-6:
             break
-        unit = np.maximum(x, 0.02 * high * np.max(x / high) + 1e-15)
+        unit, k = np.maximum(x, 0.02 * high * np.max(x[:3] / high[:3]) + 1e-15), len(x)
+        unit[3:] = 1.0
         steps = 1e-5 * np.diag(unit)
-        values, rows, _ = of(np.maximum(np.vstack([x + steps, x - steps]), 0.0))
-        width = np.vstack([x + steps, x - steps]).clip(0)[:3] - np.vstack([x + steps, x - steps]).clip(0)[3:]
-        width = np.diag(width) / unit
-        slope, slopes = (values[:3] - values[3:]) / width, (rows[:3] - rows[3:]) / width[:, None]
+        around = np.clip(np.vstack([x + steps, x - steps]), low, high)
+        values, rows, _ = of(around)
+        width = np.diag(around[:k] - around[k:]) / unit
+        slope, slopes = (values[:k] - values[k:]) / width, (rows[:k] - rows[k:]) / width[:, None]
         near = excess > -0.5
         if not loops.spec.objective:
-            slope = np.zeros(3)
-        cost = np.append(slope, weight) if loops.spec.objective else np.array([0.0, 0.0, 0.0, 1.0])
+            slope = np.zeros(k)
+        cost = np.append(slope, weight) if loops.spec.objective else np.append(slope, 1.0)
         table = np.column_stack([slopes[:, near].T, -np.ones(near.sum())])
         free = (0.0, None) if loops.spec.objective else (None, None)
-        limits = [(max(-radius, -x[k] / unit[k]), min(radius, (high[k] - x[k]) / unit[k])) for k in range(3)]
+        limits = [
+            (max(-radius, (low[k] - x[k]) / unit[k]), min(radius, (high[k] - x[k]) / unit[k])) for k in range(len(x))
+        ]
         found = linprog(cost, A_ub=table, b_ub=-excess[near], bounds=[*limits, free])
         if found.x is None:
             radius *= 0.3
             continue
-        trial = np.clip(x + found.x[:3] * unit, 0.0, high)
+        trial = np.clip(x + found.x[: len(x)] * unit, low, high)
         new = [part[0] for part in of(trial[None, :])]
         merit = [(v if loops.spec.objective else 0.0) + weight * m for v, m in ((value, missed), (new[0], new[2]))]
         if not loops.spec.objective:

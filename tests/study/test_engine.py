@@ -25,7 +25,7 @@ from fopi_tune.cli import app
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.design import design, neighbour
-from fopi_tune.design.global_search.program import raising_interrupts
+from fopi_tune.design.global_search.nonlinear.program import raising_interrupts
 from fopi_tune.errors import FopiError
 from fopi_tune.montecarlo.montecarlo import SCANNED
 from fopi_tune.pipeline.discretize import discretize

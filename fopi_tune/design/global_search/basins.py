@@ -13,6 +13,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.design.constraints import Bound
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER,
+    DEPTH,
     IAE,
     KI,
     NOTHING,
@@ -23,8 +24,15 @@ from fopi_tune.design.global_search.compiled import (
     work_for,
 )
 from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.scan import best_at_margin, best_of_shape, compass, scan_rays
-from fopi_tune.design.global_search.structures import FRACTIONAL, ray_of
+from fopi_tune.design.global_search.scan import (
+    best_at_margin,
+    best_of_shape,
+    compass,
+    pattern_search,
+    scan_orders,
+    scan_rays,
+)
+from fopi_tune.design.global_search.structures import FRACTIONAL, box_with_orders, ray_of
 from fopi_tune.design.global_search.tables import DECADES_BEYOND
 
 #: rays: so many directions for each shape
@@ -38,6 +46,13 @@ RELAXED = (0.0, 0.05, 0.3)
 _NEARLY = 0.04
 _LEAST_STEP = 2e-3
 _ROUNDS = 60
+#: of free orders: taus, shapes, alphas and mus of the scan; four times as many find nothing better
+_GRIDS = (11, 5, 7, 4)
+#: basins of them, of objectives whose values take long fewer
+_MOST_BASINS, _OF_A_DEPTH = 7, 3
+#: of a search along an order of the integral, and of one from the best of them: evaluations, the part of a step that
+#: ends it
+_ALONG, _FROM_THERE = (60, 0.2), (200, 0.02)
 
 
 @dataclass(frozen=True)
@@ -46,7 +61,7 @@ class Basin:
 
     Args:
         cost: on the scan's table.
-        gains: the scaled numbers of the controller, shape (3,).
+        gains: the scaled numbers of the controller, shape (3,), with orders (5,).
     """
 
     cost: float
@@ -115,6 +130,8 @@ def scan_box(problem: Problem, most: int, coarse: float = 1.0) -> Scan:
         most: basins.
         coarse: factor on the distance between rays.
     """
+    if problem.structure.has_orders:
+        return _scan_with_orders(problem, most, coarse)
     box = problem.box
     taus, fixed = directions_of(problem)
     quadrants, (most_ratio, span) = quadrants_of(problem), reach_of(problem)
@@ -248,3 +265,134 @@ def _with_two_equalities(
             if value < NOTHING:
                 _offer(found, Basin(float(value), _gains(problem, shape, tau, kappa, signs)))
     return tuple(sorted(found, key=lambda basin: basin.cost)[:most])
+
+
+@dataclass(frozen=True)
+class _Grids:
+    """What is scanned: taus, shapes, alphas and mus."""
+
+    axes: tuple[Array, Array, Array, Array]
+
+    @classmethod
+    def of(cls, problem: Problem, coarse: float) -> _Grids:
+        """Those of a problem; an order without its term has one value."""
+        box, controller = problem.box, problem.spec.controller
+        count = [max(int(size / coarse), 2) for size in _GRIDS]
+        taus, fixed = directions_of(problem)
+        assert controller.mu is not None
+        alphas = _evenly(
+            controller.alpha.min, controller.alpha.max, 1 if box.ki_low == box.ki_high == 0.0 else count[2]
+        )
+        mus = _evenly(controller.mu.min, controller.mu.max, 1 if box.kd_low == box.kd_high == 0.0 else count[3])
+        if not fixed:
+            taus = np.concatenate([[-1.0], np.linspace(-0.96, 0.96, count[0] - 2), [1.0]])
+        return cls((taus, _evenly(box.shape_low, box.shape_high, count[1]), alphas, mus))
+
+    @property
+    def steps(self) -> Array:
+        """Half a grid's distance; 0 of one."""
+        # the ends of tau are set apart
+        return np.array([0.5 * float(np.median(np.diff(axis))) if len(axis) > 1 else 0.0 for axis in self.axes])
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """The smallest and the largest values."""
+        return np.array([axis[0] for axis in self.axes]), np.array([axis[-1] for axis in self.axes])
+
+    @property
+    def padded(self) -> tuple[Array, NDArray[np.int64]]:
+        """As one array of rows, and their sizes."""
+        sizes = [len(axis) for axis in self.axes]
+        rows = [np.concatenate([axis, np.zeros(max(sizes) - len(axis))]) for axis in self.axes]
+        return np.array(rows), np.array(sizes, dtype=np.int64)
+
+
+def _evenly(low: float, high: float, count: int) -> Array:
+    return np.array([0.5 * (low + high)]) if count == 1 or low == high else np.linspace(low, high, count)
+
+
+def _scan_with_orders(problem: Problem, most: int, coarse: float) -> Scan:
+    """`scan_box` where integral and derivative have orders.
+
+    Valleys in the orders are narrow and curved: a search from the best ray of each alpha along it, then one in all.
+    """
+    grids, table, rays = _Grids.of(problem, coarse), problem.scan_table, 0
+    quadrants, (most_ratio, span) = quadrants_of(problem), reach_of(problem)
+    work, (padded, sizes), (low, high) = work_for(table), grids.padded, grids.ends
+    for relaxed in RELAXED:
+        rows = problem.rows(table, relaxed)
+        equal = equalities_of(problem, rows)
+        if len(equal) > 1 and len(grids.axes[0]) > 1:
+            pairs = _orders_with_two_equalities(problem, rows, equal, grids, most)
+            rays += int(np.prod(sizes))
+            if pairs:
+                return Scan(pairs, relaxed, rays, 1.0)
+            continue
+        costs, kappas = scan_orders(
+            problem.code, padded, sizes, quadrants, equal, most_ratio, span, table, rows, problem.box, work
+        )  # fmt: skip
+        rays += costs.size
+        if (costs < NOTHING).any():
+            break
+    else:
+        return Scan((), RELAXED[-1], rays, 0.0)
+
+    def search(start: Array, z: int, steps: Array, budget: tuple[int, float]) -> Array:
+        return pattern_search(
+            problem.code, start, steps, low, high, quadrants[z], equal, most_ratio, span, budget[1], budget[0],
+            table, rows, problem.box, work,
+        )  # fmt: skip
+
+    columns: list[tuple[float, float, int, Array]] = []
+    # of a fixed alpha each mu stands for itself
+    each, steps = (2, [1.0, 1.0, 0.0, 1.0]) if len(grids.axes[2]) > 1 else (3, [1.0, 1.0, 0.0, 0.0])
+    for place in np.ndindex(costs.shape[:each]):
+        z, a, m, i, j = (*place, *np.unravel_index(np.argmin(costs[place]), costs.shape[each:]))
+        value, kappa = float(costs[z, a, m, i, j]), float(kappas[z, a, m, i, j])
+        if value < NOTHING:
+            y = np.array([grids.axes[0][j], grids.axes[1][i], grids.axes[2][a], grids.axes[3][m], value + 1e-15])
+            found = search(y, int(z), grids.steps * np.array(steps), _ALONG)
+            columns.append((float(found[4]), float(found[5]) or kappa, int(z), found))
+    columns.sort(key=lambda column: column[0])
+    offered: list[Basin] = []
+    count = _OF_A_DEPTH if problem.code == DEPTH else _MOST_BASINS
+    for _, kappa, z, y in columns[:count]:
+        found = search(y[:5], z, grids.steps, _FROM_THERE)
+        at = _gains_with_orders(problem, found, float(found[5]) or kappa, quadrants[z])
+        _offer(offered, Basin(float(found[4]), at))
+    return Scan(tuple(sorted(offered, key=lambda basin: basin.cost)), relaxed, rays, float((costs < NOTHING).mean()))
+
+
+def _gains_with_orders(problem: Problem, y: Array, kappa: float, signs: Array) -> Array:
+    tau, shape, alpha, mu = (float(value) for value in y[:4])
+    sampling = problem.scaled.sampling._replace(order=alpha, rise=mu)
+    box = box_with_orders(mu, problem.box)
+    third, c, s = ray_of(shape, tau, signs, *reach_of(problem), box, sampling)
+    return problem.structure.times(math.exp(kappa), np.array([c, s, third, alpha, mu]))
+
+
+def _orders_with_two_equalities(
+    problem: Problem, rows: Rows, equal: NDArray[np.int64], grids: _Grids, most: int
+) -> tuple[Basin, ...]:
+    """`_with_two_equalities` for every pair of orders: the best of each order of the integral."""
+    most_ratio, span = reach_of(problem)
+    work, nominal_work = work_for(problem.scan_table), work_for(nominal_of(problem.scan_table))
+    taus, shapes, alphas, mus = grids.axes
+    found: list[Basin] = []
+    for signs in quadrants_of(problem):
+        for alpha in alphas:
+            best: tuple[float, Array, float] | None = None
+            for mu in mus:
+                sampling = problem.scaled.sampling._replace(order=float(alpha), rise=float(mu))
+                table, box = problem.scan_table._replace(sampling=sampling), box_with_orders(float(mu), problem.box)
+                for shape in shapes:
+                    value, kappa, tau = best_of_shape(
+                        problem.code, float(shape), signs, taus, equal, most_ratio, span, table, rows, box, work,
+                        nominal_of(table), nominal_work,
+                    )  # fmt: skip
+                    if value < NOTHING and (best is None or value < best[0]):
+                        best = value, np.array([tau, shape, alpha, mu]), kappa
+            if best is not None:
+                value, y, kappa = best
+                _offer(found, Basin(value, _gains_with_orders(problem, y, kappa, signs)))
+    return tuple(sorted(found, key=lambda basin: basin.cost)[: 2 * most])

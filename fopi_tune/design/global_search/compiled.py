@@ -125,7 +125,8 @@ class Sampling(NamedTuple):
 
     `half` = omega_s Ts/2.  `corners`, shape (2 N, 3), are zeros and poles in turn: ln corner = a + b alpha + c ln
     alpha.  `matched` is 1 for matched poles and zeros.  `gain` are the ln of frequencies where the gain is set.
-    `derivative` is Tf omega_s of a derivative beside an integrator, 0 where there is none (`structures.py`).
+    `derivative` is Tf omega_s of a derivative, 0 where there is none; `order` and `rise` are the orders of integral and
+    derivative beside each other (`structures.py`).
     """
 
     half: float
@@ -133,6 +134,8 @@ class Sampling(NamedTuple):
     matched: int
     gain: Any
     derivative: float = 0.0
+    order: float = 1.0
+    rise: float = 1.0
 
 
 #: of the continuous loop
@@ -215,7 +218,7 @@ class Box(NamedTuple):
     log_gain: float
     #: ln(T omega_s) of the horizon T
     log_horizon: float
-    #: 0 without a derivative
+    #: 0 without a derivative; of one with any order in the unit of mu = 1 (`structures.py`)
     kd_low: float
     kd_high: float
     #: of what decides a ray's shape, as in `structures.py`
@@ -234,6 +237,9 @@ class Work(NamedTuple):
     #: of the order `order[0]`: real and imaginary part of (j omega)^-alpha or of the filter
     power: Any
     order: Any
+    #: of the order `rise_order[0]`: real and imaginary part of a derivative
+    rise: Any
+    rise_order: Any
     low: Any
     high: Any
     forbidden: Any
@@ -263,6 +269,8 @@ def work_for(table: Table) -> Work:
         controller=np.empty((4, n)),
         power=np.empty((2, n)),
         order=np.full(1, np.nan),
+        rise=np.empty((2, n)),
+        rise_order=np.full(1, np.nan),
         low=np.empty(n),
         high=np.empty(n),
         forbidden=np.empty((most * 4 + 64 * m, 2)),

@@ -60,12 +60,18 @@ def negative_interval(a, b, c):
 @compiled
 def band_interval(kind, limit, i, j, table, work):
     """Where (1) is violated at one frequency: interval of k."""
-    inverse = math.exp(-2.0 * limit)
-    a, b = work.square[i, j], work.real[i, j]
+    return band_interval_of(
+        kind, math.exp(-2.0 * limit), work.square[i, j], work.real[i, j], work.controller[1, j], work.controller[2, j]
+    )
+
+
+@compiled
+def band_interval_of(kind, inverse, a, b, c_real, c_imag):
+    """`band_interval` from numbers, with e^(-2 limit), |L0|^2, Re L0 and C0."""
     if kind == S:
         return negative_interval(a, b, 1.0 - inverse)
     if kind == CS:
-        size = work.controller[1, j] * work.controller[1, j] + work.controller[2, j] * work.controller[2, j]
+        size = c_real * c_real + c_imag * c_imag
         return negative_interval(a - size * inverse, b, 1.0)
     return negative_interval(a * (1.0 - inverse), b, 1.0)
 
@@ -102,11 +108,13 @@ def _extreme(v, y, j, first, last):
 @compiled
 def forbid_band_above(kind, limit, i, first, last, table, work, count):
     """Forbid what exceeds an upper limit of |S|, |T| or |C S| somewhere in the band."""
-    begin = -1
+    begin, inverse = -1, math.exp(-2.0 * limit)
     for j in range(first, last + 2):
         low, high = 1.0, 0.0
         if j <= last:
-            low, high = band_interval(kind, limit, i, j, table, work)
+            low, high = band_interval_of(
+                kind, inverse, work.square[i, j], work.real[i, j], work.controller[1, j], work.controller[2, j]
+            )
             work.low[j], work.high[j] = low, high
         if high > low:
             if begin < 0:
@@ -140,23 +148,30 @@ def range_of_band_below(kind, limit, i, first, last, table, work):
 @compiled
 def excess(kind, limit, i, j, table, work):
     """How far the angle (cosine) or the lag to -1 at a column lies beyond a limit; negative where it is smaller."""
-    if kind == PHASE_MARGIN:
-        if j >= table.alias[i]:
-            return -1.0
-        size = math.sqrt(work.square[i, j])
-        return math.cos(limit) + work.real[i, j] / size if size > 0.0 else 0.0
     if j >= table.alias[i]:
         return -1.0
-    lag = (work.phase[i, j] + _PI) % (2.0 * _PI)
-    return lag - limit * table.omega[j]
+    return excess_of(kind, limit, math.cos(limit), work.real[i, j], work.square[i, j], work.phase[i, j], table.omega[j])
+
+
+@compiled
+def excess_of(kind, limit, cosine, real, square, phase, omega):
+    """`excess` from numbers: to hand over tables for every column takes longer than all else."""
+    if kind == PHASE_MARGIN:
+        size = math.sqrt(square)
+        return cosine + real / size if size > 0.0 else 0.0
+    lag = (phase + _PI) % (2.0 * _PI)
+    return lag - limit * omega
 
 
 @compiled
 def collect_runs(kind, limit, below, i, table, work):
     """Intervals of kappa whose crossover has an angle or lag below (above) a limit, into `allowed`; their number."""
     n, count, inside, low, high, last = work.gain.shape[1], 0, False, 0.0, 0.0, 0.0
+    cosine = math.cos(limit)
     for j in range(n):
-        e = excess(kind, limit, i, j, table, work)
+        e = -1.0
+        if j < table.alias[i]:
+            e = excess_of(kind, limit, cosine, work.real[i, j], work.square[i, j], work.phase[i, j], table.omega[j])
         now = (e < 0.0) == below
         at = -work.gain[i, j]
         if now != inside:
@@ -178,7 +193,7 @@ def collect_runs(kind, limit, below, i, table, work):
             inside = now
         elif now:
             low, high = min(low, at), max(high, at)
-        elif below and 1 < j < table.alias[i]:
+        elif below and 1 < j < table.alias[i] and passes(work.phase[i, j - 1], work.phase[i, j]):
             count = _passage_between(kind, limit, i, j, count, table, work)
         last = e
     if inside and count < len(work.allowed):
@@ -187,6 +202,12 @@ def collect_runs(kind, limit, below, i, table, work):
         work.allowed[count, 0], work.allowed[count, 1] = low, high
         count += 1
     return count
+
+
+@compiled
+def passes(a, b):
+    """Whether a phase passes -180 deg (mod 360) between two values."""
+    return math.floor((a + _PI) / (2.0 * _PI)) != math.floor((b + _PI) / (2.0 * _PI))
 
 
 @compiled

@@ -30,11 +30,14 @@ from fopi_tune.design.global_search.compiled import (
     S_PEAK,
     Rows,
     S,
+    Table,
     work_for,
 )
+from fopi_tune.design.global_search.nonlinear.program import SIZES
+from fopi_tune.design.global_search.nonlinear.solve import Solved, solve
 from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.program import ERRORS, INDEX, SIZES, Kind, raising_interrupts, solver_of
 from fopi_tune.design.global_search.rays import fill_ray
+from fopi_tune.design.global_search.responses import settle
 from fopi_tune.design.global_search.samples import controller_of
 from fopi_tune.design.global_search.slots import (
     Slot,
@@ -48,9 +51,14 @@ from fopi_tune.design.global_search.slots import (
 )
 from fopi_tune.design.global_search.worst_case import (
     FIELDS,
+    MODE,
+    NEAR,
     ROW,
     SLACK,
+    TARGET,
+    V,
     highest_crossover,
+    inner_slack,
     smallest_margin,
     worst_cases,
 )
@@ -66,13 +74,14 @@ _MOST_FINDINGS = 96
 _ROUNDS = 16
 FIRST_RADIUS = 0.5
 _SMALLEST_RADIUS = 0.005
-#: numbers of a controller: more equalities contradict or repeat each other
-_UNKNOWN = 3
 #: radii of steps up to gains with a new crossing: the first, the smallest; most of them
 _WALK, _SMALLEST_STEP, _MOST_STEPS = 0.01, 1e-5, 40
 #: natural units; a step that violates by more was too long
 _TOO_FAR = 0.5
-_FREQUENCY_REACH = 1.5
+#: rounds without better gains than those that are known
+_MOST_STALLED = 3
+#: solves without what held the gains at the end of another one, and |v| within which it is that
+_MOST_FREED, _SAME_PLACE = 4, 0.2
 
 _OBJECTIVE_ROWS = {
     S_PEAK: ((S, 1),),
@@ -81,17 +90,6 @@ _OBJECTIVE_ROWS = {
     CROSSOVER_SPREAD: ((GAIN_AT_REFERENCE, 1),),
     IAE: ((DISCOUNTED_ERROR, 1),),
 }
-
-
-@dataclass(frozen=True)
-class Solved:
-    """What Ipopt returned: scaled gains, the value of t, multipliers of limits (d cost/d limit), one a row."""
-
-    ok: bool
-    x: Array
-    t: float
-    on_boundary: bool
-    prices: Array
 
 
 @dataclass(frozen=True)
@@ -154,22 +152,27 @@ class Polish:
         self.out = np.empty((_MOST_FINDINGS, FIELDS + points.shape[1]))
         self.low, self.high = problem.spec.plant.low, problem.spec.plant.high
 
+    def _at(self, x: Array) -> tuple[Array, Table]:
+        """Gains, and the table at their orders."""
+        sampling = self.problem.structure.sampling_at(x, self.table.sampling)
+        return x[:3], self.table._replace(sampling=sampling) if sampling is not self.table.sampling else self.table
+
     def look(self, x: Array, within: float = _WITHIN) -> Array | None:
         """The worst cases at gains; None where a plant is unstable or a quantity has no value."""
         self.counts.looks += 1
         if self.problem.structure.size(x) < _NO_CONTROLLER:
             return None
-        rows = self.rows
+        rows, (x, table) = self.rows, self._at(x)
         if self.code == MARGIN_SPREAD:
-            fill_ray(x[2], x[0], x[1], self.table, self.work)
-            nominal = smallest_margin(x, self.table, self.work)[0]
+            fill_ray(x[2], x[0], x[1], table, self.work)
+            nominal = smallest_margin(x, table, self.work)[0]
             if nominal < 0.0:
                 return None
             rows = rows._replace(limit=np.concatenate([rows.limit[: self.real_rows], [nominal, nominal]]))
         if self.code == DEPTH:
             within = NOTHING
         count = worst_cases(
-            x, self.table, rows, self.problem.scaled.plants, self.low, self.high, self.spacing,
+            x, table, rows, self.problem.scaled.plants, self.low, self.high, self.spacing,
             self.problem.box.log_horizon, within, self.real_rows, self.work, self.out,
         )  # fmt: skip
         return None if count < 0 else self.out[:count].copy()
@@ -220,7 +223,9 @@ class Polish:
         found = self.look(x)
         if found is None:
             return None
-        t, known, pool = self._t_of(self.cost(found, x)), None, []
+        t, known, pool, stalled = self._t_of(self.cost(found, x)), None, [], 0
+        freed = _MOST_FREED
+        dropped: list[Array] = []
         if self.violation(found) <= MEETS:
             known = Polished(self.cost(found, x), x, np.full(self.real_rows, np.nan))
         for count in range(1, _ROUNDS + 1):
@@ -233,12 +238,22 @@ class Polish:
                     break
                 continue
             violation, cost = self.violation(after), self.cost(after, solved.x)
+            missed = self._violated(solved.x, dropped)
+            if missed:
+                # a look sees the deepest of neighbours alone
+                pool, x, found, t = [*pool, *missed], solved.x, after, self._t_of(cost)
+                continue
             if violation <= MEETS and self._gap(cost, solved) <= MEETS:
                 if known is None or cost <= known.cost + 1e-9 * max(1.0, abs(cost)):
                     known = Polished(cost, solved.x, solved.prices, count, cuts, not solved.on_boundary)
                 x, found, t = solved.x, after, solved.t
                 if cost > hopeless:
                     break
+                if solved.blocking and not solved.on_boundary and self.problem.structure.has_orders and freed > 0:
+                    dropped += [f for f in [*pool, *after] if _is_of(f, solved.blocking)]
+                    found = np.array([f for f in after if not _is_of(f, solved.blocking)])
+                    x, t, freed, pool = solved.x, solved.t, freed - 1, []
+                    continue
                 if not solved.on_boundary:
                     held = known.x is x and has_vanished(pool, found) and len(self.problem.fine_points[0]) == 1
                     return self._walked(known, found, t) if held else known
@@ -247,8 +262,35 @@ class Polish:
             if violation > _TOO_FAR:
                 radius, pool = 0.4 * radius, merged(pool, after)
                 continue
+            stalled = stalled + 1 if self._stalls(known, cost, violation) else 0
+            if stalled == _MOST_STALLED:
+                break
             x, found, t = solved.x, after, self._t_of(cost)
         return known
+
+    def _violated(self, x: Array, findings: list[Array]) -> list[Array]:
+        """Those of older findings that are violated at gains where their peaks or crossings are now."""
+        kept = []
+        for f in findings:
+            (gains, table), rows, q = self._at(x), self.rows, int(f[ROW])
+            ends = max(rows.low_v[q], table.v[1]), min(rows.high_v[q], table.v[-2])
+            value, _ = settle(
+                rows.kind[q], float(rows.side[q]), int(f[MODE]), controller_of(gains, table.sampling),
+                self.problem.scaled.member(f[FIELDS:]), f[V], f[NEAR], f[TARGET], *ends, self.problem.box.log_horizon,
+            )  # fmt: skip
+            if q < self.real_rows and inner_slack(rows.side[q], rows.limit[q], rows.scale[q], value) < -MEETS:
+                kept.append(f)
+        return kept
+
+    def _stalls(self, known: Polished | None, cost: float, violation: float) -> bool:
+        """Whether a solve that promised better gains ended at none: at a limit that no gains change.
+
+        That of |C S| as omega -> 0 is one, which a slow integral approaches below the table.  Asked where orders are
+        free, where a solve takes longest; of other structures such rounds are known not to change the result.
+        """
+        if known is None or violation > MEETS or not self.problem.structure.has_orders:
+            return False
+        return cost >= known.cost - 1e-9 * max(1.0, abs(cost))
 
     def _walked(self, known: Polished, found: Array, t: float) -> Polished:
         """Better gains, up to those where a crossing appears at once, as where |L| touches 1 at another frequency.
@@ -289,10 +331,13 @@ class Polish:
         return -cost if self.code == DEPTH else (0.0 if self.code == KI else cost)
 
     def _solve(self, pool: list[Array], x: Array, t: float, radius: float) -> tuple[Solved, int]:
-        slots = [self._first_slot(x), *slots_of(
-            order_of(pool, self.rows, self.real_rows), x, self.rows, self.problem.scaled, self.in_t, self.spread
+        gains, table = self._at(x)
+        slots = [self._first_slot(gains, table), *slots_of(
+            order_of(pool, self.rows, self.real_rows), controller_of(gains, table.sampling), self.rows,
+            self.problem.scaled, self.in_t, self.spread,
         )]  # fmt: skip
-        surplus = [slot for slot in slots if slot.is_equal][_UNKNOWN:]
+        # more equalities than numbers of a controller contradict or repeat each other
+        surplus = [slot for slot in slots if slot.is_equal][len(x) :]
         slots = [slot for slot in slots if not any(slot is other for other in surplus)][: SIZES[-1]]
         size = next(s for s in SIZES if s >= len(slots))
         self.counts.solves += 1
@@ -301,17 +346,22 @@ class Polish:
     def _errors(self, pool: list[Array]) -> Array:
         return error_rows(pool, self.rows, self.problem.scaled, self.problem.box.log_horizon)
 
-    def _first_slot(self, x: Array) -> Slot:
+    def _first_slot(self, x: Array, table: Table) -> Slot:
         """The nominal plant's crossover where a spread needs it, else an idle slot."""
-        nominal = self.table.members[0]
+        nominal = table.members[0]
         if self.code not in (MARGIN_SPREAD, CROSSOVER_SPREAD):
             return idle_slot(nominal)
-        fill_ray(x[2], x[0], x[1], self.table, self.work)
+        fill_ray(x[2], x[0], x[1], table, self.work)
         if self.code == MARGIN_SPREAD:
-            _, v, near = smallest_margin(x, self.table, self.work)
+            _, v, near = smallest_margin(x, table, self.work)
         else:
-            v, near, _ = highest_crossover(x, self.table, self.work)
-        return reference_slot(nominal, controller_of(x, self.table.sampling), v, near)
+            v, near, _ = highest_crossover(x, table, self.work)
+        return reference_slot(nominal, controller_of(x, table.sampling), v, near)
+
+
+def _is_of(finding: Array, places: tuple[tuple[int, float], ...]) -> bool:
+    """Whether a finding is of one of these rows and v."""
+    return any(finding[ROW] == row and abs(finding[V] - v) < _SAME_PLACE for row, v in places)
 
 
 def _with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) -> Rows:
@@ -330,71 +380,3 @@ def _with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) ->
         joined(own.low_v, [-math.inf] * count), joined(own.high_v, [math.inf] * count),
         joined(own.soft, [False] * count),
     )  # fmt: skip
-
-
-def solve(
-    problem: Problem, code: int, slots: list[Slot], errors: Array, x: Array, t: float, radius: float, size: int,
-    real_rows: int,
-) -> Solved:  # fmt: skip
-    """One solve of the program with these slots, within a region around x."""
-    box, structure = problem.box, problem.structure
-    units = structure.units(x)
-    z = x / units
-    idle = idle_slot(problem.fine_table.members[0])
-    padded = slots + [idle] * (size - len(slots))
-    low, high = np.full(4 + size, -np.inf), np.full(4 + size, np.inf)
-    low[0], high[0] = box.kp_low / units[0], box.kp_high / units[0]
-    if box.ki_low == 0.0:
-        low[1] = 0.0
-    if box.ki_high == 0.0 or x[1] == 0.0:
-        # with ki = 0 the limits omega -> 0 are others: a start there stays
-        high[1] = 0.0
-    if x[1] == 0.0:
-        low[1] = 0.0
-    third = (box.kd_low, box.kd_high) if 2 in structure.gains else (box.alpha_low, box.alpha_high)
-    low[2], high[2] = third[0] / units[2], third[1] / units[2]
-    reach = radius * structure.reach(z)
-    low[:3], high[:3] = np.maximum(low[:3], z - reach), np.minimum(high[:3], z + reach)
-    high[:3] = np.maximum(high[:3], low[:3])
-    if code == KI:
-        low[3] = high[3] = t = 0.0
-    v = np.array([slot.v for slot in padded])
-    low[4:], high[4:] = v - _FREQUENCY_REACH, v + _FREQUENCY_REACH
-    log_ki = -box.log_gain
-    scale_ki = max(abs(float(x[1])) * math.exp(log_ki + structure.order(x) * box.log_omega), 1e-12)
-    rows_low = np.concatenate([[box.ki_low / scale_ki], np.zeros(size + ERRORS), np.zeros(size)])
-    rows_high = np.concatenate([[box.ki_high / scale_ki], np.full(size + ERRORS, np.inf), np.zeros(size)])
-    rows_high[1 : 1 + size][[slot.is_equal for slot in padded]] = 0.0
-    if problem.spec.controller.has_derivative:
-        # rows that are off are 0 whatever the gains are: at a limit of 0 there is no interior point, which costs many
-        # steps; with kp + ki s^-alpha specs are known that are solved with it alone
-        rows_low[1 + size : 1 + size + ERRORS][errors[:, 2] == 0.0] = -1.0
-    weight_t = -1.0 if code == DEPTH else 1.0
-    whole = [1.0, 0.0] if code == KI else [0.0, weight_t]
-    whole += [log_ki - math.log(scale_ki), box.log_omega, *units.tolist()]
-    kind, numbers = Kind.of(problem.scaled.sampling)
-    parameters = np.concatenate([np.ravel([slot.p for slot in padded]), errors.ravel(), whole, numbers])
-    start = np.clip(np.concatenate([z, [t], v]), low, high)
-    solver = solver_of(size, kind)
-    with raising_interrupts():
-        result = solver(x0=start, p=parameters, lbx=low, ubx=high, lbg=rows_low, ubg=rows_high)
-    found = np.array(result["x"]).ravel()
-    ok = bool(solver.stats()["success"]) and bool(np.all(np.isfinite(found)))
-    gains = found[:3] * units if ok else x
-    lam = np.array(result["lam_g"]).ravel()
-    unit_of_cost = scale_ki if code == KI else 1.0
-    prices = _prices(padded, lam, size, real_rows) * unit_of_cost
-    boundary = bool(np.any(np.abs(found[:3] - z) > 0.999 * reach))
-    return Solved(ok, gains, float(found[3]), boundary, prices)
-
-
-def _prices(slots: list[Slot], lam: Array, size: int, real_rows: int) -> Array:
-    """d cost/d limit of each requirement's row, from the multipliers of rows and of equations that hold a limit."""
-    prices = np.zeros(real_rows)
-    for k, slot in enumerate(slots):
-        if 0 <= slot.row < real_rows:
-            if slot.by_level:
-                prices[slot.row] += lam[1 + size + ERRORS + k]
-            else:
-                prices[slot.row] += lam[1 + k] * slot.p[INDEX["sign"]]
-    return prices

@@ -34,7 +34,7 @@ from fopi_tune.design.global_search.compiled import (
     Table,
 )
 from fopi_tune.design.global_search.samples import Samples
-from fopi_tune.design.global_search.structures import Structure
+from fopi_tune.design.global_search.structures import LARGEST_GAIN, Structure
 from fopi_tune.design.global_search.tables import Scaled, box_grid, frequency_grid, table_of, vertices
 from fopi_tune.digital import sections_of
 from fopi_tune.digital.discretize import Method
@@ -45,8 +45,6 @@ from fopi_tune.spec.model import DesignSpec, GainRange
 
 #: inequalities are designed this much tighter (natural units), so that rounding does not undo them
 TIGHTENING = 4e-7
-#: scaled gains beyond this are taken for unbounded
-LARGEST_GAIN = 1e6
 #: relative
 _SAME_CROSSOVER = 1e-9
 #: tables that are kept: two a problem
@@ -273,6 +271,9 @@ class Problem:
         shape = box.alpha.min, box.alpha.max
         if box.has_derivative:
             shape = (-1.0, -1.0) if kd == (0.0, 0.0) else (1.0, 1.0) if kp == (0.0, 0.0) else (-1.0, 1.0)
+        if box.has_derivative_order:
+            # limited where its order is known
+            kd = box.kd.min * g * self.scale.omega_rad_s, box.kd.max * g * self.scale.omega_rad_s
         return Box(
             *kp, ki.min, ki.max, box.alpha.min, box.alpha.max,
             math.log(self.scale.omega_rad_s), math.log(g), self._log_horizon, *kd, *shape,

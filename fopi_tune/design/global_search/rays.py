@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from fopi_tune.design.global_search.compiled import CLOSEST, END, compiled
-from fopi_tune.design.global_search.structures import fill_controller, first_term
+from fopi_tune.design.global_search.controllers import fill_controller, first_term
 
 _PI = math.pi
 #: neper; beyond all kappa
@@ -61,8 +61,8 @@ def fill_ray(third, c, s, table, work):
                 work.real[i, j] = -math.sqrt(work.square[i, j])
     if s == 0.0 and c == 0.0:
         for i in range(m):
-            # a derivative alone cancels one pole of the plant at s = 0
-            slope = table.low_slope[i] + 1.0
+            # a derivative alone cancels one pole of the plant at s = 0, or makes up for a part of it
+            slope = table.low_slope[i] + table.sampling.rise
             work.gain[i, 0] = work.gain[i, 1] if abs(slope) < 1e-9 else -END * np.sign(slope)
 
 

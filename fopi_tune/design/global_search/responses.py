@@ -23,6 +23,7 @@ from fopi_tune.design.global_search.compiled import (
     T,
     compiled,
 )
+from fopi_tune.design.global_search.controllers import controller_at, controller_at_infinity, controller_at_real
 from fopi_tune.design.global_search.samples import (
     delayed_at_real,
     half_of,
@@ -31,7 +32,6 @@ from fopi_tune.design.global_search.samples import (
     turn_of,
     turn_rate,
 )
-from fopi_tune.design.global_search.structures import controller_at, controller_at_infinity, controller_at_real
 from fopi_tune.design.global_search.tables import WIDTH
 
 _PI = math.pi

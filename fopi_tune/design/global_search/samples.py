@@ -35,15 +35,16 @@ from fopi_tune.spec.model import DigitalSpec
 _TERMS = 17
 #: the modified filter's fast zero and pole, as in `digital/oustaloup.py`
 _FAST = math.log(10.0 / 9.0)
-#: where a controller's numbers are in what `controller_of` returns: h, Tf omega_s, e^g and, from the last on, corners
-HALF, FILTER, GAIN, CORNERS = 3, 4, 5, 6
+#: where a controller's numbers are in what `controller_of` returns: h, Tf omega_s, e^g, the orders of an integral and a
+#: derivative beside each other and, from the last on, corners
+HALF, FILTER, GAIN, ALPHA, MU, CORNERS = range(3, 9)
 
 
 @compiled
 def controller_of(x, sampling):
-    """The gains x and, unless C is kp' + ki' s^-alpha, h, Tf omega_s, e^g and corners z_1, p_1, z_2, ... at this alpha.
+    """The gains x and, unless C is kp' + ki' s^-alpha, h, Tf omega_s, e^g, orders, and corners z_1, p_1, ... at alpha.
 
-    The third of x is alpha, or kd' where there is a derivative, beside which the integral has order 1.
+    The third of x is alpha, or kd' where there is a derivative; the orders are then those of `sampling`, on samples 1.
     """
     if sampling.half == 0.0 and sampling.derivative == 0.0:
         return x
@@ -51,6 +52,7 @@ def controller_of(x, sampling):
     middle, last, here, there = sampling.gain[0], sampling.gain[1], sampling.gain[2], sampling.gain[3]
     found = np.empty(CORNERS + len(corners))
     found[0], found[1], found[2], found[HALF], found[FILTER] = x[0], x[1], x[2], h, sampling.derivative
+    found[ALPHA], found[MU] = sampling.order, sampling.rise
     g, sign = last - here + there - alpha * middle, 1.0
     for k in range(len(corners)):
         corner = math.exp(corners[k, 0] + corners[k, 1] * alpha + corners[k, 2] * math.log(alpha))

@@ -18,9 +18,10 @@ import math
 import numpy as np
 
 from fopi_tune.design.global_search.compiled import IAE, KI, NOTHING, compiled
+from fopi_tune.design.global_search.controllers import fill_order
 from fopi_tune.design.global_search.intervals import allowed_on_ray
 from fopi_tune.design.global_search.rays import fill_ray, find_passages
-from fopi_tune.design.global_search.structures import fill_order, kappa_range, ray_of, tau_of
+from fopi_tune.design.global_search.structures import box_with_orders, kappa_range, ray_of, tau_of, with_orders
 from fopi_tune.design.global_search.values import cost, equality_gains, slack
 
 _LEAST_KAPPA, _LARGEST_KAPPA = -25.0, 30.0
@@ -244,3 +245,95 @@ def compass(code, start, steps, fixed, signs, equal, most, span, least, rounds, 
             if max(da, dt) < least:
                 break
     return shape, tau, best, kappa
+
+
+@compiled
+def best_with_orders(code, y, deep, signs, equal, most, span, table, rows, box, work):
+    """(cost, kappa) of the ray with y = (tau, shape, alpha, mu)."""
+    at, inside = with_orders(y[2], y[3], table), box_with_orders(y[3], box)
+    third, c, s = ray_of(y[1], y[0], signs, most, span, inside, at.sampling)
+    value, kappa, _ = best_on_ray(code, third, c, s, equal, -1, deep, at, rows, inside, work)
+    return value, kappa
+
+
+@compiled
+def scan_orders(code, grids, sizes, quadrants, equal, most, span, table, rows, box, work):
+    """Costs and kappas, of shape (quadrants, alphas, mus, shapes, taus), as of `scan_rays`.
+
+    Args:
+        grids: shape (4, n), taus, shapes, alphas and mus, of which the first `sizes` count.
+        code, quadrants, equal, most, span, table, rows, box, work: as of `scan_rays`.
+    """
+    size = (len(quadrants), sizes[2], sizes[3], sizes[1], sizes[0])
+    costs, kappas, y = np.full(size, NOTHING), np.zeros(size), np.empty(4)
+    for z in range(size[0]):
+        for a in range(size[1]):
+            for m in range(size[2]):
+                for i in range(size[3]):
+                    for j in range(size[4]):
+                        y[0], y[1], y[2], y[3] = grids[0, j], grids[1, i], grids[2, a], grids[3, m]
+                        costs[z, a, m, i, j], kappas[z, a, m, i, j] = best_with_orders(
+                            code, y, 0, quadrants[z], equal, most, span, table, rows, box, work
+                        )
+    return costs, kappas
+
+
+@compiled
+def pattern_search(code, start, steps, low, high, signs, equal, most, span, least, evaluations, table, rows, box, work):
+    """Search on y = (tau, shape, alpha, mu) from a ray: (tau, shape, alpha, mu, cost, kappa), shape (6,).
+
+    Every step along an axis or two is tried, and after one that leads down twice as much again, along curved valleys.
+
+    Args:
+        start: y and the cost there, shape (5,).
+        steps: the first steps, 0 of what stays; shape (4,).
+        low, high: of y.
+        signs: of the gains.
+        least: steps smaller than this part of the first ones end the search.
+        evaluations: at most so many.
+        code, equal, most, span, table, rows, box, work: as in `best_on_ray` and `ray_of`.
+    """
+    found = np.zeros(6)
+    for k in range(5):
+        found[k] = start[k]
+    y, step, moved_by, size, count = np.empty(4), np.zeros(4), np.zeros(4), 1.0, 0
+    while size > least and count < evaluations:
+        moved = False
+        # a way is no step yet, one axis, or two of them, with signs
+        for way in range(-1, 32):
+            for k in range(4):
+                step[k] = 0.0
+            if way < 0:
+                for k in range(4):
+                    step[k] = 2.0 * moved_by[k]
+            elif way < 8:
+                step[way // 2] = size * steps[way // 2] * (1.0 - 2.0 * (way % 2))
+            else:
+                pair, first = (way - 8) // 4, 0
+                while pair >= 3 - first:
+                    pair -= 3 - first
+                    first += 1
+                second = first + 1 + pair
+                step[first] = size * steps[first] * (1.0 - 2.0 * (way % 2))
+                step[second] = size * steps[second] * (1.0 - 2.0 * (way // 2 % 2))
+                if step[first] == 0.0 or step[second] == 0.0:
+                    continue
+            change = 0.0
+            for k in range(4):
+                y[k] = min(max(found[k] + step[k], low[k]), high[k])
+                change = max(change, abs(y[k] - found[k]))
+            if change == 0.0:
+                continue
+            value, kappa = best_with_orders(code, y, 8, signs, equal, most, span, table, rows, box, work)
+            count += 1
+            if value < found[4]:
+                for k in range(4):
+                    moved_by[k] = y[k] - found[k]
+                    found[k] = y[k]
+                found[4], found[5], moved = value, kappa, True
+                break
+        if not moved:
+            size *= 0.5
+            for k in range(4):
+                moved_by[k] = 0.0
+    return found

@@ -22,7 +22,7 @@ from fopi_tune.design.global_search.compiled import (
     S,
     T,
 )
-from fopi_tune.design.global_search.program import COEFFICIENTS, ERRORS, INDEX, PARAMETERS
+from fopi_tune.design.global_search.nonlinear.program import COEFFICIENTS, ERRORS, INDEX, PARAMETERS
 from fopi_tune.design.global_search.responses import (
     AT_FIXED,
     AT_GAIN,
@@ -32,7 +32,7 @@ from fopi_tune.design.global_search.responses import (
     AT_REFERENCE,
     loop_at,
 )
-from fopi_tune.design.global_search.samples import controller_of
+from fopi_tune.design.global_search.samples import FILTER, MU
 from fopi_tune.design.global_search.tables import Scaled
 from fopi_tune.design.global_search.worst_case import FIELDS, MODE, NEAR, ROW, SLACK, TARGET, V
 
@@ -98,13 +98,13 @@ def slots_of(findings: list[Array], x: Array, rows: Rows, scaled: Scaled, in_t: 
 
     Args:
         findings: shape (k, 6 + p).
-        x: the gains at which they were found.
+        x: what `controller_of` makes of the gains at which they were found.
         rows: as in `worst_cases`.
         scaled: the plants and the filter.
         in_t: of each row, whether its slack has to exceed t (1), t is at least minus its slack (-1), or neither (0).
         spread: rows from this one on are angles measured from the first slot's.
     """
-    slots, beyond, x = [], [], controller_of(x, scaled.sampling)
+    slots, beyond = [], []
     for finding in findings:
         q = int(finding[ROW])
         if rows.kind[q] == DISCOUNTED_ERROR:
@@ -175,6 +175,7 @@ def _slot(finding: Array, q: int, plant: Array, x: Array, rows: Rows, in_t: floa
     if mode == AT_INFINITY:
         p[INDEX["fixed"]] = p[INDEX["log_end"]] = 1.0
         p[INDEX["v0"]] = 0.0
+        p[INDEX["is_first"]] = float(len(x) > 3 and x[FILTER] > 0.0 and x[MU] == 1.0)
         return Slot(p, 0.0, q, is_equal)
     p[INDEX[_EQUATION[mode]]] = 1.0
     if kind in (S, T, CS):

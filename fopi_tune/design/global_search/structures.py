@@ -4,15 +4,17 @@ With scaled s and three numbers x, whose first `linear` ones are gains and the o
 
     fractional      C = x0 + x1 s^-alpha ,                          x2 = alpha ,                                    (1)
     with derivative C = x0 + x1/s + x2 D ,    D = s/(Tf s + 1) ,    x2 = kd' ,                                      (2)
+    with orders     C = x0 + x1 s^-alpha + x2 D ,    D = s^mu/(Tf s + 1) ,    x2 = kd', x3 = alpha, x4 = mu ,      (2a)
 
-where on samples s^-alpha and 1/s are the filters of `samples.py` and D is the same function of s there.  A ray is
+where on samples s^-alpha and 1/s are the filters of `samples.py` and D is the same function of s there.  With given
+orders, which `Sampling` holds, (2a) is searched as (2) is.  A ray is
 C = k C0.  Its direction is the ratio of x1 to the rest, its shape what else there is to choose: alpha in (1), and in
 (2) u in [-1, 1] with
 
     x0 = c cos(theta) ,   x2 = c sin(theta) ,   ln tan(theta) = r u/sqrt(1 - u^2) ,                                 (3)
 
-so that u = -1 is kd = 0 and u = 1 is kp = 0.  The part of a search that knows the structure is here, in `Structure` and
-in the compiled functions; the solver's symbols are in `program.py`.
+so that u = -1 is kd = 0 and u = 1 is kp = 0.  The part of a search that knows the structure is here and, compiled, in
+`controllers.py`; the solver's symbols are in `nonlinear/controllers.py`.
 
 Source: derived.
 """
@@ -26,22 +28,15 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import ControllerSpec
-from fopi_tune.design.global_search.compiled import END, compiled
-from fopi_tune.design.global_search.samples import (
-    FILTER,
-    GAIN,
-    controller_of,
-    filter_at,
-    integral_at_real,
-)
+from fopi_tune.design.global_search.compiled import Box, Sampling, Table, compiled
+from fopi_tune.design.global_search.controllers import order_of
 
-_PI = math.pi
 #: neper: the part of the reach of directions that does not depend on the order
 _BASE = 2.5
 #: r of (3), and the largest |ln tan(theta)| between the ends
 _REACH, _MOST = 2.0, 9.0
-#: |C|^2 that stands for 0
-_TINY = 1e-60
+#: scaled gains beyond this are taken for unbounded
+LARGEST_GAIN = 1e6
 
 
 class Structure(NamedTuple):
@@ -54,7 +49,7 @@ class Structure(NamedTuple):
         fewest: shapes in a scan at least.
     """
 
-    names: tuple[str, str, str]
+    names: tuple[str, ...]
     linear: int
     step: float
     fewest: int
@@ -62,7 +57,18 @@ class Structure(NamedTuple):
     @classmethod
     def of(cls, spec: ControllerSpec) -> Structure:
         """That of a spec's box."""
+        if spec.has_derivative_order:
+            return WITH_ORDERS
         return WITH_DERIVATIVE if spec.has_derivative else FRACTIONAL
+
+    @property
+    def has_orders(self) -> bool:
+        """Whether integral and derivative have an order each."""
+        return len(self.names) > 3
+
+    def sampling_at(self, x: Array, sampling: Sampling) -> Sampling:
+        """With the orders of the numbers x."""
+        return sampling._replace(order=float(x[3]), rise=float(x[4])) if self.has_orders else sampling
 
     @property
     def gains(self) -> tuple[int, ...]:
@@ -71,7 +77,7 @@ class Structure(NamedTuple):
 
     def order(self, x: Array) -> float:
         """The order of the integral."""
-        return float(x[2]) if self.linear == FRACTIONAL.linear else 1.0
+        return float(x[3]) if self.has_orders else float(x[2]) if self.linear == FRACTIONAL.linear else 1.0
 
     def times(self, k: float, x: Array) -> Array:
         """The numbers of k C."""
@@ -93,126 +99,30 @@ class Structure(NamedTuple):
 
 FRACTIONAL = Structure(("kp", "ki", "alpha"), 2, 0.07, 7)
 WITH_DERIVATIVE = Structure(("kp", "ki", "kd"), 3, 0.13, 2)
+WITH_ORDERS = Structure(("kp", "ki", "kd", "alpha", "mu"), 3, 0.3, 2)
 
 
 @compiled
-def order_of(third, sampling):
-    """The order of the integral, which turns scaled ki into the user's."""
-    return third if sampling.derivative == 0.0 else 1.0
+def with_orders(alpha, mu, table):
+    """A table whose controllers have these orders."""
+    own = table.sampling
+    sampling = Sampling(own.half, own.corners, own.matched, own.gain, own.derivative, alpha, mu)
+    return Table(
+        table.v, table.omega, table.gain, table.phase, table.real, table.imag, table.delay, table.unstable,
+        table.start_phase, table.low_slope, table.high_slope, table.alias, table.error_gain, table.members,
+        table.points, table.log_omega, table.late, sampling,
+    )  # fmt: skip
 
 
 @compiled
-def controller_at(x, v):
-    """Real and imaginary part of C at j e^v; x is what `controller_of` makes of the numbers."""
-    if len(x) == 3:
-        power = x[1] * math.exp(-x[2] * v)
-        return x[0] + power * math.cos(0.5 * _PI * x[2]), -power * math.sin(0.5 * _PI * x[2])
-    omega = math.exp(v)
-    real, imag = filter_at(x, omega)
-    real, imag = x[0] + x[1] * real, x[1] * imag
-    if x[FILTER] > 0.0:
-        #  D = j omega/(1 + j omega Tf)
-        part = x[2] * omega / (1.0 + (omega * x[FILTER]) ** 2)
-        real, imag = real + part * omega * x[FILTER], imag + part
-    return real, imag
-
-
-@compiled
-def controller_at_real(x, log_s):
-    """C at a real s; x is what `controller_of` makes of the numbers."""
-    value = x[0] + x[1] * integral_at_real(x, log_s)
-    if len(x) > 3 and x[FILTER] > 0.0:
-        s = math.exp(log_s)
-        value += x[2] * s / (x[FILTER] * s + 1.0)
-    return value
-
-
-@compiled
-def controller_at_infinity(x):
-    """C as s tends to infinity; x is what `controller_of` makes of the numbers."""
-    return x[0] + x[2] / x[FILTER] if len(x) > 3 and x[FILTER] > 0.0 else x[0]
-
-
-@compiled
-def first_term(third, c, s, sampling):
-    """The gain of the term that dominates as omega -> 0."""
-    if s != 0.0:
-        return s
-    return third if c == 0.0 and sampling.derivative > 0.0 else c
-
-
-@compiled
-def fill_controller(third, c, s, table, work):
-    """Write ln|C0|, C0 and arg C0 of all columns into the scratch.
-
-    The phase is that from the real axis as omega -> 0: -90 deg times the order, less 180 deg where the first term is
-    negative.
-    """
-    sampling = table.sampling
-    if sampling.derivative > 0.0:
-        x = controller_of(np.array((c, s, third)), sampling)
-        _fill_with_derivative(x, first_term(third, c, s, sampling), table, work)
-    else:
-        _fill_fractional(third, c, s, table, work)
-
-
-@compiled
-def fill_order(alpha, table, work):
-    """Write (j omega)^-alpha, on samples the filter F, of all columns into the scratch, unless it is there."""
-    if work.order[0] == alpha:
-        return
-    n = len(table.v)
-    cosine, sine = math.cos(0.5 * _PI * alpha), math.sin(0.5 * _PI * alpha)
-    sampled = table.sampling.half > 0.0
-    controller = controller_of(np.array((0.0, 1.0, alpha)), table.sampling)
-    if sampled:
-        # at both ends of the axis the filter is an integrator
-        cosine, sine = 0.0, 1.0
-    for j in range(n):
-        x = math.exp(-alpha * table.v[j])
-        if j == 0:
-            x = math.exp(END)
-        elif j == n - 1:
-            x = math.exp(-END)
-        real, imag = x * cosine, -x * sine
-        if sampled and 0 < j < n - 1:
-            real, imag = filter_at(controller, math.exp(table.v[j]))
-        work.power[0, j], work.power[1, j] = real, imag
-    work.order[0] = alpha
-
-
-@compiled
-def _fill_fractional(alpha, c, s, table, work):
-    """`fill_controller` of (1)."""
-    fill_order(alpha, table, work)
-    sampled = table.sampling.half > 0.0
-    negative = s < 0 or (s == 0 and c < 0)
-    for j in range(len(table.v)):
-        real, imag = c + s * work.power[0, j], s * work.power[1, j]
-        angle = math.atan2(-imag, -real) - _PI if negative else math.atan2(imag, real)
-        if sampled and angle > (-0.5 * _PI if negative else 0.5 * _PI):
-            # an order close to 2, whose filter turns a little further than -180 deg
-            angle -= 2.0 * _PI
-        work.controller[0, j] = 0.5 * math.log(real * real + imag * imag)
-        work.controller[1, j], work.controller[2, j], work.controller[3, j] = real, imag, angle
-
-
-@compiled
-def _fill_with_derivative(x, lead, table, work):
-    """`fill_controller` of (2).
-
-    Where Im C changes its sign, once, Re C is kp + Tf ki e^g: its sign says on which side of 0 the locus passes.
-    """
-    n, sign = len(table.v), (-1.0 if lead < 0.0 else 1.0)
-    by_left = x[1] != 0.0 and sign * (x[0] + x[FILTER] * x[1] * x[GAIN]) < 0.0
-    for j in range(n):
-        real, imag = controller_at(x, -END if j == 0 else (END if j == n - 1 else table.v[j]))
-        angle = math.atan2(sign * imag, sign * real)
-        if by_left and angle > 0.0:
-            angle -= 2.0 * _PI
-        work.controller[0, j] = 0.5 * math.log(max(real * real + imag * imag, _TINY))
-        work.controller[1, j], work.controller[2, j] = real, imag
-        work.controller[3, j] = angle if lead > 0.0 else angle - _PI
+def box_with_orders(mu, box):
+    """A box whose range of kd' = kd g omega_s^mu is that of this order."""
+    factor = math.exp((mu - 1.0) * box.log_omega)
+    low, high = max(box.kd_low * factor, -LARGEST_GAIN), min(box.kd_high * factor, LARGEST_GAIN)
+    return Box(
+        box.kp_low, box.kp_high, box.ki_low, box.ki_high, box.alpha_low, box.alpha_high, box.log_omega, box.log_gain,
+        box.log_horizon, low, high, box.shape_low, box.shape_high,
+    )  # fmt: skip
 
 
 @compiled

@@ -77,6 +77,7 @@ class Scaled:
     @property
     def sampling(self) -> Sampling:
         """What responses of the controller depend on besides its own numbers."""
+        # the orders beside a derivative are set where they are known
         derivative = self.scale.filter_s * self.scale.omega_rad_s
         if self.samples is None:
             return NO_SAMPLES._replace(derivative=derivative)

@@ -15,7 +15,8 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.design.global_search.compiled import DEPTH
-from fopi_tune.design.global_search.problem import LARGEST_GAIN, Problem
+from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.global_search.structures import LARGEST_GAIN
 from fopi_tune.design.time_domain.measures import ScenarioRun, unit_of
 from fopi_tune.digital import sections_of
 from fopi_tune.results.candidate import Violation

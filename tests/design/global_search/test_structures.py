@@ -9,28 +9,29 @@ import numpy as np
 import pytest
 
 import fopi_tune as ft
-from fopi_tune.core.controller import Pid
+from fopi_tune.core.controller import FoPid, Pid
 from fopi_tune.design.constraints import Scale
 from fopi_tune.design.global_search.basins import quadrants_of, reach_of
 from fopi_tune.design.global_search.compiled import work_for
-from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.program import (
+from fopi_tune.design.global_search.controllers import controller_at
+from fopi_tune.design.global_search.controllers import controller_at_infinity as compiled_at_infinity
+from fopi_tune.design.global_search.controllers import controller_at_real as compiled_at_real
+from fopi_tune.design.global_search.nonlinear.controllers import (
     Kind,
     controller_at_infinity,
     controller_at_real,
     controller_parts,
 )
+from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.rays import fill_ray
 from fopi_tune.design.global_search.samples import controller_of
 from fopi_tune.design.global_search.structures import (
     FRACTIONAL,
     WITH_DERIVATIVE,
-    controller_at,
+    WITH_ORDERS,
+    box_with_orders,
     kappa_range,
     ray_of,
-)
-from fopi_tune.design.global_search.structures import (
-    controller_at_real as compiled_at_real,
 )
 from fopi_tune.digital import sections_of
 
@@ -80,7 +81,8 @@ def test_the_responses_are_those_of_the_controller(more: str) -> None:
         found = np.array([complex(*controller_at(x, at)) for at in v]) / scale.gain
         # residues of sections are differences, which cost digits
         np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12)
-        made, kp, ki, kd = kind.made(float(x[2]), ca.DM(numbers)), float(x[0]), float(x[1]), float(x[2])
+        kp, ki, kd = (float(value) for value in x[:3])
+        made = kind.made(x, kd, ca.DM(numbers))
         parts = [complex(*map(float, controller_parts(kp, ki, kd, at, made))) for at in v]
         np.testing.assert_allclose(np.array(parts) / scale.gain, wanted, rtol=1e-9, atol=1e-12)
         log_s = math.log(0.37)
@@ -155,3 +157,105 @@ def test_a_structure_says_which_numbers_are_gains() -> None:
     assert WITH_DERIVATIVE.units(x).tolist() == [1.0, 0.1, 0.5]
     assert (FRACTIONAL.order(x), WITH_DERIVATIVE.order(x)) == (0.5, 1.0)
     assert (FRACTIONAL.size(x), WITH_DERIVATIVE.size(np.array([0.0, 0.1, -3.0]))) == (1.0, 3.0)
+
+
+# --- orders of integral and derivative ------------------------------------------------------------------------------
+
+
+def problem_with_orders(ranges: str = "") -> Problem:
+    return Problem.of(ft.parse_spec(
+        f"schema: 1\nname: x\nplant: {PLANT}\ncontroller: {{structure: fopid, {ranges} "
+        f"derivative_filter_time_constant_s: {TF}}}\nrequirements: [{{sensitivity_db: {{at_most: 6}}}}]\n"
+    ))  # fmt: skip
+
+
+def random_orders(chance: np.random.Generator) -> FoPid:
+    kp, ki, kd = chance.uniform(-3.0, 3.0, 3).tolist()
+    return FoPid(kp, ki, float(chance.uniform(0.2, 1.8)), kd, float(chance.choice([chance.uniform(0.2, 1.0), 1.0])), TF)
+
+
+def test_numbers_with_orders_are_scaled_there_and_back() -> None:
+    gains, scale = FoPid(1.5, -0.4, 0.7, 0.3, 0.6, TF), Scale(3.0, 0.2, np.ones(1), TF, True)
+    found = scale.scaled(gains)
+    assert found.tolist() == pytest.approx([0.3, -0.08 * 3.0**-0.7, 0.06 * 3.0**0.6, 0.7, 0.6])
+    back = scale.controller(found)
+    assert isinstance(back, FoPid)
+    for name in ("kp", "ki", "alpha", "kd", "mu", "derivative_filter_time_constant_s"):
+        assert getattr(back, name) == pytest.approx(getattr(gains, name), rel=1e-14)
+    # a start of another structure
+    assert scale.scaled(Pid(1.5, 1.0, 0.0, TF))[2:].tolist() == [0.0, 1.0, 1.0]
+
+
+def test_the_responses_with_orders_are_those_of_the_controller() -> None:
+    problem, chance = problem_with_orders(), np.random.default_rng(51)
+    scale = problem.scale
+    for _ in range(30):
+        gains = random_orders(chance)
+        x = scale.scaled(gains)
+        sampling = WITH_ORDERS.sampling_at(x, problem.scaled.sampling)
+        at = controller_of(x[:3], sampling)
+        omega = np.geomspace(1e-3, 60.0, 30)
+        v, wanted = np.log(omega / scale.omega_rad_s), gains(1j * omega)
+        found = np.array([complex(*controller_at(at, u)) for u in v]) / scale.gain
+        np.testing.assert_allclose(found, wanted, rtol=1e-10, atol=1e-12)
+        kind, numbers = Kind.of(problem.scaled.sampling, True)
+        made, (kp, ki, kd) = kind.made(x, float(x[2]), ca.DM(numbers)), (float(value) for value in x[:3])
+        parts = np.array([complex(*map(float, controller_parts(kp, ki, kd, u, made))) for u in v])
+        np.testing.assert_allclose(parts / scale.gain, wanted, rtol=1e-10, atol=1e-12)
+        log_s = math.log(0.37)
+        at_real = float(controller_at_real(kp, ki, kd, log_s, made))
+        assert at_real == pytest.approx(compiled_at_real(at, log_s), rel=1e-12)
+        assert at_real / scale.gain == pytest.approx(gains(0.37 * scale.omega_rad_s + 0j).real, rel=1e-12)
+        is_first = float(gains.mu == 1.0)
+        end = gains.kp + is_first * gains.kd / TF
+        assert compiled_at_infinity(at) / scale.gain == pytest.approx(end, rel=1e-12)
+        assert float(controller_at_infinity(kp, kd, made, is_first)) / scale.gain == pytest.approx(end, rel=1e-12)
+
+
+@pytest.mark.parametrize("zero", ["", "ki", "kp ki", "kp", "kd"])
+def test_the_phase_of_a_ray_with_orders_is_followed_from_low_frequency_on(zero: str) -> None:
+    problem, chance = problem_with_orders(), np.random.default_rng(81)
+    table = problem.fine_table
+    v = np.linspace(-60.0, 60.0, 150_001)
+    for _ in range(8):
+        gains = random_orders(chance)
+        x = np.array([*(chance.uniform(-1.0, 1.0, 3) * 10.0 ** chance.uniform(-1.0, 1.0, 3)), gains.alpha, gains.mu])
+        for name in zero.split():
+            x[("kp", "ki", "kd").index(name)] = 0.0
+        sampling, work = WITH_ORDERS.sampling_at(x, table.sampling), work_for(table)
+        fill_ray(x[2], x[0], x[1], table._replace(sampling=sampling), work)
+        log_s = v + 0.5j * np.pi
+        derivative = np.exp(x[4] * log_s) / (sampling.derivative * np.exp(log_s) + 1.0)
+        c = x[0] + x[1] * np.exp(-x[3] * log_s) + x[2] * derivative
+        first = next(gain for gain in (x[1], x[0], x[2]) if gain != 0.0)
+        order = -x[3] if x[1] else (0.0 if x[0] else x[4])
+        angle = np.unwrap(np.angle(c))
+        start = 0.5 * np.pi * order - (np.pi if first < 0.0 else 0.0)
+        # at e^-60 rad/s the first term still shares with the next one
+        angle += 2.0 * np.pi * np.round((start - angle[0]) / (2.0 * np.pi))
+        inner = slice(1, -1)
+        # between the dense grid's points the phase bends
+        np.testing.assert_allclose(work.controller[3][inner], np.interp(table.v[inner], v, angle), atol=1e-3)
+        assert work.controller[3][0] == pytest.approx(start, abs=1e-6)
+
+
+@pytest.mark.parametrize("ranges", ["", *RANGES[1:5]])
+def test_every_ray_with_orders_meets_the_box_of_gains(ranges: str) -> None:
+    problem = problem_with_orders(ranges)
+    sampling, spec = problem.scaled.sampling, problem.spec.controller
+    for alpha, mu in ((0.3, 0.2), (1.0, 0.7), (1.6, 1.0)):
+        at, box = sampling._replace(order=alpha, rise=mu), box_with_orders(mu, problem.box)
+        for signs in quadrants_of(problem):
+            for shape in np.linspace(box.shape_low, box.shape_high, 5):
+                for tau in (-1.0, -0.3, 0.5, 1.0):
+                    third, c, s = ray_of(shape, tau, signs, *reach_of(problem), box, at)
+                    low, high = kappa_range(third, c, s, -25.0, 30.0, box, at)
+                    assert low <= high
+                    found = problem.scale.controller(
+                        WITH_ORDERS.times(math.exp(high), np.array([c, s, third, alpha, mu]))
+                    )
+                    for name in ("kp", "ki", "kd"):
+                        # rounding of a quotient
+                        room = 1e-8 * max(abs(getattr(found, name)), 1e-6)
+                        side = spec.ranges[name]
+                        assert side.min - room <= getattr(found, name) <= side.max + room

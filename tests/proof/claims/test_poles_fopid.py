@@ -54,7 +54,7 @@ def random_gains(rng: np.random.Generator, q: int = 0) -> FoPid:
 def test_the_count_is_that_of_matignons_sector() -> None:
     rng = np.random.default_rng(711)
     seen: list[int] = []
-    for _ in range(110):
+    for _ in range(60):
         plant, q = random_plant(rng, int(rng.integers(1, 4))), int(rng.integers(2, 6))
         found = random_gains(rng, q)
         expected = poles_by_sector(found, plant, q)
@@ -63,7 +63,7 @@ def test_the_count_is_that_of_matignons_sector() -> None:
             assert counted == expected, (found, plant)
             seen.append(expected)
     # next to a pole at s = 0, or with 1 + C(inf) n/d about 0, balls do not tell
-    assert len(seen) >= 95
+    assert len(seen) >= 50
     assert set(seen) >= {0, 1, 2}
 
 
@@ -71,7 +71,7 @@ def test_unstable_loops_are_refuted_and_never_proved() -> None:
     rng = np.random.default_rng(712)
     refuted = 0
     asked = Requirement("sensitivity_db", Relation.AT_MOST, (60.0,))
-    while refuted < 15:
+    while refuted < 8:
         plant, q = random_plant(rng, int(rng.integers(1, 4))), int(rng.integers(2, 5))
         found = random_gains(rng, q)
         expected = poles_by_sector(found, plant, q)
@@ -89,7 +89,7 @@ def test_unstable_loops_are_refuted_and_never_proved() -> None:
 def test_the_count_with_dead_time_is_that_of_the_encirclements() -> None:
     rng = np.random.default_rng(713)
     seen: list[int] = []
-    for _ in range(60):
+    for _ in range(30):
         plant = random_plant(rng, int(rng.integers(1, 5)), float(10.0 ** rng.uniform(-2, 0.3)), rng.random() < 0.3)
         found = random_gains(rng)
         expected = float(unstable_closed_loop_poles(Loops.of(found, Plants.of(plant)))[0])
@@ -99,7 +99,7 @@ def test_the_count_with_dead_time_is_that_of_the_encirclements() -> None:
             seen += [] if counted is None else [counted]
         else:
             assert not counted, (found, plant)
-    assert len(seen) > 45
+    assert len(seen) > 20
     assert set(seen) >= {0, 1, 2}
 
 

@@ -11,8 +11,8 @@ import pytest
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response, log_response_at
+from fopi_tune.design.global_search.nonlinear.program import COEFFICIENTS, INDEX, PARAMETERS, _slot
 from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.program import COEFFICIENTS, INDEX, PARAMETERS, _slot
 from fopi_tune.spec import parse_spec
 
 PLANTS = [
