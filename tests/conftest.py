@@ -25,10 +25,11 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
     program = Path(__file__).parent / "cases" / "compile_search.py"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(Path(__file__).parent), str(IMPORTED)))}
-    halves = [
-        subprocess.Popen([sys.executable, str(program), half], env=environment) for half in ("rays", "worst_cases")
+    parts = [
+        subprocess.Popen([sys.executable, str(program), part], env=environment)
+        for part in ("rays", "worst_cases", "time")
     ]
-    failed = [half.args for half in halves if half.wait()]
+    failed = [part.args for part in parts if part.wait()]
     if failed:
         raise pytest.UsageError(f"the search cannot be compiled: {failed}")
 

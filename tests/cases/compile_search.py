@@ -1,13 +1,15 @@
-"""Compiles a half of search and simulation before the tests, so that no process of them does:
+"""Compiles a part of search and simulation before the tests, so that no process of them does:
 
-    python compile_search.py HALF
+    python compile_search.py PART
 
-HALF is `rays` or `worst_cases`; what both need is compiled twice, and takes less than all of it in each test process.
+PART is `rays`, `worst_cases` or `time`; what two need is compiled twice, and takes less than all of it in each process
+of the tests.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 
 import numpy as np
 from cases.project import CONTINUOUS, ROOT
@@ -77,17 +79,25 @@ def scenarios(problem: ScenarioProblem) -> None:
     Family(problem).worst(gains, refine=False)
 
 
+def in_frequency(part: Callable[[Problem], None]) -> None:
+    """A part of the search, with two equalities and without any."""
+    for name in SPECS:
+        part(Problem.of(load_spec(CONTINUOUS / f"{name}.yaml")))
+
+
 def main() -> None:
     """Compile; Numba keeps the code beside the package."""
-    half = sys.argv[1]
-    for name in SPECS:
-        problem = Problem.of(load_spec(CONTINUOUS / f"{name}.yaml"))
-        {"rays": rays, "worst_cases": worst_cases}[half](problem)
-    if half == "rays":
-        simulated()
-        scenarios(ScenarioProblem.of(DESIGNS["throttle"].spec))
-    else:
-        on_samples()
+    match sys.argv[1]:
+        case "rays":
+            in_frequency(rays)
+        case "worst_cases":
+            in_frequency(worst_cases)
+            on_samples()
+        case "time":
+            simulated()
+            scenarios(ScenarioProblem.of(DESIGNS["throttle"].spec))
+        case other:
+            sys.exit(f"no part is called {other}")
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,11 +32,14 @@ def brake(limits: tuple[float, float] | None = (-1.0, 0.0), **digital: Any) -> D
     return replace(spec, digital=replace(spec.digital, output_limits=limits, **digital))
 
 
-CHECK: Check = prove(brake(), GAINS)
+@functools.cache
+def check() -> Check:
+    """The published gains on the brake, proved once."""
+    return prove(brake(), GAINS)
 
 
 def test_the_brake_is_stable_with_its_limits() -> None:
-    limited = CHECK.certificate.limited
+    limited = check().certificate.limited
     assert limited is not None
     assert limited.proof is not None
     assert limited.reason == ""
@@ -43,7 +47,7 @@ def test_the_brake_is_stable_with_its_limits() -> None:
     # the norm is halved when decay^n = 1/2
     assert limited.half_life_s is not None
     assert limited.proof.decay ** (limited.half_life_s / 0.2) == pytest.approx(0.5)
-    said = CHECK.to_dict()["proof"]["with_limits"]
+    said = check().to_dict()["proof"]["with_limits"]
     assert (said["verdict"], said["output_limits"]) == ("proved", [-1.0, 0.0])
     assert said["decay_per_sample"] == limited.proof.decay
 
@@ -55,8 +59,8 @@ def test_without_limits_or_samples_nothing_is_said() -> None:
     assert plain.certificate.limited is None
     assert "with_limits" not in plain.to_dict()["proof"]
     # the verdict is the same with limits and without
-    assert plain.status == CHECK.status
-    assert plain.certificate.verdict is CHECK.certificate.verdict
+    assert plain.status == check().status
+    assert plain.certificate.verdict is check().certificate.verdict
 
 
 @pytest.mark.parametrize(
@@ -93,9 +97,9 @@ def test_an_unstable_loop_has_no_proof() -> None:
 
 
 def test_the_certificate_is_sound_and_says_it() -> None:
-    found = recheck(CHECK.certificate_document(), brake())
+    found = recheck(check().certificate_document(), brake())
     assert found.problems == ()
-    assert found.certificate.limited == CHECK.certificate.limited
+    assert found.certificate.limited == check().certificate.limited
 
 
 CHANGES: dict[str, Callable[[dict[str, Any]], None]] = {
@@ -109,7 +113,7 @@ CHANGES: dict[str, Callable[[dict[str, Any]], None]] = {
 
 @pytest.mark.parametrize("name", CHANGES)
 def test_a_change_by_somebody_who_knows_the_digest_is_refused(name: str) -> None:
-    document = copy.deepcopy(CHECK.certificate_document())
+    document = copy.deepcopy(check().certificate_document())
     CHANGES[name](document["with_limits"])
     document["digest"] = digest(document)
     assert recheck(document, brake()).problems != ()
@@ -117,19 +121,19 @@ def test_a_change_by_somebody_who_knows_the_digest_is_refused(name: str) -> None
 
 @pytest.mark.parametrize("decay", [-0.5, 0.0, 1.0, 2.0])
 def test_a_decay_that_is_none_is_no_certificate(decay: float) -> None:
-    document = copy.deepcopy(CHECK.certificate_document())
+    document = copy.deepcopy(check().certificate_document())
     document["with_limits"]["decays"]["decay"] = decay
     with pytest.raises(CertificateError, match="must be between 0 and 1"):
         recheck(document)
 
 
 def test_limits_of_another_spec_are_refused() -> None:
-    problems = recheck(CHECK.certificate_document(), brake((-1.0, 0.5))).problems
+    problems = recheck(check().certificate_document(), brake((-1.0, 0.5))).problems
     assert "with_limits: the limits are not those of the spec" in problems
 
 
 def test_decay_is_slower_than_the_loop_without_limits() -> None:
-    limited = CHECK.certificate.limited
+    limited = check().certificate.limited
     assert limited is not None
     assert limited.proof is not None
     assert 0.0 < -math.log(limited.proof.decay) < 1.0
@@ -149,7 +153,7 @@ def test_a_rate_limit_is_never_left_out_of_a_proof(limits: tuple[float, float] |
     assert limited.statement == f"stable with its output rate limit: not available: {NOT_MODELLED}"
     assert found.to_dict()["proof"]["with_limits"]["most_change"] == pytest.approx(0.1)
     # the requirements are about the loop within its limits
-    assert found.certificate.verdict is CHECK.certificate.verdict
+    assert found.certificate.verdict is check().certificate.verdict
     document = found.certificate_document()
     again = recheck(document, brake(limits, output_rate_per_s=0.5))
     assert again.certificate.limited == limited
@@ -162,7 +166,7 @@ def test_a_rate_limit_is_never_left_out_of_a_proof(limits: tuple[float, float] |
 
 
 def test_a_proof_without_the_rate_is_not_one_with_it() -> None:
-    document = copy.deepcopy(CHECK.certificate_document())
+    document = copy.deepcopy(check().certificate_document())
     problems = recheck(document, brake(output_rate_per_s=0.5)).problems
     assert "with_limits: the limits are not those of the spec" in problems
     # a rate that is written into a certificate takes its proof away
