@@ -9,7 +9,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.design.bound.branch import branch
-from fopi_tune.design.bound.cells import ALPHA_HIGH, ALPHA_LOW, KAPPA, PSI_HIGH, PSI_LOW, QUADRANT
+from fopi_tune.design.bound.columns import KAPPA, PSI_HIGH, PSI_LOW, QUADRANT, SHAPE_HIGH, SHAPE_LOW
 from fopi_tune.design.constraints import Bound
 from fopi_tune.design.global_search.basins import Basin, quadrants_of
 from fopi_tune.design.global_search.compiled import (
@@ -98,7 +98,7 @@ def bracket_of(
             size = min(1.0, max(_LEAST_PART, _LARGE_TABLE / table.gain.size))
             cells, count = _left(problem, *asked, table, cells, int(part * size * budget))
             looked += count
-            starts = _starts(cells, quadrants, cost) if len(cells) else ()
+            starts = _starts(cells, quadrants, cost, problem.spec.controller.has_derivative) if len(cells) else ()
             if not starts:
                 break
             # what gains in the cells that are left violate between the table's plants and frequencies joins it
@@ -135,12 +135,19 @@ def _whole_box(problem: Problem) -> Array:
     for z in range(len(quadrants_of(problem))):
         low = 0.5 * math.pi if box.kp_low == box.kp_high == 0.0 else 0.0
         high = 0.0 if box.ki_low == box.ki_high == 0.0 else 0.5 * math.pi
-        cells.append((box.alpha_low, box.alpha_high, low, high, float(z), 0.0))
+        shape = (box.alpha_low, box.alpha_high)
+        if problem.spec.controller.has_derivative:
+            # theta, as psi, of kd beside kp
+            shape = (
+                0.5 * math.pi if box.kp_low == box.kp_high == 0.0 else 0.0,
+                0.0 if box.kd_low == box.kd_high == 0.0 else 0.5 * math.pi,
+            )
+        cells.append((*shape, low, high, float(z), 0.0))
     return np.array(cells)
 
 
 def _area(cells: Array) -> float:
-    width = np.maximum(cells[:, ALPHA_HIGH] - cells[:, ALPHA_LOW], 1e-9)
+    width = np.maximum(cells[:, SHAPE_HIGH] - cells[:, SHAPE_LOW], 1e-9)
     return float(np.sum(width * np.maximum(cells[:, PSI_HIGH] - cells[:, PSI_LOW], 1e-9)))
 
 
@@ -151,6 +158,7 @@ def _left(
     if _contradicts_itself(problem, rows, target, table):
         return cells[:0], 0
     box, proper = problem.box, problem.scaled.samples is None and bool(np.all(table.high_slope < 0.0))
+    proper = proper and not problem.spec.controller.has_derivative
     for q in np.flatnonzero((rows.kind == CS) & (rows.side > 0) & (rows.last == len(table.v) - 1) & proper):
         # |C S| -> |kp| as omega -> inf
         largest = math.exp(rows.limit[q])
@@ -244,10 +252,10 @@ def _joined(rows: Rows, kind: int, side: int, limit: float, first: int, last: in
     return Rows(*(np.append(old, np.array([new], dtype=old.dtype)) for old, new in zip(rows, more, strict=True)))
 
 
-def _starts(cells: Array, quadrants: Array, cost: float) -> tuple[Basin, ...]:
+def _starts(cells: Array, quadrants: Array, cost: float, with_derivative: bool) -> tuple[Basin, ...]:
     """Gains in some of the cells, far apart."""
     middle = np.column_stack(
-        [cells[:, ALPHA_LOW] + cells[:, ALPHA_HIGH], cells[:, PSI_LOW] + cells[:, PSI_HIGH], 9.0 * cells[:, QUADRANT]]
+        [cells[:, SHAPE_LOW] + cells[:, SHAPE_HIGH], cells[:, PSI_LOW] + cells[:, PSI_HIGH], 9.0 * cells[:, QUADRANT]]
     )
     chosen = [0]
     distance = np.abs(middle - middle[0]).max(axis=1)
@@ -257,6 +265,9 @@ def _starts(cells: Array, quadrants: Array, cost: float) -> tuple[Basin, ...]:
     starts = []
     for r in chosen:
         k, psi, signs = math.exp(cells[r, KAPPA]), 0.5 * middle[r, 1], quadrants[int(cells[r, QUADRANT])]
-        gains = np.array([k * math.cos(psi) * signs[0], k * math.sin(psi) * signs[1], 0.5 * middle[r, 0]])
-        starts.append(Basin(cost, gains))
+        c, s, shape = k * math.cos(psi), k * math.sin(psi) * signs[1], 0.5 * middle[r, 0]
+        gains = (c * signs[0], s, shape)
+        if with_derivative:
+            gains = (c * math.cos(shape) * signs[0], s, c * math.sin(shape) * signs[2])
+        starts.append(Basin(cost, np.array(gains)))
     return tuple(starts)

@@ -81,7 +81,7 @@ def search(problem: Problem, start: FoPi | None = None, bracket: bool = False) -
         problem: with at least one free gain.
         start: gains close to the optimum.
         bracket: whether to bound what anything else can reach, and to polish where the bound leaves room; not where
-            the filter depends on the crossover, nor with a derivative.
+            the filter depends on the crossover, nor where integral and derivative have orders.
     """
     polish, best = at_own_crossover(*best_from(problem, start))
     problem = polish.problem

@@ -63,9 +63,9 @@ def tune(
         start: gains close to the solution, or a neighbour (`fopi_tune.design.neighbour`) that has them.  They are
             polished beside a scan of the whole box on fewer rays, which is faster.  The convex search ignores it.
         bracket: whether to bound in floating point how much better any other gains can be (`Design.gap`), and to search
-            again where that leaves room. Only without a start, not with `structure: pid` or `fopid`, whose derivative
-            the bound does not know, and on samples not with `prewarp: crossover` or `rule: matched`, whose filter
-            changes with the gains' own crossover: `Design.gap` is then None.
+            again where that leaves room. Only without a start, not with `structure: fopid`, whose orders the bound
+            does not know, and on samples not with `prewarp: crossover` or `rule: matched`, whose filter changes with
+            the gains' own crossover: `Design.gap` is then None.
 
     Returns:
         A design; `status` says how it ended.  Infeasible, unbounded and failed are answers, not exceptions.

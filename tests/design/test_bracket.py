@@ -6,12 +6,13 @@ import math
 from dataclasses import replace
 
 import pytest
+from cases.random_pid_specs import pid_spec
 from cases.random_sampled_specs import sampled_spec
 from cases.random_specs import random_spec
 
 import fopi_tune as ft
 from fopi_tune.core.bode_form import Array
-from fopi_tune.design.bound.cells import ALPHA_HIGH, ALPHA_LOW, PSI_HIGH, PSI_LOW
+from fopi_tune.design.bound.columns import PSI_HIGH, PSI_LOW, SHAPE_HIGH, SHAPE_LOW
 from fopi_tune.design.bracket import Bracket, bracket_of, excluded_share
 from fopi_tune.design.global_search.compiled import DEPTH
 from fopi_tune.design.global_search.polish import Polish
@@ -87,15 +88,45 @@ SAMPLED_PLANTS = {
 }
 
 
+PID = "controller: {structure: pid, kp: {min: %g, max: 20}, ki: {min: %g, max: 20}, kd: {min: %g, max: 20}, "
+PID += "derivative_filter_time_constant_s: %g}\n"
+NOISE = "requirements:\n  - {sensitivity_db: {at_most: 4.1}}\n  - {control_sensitivity_db: {at_most: 26}}\n"
+TRIPLE = "plant: {model: transfer_function, numerator: [1], denominator: [1, 3, 3, 1]}\n"
+WITH_DERIVATIVE = {
+    "ki": TRIPLE + PID % (0, 0, 0, 0.05) + NOISE + OBJECTIVES[0],
+    "iae": LAG + PID % (0, 0, 0, 0.1) + NOISE + OBJECTIVES[1],
+    "depth": LAG + PID % (0, 0.001, 0, 0.2) + NOISE,
+    "margins of a resonance": RESONANT.split("controller")[0]
+    + PID % (-5, 0, -5, 0.1)
+    + "requirements:\n  - {phase_margin_deg: {at_least: 40}}\n  - {gain_margin_db: {at_least: 6}}\n"
+    + "  - {control_sensitivity_db: {at_most: 20}}\n"
+    + OBJECTIVES[0],
+    "peak": LAG
+    + PID % (0, 0, 0, 0.1)
+    + "requirements:\n  - {sensitivity_db: {at_most: -6}, to_rad_s: 0.02}\n  - {delay_margin_s: {at_least: 0.5}}\n"
+    + "objective: {minimize: control_sensitivity_peak_db}\n",
+    "equality": LAG
+    + PID % (0, 0, 0, 0.2)
+    + "requirements:\n  - {crossover_rad_s: {equals: 0.3}, on: nominal}\n  - {sensitivity_db: {at_most: 5}}\n"
+    + "objective: {minimize: phase_margin_spread_deg}\n",
+    # kd of the other sign, whose zeros may cross the axis
+    "opposite signs": RESONANT.split("controller")[0]
+    + PID.replace("max: 20", "max: -0.01", 1) % (-5, 0, 0, 0.3)
+    + "requirements: [{sensitivity_db: {at_most: 12}}]\n"
+    + OBJECTIVES[0],
+}
+
+
 def spec_of(text: str) -> DesignSpec:
     return ft.parse_spec(f"schema: 1\nname: x\n{text}")
 
 
-def holds(bracket: Bracket, x: Array) -> bool:
+def holds(bracket: Bracket, x: Array, with_derivative: bool) -> bool:
     """Whether gains lie in a cell that is left."""
-    psi, cells = math.atan2(abs(x[1]), abs(x[0])), bracket.remaining
-    alpha = (cells[:, ALPHA_LOW] - 1e-9 <= x[2]) & (x[2] <= cells[:, ALPHA_HIGH] + 1e-9)
-    return bool(((cells[:, PSI_LOW] - 1e-9 <= psi) & (psi <= cells[:, PSI_HIGH] + 1e-9) & alpha).any())
+    first, shape = (math.hypot(x[0], x[2]), math.atan2(abs(x[2]), abs(x[0]))) if with_derivative else (abs(x[0]), x[2])
+    psi, cells = math.atan2(abs(x[1]), first), bracket.remaining
+    inside = (cells[:, SHAPE_LOW] - 1e-9 <= shape) & (shape <= cells[:, SHAPE_HIGH] + 1e-9)
+    return bool(((cells[:, PSI_LOW] - 1e-9 <= psi) & (psi <= cells[:, PSI_HIGH] + 1e-9) & inside).any())
 
 
 def worse_cost(polish: Polish, cost: float, part: float) -> float:
@@ -116,7 +147,7 @@ def check_that_better_gains_are_kept(spec: DesignSpec, parts: tuple[float, ...])
         if bracket is None:
             continue
         assert bracket.gap > 0.001
-        assert holds(bracket, best.x), f"{part}: the best gains were discarded"
+        assert holds(bracket, best.x, spec.controller.has_derivative), f"{part}: the best gains were discarded"
     return len(parts)
 
 
@@ -135,6 +166,47 @@ def test_nor_are_they_on_samples(name: str) -> None:
 @pytest.mark.parametrize("name", SAMPLED_PLANTS)
 def test_nor_are_they_with_plants_that_differ_on_samples(name: str) -> None:
     assert check_that_better_gains_are_kept(spec_of(SAMPLED_PLANTS[name]), (0.01, 0.03, 0.15)) == 3
+
+
+@pytest.mark.thinned(3, first=1)
+@pytest.mark.parametrize("digital", ["", DIGITAL % (0.1, 0.5)], ids=["continuous", "samples"])
+@pytest.mark.parametrize("name", WITH_DERIVATIVE)
+def test_nor_are_they_with_a_derivative(name: str, digital: str) -> None:
+    assert check_that_better_gains_are_kept(spec_of(WITH_DERIVATIVE[name] + digital), (0.01, 0.03, 0.15)) == 3
+
+
+@pytest.mark.thinned(3)
+@pytest.mark.parametrize("digital", ["", DIGITAL % (0.1, 0.5)], ids=["continuous", "samples"])
+@pytest.mark.parametrize("name", [name for name in WITH_DERIVATIVE if name != "opposite signs"])
+def test_the_bracket_of_a_pid_closes(name: str, digital: str) -> None:
+    polish = Polish(Problem.of(spec_of(WITH_DERIVATIVE[name] + digital)))
+    best = best_of_box(polish)
+    assert best is not None
+    bracket = bracket_of(polish, best.cost, best.x)
+    assert bracket is not None
+    # of the spread the budget leaves more
+    assert bracket.gap <= (0.011 if name == "equality" else 0.0011)
+
+
+@pytest.mark.long
+def test_the_bracket_of_most_random_pids_closes() -> None:
+    gaps = []
+    for seed in range(48):
+        problem = Problem.of(ft.parse_spec(pid_spec(seed)))
+        polish = Polish(problem)
+        best = best_of_box(polish) if problem.has_bound else None
+        if best is not None and not (problem.code == DEPTH and best.cost > 0.0):
+            bracket = bracket_of(polish, best.cost, best.x)
+            gaps.append(math.inf if bracket is None else bracket.gap)
+    assert len(gaps) >= 40
+    assert sum(gap <= 0.0011 for gap in gaps) >= 0.85 * len(gaps)
+
+
+@pytest.mark.long
+def test_a_hundred_pids_made_worse_are_never_taken_for_the_best() -> None:
+    specs = [ft.parse_spec(pid_spec(seed)) for seed in range(44)]
+    fixed = [spec for spec in specs if Problem.of(spec).has_bound]
+    assert sum(check_that_better_gains_are_kept(spec, (0.01, 0.015, 0.02, 0.03)) for spec in fixed) >= 100
 
 
 def test_the_only_gains_of_two_equalities_are_never_discarded() -> None:

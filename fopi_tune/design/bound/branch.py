@@ -1,4 +1,4 @@
-"""Branch and bound on cells of (alpha, psi), the gain eliminated (compiled).
+"""Branch and bound on cells of (shape, psi), the gain eliminated (compiled).
 
 The discs leave intervals of kappa = ln k of a cell.  On each of them the linear rows are asked what they leave; a cell
 that is left shrinks to that, and is cut in two unless it became much smaller.
@@ -10,25 +10,26 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.bound.cells import (
-    ALPHA_HIGH,
-    ALPHA_IMAG,
-    ALPHA_LOW,
-    ALPHA_REAL,
+from fopi_tune.design.bound.columns import (
     KAPPA,
     PSI_HIGH,
     PSI_IMAG,
     PSI_LOW,
     PSI_REAL,
     QUADRANT,
+    SHAPE_HIGH,
+    SHAPE_IMAG,
+    SHAPE_LOW,
+    SHAPE_REAL,
     SLOPES,
     SPREAD,
 )
 from fopi_tune.design.bound.crossings import crossing_rows
 from fopi_tune.design.bound.discs import kappa_left
+from fopi_tune.design.bound.gain_ranges import box_rows, order_over
 from fopi_tune.design.bound.integrals import filters_over
 from fopi_tune.design.bound.polygon import what_is_left
-from fopi_tune.design.bound.tangents import band_rows, box_rows
+from fopi_tune.design.bound.tangents import band_rows
 from fopi_tune.design.global_search.compiled import compiled
 from fopi_tune.design.global_search.responses import copy_into
 
@@ -39,7 +40,7 @@ _LARGEST_SPREAD = 0.6
 _PIECE, _MOST_PIECES = 0.1, 10
 #: a cell that shrinks to less than this part is looked at again before it is cut
 _MUCH_SMALLER = 0.3
-#: of the directions' ratio ki'/kp': wider cells are cut at their geometric mean
+#: of the directions' tangent: wider cells are cut at their geometric mean
 _WIDE = 8.0
 _MOST_ROWS = 48
 #: columns with |ln|L|| below this count as near |L| = 1
@@ -48,28 +49,30 @@ _NEAR = 1.5
 
 @compiled
 def _spreads_near_crossover(kappa, cell, work, slopes):
-    """(how much ln L changes over the cell near |L| = 1, the parts of alpha and psi in it)."""
-    least, by_alpha, by_psi = np.inf, 0.0, 0.0
+    """(how much ln L changes over the cell near |L| = 1, the parts of shape and psi in it)."""
+    least, by_shape, by_psi = np.inf, 0.0, 0.0
     for j in range(1, work.gain.shape[1] - 1):
         if abs(work.gain[0, j] + kappa) < _NEAR:
             least = min(least, slopes[SPREAD, j])
-            by_alpha = max(by_alpha, slopes[ALPHA_REAL, j] ** 2 + slopes[ALPHA_IMAG, j] ** 2)
+            by_shape = max(by_shape, slopes[SHAPE_REAL, j] ** 2 + slopes[SHAPE_IMAG, j] ** 2)
             by_psi = max(by_psi, slopes[PSI_REAL, j] ** 2 + slopes[PSI_IMAG, j] ** 2)
-    if by_alpha + by_psi == 0.0:
-        by_alpha, by_psi = 2.0, 1.0
-    half_alpha, half_psi = cell[ALPHA_HIGH] - cell[ALPHA_LOW], cell[PSI_HIGH] - cell[PSI_LOW]
-    return least, math.sqrt(by_alpha) * half_alpha, math.sqrt(by_psi) * half_psi
+    if by_shape + by_psi == 0.0:
+        by_shape, by_psi = 2.0, 1.0
+    half_shape, half_psi = cell[SHAPE_HIGH] - cell[SHAPE_LOW], cell[PSI_HIGH] - cell[PSI_LOW]
+    return least, math.sqrt(by_shape) * half_shape, math.sqrt(by_psi) * half_psi
 
 
 @compiled
 def _linearised(code, target, pieces, found, cell, signs, table, filters, rows, box, work, slopes, lin, left):
     """Whether the linear rows leave anything of the cell; `left` is then where, in units of its half-widths."""
-    alpha, psi = 0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH]), 0.5 * (cell[PSI_LOW] + cell[PSI_HIGH])
+    shape, psi = 0.5 * (cell[SHAPE_LOW] + cell[SHAPE_HIGH]), 0.5 * (cell[PSI_LOW] + cell[PSI_HIGH])
     half, whole, x = np.empty(3), np.empty(4), np.empty(3)
-    half[1], half[2] = 0.5 * (cell[ALPHA_HIGH] - cell[ALPHA_LOW]), 0.5 * (cell[PSI_HIGH] - cell[PSI_LOW])
+    half[1], half[2] = 0.5 * (cell[SHAPE_HIGH] - cell[SHAPE_LOW]), 0.5 * (cell[PSI_HIGH] - cell[PSI_LOW])
     whole[0] = whole[2] = 1.0
     whole[1] = whole[3] = -1.0
-    x[2] = alpha
+    c, third = math.cos(psi) * signs[0], shape
+    if table.sampling.derivative > 0.0:
+        c, third = math.cos(psi) * math.cos(shape) * signs[0], math.cos(psi) * math.sin(shape) * signs[2]
     for r in range(found):
         low, high = work.found[r, 0], work.found[r, 1]
         number = max(1, math.ceil((high - low) / pieces))
@@ -77,7 +80,9 @@ def _linearised(code, target, pieces, found, cell, signs, table, filters, rows, 
         for t in range(number):
             kappa = low + (2 * t + 1) * half[0]
             k = math.exp(kappa)
-            x[0], x[1] = k * math.cos(psi) * signs[0], k * math.sin(psi) * signs[1]
+            x[0], x[1], x[2] = k * c, k * math.sin(psi) * signs[1], third
+            if table.sampling.derivative > 0.0:
+                x[2] *= k
             count = box_rows(code, target, kappa, cell, half, signs, table, filters, box, lin, 0)
             if count >= 0:
                 count = band_rows(kappa, half, table, rows, work, slopes, lin, count)
@@ -95,7 +100,7 @@ def _linearised(code, target, pieces, found, cell, signs, table, filters, rows, 
 
 @compiled
 def _middle(low, high):
-    """Where directions are cut: half-way, or at the geometric mean of a wide range of ki'/kp'."""
+    """Where directions are cut: half-way, or at the geometric mean of a wide range of their tangent."""
     first, last = math.tan(low), math.tan(min(high, 0.5 * _PI - 1e-9))
     if high >= 0.5 * _PI - 1e-9 and first > 1.0:
         return math.atan(_WIDE * first)
@@ -112,7 +117,7 @@ def branch(code, target, quadrants, cells, number, most, table, rows, box, work)
 
     Args:
         code, target: of the objective; gains that do not cost less than the target are discarded.
-        quadrants: the signs of kp and ki, shape (k, 2).
+        quadrants: the signs of kp, ki and kd, shape (k, 3).
         cells: to begin with, and room for `2 * most` more; those that are left lie between the two returned indices.
         number: of cells to begin with.
         most: cells.
@@ -126,7 +131,7 @@ def branch(code, target, quadrants, cells, number, most, table, rows, box, work)
         first += 1
         looked += 1
         signs = quadrants[int(cell[QUADRANT])]
-        alpha, reach = 0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH]), 0.5 * (cell[ALPHA_HIGH] - cell[ALPHA_LOW])
+        alpha, reach = order_over(cell, table.sampling)
         filters = filters_over(alpha, reach, table.sampling)
         found = kappa_left(code, target, cell, signs, table, filters, rows, box, work, slopes)
         if found == 0:
@@ -140,24 +145,25 @@ def branch(code, target, quadrants, cells, number, most, table, rows, box, work)
                     length,
                     max(work.found[r, 0], work.found[r, 1] - 2.0) * 0.5 + 0.5 * work.found[r, 1],
                 )
-        spread, by_alpha, by_psi = _spreads_near_crossover(cell[KAPPA], cell, work, slopes)
+        spread, by_shape, by_psi = _spreads_near_crossover(cell[KAPPA], cell, work, slopes)
         piece = max(_PIECE, spread)
         if spread < _LARGEST_SPREAD and total / piece + found <= _MOST_PIECES:
             if not _linearised(
                 code, target, piece, found, cell, signs, table, filters, rows, box, work, slopes, lin, left
             ):
                 continue
-            for low, high, k in ((ALPHA_LOW, ALPHA_HIGH, 0), (PSI_LOW, PSI_HIGH, 2)):
+            for low, high, k in ((SHAPE_LOW, SHAPE_HIGH, 0), (PSI_LOW, PSI_HIGH, 2)):
                 middle, half = 0.5 * (cell[low] + cell[high]), 0.5 * (cell[high] - cell[low])
                 cell[low], cell[high] = middle + half * left[k], middle + half * left[k + 1]
-            by_alpha *= 0.5 * (left[1] - left[0])
+            by_shape *= 0.5 * (left[1] - left[0])
             by_psi *= 0.5 * (left[3] - left[2])
             if 0.25 * (left[1] - left[0]) * (left[3] - left[2]) < _MUCH_SMALLER:
                 copy_into(cell, cells[last])
                 last += 1
                 continue
-        low, high = (ALPHA_LOW, ALPHA_HIGH) if by_alpha > by_psi else (PSI_LOW, PSI_HIGH)
-        middle = 0.5 * (cell[low] + cell[high]) if low == ALPHA_LOW else _middle(cell[low], cell[high])
+        low, high = (SHAPE_LOW, SHAPE_HIGH) if by_shape > by_psi else (PSI_LOW, PSI_HIGH)
+        halved = low == SHAPE_LOW and table.sampling.derivative == 0.0
+        middle = 0.5 * (cell[low] + cell[high]) if halved else _middle(cell[low], cell[high])
         copy_into(cell, cells[last])
         copy_into(cell, cells[last + 1])
         cells[last, high] = middle

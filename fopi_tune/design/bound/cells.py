@@ -1,6 +1,7 @@
-"""A cell of (alpha, psi):  the centre's loops, and how much those of the whole cell differ from them (compiled).
+"""A cell of (shape, psi):  the centre's loops, and how much those of the whole cell differ from them (compiled).
 
-Each change is bounded twice, by a disc around C0 and by the slopes of ln C0 with what they leave of it.
+The shape is alpha, or theta of a controller with a derivative (`derivative_cells`).  Each change is bounded twice, by a
+disc around C0 and by the slopes of ln C0 with what they leave of it.
 
 Source: derived; Taylor's formula with its remainder.
 """
@@ -11,6 +12,23 @@ import math
 
 import numpy as np
 
+from fopi_tune.design.bound.columns import (
+    DOWN,
+    PSI_HIGH,
+    PSI_IMAG,
+    PSI_LOW,
+    PSI_REAL,
+    ROOM,
+    SHAPE_HIGH,
+    SHAPE_IMAG,
+    SHAPE_LOW,
+    SHAPE_REAL,
+    bound_changes,
+    is_far,
+    leave_ends_open,
+    write_loops,
+)
+from fopi_tune.design.bound.derivative_cells import fill_with_derivative
 from fopi_tune.design.bound.integrals import (
     ANGLE,
     BEND,
@@ -30,21 +48,21 @@ from fopi_tune.design.bound.integrals import (
 from fopi_tune.design.global_search.compiled import compiled
 
 _PI = math.pi
-#: columns of a cell
-ALPHA_LOW, ALPHA_HIGH, PSI_LOW, PSI_HIGH, QUADRANT, KAPPA = range(6)
-#: rows of a cell's slopes at each column: those of f = ln C0, what they leave of f (second order), how much f changes
-#: at most and e^that, how much ln|C0| rises and falls, and how much arg C0 turns
-ALPHA_REAL, ALPHA_IMAG, PSI_REAL, PSI_IMAG, REST, SPREAD, GROWN, UP, DOWN, ROOM = range(10)
-SLOPES = 10
-#: a radius from which on the slopes say nothing
-_MOST_RADIUS = 0.8
-#: neper and radian: |C0| or its angle may be the same in a whole cell, and then only rounding tells loops apart
-_ROUNDING = 1e-11
 
 
 @compiled
 def fill_cell(cell, signs, table, filters, work, slopes):
-    """The centre's loops into the scratch arrays, r of each column into `high` (inf at the ends of the axis), and (1).
+    """Slopes, and into the scratch the centre's loops and r of each column (`high`; inf at the ends of the axis)."""
+    if table.sampling.derivative > 0.0:
+        fill_with_derivative(cell, signs, table, work, slopes)
+    else:
+        _fill_fractional(cell, signs, table, filters, work, slopes)
+    leave_ends_open(work, slopes)
+
+
+@compiled
+def _fill_fractional(cell, signs, table, filters, work, slopes):
+    """`fill_cell` of c + s q.
 
     With q = (j omega)^-alpha, on samples F, lambda = -d ln q/d alpha and mu = d2 ln q/d alpha2, which is 0 in
     continuous time, and f = ln C0, C0 = c + s q over the half-widths of the cell:
@@ -54,8 +72,8 @@ def fill_cell(cell, signs, table, filters, work, slopes):
 
     Source: derived; Taylor's formula.
     """
-    m, n = table.gain.shape
-    alpha, reach = 0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH]), 0.5 * (cell[ALPHA_HIGH] - cell[ALPHA_LOW])
+    n = table.gain.shape[1]
+    alpha, reach = 0.5 * (cell[SHAPE_LOW] + cell[SHAPE_HIGH]), 0.5 * (cell[SHAPE_HIGH] - cell[SHAPE_LOW])
     psi, turn = 0.5 * (cell[PSI_LOW] + cell[PSI_HIGH]), 0.5 * (cell[PSI_HIGH] - cell[PSI_LOW])
     c, s = math.cos(psi) * signs[0], math.sin(psi) * signs[1]
     slope_c, slope_s = -math.sin(psi) * signs[0], math.cos(psi) * signs[1]
@@ -77,9 +95,6 @@ def fill_cell(cell, signs, table, filters, work, slopes):
         turned_real, turned_imag = slope_c + slope_s * q[F_REAL], slope_s * q[F_IMAG]
         turned = math.sqrt(turned_real * turned_real + turned_imag * turned_imag)
         r = (turn * turned + 0.5 * turn * turn * math.sqrt(1.0 + x * x) + largest * moved) / size
-        slopes[UP, j], slopes[DOWN, j], slopes[ROOM, j] = math.log(1.0 + r), -np.inf, np.inf
-        if r < 1.0:
-            slopes[DOWN, j], slopes[ROOM, j] = math.log(1.0 - r), math.asin(r)
         # f_psi = (c' + s' q)/C0 and s q/C0
         slopes[PSI_REAL, j] = (turned_real * real + turned_imag * imag) / square
         slopes[PSI_IMAG, j] = (turned_imag * real - turned_real * imag) / square
@@ -87,32 +102,24 @@ def fill_cell(cell, signs, table, filters, work, slopes):
             s * (q[F_REAL] * real + q[F_IMAG] * imag) / square,
             s * (q[F_IMAG] * real - q[F_REAL] * imag) / square,
         )
-        slopes[ALPHA_REAL, j] = -(q[RATE_REAL] * part_real - q[RATE_IMAG] * part_imag)
-        slopes[ALPHA_IMAG, j] = -(q[RATE_REAL] * part_imag + q[RATE_IMAG] * part_real)
-        slopes[REST, j] = slopes[SPREAD, j] = slopes[GROWN, j] = np.inf
-        if r < _MOST_RADIUS:
+        slopes[SHAPE_REAL, j] = -(q[RATE_REAL] * part_real - q[RATE_IMAG] * part_imag)
+        slopes[SHAPE_IMAG, j] = -(q[RATE_REAL] * part_imag + q[RATE_IMAG] * part_real)
+        rest = np.inf
+        if not is_far(r):
             x_most = math.exp(q[GAIN_CHANGE]) * x
             slope = x_most / (square * (1.0 - r) * (1.0 - r))
             bend = math.sqrt(
                 (1.0 + q[F_REAL] * q[F_REAL] - q[F_IMAG] * q[F_IMAG]) ** 2 + (2.0 * q[F_REAL] * q[F_IMAG]) ** 2
             )
             bend = (bend + x * x * (grown * grown - 1.0)) / (square * (1.0 - r) * (1.0 - r))
-            slopes[REST, j] = (
+            rest = (
                 0.5 * rate * rate * product * slope * reach * reach
                 + 0.5 * q[BEND] * largest * x_most / (size * (1.0 - r)) * reach * reach
                 + rate * slope * reach * turn
                 + 0.5 * bend * turn * turn
-                + _ROUNDING
             )
-            by_alpha = math.sqrt(slopes[ALPHA_REAL, j] ** 2 + slopes[ALPHA_IMAG, j] ** 2)
-            slopes[SPREAD, j] = by_alpha * reach + turned / size * turn + slopes[REST, j]
-            slopes[GROWN, j] = math.exp(slopes[SPREAD, j])
-            r = min(r, slopes[GROWN, j] - 1.0)
-            more = abs(slopes[ALPHA_REAL, j]) * reach + abs(slopes[PSI_REAL, j]) * turn + slopes[REST, j]
-            slopes[UP, j], slopes[DOWN, j] = min(slopes[UP, j], more), max(slopes[DOWN, j], -more)
-            more = abs(slopes[ALPHA_IMAG, j]) * reach + abs(slopes[PSI_IMAG, j]) * turn + slopes[REST, j]
-            slopes[ROOM, j] = min(slopes[ROOM, j], more)
-        else:
+        work.high[j] = bound_changes(j, r, rest, reach, turn, slopes)
+        if is_far(r):
             # far from the corner of C0 one term leads, C0 = lead (1 + t), however far alpha moves the other one
             change = math.exp(q[GAIN_CHANGE])
             least, most = x / change * sines[0], x * change * sines[1]
@@ -134,19 +141,8 @@ def fill_cell(cell, signs, table, filters, work, slopes):
                 longest *= math.sin(apart)
             if longest > 0.0:
                 slopes[DOWN, j] = max(slopes[DOWN, j], math.log(longest / size))
-        work.high[j] = r
-        log_c = math.log(size)
-        work.controller[1, j], work.controller[2, j] = real, imag
         angle = math.atan2(-imag, -real) - _PI if negative else math.atan2(imag, real)
         if sampled and angle > (-0.5 * _PI if negative else 0.5 * _PI):
             # as in `fill_ray`
             angle -= 2.0 * _PI
-        for i in range(m):
-            work.gain[i, j] = log_c + table.gain[i, j]
-            work.phase[i, j] = angle + table.phase[i, j]
-            work.real[i, j] = real * table.real[i, j] - imag * table.imag[i, j]
-            work.square[i, j] = size * math.sqrt(table.real[i, j] ** 2 + table.imag[i, j] ** 2)
-    work.high[0] = work.high[n - 1] = np.inf
-    for j in (0, n - 1):
-        slopes[REST, j] = slopes[SPREAD, j] = slopes[UP, j] = slopes[ROOM, j] = slopes[GROWN, j] = np.inf
-        slopes[DOWN, j] = -np.inf
+        write_loops(j, real, imag, angle, table, work)

@@ -12,16 +12,16 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.bound.cells import ALPHA_IMAG, DOWN, PSI_IMAG, REST, ROOM, UP
+from fopi_tune.design.bound.columns import DOWN, PSI_IMAG, REST, ROOM, SHAPE_IMAG, UP
 from fopi_tune.design.bound.implicit import (
     AT,
-    BY_ALPHA,
     BY_KAPPA,
     BY_PSI,
-    DV_ALPHA,
+    BY_SHAPE,
     DV_ERROR,
     DV_KAPPA,
     DV_PSI,
+    DV_SHAPE,
     ERROR,
     REACH,
     SAFE,
@@ -31,7 +31,7 @@ from fopi_tune.design.bound.implicit import (
     implicit,
 )
 from fopi_tune.design.bound.margins import bulge, lag_exceeds
-from fopi_tune.design.bound.polygon import add_row
+from fopi_tune.design.bound.polygon import add_limit, add_row
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER,
     CROSSOVER_SPREAD,
@@ -105,21 +105,13 @@ def _exceeds(kind, limit, i, kappa, half, table, work, slopes):
 @compiled
 def _add(lin, count, way, out, add, limit):
     """way (value + add of (1)) <= way limit, as a row."""
-    if count < 0:
-        return count
-    return add_row(
-        lin,
-        count,
-        way * out[BY_KAPPA],
-        way * out[BY_ALPHA],
-        way * out[BY_PSI],
-        way * (limit - out[VALUE] - add) + out[ERROR],
-    )
+    at = out[VALUE] + add
+    return add_limit(lin, count, way, at, out[BY_KAPPA], out[BY_SHAPE], out[BY_PSI], limit, out[ERROR])
 
 
 @compiled
 def _size(out):
-    return abs(out[BY_KAPPA]) + abs(out[BY_ALPHA]) + abs(out[BY_PSI]) + out[ERROR]
+    return abs(out[BY_KAPPA]) + abs(out[BY_SHAPE]) + abs(out[BY_PSI]) + out[ERROR]
 
 
 @compiled
@@ -137,7 +129,7 @@ def _margin_rows(kind, side, limit, alone, half_step, out, moved, lin, count):
         slope = omega * stretch_of(out[AT], half_step)
         copy_into(out, moved)
         moved[VALUE] -= omega
-        for a, b in ((BY_KAPPA, DV_KAPPA), (BY_ALPHA, DV_ALPHA), (BY_PSI, DV_PSI)):
+        for a, b in ((BY_KAPPA, DV_KAPPA), (BY_SHAPE, DV_SHAPE), (BY_PSI, DV_PSI)):
             moved[a] -= slope * out[b]
         moved[ERROR] += slope * (out[DV_ERROR] + 0.5 * out[REACH] ** 2 * math.exp(out[REACH]))
         if side <= 0:
@@ -161,9 +153,9 @@ def _at_known_crossover(j, half, table, work, slopes, out):
     """(1) of the nominal plant where an equality says its crossover:  the phase there, mod 360 deg in (-180, 180]."""
     phase = work.phase[0, j] + _PI
     out[VALUE] = phase - 2.0 * _PI * math.floor(phase / (2.0 * _PI) + 0.5)
-    out[BY_KAPPA], out[BY_ALPHA], out[BY_PSI] = 0.0, slopes[ALPHA_IMAG, j] * half[1], slopes[PSI_IMAG, j] * half[2]
+    out[BY_KAPPA], out[BY_SHAPE], out[BY_PSI] = 0.0, slopes[SHAPE_IMAG, j] * half[1], slopes[PSI_IMAG, j] * half[2]
     out[ERROR], out[AT], out[REACH] = slopes[REST, j], table.v[j], 0.0
-    out[DV_KAPPA] = out[DV_ALPHA] = out[DV_PSI] = out[DV_ERROR] = 0.0
+    out[DV_KAPPA] = out[DV_SHAPE] = out[DV_PSI] = out[DV_ERROR] = 0.0
 
 
 @compiled
@@ -182,7 +174,7 @@ def _spread_rows(code, target, x, one, two, first, other, apart, lin, count):
         if abs(first[VALUE]) <= reach or abs(other[VALUE]) <= reach:
             return count
         side, nominal_side = math.copysign(1.0, other[VALUE]), math.copysign(1.0, first[VALUE])
-        for k in (VALUE, BY_KAPPA, BY_ALPHA, BY_PSI):
+        for k in (VALUE, BY_KAPPA, BY_SHAPE, BY_PSI):
             apart[k] = side * other[k] - nominal_side * first[k]
         apart[ERROR] = other[ERROR] + first[ERROR]
         count = _add(lin, count, 1.0, apart, 0.0, target)
@@ -195,7 +187,7 @@ def _spread_rows(code, target, x, one, two, first, other, apart, lin, count):
         gap[r] = loop_at(x, two, places[r], 0.0)[0] - loop_at(x, one, places[r], 0.0)[0]
     slope = 0.5 * (gap[2] - gap[1]) / STEP
     bend = SAFE * max(abs(gap[3] - gap[0] + slope * d), abs(gap[4] - gap[0] - slope * d))
-    a0, a1, a2 = slope * first[DV_KAPPA], slope * first[DV_ALPHA], slope * first[DV_PSI]
+    a0, a1, a2 = slope * first[DV_KAPPA], slope * first[DV_SHAPE], slope * first[DV_PSI]
     rest = bend + abs(slope) * first[DV_ERROR]
     count = add_row(lin, count, a0, a1, a2, target - gap[0] + rest)
     if count < 0:

@@ -1,4 +1,4 @@
-"""What no gains can beat, in floats:  branch and bound on cells of (alpha, psi), the gain eliminated (compiled).
+"""What no gains can beat, in floats:  branch and bound on cells of (shape, psi), the gain eliminated (compiled).
 
 On a cell with centre C0 the loops are L = k L0 (1 + d), |d| <= r at each frequency.  A kappa = ln k is impossible for
 the whole cell where every such loop violates a requirement, or fails to beat the objective's target, for instance
@@ -21,25 +21,16 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.bound.cells import (
-    ALPHA_HIGH,
-    ALPHA_LOW,
-    DOWN,
-    PSI_HIGH,
-    PSI_LOW,
-    ROOM,
-    UP,
-    fill_cell,
-)
-from fopi_tune.design.bound.integrals import H_LARGEST, real_integral_over
-from fopi_tune.design.bound.margins import forbid_interval, forbid_too_close, log_gain_at_end, margin_range
+from fopi_tune.design.bound.cells import fill_cell
+from fopi_tune.design.bound.columns import DOWN, PSI_HIGH, PSI_LOW, ROOM, SHAPE_LOW, UP
+from fopi_tune.design.bound.derivative_cells import end_of_cell
+from fopi_tune.design.bound.gain_ranges import kappa_of_cell
+from fopi_tune.design.bound.margins import forbid_interval, forbid_too_close, gains_at_end, margin_range
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER,
     CS,
     DELAY_MARGIN,
     GAIN_MARGIN,
-    IAE,
-    KI,
     LOOP_GAIN,
     PHASE_MARGIN,
     S,
@@ -51,8 +42,6 @@ from fopi_tune.design.global_search.intervals import negative_interval
 from fopi_tune.design.global_search.rays import BEYOND, whole_turns
 
 _PI = math.pi
-#: the smallest ln k that is looked at
-_LEAST_KAPPA = -30.0
 
 
 @compiled
@@ -74,10 +63,11 @@ def _band_cell(of_inverse, inverse, r, cosine, g):
 
 
 @compiled
-def _is_negative_at_end(i, signs, table):
-    """Whether L is real and negative at Nyquist's frequency; never in continuous time."""
-    turned = (table.phase[i, -1] + (0.0 if signs[0] < 0 else _PI)) % (2.0 * _PI)
-    return table.sampling.half > 0.0 and min(turned, 2.0 * _PI - turned) < 1e-9
+def _is_negative_at_end(i, cell, signs, table):
+    """Whether L of every loop of the cell is real and negative at Nyquist's frequency; never in continuous time."""
+    sign = end_of_cell(cell, signs, table.sampling.derivative)[2]
+    turned = (table.phase[i, -1] + (0.0 if sign < 0 else _PI)) % (2.0 * _PI)
+    return table.sampling.half > 0.0 and sign != 0.0 and min(turned, 2.0 * _PI - turned) < 1e-9
 
 
 @compiled
@@ -89,6 +79,8 @@ def _passages_cell(i, cell, signs, table, work, slopes):
     n, count = work.gain.shape[1], 0
     sine = math.sin(0.5 * (cell[PSI_LOW] + cell[PSI_HIGH])) * signs[1]
     lead = sine if sine != 0.0 else signs[0]
+    if sine == 0.0 and table.sampling.derivative > 0.0 and cell[SHAPE_LOW] == 0.5 * _PI:
+        lead = signs[2]
     level = whole_turns(table.start_phase[i] - (_PI if lead < 0 else 0.0))
     large = sine != 0.0 or table.low_slope[i] < 0.0
     smallest, largest, unclear = (BEYOND, BEYOND, False) if large else (-BEYOND, BEYOND, True)
@@ -149,9 +141,9 @@ def _unstable_cell(i, cell, signs, passages, table, work, slopes, count):
                 clear = False
         if clear and abs(z) > 0.75:
             count = forbid_interval(work.forbidden, count, ends[e], ends[e + 1])
-    if _is_negative_at_end(i, signs, table):
+    if _is_negative_at_end(i, cell, signs, table):
         # 1 + L(z) changes its sign between z = -1 and -inf
-        count = forbid_interval(work.forbidden, count, -log_gain_at_end(i, cell[PSI_HIGH], table), BEYOND)
+        count = forbid_interval(work.forbidden, count, -gains_at_end(i, cell, signs, table)[0], BEYOND)
     if table.delay[i] > 0.0:
         low = BEYOND
         for j in range(table.alias[i], work.gain.shape[1] - 1):
@@ -212,17 +204,17 @@ def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
             count = forbid_too_close(kind, limit - (1e-9 if side == 0 else 0.0), i, table, work, slopes, count)
         if side < 0 and kind == DELAY_MARGIN and table.sampling.half > 0.0:
             # no delay is borne
-            count = forbid_interval(work.forbidden, count, -log_gain_at_end(i, cell[PSI_HIGH], table), BEYOND)
+            count = forbid_interval(work.forbidden, count, -gains_at_end(i, cell, signs, table)[0], BEYOND)
         if side >= 0:
-            low, high = margin_range(kind, limit, i, cell, table, work, slopes)
+            low, high = margin_range(kind, limit, i, cell, signs, table, work, slopes)
             count = forbid_interval(work.forbidden, count, -BEYOND, low)
             count = forbid_interval(work.forbidden, count, high, BEYOND)
     elif kind == GAIN_MARGIN and side < 0:
         for r in range(passages):
             if work.cross_turn[i, r] != 0.0:
                 count = forbid_interval(work.forbidden, count, -limit - work.allowed[r, 0], -work.allowed[r, 1])
-        if _is_negative_at_end(i, signs, table):
-            count = forbid_interval(work.forbidden, count, -limit - log_gain_at_end(i, cell[PSI_HIGH], table), BEYOND)
+        if _is_negative_at_end(i, cell, signs, table):
+            count = forbid_interval(work.forbidden, count, -limit - gains_at_end(i, cell, signs, table)[0], BEYOND)
     elif kind == CROSSOVER:
         most, top = -np.inf, BEYOND
         for j in range(first, n - 1):
@@ -238,58 +230,18 @@ def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
 
 
 @compiled
-def _kappa_of_cell(code, target, cell, signs, table, filters, box):
-    """The kappa that the ranges of the gains and the objective's target leave in the cell: (low, high)."""
-    low, high = _LEAST_KAPPA, BEYOND
-    most = max(cell[ALPHA_LOW] * box.log_omega, cell[ALPHA_HIGH] * box.log_omega) - box.log_gain
-    least = min(cell[ALPHA_LOW] * box.log_omega, cell[ALPHA_HIGH] * box.log_omega) - box.log_gain
-    sines, cosines = math.sin(cell[PSI_LOW]), math.cos(cell[PSI_HIGH])
-    sine, cosine = math.sin(cell[PSI_HIGH]), math.cos(cell[PSI_LOW])
-    kp = (box.kp_low, box.kp_high) if signs[0] > 0 else (-box.kp_high, -box.kp_low)
-    ki = (box.ki_low, box.ki_high) if signs[1] > 0 else (-box.ki_high, -box.ki_low)
-    if code == KI:
-        ki = (max(ki[0], -target), ki[1]) if signs[1] > 0 else (1.0, 0.0)
-    if kp[0] > 0.0:
-        low = max(low, math.log(kp[0] / cosine) if cosine > 0.0 else BEYOND)
-    if ki[0] > 0.0:
-        low = max(low, math.log(ki[0]) - math.log(sine) - most if sine > 0.0 else BEYOND)
-    if cosines > 1e-12:
-        high = min(high, math.log(kp[1] / cosines) if kp[1] > 0.0 else -BEYOND)
-    if sines > 1e-12:
-        high = min(high, math.log(ki[1]) - math.log(sines) - least if ki[1] > 0.0 else -BEYOND)
-    if ki[0] > ki[1] or kp[0] > kp[1]:
-        return 1.0, 0.0
-    if code == IAE and signs[0] == signs[1]:
-        alpha, reach, real = (
-            0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH]),
-            0.5 * (cell[ALPHA_HIGH] - cell[ALPHA_LOW]),
-            np.empty(6),
-        )
-        real_integral_over(alpha, reach, -box.log_horizon, filters, real)
-        h = real[H_LARGEST]
-        at = min(max(math.atan(h), cell[PSI_LOW]), cell[PSI_HIGH])
-        controller = math.cos(at) + math.sin(at) * h
-        for i in range(table.gain.shape[0]):
-            p = table.error_gain[i] * signs[0]
-            if p > 0.0:
-                needed = (p * math.exp(-target) - 1.0) / (controller * p)
-                low = max(low, math.log(needed) if needed > 0.0 else -BEYOND)
-    return low, high
-
-
-@compiled
 def kappa_left(code, target, cell, signs, table, filters, rows, box, work, slopes):
     """The kappa that may meet everything and beat the target somewhere in the cell: their number; they are in `found`.
 
     Args:
         code, target: of the objective; gains that do not cost less than the target count as impossible.
         cell: its ranges, as the columns say.
-        signs: of kp and ki.
+        signs: of kp, ki and kd.
         table, rows, box, work: as in `allowed_intervals`; `rows` with the objective's own.
         filters: of the cell, of `filters_over`.
         slopes: scratch for the slopes of `cells`, shape (SLOPES, n).
     """
-    low, high = _kappa_of_cell(code, target, cell, signs, table, filters, box)
+    low, high = kappa_of_cell(code, target, cell, signs, table, filters, box)
     if low >= high:
         return 0
     fill_cell(cell, signs, table, filters, work, slopes)

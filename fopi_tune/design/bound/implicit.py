@@ -18,6 +18,7 @@ import math
 
 import numpy as np
 
+from fopi_tune.design.bound.derivative_cells import slopes_with_derivative
 from fopi_tune.design.bound.integrals import (
     BEND,
     CHANGE,
@@ -33,9 +34,10 @@ from fopi_tune.design.bound.integrals import (
 )
 from fopi_tune.design.global_search.compiled import compiled
 from fopi_tune.design.global_search.responses import loop_at
+from fopi_tune.design.global_search.samples import FILTER
 
 #: what (1) says: y at the crossing (three slopes over the box's half-widths), its rest, v0, D, y_v, y_vv's part, m_v's
-VALUE, BY_KAPPA, BY_ALPHA, BY_PSI, ERROR, AT, REACH, DV_KAPPA, DV_ALPHA, DV_PSI, DV_ERROR = range(11)
+VALUE, BY_KAPPA, BY_SHAPE, BY_PSI, ERROR, AT, REACH, DV_KAPPA, DV_SHAPE, DV_PSI, DV_ERROR = range(11)
 SIZE = 11
 #: of differences in v
 STEP = 1e-4
@@ -45,18 +47,21 @@ _LONGEST = 1.0
 
 
 @compiled
-def _controller_slopes(x, signs, half, v, filters, q, slopes):
-    """f_alpha and f_psi (real, imaginary) at v, and what they leave of f over the half-widths, as in `cells`."""
+def controller_slopes(x, signs, half, v, filters, q, slopes):
+    """f_shape and f_psi (real, imaginary) at v, and what they leave of f over the half-widths, as in `cells`."""
+    if len(x) > 3 and x[FILTER] > 0.0:
+        slopes_with_derivative(x, signs, half, v, slopes)
+        return
     k = math.sqrt(x[0] * x[0] + x[1] * x[1])
     c, s = x[0] / k, x[1] / k
     integral_over(x[2], half[1], v, filters, q)
     value, integral = complex(c + s * q[F_REAL], s * q[F_IMAG]), complex(q[F_REAL], q[F_IMAG])
-    by_alpha = -complex(q[RATE_REAL], q[RATE_IMAG]) * (s * integral / value)
+    by_shape = -complex(q[RATE_REAL], q[RATE_IMAG]) * (s * integral / value)
     # c' = -sin psi sign_p, s' = cos psi sign_i
     by_psi = (-abs(s) * signs[0] + abs(c) * signs[1] * integral) / value
     square, rate = abs(value) ** 2, q[RATE]
-    radius = abs(by_alpha) * half[1] + abs(by_psi) * half[2]
-    slopes[0], slopes[1], slopes[2], slopes[3] = by_alpha.real, by_alpha.imag, by_psi.real, by_psi.imag
+    radius = abs(by_shape) * half[1] + abs(by_psi) * half[2]
+    slopes[0], slopes[1], slopes[2], slopes[3] = by_shape.real, by_shape.imag, by_psi.real, by_psi.imag
     if radius > 0.5:
         slopes[4] = np.inf
         return
@@ -79,10 +84,10 @@ def implicit(of_gain, x, signs, plant, half, v, near, offset, low_v, high_v, fil
 
     Args:
         of_gain: whether the crossing is one of |L| = 1; else one of phase + offset = 0.
-        x: kp', ki', alpha of the box's centre, on samples what `controller_of` makes of them.
-        signs: of kp and ki.
+        x: kp', ki' and alpha, or kd', of the box's centre, as `controller_of` completes them.
+        signs: of kp, ki and kd.
         plant: its 19 coefficients.
-        half: half-widths of kappa, alpha and psi.
+        half: half-widths of kappa, of alpha or theta, and of psi.
         v, near: where the centre's crossing is, and the phase's branch there.
         offset: added to the phase.
         low_v, high_v: the range of the grid.
@@ -90,7 +95,7 @@ def implicit(of_gain, x, signs, plant, half, v, near, offset, low_v, high_v, fil
         out: what (1) says.
     """
     slopes, above, under, q = np.empty(5), np.empty(5), np.empty(5), np.empty(INTEGRALS)
-    _controller_slopes(x, signs, half, v, filters, q, slopes)
+    controller_slopes(x, signs, half, v, filters, q, slopes)
     if not slopes[4] < 0.3:
         return False
     gain, phase, _ = loop_at(x, plant, v, near)
@@ -115,13 +120,13 @@ def implicit(of_gain, x, signs, plant, half, v, near, offset, low_v, high_v, fil
         phase_bend = max(
             abs(phase_up + offset - phase - phase_v * reach), abs(phase_down + offset - phase + phase_v * reach)
         )
-        _controller_slopes(x, signs, half, v + reach, filters, q, above)
-        _controller_slopes(x, signs, half, v - reach, filters, q, under)
+        controller_slopes(x, signs, half, v + reach, filters, q, above)
+        controller_slopes(x, signs, half, v - reach, filters, q, under)
         both = SAFE * max(slopes[4], above[4], under[4])
         for part in range(2):
-            by_alpha = max(abs(above[part] - slopes[part]), abs(under[part] - slopes[part])) * half[1]
+            by_shape = max(abs(above[part] - slopes[part]), abs(under[part] - slopes[part])) * half[1]
             by_psi = max(abs(above[2 + part] - slopes[2 + part]), abs(under[2 + part] - slopes[2 + part])) * half[2]
-            rest = both + SAFE * (by_alpha + by_psi + (gain_bend if part == 0 else phase_bend))
+            rest = both + SAFE * (by_shape + by_psi + (gain_bend if part == 0 else phase_bend))
             if (part == 0) == of_gain:
                 rest_m = rest
             else:
@@ -133,8 +138,8 @@ def implicit(of_gain, x, signs, plant, half, v, near, offset, low_v, high_v, fil
         return False
     ratio = y_v / m_v
     out[VALUE] = y0 - ratio * m0
-    out[BY_KAPPA], out[BY_ALPHA], out[BY_PSI] = y[0] - ratio * m[0], y[1] - ratio * m[1], y[2] - ratio * m[2]
+    out[BY_KAPPA], out[BY_SHAPE], out[BY_PSI] = y[0] - ratio * m[0], y[1] - ratio * m[1], y[2] - ratio * m[2]
     out[ERROR] = rest_y + abs(ratio) * rest_m
     out[AT], out[REACH] = v - m0 / m_v, reach
-    out[DV_KAPPA], out[DV_ALPHA], out[DV_PSI], out[DV_ERROR] = -m[0] / m_v, -m[1] / m_v, -m[2] / m_v, rest_m / abs(m_v)
+    out[DV_KAPPA], out[DV_SHAPE], out[DV_PSI], out[DV_ERROR] = -m[0] / m_v, -m[1] / m_v, -m[2] / m_v, rest_m / abs(m_v)
     return True

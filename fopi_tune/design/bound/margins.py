@@ -16,7 +16,8 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.bound.cells import DOWN, PSI_LOW, ROOM, UP
+from fopi_tune.design.bound.columns import DOWN, ROOM, UP
+from fopi_tune.design.bound.derivative_cells import end_of_cell
 from fopi_tune.design.global_search.compiled import DELAY_MARGIN, PHASE_MARGIN, compiled
 from fopi_tune.design.global_search.rays import BEYOND
 
@@ -33,10 +34,14 @@ def forbid_interval(forbidden, count, low, high):
 
 
 @compiled
-def log_gain_at_end(i, psi, table):
-    """ln|L0| at the upper end of the axis, where the integral has vanished."""
-    cosine = math.cos(psi)
-    return table.gain[i, -1] + (math.log(cosine) if cosine > 1e-12 else -BEYOND)
+def gains_at_end(i, cell, signs, table):
+    """(the least ln|L0| of the cell at the upper end of the axis, where the integral has vanished, and the largest)."""
+    least, most, _ = end_of_cell(cell, signs, table.sampling.derivative)
+    gain = table.gain[i, -1]
+    return (
+        gain + (math.log(least) if least > 1e-12 else -BEYOND),
+        gain + (math.log(most) if most > 1e-12 else -BEYOND),
+    )
 
 
 @compiled
@@ -99,7 +104,7 @@ def lag_exceeds(kind, limit, i, first, last, table, work, slopes):
 
 
 @compiled
-def margin_range(kind, limit, i, cell, table, work, slopes):
+def margin_range(kind, limit, i, cell, signs, table, work, slopes):
     """The kappa at which a loop of the cell may have a crossover no farther from -1 than a limit: (low, high)."""
     n, low, high = work.gain.shape[1], BEYOND, -BEYOND
     for j in range(1, n):
@@ -114,5 +119,5 @@ def margin_range(kind, limit, i, cell, table, work, slopes):
         low, high = (-BEYOND if j == 1 else low), (BEYOND if j == n - 1 else high)
     if kind == DELAY_MARGIN and abs(table.high_slope[i]) < 1e-9:
         # where |L| does not fall below 1 at the end no delay is borne
-        low, high = min(low, -log_gain_at_end(i, cell[PSI_LOW], table)), BEYOND
+        low, high = min(low, -gains_at_end(i, cell, signs, table)[1]), BEYOND
     return low, high

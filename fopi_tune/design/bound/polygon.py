@@ -47,6 +47,14 @@ def add_row(rows, count, a0, a1, a2, b):
 
 
 @compiled
+def add_limit(rows, count, way, value, a0, a1, a2, limit, rest):
+    """Append way (value + a x) <= way limit + rest, as `add_row`; nothing after a row that left nothing."""
+    if count < 0:
+        return count
+    return add_row(rows, count, way * a0, way * a1, way * a2, way * (limit - value) + rest)
+
+
+@compiled
 def _clip(corners, other, count, p, q, w):
     """Cut the polygon in `corners` by p x + q y <= w: the number of corners, 0 where nothing is left."""
     made, inside = 0, True

@@ -1,6 +1,6 @@
 """Linear rows of a cell at one kappa:  what loops that meet the requirements satisfy to second order (compiled).
 
-With z = (kappa, alpha, psi) around the centre of a box, epsilon = dkappa + f_alpha dalpha + f_psi dpsi + rest is how
+With z = (kappa, shape, psi) around the centre of a box, epsilon = dkappa + f_shape dshape + f_psi dpsi + rest is how
 much ln L changes, |epsilon| <= E.  With X = L (for |S|) or 1/L (for |T|, and |C S| with M |P|), sigma = +1 or -1,
 
     ln|1 + X| <= ln|1 + X0| + sigma Re(s epsilon) + B E^2/2 ,   s = X0/(1 + X0) ,
@@ -18,35 +18,22 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.bound.cells import (
-    ALPHA_HIGH,
-    ALPHA_IMAG,
-    ALPHA_LOW,
-    ALPHA_REAL,
+from fopi_tune.design.bound.columns import (
     DOWN,
     GROWN,
-    PSI_HIGH,
     PSI_IMAG,
-    PSI_LOW,
     PSI_REAL,
     REST,
+    SHAPE_IMAG,
+    SHAPE_REAL,
     SPREAD,
     UP,
 )
-from fopi_tune.design.bound.integrals import H_BEND, H_CHANGE, H_RATE, H_SLOPE, H_VALUE, real_integral_over
-from fopi_tune.design.bound.polygon import add_row
-from fopi_tune.design.global_search.compiled import CROSSOVER, CS, IAE, KI, LOOP_GAIN, S, compiled
+from fopi_tune.design.bound.polygon import add_limit
+from fopi_tune.design.global_search.compiled import CROSSOVER, CS, LOOP_GAIN, S, compiled
 
 #: an E, and e^E, beyond which (1) is not worth its time
 _MOST_CHANGE, _MOST_GROWTH = 1.0, 2.8
-
-
-@compiled
-def _add(lin, count, way, value, a0, a1, a2, limit, rest):
-    """way (value + a dz) <= way limit + rest, as a row."""
-    if count < 0:
-        return count
-    return add_row(lin, count, way * a0, way * a1, way * a2, way * (limit - value) + rest)
 
 
 @compiled
@@ -54,8 +41,8 @@ def _gain_row(way, limit, g, j, half, slopes, lin, count):
     """ln|L| at most (way 1) or at least (-1) a limit at a column where it is g at the centre."""
     if not slopes[SPREAD, j] < _MOST_CHANGE:
         return count
-    a1, a2 = slopes[ALPHA_REAL, j] * half[1], slopes[PSI_REAL, j] * half[2]
-    return _add(lin, count, way, g, half[0], a1, a2, limit, slopes[REST, j])
+    a1, a2 = slopes[SHAPE_REAL, j] * half[1], slopes[PSI_REAL, j] * half[2]
+    return add_limit(lin, count, way, g, half[0], a1, a2, limit, slopes[REST, j])
 
 
 @compiled
@@ -83,13 +70,13 @@ def _band_row(sigma, side, bound, size, real, imag, grown, j, half, slopes, lin,
     reach = half[0] + slopes[SPREAD, j]
     rest = size / far * slopes[REST, j] + 0.5 * size * grown / (least * least) * reach * reach
     a, b = sigma * (real + size * size) / square, sigma * imag / square
-    a1 = (a * slopes[ALPHA_REAL, j] - b * slopes[ALPHA_IMAG, j]) * half[1]
+    a1 = (a * slopes[SHAPE_REAL, j] - b * slopes[SHAPE_IMAG, j]) * half[1]
     a2 = (a * slopes[PSI_REAL, j] - b * slopes[PSI_IMAG, j]) * half[2]
     value, limit = math.log(far), math.log(bound)
     for way in (1.0, -1.0):
         # an upper limit of the quantity is a lower one of ln|1 + X|
         if way * side <= 0:
-            count = _add(lin, count, way, value, a * half[0], a1, a2, limit, rest)
+            count = add_limit(lin, count, way, value, a * half[0], a1, a2, limit, rest)
     return count
 
 
@@ -99,7 +86,7 @@ def _excess_beyond(kappa, first, i, half, work, slopes):
     most = 0.0
     for j in range(first + 1, work.gain.shape[1] - 1):
         if work.gain[i, j] + kappa + half[0] + slopes[UP, j] >= 0.0:
-            change = abs(slopes[ALPHA_REAL, j] - slopes[ALPHA_REAL, first]) * half[1]
+            change = abs(slopes[SHAPE_REAL, j] - slopes[SHAPE_REAL, first]) * half[1]
             change += abs(slopes[PSI_REAL, j] - slopes[PSI_REAL, first]) * half[2]
             change += slopes[REST, j] + slopes[REST, first]
             most = max(most, work.gain[i, j] - work.gain[i, first] + change)
@@ -150,78 +137,4 @@ def band_rows(kappa, half, table, rows, work, slopes, lin, count):
                     count = _gain_row(-1.0, limit, g, j, half, slopes, lin, count)
             if count < 0:
                 return count
-    return count
-
-
-@compiled
-def box_rows(code, target, kappa, cell, half, signs, table, filters, box, lin, count):
-    """Rows of the gains' ranges and of the objectives that are functions of the gains alone.
-
-    ln sin and ln cos of psi are concave: below their tangents, above their chords.
-    """
-    psi = 0.5 * (cell[PSI_LOW] + cell[PSI_HIGH])
-    alpha = 0.5 * (cell[ALPHA_LOW] + cell[ALPHA_HIGH])
-    kp = (box.kp_low, box.kp_high) if signs[0] > 0 else (-box.kp_high, -box.kp_low)
-    ki = (box.ki_low, box.ki_high) if signs[1] > 0 else (-box.ki_high, -box.ki_low)
-    if code == KI:
-        ki = (max(ki[0], -target), ki[1])
-    sine, cosine = math.sin(psi), math.cos(psi)
-    a1, base = box.log_omega * half[1], kappa + alpha * box.log_omega - box.log_gain
-    if kp[0] > 0.0 and cosine > 0.0:
-        count = _add(
-            lin, count, -1.0, kappa + math.log(cosine), half[0], 0.0, -sine / cosine * half[2], math.log(kp[0]), 0.0
-        )
-    if ki[0] > 0.0 and sine > 0.0:
-        count = _add(
-            lin, count, -1.0, base + math.log(sine), half[0], a1, cosine / sine * half[2], math.log(ki[0]), 0.0
-        )
-    left, right = math.cos(cell[PSI_LOW]), math.cos(cell[PSI_HIGH])
-    if kp[1] > 0.0 and right > 1e-9:
-        left, right = math.log(left), math.log(right)
-        count = _add(
-            lin, count, 1.0, kappa + 0.5 * (left + right), half[0], 0.0, 0.5 * (right - left), math.log(kp[1]), 0.0
-        )
-    left, right = math.sin(cell[PSI_LOW]), math.sin(cell[PSI_HIGH])
-    if ki[1] > 0.0 and left > 1e-9:
-        left, right = math.log(left), math.log(right)
-        count = _add(
-            lin, count, 1.0, base + 0.5 * (left + right), half[0], a1, 0.5 * (right - left), math.log(ki[1]), 0.0
-        )
-    if code == IAE and signs[0] == signs[1]:
-        # C0 = cos psi + sin psi h at the horizon's s, h = s^-alpha or F, and the derivatives of ln C0 as in `cells` (1)
-        real = np.empty(6)
-        real_integral_over(alpha, half[1], -box.log_horizon, filters, real)
-        h, grown, rate = real[H_VALUE], math.exp(real[H_CHANGE]), real[H_RATE]
-        value = cosine + sine * h
-        by_alpha, by_psi = real[H_SLOPE] * sine * h / value, (cosine * h - sine) / value
-        least = min(
-            math.cos(cell[PSI_LOW]) + math.sin(cell[PSI_LOW]) * h / grown,
-            math.cos(cell[PSI_HIGH]) + math.sin(cell[PSI_HIGH]) * h / grown,
-        )
-        inverse = 1.0 / (least * least)
-        rest = (
-            0.5
-            * inverse
-            * (
-                rate * rate * min(0.5, sine * cosine + half[2]) * h * grown * half[1] ** 2
-                + real[H_BEND] * min(1.0, sine + half[2]) * least * h * grown * half[1] ** 2
-                + 2.0 * rate * h * grown * half[1] * half[2]
-            )
-        )
-        for i in range(table.gain.shape[0]):
-            p = table.error_gain[i] * signs[0]
-            if p > 0.0:
-                needed = (p * math.exp(-target) - 1.0) / p
-                if needed > 0.0:
-                    count = _add(
-                        lin,
-                        count,
-                        -1.0,
-                        kappa + math.log(value),
-                        half[0],
-                        by_alpha * half[1],
-                        by_psi * half[2],
-                        math.log(needed),
-                        rest,
-                    )
     return count

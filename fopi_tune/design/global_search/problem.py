@@ -133,10 +133,10 @@ class Problem:
     def has_bound(self) -> bool:
         """Whether `bound/` knows what no gains can reach.
 
-        It is about kp + ki s^-alpha, with one filter for each alpha: not where gains with another crossover would have
-        another filter, nor where there is a derivative.
+        It is about kp + ki s^-alpha, and kp + ki/s with a derivative: not where gains with another crossover would have
+        another filter, nor where integral and derivative have orders.
         """
-        return not self.needs_crossover and not self.spec.controller.has_derivative
+        return not self.needs_crossover and not self.spec.controller.has_derivative_order
 
     def is_exact_at(self, crossover_rad_s: float | None) -> bool:
         """Whether the filter is exact at a crossover, up to what the polish leaves."""
