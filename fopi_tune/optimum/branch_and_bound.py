@@ -13,7 +13,6 @@ from enum import StrEnum
 
 import numpy as np
 
-from fopi_tune.optimum.parametrization import GainParametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.central_loops import Suggestion
 from fopi_tune.optimum.pruning.combinations import Combination, are_excluded_together
@@ -229,11 +228,11 @@ class BranchAndBound:
 
     def _simple(self, batch: list[Node], rows: list[int]) -> list[int]:
         """By conditions on the gains themselves."""
-        in_range = isinstance(self.problem.parametrization, GainParametrization)
+        implied = self.problem.parametrization.implied
         simple = [
             Reason(k)
             for k, condition in enumerate(self.problem.conditions.every)
-            if condition.test is Test.GAIN and not (in_range and condition.name == "kp")
+            if condition.test is Test.GAIN and (condition.of_objective or condition.name not in implied)
         ] + constant_reasons(self.problem, self.points)
         return [row for row in rows if not any(self._discard(batch[row], reason) for reason in simple)]
 

@@ -79,9 +79,10 @@ def certify_optimum(
         return run.infeasible() if found is None else run.bounded(found)
 
 
-def met_reason(gains: FoPi) -> str:
+def met_reason(spec: DesignSpec, gains: FoPi) -> str:
     """The reason with which a search for a proof that there are no gains ends at some that seem to meet the spec."""
-    return f"kp = {gains.kp:.6g}, ki = {gains.ki:.6g}, alpha = {gains.alpha:.6g} seem to meet every requirement"
+    told = ", ".join(f"{name} = {getattr(gains, name):.6g}" for name in spec.controller.ranges)
+    return f"{told} seem to meet every requirement"
 
 
 def better_gains_reason(objective: float) -> str:
@@ -93,10 +94,10 @@ def why_no_bound(spec: DesignSpec) -> str:
     """Why no bound can be proved for a spec; empty when one can."""
     if spec.digital is not None and spec.digital.designs_sampled:
         return "there is no bound for the loop on samples (design: sampled)"
-    if nominal_equality(spec, "crossover_rad_s") is not None:
+    has_derivative = spec.controller.has_derivative
+    if nominal_equality(spec, "crossover_rad_s") is not None and not has_derivative:
         return ""
-    for name in ("kp", "ki"):
-        side = getattr(spec.controller, name)
+    for name, side in spec.controller.ranges.items():
         if not math.isfinite(side.min) or not math.isfinite(side.max):
             end = "lower" if not math.isfinite(side.min) else "upper"
             return f"{name} has no {end} end, so that the box of gains cannot be searched; give it a range"
@@ -110,8 +111,10 @@ def incumbent_refusal(spec: DesignSpec, gains: FoPi, found: Verification) -> str
     for result in found.requirements:
         if not result.is_met:
             return f"the gains are no design of this spec: they miss its requirement of {result.requirement.quantity}"
-    for name in ("kp", "ki", "alpha"):
-        side, value = getattr(spec.controller, name), getattr(gains, name)
+    if not spec.controller.has_structure_of(gains):
+        return f"the gains are no design of this spec: they are not of structure {spec.controller.structure}"
+    for name, side in spec.controller.ranges.items():
+        value = getattr(gains, name)
         room = _RANGE_ROOM * max(1.0, abs(value))
         if not side.min - room <= value <= side.max + room:
             return f"the gains are no design of this spec: {name} = {value:g} is outside its range"
@@ -147,7 +150,7 @@ class _Run:
             return self._result(OptimumStatus.INFEASIBLE, search, proof=_proof(search, None))
         if termination is Termination.BETTER and search.better is not None:
             gains = _gains(search)
-            return self._result(OptimumStatus.LIMIT_REACHED, search, reason=met_reason(gains))
+            return self._result(OptimumStatus.LIMIT_REACHED, search, reason=met_reason(self.spec, gains))
         return self._result(OptimumStatus.LIMIT_REACHED, search, reason=termination.words)
 
     def bounded(self, found: Verification) -> Optimum:
@@ -266,8 +269,7 @@ def _worst_cases(found: Verification) -> list[WorstCasePoint]:
 def _gains(search: BranchAndBound) -> FoPi:
     """The better gains found by the search."""
     assert search.better is not None
-    kp, ki, alpha = gains_at(search.problem.parametrization, np.array([search.better]))
-    return FoPi(float(kp[0]), float(ki[0]), float(alpha[0]))
+    return gains_at(search.problem.parametrization, np.array([search.better])).controller()
 
 
 def _rounded(frequency_rad_s: float) -> float:

@@ -32,7 +32,7 @@ from functools import cached_property
 
 from flint import acb, arb
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of
 from fopi_tune.proof.balls.loop import BallLoop
@@ -80,6 +80,8 @@ class ControllerBox(ABC):
         kp, integral, alpha: balls that hold every gain of the box; the integral's is that of (s/e^reference)^-alpha.
         reference: the logarithm of a frequency in rad/s.
         centre: the gains kp, ki and alpha at the centre.
+        derivative, filter_time: a ball that holds every kd, and Tf; 0 without a derivative.
+        pid: the controller at the centre, where there is a derivative.
     """
 
     box: Box
@@ -88,6 +90,12 @@ class ControllerBox(ABC):
     alpha: arb
     reference: arb
     centre: tuple[arb, arb, arb]
+    derivative: arb = _ZERO
+    filter_time: arb = _ZERO
+
+    @property
+    def pid(self) -> Pid | None:
+        return None
 
     @cached_property
     def half(self) -> tuple[arb, ...]:
@@ -137,9 +145,11 @@ class Parametrization(ABC):
 
     Attributes:
         names: of the axes.
+        implied: the gains whose ranges no box exceeds.
     """
 
     names: tuple[str, ...]
+    implied: tuple[str, ...] = ()
 
     @abstractmethod
     def controllers(self, box: Box) -> ControllerBox:
@@ -160,6 +170,7 @@ class GainParametrization(Parametrization):
 
     omega_rad_s: float
     names = ("kp", "integral", "alpha")
+    implied = ("kp",)
 
     def controllers(self, box: Box) -> ControllerBox:
         return GainBox(self, box)
@@ -377,6 +388,9 @@ class BoxLoop(BallLoop):
     @classmethod
     def of(cls, controllers: ControllerBox, family: PlantFamily, delay_s: arb = _ZERO) -> BoxLoop | None:
         """The loop of the controller at a box's centre; None where its gains are not told from 0."""
+        pid = controllers.pid
+        if pid is not None:
+            return None if pid.is_zero else cls(pid, family, delay_s)
         balls = controllers.centre
         kp, ki, alpha = (float(ball.mid()) for ball in balls)
         if (ki == 0.0 and not balls[1].is_zero()) or (balls[1].contains(0) and ki != 0.0) or kp == ki == 0.0:

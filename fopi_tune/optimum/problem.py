@@ -10,6 +10,7 @@ from flint import acb, arb
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.optimum.derivative_gains import DerivativeParametrization
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
 from fopi_tune.optimum.pruning.conditions import Conditions, conditions_of, degrees, nominal_equality
 from fopi_tune.proof.balls.box import Box, Interval
@@ -44,6 +45,8 @@ class Problem:
     def of(cls, spec: DesignSpec, beat: float | None, reference_rad_s: float | None = None) -> Problem:
         """A fixed nominal crossover removes one dimension of the search, a fixed nominal phase margin a second one.
 
+        With a derivative the coordinates are always the gains.
+
         The fixed crossover only implies |L0(j wc)| = 1.  The phase margin phi is the smallest angle over all
         crossovers, so it is that at wc, psi = phi or psi = -phi, unless a lower crossover has it.  Hence the first root
         contains all psi, and its boxes can also be discarded because no lower crossover has the margin; the others
@@ -58,6 +61,10 @@ class Problem:
         conditions = conditions_of(spec, beat)
         crossover = nominal_equality(spec, "crossover_rad_s")
         nominal = tuple(spec.plant.nominal_point.tolist())
+        if spec.controller.has_derivative:
+            filter_time_s = spec.controller.derivative_filter_time_constant_s
+            terms = DerivativeParametrization(1.0 if reference_rad_s is None else reference_rad_s, filter_time_s)
+            return cls(spec, beat, conditions, terms, terms.roots(spec.controller))
         unit_loop = BallLoop(FoPi(1.0, 0.0, 1.0), spec.plant)
         at = None if crossover is None else _response(unit_loop, nominal, crossover.limits[0])[1]
         if crossover is None or at is None or not at.is_finite() or at.contains(0):
@@ -98,8 +105,9 @@ class Problem:
 
     @property
     def reference_rad_s(self) -> float | None:
-        """At which the boxes give the integral's gain; None where they are not of gains."""
-        return self.parametrization.omega_rad_s if isinstance(self.parametrization, GainParametrization) else None
+        """At which the boxes give the integral's gain, or compare gains; None where they are not of gains."""
+        found = self.parametrization
+        return found.omega_rad_s if isinstance(found, GainParametrization | DerivativeParametrization) else None
 
     @property
     def margin_is_fixed(self) -> bool:

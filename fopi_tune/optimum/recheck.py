@@ -13,10 +13,15 @@ from typing import Any
 
 from flint import ctx
 
-from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.optimum.branch_and_bound import Termination
-from fopi_tune.optimum.certify import NOTHING_SHOWN, better_gains_reason, incumbent_refusal, met_reason, why_no_bound
+from fopi_tune.optimum.certify import (
+    NOTHING_SHOWN,
+    better_gains_reason,
+    incumbent_refusal,
+    met_reason,
+    why_no_bound,
+)
 from fopi_tune.optimum.documents import OptimumDocument, to_document
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.combinations import Combination, are_excluded_together
@@ -170,15 +175,17 @@ def _reasons_of_a_search(stated: OptimumDocument, spec: DesignSpec) -> tuple[str
 
 def _met(reason: str, spec: DesignSpec) -> tuple[str, ...]:
     """The reason that names gains of the box which seem to meet the spec; empty when it does not."""
-    found = re.fullmatch(r"kp = (\S+), ki = (\S+), alpha = (\S+) seem to meet every requirement", reason)
+    names = tuple(spec.controller.ranges)
+    told = ", ".join(rf"{name} = (\S+)" for name in names)
+    found = re.fullmatch(f"{told} seem to meet every requirement", reason)
     try:
         values = [float(value) for value in found.groups()] if found is not None else []
-        gains = FoPi(*values)
+        gains = spec.controller.controller(**{"alpha": 1.0, **dict(zip(names, values, strict=True))})
     except (ValueError, TypeError, DomainError):
         return ()
-    sides = zip((spec.controller.kp, spec.controller.ki, spec.controller.alpha), values, strict=True)
+    sides = zip(spec.controller.ranges.values(), values, strict=True)
     inside = all(side.min - _SIX_DIGITS * abs(v) <= v <= side.max + _SIX_DIGITS * abs(v) for side, v in sides)
-    return (met_reason(gains),) if inside else ()
+    return (met_reason(spec, gains),) if inside else ()
 
 
 def _check_proof(proof: OptimumProof, spec: DesignSpec) -> tuple[int, list[str]]:

@@ -39,7 +39,7 @@ def certify_optimum(
     from fopi_tune.optimum import certify_optimum
 
     spec = load_spec(source)
-    spec.controller.refuse_derivative("the proof of the optimum")
+    spec.controller.refuse_derivative_order("the proof of the optimum")
     return certify_optimum(spec, gains, gap=gap, time_limit_s=time_limit_s, progress=progress)
 
 

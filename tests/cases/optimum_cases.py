@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from cases.plants import lag, pole, spec_of, transfer_function
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof import verify
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange, Objective, Relation, Requirement, Scope, Sense
@@ -89,6 +89,10 @@ def just_met(
     if gains.ki > 0.0 and pick.random() < 0.7:
         sides[1] = GainRange(0.0, gains.ki + 1.0)
     box = ControllerSpec(sides[0], sides[1], GainRange(0.2, 1.8))
+    if isinstance(gains, Pid):
+        filter_time_s, one = gains.derivative_filter_time_constant_s, GainRange(1.0, 1.0)
+        kd = GainRange(gains.kd - 1.0, gains.kd + 1.0)
+        box = ControllerSpec(sides[0], sides[1], one, kd, filter_time_s)
     spec = replace(spec_of(family, *fixed[:equalities], *limits, objective=objective), controller=box)
     # the objective may read the requirements: it is of the spec as it is now
     value = verify(spec, gains).objective

@@ -80,7 +80,8 @@ def test_taylor_models_and_enclosures_hold_every_controller_of_a_box(
     ranges = [(0.3, 1.5), (0.0, 6.2)] if on_circle else [(-2.0, 5.0), (-2.0, 5.0), (0.3, 1.5)]
     box = tuple((a + c * (b - a), a + c * (b - a) + 10.0**size) for (a, b), c in zip(ranges, corner, strict=False))
     place = np.array([[low + x * (high - low) for (low, high), x in zip(box, inside, strict=False)]])
-    kp, ki, alpha = (float(gain[0]) for gain in gains_at(which, place))
+    there = gains_at(which, place)
+    kp, ki, alpha = (float(gain[0]) for gain in (there.kp, there.ki, there.alpha))
     controllers = which.controllers(box)
     log_s = complex(u, 0.5 * math.pi)
     value = kp + ki * np.exp(-alpha * log_s)

@@ -179,7 +179,8 @@ def _reasons(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
                 continue
             ends = np.array(box)
             place = ends[:, 0] + rng.uniform(size=len(box)) * (ends[:, 1] - ends[:, 0])
-            kp, ki, alpha = (float(gain[0]) for gain in gains_at(problem.parametrization, place[None, :]))
+            there = gains_at(problem.parametrization, place[None, :])
+            kp, ki, alpha = (float(gain[0]) for gain in (there.kp, there.ki, there.alpha))
             excesses = []
             for condition, each in zip(conditions, several, strict=True):
                 value = _response(condition, spec, FoPi(kp, ki, alpha), each.point, each.omega[0])

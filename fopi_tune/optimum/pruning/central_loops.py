@@ -18,7 +18,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.core.crossings import Crossings
-from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.loops import Loops
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.exclusion import Reason
 from fopi_tune.optimum.pruning.screen import Boxes, gains_at, taylor_models
@@ -61,11 +61,9 @@ class CentralLoops:
     @classmethod
     def of(cls, problem: Problem, boxes: Boxes, points: list[tuple[float, ...]]) -> CentralLoops:
         """Of n boxes and these plants."""
-        n, m = len(boxes), len(points)
-        kp, ki, alpha = (np.repeat(gain, m) for gain in gains_at(problem.parametrization, boxes.middle))
-        places = np.array(points, dtype=float).reshape(m, -1)
-        plants = Plants.members(problem.family, places).take(np.tile(np.arange(m), n))
-        return cls(boxes, points, Loops(kp, ki, alpha, plants), problem)
+        places = np.array(points, dtype=float).reshape(len(points), -1)
+        loops = gains_at(problem.parametrization, boxes.middle).loops(problem.family, places)
+        return cls(boxes, points, loops, problem)
 
     def movements(self, found: Crossings) -> Movements:
         """Of crossings of these loops."""

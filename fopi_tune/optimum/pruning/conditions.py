@@ -43,7 +43,7 @@ class Test(StrEnum):
     SPREAD = "spread"
     #: |ln|P/P0|| at the highest nominal crossover stays below the level
     GAIN_SPREAD = "gain_spread"
-    #: kp or ki on its side of the level
+    #: a gain on its side of the level
     GAIN = "gain"
     #: every plant's loop is stable, behind more dead time where a delay margin asks for it
     STABILITY = "stability"
@@ -149,7 +149,7 @@ def conditions_of(spec: DesignSpec, beat: float | None) -> Conditions:
 
 
 def _ranges(spec: DesignSpec) -> Iterator[Condition]:
-    for name in ("kp", "ki"):
+    for name in ("kp", "ki", "kd") if spec.controller.has_derivative else ("kp", "ki"):
         side = getattr(spec.controller, name)
         for upper, level in ((False, side.min), (True, side.max)):
             if math.isfinite(level):

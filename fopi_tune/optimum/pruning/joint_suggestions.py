@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.optimum.parametrization import GainParametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.central_loops import Suggestion
 from fopi_tune.optimum.pruning.combinations import MOST_REASONS, Combination
@@ -87,16 +86,16 @@ def _short(weight: float) -> float:
 def _gain_bounds(problem: Problem, boxes: Boxes) -> tuple[list[Reason], LinearBounds]:
     """Of the limits of the gains that a box need not keep by itself."""
     k = boxes.low.shape[1]
-    in_range = isinstance(problem.parametrization, GainParametrization)
+    implied = problem.parametrization.implied
     reasons: list[Reason] = []
     middles, slopes = [np.empty((len(boxes), 0))], [np.empty((len(boxes), 0, k))]
     for place, condition in enumerate(problem.conditions.every):
-        if condition.test is not Test.GAIN or (in_range and condition.name == "kp"):
+        if condition.test is not Test.GAIN or (condition.name in implied and not condition.of_objective):
             continue
-        sign, axis = (1.0 if condition.upper else -1.0), ("kp", "ki").index(condition.name)
+        sign, name = (1.0 if condition.upper else -1.0), condition.name
 
-        def gain(coordinates: Array, axis: int = axis, sign: float = sign) -> Array:
-            return sign * gains_at(problem.parametrization, coordinates)[axis]
+        def gain(coordinates: Array, name: str = name, sign: float = sign) -> Array:
+            return sign * gains_at(problem.parametrization, coordinates).named(name)
 
         centre, half = gain(boxes.middle), boxes.half
         rest, own = np.zeros(len(boxes)), []

@@ -47,8 +47,9 @@ class LoopGainBounds:
         integral: the same, at the reference frequency of the box.
         alpha: the same.
         point: the plant.
-        is_positive: whether no gain is negative, after a change of sign.
+        is_positive: whether there is no derivative and no gain is negative, after a change of sign.
         sign: -1 where the signs of both gains were changed.
+        derivative: kd, 0 without a derivative.
     """
 
     problem: Problem
@@ -59,6 +60,7 @@ class LoopGainBounds:
     point: tuple[float, ...]
     is_positive: bool
     sign: int = 1
+    derivative: arb = _ZERO
 
     @classmethod
     def of(
@@ -73,6 +75,11 @@ class LoopGainBounds:
         if not whole:
             kp = _allowed(kp, box.kp)
             integral = _allowed(integral, box.ki, (-alpha * controllers.reference).exp())
+        if controllers.pid is not None:
+            low, high = controllers.derivative.lower(), controllers.derivative.upper()
+            kd = (arb(low), arb(high)) if whole else _allowed((arb(low), arb(high)), box.kd)
+            balls = kp[0].union(kp[1]), integral[0].union(integral[1])
+            return cls(problem, controllers, *balls, alpha, point, False, 1, kd[0].union(kd[1]))
         if kp[1] <= 0 and integral[1] <= 0:
             balls = (-kp[1]).union(-kp[0]), (-integral[1]).union(-integral[0])
             return cls(problem, controllers, *balls, alpha, point, True, -1)
@@ -101,11 +108,33 @@ class LoopGainBounds:
         """The integral's part of C, over an interval that is not a tail."""
         return self.integral * (-self.alpha * acb(ball_of(u) - self.controllers.reference, arb.pi() / 2)).exp()
 
+    def _derivative_response(self, u: Interval) -> acb:
+        """The derivative's part of C, over an interval that is not a tail."""
+        if self.derivative.is_zero():
+            return acb(0)
+        return self.derivative / (self.controllers.filter_time + 1 / acb(0, ball_of(u).exp()))
+
+    def _response(self, u: Interval) -> acb:
+        """C over an interval that is not a tail."""
+        return self.kp + self._integral_response(u) + self._derivative_response(u)
+
+    def _derivative_size(self, u: Interval) -> arb:
+        """The largest |kd D|:  |D| is at most omega and at most 1/Tf."""
+        if self.derivative.is_zero():
+            return _ZERO
+        size, most = abs(self.derivative).upper(), 1 / self.controllers.filter_time
+        if math.isinf(u[1]):
+            return arb((size * most).upper())
+        omega = arb(u[1]).exp()
+        return arb((size * (omega if omega < most else most)).upper())
+
     def controller_size(self, u: Interval) -> tuple[arb, arb]:
         """Bounds of |C| over an interval."""
         low, high = self._integral_size(u)
-        kp = abs(self.kp)
-        kp_low, kp_high = arb(kp.lower()), arb(kp.upper())
+        kp, more = abs(self.kp), self._derivative_size(u)
+        kp_low, kp_high = arb(kp.lower()), arb((kp.upper() + more).upper())
+        if more > 0:
+            kp_low = arb((kp.lower() - more).lower()) if kp.lower() > more else _ZERO
         found = kp_low - high if kp_low > high else low - kp_high if low > kp_high else _ZERO
         if self.is_positive:
             if self.alpha <= 1:
@@ -113,7 +142,7 @@ class LoopGainBounds:
             else:
                 found = _larger(found, _larger(kp_low, low) * self._sine)
         if not math.isinf(u[0]) and not math.isinf(u[1]):
-            value = self.kp + self._integral_response(u)
+            value = self._response(u)
             if value.is_finite():
                 found = _larger(found, value.abs_lower())
                 most = arb(value.abs_upper())
@@ -143,7 +172,11 @@ class LoopGainBounds:
         """Whether |L| decreases with the frequency all over an interval that is not a tail."""
         slope = self.problem.plant_enclosure(self.point, u).log_slope.real
         own = acb(-self.alpha) if self.kp.is_zero() else acb(0)
-        if not self.kp.is_zero() and not self.integral.is_zero():
+        if not self.derivative.is_zero():
+            # d(kd D)/du = kd D/(1 + j omega Tf)
+            lag = 1 / (1 + acb(0, ball_of(u).exp() * self.controllers.filter_time))
+            own = (self._derivative_response(u) * lag - self._integral_response(u)) / self._response(u)
+        elif not self.kp.is_zero() and not self.integral.is_zero():
             z = self._integral_response(u)
             own = -self.alpha * (z / (self.kp + z))
         if slope + own.real < 0:
@@ -189,7 +222,7 @@ class LoopGainBounds:
         if not p.is_finite() or p.contains(0):
             return False
         if not low_tail and not high_tail:
-            value = (self.kp + self._integral_response(u)) * p
+            value = self._response(u) * p
             if value.is_finite() and not (1 + value).contains(0):
                 return True
         return self.is_positive and self._cone_misses_negative_axis(u, p)
@@ -235,7 +268,7 @@ class LoopGainBounds:
         if math.isinf(u[0]) or math.isinf(u[1]):
             return False
         over = self.problem.plant_enclosure(self.point, u)
-        c = self.kp + self._integral_response(u)
+        c = self._response(u)
         turned = [self.sign * c * over.gain / ray for ray in rays]
         return all(t.is_finite() and (t.real < 0 or not t.imag.contains(0)) for t in turned)
 

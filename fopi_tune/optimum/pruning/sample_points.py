@@ -108,11 +108,11 @@ def constant_reasons(problem: Problem, points: list[tuple[float, ...]]) -> list[
 def meets_conditions(problem: Problem, centre: Array, points: list[tuple[float, ...]]) -> bool:
     """Whether one controller, shape (1, k), meets every condition, in floating point and for these plants."""
     gains = gains_at(problem.parametrization, centre)
-    if gains[0][0] == 0.0 and gains[1][0] == 0.0:
+    if gains.is_zero[0]:
         return False
     for condition in problem.conditions.every:
         if condition.test is Test.GAIN:
-            value, level = gains[("kp", "ki").index(condition.name)][0], float(condition.level.mid())
+            value, level = gains.named(condition.name)[0], float(condition.level.mid())
             if value > level if condition.upper else value < level:
                 return False
     if any(
@@ -158,6 +158,9 @@ def _corner_frequencies(family: PlantFamily) -> Array:
 def _grid(problem: Problem, low: float, high: float) -> list[float]:
     own = _corner_frequencies(problem.family)
     first, last = float(own.min()) / _BEYOND, float(own.max()) * _BEYOND
+    if problem.spec.controller.has_derivative:
+        # beyond the filter's corner C is kp + kd/Tf
+        last = max(last, _BEYOND / problem.spec.controller.derivative_filter_time_constant_s)
     if problem.crossover_rad_s is not None:
         first, last = min(first, problem.crossover_rad_s / _BEYOND), max(last, problem.crossover_rad_s * _BEYOND)
     first, last = max(first, low), min(last, high)
@@ -172,8 +175,7 @@ def _grid(problem: Problem, low: float, high: float) -> list[float]:
 
 def further_reasons(problem: Problem, centres: Array, points: list[tuple[float, ...]]) -> list[Reason]:
     """The worst frequency and plant of every condition on a response, for controllers that were not discarded."""
-    kp, ki, _ = gains_at(problem.parametrization, centres)
-    centres = centres[(kp != 0.0) | (ki != 0.0)]
+    centres = centres[~gains_at(problem.parametrization, centres).is_zero]
     if not len(centres):
         return []
     loops, plants = _loops(problem, centres, points)
@@ -188,9 +190,7 @@ def _loops(problem: Problem, centres: Array, points: list[tuple[float, ...]]) ->
     """Every controller with every plant, those of a coarse grid too."""
     inside = _inside(problem)
     plants = np.array([*points, *inside], dtype=float).reshape(len(points) + len(inside), -1)
-    kp, ki, alpha = (np.repeat(gain, len(plants)) for gain in gains_at(problem.parametrization, centres))
-    rows = np.tile(np.arange(len(plants)), len(centres))
-    return Loops(kp, ki, alpha, Plants.members(problem.family, plants).take(rows)), plants
+    return gains_at(problem.parametrization, centres).loops(problem.family, plants), plants
 
 
 def _inside(problem: Problem) -> list[tuple[float, ...]]:

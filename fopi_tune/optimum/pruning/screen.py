@@ -18,7 +18,12 @@ from flint import acb, arb
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Complex
+from fopi_tune.core.controller import FoPi, Pid
+from fopi_tune.core.derivatives import Derivatives
+from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.optimum.derivative_gains import DerivativeParametrization
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Test
@@ -72,6 +77,8 @@ def taylor_models(parametrization: Parametrization, boxes: Boxes, log_s: Complex
     log_s = np.atleast_2d(log_s)
     if isinstance(parametrization, CrossoverParametrization):
         return _on_circle(parametrization, boxes, log_s)
+    if isinstance(parametrization, DerivativeParametrization):
+        return _linear(parametrization, boxes, log_s)
     assert isinstance(parametrization, GainParametrization)
     exponent = log_s - math.log(parametrization.omega_rad_s)
     kp, z, alpha = (column[:, None] for column in boxes.middle.T)
@@ -82,6 +89,15 @@ def taylor_models(parametrization: Parametrization, boxes: Boxes, log_s: Complex
     with np.errstate(over="ignore"):
         remainder = np.abs(rho) * x * np.exp(x) * (wide_z + 0.5 * np.abs(z) * x)
     return TaylorModels(kp + integral, [np.ones_like(rho), rho, -exponent * integral], remainder)
+
+
+def _linear(parametrization: DerivativeParametrization, boxes: Boxes, log_s: Complex) -> TaylorModels:
+    kp, ki, kd = (column[:, None] for column in boxes.middle.T)
+    rho = np.exp(-log_s)
+    d = 1.0 / (rho + parametrization.filter_time_s)
+    value = kp + ki * rho + kd * d
+    ones = np.ones_like(value)
+    return TaylorModels(value, [ones, rho * ones, d * ones], np.zeros(value.shape))
 
 
 def _on_circle(parametrization: CrossoverParametrization, boxes: Boxes, log_s: Complex) -> TaylorModels:
@@ -99,16 +115,62 @@ def _on_circle(parametrization: CrossoverParametrization, boxes: Boxes, log_s: C
     return TaylorModels(x.real + x.imag * h, [x.imag * first, -x.imag + x.real * h], remainder)
 
 
-def gains_at(parametrization: Parametrization, coordinates: Array) -> tuple[Array, Array, Array]:
-    """kp, ki and alpha at n points of the coordinates."""
+@dataclass(frozen=True)
+class Gains:
+    """n controllers.
+
+    Args:
+        kp, ki, alpha: shape (n,).
+        derivatives: those of the same controllers; None without.
+    """
+
+    kp: Array
+    ki: Array
+    alpha: Array
+    derivatives: Derivatives | None = None
+
+    def named(self, name: str) -> Array:
+        """kp, ki or kd."""
+        if name == "kd":
+            assert self.derivatives is not None
+            return self.derivatives.kd
+        return self.kp if name == "kp" else self.ki
+
+    @property
+    def is_zero(self) -> NDArray[np.bool_]:
+        """Whether C = 0, shape (n,)."""
+        rest = True if self.derivatives is None else self.derivatives.kd == 0.0
+        return np.asarray((self.kp == 0.0) & (self.ki == 0.0) & rest)
+
+    def loops(self, family: PlantFamily, points: Array) -> Loops:
+        """Each with every plant, a point of shape (p,) each: row = controller * plants + plant."""
+        n, m = len(self.kp), len(points)
+        rows, plants = np.repeat(np.arange(n), m), Plants.members(family, points).take(np.tile(np.arange(m), n))
+        derivatives = None if self.derivatives is None else self.derivatives.take(rows)
+        return Loops(self.kp[rows], self.ki[rows], self.alpha[rows], plants, derivatives=derivatives)
+
+    def controller(self) -> FoPi:
+        """The first."""
+        kp, ki, alpha = (float(gain[0]) for gain in (self.kp, self.ki, self.alpha))
+        if self.derivatives is None:
+            return FoPi(kp, ki, alpha)
+        return Pid(kp, ki, float(self.derivatives.kd[0]), float(self.derivatives.filter_s[0]))
+
+
+def gains_at(parametrization: Parametrization, coordinates: Array) -> Gains:
+    """The controllers at n points of the coordinates."""
+    if isinstance(parametrization, DerivativeParametrization):
+        kp, ki, kd = coordinates.T
+        ones = np.ones_like(kp)
+        return Gains(kp, ki, ones, Derivatives(kd, ones, parametrization.filter_time_s * ones))
     if isinstance(parametrization, GainParametrization):
         kp, z, alpha = coordinates.T
-        return kp, z * parametrization.omega_rad_s**alpha, alpha
+        return Gains(kp, z * parametrization.omega_rad_s**alpha, alpha)
     assert isinstance(parametrization, CrossoverParametrization)
     alpha, psi = coordinates.T
     x = -np.exp(1j * psi) / complex(parametrization.plant)
     a = 0.5 * np.pi * alpha
-    return x.real + x.imag / np.tan(a), -x.imag * parametrization.omega_rad_s**alpha / np.sin(a), alpha
+    return Gains(x.real + x.imag / np.tan(a), -x.imag * parametrization.omega_rad_s**alpha / np.sin(a), alpha)
 
 
 @dataclass(frozen=True)

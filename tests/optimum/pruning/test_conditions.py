@@ -9,7 +9,7 @@ import pytest
 from cases.optimum_cases import FAMILIES, OBJECTIVES, just_met
 from flint import arb, ctx
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, Pid, numbers_of
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.combinations import linear_bound_of
@@ -35,9 +35,18 @@ def _gains(name: str, pick: np.random.Generator) -> FoPi:
     return FoPi(-kp, -ki, alpha) if name == "negative gain" else FoPi(kp, ki, alpha)
 
 
+def _pid(name: str, pick: np.random.Generator) -> Pid:
+    """With a derivative of either sign, or none."""
+    found, filter_s = _gains(name, pick), 10.0 ** pick.uniform(-2.0, 0.0)
+    kd = pick.choice([0.0, 0.05, 0.3, 0.3, -0.05]) * pick.uniform(0.5, 1.5)
+    return Pid(found.kp, found.ki, float(math.copysign(1.0, found.kp) * kd), filter_s)
+
+
 def _place(problem: Problem, gains: FoPi) -> tuple[float, ...]:
     """The coordinates of gains."""
     parametrization = problem.parametrization
+    if isinstance(gains, Pid):
+        return gains.kp, gains.ki, gains.kd
     if isinstance(parametrization, GainParametrization):
         return gains.kp, gains.ki * parametrization.omega_rad_s**-gains.alpha, gains.alpha
     assert isinstance(parametrization, CrossoverParametrization)
@@ -80,13 +89,14 @@ def _wrongly_discarded(spec: DesignSpec, beat: float, gains: FoPi, pick: np.rand
     with ctx.workprec(PRECISION):
         problem = Problem.of(spec, beat, float(pick.choice([0.03, 1.0, 40.0])))
         place = _place(problem, gains)
-        back = [float(gain[0]) for gain in gains_at(problem.parametrization, np.array([place]))]
-        assert np.allclose(back, [gains.kp, gains.ki, gains.alpha], rtol=1e-7, atol=1e-9)
+        found = gains_at(problem.parametrization, np.array([place]))
+        back = numbers_of(found.controller())
+        assert back == {name: pytest.approx(value, rel=1e-7, abs=1e-9) for name, value in numbers_of(gains).items()}
         # where psi is the margin itself, the second root holds the gains, and the first need not
         on_line = problem.margin_is_fixed and abs(math.remainder(place[1] - problem.roots[1][1][0], math.tau)) < 1e-6
         for size in _SIZES:
             box = _box_around(place, size, pick)
-            if isinstance(problem.parametrization, GainParametrization) and gains.ki == 0.0:
+            if not isinstance(problem.parametrization, CrossoverParametrization) and gains.ki == 0.0:
                 box = box[0], (0.0, 0.0), box[2]  # what is shown of other boxes need not hold of ki = 0
             controllers = problem.parametrization.controllers(box)
             for reason in _reasons(problem, box):
@@ -113,6 +123,34 @@ def test_no_box_around_gains_that_just_meet_a_spec_is_discarded(name: str, equal
         assert _wrongly_discarded(*made, gains, pick) == []
         boxes_examined += 1
         if boxes_examined == 1:
+            break
+    assert boxes_examined
+
+
+@pytest.mark.thinned(slow=["three", "second order"])
+@pytest.mark.parametrize(("name", "equalities"), [(name, k % 3) for k, name in enumerate(FAMILIES)])
+def test_nor_is_one_around_gains_with_a_derivative(name: str, equalities: int) -> None:
+    pick, boxes_examined = np.random.default_rng([7, equalities, *name.encode()]), 0
+    for _ in range(20):
+        made = just_met(FAMILIES[name], gains := _pid(name, pick), OBJECTIVES[pick.integers(7)], equalities, pick)
+        if made is not None:
+            assert _wrongly_discarded(*made, gains, pick) == []
+            boxes_examined += 1
+            break
+    assert boxes_examined
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("name", FAMILIES)
+def test_no_box_around_many_gains_with_a_derivative_is_discarded(name: str, seed: int) -> None:
+    pick, boxes_examined = np.random.default_rng([11, seed, *name.encode()]), 0
+    for k in range(30):
+        made = just_met(FAMILIES[name], gains := _pid(name, pick), OBJECTIVES[pick.integers(7)], k % 3, pick)
+        if made is not None:
+            assert _wrongly_discarded(*made, gains, pick) == []
+            boxes_examined += 1
+        if boxes_examined == 6:
             break
     assert boxes_examined
 
