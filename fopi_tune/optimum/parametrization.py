@@ -17,26 +17,19 @@ near it the order changes little but the phase.  With rho = (s/ws)^-alpha, sigma
     h = (cos a - e^{-alpha tau})/sin a ,   tau = ln(s/wc) .                                                        (3)
 
 Source: derived; (1) and (2) are C written out around the centre, (3) solves L0 = e^{j(psi - pi)} for the gains.
-
-`BoxLoop` is the loop of the controller at a box's centre: the proof's own loop, with balls in place of the gains.
-More dead time may be added to its plants: a delay margin is the dead time up to which a loop stays stable.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 from flint import acb, arb
 
-from fopi_tune.core.controller import FoPi, Pid
-from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.controller import Pid
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of
-from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.plant import Dual, PlantEnclosure
 from fopi_tune.spec.model import ControllerSpec, GainRange
 
 _ZERO = arb(0)
@@ -371,37 +364,3 @@ class CrossoverBox(ControllerBox):
         h, first, _ = self._h(self.alpha, tau)
         e = (-self.alpha * tau).exp() / (arb.pi() / 2 * self.alpha).sin()
         return ControllerEnclosure(x.real + x.imag * h, (x.imag * first, -x.imag + x.real * h), x.imag * self.alpha * e)
-
-
-@dataclass(frozen=True)
-class BoxLoop(BallLoop):
-    """A controller with gains in balls, and a family of plants behind more dead time.
-
-    `gains` are floating-point gains: they only tell which gains are exactly 0.
-
-    Args:
-        delay_s: the additional dead time, s.
-    """
-
-    delay_s: arb = _ZERO
-
-    @classmethod
-    def of(cls, controllers: ControllerBox, family: PlantFamily, delay_s: arb = _ZERO) -> BoxLoop | None:
-        """The loop of the controller at a box's centre; None where its gains are not told from 0."""
-        pid = controllers.pid
-        if pid is not None:
-            return None if pid.is_zero else cls(pid, family, delay_s)
-        balls = controllers.centre
-        kp, ki, alpha = (float(ball.mid()) for ball in balls)
-        if (ki == 0.0 and not balls[1].is_zero()) or (balls[1].contains(0) and ki != 0.0) or kp == ki == 0.0:
-            return None
-        if kp == 0.0 and not balls[0].is_zero():
-            kp = float(balls[0].upper())
-        loop = cls(FoPi(kp, ki, alpha), family, delay_s)
-        loop.__dict__.update(kp=balls[0], ki=balls[1], alpha=balls[2])
-        return loop
-
-    def plant(self, theta: Sequence[arb]) -> PlantEnclosure:
-        found = super().plant(theta)
-        dead_time = found.dead_time
-        return replace(found, dead_time=Dual(dead_time.value + self.delay_s, dead_time.gradient))

@@ -24,7 +24,8 @@ from collections.abc import Sequence
 
 from flint import arb
 
-from fopi_tune.optimum.parametrization import BoxLoop, ControllerBox
+from fopi_tune.optimum.box_loop import BoxLoop
+from fopi_tune.optimum.parametrization import ControllerBox
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.crossings import GainCrossovers
 from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds
