@@ -17,7 +17,7 @@ from fopi_tune.design.global_search.basins import Basin, scan_box
 from fopi_tune.design.global_search.compiled import CROSSOVER_SPREAD, DEPTH, ENDLESS, KI, MARGIN_SPREAD
 from fopi_tune.design.global_search.polish import MEETS, Polish, Polished
 from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.structures import LARGEST_GAIN, Structure
+from fopi_tune.design.global_search.structures import LARGEST_GAIN
 from fopi_tune.design.infeasible import explain, has_wrong_sign
 from fopi_tune.digital.implementation import nominal_crossover
 from fopi_tune.errors import DomainError
@@ -57,8 +57,8 @@ _ONLY_WITHOUT_INTEGRAL = (
 )
 #: filters that are exact at a crossover, one after the other
 _MOST_CROSSOVERS = 8
-#: of the size of each number: gains that are this much apart are polished on their own
-_FAR = 0.15
+#: of the size of each gain: those that are this much apart are polished on their own
+_FAR = 0.23
 #: multipliers beyond this say only that limits coincide
 _NO_PRICE = 1e5
 
@@ -107,7 +107,7 @@ def beyond_doubt(polish: Polish, best: Polished) -> tuple[Polished, float | None
             return best, None
         before = best.cost
         for start in bracket.starts:
-            if _is_far(polish.problem.structure, start.gains, best.x):
+            if _is_far(polish.problem, start.gains, best.x):
                 found = polish.run(start.gains, hopeless=before)
                 if found is not None and found.cost < best.cost and _is_stable(polish.problem, found):
                     best = found
@@ -116,10 +116,13 @@ def beyond_doubt(polish: Polish, best: Polished) -> tuple[Polished, float | None
     return best, None
 
 
-def _is_far(structure: Structure, one: Array, other: Array) -> bool:
+def _is_far(problem: Problem, one: Array, other: Array) -> bool:
     """Whether a polish from one may end elsewhere than at the other."""
-    vanishing = (one == 0.0) != (other == 0.0)
-    return bool(np.any(vanishing | (np.abs(one - other) > _FAR * structure.units(other))))
+    structure = problem.structure
+    near = 0.05 + 0.1 * np.abs(other)
+    # small gains are compared by their size
+    near[: structure.linear] = np.minimum(near, _FAR * structure.units(other))[: structure.linear]
+    return bool(np.any(((one == 0.0) != (other == 0.0)) | (np.abs(one - other) > near)))
 
 
 def share_in_words(excluded: float) -> str:
@@ -164,7 +167,8 @@ def best_of_box(polish: Polish, start: FoPi | None = None) -> Polished | None:
             best = None
     scan = scan_box(polish.problem, _BASINS, 1.0 if best is None else _COARSE)
     # a basin about a local optimum that is known has nothing else
-    new = [basin for basin in scan.basins if best is None or not best.settled or _is_far(basin.gains, best.x)]
+    known = None if best is None or not best.settled else best.x
+    new = [basin for basin in scan.basins if known is None or _is_far(polish.problem, basin.gains, known)]
     return polish_basins(polish, new, best)
 
 
