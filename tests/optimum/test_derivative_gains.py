@@ -21,6 +21,7 @@ from fopi_tune.optimum.derivative_gains import DerivativeParametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds
 from fopi_tune.proof.balls.loop import PRECISION
+from fopi_tune.report.text.design import optimum_lines
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
 
 SIDE = st.floats(0.0, 1.0)
@@ -141,6 +142,17 @@ def test_a_pid_that_is_worse_is_never_certified() -> None:
     assert found.status is OptimumStatus.LIMIT_REACHED
     assert found.gap is None or found.gap > 0.01
     assert is_sound(found, spec)
+
+
+def test_better_gains_of_a_pid_are_told_with_their_derivative() -> None:
+    spec = ft.parse_spec(CUBE % (4.0824, 26.0))
+    design = ft.tune(spec, proof=False)
+    assert isinstance(design.gains, Pid)
+    worse = replace(design.gains, ki=0.9 * design.gains.ki)
+    found = replace(certify_optimum(spec, worse, most_boxes=1500), better=design.gains, bound=1.2, gap=0.1)
+    told = " ".join(line for line, _ in optimum_lines(found)).split()
+    assert "kd" in told
+    assert "alpha" not in told
 
 
 def test_a_pid_that_cannot_be_is_proved_infeasible() -> None:

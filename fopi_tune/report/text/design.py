@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
+from fopi_tune.core.controller import FoPid
 from fopi_tune.proof.verification.results import Outcome, Place, RequirementResult, Stability
 from fopi_tune.report.text.certificates import proof_lines
 from fopi_tune.report.text.formatting import (
@@ -42,6 +43,7 @@ from fopi_tune.report.text.tradeoff import price_lines
 from fopi_tune.results.design import Check, Design, loop_name, objective_name
 from fopi_tune.results.documents import margins_dict
 from fopi_tune.results.requirement_reports import RequirementReport
+from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec, Limit, Requirement, Scope
 from fopi_tune.spec.scenarios import every_requirement
 
@@ -82,6 +84,8 @@ def design_text(design: Design) -> Text:
     for note in design.notes:
         lines += entry("note", f"{note}.", "yellow")
     lines += optimum_lines(design.optimum, design.gap)
+    if design.status is Status.SOLVED and design.spec.controller.has_derivative_order:
+        lines += entry("optimum", "not bounded: there is no bound for structure: fopid in this version")
     return to_text(lines)
 
 
@@ -307,7 +311,9 @@ def _optimum_words(optimum: Optimum) -> str:
     found = f"no gains that meet every requirement are better than {number(optimum.bound)}"
     if optimum.better is not None:
         g = optimum.better
-        found += f"; better gains: kp = {number(g.kp, 8)}, ki = {number(g.ki, 8)}, alpha = {number(g.alpha, 8)}"
+        last = ("kd", g.kd) if isinstance(g, FoPid) else ("alpha", g.alpha)
+        told = (f"{name} = {number(value, 8)}" for name, value in (("kp", g.kp), ("ki", g.ki), last))
+        found += f"; better gains: {', '.join(told)}"
     word = "certified" if status is OptimumStatus.CERTIFIED else f"bounded, {optimum.reason}"
     unused = f"; not used: {', '.join(optimum.left_out)}" if optimum.left_out else ""
     return f"{word}: {found}, a gap of {100.0 * optimum.gap:.3g} % ({effort}){unused}"
