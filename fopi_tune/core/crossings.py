@@ -19,8 +19,8 @@ from fopi_tune.core.bode_form import Array, Rows, contiguous_rows
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.roots import find_roots, merged
 
-#: their name in `Loops.computed`
-_CROSSOVERS = "gain crossovers"
+#: their names in `Loops.computed`
+_CROSSOVERS, _PHASE_CROSSOVERS = "gain crossovers", "phase crossovers"
 #: |u| never exceeds this: omega stays inside what a double can hold
 _U_CAP = 600.0
 #: |ln|L|| is clipped here in results, so that |L| stays finite
@@ -124,6 +124,12 @@ def phase_crossovers(loops: Loops) -> Crossings:
     Returns:
         The crossings; a loop whose phase never meets -180 deg (mod 360) has no row in it.
     """
+    if _PHASE_CROSSOVERS not in loops.computed:
+        loops.computed[_PHASE_CROSSOVERS] = _phase_crossovers(loops)
+    return loops.computed[_PHASE_CROSSOVERS]
+
+
+def _phase_crossovers(loops: Loops) -> Crossings:
     low, high = _gain_range(loops, np.zeros(len(loops)))
     delay = loops.plants.dead_time_s
     delayed = np.flatnonzero(delay > 0)

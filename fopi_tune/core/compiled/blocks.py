@@ -35,7 +35,7 @@ _ROWS = 23
 
 
 @inner
-def bode_block(terms, r, low, high, count):
+def bode_block(terms, r, low, high, count, of_gain=True, of_phase=True):
     """`bode_at` of function r on cells, shape (_ROWS, BLOCK), of which the first `count` columns count.
 
     Args:
@@ -43,6 +43,8 @@ def bode_block(terms, r, low, high, count):
         r: which.
         low, high: shape (n,), n >= count: the cells' ends, all of them with high > low.
         count: at most BLOCK.
+        of_gain, of_phase: whether ln|f|, arg f and the bounds of their curvature are wanted, slopes always are; the
+            bound of both where both are.
     """
     s = np.empty((_ROWS, BLOCK))
     whole, factors = terms.whole, terms.factors
@@ -137,15 +139,18 @@ def bode_block(terms, r, low, high, count):
                 s[GAIN, i] += 0.5 * sign * math.log(along * along + across * across)
                 s[PHASE, i] += sign * math.atan2(b, a)
     for i in range(count):
-        _finish(terms, r, s, i)
+        _finish(terms, r, s, i, of_gain, of_phase)
     return s
 
 
 @inner
-def _finish(terms, r, s, i):
+def _finish(terms, r, s, i, of_gain, of_phase):
     """What `bode_at` does after its factors."""
-    gain = s[GAIN, i] + 0.5 * math.log(s[_TOP, i] / s[_BOTTOM, i])
-    phase = s[PHASE, i] + (math.atan2(s[_IMAG, i], s[_REAL, i]) + 2.0 * math.pi * s[_TURNS, i])
+    gain, phase = s[GAIN, i], s[PHASE, i]
+    if of_gain:
+        gain += 0.5 * math.log(s[_TOP, i] / s[_BOTTOM, i])
+    if of_phase:
+        phase += math.atan2(s[_IMAG, i], s[_REAL, i]) + 2.0 * math.pi * s[_TURNS, i]
     slope, turn, bound, third, bend, twist = (
         s[SLOPE, i], s[TURN, i], s[_BOUND, i], s[_THIRD, i], s[_BEND, i], s[_TWIST, i]
     )  # fmt: skip
@@ -165,7 +170,8 @@ def _finish(terms, r, s, i):
     s[GAIN, i], s[PHASE, i], s[SLOPE, i], s[TURN, i] = gain, phase, slope, turn
     s[OF_GAIN, i] = min(bound, abs(bend) + third * h + _ROUNDING)
     s[OF_PHASE, i] = min(bound + turning, abs(twist) + (third + turning) * h + _ROUNDING)
-    s[OF_BOTH, i] = min(bound + turning, math.hypot(bend, twist) + (third + turning) * h + _ROUNDING)
+    if of_gain and of_phase:
+        s[OF_BOTH, i] = min(bound + turning, math.hypot(bend, twist) + (third + turning) * h + _ROUNDING)
 
 
 @inner
@@ -215,9 +221,55 @@ def slope_block(terms, r, u, slopes):
 
 
 @inner
-def loop_block(terms, direct, r, low, high, count):
-    """`loop_at` of loop r on cells, as `bode_block`."""
-    s = bode_block(terms, r, low, high, count)
+def loop_block(terms, direct, r, low, high, count, is_phase):
+    """`loop_at` of loop r on cells, as `bode_block`: of ln|L| or arg L, whichever is asked for, value and bound."""
+    s = bode_block(terms, r, low, high, count, True, is_phase)
+    if not direct.sampled or s[_OMEGA, 0] == 0.0 or s[_OMEGA, count - 1] == 0.0:
+        for i in range(count):
+            s[GAIN, i], s[PHASE, i] = direct_at(direct, r, s[U, i], s[GAIN, i], s[PHASE, i])
+        return s
+    filled, t = min((count + 15) // 16 * 16, BLOCK), np.empty((8, BLOCK))
+    for i in range(filled):
+        #  delta, as in `controller_at`
+        n = math.exp(-abs(s[U, i]))
+        real, imag = -2.0 / (1.0 + n * n), 2.0 * n / (1.0 + n * n)
+        t[0, i], t[1, i] = real * (n * n) if s[U, i] < 0.0 else real, imag
+        t[2, i], t[3, i], t[4, i], t[5, i], t[6, i], t[7, i] = direct.feedthrough, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(direct.sections.shape[1]):
+        pole, residue = direct.sections[0, k], direct.sections[1, k]
+        for i in range(filled):
+            x, y = t[0, i] - pole, t[1, i]
+            factor = residue / (x * x + y * y)
+            t[2, i] += factor * x
+            t[3, i] -= factor * y
+    for k in range(direct.numerator.shape[1]):
+        coefficient = direct.numerator[r, k]
+        for i in range(filled):
+            x, y, a, b = t[0, i], t[1, i], t[4, i], t[5, i]
+            t[4, i], t[5, i] = a * x - b * y + coefficient, a * y + b * x
+    for k in range(direct.denominator.shape[1]):
+        coefficient = direct.denominator[r, k]
+        for i in range(filled):
+            x, y, a, b = t[0, i], t[1, i], t[6, i], t[7, i]
+            t[6, i], t[7, i] = a * x - b * y + coefficient, a * y + b * x
+    for i in range(filled):
+        p, q, a, b, c, d = t[2, i], t[3, i], t[4, i], t[5, i], t[6, i], t[7, i]
+        real, imag = a * c + b * d, b * c - a * d
+        t[0, i], t[1, i] = p * real - q * imag, p * imag + q * real
+        t[2, i] = math.sqrt(p * p + q * q) * math.sqrt(a * a + b * b) / math.sqrt(c * c + d * d)
     for i in range(count):
-        s[GAIN, i], s[PHASE, i] = direct_at(direct, r, s[U, i], s[GAIN, i], s[PHASE, i])
+        s[GAIN, i], s[PHASE, i] = _direct(
+            direct, r, is_phase, t[0, i], t[1, i], t[2, i], s[_OMEGA, i], s[GAIN, i], s[PHASE, i]
+        )
     return s
+
+
+@inner
+def _direct(direct, r, is_phase, real, imag, size, nu, gain, phase):
+    """What `direct_at` does after controller and polynomials, of a loop on samples."""
+    if not 0.0 < size < np.inf or (real == 0.0 and imag == 0.0) or not math.isfinite(real) or not math.isfinite(imag):
+        return gain, phase
+    if not is_phase:
+        return math.log(size), phase
+    angle = math.atan2(imag, real) - 2.0 * direct.late[r] * math.atan(nu)
+    return gain, angle + 2.0 * math.pi * np.round((phase - angle) / (2.0 * math.pi))

@@ -79,7 +79,7 @@ def _examine(is_phase, terms, direct, r, cells, count, level, found):
                 u, h = 0.5 * (cells[i, 0] + cells[i, 1]), 0.5 * (cells[i, 1] - cells[i, 0])
                 found[i, 0], found[i, 1], found[i, 2] = _value(is_phase, terms, direct, r, u, h, level)
             continue
-        s = loop_block(terms, direct, r, cells[begin:, 0], cells[begin:, 1], n)
+        s = loop_block(terms, direct, r, cells[begin:, 0], cells[begin:, 1], n, is_phase)
         for i in range(n):
             if is_phase:
                 found[begin + i, 0] = s[PHASE, i] + math.pi

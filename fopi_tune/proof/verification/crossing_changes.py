@@ -23,6 +23,8 @@ from fopi_tune.core.loops import Loops
 from fopi_tune.proof.verification.sample import LoopFunction, Sample, evaluate
 from fopi_tune.proof.verification.worst_case import find_worst_case
 
+#: their name in `Loops.computed`
+_SIGNATURES = "signatures"
 _MOST_EDGES = 48
 _HALVINGS = 36
 #: factor that packs both signatures into one number; larger than any count of turning points
@@ -103,6 +105,13 @@ def _signatures(loops: Loops) -> tuple[Array, Array]:
 
 
 def _signatures_at_once(loops: Loops) -> tuple[Array, Array]:
+    # the sample's own loops are asked twice
+    if _SIGNATURES not in loops.computed:
+        loops.computed[_SIGNATURES] = _computed_signatures(loops)
+    return loops.computed[_SIGNATURES]
+
+
+def _computed_signatures(loops: Loops) -> tuple[Array, Array]:
     from fopi_tune.core.compiled.turning_points import turning_points
 
     m, log = len(loops), loops.log

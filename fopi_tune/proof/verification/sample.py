@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,6 +28,8 @@ LoopFunction = Callable[[Loops], tuple[Array, ...]]
 _GRID = {1: 65, 2: 17, 3: 9}
 _MOST_CORNERS = 256
 _SOBOL_POINTS = 1024
+#: sets of places whose loops are kept
+_MOST_KNOWN = 16
 #: rows evaluated together, to limit the memory for crossings
 _CHUNK = 1024
 
@@ -48,6 +50,7 @@ class Sample:
         per_axis: grid points an axis; 0 without a grid.
         nominal: the nominal member's row.
         implementation: the digital controller, of a loop on samples; None in continuous time.
+        known: loops by the number and bytes of their places: searches for different quantities ask for the same ones.
     """
 
     family: PlantFamily
@@ -56,6 +59,7 @@ class Sample:
     per_axis: int
     nominal: int
     implementation: Implementation | None = None
+    known: dict[tuple[int, bytes], Loops] = field(default_factory=dict, compare=False, repr=False)
 
     @classmethod
     def of(cls, family: PlantFamily, gains: FoPi, implementation: Implementation | None = None) -> Sample:
@@ -96,6 +100,14 @@ class Sample:
 
     def loops_at(self, x: Array) -> Loops:
         """The loops at these places, shape (m, p)."""
+        key = (len(x), x.tobytes())
+        if key not in self.known:
+            if len(self.known) >= _MOST_KNOWN:
+                del self.known[next(iter(self.known))]
+            self.known[key] = self._loops_at(x)
+        return self.known[key]
+
+    def _loops_at(self, x: Array) -> Loops:
         plants = Plants.members(self.family, self.points(x))
         if self.implementation is None:
             return Loops.of(self.gains, plants)
