@@ -21,7 +21,7 @@ import numpy as np
 from fopi_tune.core.bode_form import Array, BodeForm, Rows
 from fopi_tune.core.loops import Loops
 from fopi_tune.proof.verification.sample import LoopFunction, Sample, evaluate
-from fopi_tune.proof.verification.worst_case import find_worst_case
+from fopi_tune.proof.verification.worst_case import find_worst_case, loops_ahead
 
 #: their name in `Loops.computed`
 _SIGNATURES = "signatures"
@@ -57,7 +57,7 @@ def refine_at_crossing_changes(sample: Sample) -> Sample:
     """Add one point on each side of every change of the number of crossings that can be found."""
     if sample.x.shape[1] == 0:
         return sample
-    signatures, distances = _signatures(sample.loops)
+    signatures, distances = (found[: len(sample.x)] for found in _signatures(loops_ahead(sample)[0]))
     if not np.isfinite(distances).any():
         return sample  # no turning point near a threshold: the number of crossings is constant
     more = _both_sides(sample, sample.x, signatures, *sample.edges)
