@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.core.controller import FoPi
@@ -89,13 +90,19 @@ class Sample:
         position = np.where(logarithmic, nominal / np.where(logarithmic, low, 1.0), 1.0)
         return np.where(logarithmic, np.log(position) / np.log(ratio), (nominal - low) / (high - low))
 
-    def points(self, x: Array) -> Array:
-        """The uncertain numbers at these places, both of shape (m, p); exact at the ends and at the nominal member."""
+    @cached_property
+    def _box(self) -> tuple[Array, Array, Array, NDArray[np.bool_], Array]:
+        """Ends and nominal point of the box; which numbers are scaled logarithmically, and the ratio of their ends."""
         low, high = self.family.low, self.family.high
         logarithmic = low * high > 0
         ratio = np.where(logarithmic, high / np.where(logarithmic, low, 1.0), 1.0)
+        return low, high, self.family.nominal_point, logarithmic, ratio
+
+    def points(self, x: Array) -> Array:
+        """The uncertain numbers at these places, both of shape (m, p); exact at the ends and at the nominal member."""
+        low, high, nominal, logarithmic, ratio = self._box
         points = np.where(logarithmic, low * ratio**x, low + (high - low) * x)
-        points = np.where(x == self.nominal_x, self.family.nominal_point, points)
+        points = np.where(x == self.nominal_x, nominal, points)
         return np.clip(np.where(x == 1.0, high, np.where(x == 0.0, low, points)), low, high)
 
     def loops_at(self, x: Array) -> Loops:

@@ -147,9 +147,8 @@ def find_worst_case(
             row = int(np.argmax(np.isnan(new_values)))
             x = np.concatenate(trial)[row]
             return WorstCase(np.nan, np.nan, x, x[None, :])
-        ends = np.cumsum([len(t) for t in trial])[:-1]
-        parts = zip(active, trial, np.split(new_values, ends), np.split(new_omegas, ends), strict=True)
-        moved = [_step(c, t, v, w, sample.spacing, scale) for c, t, v, w in parts]
+        parts = zip(active, trial, _parts(trial), strict=True)
+        moved = [_step(c, t, new_values[part], new_omegas[part], sample.spacing, scale) for c, t, part in parts]
         finished += [c for c in moved if c.done]
         best = max(c.value for c in moved + finished)
         if best > ceiling or evaluated.work > _MOST_WORK:
@@ -198,10 +197,10 @@ def _moved_inwards(evaluated: _Evaluated, candidates: list[_Candidate], scale: f
     if not any(len(t) for t in trial):
         return candidates
     values, omegas = evaluated.at(np.concatenate(trial))
-    ends = np.cumsum([len(t) for t in trial])[:-1]
     moved = []
-    for c, points, found, where in zip(candidates, trial, np.split(values, ends), np.split(omegas, ends), strict=True):
-        best = np.nan_to_num(found, nan=-np.inf)
+    for c, points, part in zip(candidates, trial, _parts(trial), strict=True):
+        found, where = values[part], omegas[part]
+        best = np.where(np.isnan(found), -np.inf, found)
         k = int(np.argmax(best)) if len(best) else -1
         if k < 0 or best[k] <= c.value + _ROUNDING * scale:
             moved.append(c)
@@ -209,6 +208,12 @@ def _moved_inwards(evaluated: _Evaluated, candidates: list[_Candidate], scale: f
         width = float(np.abs(points[k] - c.x).max())
         moved.append(replace(c, x=points[k], value=float(found[k]), omega=float(where[k]), width=width))
     return moved
+
+
+def _parts(trial: list[Array]) -> list[slice]:
+    """Where each of some arrays is in all of them together."""
+    ends = list(itertools.accumulate((len(t) for t in trial), initial=0))
+    return [slice(a, b) for a, b in itertools.pairwise(ends)]
 
 
 def place_of(sample: Sample, x: Array, omega_rad_s: float) -> Place:
@@ -238,8 +243,11 @@ def _distinct_peaks(sample: Sample, values: Array) -> Rows:
         grid = values[: n**p].reshape((n,) * p)
         around = grid
         for axis in range(p):
-            padded = np.pad(around, [(1, 1) if k == axis else (0, 0) for k in range(p)], constant_values=-np.inf)
-            around = np.max([np.take(padded, range(k, k + n), axis=axis) for k in range(3)], axis=0)
+            padded = np.full([k + 2 * (j == axis) for j, k in enumerate(around.shape)], -np.inf)
+            inner = np.moveaxis(padded, axis, 0)
+            inner[1:-1] = np.moveaxis(around, axis, 0)
+            largest = np.maximum(np.maximum(inner[:-2], inner[1:-1]), inner[2:])
+            around = np.moveaxis(largest, 0, axis)
         peak[: n**p] = (grid >= around).ravel()
         for row in range(n**p, len(values)):
             near = np.abs(sample.x[: n**p] - sample.x[row]).max(axis=1) <= sample.spacing
