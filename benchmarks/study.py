@@ -135,10 +135,15 @@ def re_solve(cells: int) -> None:
     print(f"{len(study.cells):,} cells, read and checked in {time.perf_counter() - before:.1f} s")
     print(f"load of the machine before: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     run = measured(study, 2)
-    each_ms = 1e3 * run.in_cells_s / len(study.cells)
+    each_ms, own_ms = 1e3 * run.in_cells_s / len(study.cells), 1e3 * run.cpu_s / len(study.cells)
     print(
         f"re-solved in {run.run_s:.1f} s, {run.cpu_s:.1f} s of processor time; {each_ms:.1f} ms inside a cell, busy "
         f"{100 * run.in_cells_s / (2 * run.run_s):.1f} %"
+    )
+    whole_ms = 1e3 * own_cpu_s(study_of(cells, "[tune]", "all"), 20)
+    print(
+        f"{own_ms:.1f} ms of processor time a cell, all processes and their start included; "
+        f"{own_ms / whole_ms:.2f} times the {whole_ms:.1f} ms of a scan of the whole box in one process"
     )
 
 

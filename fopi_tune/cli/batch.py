@@ -45,6 +45,12 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from fopi_tune.cli.result_files import Result
+    from fopi_tune.prices import Tradeoff
+    from fopi_tune.results.design import Validated
+    from fopi_tune.results.proved_system import ProvedSystem
+    from fopi_tune.results.simulation import Simulated
+    from fopi_tune.results.system import DiscretizedSystem, SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.system_design import DesignedSystem
     from fopi_tune.spec.model import DesignSpec, SystemSpec
 
 
@@ -236,22 +242,42 @@ def exit_code_of(result: Result, require_proof: bool) -> Exit:
         result: of a command.
         require_proof: whether what is only checked by simulation counts as undecided.
     """
-    from fopi_tune.results.system_design import DesignedSystem
-
     if result.status in ("solved", "met", "settles", "made"):
+        if not require_proof:
+            return Exit.MET
+        from fopi_tune.results.system_design import DesignedSystem
+
         reports = getattr(getattr(result, "design", result), "measures", ())
         # of a system's design nothing is proved
         checked = isinstance(result, DesignedSystem) or any(report.verdict == "checked" for report in reports)
-        return Exit.TOOL_FAILED if require_proof and checked else Exit.MET
+        return Exit.TOOL_FAILED if checked else Exit.MET
     return Exit.TOOL_FAILED if result.status in ("failed", "undecided", "contradiction") else Exit.NOT_MET
 
 
 def _result_text(result: Result) -> Text:
+    from fopi_tune.results.design import Check, Design, Discretized, Run
+
+    if isinstance(result, Design | Check):
+        from fopi_tune.report.text.design import check_text, design_text
+
+        return design_text(result) if isinstance(result, Design) else check_text(result)
+    if isinstance(result, Discretized | Run):
+        from fopi_tune.report import design_text, digital_text
+
+        if isinstance(result, Discretized):
+            return digital_text(result)
+        text = design_text(result.design)
+        return text if result.digital is None else text.append("\n\n").append_text(digital_text(result.digital))
+    return _other_text(result)
+
+
+def _other_text(
+    result: Validated | Simulated | Tradeoff | SimulatedSystem | ValidatedSystem | DesignedSystem | ProvedSystem
+    | DiscretizedSystem,
+) -> Text:  # fmt: skip
+    """Of what is not about one design; its modules are loaded for it alone."""
     from fopi_tune.prices.result import Tradeoff
     from fopi_tune.report import (
-        check_text,
-        design_text,
-        digital_text,
         evidence_text,
         simulation_text,
         system_design_text,
@@ -259,10 +285,9 @@ def _result_text(result: Result) -> Text:
         system_proof_text,
         tradeoff_text,
     )
-    from fopi_tune.results.design import Check, Design, Discretized, Validated
+    from fopi_tune.results.design import Validated
     from fopi_tune.results.proved_system import ProvedSystem
-    from fopi_tune.results.simulation import Simulated
-    from fopi_tune.results.system import DiscretizedSystem, SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.system import DiscretizedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
 
     if isinstance(result, DiscretizedSystem):
@@ -279,13 +304,4 @@ def _result_text(result: Result) -> Text:
         return evidence_text(result)
     if isinstance(result, ValidatedSystem):
         return system_evidence_text(result)
-    if isinstance(result, Simulated | SimulatedSystem):
-        return simulation_text(result)
-    if isinstance(result, Design):
-        return design_text(result)
-    if isinstance(result, Discretized):
-        return digital_text(result)
-    if isinstance(result, Check):
-        return check_text(result)
-    text = design_text(result.design)
-    return text if result.digital is None else text.append("\n\n").append_text(digital_text(result.digital))
+    return simulation_text(result)

@@ -59,11 +59,46 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
     Raises:
         DomainError: the controller cannot be exported as code.
     """
+    from fopi_tune.results.design import Check, Design, Discretized, Run
+
+    if isinstance(result, Design | Check):
+        yield from _design_files(result)
+    elif isinstance(result, Run):
+        of_design = dict(files_of(result.design))
+        if SPEC in of_design:
+            yield SPEC, of_design.pop(SPEC)
+        if result.digital is not None:
+            yield from files_of(result.digital)
+        yield from of_design.items()
+    elif isinstance(result, Discretized):
+        yield from _code_files(result)
+        yield CONTROLLER_FIGURE, _controller_figure(result)
+        yield from _certificate_file(result, DIGITAL_CERTIFICATE)
+        yield DIGITAL, to_json(result.to_dict()) + "\n"
+    else:
+        yield from _other_files(result)
+
+
+def _design_files(result: Design | Check) -> Iterator[tuple[str, str | bytes]]:
+    from fopi_tune.results.design import Check
+
+    if result.spec.source:
+        yield SPEC, result.spec.source
+    yield from _certificate_file(result, CERTIFICATE)
+    if not isinstance(result, Check) and (optimum := result.optimum_document()) is not None:
+        yield OPTIMUM, to_json(optimum) + "\n"
+    yield CHECK if isinstance(result, Check) else DESIGN, to_json(result.to_dict()) + "\n"
+
+
+def _other_files(
+    result: Validated | Simulated | Tradeoff | SimulatedSystem | ValidatedSystem | DesignedSystem | ProvedSystem
+    | DiscretizedSystem,
+) -> Iterator[tuple[str, str | bytes]]:  # fmt: skip
+    """Of what is not about one design; its modules are loaded for it alone."""
     from fopi_tune.prices.result import Tradeoff
-    from fopi_tune.results.design import Check, Discretized, Run, Validated
+    from fopi_tune.results.design import Validated
     from fopi_tune.results.proved_system import ProvedSystem
-    from fopi_tune.results.simulation import Simulated
-    from fopi_tune.results.system import DiscretizedSystem, SimulatedSystem, ValidatedSystem
+    from fopi_tune.results.system import DiscretizedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
 
     if isinstance(result, DiscretizedSystem):
@@ -83,33 +118,11 @@ def files_of(result: Result) -> Iterator[tuple[str, str | bytes]]:
     if isinstance(result, Validated | ValidatedSystem):
         yield EVIDENCE, to_json(result.to_dict()) + "\n"
         return
-    if isinstance(result, Simulated | SimulatedSystem):
-        kind = EXACT if result.exact else SIMULATION
-        yield f"{kind}.json", to_json(result.to_dict()) + "\n"
-        for driven in result.driven:
-            yield f"{kind}_{driven.scenario.name}.csv", _simulation_csv(driven)
-            yield f"{kind}_{driven.scenario.name}.svg", _simulation_figure(result, driven)
-        return
-    if isinstance(result, Run):
-        of_design = dict(files_of(result.design))
-        if SPEC in of_design:
-            yield SPEC, of_design.pop(SPEC)
-        if result.digital is not None:
-            yield from files_of(result.digital)
-        yield from of_design.items()
-        return
-    if isinstance(result, Discretized):
-        yield from _code_files(result)
-        yield CONTROLLER_FIGURE, _controller_figure(result)
-        yield from _certificate_file(result, DIGITAL_CERTIFICATE)
-        yield DIGITAL, to_json(result.to_dict()) + "\n"
-        return
-    if result.spec.source:
-        yield SPEC, result.spec.source
-    yield from _certificate_file(result, CERTIFICATE)
-    if not isinstance(result, Check) and (optimum := result.optimum_document()) is not None:
-        yield OPTIMUM, to_json(optimum) + "\n"
-    yield CHECK if isinstance(result, Check) else DESIGN, to_json(result.to_dict()) + "\n"
+    kind = EXACT if result.exact else SIMULATION
+    yield f"{kind}.json", to_json(result.to_dict()) + "\n"
+    for driven in result.driven:
+        yield f"{kind}_{driven.scenario.name}.csv", _simulation_csv(driven)
+        yield f"{kind}_{driven.scenario.name}.svg", _simulation_figure(result, driven)
 
 
 def _certificate_file(result: Design | Check | Discretized, name: str) -> Iterator[tuple[str, str]]:

@@ -151,9 +151,17 @@ class BodeForm:
 
     def slope_end(self) -> Array:
         """Shape (m,), d ln|f| / du as omega -> inf."""
-        present = np.isfinite(self.corner)
-        slope = self.slope0 + (self.sign * self.nu * present).sum(axis=1)
+        return self._slope_end
+
+    @cached_property
+    def _slope_end(self) -> Array:
+        slope = self.slope0 + (self.sign * self.nu * self._present).sum(axis=1)
         return slope if self._end_of_sum is None else slope + self._end_of_sum[0]
+
+    @cached_property
+    def _present(self) -> NDArray[np.bool_]:
+        """Which factors are there."""
+        return np.isfinite(self.corner)
 
     @cached_property
     def _end_of_sum(self) -> tuple[Array, Array, Array] | None:
@@ -168,7 +176,11 @@ class BodeForm:
 
     def end(self) -> tuple[Array, Array]:
         """High-frequency asymptote c omega^slope_end: ln|c| and its phase (rad, delay left out), shape (m,) each."""
-        present = np.isfinite(self.corner)
+        return self._end
+
+    @cached_property
+    def _end(self) -> tuple[Array, Array]:
+        present = self._present
         log_gain = -(np.where(present, self.sign * self.nu * np.where(present, self.corner, 0.0), 0.0)).sum(axis=1)
         phase = np.where(present, self.sign * self.psi, 0.0).sum(axis=1)
         if self._end_of_sum is not None:
@@ -177,7 +189,11 @@ class BodeForm:
 
     def corners(self) -> tuple[Array, Array]:
         """Smallest and largest u, outside which the function is its asymptotes to 1e-9, shape (m,) each."""
-        present = np.isfinite(self.corner)
+        return self._corners
+
+    @cached_property
+    def _corners(self) -> tuple[Array, Array]:
+        present = self._present
         reach = np.where(present, np.log(1e9) / np.maximum(self.nu, 1e-6), 0.0)
         low = np.where(present, self.corner - reach, np.inf).min(axis=1, initial=np.inf)
         high = np.where(present, self.corner + reach, -np.inf).max(axis=1, initial=-np.inf)

@@ -19,8 +19,8 @@ from fopi_tune.core.bode_form import Array, Rows, contiguous_rows
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.roots import find_roots, merged
 
-#: their name in `Loops.computed`
-_CROSSOVERS = "gain crossovers"
+#: their names in `Loops.computed`
+_CROSSOVERS, _PHASE_CROSSOVERS, _RANGE = "gain crossovers", "phase crossovers", "range of gain crossovers"
 #: |u| never exceeds this: omega stays inside what a double can hold
 _U_CAP = 600.0
 #: |ln|L|| is clipped here in results, so that |L| stays finite
@@ -77,6 +77,13 @@ def _crossings(loops: Loops, rows: Rows, u: Array) -> Crossings:
     return Crossings(rows, u, loops.omega_of(u), gain, value.imag, slope.imag / loops.stretch(u))
 
 
+def _crossover_range(loops: Loops) -> tuple[Array, Array]:
+    """`_gain_range` of |L| = 1."""
+    if _RANGE not in loops.computed:
+        loops.computed[_RANGE] = _gain_range(loops, np.zeros(len(loops)))
+    return loops.computed[_RANGE]
+
+
 def _gain_range(loops: Loops, level: Array) -> tuple[Array, Array]:
     """An interval of u outside which |L| follows its asymptotes and does not cross e^level."""
     log = loops.log
@@ -107,7 +114,9 @@ def gain_crossovers(loops: Loops, level: Array | None = None) -> Crossings:
     if level is None:
         # several requirements ask for them
         if _CROSSOVERS not in loops.computed:
-            loops.computed[_CROSSOVERS] = gain_crossovers(loops, np.zeros(len(loops)))
+            none = np.zeros(len(loops))
+            found = _roots(loops, none, np.arange(len(loops)), *_crossover_range(loops))
+            loops.computed[_CROSSOVERS] = _crossings(loops, *found)
         return loops.computed[_CROSSOVERS]
     low, high = _gain_range(loops, level)
     return _crossings(loops, *_roots(loops, level, np.arange(len(loops)), low, high))
@@ -124,7 +133,13 @@ def phase_crossovers(loops: Loops) -> Crossings:
     Returns:
         The crossings; a loop whose phase never meets -180 deg (mod 360) has no row in it.
     """
-    low, high = _gain_range(loops, np.zeros(len(loops)))
+    if _PHASE_CROSSOVERS not in loops.computed:
+        loops.computed[_PHASE_CROSSOVERS] = _phase_crossovers(loops)
+    return loops.computed[_PHASE_CROSSOVERS]
+
+
+def _phase_crossovers(loops: Loops) -> Crossings:
+    low, high = (end.copy() for end in _crossover_range(loops))
     delay = loops.plants.dead_time_s
     delayed = np.flatnonzero(delay > 0)
     inner = _phase_crossings(loops, np.setdiff1d(np.arange(len(loops)), delayed), low, high)

@@ -25,6 +25,13 @@ if TYPE_CHECKING:
 _AXIS_TOLERANCE = 1e-9
 
 
+def _pairs(first: Rows, last: Rows) -> set[tuple[int, int]]:
+    """The different pairs of two columns; most families have one."""
+    if len(first) and np.all(first == first[0]) and np.all(last == last[0]):
+        return {(int(first[0]), int(last[0]))}
+    return set(zip(first.tolist(), last.tolist(), strict=True))
+
+
 def polynomial_roots(coefficients: Array) -> Complex:
     """Roots of m polynomials.
 
@@ -42,7 +49,7 @@ def polynomial_roots(coefficients: Array) -> Complex:
     nonzero = coefficients != 0.0
     first = np.argmax(nonzero, axis=1)
     last = width - 1 - np.argmax(nonzero[:, ::-1], axis=1)
-    for start, stop in {(int(a), int(b)) for a, b in zip(first, last, strict=True)}:
+    for start, stop in _pairs(first, last):
         group = np.flatnonzero((first == start) & (last == stop))
         degree = stop - start
         roots[group, degree : degree + width - 1 - stop] = 0.0
@@ -56,7 +63,8 @@ def polynomial_roots(coefficients: Array) -> Complex:
                     "coefficients of a plant's polynomial differ by more than a floating-point number can hold; "
                     "take numbers of the plant that are neither that small nor that large"
                 )
-            roots[group, :degree] = np.linalg.eigvals(companion)
+            # the eigenvalue of a single number is that number
+            roots[group, :degree] = companion[:, 0] if degree == 1 else np.linalg.eigvals(companion)
     return roots
 
 

@@ -165,7 +165,8 @@ def margins(controller: FoPi, plant: Plant) -> Margins:
 
 def margins_of(loops: Loops) -> Margins:
     """The margins of one loop, the first row's alone."""
-    loops = loops.take(np.zeros(1, dtype=np.intp))
+    if len(loops) > 1:
+        loops = loops.take(np.zeros(1, dtype=np.intp))
     gain, phase = gain_crossovers(loops), phase_crossovers(loops)
     stable = is_stable(loops)
     angle, lag = phase_margins(loops, gain).where(stable), delay_margins(loops, gain).where(stable)

@@ -218,7 +218,10 @@ class PlantFamily:
         rows = len(points)
 
         def table(column: list[Any]) -> Array:
-            return np.stack([np.broadcast_to(np.asarray(c, dtype=float), rows) for c in column], axis=1)
+            found = np.empty((rows, len(column)))
+            for k, entry in enumerate(column):
+                found[:, k] = entry
+            return found
 
         return table(numerator), table(denominator), table([dead_time])[:, 0]
 

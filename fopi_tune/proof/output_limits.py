@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PlantFamily
@@ -19,15 +19,11 @@ from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.strict_json import JsonObject, read_most_change
-from fopi_tune.proof.switched.model import SwitchedLoop, plant_obstacle
-from fopi_tune.proof.switched.saturated_loop import (
-    SaturatedLoopProof,
-    decay_entry,
-    prove_saturated_loop,
-    read_decay,
-    verify_saturated_loop,
-)
 from fopi_tune.spec.model import DesignSpec
+
+if TYPE_CHECKING:
+    from fopi_tune.proof.switched.model import SwitchedLoop
+    from fopi_tune.proof.switched.saturated_loop import SaturatedLoopProof
 
 
 @dataclass(frozen=True)
@@ -49,6 +45,8 @@ class LimitedLoop:
         """Why there is no proof; empty with one."""
         if self.proof is not None:
             return ""
+        from fopi_tune.proof.switched.model import plant_obstacle
+
         return plant_obstacle(self.loop) or "the circle criterion, which is sufficient only, was not shown to hold"
 
     @property
@@ -101,6 +99,9 @@ def prove_with_limits(spec: DesignSpec, implementation: Implementation | None) -
     controller = runtime_of(implementation.sections, unweighted)
     if spec.digital.output_limits is None and not controller.limits_rate:
         return None
+    from fopi_tune.proof.switched.model import SwitchedLoop, plant_obstacle
+    from fopi_tune.proof.switched.saturated_loop import prove_saturated_loop
+
     loop = SwitchedLoop(spec.name, controller, spec.plant, implementation.delay_samples)
     proof = None if plant_obstacle(loop) else prove_saturated_loop(loop, implementation.sample_time_s)
     return LimitedLoop(loop, implementation.sample_time_s, proof)
@@ -108,6 +109,8 @@ def prove_with_limits(spec: DesignSpec, implementation: Implementation | None) -
 
 def limits_entry(limited: LimitedLoop) -> dict[str, Any]:
     """The entry of a certificate's JSON."""
+    from fopi_tune.proof.switched.saturated_loop import decay_entry
+
     return {
         "output_limits": list(limited.loop.controller.limits),
         **_change_entry(limited.loop),
@@ -130,6 +133,9 @@ def read_limits(
     Raises:
         CertificateError: an entry is missing or has the wrong type, or there is no digital controller.
     """
+    from fopi_tune.proof.switched.model import SwitchedLoop
+    from fopi_tune.proof.switched.saturated_loop import read_decay
+
     limits, change = entry.numbers("output_limits"), read_most_change(entry)
     if implementation is None or len(limits) != 2:
         raise CertificateError(f"{entry.place}: there are no two output_limits of a digital controller")
@@ -146,6 +152,9 @@ def limits_problems(limited: LimitedLoop | None) -> list[str]:
     """What does not hold of the entry."""
     if limited is None or limited.proof is None:
         return []
+    from fopi_tune.proof.switched.model import plant_obstacle
+    from fopi_tune.proof.switched.saturated_loop import verify_saturated_loop
+
     obstacle = plant_obstacle(limited.loop)
     if obstacle or not verify_saturated_loop(limited.loop, limited.sample_time_s, limited.proof):
         return ["with_limits: the loop is not shown to settle with its limits"]

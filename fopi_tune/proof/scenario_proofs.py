@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import PlantFamily
@@ -19,11 +19,12 @@ from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.strict_json import JsonObject, read_most_change
-from fopi_tune.proof.time_domain import TimeDomainCase, TimeDomainProof, prove_limit, recheck_limit
-from fopi_tune.proof.time_domain.documents import from_document, to_document
 from fopi_tune.proof.verdict import Verdict, overall
 from fopi_tune.spec.model import DesignSpec, Knot, Limit, Relation, ScenarioSpec
 from fopi_tune.spec.scenarios import MAX_KNOTS
+
+if TYPE_CHECKING:
+    from fopi_tune.proof.time_domain import TimeDomainCase, TimeDomainProof
 
 #: most boxes and single plants of one requirement in one scenario
 BUDGET = 2_000
@@ -56,6 +57,8 @@ def prove_scenarios(
         implementation: the digital controller, whose stored numbers are taken as exact.
         tolerance: by how much a limit may be missed, relative (of overshoots to the step).
     """
+    from fopi_tune.proof.time_domain import prove_limit
+
     return tuple(
         ScenarioProof(index, case, prove_limit(case, tolerance, BUDGET))
         for index, case in cases_of(spec, implementation)
@@ -64,6 +67,8 @@ def prove_scenarios(
 
 def cases_of(spec: DesignSpec, implementation: Implementation) -> list[tuple[int, TimeDomainCase]]:
     """What is to be proved, in the order of the requirements and, of one about all scenarios, of these."""
+    from fopi_tune.proof.time_domain import TimeDomainCase
+
     assert spec.digital is not None
     controller = runtime_of(implementation.sections, spec)
     return [
@@ -101,6 +106,10 @@ def _meaning(limit: Limit) -> Limit:
 
 def scenario_entries(proofs: Sequence[ScenarioProof]) -> list[dict[str, Any]]:
     """The entries of a certificate's JSON."""
+    if not proofs:
+        return []
+    from fopi_tune.proof.time_domain.documents import to_document
+
     return [
         {
             "requirement": each.index,
@@ -135,6 +144,9 @@ def read_scenario_proofs(
 
 
 def _read(entry: JsonObject, family: PlantFamily, implementation: Implementation) -> ScenarioProof:
+    from fopi_tune.proof.time_domain import TimeDomainCase
+    from fopi_tune.proof.time_domain.documents import from_document
+
     said = entry.child("proof")
     limit = Limit(said.text("measure"), said.word("relation", Relation), said.number("limit"))
     index = entry.count_or_none("requirement")
@@ -219,8 +231,12 @@ def scenario_problems(proofs: Sequence[ScenarioProof], tolerance: float) -> list
         proofs: as they were read.
         tolerance: of the certificate, which says it of all its limits.
     """
+    if not proofs:
+        return []
+    from fopi_tune.proof.time_domain import recheck_limit
+
     numbers = [each.index for each in proofs]
-    gaps = [(0, numbers[0])] if numbers else []
+    gaps = [(0, numbers[0])]
     gaps += [(before + 1, after) for before, after in itertools.pairwise(numbers) if after != before]
     problems = [
         f"scenarios: requirement {found} stands where requirement {expected} is expected"

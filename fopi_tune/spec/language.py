@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 from fopi_tune.core.controller import not_available
+from fopi_tune.core.plant import PLANT_MODELS, PlantModel
 from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
 from fopi_tune.spec.digital import digital_shape
 from fopi_tune.spec.model import DesignSpec, GainRange, Sense
@@ -41,6 +43,12 @@ _START = "`fopi init` writes one to start from"
 
 def spec_shape() -> Record:
     """The shape of a whole file; reads to the sections' values."""
+    return _shape_with(tuple(PLANT_MODELS.values()))
+
+
+@lru_cache(2)
+def _shape_with(_: tuple[PlantModel, ...]) -> Record:
+    """The shape with these plant models, made once: a study reads thousands of specs."""
     keys = {
         "schema": Key(Version("version of the spec language", SCHEMA_VERSION)),
         "name": Key(Text("name of the design and of its results' folder", NAME_PATTERN, NAME_RULE)),

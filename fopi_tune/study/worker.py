@@ -137,7 +137,7 @@ def _run_spec(cell: Cell, document: dict[str, Any], blocks: Sequence[Block]) -> 
     checked = _spec_of_check(cell)
     if Stage.TUNE in cell.stages:
         proof_in_design = _proof_in_design(cell)
-        design = _cached_design(cell.text, cell.files, cell.base, proof_in_design)
+        design = _cached_design(cell.text, cell.name, cell.files, cell.base, proof_in_design)
         document[Stage.TUNE] = design.to_dict()
         document["outcome"] = design.status.value
         if proof_in_design and design.certificate is not None:
@@ -156,7 +156,7 @@ def _run_spec(cell: Cell, document: dict[str, Any], blocks: Sequence[Block]) -> 
 
 def _spec_of_check(cell: Cell) -> DesignSpec:
     """The spec that the gains are checked against."""
-    return spec_from_text(cell.check or cell.text, cell.name, cell.files)
+    return _spec(cell.check or cell.text, cell.name, cell.files)
 
 
 def _proof_in_design(cell: Cell) -> bool:
@@ -167,8 +167,8 @@ def _proof_in_design(cell: Cell) -> bool:
 def _gains_of_cell(cell: Cell) -> FoPi | None:
     """The gains of a cell, tuned or fixed; None where the design is not solved."""
     if Stage.TUNE not in cell.stages:
-        return spec_from_text(cell.text, cell.name, cell.files).controller.fixed
-    design = _cached_design(cell.text, cell.files, cell.base, _proof_in_design(cell))
+        return _spec(cell.text, cell.name, cell.files).controller.fixed
+    design = _cached_design(cell.text, cell.name, cell.files, cell.base, _proof_in_design(cell))
     return design.gains if design.status is Status.SOLVED else None
 
 
@@ -229,10 +229,16 @@ def _proof_document(design: Design) -> dict[str, Any]:
 
 
 @lru_cache(_MAX_DESIGNS)
-def _cached_design(text: str, files: Files, base: str, proof: bool) -> Design:
+def _spec(text: str, name: str, files: Files) -> DesignSpec:
+    """The spec of a cell, read once for all of its stages."""
+    return spec_from_text(text, name, files)
+
+
+@lru_cache(_MAX_DESIGNS)
+def _cached_design(text: str, name: str, files: Files, base: str, proof: bool) -> Design:
     """The design of a spec; cells that differ only in the spec of the check share it."""
     start = _base_neighbour(base) if base else None
-    return tune(spec_from_text(text, files=files), proof=proof, start=start, bracket=False)
+    return tune(_spec(text, name, files), proof=proof, start=start, bracket=False)
 
 
 @lru_cache(_MAX_BASES)

@@ -284,6 +284,13 @@ def loop_at(terms, direct, r, u, h):
     Multiple roots, which a root finder resolves to a few digits only, do not spoil such a value.
     """
     gain, phase, slope, turn, of_gain, of_phase, _ = bode_at(terms, r, u, h)
+    gain, phase = direct_at(direct, r, u, gain, phase)
+    return gain, phase, slope, turn, of_gain, of_phase
+
+
+@inner
+def direct_at(direct, r, u, gain, phase):
+    """ln|L| and arg L from controller and polynomials, on the branch of `phase`; what is given where not finite."""
     c_real, c_imag, s_real, s_imag = controller_at(direct, r, u)
     a, b = polynomial(direct.numerator, r, s_real, s_imag)
     c, d = polynomial(direct.denominator, r, s_real, s_imag)
@@ -291,14 +298,14 @@ def loop_at(terms, direct, r, u, h):
     real, imag = c_real * real - c_imag * imag, c_real * imag + c_imag * real
     size = math.sqrt(c_real * c_real + c_imag * c_imag) * math.sqrt(a * a + b * b) / math.sqrt(c * c + d * d)
     if not 0.0 < size < np.inf or (real == 0.0 and imag == 0.0) or not math.isfinite(real) or not math.isfinite(imag):
-        return gain, phase, slope, turn, of_gain, of_phase
+        return gain, phase
     angle = math.atan2(imag, real)
     if direct.sampled:
         angle -= 2.0 * direct.late[r] * math.atan(math.exp(min(u, _EXPONENT_CAP)))
     else:
         angle -= direct.late[r] * s_imag
     turns = np.round((phase - angle) / (2.0 * math.pi))
-    return math.log(size), angle + 2.0 * math.pi * turns, slope, turn, of_gain, of_phase
+    return math.log(size), angle + 2.0 * math.pi * turns
 
 
 def _values(sources):

@@ -6,6 +6,17 @@ import math
 
 import numpy as np
 
+from fopi_tune.core.compiled.blocks import (
+    BLOCK,
+    FEWEST,
+    GAIN,
+    OF_BOTH,
+    OF_GAIN,
+    PHASE,
+    SLOPE,
+    TURN,
+    bode_block,
+)
 from fopi_tune.core.compiled.loops import bode_at, entry, inner
 
 _FIRST_CELLS, _PIECES = 24, 4
@@ -28,9 +39,13 @@ def _distance_of_segment(x, y, dx, dy):
 
 
 @inner
-def _term(terms, r, u, h):
-    """Of a summand e^l at u: value, slope (four real numbers), bound of the curvature, smallest and largest value."""
-    gain, phase, rise, turn, gain_bound, _, bound = bode_at(terms, r, u, h)
+def _term(gain, phase, rise, turn, gain_bound, bound, h):
+    """Of a summand e^l: value, slope (four real numbers), bound of the curvature, smallest and largest value.
+
+    Args:
+        gain, phase, rise, turn, gain_bound, bound: of l at the middle of a cell, as of `bode_at`.
+        h: half of the cell's width.
+    """
     size = math.exp(min(gain, _GAIN_CAP))
     real, imag = size * math.cos(phase), size * math.sin(phase)
     reach = (abs(rise) + gain_bound * h) * h
@@ -42,20 +57,46 @@ def _term(terms, r, u, h):
     return real, imag, real * rise - imag * turn, real * turn + imag * rise, curvature, smallest, largest
 
 
+#: without a second summand
+_NO_TERM = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
 @inner
-def _value_and_bound(one, first, second, r, low, high, sign):
-    """sign * (-ln|K|) at a cell's centre, and what it cannot exceed on the cell."""
-    u, h = 0.5 * (low + high), 0.5 * (high - low)
-    x, y, dx, dy, curvature, small, large = _term(first, r, u, h)
+def _term_at(terms, r, u, h):
+    """`_term` of a function at u; zeros where there is no function."""
+    if terms.whole.shape[1] == 0:
+        return _NO_TERM
+    gain, phase, rise, turn, of_gain, _, of_both = bode_at(terms, r, u, h)
+    return _term(gain, phase, rise, turn, of_gain, of_both, h)
+
+
+@inner
+def _term_in(s, i, h):
+    """`_term` of a place of a block."""
+    return _term(s[GAIN, i], s[PHASE, i], s[SLOPE, i], s[TURN, i], s[OF_GAIN, i], s[OF_BOTH, i], h)
+
+
+@inner
+def _value_and_bound(one, single, first, second, h, sign):
+    """sign * (-ln|K|) at a cell's centre, and what it cannot exceed on the cell.
+
+    Args:
+        one: whether the constant 1 is a summand of K.
+        single: whether `first` is the only summand otherwise.
+        first, second: the summands, as of `_term`.
+        h: half of the cell's width.
+        sign: 1 or -1.
+    """
+    x, y, dx, dy, curvature, small, large = first
     other_small, other_large = small, large
     if one:
         x, other_small, other_large = x + 1.0, 1.0, 1.0
-    elif second.whole.shape[1] > 0:
-        a, b, da, db, more, other_small, other_large = _term(second, r, u, h)
+    elif not single:
+        a, b, da, db, more, other_small, other_large = second
         x, y, dx, dy, curvature = x + a, y + b, dx + da, dy + db, curvature + more
     # |K| >= the smallest value of one summand less the largest of the other
     total, smallest = large + other_large, max(small - other_large, other_small - large)
-    if not one and second.whole.shape[1] == 0:
+    if not one and single:
         total, smallest = large, small
     size, dx, dy = math.hypot(x, y), dx * h, dy * h
     slack = 0.5 * curvature * h * h if h > 0.0 else 0.0
@@ -65,6 +106,26 @@ def _value_and_bound(one, first, second, r, low, high, sign):
         reached = min(max(math.hypot(x + dx, y + dy), math.hypot(x - dx, y - dy)) + slack, total)
     value = -sign * math.log(size) if size > 0.0 else sign * np.inf
     return value, (-sign * math.log(reached) if reached > 0.0 else sign * np.inf)
+
+
+@inner
+def _examine(one, first, second, r, cells, count, sign, values, bounds):
+    """Write value and bound of the first cells, those of a block together."""
+    single = second.whole.shape[1] == 0
+    for begin in range(0, count, BLOCK):
+        n = min(BLOCK, count - begin)
+        if n < FEWEST:
+            for i in range(begin, begin + n):
+                u, h = 0.5 * (cells[i, 0] + cells[i, 1]), 0.5 * (cells[i, 1] - cells[i, 0])
+                terms = _term_at(first, r, u, h), _term_at(second, r, u, h)
+                values[i], bounds[i] = _value_and_bound(one, single, terms[0], terms[1], h, sign)
+            continue
+        s = bode_block(first, r, cells[begin:, 0], cells[begin:, 1], n)
+        t = s if single else bode_block(second, r, cells[begin:, 0], cells[begin:, 1], n)
+        for i in range(n):
+            h = 0.5 * (cells[begin + i, 1] - cells[begin + i, 0])
+            other = _NO_TERM if single else _term_in(t, i, h)
+            values[begin + i], bounds[begin + i] = _value_and_bound(one, single, _term_in(s, i, h), other, h, sign)
 
 
 def _branch_and_bound(sources):
@@ -86,7 +147,8 @@ def _branch_and_bound(sources):
         for r in range(m):
             for end in range(2):
                 u = low[r] if end == 0 else high[r]
-                value, _ = _value_and_bound(one, first, second, r, u, u, sign)
+                terms = _term_at(first, r, u, 0.0), _term_at(second, r, u, 0.0)
+                value, _ = _value_and_bound(one, second.whole.shape[1] == 0, terms[0], terms[1], 0.0, sign)
                 if value > best[r]:
                     best[r], where[r] = value, u
             count, wide = 1, _FIRST_CELLS
@@ -105,12 +167,12 @@ def _branch_and_bound(sources):
                     return best, where, work
                 if len(cells) < count:
                     cells = np.empty((2 * count, 2))
-                # bounds first, in place of the cells that they belong to; the best value of all decides
-                bounds, level, at = np.empty(count), -np.inf, 0.0
+                # the best value of all decides
+                values, bounds, level, at = np.empty(count), np.empty(count), -np.inf, 0.0
+                _examine(one, first, second, r, new, count, sign, values, bounds)
                 for i in range(count):
-                    value, bounds[i] = _value_and_bound(one, first, second, r, new[i, 0], new[i, 1], sign)
-                    if value >= level:
-                        level, at = value, 0.5 * (new[i, 0] + new[i, 1])
+                    if values[i] >= level:
+                        level, at = values[i], 0.5 * (new[i, 0] + new[i, 1])
                 if level > best[r]:
                     best[r], where[r] = level, at
                 kept = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fopi_tune.core.compiled.blocks import slope_block
 from fopi_tune.core.compiled.loops import entry, inner, slope_at
 
 _HALVINGS = 36
@@ -52,8 +53,7 @@ def _turning_points(sources):
         m, n = grid.shape
         slopes = np.empty((m, n, 2))
         for r in range(m):
-            for k in range(n):
-                slopes[r, k, 0], slopes[r, k, 1] = slope_at(terms, r, grid[r, k])
+            slope_block(terms, r, grid[r], slopes[r])
         for part in range(2):
             for r in range(m):
                 last = -1

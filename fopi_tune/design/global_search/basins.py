@@ -25,7 +25,7 @@ from fopi_tune.design.global_search.compiled import (
 )
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.scan import (
-    best_at_margin,
+    best_at_margins,
     best_of_shape,
     compass,
     pattern_search,
@@ -238,30 +238,31 @@ def _with_two_equalities(
     found: list[Basin] = []
     for signs in quadrants_of(problem):
 
-        def best(shape: float, signs: Array = signs) -> tuple[float, float, float]:
+        def best(shapes: Array, signs: Array = signs) -> Array:
+            """Cost, kappa and tau of each shape."""
             if at_margin:
-                return best_at_margin(
-                    problem.code, shape, signs, equal, most_ratio, span, table, rows, box, work
+                return best_at_margins(
+                    problem.code, shapes, signs, equal, most_ratio, span, table, rows, box, work
                 )  # fmt: skip
-            return best_of_shape(
+            return np.array([best_of_shape(
                 problem.code, shape, signs, taus, equal, most_ratio, span, table, rows, box, work, nominal, nominal_work
-            )
+            ) for shape in shapes.tolist()])  # fmt: skip
 
-        costs = np.array([best(shape)[0] for shape in shapes])
+        costs = best(shapes)[:, 0]
         padded = np.pad(costs, 1, constant_values=NOTHING)
         low = np.flatnonzero((costs <= np.minimum(padded[:-2], padded[2:])) & (costs < NOTHING))
         for i in low[np.argsort(costs[low])][:most]:
             shape, step = float(shapes[i]), 0.5 * float(shapes[1] - shapes[0]) if len(shapes) > 1 else 0.0
             value = float(costs[i])
             while step > 1e-3:
-                near = [min(max(shape + d, box.shape_low), box.shape_high) for d in (-step, step)]
-                values = [best(x)[0] for x in near]
+                near = np.clip([shape - step, shape + step], box.shape_low, box.shape_high)
+                values = best(near)[:, 0]
                 k = int(np.argmin(values))
                 if values[k] < value:
-                    shape, value = near[k], values[k]
+                    shape, value = float(near[k]), float(values[k])
                 else:
                     step *= 0.5
-            value, kappa, tau = best(shape)
+            value, kappa, tau = best(np.array([shape]))[0].tolist()
             if value < NOTHING:
                 _offer(found, Basin(float(value), _gains(problem, shape, tau, kappa, signs)))
     return tuple(sorted(found, key=lambda basin: basin.cost)[:most])

@@ -74,8 +74,7 @@ class Compiled:
 
     def __init__(self, function: Callable[..., Any]) -> None:
         functools.update_wrapper(self, function)
-        self.name = function.__name__
-        self.dispatcher = njit(**_WITHOUT_WRAPPERS)(function)
+        self.name, self._function = function.__name__, function
 
     def __call__(self, *arguments: Any) -> Any:
         return self._from_python(*arguments)
@@ -83,6 +82,11 @@ class Compiled:
     def __reduce__(self) -> str:
         # by name, so that Numba's key, which is made of it, is the same in each process
         return self.name
+
+    @functools.cached_property
+    def dispatcher(self) -> Any:
+        """What compiled code calls; not made where all code comes from Numba's cache."""
+        return njit(**_WITHOUT_WRAPPERS)(self._function)
 
     @functools.cached_property
     def _from_python(self) -> Callable[..., Any]:

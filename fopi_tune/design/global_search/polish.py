@@ -128,10 +128,12 @@ class Polish:
     Args:
         problem: the problem.
         counts: the work done.
+        answers: of solves, by what they were asked.
     """
 
     problem: Problem
     counts: Counts = field(default_factory=Counts)
+    answers: dict[tuple[object, ...], tuple[Solved, int]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         problem = self.problem
@@ -331,6 +333,13 @@ class Polish:
         return -cost if self.code == DEPTH else (0.0 if self.code == KI else cost)
 
     def _solve(self, pool: list[Array], x: Array, t: float, radius: float) -> tuple[Solved, int]:
+        """A solve, and how many slots it has; the same again is not solved again."""
+        asked = (x.tobytes(), t, radius, *(finding.tobytes() for finding in pool))
+        if asked not in self.answers:
+            self.answers[asked] = self._answer(pool, x, t, radius)
+        return self.answers[asked]
+
+    def _answer(self, pool: list[Array], x: Array, t: float, radius: float) -> tuple[Solved, int]:
         gains, table = self._at(x)
         slots = [self._first_slot(gains, table), *slots_of(
             order_of(pool, self.rows, self.real_rows), controller_of(gains, table.sampling), self.rows,

@@ -157,6 +157,17 @@ def best_at_margin(code, alpha, signs, equal, most, span, table, rows, box, work
 
 
 @compiled
+def best_at_margins(code, alphas, signs, equal, most, span, table, rows, box, work):
+    """`best_at_margin` of each alpha, shape (n, 3): to hand over tables takes longer than one of them."""
+    found = np.empty((len(alphas), 3))
+    for k in range(len(alphas)):
+        found[k, 0], found[k, 1], found[k, 2] = best_at_margin(
+            code, alphas[k], signs, equal, most, span, table, rows, box, work
+        )
+    return found
+
+
+@compiled
 def best_of_shape(code, shape, signs, taus, equal, most, span, table, rows, box, work, nominal, nominal_work):
     """(cost, kappa, tau) of the best ray of a shape on which two equalities hold; `nominal` has one plant."""
     best, at, where = NOTHING, 0.0, 0.0

@@ -21,8 +21,10 @@ import numpy as np
 from fopi_tune.core.bode_form import Array, BodeForm, Rows
 from fopi_tune.core.loops import Loops
 from fopi_tune.proof.verification.sample import LoopFunction, Sample, evaluate
-from fopi_tune.proof.verification.worst_case import find_worst_case
+from fopi_tune.proof.verification.worst_case import find_worst_case, loops_ahead
 
+#: their name in `Loops.computed`
+_SIGNATURES = "signatures"
 _MOST_EDGES = 48
 _HALVINGS = 36
 #: factor that packs both signatures into one number; larger than any count of turning points
@@ -55,7 +57,7 @@ def refine_at_crossing_changes(sample: Sample) -> Sample:
     """Add one point on each side of every change of the number of crossings that can be found."""
     if sample.x.shape[1] == 0:
         return sample
-    signatures, distances = _signatures(sample.loops)
+    signatures, distances = (found[: len(sample.x)] for found in _signatures(loops_ahead(sample)[0]))
     if not np.isfinite(distances).any():
         return sample  # no turning point near a threshold: the number of crossings is constant
     more = _both_sides(sample, sample.x, signatures, *sample.edges)
@@ -103,6 +105,13 @@ def _signatures(loops: Loops) -> tuple[Array, Array]:
 
 
 def _signatures_at_once(loops: Loops) -> tuple[Array, Array]:
+    # the sample's own loops are asked twice
+    if _SIGNATURES not in loops.computed:
+        loops.computed[_SIGNATURES] = _computed_signatures(loops)
+    return loops.computed[_SIGNATURES]
+
+
+def _computed_signatures(loops: Loops) -> tuple[Array, Array]:
     from fopi_tune.core.compiled.turning_points import turning_points
 
     m, log = len(loops), loops.log

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Rows
 from fopi_tune.core.controller import FoPi
@@ -28,6 +29,8 @@ LoopFunction = Callable[[Loops], tuple[Array, ...]]
 _GRID = {1: 65, 2: 17, 3: 9}
 _MOST_CORNERS = 256
 _SOBOL_POINTS = 1024
+#: sets of places whose loops are kept
+_MOST_KNOWN = 16
 #: rows evaluated together, to limit the memory for crossings
 _CHUNK = 1024
 
@@ -48,6 +51,7 @@ class Sample:
         per_axis: grid points an axis; 0 without a grid.
         nominal: the nominal member's row.
         implementation: the digital controller, of a loop on samples; None in continuous time.
+        known: loops by the number and bytes of their places: searches for different quantities ask for the same ones.
     """
 
     family: PlantFamily
@@ -56,6 +60,7 @@ class Sample:
     per_axis: int
     nominal: int
     implementation: Implementation | None = None
+    known: dict[tuple[int, bytes], Loops] = field(default_factory=dict, compare=False, repr=False)
 
     @classmethod
     def of(cls, family: PlantFamily, gains: FoPi, implementation: Implementation | None = None) -> Sample:
@@ -85,17 +90,31 @@ class Sample:
         position = np.where(logarithmic, nominal / np.where(logarithmic, low, 1.0), 1.0)
         return np.where(logarithmic, np.log(position) / np.log(ratio), (nominal - low) / (high - low))
 
-    def points(self, x: Array) -> Array:
-        """The uncertain numbers at these places, both of shape (m, p); exact at the ends and at the nominal member."""
+    @cached_property
+    def _box(self) -> tuple[Array, Array, Array, NDArray[np.bool_], Array]:
+        """Ends and nominal point of the box; which numbers are scaled logarithmically, and the ratio of their ends."""
         low, high = self.family.low, self.family.high
         logarithmic = low * high > 0
         ratio = np.where(logarithmic, high / np.where(logarithmic, low, 1.0), 1.0)
+        return low, high, self.family.nominal_point, logarithmic, ratio
+
+    def points(self, x: Array) -> Array:
+        """The uncertain numbers at these places, both of shape (m, p); exact at the ends and at the nominal member."""
+        low, high, nominal, logarithmic, ratio = self._box
         points = np.where(logarithmic, low * ratio**x, low + (high - low) * x)
-        points = np.where(x == self.nominal_x, self.family.nominal_point, points)
+        points = np.where(x == self.nominal_x, nominal, points)
         return np.clip(np.where(x == 1.0, high, np.where(x == 0.0, low, points)), low, high)
 
     def loops_at(self, x: Array) -> Loops:
         """The loops at these places, shape (m, p)."""
+        key = (len(x), x.tobytes())
+        if key not in self.known:
+            if len(self.known) >= _MOST_KNOWN:
+                del self.known[next(iter(self.known))]
+            self.known[key] = self._loops_at(x)
+        return self.known[key]
+
+    def _loops_at(self, x: Array) -> Loops:
         plants = Plants.members(self.family, self.points(x))
         if self.implementation is None:
             return Loops.of(self.gains, plants)

@@ -16,7 +16,7 @@ from fopi_tune.core.stability import unstable_closed_loop_poles
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.results import Stability
 from fopi_tune.proof.verification.sample import Sample, evaluate, with_work
-from fopi_tune.proof.verification.worst_case import find_worst_case, place_of
+from fopi_tune.proof.verification.worst_case import find_worst_case, loops_ahead, place_of
 from fopi_tune.quantities.base import NEPER_PER_DB
 
 #: a loop with a larger |S| counts as one through -1
@@ -32,7 +32,7 @@ def check_stability(sample: Sample) -> Stability:
     Raises:
         DomainError: the phase of a member turns more than `MOST_TURNS` times below its gain crossover.
     """
-    counts, turns = evaluate(sample.loops, _poles_and_turns)
+    counts, turns = (found[: len(sample.x)] for found in evaluate(loops_ahead(sample)[0], _poles_and_turns))
     _refuse_too_many_turns(sample, turns)
     if (counts > 0.5).any():
         row = sample.nominal if counts[sample.nominal] > 0.5 else int(np.argmax(counts))

@@ -16,7 +16,6 @@ from fopi_tune.proof.verification.objectives import evaluate_objective, smallest
 from fopi_tune.proof.verification.requirements import assess_requirement, check_requirement
 from fopi_tune.proof.verification.results import MeasureResult, Verification
 from fopi_tune.proof.verification.sample import Sample
-from fopi_tune.proof.verification.scenarios import check_scenarios, scenario_objective, with_limit
 from fopi_tune.proof.verification.stability import check_stability
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.spec.scenarios import frequency_part
@@ -49,6 +48,9 @@ def verify(
     measures: tuple[MeasureResult, ...] = ()
     objective, objective_worst = evaluate_objective(loop.objective, samples, requirements)
     if spec.designs_scenarios and implementation is not None:
+        # what simulates is loaded for this alone
+        from fopi_tune.proof.verification.scenarios import check_scenarios, scenario_objective
+
         measures = check_scenarios(spec, implementation, tolerance)
         if loop.objective is not spec.objective:
             objective, objective_worst = scenario_objective(spec, implementation)
@@ -75,8 +77,12 @@ def reassess(spec: DesignSpec, found: Verification) -> Verification:
     """
     pairs = zip(spec.requirements, found.requirements, strict=True)
     requirements = tuple(assess_requirement(requirement, old.extremes, found.tolerance) for requirement, old in pairs)
-    limits = zip(spec.scenario_requirements, found.measures, strict=True)
-    measures = tuple(with_limit(old, limit, found.tolerance) for limit, old in limits)
+    measures = found.measures
+    if spec.scenario_requirements:
+        from fopi_tune.proof.verification.scenarios import with_limit
+
+        limits = zip(spec.scenario_requirements, found.measures, strict=True)
+        measures = tuple(with_limit(old, limit, found.tolerance) for limit, old in limits)
     depth = smallest_slack(requirements) if spec.objective is None else None
     objective, place = (found.objective, found.objective_worst) if depth is None else depth
     return replace(found, requirements=requirements, objective=objective, objective_worst=place, measures=measures)

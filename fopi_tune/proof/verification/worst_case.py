@@ -22,6 +22,7 @@ from functools import lru_cache
 import numpy as np
 
 from fopi_tune.core.bode_form import Array, Rows
+from fopi_tune.core.loops import Loops
 from fopi_tune.proof.verification.results import Place
 from fopi_tune.proof.verification.sample import LoopFunction, Sample, evaluate
 
@@ -75,6 +76,15 @@ class _Evaluated:
     work: float = 0.0
     known: dict[bytes, tuple[float, float]] = field(default_factory=dict)
 
+    def keep(self, ahead: Array, values: Array, omegas: Array) -> None:
+        """Keep what is known of the places behind the sample's, and of the ends of its range."""
+        sample = self.sample
+        m, last = len(sample.x), sample.per_axis - 1
+        for k, x in enumerate(ahead, m):
+            self.known[x.tobytes()] = float(values[k]), float(omegas[k])
+        for k in (0, last) if len(ahead) else ():
+            self.known[sample.x[k].tobytes()] = float(values[k]), float(omegas[k])
+
     def at(self, x: Array) -> tuple[Array, Array]:
         """Values and frequencies at points of shape (n, p), both of shape (n,)."""
         keys = [row.tobytes() for row in x]
@@ -113,8 +123,11 @@ def find_worst_case(
 
     The search ends early where its work is spent: loops with very many peaks or crossings.
     """
-    values, omegas, *spent = evaluate(sample.loops, criterion)
+    loops, ahead = loops_ahead(sample)
+    values, omegas, *spent = evaluate(loops, criterion)
     evaluated = _Evaluated(sample, criterion, sum(float(part.sum()) for part in spent))
+    evaluated.keep(ahead, values, omegas)
+    values, omegas = values[: len(sample.x)], omegas[: len(sample.x)]
     missing = np.isnan(values)
     k = sample.nominal if missing[sample.nominal] else int(np.argmax(np.where(missing, np.inf, values)))
     first = WorstCase(float(values[k]), float(omegas[k]), sample.x[k], sample.x[k][None, :])
@@ -125,9 +138,6 @@ def find_worst_case(
     if len(finite) == len(values) and np.ptp(finite) <= _ROUNDING * scale:
         return first
     active = [_start(sample, values, omegas, int(row)) for row in _distinct_peaks(sample, values)]
-    if sample.x.shape[1] == 1:
-        # what most searches need, those that end on the boundary: at once, and not in three turns
-        evaluated.at(np.concatenate([*_next_to_boundary(sample, active), *_first_patterns(active)]))
     active = _moved_inwards(evaluated, active, scale)
     finished: list[_Candidate] = []
     for count in range(_MOST_ROUNDS):
@@ -137,9 +147,8 @@ def find_worst_case(
             row = int(np.argmax(np.isnan(new_values)))
             x = np.concatenate(trial)[row]
             return WorstCase(np.nan, np.nan, x, x[None, :])
-        ends = np.cumsum([len(t) for t in trial])[:-1]
-        parts = zip(active, trial, np.split(new_values, ends), np.split(new_omegas, ends), strict=True)
-        moved = [_step(c, t, v, w, sample.spacing, scale) for c, t, v, w in parts]
+        parts = zip(active, trial, _parts(trial), strict=True)
+        moved = [_step(c, t, new_values[part], new_omegas[part], sample.spacing, scale) for c, t, part in parts]
         finished += [c for c in moved if c.done]
         best = max(c.value for c in moved + finished)
         if best > ceiling or evaluated.work > _MOST_WORK:
@@ -155,15 +164,31 @@ def _next_to_boundary(sample: Sample, candidates: list[_Candidate]) -> list[Arra
     trial = []
     for c in candidates:
         inwards = np.where(c.x == 0.0, 1.0, np.where(c.x == 1.0, -1.0, 0.0))
-        steps = [c.x + d * sample.spacing * np.diag(inwards)[inwards != 0.0] for d in _NEXT_TO_THE_BOUNDARY]
-        trial.append(np.concatenate(steps))
+        axes = np.diag(inwards)[inwards != 0.0]
+        steps = c.x + (_NEXT_TO_THE_BOUNDARY * sample.spacing)[:, None, None] * axes
+        trial.append(steps.reshape(-1, len(c.x)))
     return trial
 
 
-def _first_patterns(candidates: list[_Candidate]) -> list[Array]:
-    """The patterns of the first two rounds about candidates that stay where they are."""
-    pairs = [(c, c.width * factor) for c in candidates for factor in (1.0, _SMALLER)]
-    return [_unique(c.x + width * _pattern(len(c.x), 0)) for c, width in pairs]
+def loops_ahead(sample: Sample) -> tuple[Loops, Array]:
+    """The loops of a sample's places and, behind them, of those that most searches then ask for; and these places.
+
+    With one uncertain number most searches end at an end of its range: what is asked next to it, and about it in the
+    first two rounds, costs less together with the sample.
+    """
+    if sample.x.shape[1] != 1:
+        return sample.loops, np.zeros((0, sample.x.shape[1]))
+    ahead = _about_ends(sample.spacing)
+    return sample.loops_at(np.concatenate([sample.x, ahead])), ahead
+
+
+@lru_cache
+def _about_ends(spacing: float) -> Array:
+    """Places next to both ends of one range, and the first two patterns about these; shape (k, 1)."""
+    steps = _NEXT_TO_THE_BOUNDARY * spacing
+    patterns = np.concatenate([spacing * factor * _pattern(1, 0)[:, 0] for factor in (1.0, _SMALLER)])
+    places = np.concatenate([steps, 1.0 - steps, patterns, 1.0 + patterns])
+    return _unique(places[(places > 0.0) & (places < 1.0)][:, None])
 
 
 def _moved_inwards(evaluated: _Evaluated, candidates: list[_Candidate], scale: float) -> list[_Candidate]:
@@ -172,10 +197,10 @@ def _moved_inwards(evaluated: _Evaluated, candidates: list[_Candidate], scale: f
     if not any(len(t) for t in trial):
         return candidates
     values, omegas = evaluated.at(np.concatenate(trial))
-    ends = np.cumsum([len(t) for t in trial])[:-1]
     moved = []
-    for c, points, found, where in zip(candidates, trial, np.split(values, ends), np.split(omegas, ends), strict=True):
-        best = np.nan_to_num(found, nan=-np.inf)
+    for c, points, part in zip(candidates, trial, _parts(trial), strict=True):
+        found, where = values[part], omegas[part]
+        best = np.where(np.isnan(found), -np.inf, found)
         k = int(np.argmax(best)) if len(best) else -1
         if k < 0 or best[k] <= c.value + _ROUNDING * scale:
             moved.append(c)
@@ -183,6 +208,12 @@ def _moved_inwards(evaluated: _Evaluated, candidates: list[_Candidate], scale: f
         width = float(np.abs(points[k] - c.x).max())
         moved.append(replace(c, x=points[k], value=float(found[k]), omega=float(where[k]), width=width))
     return moved
+
+
+def _parts(trial: list[Array]) -> list[slice]:
+    """Where each of some arrays is in all of them together."""
+    ends = list(itertools.accumulate((len(t) for t in trial), initial=0))
+    return [slice(a, b) for a, b in itertools.pairwise(ends)]
 
 
 def place_of(sample: Sample, x: Array, omega_rad_s: float) -> Place:
@@ -212,8 +243,11 @@ def _distinct_peaks(sample: Sample, values: Array) -> Rows:
         grid = values[: n**p].reshape((n,) * p)
         around = grid
         for axis in range(p):
-            padded = np.pad(around, [(1, 1) if k == axis else (0, 0) for k in range(p)], constant_values=-np.inf)
-            around = np.max([np.take(padded, range(k, k + n), axis=axis) for k in range(3)], axis=0)
+            padded = np.full([k + 2 * (j == axis) for j, k in enumerate(around.shape)], -np.inf)
+            inner = np.moveaxis(padded, axis, 0)
+            inner[1:-1] = np.moveaxis(around, axis, 0)
+            largest = np.maximum(np.maximum(inner[:-2], inner[1:-1]), inner[2:])
+            around = np.moveaxis(largest, 0, axis)
         peak[: n**p] = (grid >= around).ravel()
         for row in range(n**p, len(values)):
             near = np.abs(sample.x[: n**p] - sample.x[row]).max(axis=1) <= sample.spacing

@@ -22,6 +22,8 @@ class Kind(NamedTuple):
         sampled: whether the loop is on samples.
         derivative: whether there is a derivative, beside an integrator.
         orders: whether integral and derivative have orders that are unknowns too.
+        peaks: whether a slot keeps its frequency at a peak.
+        slopes: whether a slot has a slope of the phase.
     """
 
     corners: int = 0
@@ -29,6 +31,8 @@ class Kind(NamedTuple):
     sampled: bool = False
     derivative: bool = False
     orders: bool = False
+    peaks: bool = False
+    slopes: bool = False
 
     @classmethod
     def of(cls, sampling: Sampling, orders: bool = False) -> tuple[Kind, Array]:

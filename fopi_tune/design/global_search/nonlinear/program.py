@@ -11,7 +11,8 @@ where `value` is a weighted sum of ln|C|, ln|L|, ln|1 + L|, the angle arg L + of
 of arg L, ln omega, and ln|C(infinity)|.  Nothing is compiled for a spec.  The controller enters through
 `controllers.py` alone, whose `Kind` says of which structure it is.  On samples v
 is the coordinate of `samples.py`, with omega and the delay's phase by (1) and the filter by (2) there: a program for
-each number of corners, whose parameters are what the corners and the gain depend on.
+each number of corners, whose parameters are what the corners and the gain depend on.  A program without a slot at a
+peak, or with a slope, leaves these out.
 
 CasADi takes Ctrl-C during a solve for a failure of the solver; `raising_interrupts` raises KeyboardInterrupt
 nevertheless.
@@ -63,6 +64,8 @@ OPTIONS = {
     "error_on_fail": False,
     "show_eval_warnings": False,
     "calc_lam_p": False,
+    # the gradient of the Lagrangian, which nothing asks for
+    "no_nlp_grad": True,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "ipopt.tol": 1e-9,
@@ -89,10 +92,13 @@ def _log_size(a: tuple[Any, Any]) -> Any:
 
 
 def _slot(
-    kp: Any, ki: Any, third: Any, t: Any, v: Any, first_v: Any, reference: Any, p: Any,
+    kp: Any, ki: Any, third: Any, t: Any, v: Any, first_v: Any, reference: Any, p: Any, kind: Kind,
     made: Made = None,
 ) -> tuple[Any, Any, Any]:  # fmt: skip
-    """Equation, row and angle of a slot."""
+    """Equation, row and angle of a slot.
+
+    What slots of this kind of program never ask for is left out: the derivatives of a peak are most of the work.
+    """
 
     def of(name: str) -> Any:
         return p[INDEX[name]]
@@ -107,25 +113,28 @@ def _slot(
     turned = times(product, (ca.cos(of("near")), -ca.sin(of("near"))))
     angle_of_omega = omega if half is None else 2.0 * ca.atan(half * omega)
     phase = ca.atan2(turned[1], turned[0]) + of("near") - angle_of_omega * p[2 * WIDTH]
-    slope, log_omega = ca.gradient(phase, v), v
+    log_omega = v
     if half is not None:
         omega = 0.5 * angle_of_omega / half
         log_omega = ca.log(omega)
-        slope = slope / ca.gradient(log_omega, v)
     gain = ca.exp(log_l)
     log_s = -_log_size((1.0 + gain * ca.cos(phase), gain * ca.sin(phase)))
     angle = phase + of("offset")
     band = of("log_c") * log_c + of("log_l") * log_l + of("log_s") * log_s
     log_end = 0.5 * ca.log(controller_at_infinity(kp, third, made, of("is_first")) ** 2 + _TINY)
     value = (
-        band + of("angle") * angle + of("lag") * angle / omega + of("slope") * slope * math.log(10.0)
+        band + of("angle") * angle + of("lag") * angle / omega
         + of("log_omega") * log_omega + of("log_end") * log_end
     )  # fmt: skip
     equation = (
-        of("peak") * ca.gradient(band, v)
-        + of("gain") * (log_l + of("level") + of("level_t") * t)
+        of("gain") * (log_l + of("level") + of("level_t") * t)
         + of("phase") * angle + of("fixed") * (v - of("v0")) + of("reference") * (v - first_v)
     )  # fmt: skip
+    if kind.slopes:
+        slope = ca.gradient(phase, v) if half is None else ca.gradient(phase, v) / ca.gradient(log_omega, v)
+        value += of("slope") * slope * math.log(10.0)
+    if kind.peaks:
+        equation += of("peak") * ca.gradient(band, v)
     row = of("sign") * (of("limit") - value) + of("with_t") * t + of("with_reference") * reference
     return equation, row, of("angle") * angle
 
@@ -149,7 +158,7 @@ def solver_of(size: int, kind: Kind) -> Any:
     public_kd = [third * ca.exp(whole[7] + whole[8] * z[4])] if kind.orders else []
     rows, equations, reference = [], [], ca.SX(0)
     for k in range(size):
-        equation, row, angle = _slot(kp, ki, third, t, v[k], v[0], 0 if k == 0 else reference, p[:, k], made)
+        equation, row, angle = _slot(kp, ki, third, t, v[k], v[0], 0 if k == 0 else reference, p[:, k], kind, made)
         reference = angle if k == 0 else reference
         equations.append(equation)
         rows.append(row)

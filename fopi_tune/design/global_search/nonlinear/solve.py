@@ -85,6 +85,7 @@ def solve(
     whole += [log_ki - math.log(scale_ki), box.log_omega, *units[:3].tolist()]
     whole += [log_ki - math.log(scale_kd), -box.log_omega] if structure.has_orders else []
     kind, numbers = Kind.of(problem.scaled.sampling, structure.has_orders)
+    kind = kind._replace(peaks=_asks(slots, "peak"), slopes=_asks(slots, "slope"))
     parameters = np.concatenate([np.ravel([slot.p for slot in padded]), errors.ravel(), whole, numbers])
     start = np.clip(np.concatenate([z, [t], v]), low, high)
     solver = solver_of(size, kind)
@@ -98,6 +99,11 @@ def solve(
     prices = _prices(padded, lam[first:], size, real_rows) * unit_of_cost
     boundary = bool(np.any(np.abs(found[:count] - z) > 0.999 * reach))
     return Solved(ok, gains, float(found[count]), boundary, prices, _blocking(padded, lam[first:], found[count + 1 :]))
+
+
+def _asks(slots: list[Slot], name: str) -> bool:
+    """Whether a slot has a weight other than 0 under this name."""
+    return any(slot.p[INDEX[name]] != 0.0 for slot in slots)
 
 
 def _blocking(slots: list[Slot], lam: Array, v: Array) -> tuple[tuple[int, float], ...]:
