@@ -107,8 +107,8 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
         refuse_equalities_over_families(placed, values["plant"])
     refuse_contradictions(placed)
     digital, controller = values.get("digital"), values.get("controller")
-    if place.has("digital") and controller is not None and controller.has_derivative_order:
-        place.child("digital").refuse(not_available("the controller on samples", controller.structure))
+    if digital is not None and digital.designs_sampled and controller is not None and controller.has_derivative_order:
+        place.child("digital").child("design").refuse(not_available("design: sampled", controller.structure))
     if digital is not None and digital.designs_sampled:
         refuse_bands_above_nyquist(placed, math.pi / digital.sample_time_s)
     objective = values.get("objective")
