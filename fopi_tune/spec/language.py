@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from fopi_tune.core.controller import not_available
 from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
 from fopi_tune.spec.digital import digital_shape
 from fopi_tune.spec.model import DesignSpec, GainRange, Sense
@@ -107,8 +106,6 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
         refuse_equalities_over_families(placed, values["plant"])
     refuse_contradictions(placed)
     digital, controller = values.get("digital"), values.get("controller")
-    if digital is not None and digital.designs_sampled and controller is not None and controller.has_derivative_order:
-        place.child("digital").child("design").refuse(not_available("design: sampled", controller.structure))
     if digital is not None and digital.designs_sampled:
         refuse_bands_above_nyquist(placed, math.pi / digital.sample_time_s)
     objective = values.get("objective")

@@ -25,6 +25,7 @@ from fopi_tune.design.global_search.compiled import (
     compiled,
     order_by_first,
 )
+from fopi_tune.design.global_search.controllers import controller_of
 from fopi_tune.design.global_search.rays import alias_gain, fill_ray, find_passages, unstable_poles
 from fopi_tune.design.global_search.responses import (
     AT_FIXED,
@@ -39,7 +40,7 @@ from fopi_tune.design.global_search.responses import (
     settle,
     value_at,
 )
-from fopi_tune.design.global_search.samples import controller_of, plant_of, turn_of
+from fopi_tune.design.global_search.samples import plant_of, turn_of
 
 _PI = math.pi
 #: columns of a finding, before the plant's point
