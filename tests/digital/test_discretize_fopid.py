@@ -157,6 +157,19 @@ def test_in_the_band_the_derivative_errs_by_little() -> None:
         assert error.max() < 0.04
 
 
+@pytest.mark.parametrize(("mu", "own", "other"), [(0.8, 0.0125, 0.1131), (0.5, 0.0381, 0.0848), (0.2, 0.0685, 0.0657)])
+def test_a_filter_of_the_order_itself_errs_by_more_unless_the_order_is_small(
+    mu: float, own: float, other: float
+) -> None:
+    digital, gains = DigitalSpec(0.01), FoPid(0.0, 0.0, 1.0, 1.0, mu, 0.02)
+    nyquist = np.pi / 0.01
+    omega = np.geomspace(0.003, 0.3, 300) * nyquist
+    s, ideal = bilinear(omega, 0.01), gains(1j * omega)
+    assert np.abs(sections_of(gains, digital).response(omega) / ideal - 1.0).max() == pytest.approx(own, abs=1e-4)
+    direct = oustaloup(mu, s, digital) / (0.02 * s + 1.0)
+    assert np.abs(direct / ideal - 1.0).max() == pytest.approx(other, abs=1e-4)
+
+
 def test_every_realisation_is_of_the_whole_sum() -> None:
     made = discretize(FoPid(1.0, 0.5, 0.9, 0.4, 0.7, 0.1), DigitalSpec(0.01), 2.0)
     for each in made.realisations:

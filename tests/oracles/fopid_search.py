@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from oracles.brute_loops import NEPER_PER_DB
 from oracles.pid_search import PidLoops, merit_of, polished
+from oracles.sampled_loops import sample
 
 from fopi_tune.spec.model import DesignSpec
 
@@ -25,6 +26,13 @@ class FopidLoops(PidLoops):
         derivative = x[:, 2:3] * np.exp(x[:, 4:5] * log_s) / (self.filter_s * np.exp(log_s) + 1.0)
         found = x[:, :1] + integral + derivative
         return found if np.iscomplexobj(s) else found.real
+
+    def _plants(self, points):
+        if not self.time_s:
+            return super()._plants(points)
+        late = self.spec.digital.delay_samples
+        plants = [sample(self.spec.plant.member(point), self.time_s, late) for point in points]
+        return np.array([plant.response(self.omega) for plant in plants])
 
     def _power(self, beta, s):
         """s^beta of many beta (n,) by Oustaloup's filter, Tustin's rule and no prewarping: (n, w)."""
@@ -48,7 +56,7 @@ class FopidLoops(PidLoops):
         found = super()._objective(x, c, log, excess, end)
         if self.spec.objective is None or "control_sensitivity" not in self.spec.objective.quantity:
             return found
-        # the limit omega -> 0 behind an integral, 1/|P(0)|, which a slow one approaches below the grid, on samples never
+        # the limit omega -> 0 behind an integral, 1/|P(0)|, which a slow one approaches below the grid
         with np.errstate(all="ignore"):
             at_zero = max(abs(b[-1] / t[-1]) for t, b in zip(self.top, self.bottom, strict=True))
         return np.where(x[:, 1] != 0.0, np.maximum(found, np.log(at_zero) / NEPER_PER_DB), found)

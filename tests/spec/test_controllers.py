@@ -92,11 +92,7 @@ def test_a_fopid_has_an_order_of_its_derivative() -> None:
 
 
 def test_what_does_not_know_the_orders_of_a_fopid_refuses_them() -> None:
-    with pytest.raises(
-        SpecError, match=r"4:39: digital\.design: design: sampled is not available for structure: fopid"
-    ):
-        parse_spec(f"{SPEC}controller: {{{FOPID}}}\n")
-    made = parse_spec(f"{SPEC.replace(', design: sampled', '')}controller: {{{FOPID}}}\n")
+    made = parse_spec(f"{SPEC}controller: {{{FOPID}}}\n")
     gains = FoPid(1.0, 1.0, 0.8, 0.1, 0.5, 0.2)
     for refused in (
         lambda: ft.simulate(replace(made, digital=None, scenarios=()), gains, exact=True),

@@ -304,7 +304,7 @@ class Samples:
         return np.stack([zeros, poles], axis=1).reshape(-1, 3)
 
     def with_orders(self, derivative: float) -> Sampling:
-        """The filter's numbers beside a derivative of any order.
+        """The filters' numbers beside a derivative of any order.
 
         Args:
             derivative: Tf omega_s.
@@ -312,6 +312,11 @@ class Samples:
         Raises:
             DomainError: a method that is not smooth in the orders.
         """
+        if Method(self.digital.method) is Method.FIT:
+            raise DomainError(
+                "method: fit has no `design: sampled` for structure: fopid, as its poles jump when an order changes; "
+                "take method: oustaloup or modified_oustaloup"
+            )
         return self.sampling._replace(derivative=derivative, rise_corners=self._corners)
 
     def integrator(self, derivative: float) -> Sampling:

@@ -52,7 +52,7 @@ _MOST_OF_A_ROW = 4
 #: |v| within which dips are neighbours
 _APART = 0.6
 #: tan(omega Ts/2) beyond which no response changes any more
-_AT_NYQUIST = 1e3
+_AT_NYQUIST = 1e2
 #: the plant is found to this part of the grid's spacing
 _CLOSE = 2e-4
 
