@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from oracles.fopid_loops import bilinear, oustaloup
 
 from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.digital import discretize, sections_of, to_document
@@ -14,22 +14,6 @@ from fopi_tune.spec.model import DigitalSpec
 
 #: relative to the terms' and the sections' sizes
 SAME = 1e-12
-
-
-def oustaloup(beta: float, s: NDArray[np.complex128], digital: DigitalSpec) -> NDArray[np.complex128]:
-    """s^beta by Oustaloup's filter, exact in gain in the middle of the band."""
-    low, high = digital.band_rad_s
-    ratio, n = high / low, digital.poles
-    middle, found, gain = 1j * np.sqrt(low * high), np.ones_like(s), 1.0
-    for k in range(1, n + 1):
-        zero, pole = (low * ratio ** ((k - 0.5 - side * 0.5 * beta) / n) for side in (1.0, -1.0))
-        found = found * (s + zero) / (s + pole)
-        gain *= abs((middle + zero) / (middle + pole))
-    return np.asarray(found * abs(middle) ** beta / gain)
-
-
-def bilinear(omega: NDArray[np.float64], sample_time_s: float) -> NDArray[np.complex128]:
-    return np.asarray(2j / sample_time_s * np.tan(0.5 * omega * sample_time_s))
 
 
 def random_fopid(rng: np.random.Generator, sample_time_s: float) -> FoPid:
