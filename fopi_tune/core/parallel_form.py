@@ -23,12 +23,15 @@ class DirectParts:
     Args:
         proportional: kp.
         integral: of the integral's sections.
-        derivative: of the derivative's section; 0 where there is none.
+        derivative: of each of the derivative's sections; empty where there are none.
+        equal_at_rad_s: of orders other than 1 the frequency at which integral and derivative are equally large and of
+            one sign; None without.
     """
 
     proportional: float
     integral: float = 0.0
-    derivative: float = 0.0
+    derivative: tuple[float, ...] = ()
+    equal_at_rad_s: float | None = None
 
     @property
     def on_error(self) -> float:
@@ -46,8 +49,9 @@ class Sections:
         poles: real, inside the unit circle except the integrator's, which is exactly 1 and comes first; empty
             without integral and derivative.
         residues: of the same length.
-        parts: of `direct`, for the controller's arithmetic; where they have a derivative, its section is the last one.
-            None of a sum of which only the loop is asked, where all terms act alike; equality is that of the sums.
+        parts: of `direct`, for the controller's arithmetic; where they have a derivative, its sections are the last
+            ones.  None of a sum of which only the loop is asked, where all terms act alike; equality is that of the
+            sums.
     """
 
     sample_time_s: float
@@ -58,13 +62,13 @@ class Sections:
 
     @property
     def has_derivative(self) -> bool:
-        """Whether the last section is the derivative's."""
-        return self.parts is not None and self.parts.derivative != 0.0
+        """Whether the last sections are the derivative's."""
+        return self.parts is not None and len(self.parts.derivative) > 0
 
     @property
     def integral_sections(self) -> int:
         """The number of sections before the derivative's."""
-        return len(self.poles) - int(self.has_derivative)
+        return len(self.poles) - (len(self.parts.derivative) if self.parts is not None else 0)
 
     def response(self, omega_rad_s: Array) -> NDArray[np.complex128]:
         """C(e^{j omega Ts}), shape (n,)."""

@@ -20,6 +20,36 @@ from fopi_tune.errors import DomainError
 _INSIDE = 1e-9
 
 
+@dataclass(frozen=True)
+class MeasuredDerivative:
+    """The derivative -sum k_j (y - m_j), m_j <- m_j + q_j (y - m_j).
+
+    Args:
+        gains: k_j, in the order in which they are taken off.
+        shares: q_j, in (0, 2); above 1 for a part that is faster than half the sample time.
+    """
+
+    gains: tuple[float, ...] = ()
+    shares: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, sections: Sections, precision: Precision) -> MeasuredDerivative:
+        """The derivative's sections, rounded.
+
+        Raises:
+            DomainError: a gain is beyond the precision's range, or a rounded share not in (0, 2).
+        """
+        assert sections.parts is not None
+        direct, count = sections.parts.derivative, sections.integral_sections
+        # a section is k - k q/(z - p), p = 1 - q; as its residue q keeps all digits
+        rows = zip(direct, sections.poles[count:], sections.residues[count:], strict=True)
+        shares = [-residue / gain if gain else 1.0 - pole for gain, pole, residue in rows]
+        found = cls(*(tuple(float(precision.dtype(number)) for number in row) for row in (direct, shares)))
+        if not all(map(math.isfinite, found.gains)) or not all(0.0 < share < 2.0 for share in found.shares):
+            raise DomainError(f"a coefficient of the controller is beyond the range of {precision.value}; scale it")
+        return found
+
+
 @dataclass(frozen=True, eq=False)
 class StoredCoefficients:
     """A runtime's numbers as NumPy's scalars and arrays of its precision."""
@@ -36,8 +66,8 @@ class StoredCoefficients:
     flush_below: np.floating
     proportional: np.floating
     setpoint_weight: np.floating
-    derivative_gain: np.floating
-    derivative_share: np.floating
+    derivative_gains: NDArray[np.floating]
+    derivative_shares: NDArray[np.floating]
 
     def finite(self, value: np.floating) -> bool:
         """By comparison, as on the target, which has no isfinite."""

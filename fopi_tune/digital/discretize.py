@@ -7,14 +7,14 @@ precisions that targets use, also as JSON.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, FoPid, derivative_of, structure_of
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital.fit import FIT_UP_TO, fit
 from fopi_tune.digital.oustaloup import ZeroPoleGain, modified_oustaloup, oustaloup
@@ -60,6 +60,10 @@ APPROXIMATIONS: dict[Method, Callable[[float, int, tuple[float, float]], ZeroPol
 }
 
 
+#: (frequency in rad/s, largest relative error up to it), ascending
+Errors = tuple[tuple[float, float], ...]
+
+
 @dataclass(frozen=True)
 class DigitalController:
     """A controller that runs on samples.
@@ -69,6 +73,7 @@ class DigitalController:
         digital: the spec's section.
         sections: the filter; without an integrator if ki = 0.
         errors: (frequency in rad/s, largest |C_d/C - 1| from `errors_from_rad_s` up to it), ascending.
+        errors_of_terms: of structure fopid the same of the integral and of the derivative, each against its own ideal.
         accurate_rad_s: the range around the band's middle in which |C_d/C - 1| is at most 5 %; None where it is larger
             in the middle itself.
         realisations: forms and precisions with their measured errors.
@@ -78,10 +83,11 @@ class DigitalController:
     gains: FoPi
     digital: DigitalSpec
     sections: Sections
-    errors: tuple[tuple[float, float], ...]
+    errors: Errors
     accurate_rad_s: tuple[float, float] | None
     realisations: tuple[Realisation, ...]
     crossover_rad_s: float | None = None
+    errors_of_terms: dict[str, Errors] = field(default_factory=dict)
 
     @property
     def errors_from_rad_s(self) -> float:
@@ -92,8 +98,10 @@ class DigitalController:
     def band_note(self) -> str:
         """A warning that the band does not cover the loop's frequencies, with one that does; empty where it does."""
         (low, high), crossover = self.digital.band_rad_s, self.crossover_rad_s
-        # an integrator of order one is exact for every band
-        if crossover is None or self.gains.alpha == 1.0 or self.gains.ki == 0.0:
+        # integral and derivative of order one are exact for every band
+        derivative = derivative_of(self.gains)
+        is_exact = self.gains.alpha == 1.0 or self.gains.ki == 0.0
+        if crossover is None or (is_exact and (derivative.mu == 1.0 or derivative.kd == 0.0)):
             return ""
         if low <= _BELOW_CROSSOVER * crossover and crossover <= high:
             return ""
@@ -120,18 +128,19 @@ def discretize(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None 
     # an overflow shows as an infinite error
     with np.errstate(all="ignore"):
         errors, accurate = _errors(gains, digital, sections, _errors_from(digital, crossover_rad_s))
+        of_terms = _errors_of_terms(gains, digital, crossover_rad_s)
         realisations = tuple(realise(sections, form, precision, _test_input()) for form, precision in pairs)
     for realisation in realisations:
         if realisation.form is Form.PARALLEL:
             checked_realisation(realisation, _TOLERANCE)
-    return DigitalController(gains, digital, sections, errors, accurate, realisations, crossover_rad_s)
+    return DigitalController(gains, digital, sections, errors, accurate, realisations, crossover_rad_s, of_terms)
 
 
 def sections_of(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None = None) -> Sections:
     """The digital controller alone, without its errors.
 
     Args:
-        gains: kp, ki, alpha, and kd with its filter.
+        gains: kp, ki, alpha, and kd with mu and its filter.
         digital: the spec's section.
         crossover_rad_s: where Tustin's rule is exact with `prewarp: crossover`.
 
@@ -139,12 +148,30 @@ def sections_of(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None
         DomainError: as for `discretize`; the derivative's filter is faster than half the sample time.
     """
     with np.errstate(all="ignore"):
-        sections = with_derivative(_sections(gains, digital, crossover_rad_s), gains)
+        sections = with_derivative(
+            _sections(gains, digital, crossover_rad_s), gains, _rest_of_derivative(gains, digital)
+        )
     if not np.all(np.isfinite([sections.direct, *sections.poles, *sections.residues])):
         raise DomainError("the filter's numbers are beyond what a double holds; use fewer poles or a narrower band")
-    if any(abs(pole) >= 1.0 for pole in sections.poles[1:]) or len(set(sections.poles)) < len(sections.poles):
+    count = sections.integral_sections
+    groups = (sections.poles[:count], sections.poles[count:])
+    if any(abs(pole) >= 1.0 for pole in sections.poles[1:]) or any(len(set(poles)) < len(poles) for poles in groups):
         raise DomainError("poles of the filter fall together at this sample time; use fewer poles or a narrower band")
     return sections
+
+
+def _rest_of_derivative(gains: FoPi, digital: DigitalSpec) -> ZeroPoleGain:
+    """The approximation of s^(mu - 2), of which `with_derivative` makes the sections; 1/s where mu is 1."""
+    kd, mu, _ = derivative_of(gains)
+    if kd == 0.0 or mu == 1.0:
+        return ZeroPoleGain((), (0.0,), 1.0)
+    method = Method(digital.method)
+    if method is Method.FIT:
+        raise DomainError(
+            "method: fit approximates an integral, and no derivative of an order other than 1; take method: oustaloup "
+            "or modified_oustaloup, or mu: 1"
+        )
+    return APPROXIMATIONS[method](2.0 - mu, digital.poles, digital.band_rad_s)
 
 
 def _sections(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None) -> Sections:
@@ -184,13 +211,8 @@ def _errors(
     gains: FoPi, digital: DigitalSpec, sections: Sections, from_rad_s: float
 ) -> tuple[tuple[tuple[float, float], ...], tuple[float, float] | None]:
     """Largest relative errors up to shares of the Nyquist frequency, and the range with at most 5 %."""
-    nyquist = np.pi / digital.sample_time_s
-    omega = np.geomspace(from_rad_s, nyquist, _FREQUENCIES)
-    ideal = gains(1j * omega)
-    error = np.abs(sections.response(omega) / ideal - 1.0)
-    largest = np.maximum.accumulate(error)
-    parts = [part * nyquist for part in _PARTS if part * nyquist > from_rad_s]
-    stated = tuple((end, float(largest[omega <= end * (1.0 + 1e-12)][-1])) for end in parts)
+    omega, error = _relative_error(gains, sections, from_rad_s)
+    stated = _stated(omega, error)
     good = error <= _ACCURATE
     low, high = digital.band_rad_s
     middle = int(np.argmin(np.abs(np.log(omega) - 0.5 * np.log(low * min(omega[-1], high)))))
@@ -200,6 +222,35 @@ def _errors(
     first = below[-1] + 1 if len(below) else 0
     last = middle + above[0] - 1 if len(above) else len(omega) - 1
     return stated, (float(omega[first]), float(omega[last]))
+
+
+def _relative_error(gains: FoPi, sections: Sections, from_rad_s: float) -> tuple[Array, Array]:
+    """Frequencies up to Nyquist's, and |C_d/C - 1| there."""
+    omega = np.geomspace(from_rad_s, np.pi / sections.sample_time_s, _FREQUENCIES)
+    return omega, np.abs(sections.response(omega) / gains(1j * omega) - 1.0)
+
+
+def _stated(omega: Array, error: Array) -> Errors:
+    """The largest errors up to shares of the last frequency, which is Nyquist's."""
+    largest = np.maximum.accumulate(error)
+    ends = [part * float(omega[-1]) for part in _PARTS if part * omega[-1] > omega[0]]
+    return tuple((end, float(largest[omega <= end * (1.0 + 1e-12)][-1])) for end in ends)
+
+
+def _errors_of_terms(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None) -> dict[str, Errors]:
+    """Of structure fopid the errors of the integral and the derivative alone, as far as there is such a term."""
+    if not isinstance(gains, FoPid) or structure_of(gains) != "fopid":
+        return {}
+    terms = {
+        "integral": replace(gains, kp=0.0, kd=0.0) if gains.ki != 0.0 else None,
+        "derivative": replace(gains, kp=0.0, ki=0.0) if gains.kd != 0.0 else None,
+    }
+    low, found = _errors_from(digital, crossover_rad_s), {}
+    for name, term in terms.items():
+        if term is not None:
+            sections = sections_of(term, digital, crossover_rad_s)
+            found[name] = _stated(*_relative_error(term, sections, low))
+    return found
 
 
 def _test_input() -> Array:
@@ -223,7 +274,8 @@ def to_document(controller: DigitalController) -> dict[str, Any]:
             **_derivative_entry(sections),
         },
         **({"band_note": controller.band_note} if controller.band_note else {}),
-        "errors": [{"up_to_rad_s": omega, "largest_relative": error} for omega, error in controller.errors],
+        "errors": _errors_entry(controller.errors),
+        **_errors_of_terms_entry(controller),
         "accurate_rad_s": list(controller.accurate_rad_s) if controller.accurate_rad_s else None,
         "realisations": [
             {
@@ -242,5 +294,18 @@ def _derivative_entry(sections: Sections) -> dict[str, Any]:
     """The derivative's part of the sum, which acts on -y; no entry without one."""
     if sections.parts is None or not sections.has_derivative:
         return {}
-    group = {"direct": sections.parts.derivative, "pole": sections.poles[-1], "residue": sections.residues[-1]}
-    return {"derivative": {"acts_on": "-measurement", **group}}
+    direct, count = sections.parts.derivative, sections.integral_sections
+    pairs = zip(sections.poles[count:], sections.residues[count:], strict=True)
+    own = [{"pole": pole, "residue": residue} for pole, residue in pairs]
+    # of a PID it is one section
+    group = own[0] if len(own) == 1 else {"sections": own}
+    return {"derivative": {"acts_on": "-measurement", "direct": sum(direct), **group}}
+
+
+def _errors_entry(errors: Errors) -> list[dict[str, float]]:
+    return [{"up_to_rad_s": omega, "largest_relative": error} for omega, error in errors]
+
+
+def _errors_of_terms_entry(controller: DigitalController) -> dict[str, Any]:
+    entries = {name: _errors_entry(errors) for name, errors in controller.errors_of_terms.items()}
+    return {"errors_of_terms": entries} if entries else {}

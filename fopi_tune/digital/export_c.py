@@ -291,8 +291,9 @@ def _parts(runtime: Runtime) -> dict[str, Any]:
         pair = _numbers((runtime.proportional, runtime.setpoint_weight), runtime.precision)
         values |= {"proportional": pair[0], "setpoint_weight": pair[1]}
     if runtime.derivative is not None:
-        pair = _numbers((runtime.derivative.gain, runtime.derivative.share), runtime.precision)
-        values |= {"derivative_gain": pair[0], "derivative_share": pair[1]}
+        rows = (("gains", runtime.derivative.gains), ("shares", runtime.derivative.shares))
+        values |= {"derivative_rows": [(label, _numbers(row, runtime.precision)) for label, row in rows]}
+        values |= {"derivatives": len(runtime.derivative.gains)}
     return {**values, **({"starts_at_first_sample": True} if runtime.starts_at_first_sample else {})}
 
 
@@ -313,12 +314,17 @@ def _filter(controller: DigitalController) -> str:
 def _errors(controller: DigitalController) -> str:
     """How far the filter is from the ideal controller."""
     low = controller.errors_from_rad_s
-    stated = "; ".join(f"at most {100.0 * error:.3g} % up to {omega:.4g} rad/s" for omega, error in controller.errors)
-    text = f"relative error |C_d/C - 1| from {low:g} rad/s: {stated or 'not stated'}"
+    text = f"relative error |C_d/C - 1| from {low:g} rad/s: {_stated(controller.errors) or 'not stated'}"
+    for name, errors in controller.errors_of_terms.items():
+        text += f"; of the {name} alone {_stated(errors) or 'not stated'}"
     if controller.accurate_rad_s is not None:
         first, last = controller.accurate_rad_s
         text += f"; within 5 % from {first:.4g} to {last:.4g} rad/s"
     return f"{text}; NOTE: {controller.band_note}" if controller.band_note else text
+
+
+def _stated(errors: tuple[tuple[float, float], ...]) -> str:
+    return "; ".join(f"at most {100.0 * error:.3g} % up to {omega:.4g} rad/s" for omega, error in errors)
 
 
 def _rounding(controller: DigitalController, runtime: Runtime) -> str:

@@ -72,9 +72,8 @@ def digital_section_of(spec: DesignSpec) -> DigitalSpec:
     """The spec's section `digital`.
 
     Raises:
-        DomainError: there is none, or the structure is fopid.
+        DomainError: there is none.
     """
-    spec.controller.refuse_derivative_order("the controller on samples")
     if spec.digital is None:
         raise DomainError(
             "the spec has no section digital; add digital: {sample_time_s: 0.2} with your sampling period"

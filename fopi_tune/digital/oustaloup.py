@@ -66,6 +66,12 @@ class ZeroPoleGain:
         sign = np.prod(np.sign(over), axis=1) * np.prod(np.sign(apart), axis=1)
         return self.gain * sign * np.exp(size)
 
+    def without_integrator(self, s: float) -> float:
+        """s times the value at a real s that is no pole."""
+        poles, zeros = np.array(self.poles[1:]), np.array(self.zeros)
+        size = np.log(np.abs(s - zeros)).sum() - np.log(np.abs(s - poles)).sum()
+        return float(self.gain * np.prod(np.sign(s - zeros)) * np.prod(np.sign(s - poles)) * np.exp(size))
+
 
 def oustaloup(alpha: float, poles: int, band_rad_s: tuple[float, float]) -> ZeroPoleGain:
     """s^-alpha by (1) with a true integrator.

@@ -12,26 +12,27 @@ last sample, what was tracked, or where `reset` started.
 
 At a sample with any number that is not finite, output and states are held.
 
-With a weight b of the setpoint other than 1, `direct` is the integral's part alone; with a derivative, its part is
+With a weight b of the setpoint other than 1, `direct` is the integral's part alone; with a derivative, its parts are
 taken off:
 
-    v = kp (b r - y) + direct e - k_d (y - m) + x_0 + x_1 + ...
-    m <- m + q (y - m),        k_d = 2 kd/(2 Tf + Ts),    q = 2 Ts/(2 Tf + Ts) .                                   (5)
+    v = kp (b r - y) + direct e - k_1 (y - m_1) - k_2 (y - m_2) - ... + x_0 + x_1 + ...
+    m_j <- m_j + q_j (y - m_j),        of a PID  k_1 = 2 kd/(2 Tf + Ts),    q_1 = 2 Ts/(2 Tf + Ts) .               (5)
 
-That is the section of `digital.transforms`, (2), in other coordinates: m is the measurement behind a lag, and the
-derivative of a measurement at rest is 0, however the coefficients are rounded.  m follows y whatever becomes of the
-output: no anti-windup acts on it, and (3) takes it as it is after the sample.  The first sample after `init` and
+Those are the sections of `digital.transforms`, (2), in other coordinates: m_j is the measurement behind a lag, and the
+derivative of a measurement at rest is 0, however the coefficients are rounded.  m_j follow y whatever becomes of the
+output: no anti-windup acts on them, and (3) takes them as they are after the sample.  The first sample after `init` and
 `reset` is one at rest at its own measurement, with r = y before it:
 
-    m <- y,        x_0 <- x_0 - kp (b y - y) .                                                                     (6)
+    m_j <- y,        x_0 <- x_0 - kp (b y - y) .                                                                   (6)
 
 Anti-windup is back-calculation by weights that sum to 1.  While the output is limited, w_k = r_k/sum r_j (over p_j > 0)
 makes the correction take from each section what a constant error adds to it: no section winds up, not even a slow one.
 While the rate is limited it does the same: v stays near what the actuator can follow.
 g = min(1, |sum r_j/d|), d = `direct` for b = 1, lets the output leave a limit as the error changes sign.  With g = 1, a
 sample of noise beyond the limit would change the integrator by all of its excess, and the output would settle off the
-setpoint.  For a PI that is a tracking time Ts/g = Ti + Ts/2.  Beside a derivative g = sqrt(r_0 q/k_d), at most 1, where
-that is larger: a tracking time of sqrt(Ti Td).
+setpoint.  For a PI that is a tracking time Ts/g = Ti + Ts/2.  Beside a derivative g = sqrt(r_0 q_1/k_1), at most 1,
+where that is larger: a tracking time of sqrt(Ti Td).  With orders other than 1 that is Ts omega, |ki omega^-alpha| =
+|kd omega^mu|, as sqrt(Ti Td) is 1/omega of a PID.
 
 Since (1) always feeds back u, the states obey, limited in value or rate or not,
 
@@ -60,11 +61,11 @@ A section that decays would end as a subnormal number and stay one, and some pro
 
 An error of F or more is always integrated.  A smaller one with r e < F is lost on an integrator at 0, where 10^23
 samples of it would make the last place of an output of 1 in float32 (F is 1e-31; 1e-292 in float64); on one that holds
-`Precision.absorbs_flushed` rounding loses it anyway.  Likewise m <- 0 where |m| < F, after a sample with |y| < F and
-after one of tracking.
+`Precision.absorbs_flushed` rounding loses it anyway.  Likewise m_j <- 0 where |m_j| < F, after a sample with |y| < F
+and after one of tracking.
 
 Source: back-calculation with sqrt(Ti Td) as in Astrom and Hagglund, Advanced PID Control, 2006; weights and (2) derived
-here; r_0 q/k_d = Ts^2 ki/kd = Ts^2/(Ti Td).
+here; r_0 q_1/k_1 = Ts^2 ki/kd = Ts^2/(Ti Td).
 """
 
 from __future__ import annotations
@@ -81,6 +82,7 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital.coefficients import (
+    MeasuredDerivative,
     StoredCoefficients,
     anti_windup,
     check_coefficients,
@@ -90,19 +92,6 @@ from fopi_tune.digital.coefficients import (
 )
 from fopi_tune.digital.realise import Precision, parallel_rows
 from fopi_tune.errors import DomainError
-
-
-@dataclass(frozen=True)
-class MeasuredDerivative:
-    """The derivative -k_d (y - m), m <- m + q (y - m).
-
-    Args:
-        gain: k_d.
-        share: q, in (0, 1].
-    """
-
-    gain: float
-    share: float
 
 
 @dataclass(frozen=True)
@@ -192,11 +181,11 @@ class Runtime:
         poles, residues, weights = (np.array(row, dtype=dtype) for row in (self.poles, self.residues, self.weights))
         largest, flush_below = np.finfo(dtype).max, dtype(self.precision.flush_below)
         change = dtype(self.most_change)
-        derivative = self.derivative or MeasuredDerivative(0.0, 0.0)
-        more = self.proportional, self.setpoint_weight, derivative.gain, derivative.share
+        derivative = self.derivative or MeasuredDerivative()
+        gains, shares = (np.array(row, dtype=dtype) for row in (derivative.gains, derivative.shares))
         return StoredCoefficients(
-            direct, poles, residues, weights, gain, low, high, change, largest, flush_below,
-            *(dtype(number) for number in more),
+            direct, poles, residues, weights, gain, low, high, change, largest, flush_below, dtype(self.proportional),
+            dtype(self.setpoint_weight), gains, shares,
         )  # fmt: skip
 
 
@@ -207,13 +196,13 @@ class State:
     Args:
         x: shape (n,), of the precision's type, a section's state each.
         output: the last output, of the precision's type.
-        filtered: m, the measurement that the derivative is taken from; None without one.
+        filtered: m_j, the measurements that the derivative is taken from, of its length; None without one.
         is_new: whether the next sample is the first one, where this sets states.
     """
 
     x: NDArray[np.floating]
     output: np.floating
-    filtered: np.floating | None = None
+    filtered: NDArray[np.floating] | None = None
     is_new: bool = False
 
 
@@ -262,7 +251,8 @@ def reset(runtime: Runtime, output: float) -> State:
     x = np.zeros(len(runtime.poles), dtype=dtype)
     if runtime.has_integrator:
         x[0] = start
-    return State(x, start, None if runtime.derivative is None else dtype(0.0), runtime.starts_at_first_sample)
+    filtered = None if runtime.derivative is None else np.zeros(len(numbers.derivative_gains), dtype=dtype)
+    return State(x, start, filtered, runtime.starts_at_first_sample)
 
 
 def step(runtime: Runtime, state: State, setpoint: float, measurement: float) -> State:
@@ -316,7 +306,7 @@ def _one_sample(runtime: Runtime, state: State, setpoint: float, measurement: fl
     e, held = r - y, state
     state = _at_rest(runtime, state, y) if state.is_new else state
     v = _total(_without_memory(runtime, r, y, e, state.filtered), state.x)
-    filtered = None if state.filtered is None else state.filtered + c.derivative_share * (y - state.filtered)
+    filtered = None if state.filtered is None else state.filtered + c.derivative_shares * (y - state.filtered)
     if not (c.finite(e) and c.finite(v)):
         return held
     if applied is None:
@@ -330,12 +320,12 @@ def _one_sample(runtime: Runtime, state: State, setpoint: float, measurement: fl
         following = c.poles * state.x
         if runtime.has_integrator:
             following[0] = u - _total(_without_memory(runtime, r, y, e, filtered), following[1:])
-    if not np.all(np.isfinite(following)) or not (filtered is None or np.isfinite(filtered)):
+    if not np.all(np.isfinite(following)) or not (filtered is None or np.all(np.isfinite(filtered))):
         return held
     if applied is not None or abs(e) < c.flush_below:
         following[np.abs(following) < c.flush_below] = 0.0
-    if filtered is not None and (applied is not None or abs(y) < c.flush_below) and abs(filtered) < c.flush_below:
-        filtered = dtype(0.0)
+    if filtered is not None and (applied is not None or abs(y) < c.flush_below):
+        filtered[np.abs(filtered) < c.flush_below] = 0.0
     return State(following, u, filtered)
 
 
@@ -344,18 +334,22 @@ def _at_rest(runtime: Runtime, state: State, y: np.floating) -> State:
     c, x = runtime.stored, state.x.copy()
     if runtime.proportional != 0.0 and runtime.has_integrator:
         x[0] = x[0] - c.proportional * (c.setpoint_weight * y - y)
-    return replace(state, x=x, filtered=None if state.filtered is None else y, is_new=False)
+    filtered = None if state.filtered is None else np.full_like(state.filtered, y)
+    return replace(state, x=x, filtered=filtered, is_new=False)
 
 
 def _without_memory(
-    runtime: Runtime, r: np.floating, y: np.floating, e: np.floating, filtered: np.floating | None
+    runtime: Runtime, r: np.floating, y: np.floating, e: np.floating, filtered: NDArray[np.floating] | None
 ) -> np.floating:  # fmt: skip
     """The terms of v before the sections' states."""
     c = runtime.stored
     v = c.direct * e
     if runtime.proportional != 0.0:
         v = c.proportional * (c.setpoint_weight * r - y) + v
-    return v if filtered is None else v - c.derivative_gain * (y - filtered)
+    if filtered is not None:
+        for gain, m in zip(c.derivative_gains, filtered, strict=True):
+            v = v - gain * (y - m)
+    return v
 
 
 def _total(first: np.floating, rest: NDArray[np.floating]) -> np.floating:
@@ -377,18 +371,24 @@ def _with_parts(made: Runtime, sections: Sections, setpoint_weight: float) -> Ru
             kp, direct, weight = (float(dtype(n)) for n in (parts.proportional, parts.integral, setpoint_weight))
             made = replace(made, direct=direct, proportional=kp, setpoint_weight=weight)
         if sections.has_derivative:
-            # the section is k_d - k_d q/(z - p), p = 1 - q; as its residue q keeps all digits
-            share = float(dtype(-sections.residues[-1] / parts.derivative))
-            derivative = MeasuredDerivative(float(dtype(parts.derivative)), share)
-            made = replace(made, derivative=derivative)
-            # sqrt(r_0 q/k_d)
-            ratio = made.residues[0] * share / derivative.gain if made.has_integrator and derivative.gain else 0.0
-            if made.tracking_gain > 0.0 and ratio > 0.0:
-                made = replace(made, tracking_gain=max(made.tracking_gain, float(dtype(min(1.0, math.sqrt(ratio))))))
-    added = made.derivative or MeasuredDerivative(0.0, 1.0)
-    if not all(map(math.isfinite, (made.setpoint_weight, added.gain))) or not added.share > 0.0:
+            made = replace(made, derivative=MeasuredDerivative.of(sections, made.precision))
+            gain = _shorter_tracking(made, parts.equal_at_rad_s, sections.sample_time_s)
+            if made.tracking_gain > 0.0:
+                made = replace(made, tracking_gain=max(made.tracking_gain, float(dtype(min(1.0, gain)))))
+    if not math.isfinite(made.setpoint_weight):
         raise DomainError(f"a coefficient of the controller is beyond the range of {made.precision.value}; scale it")
     return made
+
+
+def _shorter_tracking(made: Runtime, equal_at_rad_s: float | None, sample_time_s: float) -> float:
+    """g beside a derivative: Ts omega, or, of a PID, sqrt(r_0 q_1/k_1) of its stored numbers; 0 without."""
+    if equal_at_rad_s is not None:
+        return sample_time_s * equal_at_rad_s
+    derivative = made.derivative
+    if derivative is None or len(derivative.gains) != 1 or not made.has_integrator:
+        return 0.0
+    (gain,), (share,) = derivative.gains, derivative.shares
+    return math.sqrt(max(made.residues[0] * share / gain, 0.0)) if gain else 0.0
 
 
 def _floats(values: Array) -> tuple[float, ...]:

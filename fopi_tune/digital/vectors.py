@@ -146,7 +146,7 @@ def _random_operation(draw: random.Random, size: float) -> Operation:
 def signal_size(runtime: Runtime) -> float:
     """Size of signals that move the output through much of its range; 1 where the range is unlimited."""
     gain = abs(runtime.direct) + sum(abs(residue) for residue in runtime.residues) + abs(runtime.proportional)
-    gain += abs(runtime.derivative.gain) if runtime.derivative is not None else 0.0
+    gain += sum(map(abs, runtime.derivative.gains)) if runtime.derivative is not None else 0.0
     span = max(abs(limit) for limit in runtime.limits)
     size = _SHARE * span / gain if gain > 0.0 else 1.0
     # outside these sizes no signal reaches the limits

@@ -6,7 +6,6 @@ import math
 from functools import lru_cache
 from typing import Any
 
-from fopi_tune.core.controller import not_available
 from fopi_tune.core.plant import PLANT_MODELS, PlantModel
 from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
 from fopi_tune.spec.digital import digital_shape
@@ -115,8 +114,6 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
         refuse_equalities_over_families(placed, values["plant"])
     refuse_contradictions(placed)
     digital, controller = values.get("digital"), values.get("controller")
-    if place.has("digital") and controller is not None and controller.has_derivative_order:
-        place.child("digital").refuse(not_available("the controller on samples", controller.structure))
     if digital is not None and digital.designs_sampled:
         refuse_bands_above_nyquist(placed, math.pi / digital.sample_time_s)
     objective = values.get("objective")

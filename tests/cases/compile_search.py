@@ -19,10 +19,10 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.design.bracket import bracket_of
 from fopi_tune.design.global_search.basins import scan_box
 from fopi_tune.design.global_search.compiled import work_for
+from fopi_tune.design.global_search.controllers import filter_at, integral_at_real
 from fopi_tune.design.global_search.intervals import allowed_intervals
 from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.samples import filter_at, integral_at_real
 from fopi_tune.design.global_search.worst_case import highest_crossover
 from fopi_tune.design.time_domain.loop_cuts import LoopCuts
 from fopi_tune.design.time_domain.model import Modeller

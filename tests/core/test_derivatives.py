@@ -105,9 +105,6 @@ def test_structures_of_boxes() -> None:
     assert [box.has_structure_of(own) for box in (fopid, pid, fopi)] == [True, True, False]
     assert not fopid.has_structure_of(FoPi(1.0, 1.0, 0.5))
     assert not fopid.has_structure_of(FoPid(1.0, 1.0, 0.5, 1.0, 0.5, 0.2))
-    with pytest.raises(DomainError, match="x is not available for structure: fopid in this version"):
-        fopid.refuse_derivative_order("x")
-    pid.refuse_derivative_order("x")
 
 
 @pytest.mark.thinned(4)

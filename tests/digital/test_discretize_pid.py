@@ -50,7 +50,7 @@ def test_the_derivative_is_sampled_by_tustins_rule_whatever_the_integral_is(rule
     assert whole.parts is not None
     assert alone.parts is not None
     assert (whole.parts.proportional, whole.parts.integral) == (alone.parts.proportional, alone.parts.integral)
-    assert whole.parts.derivative == pytest.approx(2.0 * 0.3 / (2.0 * 0.05 + 0.1), rel=1e-15)
+    assert whole.parts.derivative == (pytest.approx(2.0 * 0.3 / (2.0 * 0.05 + 0.1), rel=1e-15),)
 
 
 def test_a_derivative_of_gain_0_has_no_section() -> None:

@@ -1,7 +1,8 @@
 """A second opinion on loops of kp + ki s^-alpha + kd s^mu/(Tf s + 1):  margins, responses and stability by NumPy alone.
 
 Margins and the contour are those of `dense_margins`, responses those of `pid_loops`; poles are also counted by the
-roots of a polynomial in s^(1/q) where the orders are multiples of 1/q (Matignon).
+roots of a polynomial in s^(1/q) where the orders are multiples of 1/q (Matignon).  On samples both powers are
+Oustaloup's filters in s.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from oracles.pid_loops import PidFamily, PidLoop
 
 from fopi_tune.core.controller import FoPi, FoPid
 from fopi_tune.core.plant import Plant
+from fopi_tune.spec.model import DigitalSpec
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -35,6 +37,30 @@ def controller(gains: FoPi, omega: Array) -> Complex:
         top = gains.kd * np.exp((gains.mu - 1.0) * (np.log(omega) + 0.5j * np.pi))
         found = found + top / (gains.derivative_filter_time_constant_s + 1.0 / s)
     return np.asarray(found, dtype=complex)
+
+
+def oustaloup(beta: float, s: Complex, digital: DigitalSpec) -> Complex:
+    """s^beta by Oustaloup's filter, exact in gain in the middle of the band."""
+    low, high = digital.band_rad_s
+    ratio, n = high / low, digital.poles
+    middle, found, gain = 1j * np.sqrt(low * high), np.ones_like(s), 1.0
+    for k in range(1, n + 1):
+        zero, pole = (low * ratio ** ((k - 0.5 - side * 0.5 * beta) / n) for side in (1.0, -1.0))
+        found = found * (s + zero) / (s + pole)
+        gain *= abs((middle + zero) / (middle + pole))
+    return np.asarray(found * abs(middle) ** beta / gain)
+
+
+def bilinear(omega: Array, sample_time_s: float) -> Complex:
+    """s of Tustin's rule at e^{j omega Ts}."""
+    return np.asarray(2j / sample_time_s * np.tan(0.5 * omega * sample_time_s))
+
+
+def on_samples(gains: FoPid, digital: DigitalSpec, omega: Array) -> Complex:
+    """C(e^{j omega Ts}) by Tustin's rule, the powers being s^-1 s^(1 - alpha) and s s^(mu - 1)."""
+    s = bilinear(omega, digital.sample_time_s)
+    derivative = s * oustaloup(gains.mu - 1.0, s, digital) / (gains.derivative_filter_time_constant_s * s + 1.0)
+    return np.asarray(gains.kp + gains.ki * oustaloup(1.0 - gains.alpha, s, digital) / s + gains.kd * derivative)
 
 
 @dataclass(frozen=True)

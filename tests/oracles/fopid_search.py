@@ -1,23 +1,52 @@
-"""A reference optimiser of kp + ki s^-alpha + kd s^mu/(Tf s + 1), as `pid_search` is one of PIDs:  five numbers."""
+"""A reference optimiser of kp + ki s^-alpha + kd s^mu/(Tf s + 1), as `pid_search` is one of PIDs:  five numbers.
+
+On samples s is (2/Ts) (z - 1)/(z + 1), and both powers are Oustaloup's filters in s:  s^-1 s^(1 - alpha), s s^(mu - 1).
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from oracles.brute_loops import NEPER_PER_DB
 from oracles.pid_search import PidLoops, merit_of, polished
+from oracles.sampled_loops import sample
 
 from fopi_tune.spec.model import DesignSpec
 
 
 class FopidLoops(PidLoops):
-    """The loops of a spec with many numbers (kp, ki, kd, alpha, mu) on a grid, in continuous time."""
+    """The loops of a spec with many numbers (kp, ki, kd, alpha, mu) on a grid."""
 
     def controllers(self, x, s):
+        if self.time_s:
+            integral = x[:, 1:2] * self._power(1.0 - x[:, 3], s) / s
+            derivative = x[:, 2:3] * self._power(x[:, 4] - 1.0, s) * s / (self.filter_s * s + 1.0)
+            return x[:, :1] + integral + derivative
         log_s = np.log(np.asarray(s, dtype=complex))
         integral = x[:, 1:2] * np.exp(-x[:, 3:4] * log_s)
         derivative = x[:, 2:3] * np.exp(x[:, 4:5] * log_s) / (self.filter_s * np.exp(log_s) + 1.0)
         found = x[:, :1] + integral + derivative
         return found if np.iscomplexobj(s) else found.real
+
+    def _plants(self, points):
+        if not self.time_s:
+            return super()._plants(points)
+        late = self.spec.digital.delay_samples
+        plants = [sample(self.spec.plant.member(point), self.time_s, late) for point in points]
+        return np.array([plant.response(self.omega) for plant in plants])
+
+    def _power(self, beta, s):
+        """s^beta of many beta (n,) by Oustaloup's filter, Tustin's rule and no prewarping: (n, w)."""
+        digital = self.spec.digital
+        assert (digital.method, digital.rule, digital.prewarp) == ("oustaloup", "tustin", "none")
+        low, high = digital.band_rad_s
+        places = (np.arange(digital.poles) + 0.5) / digital.poles
+        tilt = 0.5 * beta[:, None] / digital.poles
+        zeros, poles = (low * (high / low) ** (places + sign * tilt) for sign in (-1.0, 1.0))
+        middle, found = np.sqrt(low * high), np.ones((len(beta), len(s)), dtype=complex)
+        for k in range(digital.poles):
+            zero, pole = zeros[:, k : k + 1], poles[:, k : k + 1]
+            found = found * (s + zero) / (s + pole) * np.abs((1j * middle + pole) / (1j * middle + zero))
+        return found * middle ** beta[:, None]
 
     def ends(self, x):
         # with mu < 1 the derivative vanishes
@@ -33,6 +62,8 @@ class FopidLoops(PidLoops):
         return np.where(x[:, 1] != 0.0, np.maximum(found, np.log(at_zero) / NEPER_PER_DB), found)
 
     def orders(self, x):
+        if self.time_s:
+            return super().orders(x)
         return np.where(x[:, 1:2] != 0.0, x[:, 3:4], 0.0)
 
 

@@ -1,4 +1,4 @@
-"""A PID with a setpoint weight through the stages of a digital controller: no term and no weight is left out."""
+"""A PID with a setpoint weight, and a fopid, through the stages of a digital controller: nothing is left out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from fopi_tune.core.controller import FoPi, Pid
+from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.core.plant import Plant
 from fopi_tune.digital.derivatives import controller_derivatives
 from fopi_tune.digital.implementation import implementation_of
@@ -27,6 +27,7 @@ from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import DesignSpec
 
 GAINS = Pid(2.0, 0.8, 1.5, 0.1)
+FOPID = FoPid(2.0, 0.8, 0.9, 1.5, 0.8, 0.1)
 SPEC = """\
 schema: 1
 name: pid
@@ -42,6 +43,43 @@ validation: {{samples: 20}}
 
 def spec_of(weight: float = 0.5, low: float = -50.0) -> DesignSpec:
     return parse_spec(SPEC.format(weight=weight, low=low))
+
+
+def fopid_spec(weight: float = 0.5) -> DesignSpec:
+    text = SPEC.format(weight=weight, low=-50.0)
+    return parse_spec(text.replace("structure: pid", "structure: fopid").replace(", design: sampled", ""))
+
+
+def test_a_fopid_is_simulated_and_judged_with_drawn_plants() -> None:
+    rates = []
+    for weight in (1.0, 0.5):
+        found = simulate(fopid_spec(weight), FOPID)
+        integral = implementation_of(fopid_spec(), FOPID).sections.parts
+        assert integral is not None
+        first = found.driven[0].traces.demanded[0, 0]
+        # kp b and the integral's direct part; the derivative's of 2 kd/(2 Tf + Ts) = 12 would be seen
+        assert first == pytest.approx(2.0 * weight + integral.integral, rel=1e-12)
+        rates.append(validate(fopid_spec(weight), FOPID).evidence.limits[0].fraction.estimate)
+    assert rates == [0.0, 1.0]
+
+
+def test_a_fopids_loop_on_samples_is_proved_drawn_and_written() -> None:
+    spec = fopid_spec(1.0)
+    made = discretize(spec, FOPID)
+    assert made.status == "met"
+    assert made.certificate is not None
+    assert made.certificate.verdict.value == "proved"
+    said = json.loads(json.dumps(made.to_dict()))
+    assert len(said["controller"]["derivative"]["sections"]) == 8
+    documents = documents_of(spec, json.loads(json.dumps(prove(spec, FOPID).to_dict())), said)
+    members = members_of(documents)
+    assert members is not None
+    assert digital_picture(documents) is not None
+    # the requirements are about the continuous loop, whose figures are of the gains themselves
+    np.testing.assert_allclose(members.controller, FOPID(1j * members.omega), rtol=1e-12)
+    omega = np.geomspace(0.01, 50.0, 20)
+    found = made.to_control().controller(np.exp(1j * omega * 0.05))
+    np.testing.assert_allclose(np.ravel(found), made.controller.sections.response(omega), rtol=1e-9)
 
 
 def test_simulations_weight_the_setpoint_and_never_differentiate_it() -> None:

@@ -9,8 +9,6 @@ import pytest
 
 import fopi_tune as ft
 from fopi_tune.core.controller import FoPid, GainRange
-from fopi_tune.digital import sections_of
-from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.results.to_control import to_control
 from fopi_tune.simulation.fractional.poles import principal_poles
@@ -93,21 +91,11 @@ def test_a_fopid_has_an_order_of_its_derivative() -> None:
     assert len({each["plant"] for each in digests}) == 1
 
 
-def test_a_fopid_on_samples_is_refused_with_the_place() -> None:
-    with pytest.raises(SpecError, match="the controller on samples is not available for structure: fopid in this"):
-        parse_spec(f"{SPEC}controller: {{{FOPID}}}\n")
-    spec = parse_spec(f"{SPEC}controller: {{{PID}}}\n")
-    made = replace(spec, controller=replace(spec.controller, mu=GainRange(0.5, 1.0)))
+def test_what_does_not_know_the_orders_of_a_fopid_refuses_them() -> None:
+    made = parse_spec(f"{SPEC}controller: {{{FOPID}}}\n")
     gains = FoPid(1.0, 1.0, 0.8, 0.1, 0.5, 0.2)
-    digital = made.digital
-    assert digital is not None
     for refused in (
-        lambda: implementation_of(made, gains),
-        lambda: sections_of(gains, digital),
-        lambda: ft.simulate(replace(made, digital=None, scenarios=()), gains),
         lambda: ft.simulate(replace(made, digital=None, scenarios=()), gains, exact=True),
-        lambda: ft.discretize(made, gains),
-        lambda: ft.validate(made, gains),
         lambda: to_control(gains, made.plant),
         lambda: principal_poles(gains, made.plant.member(made.plant.nominal_point)),
     ):

@@ -41,8 +41,9 @@ from fopi_tune.design.global_search.compiled import (
     PHASE_MARGIN,
     compiled,
 )
+from fopi_tune.design.global_search.controllers import controller_of
 from fopi_tune.design.global_search.responses import copy_into, crossing_near, loop_at
-from fopi_tune.design.global_search.samples import controller_of, log_omega_of, stretch_of
+from fopi_tune.design.global_search.samples import log_omega_of, stretch_of
 from fopi_tune.design.global_search.worst_case import undelayed_phase
 
 _PI = math.pi

@@ -31,7 +31,7 @@ from fopi_tune.design.bound.columns import (
     write_loops,
 )
 from fopi_tune.design.global_search.compiled import compiled
-from fopi_tune.design.global_search.samples import FILTER, GAIN, controller_of, filter_at
+from fopi_tune.design.global_search.controllers import FILTER, GAIN, controller_of, filter_at
 
 _PI = math.pi
 #: what `terms_over` tells: C0 and its slopes of (1) times C0, the disc's radius times |C0|, and |C0|^2 times what the

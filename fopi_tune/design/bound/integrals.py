@@ -22,7 +22,7 @@ import math
 import numpy as np
 
 from fopi_tune.design.global_search.compiled import compiled
-from fopi_tune.design.global_search.samples import CORNERS, GAIN, controller_of, filter_at, integral_at_real
+from fopi_tune.design.global_search.controllers import CORNERS, GAIN, controller_of, filter_at, integral_at_real
 
 _PI = math.pi
 #: rows of a cell's integral at each frequency: F and |F| at the centre, lambda, the largest |dl/d alpha|, mu, how much

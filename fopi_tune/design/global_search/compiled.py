@@ -130,7 +130,7 @@ class Sampling(NamedTuple):
     `half` = omega_s Ts/2.  `corners`, shape (2 N, 3), are zeros and poles in turn: ln corner = a + b alpha + c ln
     alpha.  `matched` is 1 for matched poles and zeros.  `gain` are the ln of frequencies where the gain is set.
     `derivative` is Tf omega_s of a derivative, 0 where there is none; `order` and `rise` are the orders of integral and
-    derivative beside each other (`structures.py`).
+    derivative beside each other (`structures.py`), and `rise_corners` those of the derivative's filter.
     """
 
     half: float
@@ -140,6 +140,7 @@ class Sampling(NamedTuple):
     derivative: float = 0.0
     order: float = 1.0
     rise: float = 1.0
+    rise_corners: Any = np.zeros((0, 3))
 
 
 #: of the continuous loop
@@ -238,10 +239,10 @@ class Work(NamedTuple):
     real: Any
     square: Any
     controller: Any
-    #: of the order `order[0]`: real and imaginary part of (j omega)^-alpha or of the filter
+    #: of the order `order[0]`: real and imaginary part of (j omega)^-alpha or of its filter
     power: Any
     order: Any
-    #: of the order `rise_order[0]`: real and imaginary part of a derivative
+    #: of the order `rise_order[0]`: real and imaginary part of a derivative or of its filter
     rise: Any
     rise_order: Any
     low: Any

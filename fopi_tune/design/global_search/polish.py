@@ -33,12 +33,12 @@ from fopi_tune.design.global_search.compiled import (
     Table,
     work_for,
 )
+from fopi_tune.design.global_search.controllers import controller_of
 from fopi_tune.design.global_search.nonlinear.program import SIZES
 from fopi_tune.design.global_search.nonlinear.solve import Solved, solve
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.rays import fill_ray
 from fopi_tune.design.global_search.responses import settle
-from fopi_tune.design.global_search.samples import controller_of
 from fopi_tune.design.global_search.slots import (
     Slot,
     error_rows,

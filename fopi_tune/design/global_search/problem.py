@@ -112,7 +112,8 @@ class Problem:
         samples = Samples(spec.digital, scale, scale.omega_rad_s) if spec.digital is not None and sampled else None
         if samples is not None and samples.digital.method != Method.FIT:
             # a filter that cannot be made is refused as such
-            sections_of(spec.controller.controller(1.0, 1.0, spec.controller.alpha.max, 1.0), samples.digital)
+            orders = {} if spec.controller.mu is None else {"mu": spec.controller.mu.max}
+            sections_of(spec.controller.controller(1.0, 1.0, spec.controller.alpha.max, 1.0, **orders), samples.digital)
         scaled = Scaled.of(spec.plant, scale, samples)
         return cls(
             spec, scale, scaled, _needed(constraints_of(spec)), objective, CODE_OF_OBJECTIVE[objective], horizon,

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from fopi_tune.design.global_search.compiled import CLOSEST, END, compiled
-from fopi_tune.design.global_search.controllers import fill_controller, first_term
+from fopi_tune.design.global_search.controllers import fill_controller, first_term, rise_at_zero
 
 _PI = math.pi
 #: neper; beyond all kappa
@@ -62,7 +62,7 @@ def fill_ray(third, c, s, table, work):
     if s == 0.0 and c == 0.0:
         for i in range(m):
             # a derivative alone cancels one pole of the plant at s = 0, or makes up for a part of it
-            slope = table.low_slope[i] + table.sampling.rise
+            slope = table.low_slope[i] + rise_at_zero(table.sampling)
             work.gain[i, 0] = work.gain[i, 1] if abs(slope) < 1e-9 else -END * np.sign(slope)
 
 

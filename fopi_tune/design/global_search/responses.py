@@ -23,15 +23,13 @@ from fopi_tune.design.global_search.compiled import (
     T,
     compiled,
 )
-from fopi_tune.design.global_search.controllers import controller_at, controller_at_infinity, controller_at_real
-from fopi_tune.design.global_search.samples import (
-    delayed_at_real,
+from fopi_tune.design.global_search.controllers import (
+    controller_at,
+    controller_at_infinity,
+    controller_at_real,
     half_of,
-    log_omega_of,
-    stretch_of,
-    turn_of,
-    turn_rate,
 )
+from fopi_tune.design.global_search.samples import delayed_at_real, log_omega_of, stretch_of, turn_of, turn_rate
 from fopi_tune.design.global_search.tables import WIDTH
 
 _PI = math.pi

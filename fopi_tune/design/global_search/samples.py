@@ -8,8 +8,12 @@ axis s = j e^v, Nyquist's frequency v -> inf, and
 
 where F stands for omega_s^alpha s^-alpha by Tustin's rule.  With T = Ts/2, or tan(w_p T)/w_p where it is prewarped, the
 filter's own s is s Ts/(2 T), which moves its corners.  Matched poles and zeros have tanh(h corner)/h for a corner.  The
-gain g sets |F| where `digital/` sets it.  A plant behind the hold is a quotient of polynomials in s of its own degree
-and a whole number of samples of delay.
+gain g sets |F| where `digital/` sets it.  A derivative of the order mu is, by Tustin's rule whatever the integral's is,
+
+    D = s^2 F_(2 - mu)/(Tf s + 1) ,                                                                                 (3)
+
+F_(2 - mu) being (2) at the order 2 - mu with T = Ts/2 (`digital/transforms.py`, (3)); at mu = 1 that is s/(Tf s + 1).
+A plant behind the hold is a quotient of polynomials in s of its own degree and a whole number of samples of delay.
 
 Source: derived; `core/sampled_loops.py`, (2), with w = h s, and `digital/oustaloup.py`, (1) and (3).
 """
@@ -35,66 +39,6 @@ from fopi_tune.spec.model import DigitalSpec
 _TERMS = 17
 #: the modified filter's fast zero and pole, as in `digital/oustaloup.py`
 _FAST = math.log(10.0 / 9.0)
-#: where a controller's numbers are in what `controller_of` returns: h, Tf omega_s, e^g, the orders of an integral and a
-#: derivative beside each other and, from the last on, corners
-HALF, FILTER, GAIN, ALPHA, MU, CORNERS = range(3, 9)
-
-
-@compiled
-def controller_of(x, sampling):
-    """The gains x and, unless C is kp' + ki' s^-alpha, h, Tf omega_s, e^g, orders, and corners z_1, p_1, ... at alpha.
-
-    The third of x is alpha, or kd' where there is a derivative; the orders are then those of `sampling`, on samples 1.
-    """
-    if sampling.half == 0.0 and sampling.derivative == 0.0:
-        return x
-    alpha, h, corners = (x[2] if sampling.derivative == 0.0 else 1.0), sampling.half, sampling.corners
-    middle, last, here, there = sampling.gain[0], sampling.gain[1], sampling.gain[2], sampling.gain[3]
-    found = np.empty(CORNERS + len(corners))
-    found[0], found[1], found[2], found[HALF], found[FILTER] = x[0], x[1], x[2], h, sampling.derivative
-    found[ALPHA], found[MU] = sampling.order, sampling.rise
-    g, sign = last - here + there - alpha * middle, 1.0
-    for k in range(len(corners)):
-        corner = math.exp(corners[k, 0] + corners[k, 1] * alpha + corners[k, 2] * math.log(alpha))
-        if sampling.matched:
-            square = corner * corner
-            g += 0.5 * sign * (math.log(math.exp(2.0 * here) + square) - math.log(math.exp(2.0 * last) + square))
-            corner = math.tanh(h * corner) / h
-        g -= 0.5 * sign * math.log(math.exp(2.0 * there) + corner * corner)
-        found[CORNERS + k] = corner
-        sign = -sign
-    found[GAIN] = math.exp(g)
-    return found
-
-
-@compiled
-def filter_at(controller, omega):
-    """(2) at s = j omega: real and imaginary part."""
-    real, imag, square = 0.0, -controller[GAIN] / omega, omega * omega
-    for k in range(CORNERS, len(controller), 2):
-        zero, pole = controller[k], controller[k + 1]
-        size = pole * pole + square
-        a, b = (zero * pole + square) / size, omega * (pole - zero) / size
-        real, imag = real * a - imag * b, real * b + imag * a
-    return real, imag
-
-
-@compiled
-def integral_at_real(controller, log_s):
-    """s^-alpha, or (2), at a real s."""
-    if len(controller) == 3:
-        return math.exp(-controller[2] * log_s)
-    s = math.exp(log_s)
-    value = controller[GAIN] / s
-    for k in range(CORNERS, len(controller), 2):
-        value *= (s + controller[k]) / (s + controller[k + 1])
-    return value
-
-
-@compiled
-def half_of(controller):
-    """h; 0 for the continuous loop."""
-    return controller[HALF] if len(controller) > 3 else 0.0
 
 
 @compiled
@@ -320,19 +264,9 @@ class Samples:
                 "method: fit has no `design: sampled`, as its poles jump when alpha changes; take "
                 "modified_oustaloup, or a fixed alpha and the solver convex"
             )
+        corners, middle = self._corners, self._middle
         low, high = digital.band_rad_s
-        log_s, count = math.log(self.scale.omega_rad_s), digital.poles - (method is Method.MODIFIED_OUSTALOUP)
-        step = math.log(high / low) / max(count, 1)
-        base = math.log(low) - log_s + step * (np.arange(count) + 0.5)
-        # beta = 1 - alpha:  ln z_k, ln p_k = base -+ beta step/2
-        tilt = np.full(count, 0.5 * step)
-        zeros = np.column_stack([base - tilt, tilt, 0.0 * tilt])
-        poles = np.column_stack([base + tilt, -tilt, 0.0 * tilt])
-        if method is Method.MODIFIED_OUSTALOUP:
-            fast = math.log(high) - log_s + _FAST
-            zeros, poles = np.vstack([zeros, [fast, 0.0, 0.0]]), np.vstack([poles, [fast, 0.0, -1.0]])
-        corners = np.stack([zeros, poles], axis=1).reshape(-1, 3)
-        middle = math.log(math.sqrt(low * high)) - log_s
+        log_s = math.log(self.scale.omega_rad_s)
         at = self.crossover_rad_s
         if at is None or at >= self.nyquist_rad_s:
             at = math.sqrt(low * min(high, self.nyquist_rad_s))
@@ -345,6 +279,45 @@ class Samples:
             corners[:, 0] += moved
             return Sampling(self.half, corners, 0, np.array((middle, middle + moved, middle + moved, middle + moved)))
         return Sampling(self.half, corners, 0, np.array((middle, middle, middle, middle)))
+
+    @property
+    def _middle(self) -> float:
+        """ln of the middle of the band, scaled."""
+        low, high = self.digital.band_rad_s
+        return math.log(math.sqrt(low * high)) - math.log(self.scale.omega_rad_s)
+
+    @property
+    def _corners(self) -> Array:
+        """a, b and c of (2) in continuous time, a row a corner."""
+        method, (low, high) = Method(self.digital.method), self.digital.band_rad_s
+        log_s = math.log(self.scale.omega_rad_s)
+        count = self.digital.poles - (method is Method.MODIFIED_OUSTALOUP)
+        step = math.log(high / low) / max(count, 1)
+        base = math.log(low) - log_s + step * (np.arange(count) + 0.5)
+        # beta = 1 - alpha:  ln z_k, ln p_k = base -+ beta step/2
+        tilt = np.full(count, 0.5 * step)
+        zeros = np.column_stack([base - tilt, tilt, 0.0 * tilt])
+        poles = np.column_stack([base + tilt, -tilt, 0.0 * tilt])
+        if method is Method.MODIFIED_OUSTALOUP:
+            fast = math.log(high) - log_s + _FAST
+            zeros, poles = np.vstack([zeros, [fast, 0.0, 0.0]]), np.vstack([poles, [fast, 0.0, -1.0]])
+        return np.stack([zeros, poles], axis=1).reshape(-1, 3)
+
+    def with_orders(self, derivative: float) -> Sampling:
+        """The filters' numbers beside a derivative of any order.
+
+        Args:
+            derivative: Tf omega_s.
+
+        Raises:
+            DomainError: a method that is not smooth in the orders.
+        """
+        if Method(self.digital.method) is Method.FIT:
+            raise DomainError(
+                "method: fit has no `design: sampled` for structure: fopid, as its poles jump when an order changes; "
+                "take method: oustaloup or modified_oustaloup"
+            )
+        return self.sampling._replace(derivative=derivative, rise_corners=self._corners)
 
     def integrator(self, derivative: float) -> Sampling:
         """The numbers of an integrator, which every method makes without corners, beside a derivative.

@@ -22,6 +22,7 @@ from fopi_tune.design.global_search.compiled import (
     S,
     T,
 )
+from fopi_tune.design.global_search.controllers import FILTER, MU
 from fopi_tune.design.global_search.nonlinear.program import COEFFICIENTS, ERRORS, INDEX, PARAMETERS
 from fopi_tune.design.global_search.responses import (
     AT_FIXED,
@@ -32,7 +33,6 @@ from fopi_tune.design.global_search.responses import (
     AT_REFERENCE,
     loop_at,
 )
-from fopi_tune.design.global_search.samples import FILTER, MU
 from fopi_tune.design.global_search.tables import Scaled
 from fopi_tune.design.global_search.worst_case import FIELDS, MODE, NEAR, ROW, SLACK, TARGET, V
 

@@ -6,10 +6,9 @@ With scaled s and three numbers x, whose first `linear` ones are gains and the o
     with derivative C = x0 + x1/s + x2 D ,    D = s/(Tf s + 1) ,    x2 = kd' ,                                      (2)
     with orders     C = x0 + x1 s^-alpha + x2 D ,    D = s^mu/(Tf s + 1) ,    x2 = kd', x3 = alpha, x4 = mu ,      (2a)
 
-where on samples s^-alpha and 1/s are the filters of `samples.py` and D is the same function of s there.  With given
-orders, which `Sampling` holds, (2a) is searched as (2) is.  A ray is
-C = k C0.  Its direction is the ratio of x1 to the rest, its shape what else there is to choose: alpha in (1), and in
-(2) u in [-1, 1] with
+where on samples s^-alpha, 1/s and s^mu are the filters of `samples.py`, and D of (2) is the same function of s.  With
+given orders, which `Sampling` holds, (2a) is searched as (2) is.  A ray is C = k C0.  Its direction is the ratio of x1
+to the rest, its shape what else there is to choose: alpha in (1), and in (2) u in [-1, 1] with
 
     x0 = c cos(theta) ,   x2 = c sin(theta) ,   ln tan(theta) = r u/sqrt(1 - u^2) ,                                 (3)
 
@@ -106,7 +105,7 @@ WITH_ORDERS = Structure(("kp", "ki", "kd", "alpha", "mu"), 3, 0.3, 2)
 def with_orders(alpha, mu, table):
     """A table whose controllers have these orders."""
     own = table.sampling
-    sampling = Sampling(own.half, own.corners, own.matched, own.gain, own.derivative, alpha, mu)
+    sampling = Sampling(own.half, own.corners, own.matched, own.gain, own.derivative, alpha, mu, own.rise_corners)
     return Table(
         table.v, table.omega, table.gain, table.phase, table.real, table.imag, table.delay, table.unstable,
         table.start_phase, table.low_slope, table.high_slope, table.alias, table.error_gain, table.members,

@@ -81,7 +81,9 @@ class Scaled:
         derivative = self.scale.filter_s * self.scale.omega_rad_s
         if self.samples is None:
             return NO_SAMPLES._replace(derivative=derivative)
-        return self.samples.integrator(derivative) if derivative else self.samples.sampling
+        if not derivative:
+            return self.samples.sampling
+        return self.samples.with_orders(derivative) if self.scale.has_orders else self.samples.integrator(derivative)
 
     def members(self, points: Array) -> Array:
         """Coefficients of the plants at points of the box, shape (m, 19)."""

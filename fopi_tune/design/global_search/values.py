@@ -29,9 +29,8 @@ from fopi_tune.design.global_search.compiled import (
     T,
     compiled,
 )
-from fopi_tune.design.global_search.controllers import controller_at_real, order_of
+from fopi_tune.design.global_search.controllers import controller_at_real, controller_of, order_of
 from fopi_tune.design.global_search.intervals import band_interval, excess, slope_at
-from fopi_tune.design.global_search.samples import controller_of
 
 _PI = math.pi
 #: the slack of a quantity that a loop should have and has not

@@ -25,6 +25,7 @@ from fopi_tune.design.global_search.compiled import (
     compiled,
     order_by_first,
 )
+from fopi_tune.design.global_search.controllers import controller_of
 from fopi_tune.design.global_search.rays import alias_gain, fill_ray, find_passages, unstable_poles
 from fopi_tune.design.global_search.responses import (
     AT_FIXED,
@@ -39,7 +40,7 @@ from fopi_tune.design.global_search.responses import (
     settle,
     value_at,
 )
-from fopi_tune.design.global_search.samples import controller_of, plant_of, turn_of
+from fopi_tune.design.global_search.samples import plant_of, turn_of
 
 _PI = math.pi
 #: columns of a finding, before the plant's point
@@ -51,7 +52,7 @@ _MOST_OF_A_ROW = 4
 #: |v| within which dips are neighbours
 _APART = 0.6
 #: tan(omega Ts/2) beyond which no response changes any more
-_AT_NYQUIST = 1e3
+_AT_NYQUIST = 1e2
 #: the plant is found to this part of the grid's spacing
 _CLOSE = 2e-4
 

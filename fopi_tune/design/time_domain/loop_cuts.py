@@ -18,11 +18,12 @@ from fopi_tune.design.global_search.compiled import (
     MARGIN_SPREAD,
     compiled,
 )
+from fopi_tune.design.global_search.controllers import controller_of
 from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.rays import fill_ray
 from fopi_tune.design.global_search.responses import settle, value_at
-from fopi_tune.design.global_search.samples import controller_of, plant_of
+from fopi_tune.design.global_search.samples import plant_of
 from fopi_tune.design.global_search.slots import merged
 from fopi_tune.design.global_search.worst_case import (
     FIELDS,

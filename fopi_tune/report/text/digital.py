@@ -64,7 +64,9 @@ def digital_text(result: Discretized) -> Text:
     if (weight := result.spec.controller.setpoint_weight) != 1.0:
         lines += entry("setpoint", f"weight {number(weight)}: kp acts on {number(weight)} r - y")
     if controller.sections.has_derivative:
-        lines += entry("kd", "acts on -y alone, by Tustin's rule: the last of the sections")
+        count = len(controller.sections.poles) - controller.sections.integral_sections
+        last = "the last of the sections" if count == 1 else f"the last {count} sections"
+        lines += entry("kd", f"acts on -y alone, by Tustin's rule: {last}")
     lines += requirement_lines(result.reports, found.objective, result.measures)
     for note in result.notes:
         lines += wrapped(f"{note}.", "yellow")
@@ -96,11 +98,16 @@ def _sections(result: Discretized) -> Iterator[Line]:
 
 def _accuracy(result: Discretized) -> Iterator[Line]:
     controller = result.controller
-    parts = [f"{100 * error:.3g}{TIE}% up to {with_unit(omega, 'rad/s')}" for omega, error in controller.errors]
     low = controller.errors_from_rad_s
     if controller.accurate_rad_s is not None:
         first, last = controller.accurate_rad_s
         yield from entry("accurate", f"filter to 5 % from {number(first)} to {with_unit(last, 'rad/s')}")
     if controller.band_note:
         yield from entry("band", f"NOTE: {controller.band_note}", BAD)
-    yield from entry("errors", f"largest relative error from {with_unit(low, 'rad/s')}: " + ", ".join(parts))
+    yield from entry("errors", f"largest relative error from {with_unit(low, 'rad/s')}: {_told(controller.errors)}")
+    for name, errors in controller.errors_of_terms.items():
+        yield from entry("", f"of the {name} alone: {_told(errors)}")
+
+
+def _told(errors: tuple[tuple[float, float], ...]) -> str:
+    return ", ".join(f"{100 * error:.3g}{TIE}% up to {with_unit(omega, 'rad/s')}" for omega, error in errors)

@@ -20,11 +20,8 @@ from fopi_tune.simulation.sampled.layout import (
     ALL_LANES,
     APPLIED,
     CHATTERING,
-    DERIVATIVE_GAIN,
-    DERIVATIVE_SHARE,
     DIRECT,
     EXCESS,
-    FILTERED,
     FLUSH_BELOW,
     HIGH,
     INTEGRATES,
@@ -104,12 +101,12 @@ def all_small(e, d, u, rate):
 
 
 @_compiled
-def any_large(table, controllers, block):
+def any_large(table, controllers, sections, block):
     """Whether a block must check every number for overflow: coefficients or first inputs are large."""
-    found = False
+    found, end = False, SECTIONS + 3 * sections
     for mode in range(controllers.shape[0]):
         for row in range(controllers.shape[1]):
-            most = 1.0 if row >= SECTIONS and (row - SECTIONS) % 3 == 0 else _LARGE_COEFFICIENT
+            most = 1.0 if SECTIONS <= row < end and (row - SECTIONS) % 3 == 0 else _LARGE_COEFFICIENT
             found |= row != LOW and row != HIGH and row != MOST_CHANGE and not abs(controllers[mode, row]) <= most
     for lane in range(WIDTH):
         found |= not abs(table[0, block * WIDTH + lane]) <= _LARGE
@@ -150,12 +147,13 @@ def followed(c, other, second, value, last):
 
 
 @_inlined
-def start_at_rest(s, c, other, second, states, sections, y):
+def start_at_rest(s, c, other, second, offsets, settings, y):
     """The states before the first sample, at rest at its measurement; a lane that holds it is new at the next one."""
-    new = load(s, IS_NEW) > broadcast(0.5)
+    new, states = load(s, IS_NEW) > broadcast(0.5), offsets.active
     if bits(new) != 0:
-        _store_where(s, FILTERED, new, y)
-        if sections > 0:
+        for j in range(settings.derivatives):
+            _store_where(s, offsets.filtered + j * WIDTH, new, y)
+        if settings.sections > 0:
             offset = coefficient(c, PROPORTIONAL, other, second) * (
                 coefficient(c, SETPOINT_WEIGHT, other, second) * y - y
             )
@@ -164,26 +162,29 @@ def start_at_rest(s, c, other, second, states, sections, y):
 
 
 @_inlined
-def without_memory(s, c, other, second, settings, r, y, e):
+def without_memory(s, c, other, second, offsets, settings, r, y, e):
     """The terms of v before the sections' states."""
     v = coefficient(c, DIRECT, other, second) * e
     if settings.weighted:
         weighted = coefficient(c, SETPOINT_WEIGHT, other, second) * broadcast(r) - y
         v = coefficient(c, PROPORTIONAL, other, second) * weighted + v
-    if settings.derivative:
-        v = v - coefficient(c, DERIVATIVE_GAIN, other, second) * (y - load(s, FILTERED))
+    row = SECTIONS + 3 * settings.sections
+    for j in range(settings.derivatives):
+        gain = coefficient(c, row + 2 * j, other, second)
+        v = v - gain * (y - load(s, offsets.filtered + j * WIDTH))
     return v
 
 
 @_inlined
-def filter_measurement(s, c, other, second, y):
-    """The measurement behind the derivative's lag after a sample."""
-    m = load(s, FILTERED)
-    m = m + coefficient(c, DERIVATIVE_SHARE, other, second) * (y - m)
-    resting = is_tiny(y)
-    if bits(resting) != 0:
-        m = where(resting & is_tiny(m), broadcast(0.0), m)
-    return m
+def filter_measurement(s, c, other, second, new, offsets, settings, y):
+    """Store the measurements behind the derivative's lags after a sample."""
+    resting, row = is_tiny(y), SECTIONS + 3 * settings.sections + 1
+    for j in range(settings.derivatives):
+        m = load(s, offsets.filtered + j * WIDTH)
+        m = m + coefficient(c, row + 2 * j, other, second) * (y - m)
+        if bits(resting) != 0:
+            m = where(resting & is_tiny(m), broadcast(0.0), m)
+        store(s, new + j * WIDTH, m)
 
 
 @_inlined
@@ -228,30 +229,28 @@ def update_and_demand(s, c, other, second, states, sections, first):
 
 
 @_inlined
-def update_checked(s, c, other, second, states, spare, settings, y, v, u):
+def update_checked(s, c, other, second, offsets, settings, y, v, u):
     """`update_states`, and the output; where a number is not finite, states and output are held."""
-    good, sections = is_finite(load(s, LAST_ERROR)) & is_finite(v), settings.sections
-    filtered = load(s, FILTERED)
-    if settings.derivative:
-        filtered = filter_measurement(s, c, other, second, y)
-        good = good & is_finite(filtered)
-    update_states(s, c, other, second, states, spare, sections)
-    for i in range(sections):
+    good, states, spare = is_finite(load(s, LAST_ERROR)) & is_finite(v), offsets.active, offsets.spare
+    filter_measurement(s, c, other, second, offsets.spare_filtered, offsets, settings, y)
+    update_states(s, c, other, second, states, spare, settings.sections)
+    for i in range(settings.sections):
         good = good & is_finite(load(s, spare + i * WIDTH))
-    for i in range(sections):
-        store(s, states + i * WIDTH, where(good, load(s, spare + i * WIDTH), load(s, states + i * WIDTH)))
-    if settings.derivative:
-        _store_where(s, FILTERED, good, filtered)
+    for j in range(settings.derivatives):
+        good = good & is_finite(load(s, offsets.spare_filtered + j * WIDTH))
+    for i in range(settings.sections):
+        _store_where(s, states + i * WIDTH, good, load(s, spare + i * WIDTH))
+    for j in range(settings.derivatives):
+        _store_where(s, offsets.filtered + j * WIDTH, good, load(s, offsets.spare_filtered + j * WIDTH))
     if settings.starts_at_first_sample:
         _store_where(s, IS_NEW, good, broadcast(0.0))
     return where(good, u, load(s, LAST_OUTPUT))
 
 
 @_inlined
-def update_measured(s, c, other, second, settings, y):
+def update_measured(s, c, other, second, offsets, settings, y):
     """What is remembered of the measurement, where nothing can overflow."""
-    if settings.derivative:
-        store(s, FILTERED, filter_measurement(s, c, other, second, y))
+    filter_measurement(s, c, other, second, offsets.filtered, offsets, settings, y)
     if settings.starts_at_first_sample:
         store(s, IS_NEW, broadcast(0.0))
 

@@ -95,8 +95,8 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measur
         own, select = controller_stages.resolve_mode(c, other, second)
     else:
         if settings.starts_at_first_sample:
-            controller_stages.start_at_rest(s, own, select, second, offsets.active, settings.sections, measured)
-        first = controller_stages.without_memory(s, own, select, second, settings, r, measured, e)
+            controller_stages.start_at_rest(s, own, select, second, offsets, settings, measured)
+        first = controller_stages.without_memory(s, own, select, second, offsets, settings, r, measured, e)
         if update_due:
             v = controller_stages.update_and_demand(s, own, select, second, offsets.active, settings.sections, first)
         else:
@@ -109,11 +109,9 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measur
     store(s, EXCESS, d)
     check_finite = check_finite or not controller_stages.all_small(e, d, u, rate)
     if check_finite:
-        u = controller_stages.update_checked(
-            s, own, select, second, offsets.active, offsets.spare, settings, measured, v, u
-        )  # fmt: skip
+        u = controller_stages.update_checked(s, own, select, second, offsets, settings, measured, v, u)
     else:
-        controller_stages.update_measured(s, own, select, second, settings, measured)
+        controller_stages.update_measured(s, own, select, second, offsets, settings, measured)
     store(s, LAST_OUTPUT, u)
     return e, u, check_finite
 
@@ -206,7 +204,7 @@ def _compile(stamp: tuple[int, ...]) -> Callable[..., int]:
             for place in range(rings):
                 history[place] = s[APPLIED + place % WIDTH]
                 modes[place] = settings.first_mode
-            check_finite = controller_stages.any_large(table, controllers, block)
+            check_finite = controller_stages.any_large(table, controllers, settings.sections, block)
             for k in range(settings.steps):
                 check_finite = _sample(
                     s, history, modes, c, other, block, k, settings, offsets, *inputs, check_finite

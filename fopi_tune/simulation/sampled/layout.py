@@ -27,8 +27,8 @@ TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", 
 #: offsets of rows: first the results; then the run of switches, sample of the last switch, applied control, mode, input
 #: just before the sample, control and load that act now, mode of that control, the same three one sample before, last
 #: output of the active and of the inactive controller, last error, excess u - v, switches in the window; of a rise the
-#: direction and the lanes that wait for its two levels, in three places, and y one sample before; the measurement
-#: behind the derivative's lag, and whether the next sample is the controller's first
+#: direction and the lanes that wait for its two levels, in three places, and y one sample before; whether the next
+#: sample is the controller's first
 PEAK_RATE, OVERSHOOT, OUTSIDE, IAE, ISE, SATURATED, PEAK_CONTROL = (WIDTH * i for i in range(7))
 SWITCHES, LONGEST_RUN, CHATTERING, FINAL_ERROR, FINITE, BEGUN, SETTLED, STEP_ERROR = (WIDTH * i for i in range(7, 15))
 UNDERSHOOT, REACHED, RISEN, RISE = (WIDTH * i for i in range(15, 19))
@@ -36,7 +36,7 @@ RUN, LAST_SWITCH, APPLIED, MODE, PREVIOUS_INPUT, CONTROL, LOAD, ARRIVED_MODE = (
 OLD_CONTROL, OLD_LOAD, OLD_ARRIVED_MODE, LAST_OUTPUT, OTHER_LAST_OUTPUT, LAST_ERROR, EXCESS, RECENT_SWITCHES = (
     WIDTH * i for i in range(27, 35)
 )
-RISING, RISING_OUTPUT, FILTERED, IS_NEW, NOISE = (WIDTH * i for i in range(35, 40))
+RISING, RISING_OUTPUT, IS_NEW, NOISE = (WIDTH * i for i in range(35, 39))
 #: four rows each, for the noise of four samples; a vector may be read from the last entry
 TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
 #: rows with a fixed offset
@@ -46,9 +46,9 @@ FIXED_ROWS = LOGARITHMS // WIDTH + 5
 VALUE, DIRECTION, BAND, BEGINS, BEFORE, RISES_FROM, RISES_TO = range(7)
 STEP_ROWS = 7
 GOES_ON, REFERENCE_BEGINS, LOAD_BEGINS = 0.0, 1.0, 2.0
-#: a controller's coefficients; from SECTIONS on p, w, r of every section
+#: a controller's coefficients; from SECTIONS on p, w, r of every section, then k, q of every one of the derivative
 DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, MOST_CHANGE = range(7)
-PROPORTIONAL, SETPOINT_WEIGHT, DERIVATIVE_GAIN, DERIVATIVE_SHARE, SECTIONS = range(7, 12)
+PROPORTIONAL, SETPOINT_WEIGHT, SECTIONS = range(7, 10)
 HOLD, TRACK, RESET = 0, 1, 2
 #: `Precision.FLOAT64.flush_below`; stated here because the cache of what was compiled knows this module
 FLUSH_BELOW = 2.0**-970
@@ -69,7 +69,7 @@ class Settings(NamedTuple):
     inactive: int
     limits_rate: int
     weighted: int
-    derivative: int
+    derivatives: int
     starts_at_first_sample: int
     first_mode: int
     most_switches: int
@@ -90,7 +90,8 @@ class Settings(NamedTuple):
 
 
 class ScratchLayout(NamedTuple):
-    """Offsets in the scratch array: states x of the plant, its coefficients, next states, then controllers' states."""
+    """Offsets in the scratch array: states x of the plant, its coefficients, next states, then controllers' states, the
+    measurements behind the derivative's lags last."""
 
     x: int
     plant: int
@@ -99,10 +100,12 @@ class ScratchLayout(NamedTuple):
     spare: int
     inactive_0: int
     inactive_1: int
+    filtered: int
+    spare_filtered: int
     size: int
 
 
-def scratch_layout(order: int, plant_rows: int, sections: int) -> ScratchLayout:
-    """The layout for an order of plant, its number of coefficients, and the controllers' number of sections."""
-    rows = (order, plant_rows, order, sections, sections, sections, sections)
+def scratch_layout(order: int, plant_rows: int, sections: int, derivatives: int) -> ScratchLayout:
+    """The layout for an order of plant, its number of coefficients, and the controllers' numbers of sections."""
+    rows = (order, plant_rows, order, sections, sections, sections, sections, derivatives, derivatives)
     return ScratchLayout(*(int(WIDTH * place) for place in np.cumsum((FIXED_ROWS, *rows))))

@@ -22,7 +22,6 @@ from fopi_tune.simulation.sampled.layout import (
     BAND,
     BEFORE,
     BEGINS,
-    DERIVATIVE_GAIN,
     DIRECTION,
     INTEGRATES,
     LOAD_BEGINS,
@@ -191,11 +190,13 @@ def _run(
     delay[0, :m], delay[1, :m] = held[0].control.delay, held[0].load.delay
     table = _table(held, scenario, blocks * WIDTH)
     settings = _settings(modes, held, scenario, horizon, begin, keep)
-    offsets = scratch_layout(settings.order, len(table) - 1 - settings.order, settings.sections)
+    offsets = scratch_layout(
+        settings.order, len(table) - 1 - settings.order, settings.sections, settings.derivatives
+    )  # fmt: skip
     signal = scenario.signals.load if scenario.signals.load is not None else np.zeros(0)
     results = np.zeros((len(RESULTS), blocks * WIDTH))
     traces = np.zeros(len(TRACES) * count * blocks * WIDTH if keep else 0)
-    controllers = np.array([_coefficients(mode.controller, settings.sections) for mode in modes])
+    controllers = np.array([_coefficients(mode.controller, settings) for mode in modes])
     scratch, jumps = _aligned(offsets.size + 2 * max(settings.ring, 1) * WIDTH), np.zeros(count, dtype=np.int64)
     reference, steps = scenario.signals.reference, _step_rows(scenario, horizon)
     run_blocks(
@@ -213,16 +214,22 @@ def _aligned(count: int) -> Array:
     return room[first : first + count]
 
 
-def _coefficients(controller: Runtime, sections: int) -> Array:
+def _derivatives(controller: Runtime) -> int:
+    """The number of the derivative's sections."""
+    return 0 if controller.derivative is None else len(controller.derivative.gains)
+
+
+def _coefficients(controller: Runtime, settings: Settings) -> Array:
     """A controller's coefficients in the order of `layout`; missing sections are 0 and stay 0."""
+    end = SECTIONS + 3 * settings.sections
     low, high = controller.limits
     start = float(init(controller).output)
-    rows = np.zeros(SECTIONS + 3 * sections)
+    rows = np.zeros(end + 2 * settings.derivatives)
     rows[:INTEGRATES] = controller.direct, controller.tracking_gain, low, high, start
     rows[INTEGRATES:PROPORTIONAL] = controller.has_integrator, controller.most_change
-    rows[PROPORTIONAL:DERIVATIVE_GAIN] = controller.proportional, controller.setpoint_weight
+    rows[PROPORTIONAL:SECTIONS] = controller.proportional, controller.setpoint_weight
     if controller.derivative is not None:
-        rows[DERIVATIVE_GAIN:SECTIONS] = controller.derivative.gain, controller.derivative.share
+        rows[end::2], rows[end + 1 :: 2] = controller.derivative.gains, controller.derivative.shares
     for place, row in enumerate((controller.poles, controller.weights, controller.residues)):
         rows[SECTIONS + place : SECTIONS + 3 * len(row) : 3] = row
     return rows
@@ -272,7 +279,7 @@ def _settings(
         inactive=int(hybrid.inactive),
         limits_rate=int(any(mode.controller.limits_rate for mode in modes)),
         weighted=int(any(mode.controller.proportional != 0.0 for mode in modes)),
-        derivative=int(any(mode.controller.derivative is not None for mode in modes)),
+        derivatives=max(_derivatives(mode.controller) for mode in modes),
         starts_at_first_sample=int(any(mode.controller.starts_at_first_sample for mode in modes)),
         first_mode=int(hybrid.first) - 1,
         most_switches=int(hybrid.most_switches),

@@ -26,9 +26,9 @@ from fopi_tune.design.bound.columns import (
 from fopi_tune.design.bound.gain_ranges import order_over
 from fopi_tune.design.bound.integrals import filters_over
 from fopi_tune.design.global_search.compiled import Table, work_for
+from fopi_tune.design.global_search.controllers import controller_of, filter_at
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.rays import fill_ray
-from fopi_tune.design.global_search.samples import controller_of, filter_at
 
 TEXT = (
     "schema: 1\nname: x\n"

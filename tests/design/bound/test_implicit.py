@@ -24,9 +24,9 @@ from fopi_tune.design.bound.implicit import (
     implicit,
 )
 from fopi_tune.design.bound.integrals import filters_over
+from fopi_tune.design.global_search.controllers import controller_of
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.responses import crossing_near, loop_at
-from fopi_tune.design.global_search.samples import controller_of
 
 TEXT = (
     "schema: 1\nname: x\nplant: {model: lag, static_gain: 2, time_constant_s: 4, dead_time_s: 0.9}\n"

@@ -35,7 +35,8 @@ from fopi_tune.design.bound.integrals import (
 )
 from fopi_tune.design.constraints import Scale
 from fopi_tune.design.global_search.compiled import NO_SAMPLES, Sampling
-from fopi_tune.design.global_search.samples import Samples, controller_of, filter_at, integral_at_real
+from fopi_tune.design.global_search.controllers import controller_of, filter_at, integral_at_real
+from fopi_tune.design.global_search.samples import Samples
 from fopi_tune.spec.model import DigitalSpec
 
 FILTERS: dict[str, dict[str, Any]] = {

@@ -18,12 +18,13 @@ from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.constraints import Scale
 from fopi_tune.design.global_search.compiled import work_for
+from fopi_tune.design.global_search.controllers import controller_of, filter_at, integral_at_real
 from fopi_tune.design.global_search.intervals import allowed_intervals
 from fopi_tune.design.global_search.nonlinear.controllers import Filter
 from fopi_tune.design.global_search.nonlinear.program import COEFFICIENTS, INDEX, PARAMETERS, _slot
 from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.samples import Samples, controller_of, filter_at, integral_at_real
+from fopi_tune.design.global_search.samples import Samples
 from fopi_tune.digital import sections_of
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.quantities import QUANTITIES

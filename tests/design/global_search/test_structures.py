@@ -13,7 +13,7 @@ from fopi_tune.core.controller import FoPid, Pid
 from fopi_tune.design.constraints import Scale
 from fopi_tune.design.global_search.basins import quadrants_of, reach_of
 from fopi_tune.design.global_search.compiled import work_for
-from fopi_tune.design.global_search.controllers import controller_at
+from fopi_tune.design.global_search.controllers import controller_at, controller_of
 from fopi_tune.design.global_search.controllers import controller_at_infinity as compiled_at_infinity
 from fopi_tune.design.global_search.controllers import controller_at_real as compiled_at_real
 from fopi_tune.design.global_search.nonlinear.controllers import (
@@ -24,7 +24,6 @@ from fopi_tune.design.global_search.nonlinear.controllers import (
 )
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.rays import fill_ray
-from fopi_tune.design.global_search.samples import controller_of
 from fopi_tune.design.global_search.structures import (
     FRACTIONAL,
     WITH_DERIVATIVE,
@@ -162,10 +161,18 @@ def test_a_structure_says_which_numbers_are_gains() -> None:
 # --- orders of integral and derivative ------------------------------------------------------------------------------
 
 
-def problem_with_orders(ranges: str = "") -> Problem:
+#: every way to make the integral's filter; the derivative's is always Tustin's
+FILTERS = [
+    SAMPLED,
+    "digital: {sample_time_s: 0.05, design: sampled, method: modified_oustaloup, poles: 4, prewarp: crossover}\n",
+    "digital: {sample_time_s: 0.1, design: sampled, rule: matched, band_rad_s: [0.01, 40]}\n",
+]
+
+
+def problem_with_orders(ranges: str = "", more: str = "") -> Problem:
     return Problem.of(ft.parse_spec(
         f"schema: 1\nname: x\nplant: {PLANT}\ncontroller: {{structure: fopid, {ranges} "
-        f"derivative_filter_time_constant_s: {TF}}}\nrequirements: [{{sensitivity_db: {{at_most: 6}}}}]\n"
+        f"derivative_filter_time_constant_s: {TF}}}\nrequirements: [{{sensitivity_db: {{at_most: 6}}}}]\n{more}"
     ))  # fmt: skip
 
 
@@ -210,6 +217,72 @@ def test_the_responses_with_orders_are_those_of_the_controller() -> None:
         end = gains.kp + is_first * gains.kd / TF
         assert compiled_at_infinity(at) / scale.gain == pytest.approx(end, rel=1e-12)
         assert float(controller_at_infinity(kp, kd, made, is_first)) / scale.gain == pytest.approx(end, rel=1e-12)
+
+
+@pytest.mark.parametrize("more", FILTERS)
+def test_the_responses_with_orders_on_samples_are_those_of_the_digital_controller(more: str) -> None:
+    problem, chance = problem_with_orders(more=more), np.random.default_rng(52)
+    scale, samples = problem.scale, problem.scaled.samples
+    assert samples is not None
+    at = 1.3 if samples.digital.depends_on_crossover else None
+    problem = problem.exact_at(at) if at else problem
+    samples = problem.scaled.samples
+    assert samples is not None
+    kind, numbers = Kind.of(problem.scaled.sampling, True)
+    assert kind.rise_corners == kind.corners > 0
+    for _ in range(20):
+        gains = random_orders(chance)
+        x = scale.scaled(gains)
+        made = controller_of(x[:3], WITH_ORDERS.sampling_at(x, problem.scaled.sampling))
+        omega = np.geomspace(1e-3, 0.95 * samples.nyquist_rad_s, 30)
+        v = samples.log_nu(omega) - math.log(samples.half)
+        sections = sections_of(gains, samples.digital, at)
+        wanted = sections.response(omega)
+        found = np.array([complex(*controller_at(made, u)) for u in v]) / scale.gain
+        # residues of sections are differences, which cost digits
+        np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-11)
+        kp, ki, kd = (float(value) for value in x[:3])
+        symbols = kind.made(x, kd, ca.DM(numbers))
+        parts = np.array([complex(*map(float, controller_parts(kp, ki, kd, u, symbols))) for u in v])
+        np.testing.assert_allclose(parts / scale.gain, wanted, rtol=1e-8, atol=1e-11)
+        # a real s is the real z = (1 + h s)/(1 - h s); s = inf is z = -1
+        log_s, h = math.log(0.37), samples.half
+        z = (1.0 + h * 0.37) / (1.0 - h * 0.37)
+        at_real = float(sections.at(np.array([z - 1.0 + 0j]))[0].real)
+        assert compiled_at_real(made, log_s) / scale.gain == pytest.approx(at_real, rel=1e-8)
+        assert float(controller_at_real(kp, ki, kd, log_s, symbols)) / scale.gain == pytest.approx(at_real, rel=1e-8)
+        end = float(sections.at(np.array([-2.0 + 0j]))[0].real)
+        assert compiled_at_infinity(made) / scale.gain == pytest.approx(end, rel=1e-7, abs=1e-9)
+        assert float(controller_at_infinity(kp, kd, symbols)) / scale.gain == pytest.approx(end, rel=1e-7, abs=1e-9)
+
+
+@pytest.mark.thinned(2)
+@pytest.mark.parametrize("more", FILTERS)
+@pytest.mark.parametrize("zero", ["", "ki", "kp ki", "kp", "kd"])
+def test_the_phase_of_a_ray_with_orders_on_samples_is_followed_from_low_frequency_on(zero: str, more: str) -> None:
+    problem, chance = problem_with_orders(more=more), np.random.default_rng(82)
+    table, samples = problem.fine_table, problem.scaled.samples
+    assert samples is not None
+    v = np.linspace(-30.0, 30.0, 150_001)
+    for _ in range(6):
+        gains = random_orders(chance)
+        x = np.array([*(chance.uniform(-1.0, 1.0, 3) * 10.0 ** chance.uniform(-1.0, 1.0, 3)), gains.alpha, gains.mu])
+        for name in zero.split():
+            x[("kp", "ki", "kd").index(name)] = 0.0
+        sampling, work = WITH_ORDERS.sampling_at(x, table.sampling), work_for(table)
+        fill_ray(x[2], x[0], x[1], table._replace(sampling=sampling), work)
+        sections = sections_of(problem.scale.controller(x), samples.digital, problem.scale.omega_rad_s)
+        w = 1j * samples.half * np.exp(v)
+        c = sections.at(2.0 * w / (1.0 - w))
+        first = next(gain for gain in (x[1], x[0], x[2]) if gain != 0.0)
+        order = -1.0 if x[1] else (0.0 if x[0] else 1.0)
+        angle = np.unwrap(np.angle(c))
+        start = 0.5 * np.pi * order - (np.pi if first < 0.0 else 0.0)
+        angle += 2.0 * np.pi * np.round((start - angle[0]) / (2.0 * np.pi))
+        inner = slice(1, -1)
+        # between the dense grid's points the phase bends; sums of sections lose digits at the ends of the axis
+        np.testing.assert_allclose(work.controller[3][inner], np.interp(table.v[inner], v, angle), atol=1e-3)
+        assert work.controller[3][0] == pytest.approx(start, abs=1e-6)
 
 
 @pytest.mark.parametrize("zero", ["", "ki", "kp ki", "kp", "kd"])

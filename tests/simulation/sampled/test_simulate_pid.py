@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from fopi_tune.core.controller import FoPi, Pid
+from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital import sections_of
 from fopi_tune.digital.realise import Precision
@@ -25,6 +25,7 @@ LEVELS = np.repeat([1.0, -0.5, 2.0], STEPS // 3)
 #: rounding of the plant's sums taken in another order, relative to signals of size 1 to 10
 ROUNDING = 1e-12
 PID = Pid(2.0, 1.0, 0.8, 0.15)
+FOPID = FoPid(2.0, 1.0, 0.9, 0.8, 0.7, 0.15)
 LAG_S = 1.5
 RATE = 1.0
 
@@ -79,8 +80,11 @@ def test_a_step_of_a_pid_is_that_of_a_textbooks_recursion(b: float, start: float
 
 @pytest.mark.thinned(5)
 @pytest.mark.parametrize(
-    "gains", [PID, Pid(2.0, 0.0, 0.8, 0.15), Pid(0.0, 1.0, 0.3, 0.05), FoPi(2.0, 1.0, 0.7)], ids=str
-)
+    "gains",
+    [PID, Pid(2.0, 0.0, 0.8, 0.15), Pid(0.0, 1.0, 0.3, 0.05), FoPi(2.0, 1.0, 0.7), FOPID,
+     FoPid(2.0, 0.0, 1.0, 0.8, 0.4, 0.15)],
+    ids=str,
+)  # fmt: skip
 @pytest.mark.parametrize("b", [0.0, 0.5, 1.0])
 def test_the_kernel_is_the_runtime_bit_for_bit(gains: FoPi, b: float) -> None:
     controller = made(gains, b, (-0.8, 2.5), RATE)
@@ -105,10 +109,11 @@ def test_the_kernel_is_the_runtime_bit_for_bit(gains: FoPi, b: float) -> None:
         assert 0.0 in (gains.kp, gains.ki) or np.mean(traces.demanded == -0.8) > 0.01
 
 
+@pytest.mark.parametrize("gains", [PID, FOPID], ids=["pid", "fopid"])
 @pytest.mark.parametrize("b", [0.0, 1.0])
-def test_an_output_that_overflows_is_held_with_all_states(b: float) -> None:
+def test_an_output_that_overflows_is_held_with_all_states(gains: FoPid, b: float) -> None:
     unstable = Plants(np.full((1, 1), 4.0), np.array([[1.0, -2.0]]), np.zeros(1))
-    controller = made(PID, b, (-0.5, 0.5))
+    controller = made(gains, b, (-0.5, 0.5))
     scenario = Scenario(TS, Signals(np.full(6000, 5.0)))
     traces = simulate([Mode(controller, unstable)], scenario)
     assert not np.isfinite(traces.output).all()
@@ -116,9 +121,10 @@ def test_an_output_that_overflows_is_held_with_all_states(b: float) -> None:
     assert replay(controller, steps).tobytes() == traces.demanded[0].tobytes()
 
 
+@pytest.mark.parametrize("gains", [Pid(2e101, 1e101, 1e101, 0.15), FoPid(2e101, 1e101, 0.8, 1e101, 0.6, 0.15)], ids=str)
 @pytest.mark.parametrize("b", [0.0, 0.5])
-def test_coefficients_so_large_that_every_number_is_checked_change_no_bit(b: float) -> None:
-    controller = made(Pid(2e101, 1e101, 1e101, 0.15), b, (-1.0, 1.0))
+def test_coefficients_so_large_that_every_number_is_checked_change_no_bit(gains: FoPid, b: float) -> None:
+    controller = made(gains, b, (-1.0, 1.0))
     traces = simulate([Mode(controller, lags(3))], Scenario(TS, Signals(LEVELS), Sensor(0.1, 0.0, 2)))
     for row in range(3):
         steps = zip(LEVELS.tolist(), traces.measured[row].tolist(), strict=True)
@@ -136,10 +142,11 @@ def test_a_step_of_the_setpoint_is_no_kick_of_the_derivative() -> None:
     assert first == {b: pytest.approx(PID.kp * b + 0.5 * TS * PID.ki, rel=1e-14) for b in first}
 
 
-def test_a_loop_that_starts_at_rest_stays_there_whatever_the_weight_and_the_level() -> None:
+@pytest.mark.parametrize("gains", [PID, FOPID], ids=["pid", "fopid"])
+def test_a_loop_that_starts_at_rest_stays_there_whatever_the_weight_and_the_level(gains: FoPid) -> None:
     for b in (0.0, 0.5, 1.0):
         scenario = Scenario(TS, Signals(np.full(50, 20.0)), start=Start(20.0, bumpless=True))
-        traces = simulate([Mode(made(PID, b), lags(3))], scenario)
+        traces = simulate([Mode(made(gains, b), lags(3))], scenario)
         # rounding of numbers of size 40, and of the initial state that holds the plant there
         np.testing.assert_allclose(traces.output, 20.0, atol=1e-10)
 
@@ -154,7 +161,7 @@ def test_measures_are_those_of_the_traces() -> None:
 def test_two_modes_refuse_a_derivative_and_a_weight() -> None:
     plant = Plants(np.array([[1.0]]), np.array([[LAG_S, 1.0]]), np.zeros(1))
     scenario = Scenario(TS, Signals(np.ones(5)), hybrid=Hybrid(0.1))
-    for controller in (made(PID), made(FoPi(1.0, 1.0, 0.8), 0.5)):
+    for controller in (made(PID), made(FOPID), made(FoPi(1.0, 1.0, 0.8), 0.5)):
         with pytest.raises(DomainError, match="no derivative and setpoint_weight: 1"):
             simulate([Mode(controller, plant), Mode(controller, plant)], scenario)
 
@@ -174,12 +181,13 @@ def overshoot_of(pid: Pid, low: float, high: float, rate_per_s: float, reference
     return peak / reference - 1.0
 
 
-def test_the_integral_does_not_wind_up_at_limits_of_value_and_rate() -> None:
+@pytest.mark.parametrize(("alpha", "mu"), [(1.0, 1.0), (1.05, 0.9), (0.95, 0.95)])
+def test_the_integral_does_not_wind_up_at_limits_of_value_and_rate(alpha: float, mu: float) -> None:
     pid, limits, rate = Pid(6.0, 2.0, 4.0, 0.2), (-1.5, 1.5), 0.8
     # two equal lags in a row, sampled one behind the other as in `overshoot_of`
     decay = math.exp(-TS / LAG_S)
     assert overshoot_of(pid, *limits, rate, 1.0, 300) > 0.2
-    controller = made(pid, 1.0, limits, rate)
+    controller = made(FoPid(6.0, 2.0, alpha, 4.0, mu, 0.2), 1.0, limits, rate)
     x = y = peak = 0.0
     state = init(controller)
     for _ in range(300):
@@ -188,4 +196,5 @@ def test_the_integral_does_not_wind_up_at_limits_of_value_and_rate() -> None:
         x, y = decay * x + (1.0 - decay) * u, decay * y + (1.0 - decay) * x
         peak = max(peak, y)
     assert peak - 1.0 < 0.05
-    assert abs(y - 1.0) < 1e-3
+    # a slow integral creeps to the setpoint
+    assert abs(y - 1.0) < (1e-3 if alpha == 1.0 else 2e-2)

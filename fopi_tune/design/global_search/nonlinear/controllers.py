@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -24,6 +24,7 @@ class Kind(NamedTuple):
         orders: whether integral and derivative have orders that are unknowns too.
         peaks: whether a slot keeps its frequency at a peak.
         slopes: whether a slot has a slope of the phase.
+        rise_corners: of a derivative's filter.
     """
 
     corners: int = 0
@@ -33,18 +34,25 @@ class Kind(NamedTuple):
     orders: bool = False
     peaks: bool = False
     slopes: bool = False
+    rise_corners: int = 0
 
     @classmethod
     def of(cls, sampling: Sampling, orders: bool = False) -> tuple[Kind, Array]:
         """The kind, and the numbers that its program has for parameters, shape (`parameters`,)."""
-        kind = cls(len(sampling.corners), sampling.matched, sampling.half > 0.0, sampling.derivative > 0.0, orders)
-        numbers = np.concatenate([[sampling.half, sampling.derivative], sampling.gain, sampling.corners.ravel()])
+        sampled, rise = sampling.half > 0.0, len(sampling.rise_corners)
+        kind = cls(
+            len(sampling.corners), sampling.matched, sampled, sampling.derivative > 0.0, orders, rise_corners=rise
+        )
+        numbers = np.concatenate(
+            [[sampling.half, sampling.derivative], sampling.gain, sampling.corners.ravel(),
+             sampling.rise_corners.ravel()]
+        )  # fmt: skip
         return kind, numbers[: kind.parameters]
 
     @property
     def parameters(self) -> int:
         """How many parameters the controller has."""
-        return 6 + 3 * self.corners if self.sampled or self.derivative else 0
+        return 6 + 3 * (self.corners + self.rise_corners) if self.sampled or self.derivative else 0
 
     @property
     def unknowns(self) -> int:
@@ -55,11 +63,18 @@ class Kind(NamedTuple):
         """The controller's responses, from its numbers and the parameters; None: kp' + ki' s^-alpha."""
         if not self.parameters:
             return None
-        if self.orders:
+        if self.orders and not self.sampled:
             return Orders(z[3], z[4], numbers[1])
-        corners, half = ca.reshape(numbers[6:], 3, self.corners), numbers[0] if self.sampled else None
-        order, filter_time = (1.0, numbers[1]) if self.derivative else (third, None)
-        return Filter.of(order, half, numbers[2:6], corners, self.matched, filter_time)
+        last = 6 + 3 * self.corners
+        corners, half = ca.reshape(numbers[6:last], 3, self.corners), numbers[0] if self.sampled else None
+        order = z[3] if self.orders else 1.0 if self.derivative else third
+        found = Filter.of(order, half, numbers[2:6], corners, self.matched)
+        if not self.derivative:
+            return found
+        # without corners its integral is 1/s, as that of a PID
+        rise_corners, middle = ca.reshape(numbers[last:], 3, self.rise_corners), numbers[2]
+        rise = Filter.of(2.0 - z[4] if self.orders else 1.0, half, [middle] * 4, rise_corners, 0)
+        return replace(found, filter_time=numbers[1], rise=rise)
 
 
 @dataclass(frozen=True)
@@ -70,16 +85,18 @@ class Filter:
         half: h; None in continuous time.
         corners: zeros and poles.
         log_gain: ln of the gain.
-        filter_time: Tf of D = s/(Tf s + 1) beside it; None without.
+        filter_time: Tf of D = s^2 F/(Tf s + 1) beside it; None without.
+        rise: F of that, an integral of the order 2 - mu.
     """
 
     half: Any
     corners: tuple[tuple[Any, Any], ...]
     log_gain: Any
     filter_time: Any = None
+    rise: Filter | None = None
 
     @classmethod
-    def of(cls, alpha: Any, half: Any, gain: Any, corners: Any, matched: int, filter_time: Any = None) -> Filter:
+    def of(cls, alpha: Any, half: Any, gain: Any, corners: Any, matched: int) -> Filter:
         """From the numbers of `Sampling`: `gain` of shape (4,), `corners` of shape (3, 2 N)."""
         middle, last, here, there = (gain[k] for k in range(4))
         log_gain, found = last - here + there - alpha * middle, []
@@ -92,7 +109,7 @@ class Filter:
                 corner = ca.tanh(half * corner) / half
             log_gain -= 0.5 * sign * ca.log(ca.exp(2.0 * there) + corner**2)
             found.append(corner)
-        return cls(half, tuple(zip(found[::2], found[1::2], strict=True)), log_gain, filter_time)
+        return cls(half, tuple(zip(found[::2], found[1::2], strict=True)), log_gain)
 
     def parts(self, omega: Any) -> tuple[Any, Any]:
         """Real and imaginary part of the integral at s = j omega."""
@@ -108,6 +125,13 @@ class Filter:
         for zero, pole in self.corners:
             value *= (s + zero) / (s + pole)
         return value
+
+    def derivative_parts(self, omega: Any) -> tuple[Any, Any]:
+        """Real and imaginary part of D at s = j omega."""
+        #  s^2/(Tf s + 1) = -omega^2 (1 - j omega Tf)/(1 + (omega Tf)^2)
+        assert self.rise is not None
+        size = -(omega**2) / (1.0 + (omega * self.filter_time) ** 2)
+        return times(self.rise.parts(omega), (size, -size * omega * self.filter_time))
 
 
 @dataclass(frozen=True)
@@ -152,9 +176,9 @@ def controller_parts(kp: Any, ki: Any, third: Any, v: Any, made: Made = None) ->
     omega = ca.exp(v)
     real, imag = made.parts(omega)
     real, imag = kp + ki * real, ki * imag
-    if made.filter_time is not None:
-        part = third * omega / (1.0 + (omega * made.filter_time) ** 2)
-        real, imag = real + part * omega * made.filter_time, imag + part
+    if made.rise is not None:
+        derivative = made.derivative_parts(omega)
+        real, imag = real + third * derivative[0], imag + third * derivative[1]
     return real, imag
 
 
@@ -167,14 +191,14 @@ def controller_at_real(kp: Any, ki: Any, third: Any, log_s: Any, made: Made = No
         return kp + ki * ca.exp(-third * log_s)
     s = ca.exp(log_s)
     value = kp + ki * made.at_real(s)
-    return value if made.filter_time is None else value + third * s / (made.filter_time * s + 1.0)
+    return value if made.rise is None else value + third * s**2 * made.rise.at_real(s) / (made.filter_time * s + 1.0)
 
 
 def controller_at_infinity(kp: Any, third: Any, made: Made = None, is_first: Any = 0.0) -> Any:
     """The limit of the scaled controller as s tends to infinity; with orders `is_first` is 1 where mu is 1, else 0."""
     if isinstance(made, Orders):
         return kp + is_first * third / made.filter_time
-    return kp if made is None or made.filter_time is None else kp + third / made.filter_time
+    return kp if made is None or made.rise is None else kp + third * ca.exp(made.rise.log_gain) / made.filter_time
 
 
 def times(a: tuple[Any, Any], b: tuple[Any, Any]) -> tuple[Any, Any]:
