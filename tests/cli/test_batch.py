@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
 from cases.project import ROOT
 
+from fopi_tune import report
 from fopi_tune.cli.batch import exit_code_of
 from fopi_tune.cli.output import Exit
 from fopi_tune.results.stamp import stamp
@@ -21,3 +23,9 @@ def test_nothing_of_a_systems_design_is_proved() -> None:
     assert exit_code_of(design(Status.SOLVED), require_proof=False) is Exit.MET
     assert exit_code_of(design(Status.SOLVED), require_proof=True) is Exit.TOOL_FAILED
     assert exit_code_of(design(Status.INFEASIBLE), require_proof=True) is Exit.NOT_MET
+
+
+def test_every_text_and_figure_is_found_by_its_name() -> None:
+    assert all(getattr(report, name).__name__ == name for name in report.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'letter'"):
+        _ = report.letter

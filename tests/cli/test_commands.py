@@ -430,6 +430,17 @@ def test_the_version_is_told_without_numpy_and_a_mistake_without_the_solver() ->
     assert done.stderr.startswith("s.yaml:6:16: ")
 
 
+def test_a_design_and_its_text_load_neither_simulations_nor_proofs_of_systems() -> None:
+    program = """
+import sys
+import fopi_tune.pipeline.tune
+import fopi_tune.report.text.design
+unused = ("fopi_tune.proof.switched", "fopi_tune.proof.time_domain", "fopi_tune.simulation", "fopi_tune.study")
+print([m for m in sys.modules if m.startswith(unused)])
+"""
+    assert python(program).stdout == "[]\n"
+
+
 @pytest.mark.skipif(os.name != "posix", reason="terminals and pipes of POSIX")
 def test_a_process_colours_terminals_only_and_survives_a_closed_pipe() -> None:
     program = """

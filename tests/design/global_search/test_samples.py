@@ -20,7 +20,7 @@ from fopi_tune.design.constraints import Scale
 from fopi_tune.design.global_search.compiled import work_for
 from fopi_tune.design.global_search.controllers import controller_of, filter_at, integral_at_real
 from fopi_tune.design.global_search.intervals import allowed_intervals
-from fopi_tune.design.global_search.nonlinear.controllers import Filter
+from fopi_tune.design.global_search.nonlinear.controllers import Filter, Kind
 from fopi_tune.design.global_search.nonlinear.program import COEFFICIENTS, INDEX, PARAMETERS, _slot
 from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
@@ -167,8 +167,8 @@ def _slot_value(
     for name, weight in weights.items():
         p[INDEX[name]] = weight
     x = problem.scale.scaled(gains)
-    symbol = ca.SX.sym("v")
-    _, row, _ = _slot(float(x[0]), float(x[1]), float(x[2]), 0.0, symbol, 0.0, 0.0, ca.SX(p), made)
+    symbol, kind = ca.SX.sym("v"), Kind(peaks=True, slopes=True)
+    _, row, _ = _slot(float(x[0]), float(x[1]), float(x[2]), 0.0, symbol, 0.0, 0.0, ca.SX(p), kind, made)
     return float(ca.Function("row", [symbol], [row])(v))
 
 
