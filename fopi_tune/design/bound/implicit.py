@@ -33,8 +33,8 @@ from fopi_tune.design.bound.integrals import (
     integral_over,
 )
 from fopi_tune.design.global_search.compiled import compiled
-from fopi_tune.design.global_search.responses import loop_at
 from fopi_tune.design.global_search.controllers import FILTER
+from fopi_tune.design.global_search.responses import loop_at
 
 #: what (1) says: y at the crossing (three slopes over the box's half-widths), its rest, v0, D, y_v, y_vv's part, m_v's
 VALUE, BY_KAPPA, BY_SHAPE, BY_PSI, ERROR, AT, REACH, DV_KAPPA, DV_SHAPE, DV_PSI, DV_ERROR = range(11)
