@@ -94,11 +94,16 @@ class RequirementProof:
             if side.verdict is Verdict.REFUTED:
                 reached = None if side.witness is None else f"a plant reaches {from_natural(side.witness):.10g}"
                 parts.append(reached or self._missing)
-            elif side.verdict is Verdict.UNDECIDED and side.level is not None:
+            elif side.verdict is Verdict.UNDECIDED and side.level is not None and not self._is_empty(side):
                 parts.append(f"shown only up to {from_natural(side.level):.6g}")
             elif side.verdict is Verdict.UNDECIDED:
                 parts.append("neither a bound nor a violation could be shown")
         return "; ".join(dict.fromkeys(parts))
+
+    def _is_empty(self, side: SideProof) -> bool:
+        """Whether a level says nothing: every margin is at least 0."""
+        quantity = QUANTITIES[self.requirement.quantity]
+        return quantity.is_margin and not side.upper and side.level is not None and side.level <= 0.0
 
     @property
     def _missing(self) -> str:

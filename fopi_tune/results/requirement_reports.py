@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from fopi_tune.proof.certificate import Certificate, RequirementProof
-from fopi_tune.proof.verification.results import RequirementResult, Verification
+from fopi_tune.proof.verdict import Verdict
+from fopi_tune.proof.verification.requirements import assess_requirement
+from fopi_tune.proof.verification.results import Extreme, RequirementResult, Verification
+from fopi_tune.quantities import QUANTITIES
 from fopi_tune.results.documents import finite, place_dict, price_dict, requirement_proof_dict
 from fopi_tune.results.status import Price
 from fopi_tune.spec.model import Relation, Requirement
@@ -57,5 +60,26 @@ class RequirementReport:
 
 def requirement_reports(found: Verification, certificate: Certificate | None) -> tuple[RequirementReport, ...]:
     """The requirements, each with its result and, with a certificate, its proof."""
-    proofs = certificate.requirements if certificate else (None,) * len(found.requirements)
-    return tuple(RequirementReport(r.requirement, r, None, p) for r, p in zip(found.requirements, proofs, strict=True))
+    if certificate is None:
+        return tuple(RequirementReport(result.requirement, result, None) for result in found.requirements)
+    return tuple(
+        RequirementReport(result.requirement, with_witness(result, proof, found.tolerance), None, proof)
+        for result, proof in zip(found.requirements, certificate.requirements, strict=True)
+    )
+
+
+def with_witness(result: RequirementResult, proof: RequirementProof, tolerance: float) -> RequirementResult:
+    """The result of a requirement that the verification took for met, with the value that a proof refutes it by.
+
+    The proof looks at every plant and frequency, and may meet with a value that the verification missed.
+    """
+    if not result.is_met or proof.verdict is not Verdict.REFUTED:
+        return result
+    from_natural = QUANTITIES[proof.requirement.quantity].from_natural
+    extremes = tuple(
+        Extreme(side.upper, from_natural(side.witness), side.worst)
+        if side.verdict is Verdict.REFUTED and side.witness is not None
+        else extreme
+        for extreme, side in zip(result.extremes, proof.sides, strict=True)
+    )
+    return assess_requirement(result.requirement, extremes, tolerance)
