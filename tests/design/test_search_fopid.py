@@ -247,7 +247,8 @@ def test_a_flat_peak_next_to_nyquists_frequency_does_not_keep_the_solver_from_th
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [s for s in range(100, 130) if "iae" not in fopid_spec(s, sampled=True)])
+# the reference has no discounted error on samples, and 127 is solved above
+@pytest.mark.parametrize("seed", [s for s in range(100, 130) if s != 127 and "iae" not in fopid_spec(s, sampled=True)])
 def test_the_reference_finds_nothing_better_for_a_random_spec_on_samples(seed: int) -> None:
     spec = ft.parse_spec(fopid_spec(seed, sampled=True))
     found, reference = design(spec), search(spec)

@@ -30,6 +30,7 @@ class FopidLoops(PidLoops):
     def _plants(self, points):
         if not self.time_s:
             return super()._plants(points)
+        assert self.spec.digital is not None
         late = self.spec.digital.delay_samples
         plants = [sample(self.spec.plant.member(point), self.time_s, late) for point in points]
         return np.array([plant.response(self.omega) for plant in plants])
@@ -37,6 +38,7 @@ class FopidLoops(PidLoops):
     def _power(self, beta, s):
         """s^beta of many beta (n,) by Oustaloup's filter, Tustin's rule and no prewarping: (n, w)."""
         digital = self.spec.digital
+        assert digital is not None
         assert (digital.method, digital.rule, digital.prewarp) == ("oustaloup", "tustin", "none")
         low, high = digital.band_rad_s
         places = (np.arange(digital.poles) + 0.5) / digital.poles

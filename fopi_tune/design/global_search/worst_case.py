@@ -51,7 +51,7 @@ _LESS_DEEP = 0.25
 _MOST_OF_A_ROW = 4
 #: |v| within which dips are neighbours
 _APART = 0.6
-#: tan(omega Ts/2) beyond which no response changes any more
+#: tan(omega Ts/2) beyond which responses are so flat that an equation of a peak does not hold its frequency
 _AT_NYQUIST = 1e2
 #: the plant is found to this part of the grid's spacing
 _CLOSE = 2e-4
@@ -123,7 +123,7 @@ def _band_dips(q, i, x, table, rows, work, y, found, count):
 def _crossover_dips(q, i, table, rows, work, found, count):
     """Gain crossovers: all of them for a lower limit of a margin, else the smallest or the highest; -1 without any."""
     kind, side, n, first = rows.kind[q], rows.side[q], table.gain.shape[1], count
-    least = -1
+    least, margin = -1, kind in (PHASE_MARGIN, DELAY_MARGIN)
     if kind == DELAY_MARGIN and side < 0 and table.sampling.half > 0.0 and work.gain[i, n - 1] > 0.0:
         # |L| exceeds 1 at Nyquist's frequency: no delay is borne
         return -1
@@ -145,7 +145,6 @@ def _crossover_dips(q, i, table, rows, work, found, count):
             a, b = max(j, 1), min(j + 1, n - 2)
             value = (work.phase[i, b] - work.phase[i, a]) / (table.log_omega[b] - table.log_omega[a]) * math.log(10.0)
         slack = inner_slack(side, rows.limit[q], rows.scale[q], value)
-        margin = kind in (PHASE_MARGIN, DELAY_MARGIN)
         if margin and side >= 0 and count > first:
             # an upper limit is about the smallest alone
             if value >= least:
@@ -157,7 +156,6 @@ def _crossover_dips(q, i, table, rows, work, found, count):
             break
     if count > first:
         return count
-    margin = kind in (PHASE_MARGIN, DELAY_MARGIN)
     return count if margin and side < 0 else -1
 
 

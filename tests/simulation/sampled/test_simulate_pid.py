@@ -109,6 +109,17 @@ def test_the_kernel_is_the_runtime_bit_for_bit(gains: FoPi, b: float) -> None:
         assert 0.0 in (gains.kp, gains.ki) or np.mean(traces.demanded == -0.8) > 0.01
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("gains", [PID, FOPID], ids=["pid", "fopid"])
+def test_a_hundred_thousand_samples_are_the_runtime_bit_for_bit(gains: FoPid) -> None:
+    controller, levels = made(gains, 0.5, (-0.8, 2.5), RATE), np.random.default_rng(8).uniform(-2.0, 3.0, 500)
+    scenario = Scenario(TS, Signals(np.repeat(levels, 200)), Sensor(0.02, 0.01, 5))
+    traces = simulate([Mode(controller, lags(1))], scenario)
+    steps = zip(np.repeat(levels, 200).tolist(), traces.measured[0].tolist(), strict=True)
+    own = replay(controller, [Operation(Op.STEP, r, y) for r, y in steps])
+    assert own.tobytes() == traces.demanded[0].tobytes()
+
+
 @pytest.mark.parametrize("gains", [PID, FOPID], ids=["pid", "fopid"])
 @pytest.mark.parametrize("b", [0.0, 1.0])
 def test_an_output_that_overflows_is_held_with_all_states(gains: FoPid, b: float) -> None:
