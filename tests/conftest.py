@@ -25,13 +25,13 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
     program = Path(__file__).parent / "cases" / "compile_search.py"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(Path(__file__).parent), str(IMPORTED)))}
-    parts = [
-        subprocess.Popen([sys.executable, str(program), part], env=environment)
+    parts = {
+        part: subprocess.Popen([sys.executable, str(program), part], env=environment)
         for part in ("rays", "worst_cases", "time")
-    ]
-    failed = [part.args for part in parts if part.wait()]
+    }
+    failed = {part: code for part, process in parts.items() if (code := process.wait())}
     if failed:
-        raise pytest.UsageError(f"the search cannot be compiled: {failed}")
+        raise pytest.UsageError(f"the search cannot be compiled; parts and exit codes: {failed}")
 
 
 @pytest.fixture(scope="module")
