@@ -19,7 +19,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.design.bracket import bracket_of
 from fopi_tune.design.global_search.basins import scan_box
 from fopi_tune.design.global_search.compiled import work_for
-from fopi_tune.design.global_search.controllers import filter_at, integral_at_real
+from fopi_tune.design.global_search.controllers import CORNERS, FIRST_RISE, filter_at, integral_at_real
 from fopi_tune.design.global_search.intervals import allowed_intervals
 from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
@@ -49,8 +49,10 @@ def worst_cases(problem: Problem) -> None:
     polish, x = Polish(problem), np.array([0.5, 0.4, 0.9])
     polish.look(x)
     highest_crossover(x, polish.table, polish.work)
-    filter_at(x, 1.0)
-    integral_at_real(x, 0.0)
+    integrator = np.ones(CORNERS)
+    integrator[FIRST_RISE] = CORNERS
+    filter_at(integrator, 1.0)
+    integral_at_real(integrator, 0.0)
     bracket_of(polish, 1.0, x, budget=1)
 
 
