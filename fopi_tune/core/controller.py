@@ -324,6 +324,15 @@ class ControllerSpec:
         if self.has_derivative:
             raise DomainError(not_available(what, self.structure))
 
+    def refuse_derivative_order(self, what: str) -> None:
+        """Refuse a stage that knows no derivative, or that of a PID alone.
+
+        Raises:
+            DomainError: the structure is fopid.
+        """
+        if self.has_derivative_order:
+            raise DomainError(not_available(what, self.structure))
+
     def refuse_setpoint_weight(self, what: str) -> None:
         """Refuse a stage that knows the control error alone.
 
