@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -57,6 +58,8 @@ _ONLY_WITHOUT_INTEGRAL = (
 )
 #: filters that are exact at a crossover, one after the other
 _MOST_CROSSOVERS = 8
+#: of the largest gain: a derivative with which a search goes on from gains without one
+_FIRST_DERIVATIVE = 0.05
 #: of the size of each gain: those that are this much apart are polished on their own
 _FAR = 0.23
 #: multipliers beyond this say only that limits coincide
@@ -169,7 +172,24 @@ def best_of_box(polish: Polish, start: FoPi | None = None) -> Polished | None:
     # a basin about a local optimum that is known has nothing else
     known = None if best is None or not best.settled else best.x
     new = [basin for basin in scan.basins if known is None or _is_far(polish.problem, basin.gains, known)]
-    return polish_basins(polish, new, best)
+    return _with_derivative(polish, polish_basins(polish, new, best))
+
+
+def _with_derivative(polish: Polish, best: Polished | None) -> Polished | None:
+    """The same gains, or better ones with a derivative: where that is 0 nothing depends on its order."""
+    problem = polish.problem
+    mu, kd = problem.spec.controller.mu, problem.spec.controller.kd
+    if best is None or mu is None or best.x[_DERIVATIVE] != 0.0:
+        return best
+    size, last = _FIRST_DERIVATIVE * problem.structure.size(best.x), best
+    signs = [sign for sign, end in ((1.0, kd.max), (-1.0, -kd.min)) if end > 0.0]
+    for sign, order in product(signs, sorted({mu.min, mu.max})):
+        x = last.x.copy()
+        x[_DERIVATIVE], x[-1] = sign * size, order
+        found = polish.run(inside(problem, x))
+        if found is not None and found.cost < best.cost - _SAME and _is_stable(problem, found):
+            best = found
+    return best
 
 
 def inside(problem: Problem, x: Array) -> Array:

@@ -288,3 +288,17 @@ def test_the_reference_finds_nothing_better_for_a_random_spec(seed: int) -> None
         assert found.status is not Status.FAILED
         return
     assert solved(spec, found)[1] <= reference[1] + OPTIMAL * abs(reference[1])
+
+
+def test_a_derivative_is_tried_where_a_search_ends_without_one() -> None:
+    # without a derivative nothing depends on mu, and gains that end there are 5.7 % worse than with mu = 1
+    spec = ft.parse_spec(
+        "schema: 1\nname: x\n"
+        "plant: {model: lag, static_gain: {min: 0.8, max: 1.2}, time_constant_s: 1, dead_time_s: 0.5}\n"
+        "controller: {structure: fopid, kp: {min: 0, max: 20}, ki: {min: 0, max: 20}, alpha: {min: 0.5, max: 1.5}, "
+        "kd: {min: 0, max: 20}, mu: {min: 0.5, max: 1}, derivative_filter_time_constant_s: 0.1}\n"
+        "requirements: [{sensitivity_db: {at_most: 4.5}}, {control_sensitivity_db: {at_most: 20}}]\n"
+        "objective: {minimize: iae_disturbance}\ndigital: {sample_time_s: 0.05, design: sampled}\n"
+    )
+    found = ft.tune(spec, proof=False)
+    assert found.objective == pytest.approx(0.26270, rel=2e-4)

@@ -98,3 +98,15 @@ def test_only_the_paper_has_claims() -> None:
     for name in STUDIES:
         kinds = {cell.kind for cell in shipped(name).cells}
         assert kinds == {Kind.SPEC} or name == "paper"
+
+
+def test_more_of_a_structure_is_never_worse_on_a_plant_that_oscillates() -> None:
+    study = shipped("structures")
+    errors = {}
+    for cell in study.cells[-4:]:
+        result = run_cell("key", cell)
+        document = json.loads(result.document)
+        assert document["outcome"] == "solved", result.reason
+        errors[cell.overrides["controller"]["structure"]] = value_at(document, "tune.objective")
+    assert errors["fopid"] < min(errors["fopi"], errors["pid"])
+    assert max(errors["fopi"], errors["pid"]) < errors["pi"]
