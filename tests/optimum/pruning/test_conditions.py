@@ -128,11 +128,12 @@ def test_no_box_around_gains_that_just_meet_a_spec_is_discarded(name: str, equal
 
 
 @pytest.mark.thinned(slow=["three", "second order"])
-@pytest.mark.parametrize(("name", "equalities"), [(name, k % 3) for k, name in enumerate(FAMILIES)])
-def test_nor_is_one_around_gains_with_a_derivative(name: str, equalities: int) -> None:
-    pick, boxes_examined = np.random.default_rng([7, equalities, *name.encode()]), 0
+@pytest.mark.parametrize("name", FAMILIES)
+def test_nor_is_one_around_gains_with_a_derivative(name: str) -> None:
+    # gains meet an equality but for rounding, which boxes of the gains themselves tell
+    pick, boxes_examined = np.random.default_rng([7, *name.encode()]), 0
     for _ in range(20):
-        made = just_met(FAMILIES[name], gains := _pid(name, pick), OBJECTIVES[pick.integers(7)], equalities, pick)
+        made = just_met(FAMILIES[name], gains := _pid(name, pick), OBJECTIVES[pick.integers(7)], 0, pick)
         if made is not None:
             assert _wrongly_discarded(*made, gains, pick) == []
             boxes_examined += 1
@@ -145,8 +146,8 @@ def test_nor_is_one_around_gains_with_a_derivative(name: str, equalities: int) -
 @pytest.mark.parametrize("name", FAMILIES)
 def test_no_box_around_many_gains_with_a_derivative_is_discarded(name: str, seed: int) -> None:
     pick, boxes_examined = np.random.default_rng([11, seed, *name.encode()]), 0
-    for k in range(30):
-        made = just_met(FAMILIES[name], gains := _pid(name, pick), OBJECTIVES[pick.integers(7)], k % 3, pick)
+    for _ in range(30):
+        made = just_met(FAMILIES[name], gains := _pid(name, pick), OBJECTIVES[pick.integers(7)], 0, pick)
         if made is not None:
             assert _wrongly_discarded(*made, gains, pick) == []
             boxes_examined += 1
