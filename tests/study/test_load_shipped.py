@@ -107,6 +107,8 @@ def test_more_of_a_structure_is_never_worse_on_a_plant_that_oscillates() -> None
         result = run_cell("key", cell)
         document = json.loads(result.document)
         assert document["outcome"] == "solved", result.reason
-        errors[cell.overrides["controller"]["structure"]] = value_at(document, "tune.objective")
+        controller = cell.overrides["controller"]
+        assert isinstance(controller, dict)
+        errors[controller["structure"]] = value_at(document, "tune.objective")
     assert errors["fopid"] < min(errors["fopi"], errors["pid"])
     assert max(errors["fopi"], errors["pid"]) < errors["pi"]
